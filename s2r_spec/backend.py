@@ -1,0 +1,170 @@
+"""What makes traces: the protocol that a backend implements, and how one is found by name.
+
+A backend is a class offered through the entry-point group ``s2r.backends``. It
+says what it can do before anything runs, and then turns a test into a trace.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import EntryPoint, entry_points
+from typing import Any, Protocol, Self, runtime_checkable
+
+from s2r_spec.errors import BackendError, MissingPackageError, UnknownBackendError, UsageError
+from s2r_spec.trace import Trace
+
+GROUP = "s2r.backends"
+
+
+@dataclass(frozen=True)
+class Channel:
+    """A channel that every trace of the backend carries."""
+
+    name: str
+    unit: str
+    description: str
+    width: int = 1
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A test parameter that the backend accepts, with the range it can really do."""
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    default: float
+    description: str
+
+    def check(self, value: float) -> float:
+        """Return the value as a float, or say which range it must lie in."""
+        if not self.low <= value <= self.high:
+            raise UsageError(
+                f"{self.name} = {value:g} {self.unit} is outside what the backend can do: "
+                f"[{self.low:g}, {self.high:g}] {self.unit}"
+            )
+        return float(value)
+
+
+@runtime_checkable
+class Backend(Protocol):
+    """A simulator, a robot or a recording.
+
+    Attributes:
+        name: what ``--backend`` says, with its options ("twin:lab").
+        channels: every channel of every trace, with units.
+        parameters: every test parameter, with units, ranges and defaults.
+        deterministic: the same parameters and seed give the same trace, bit for bit.
+        duration: length of a trace [s], unless the rollout fails early.
+        cost: expected time of one rollout on one core [s], for planning.
+        model_hash: changes whenever the traces could (figures, gains, solver versions).
+    """
+
+    name: str
+    channels: tuple[Channel, ...]
+    parameters: tuple[Parameter, ...]
+    deterministic: bool
+    duration: float
+    cost: float
+
+    @property
+    def model_hash(self) -> str:
+        """Hex digest over everything that decides a trace."""
+        ...
+
+    def rollout(self, params: Mapping[str, float], seed: int) -> Trace:
+        """Run one test. A fall or a crash is no exception: set ``meta["failure"]``."""
+        ...
+
+
+@runtime_checkable
+class HasDuration(Protocol):
+    """A backend whose rollouts can be made longer or shorter."""
+
+    def with_duration(self, seconds: float) -> Self:
+        """Return the same backend with rollouts of this length."""
+        ...
+
+
+@dataclass(frozen=True)
+class EffectParameter:
+    """A number of an effect; at its nominal value the effect does nothing."""
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    nominal: float
+    prior: str
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One unmodelled piece of physics that a backend can add to itself."""
+
+    name: str
+    family: str
+    physics: str
+    parameters: tuple[EffectParameter, ...]
+
+
+@runtime_checkable
+class HasEffects(Protocol):
+    """A backend that can add unmodelled effects to itself."""
+
+    def effects(self) -> tuple[Effect, ...]:
+        """Return the catalogue."""
+        ...
+
+    def with_effects(self, values: Mapping[str, Mapping[str, float]]) -> Self:
+        """Return the same backend with these effects added."""
+        ...
+
+
+def installed() -> dict[str, EntryPoint]:
+    """Return name → entry point of every installed backend, without importing any of them."""
+    found: dict[str, EntryPoint] = {}
+    for point in entry_points(group=GROUP):
+        if point.name in found and point.value != found[point.name].value:
+            raise BackendError(
+                f"two installed packages offer a backend named {point.name!r}: "
+                f"{found[point.name].value} and {point.value}; uninstall one of them"
+            )
+        found[point.name] = point
+    return dict(sorted(found.items()))
+
+
+@cache
+def _factory(name: str) -> Any:
+    points = installed()
+    if name not in points:
+        raise UnknownBackendError(name, points)
+    try:
+        return points[name].load()
+    except ModuleNotFoundError as error:
+        raise MissingPackageError(name, error.name or str(error)) from error
+
+
+def load_backend(name: str) -> Backend:
+    """Make the backend called ``name``; what follows a colon goes to the backend as text.
+
+    ``load_backend("sim")`` calls the class behind the entry point ``sim``
+    without arguments, ``load_backend("twin:lab")`` calls ``twin`` with ``"lab"``.
+
+    Raises:
+        UnknownBackendError: no installed package offers it; the message lists those that are.
+        MissingPackageError: it is offered, but something it imports is not installed.
+        BackendError: what the entry point makes is not a backend.
+    """
+    kind, colon, argument = name.partition(":")
+    backend = _factory(kind)(argument) if colon else _factory(kind)()
+    if not isinstance(backend, Backend):
+        lacking = [word for word in _REQUIRED if not hasattr(backend, word)]
+        raise BackendError(f"backend {name!r} ({type(backend).__name__}) lacks {', '.join(lacking)}")
+    return backend
+
+
+_REQUIRED = ("name", "channels", "parameters", "deterministic", "duration", "cost", "model_hash", "rollout")

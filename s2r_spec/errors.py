@@ -1,0 +1,64 @@
+"""Everything s2r raises on purpose derives from :class:`S2RError`.
+
+An error is built from facts: it says what was found, what would have been
+valid, and what to do. The command line prints ``str(error)`` after ``error:``
+and exits with ``exit_code``.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+from typing import ClassVar
+
+
+def one_of(names: Iterable[str]) -> str:
+    """Return ``a, b, c`` in order, or ``(none)``: how every error lists the valid names."""
+    return ", ".join(sorted(names)) or "(none)"
+
+
+def did_you_mean(name: str, names: Iterable[str]) -> str:
+    """Return ``"; did you mean 'vx'?"`` when one of ``names`` is close, else an empty string."""
+    close = difflib.get_close_matches(name, list(names), n=1)
+    return f"; did you mean {close[0]!r}?" if close else ""
+
+
+class S2RError(Exception):
+    """Root of all errors that s2r raises on purpose."""
+
+    exit_code: ClassVar[int] = 4
+
+
+class UsageError(S2RError):
+    """What the user gave cannot be used: a spec, a trace, a name, a setting."""
+
+    exit_code: ClassVar[int] = 2
+
+
+class TraceError(UsageError):
+    """A trace breaks the contract of :class:`s2r_spec.trace.Trace`, or lacks what a spec needs."""
+
+
+class BackendError(S2RError):
+    """A backend failed while it ran, or broke its declared contract."""
+
+
+class UnknownBackendError(UsageError):
+    """No installed distribution offers a backend of this name."""
+
+    def __init__(self, name: str, installed: Iterable[str]) -> None:
+        installed = list(installed)
+        super().__init__(
+            f"no backend {name!r}{did_you_mean(name, installed)} installed: {one_of(installed)}. "
+            f"A backend is offered by a package through the entry-point group 's2r.backends'."
+        )
+
+
+class MissingPackageError(UsageError):
+    """A backend is installed, but a package that it needs is not."""
+
+    def __init__(self, backend: str, package: str) -> None:
+        super().__init__(
+            f"backend {backend!r} needs the package {package!r}, which is not installed; "
+            f"try: pip install 's2r[{backend}]'"
+        )
