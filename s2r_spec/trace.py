@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
@@ -109,10 +108,3 @@ def _frozen(values: ArrayLike, name: str) -> FloatArray:
         raise TraceError(f"channel {name!r} is not numeric: {error}") from None
     array.setflags(write=False)
     return array
-
-
-def read_trace(path: str | Path) -> Trace:
-    """Read a recorded trace by its file name's ending (see :mod:`s2r_spec.logs`)."""
-    from s2r_spec import logs
-
-    return logs.read(Path(path))

@@ -1,0 +1,76 @@
+"""The record of a search: an interval, its probability, and everything it assumes."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from enum import Enum
+from typing import Any
+
+
+class Label(Enum):
+    """What a certificate may be called; the value is what the user reads."""
+
+    CERTIFIED = "certified under the stated assumptions"
+    BUDGET = "budget exhausted (valid interval)"
+    REFUSED = "refused"
+    RUNNING = "running (valid interval)"
+
+
+@dataclass(frozen=True)
+class Rung:
+    """The interval that holds if the RKHS norm is at most ``B``; every rung shares the one δ."""
+
+    B: float
+    lower: float
+    upper: float
+    discretisation: float
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """P(lower ≤ J* ≤ upper) ≥ 1 − δ, where J* = max over the box of the expected outcome.
+
+    Attributes:
+        lower: max over the grid of the lower confidence bound.
+        upper: J^e, the upper confidence bound of the maximum over the whole box.
+        delta: 1 − probability.
+        target: the ε that was asked for.
+        label: see :class:`Label`.
+        reason: why it was refused, else "".
+        worst: the point of the largest lower confidence bound.
+        rollouts: outcomes used.
+        iterations: batches told.
+        points: distinct test points.
+        discretisation: B e(h), contained in ``upper``.
+        ladder: the interval for B, 2B, 4B, 8B.
+        B_low: the smallest RKHS norm compatible with the data.
+        log_e_value: natural logarithm of the e-value against R.
+        assumptions: each in one sentence; the certificate means nothing without them.
+        settings: what was declared before the data.
+    """
+
+    lower: float
+    upper: float
+    delta: float
+    target: float
+    label: Label
+    reason: str
+    worst: dict[str, float]
+    rollouts: int
+    iterations: int
+    points: int
+    discretisation: float
+    ladder: tuple[Rung, ...]
+    B_low: float
+    log_e_value: float
+    assumptions: tuple[str, ...]
+    settings: dict[str, Any]
+
+    @property
+    def epsilon(self) -> float:
+        """The achieved ε: upper − lower."""
+        return self.upper - self.lower
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the record as plain JSON values."""
+        return asdict(self) | {"label": self.label.value, "epsilon": self.epsilon}

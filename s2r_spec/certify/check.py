@@ -1,0 +1,349 @@
+"""Search 1: a certified bound on the worst expected robustness over the test space.
+
+The search maximises −ρ; what it asks for goes to the backend, every rollout goes
+to the journal first, and only then to the search.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import Enum
+from importlib.metadata import version
+from pathlib import Path
+from time import perf_counter
+from typing import Any, Protocol
+
+import numpy as np
+
+from s2r_spec.backend import Backend
+from s2r_spec.certify.certificate import Certificate, Label
+from s2r_spec.certify.kernels import Kernel
+from s2r_spec.certify.search import Query, Search
+from s2r_spec.errors import BackendError, UsageError, one_of
+from s2r_spec.rollouts.journal import SPEC_FILE, Journal, Record
+from s2r_spec.rollouts.match import Matched, match
+from s2r_spec.rollouts.outcome import score
+from s2r_spec.rollouts.runner import ExecutorFactory, Runner, Task, open_backend, process_pool
+from s2r_spec.rollouts.seeds import rollout_seed
+from s2r_spec.spec import CertifySettings, Spec
+
+
+class Verdict(Enum):
+    """What a check found; the value is the word, the exit code follows the command line's contract."""
+
+    HOLDS = "holds"
+    VIOLATED = "violated"
+    UNKNOWN = "unknown"
+
+    @property
+    def exit_code(self) -> int:
+        """0 holds, 1 violated, 3 unknown."""
+        return {Verdict.HOLDS: 0, Verdict.VIOLATED: 1, Verdict.UNKNOWN: 3}[self]
+
+
+@dataclass(frozen=True)
+class Tested:
+    """All rollouts at one test point."""
+
+    params: dict[str, float]
+    rollouts: int
+    mean: float
+    lowest: float
+
+
+@dataclass(frozen=True)
+class CheckResult:
+    """The worst expected robustness ρ̂* = min over D of E ρ lies in [lower, upper] with probability ≥ 1 − δ.
+
+    Attributes:
+        requirement: its name in the spec.
+        verdict: see :class:`Verdict`; never HOLDS or VIOLATED for a refused certificate.
+        reason: one sentence for the verdict.
+        lower: certified lower bound, in ``unit``.
+        upper: certified upper bound.
+        unit: of ρ; "" when the requirement mixes units.
+        worst: the tested point nearest to the one that bounds the worst expected ρ from above.
+        lowest: the rollout of the smallest ρ.
+        failures: how often the robot fell or the worker died, by word.
+        assumptions: each in one sentence.
+        certificate: of the search, which maximises −ρ.
+        provenance: version, spec and model hashes, seed.
+        folder: where the rollouts lie.
+        seconds: wall time of this process (after a resume, not of the whole run).
+    """
+
+    requirement: str
+    verdict: Verdict
+    reason: str
+    lower: float
+    upper: float
+    unit: str
+    worst: Tested
+    lowest: Record
+    failures: dict[str, int]
+    assumptions: tuple[str, ...]
+    certificate: Certificate
+    provenance: dict[str, Any]
+    folder: Path
+    seconds: float
+
+
+class Observer(Protocol):
+    """Is told how a check goes."""
+
+    def batch(self, queries: list[Query], certificate: Certificate) -> None:
+        """Say that a batch begins; the certificate is of what came before it."""
+        ...
+
+    def rollout(self, record: Record) -> None:
+        """Say that one rollout is on disk."""
+        ...
+
+
+class Silent:
+    """An observer that says nothing."""
+
+    def batch(self, queries: list[Query], certificate: Certificate) -> None:
+        """Do nothing."""
+
+    def rollout(self, record: Record) -> None:
+        """Do nothing."""
+
+
+def search_for(spec: Spec, requirement: str, *, seed: int, budget: int | None, engine: str) -> Search:
+    """Build the search that the spec's certify line declares.
+
+    Raises:
+        UsageError: the requirement is unknown, or its certify line lacks a setting.
+    """
+    if requirement not in spec.requirements:
+        raise UsageError(f"{spec.name} has no requirement {requirement!r}; it has {one_of(spec.requirements)}")
+    if not spec.space.dim:
+        raise UsageError(
+            f"{spec.name} has no test space: declare a parameter with a range, "
+            f"for example  param vd {{m/s}} in [-0.2, 0.3]"
+        )
+    settings = spec.certify.get(requirement, CertifySettings())
+    wanted = ("delta", "epsilon", "B", "R", "kernel", "fall")
+    lacking = [name for name in wanted if getattr(settings, name) is None]
+    if lacking:
+        raise UsageError(
+            f"the certificate of {requirement!r} needs {', '.join(lacking)}, declared before the data in a line "
+            f"'certify {requirement}: {lacking[0]} = …' of {spec.name}"
+        )
+    assert settings.delta and settings.epsilon and settings.B and settings.R and settings.kernel
+    return Search(
+        spec.space,
+        kernel=Kernel(settings.kernel.name, settings.kernel.lengthscales),
+        B=settings.B,
+        R=settings.R,
+        delta=settings.delta,
+        epsilon=settings.epsilon,
+        seed=seed,
+        budget=budget,
+        engine=engine,
+    )
+
+
+def check(
+    spec: Spec,
+    backend: str,
+    folder: Path,
+    *,
+    requirement: str | None = None,
+    seed: int = 0,
+    budget: int | None = None,
+    engine: str = "spectral",
+    executor: ExecutorFactory | None = None,
+    resume: bool = False,
+    observer: Observer | None = None,
+) -> CheckResult:
+    """Certify the worst expected robustness of one requirement over the spec's test space.
+
+    Args:
+        spec: with a test space and a certify line.
+        backend: its name; it is opened in every worker.
+        folder: of the journal and the traces.
+        requirement: may be left out when the spec has one.
+        seed: of the whole run.
+        budget: most rollouts; None for as many as the spec's ε takes.
+        engine: of the Gaussian process, see :class:`Search`.
+        executor: makes the pool; two local processes by default.
+        resume: go on with the run in ``folder``.
+        observer: is told of batches and rollouts.
+
+    Raises:
+        UsageError: the spec, the backend and the folder do not fit together.
+        BackendError: a rollout raised; all that came before is in the journal.
+    """
+    start = perf_counter()
+    observer = observer or Silent()
+    requirement = requirement or only_requirement(spec)
+    search = search_for(spec, requirement, seed=seed, budget=budget, engine=engine)
+    fall = spec.certify[requirement].fall
+    assert fall is not None
+    duration = spec.horizon(requirement)
+    machine = open_backend(backend, duration if np.isfinite(duration) else None)
+    fit = match(spec, requirement, machine)
+    provenance = {
+        "s2r": version("s2r"),
+        "spec": spec.name,
+        "spec_hash": spec.hash,
+        "requirement": requirement,
+        "backend": backend,
+        "model_hash": machine.model_hash,
+        "duration": machine.duration,
+        "seed": seed,
+        "settings": search.certificate().settings,
+    }
+    if resume:
+        journal = Journal.resume(folder, provenance)
+    else:
+        journal = Journal.create(folder, provenance, {SPEC_FILE: spec.text})
+    with Runner(executor or process_pool(2)) as runner:
+        while not search.done:
+            queries = search.ask()
+            observer.batch(queries, search.certificate())
+            _run_batch(queries, spec, requirement, machine, backend, fit, fall, seed, journal, runner, observer)
+            for query in queries:
+                search.tell(query, [-_recorded(journal, query, r).rho for r in range(query.replicates)])
+    return _result(spec, requirement, search.certificate(), journal, provenance, fall, perf_counter() - start)
+
+
+def only_requirement(spec: Spec) -> str:
+    """Return the spec's one requirement, or say that a name is needed."""
+    if len(spec.requirements) != 1:
+        raise UsageError(f"{spec.name} has several requirements ({one_of(spec.requirements)}): name one")
+    return spec.requirements[0]
+
+
+def _run_batch(
+    queries: list[Query],
+    spec: Spec,
+    requirement: str,
+    machine: Backend,
+    backend: str,
+    fit: Matched,
+    fall: float,
+    seed: int,
+    journal: Journal,
+    runner: Runner,
+    observer: Observer,
+) -> None:
+    points = {query.index: query.point for query in queries}
+    tasks = []
+    for query in queries:
+        for replicate in range(query.replicates):
+            task = Task(
+                query=query.index,
+                replicate=replicate,
+                backend=backend,
+                params=fit.to_backend(query.point),
+                seed=rollout_seed(seed, query.index, replicate),
+                duration=machine.duration,
+                # A simulator gives the same trace again for the same seed, so only
+                # what the spec reads is kept; what cannot be repeated is kept whole.
+                channels=fit.channels if machine.deterministic else None,
+            )
+            before = journal.get(query.index, replicate)
+            if before is None:
+                tasks.append(task)
+            elif before.params != query.point or before.seed != task.seed:
+                raise BackendError(
+                    f"rollout {query.index}.{replicate} of {journal.folder} was run at {before.params}, "
+                    f"now the search asks for {query.point}: the numerical libraries must have changed in between"
+                )
+            else:
+                observer.rollout(before)
+    for done in runner.run(tasks):
+        point = points[done.task.query]
+        rho, failure = score(spec, requirement, point, done, fall)
+        record = Record(
+            query=done.task.query,
+            replicate=done.task.replicate,
+            params=point,
+            seed=done.task.seed,
+            rho=rho,
+            failure=failure,
+            trace=None,
+            seconds=round(done.seconds, 4),
+        )
+        observer.rollout(journal.append(record, done.trace))
+
+
+def _recorded(journal: Journal, query: Query, replicate: int) -> Record:
+    record = journal.get(query.index, replicate)
+    assert record is not None
+    return record
+
+
+def _result(
+    spec: Spec,
+    requirement: str,
+    certificate: Certificate,
+    journal: Journal,
+    provenance: dict[str, Any],
+    fall: float,
+    seconds: float,
+) -> CheckResult:
+    records = journal.records()
+    by_point: dict[tuple[float, ...], list[Record]] = {}
+    for record in records:
+        by_point.setdefault(tuple(record.params.values()), []).append(record)
+    tested = [
+        Tested(
+            params=group[0].params,
+            rollouts=len(group),
+            mean=float(np.mean([record.rho for record in group])),
+            lowest=min(record.rho for record in group),
+        )
+        for group in by_point.values()
+    ]
+    failures: dict[str, int] = {}
+    for record in records:
+        if record.failure is not None:
+            failures[record.failure] = failures.get(record.failure, 0) + 1
+    lower, upper = -certificate.upper, -certificate.lower
+    unit = spec.unit(requirement)
+    verdict, reason = _judge(certificate, lower, upper, unit)
+    assumptions = (
+        *(text.replace("the expected outcome", "the expected robustness E ρ") for text in certificate.assumptions),
+        f"a rollout that falls or crashes counts as ρ = {fall:g} {unit}".rstrip() + ", as the spec declares",
+        "the statement is about this backend's expected ρ over its own noise; the real machine is search 2",
+    )
+    return CheckResult(
+        requirement=requirement,
+        verdict=verdict,
+        reason=reason,
+        lower=lower,
+        upper=upper,
+        unit=unit,
+        worst=min(tested, key=lambda point: _distance(spec, point.params, certificate.worst)),
+        lowest=min(records, key=lambda record: record.rho),
+        failures=failures,
+        assumptions=assumptions,
+        certificate=certificate,
+        provenance=provenance,
+        folder=journal.folder,
+        seconds=seconds,
+    )
+
+
+def _distance(spec: Spec, left: Mapping[str, float], right: Mapping[str, float]) -> float:
+    """Distance of two tests as a share of the test space's width, on the axis where it is largest."""
+    return max(abs(left[axis.name] - right[axis.name]) / axis.width for axis in spec.space.axes)
+
+
+def _judge(certificate: Certificate, lower: float, upper: float, unit: str) -> tuple[Verdict, str]:
+    if certificate.label is Label.REFUSED:
+        return Verdict.UNKNOWN, f"no certificate: {certificate.reason}"
+    if lower >= 0:
+        return Verdict.HOLDS, "the worst expected robustness is not negative"
+    if upper < 0:
+        return Verdict.VIOLATED, "the worst expected robustness is negative"
+    return Verdict.UNKNOWN, (
+        f"the interval contains 0 {unit}".rstrip() + f" after {certificate.rollouts} rollouts; a smaller epsilon or R, or a larger budget, may decide it"
+    )
+
+

@@ -1,0 +1,49 @@
+"""The command line: ``s2r check``, ``s2r replay``, ``s2r backends``.
+
+One file a command, no mathematics. Exit codes: 0 holds, 1 violated, 2 usage or
+spec error, 3 unknown, 4 backend or internal error, 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import sys
+import traceback
+
+import typer
+
+from s2r_spec.cli import backends, check, replay
+
+EXIT_CODES = "Exit codes: 0 holds, 1 violated, 2 usage or spec error, 3 unknown, 4 backend or internal error."
+
+app = typer.Typer(
+    name="s2r",
+    help="What can you promise about the real machine, and why does it differ from the simulator?",
+    epilog=EXIT_CODES,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+app.command(epilog=EXIT_CODES)(check.check)
+app.command()(replay.replay)
+app.command()(backends.backends)
+
+
+@app.callback(invoke_without_command=True)
+def _root(
+    version: bool = typer.Option(False, "--version", "-V", help="Print the version and exit."),
+) -> None:
+    if version:
+        from importlib.metadata import version as version_of
+
+        print(f"s2r {version_of('s2r')}")
+        raise typer.Exit
+
+
+def main() -> None:
+    """Run the command line; whatever is not foreseen is a bug, and exits with 4."""
+    try:
+        app()
+    except Exception:
+        traceback.print_exc()
+        print("error: this is a bug in s2r; what was recorded is on disk", file=sys.stderr)
+        sys.exit(4)

@@ -1,0 +1,42 @@
+"""``s2r backends``: what is installed."""
+
+from __future__ import annotations
+
+import json
+from typing import Annotated
+
+import typer
+
+from s2r_spec import backend as registry
+from s2r_spec.cli.common import sentences
+
+
+def backends(
+    name: Annotated[str | None, typer.Argument(help="Show this backend's channels and parameters.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
+    """List the installed backends, or what one of them offers."""
+    with sentences(as_json):
+        if name is None:
+            found = {key: point.value for key, point in registry.installed().items()}
+            if as_json:
+                print(json.dumps({"schema": "s2r.backends/1", "backends": found}))
+            else:
+                for key, value in found.items():
+                    print(f"{key:12} {value}")
+            return
+        machine = registry.load_backend(name)
+        parameters = [vars(p) for p in machine.parameters]
+        channels = [vars(c) for c in machine.channels]
+        if as_json:
+            record = {"schema": "s2r.backend/1", "name": name, "model_hash": machine.model_hash}
+            print(json.dumps(record | {"parameters": parameters, "channels": channels}))
+            return
+        print(f"{machine.name}: rollouts of {machine.duration:g} s, about {machine.cost:g} s each on one core")
+        print("parameters")
+        for p in machine.parameters:
+            print(f"  {p.name:14} [{p.low:g}, {p.high:g}] {p.unit or '1'}, {p.default:g} if not given: {p.description}")
+        print("channels")
+        for c in machine.channels:
+            size = f"[{c.width}]" if c.width > 1 else ""
+            print(f"  {c.name + size:14} {c.unit or '1'}: {c.description}")

@@ -1,0 +1,83 @@
+"""``s2r check``: certify the worst expected robustness in simulation."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from s2r_spec.cli.common import cores, sentences
+
+
+def check(
+    spec: Annotated[Path, typer.Argument(help="The specification, a .stl file.", show_default=False)],
+    backend: Annotated[str, typer.Option("--backend", "-b", help="What makes the traces; see `s2r backends`.")] = "sim",
+    requirement: Annotated[
+        list[str] | None, typer.Option("--requirement", "-r", help="Check only this requirement (may be repeated).")
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Fixes the whole run.")] = 0,
+    budget: Annotated[
+        int | None, typer.Option(min=1, help="Most rollouts per requirement; without it, as many as ε takes.")
+    ] = None,
+    workers: Annotated[int, typer.Option(min=1, help="Parallel rollouts; the numbers do not depend on it.")] = cores(),
+    engine: Annotated[str, typer.Option(help="Gaussian process: spectral or gpytorch.")] = "spectral",
+    run: Annotated[Path | None, typer.Option(help="Folder for the rollouts.", show_default="s2r-runs/…")] = None,
+    resume: Annotated[Path | None, typer.Option(help="Go on with the run in this folder.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing while running.")] = False,
+) -> None:
+    """Certify the worst expected robustness over the spec's test space, with its probability."""
+    from s2r_spec.errors import UsageError
+
+    with sentences(as_json):
+        if run is not None and resume is not None:
+            raise UsageError("--run begins a new run, --resume goes on with an old one: give one of them")
+        # Imported here: the help must not wait for numerical libraries.
+        from s2r_spec.certify import check as checking
+        from s2r_spec.cli.progress import Live
+        from s2r_spec.report import jsonform, text
+        from s2r_spec.rollouts.runner import process_pool
+        from s2r_spec.spec import load_spec
+
+        parsed = load_spec(spec)
+        names = requirement or [name for name in parsed.requirements if name in parsed.certify]
+        if not names:
+            raise UsageError(f"{parsed.name} has no certify line, so there is nothing to certify")
+        stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
+        folder = resume or run or Path("s2r-runs") / f"{stamp}-{spec.stem}-{backend.replace(':', '-')}-seed{seed}"
+        errors = Console(stderr=True, highlight=False)
+        results = []
+        for name in names:
+            place = folder / name
+            if not quiet:
+                errors.print(f"{name}: run {place}, seed {seed}, {workers} workers", markup=False, soft_wrap=True)
+            try:
+                with Live(errors, quiet) as live:
+                    results.append(
+                        checking.check(
+                            parsed,
+                            backend,
+                            place,
+                            requirement=name,
+                            seed=seed,
+                            budget=budget,
+                            engine=engine,
+                            executor=process_pool(workers),
+                            resume=resume is not None and (len(names) == 1 or place.exists()),
+                            observer=live,
+                        )
+                    )
+            except KeyboardInterrupt:
+                errors.print(f"interrupted; go on with --resume {folder}", markup=False, soft_wrap=True)
+                raise
+        # Worst first, as the exit codes are ranked: 1 > 3 > 0.
+        code = max((result.verdict.exit_code for result in results), key=[0, 3, 1].index)
+        if as_json:
+            print(jsonform.render(results, code))
+        else:
+            units = {axis.name: axis.unit for axis in parsed.space.axes}
+            Console(highlight=False, soft_wrap=True).print(text.render(results, units))
+        raise typer.Exit(code)

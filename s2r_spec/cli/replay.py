@@ -1,0 +1,38 @@
+"""``s2r replay``: run one rollout of a run again."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from s2r_spec.cli.common import sentences
+
+
+def replay(
+    rollout: Annotated[str, typer.Argument(help="FOLDER#QUERY.REPLICATE, as `s2r check` prints it.", show_default=False)],
+    save: Annotated[Path | None, typer.Option(help="Write the whole trace here (.npz or .csv).")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
+    """Run one recorded rollout again, and say whether ρ is the same."""
+    with sentences(as_json):
+        from s2r_spec import logs
+        from s2r_spec.rollouts.replay import replay as again
+
+        result = again(rollout)
+        if save is not None:
+            logs.write(result.trace, save)
+        if as_json:
+            record = {"schema": "s2r.replay/1", "rollout": rollout, "params": result.params, "seed": result.seed}
+            print(json.dumps(record | {"rho": result.rho, "recorded_rho": result.recorded, "same": result.same}))
+        else:
+            test = ", ".join(f"{name} = {value:.6g}" for name, value in result.params.items())
+            print(f"{test}, seed {result.seed}: ρ = {result.rho:+.6f} {result.unit}".rstrip())
+            print("the recorded ρ, bit for bit" if result.same else result.difference)
+            if save is not None:
+                print(f"trace: {save}", file=sys.stderr)
+        if not result.same:
+            raise typer.Exit(4)

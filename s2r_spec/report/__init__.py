@@ -1,0 +1,1 @@
+"""Reporters: one result record in, one text out. By name, as ``--format`` says."""

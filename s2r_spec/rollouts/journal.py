@@ -1,0 +1,212 @@
+"""The journal of a run: every rollout is on disk before the next is asked for.
+
+A run is a folder::
+
+    spec.stl           the specification, as it was read
+    journal.jsonl      line 1: what the run is; then one line per rollout
+    traces/            <query>.<replicate>.npz, written before its line
+
+Each line is flushed to the disk (fsync) before the search sees the outcome.
+A last line that a crash cut short is dropped with a note, and that rollout is
+run again; damage anywhere else is an error that names the line.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from s2r_spec import logs
+from s2r_spec.errors import UsageError
+from s2r_spec.trace import Trace
+
+SCHEMA = "s2r.journal/1"
+FILE = "journal.jsonl"
+SPEC_FILE = "spec.stl"
+
+
+class JournalError(UsageError):
+    """The journal of a run cannot be used: it is missing, damaged, or of another run."""
+
+
+@dataclass(frozen=True)
+class Record:
+    """One rollout as the journal keeps it.
+
+    ``failure`` is a short word when the robot fell or the worker died, else
+    None; ``rho`` is then the value that the spec declares.
+    """
+
+    query: int
+    replicate: int
+    params: dict[str, float]
+    seed: int
+    rho: float
+    failure: str | None
+    trace: str | None
+    seconds: float
+
+
+class Journal:
+    """An open journal. Make one with :meth:`create` or :meth:`resume`."""
+
+    def __init__(self, folder: Path, header: Mapping[str, Any], records: dict[tuple[int, int], Record], note: str) -> None:
+        self.folder = folder
+        self.header = dict(header)
+        self.note = note
+        self._records = records
+
+    @classmethod
+    def create(cls, folder: Path, header: Mapping[str, Any], texts: Mapping[str, str]) -> Journal:
+        """Begin a run in a folder that has none, with these text files beside the journal.
+
+        Raises:
+            JournalError: the folder holds a run already, or cannot be written.
+        """
+        path = folder / FILE
+        if path.exists():
+            raise JournalError(f"{folder} holds a run already; go on with --resume {folder}, or choose another folder")
+        try:
+            (folder / "traces").mkdir(parents=True, exist_ok=True)
+            for name, text in texts.items():
+                (folder / name).write_text(text, encoding="utf-8", newline="")
+                _sync(folder / name)
+            _append(path, {"schema": SCHEMA} | dict(header))
+            _sync_folder(folder)
+        except OSError as error:
+            raise JournalError(f"cannot write the run to {folder}: {error.strerror or error}") from error
+        return cls(folder, header, {}, "")
+
+    @classmethod
+    def read(cls, folder: Path) -> Journal:
+        """Read a run.
+
+        Raises:
+            JournalError: there is none, or a line other than the last is damaged.
+        """
+        path = folder / FILE
+        try:
+            data = path.read_bytes()
+        except OSError as error:
+            raise JournalError(f"no run to resume at {folder}: {error.strerror or error} ({path})") from error
+        # A line counts once its newline is on disk; what follows the last newline was cut short.
+        whole, _, rest = data.rpartition(b"\n")
+        note = ""
+        if rest:
+            note = f"{path}: the last line was cut short; it is dropped, and its rollout will be run again"
+        lines = [_parse(path, number, line) for number, line in enumerate(whole.split(b"\n"), 1)] if whole else []
+        if not lines or lines[0].get("schema") != SCHEMA:
+            raise JournalError(f"{path}:1: this is not a journal of schema {SCHEMA}; begin a new run")
+        records: dict[tuple[int, int], Record] = {}
+        for number, line in enumerate(lines[1:], 2):
+            try:
+                record = Record(**line)
+            except TypeError as error:
+                raise JournalError(f"{path}:{number}: not a rollout record: {error}") from error
+            records[record.query, record.replicate] = record
+        header = {key: value for key, value in lines[0].items() if key != "schema"}
+        return cls(folder, header, records, note)
+
+    @classmethod
+    def resume(cls, folder: Path, header: Mapping[str, Any]) -> Journal:
+        """Read a run, cut off a damaged last line, and check that it is the same run.
+
+        Raises:
+            JournalError: as :meth:`read`; or a field of the header differs, which is named with both values.
+        """
+        journal = cls.read(folder)
+        asked = json.loads(json.dumps(dict(header)))
+        for key in sorted(asked.keys() | journal.header.keys()):
+            recorded, now = journal.header.get(key), asked.get(key)
+            if recorded != now:
+                raise JournalError(
+                    f"{folder} is another run: its {key} is {_short(recorded)}, now it is {_short(now)}; "
+                    f"a certificate cannot mix the two"
+                )
+        if journal.note:
+            path = folder / FILE
+            data = path.read_bytes()
+            with path.open("r+b") as file:
+                file.truncate(data.rfind(b"\n") + 1)
+                os.fsync(file.fileno())
+        return journal
+
+    def __len__(self) -> int:
+        return len(self._records)
+
+    def get(self, query: int, replicate: int) -> Record | None:
+        """Return a rollout that was done before, or None."""
+        return self._records.get((query, replicate))
+
+    def records(self) -> list[Record]:
+        """Return every rollout, ordered by query and replicate."""
+        return [self._records[key] for key in sorted(self._records)]
+
+    def append(self, record: Record, trace: Trace | None) -> Record:
+        """Write the trace, then the line; both are on disk when this returns.
+
+        Raises:
+            JournalError: the disk is full or the folder cannot be written; what was recorded before is untouched.
+        """
+        if not math.isfinite(record.rho):
+            raise JournalError(f"ρ of rollout {record.query}.{record.replicate} is {record.rho}: it cannot be recorded")
+        try:
+            if trace is not None:
+                name = f"traces/{record.query:05d}.{record.replicate:04d}.npz"
+                record = Record(**(asdict(record) | {"trace": name}))
+                logs.write(trace, self.folder / name)
+                _sync(self.folder / name)
+            _append(self.folder / FILE, asdict(record))
+        except OSError as error:
+            raise JournalError(
+                f"cannot write to {self.folder}: {error.strerror or error}; what was recorded before is kept, "
+                f"go on with --resume {self.folder}"
+            ) from error
+        self._records[record.query, record.replicate] = record
+        return record
+
+
+def _parse(path: Path, number: int, line: bytes) -> dict[str, Any]:
+    try:
+        value = json.loads(line)
+    except ValueError as error:
+        raise JournalError(f"{path}:{number}: damaged line ({error}); restore it from a copy, or begin a new run") from None
+    if not isinstance(value, dict):
+        raise JournalError(f"{path}:{number}: not an object; restore it from a copy, or begin a new run")
+    return value
+
+
+def _append(path: Path, value: Mapping[str, Any]) -> None:
+    line = json.dumps(value, allow_nan=False).encode() + b"\n"
+    start = path.stat().st_size if path.exists() else 0
+    with path.open("ab") as file:
+        try:
+            file.write(line)
+            file.flush()
+            os.fsync(file.fileno())
+        except OSError:
+            os.truncate(path, start)  # a half line on a full disk would join with the next one
+            raise
+
+
+def _sync(path: Path) -> None:
+    with path.open("rb") as file:
+        os.fsync(file.fileno())
+
+
+def _sync_folder(folder: Path) -> None:
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def _short(value: object) -> str:
+    text = json.dumps(value)
+    return text if len(text) <= 60 else text[:57] + "..."

@@ -1,0 +1,64 @@
+"""Does the bound hold? Random functions whose RKHS norm is exactly B, noise exactly at the proxy R.
+
+With δ = 0.1 the interval may be wrong in one run of ten; the guarantee has
+slack, so that no wrong run is expected. Each mutant breaks one line of the
+bound, and the same measurement must notice.
+"""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from s2r_spec.certify import confidence, posterior
+from s2r_spec.certify.band import MODES
+from s2r_spec.certify.kernels import Kernel
+from s2r_spec.certify.search import Search
+from s2r_spec.space import Space
+from tests.certify.rkhs import RandomFunction, run
+
+RUNS = 100
+LINE = Space.of({"vd": (-0.2, 0.3)})
+B, R, DELTA, EPSILON = 1.5, 0.05, 0.1, 0.06
+# P(more than 18 of 100 wrong) < 0.005 if each run is wrong with probability 0.1.
+MOST_WRONG = 18
+
+
+def wrong_runs(name: str, mode: str, runs: int = RUNS) -> int:
+    """Count the runs in which the true maximum over the box is outside the interval, at any time."""
+    kernel = Kernel(name, 0.2)
+    wrong = 0
+    for seed in range(runs):
+        rng = np.random.default_rng([7, seed])
+        function = RandomFunction(kernel, LINE, B, rng)
+        search = Search(LINE, kernel=kernel, B=B, R=R, delta=DELTA, epsilon=EPSILON, mode=mode, seed=seed, budget=4000)
+        run(search, function, R, rng)
+        certificate = search.certificate()
+        truth = function(LINE.grid((2001,))).max()
+        wrong += not certificate.lower <= truth <= certificate.upper
+    return wrong
+
+
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("name", ["rbf", "matern52"])
+def test_the_bound_holds(name, mode):
+    assert wrong_runs(name, mode) == 0
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_with_the_variance_in_place_of_the_standard_deviation_it_fails(monkeypatch, mode):
+    """The paper's σ_n(z) = k_n(z, z), as typed."""
+    honest = posterior.Spectral.posterior
+
+    def as_typed(self, at, counts, means, scales):
+        result = honest(self, at, counts, means, scales)
+        return dataclasses.replace(result, std=result.std**2 * R)
+
+    monkeypatch.setattr(posterior.Spectral, "posterior", as_typed)
+    assert wrong_runs("rbf", mode) > MOST_WRONG
+
+
+def test_with_a_third_of_the_width_it_fails(monkeypatch):
+    honest = confidence.width
+    monkeypatch.setattr(confidence, "width", lambda *args: honest(*args) / 3)
+    assert wrong_runs("rbf", "rigorous") > MOST_WRONG

@@ -1,0 +1,174 @@
+import numpy as np
+import pytest
+
+from s2r_spec.certify.certificate import Label
+from s2r_spec.certify.kernels import Kernel
+from s2r_spec.certify.search import Search
+from s2r_spec.errors import UsageError
+from s2r_spec.space import Space
+from tests.certify.rkhs import RandomFunction, run
+
+LINE = Space.of({"vd": (-0.2, 0.3)}, {"vd": "m/s"})
+USUAL = {"kernel": Kernel("rbf", 0.2), "B": 1.5, "R": 0.02, "delta": 0.1, "epsilon": 0.05}
+
+
+def searched(seed=0, norm=0.4, noise=0.02, **changes):
+    search = Search(LINE, **(USUAL | {"seed": seed} | changes))
+    rng = np.random.default_rng(seed)
+    run(search, RandomFunction(USUAL["kernel"], LINE, norm, rng), noise, rng)
+    return search
+
+
+def test_a_finished_search_is_certified_and_as_narrow_as_asked():
+    certificate = searched().certificate()
+    assert certificate.label is Label.CERTIFIED
+    assert certificate.lower <= certificate.upper <= certificate.lower + 0.05
+    assert certificate.settings["B"] == 1.5
+    assert len(certificate.assumptions) == 3
+
+
+def test_before_any_data_the_norm_bound_alone_speaks():
+    certificate = Search(LINE, **USUAL).certificate()
+    assert (certificate.lower, certificate.rollouts) == (-1.5, 0)
+    assert certificate.upper == pytest.approx(1.5 + certificate.discretisation)
+    assert certificate.label is Label.RUNNING
+
+
+def test_the_interval_never_widens_and_every_rung_contains_the_one_below():
+    search = Search(LINE, **USUAL)
+    rng = np.random.default_rng(0)
+    function = RandomFunction(USUAL["kernel"], LINE, 0.4, rng)
+    before = search.certificate()
+    while not search.done:
+        for query in search.ask():
+            search.tell(query, function(search.space.vector(query.point)) + 0.02 * rng.normal(size=query.replicates))
+        now = search.certificate()
+        assert now.lower >= before.lower
+        assert now.upper <= before.upper
+        assert [rung.B for rung in now.ladder] == [1.5, 3, 6, 12]
+        for narrow, wide in zip(now.ladder, now.ladder[1:], strict=False):
+            assert wide.lower <= narrow.lower
+            assert narrow.upper <= wide.upper
+        before = now
+
+
+def test_the_order_of_telling_within_a_batch_changes_nothing():
+    def certificate(reverse):
+        search = Search(LINE, **USUAL)
+        function = RandomFunction(USUAL["kernel"], LINE, 0.4, np.random.default_rng(0))
+        while not search.done:
+            queries = search.ask()
+            for query in reversed(queries) if reverse else queries:
+                noise = 0.02 * np.random.default_rng(query.index).normal(size=query.replicates)
+                search.tell(query, function(search.space.vector(query.point)) + noise)
+        return search.certificate()
+
+    assert certificate(False) == certificate(True)
+
+
+def test_a_seed_fixes_the_search_and_another_one_moves_it():
+    assert searched(seed=1).certificate() == searched(seed=1).certificate()
+    assert Search(LINE, **USUAL, seed=0).ask() != Search(LINE, **USUAL, seed=1).ask()
+
+
+def test_asking_again_gives_the_queries_that_are_still_open():
+    search = Search(LINE, **USUAL)
+    queries = search.ask()
+    assert search.ask() == queries
+    search.tell(queries[0], [0.0, 0.0])
+    with pytest.raises(UsageError, match="query 0 is not open"):
+        search.tell(queries[0], [0.0])
+
+
+def test_both_engines_walk_the_same_way():
+    ours, theirs = (searched(engine=name, mode="rigorous-simple").certificate() for name in ("spectral", "gpytorch"))
+    assert (ours.rollouts, ours.worst) == (theirs.rollouts, theirs.worst)
+    assert ours.lower == pytest.approx(theirs.lower, abs=1e-9)
+    assert ours.upper == pytest.approx(theirs.upper, abs=1e-9)
+
+
+def test_a_budget_ends_the_search_with_a_valid_interval_and_a_larger_one_goes_the_same_way():
+    small, large = searched(budget=30), searched(budget=60)
+    assert small.certificate().label is Label.BUDGET
+    assert small.certificate().rollouts <= 30 < large.certificate().rollouts <= 60
+    assert large.certificate().upper <= small.certificate().upper
+    assert small.certificate().epsilon > 0.05
+
+
+class TestRefusals:
+    def test_a_norm_bound_below_twice_what_the_data_show(self):
+        certificate = searched(norm=1.5).certificate()
+        assert certificate.label is Label.REFUSED
+        assert "B = 1.5 is less than twice the norm that the data already show" in certificate.reason
+        assert 0.75 < certificate.B_low <= 1.5
+
+    def test_a_norm_bound_that_the_data_refute_ends_the_search(self):
+        search = searched(norm=1.5, B=0.5)
+        assert search.done
+        assert search.certificate().label is Label.REFUSED
+        assert search.certificate().B_low > 0.5
+
+    def test_a_proxy_that_the_replicates_refute(self):
+        certificate = searched(noise=0.1, R=0.02).certificate()
+        assert certificate.label is Label.REFUSED
+        assert "R = 0.02 is refuted by the scatter of replicates" in certificate.reason
+
+    def test_a_rollout_left_out(self):
+        search = Search(LINE, **USUAL)
+        first, *others = search.ask()
+        search.tell(first, [])
+        for query in others:
+            search.tell(query, [0.0] * query.replicates)
+        assert search.done
+        assert search.certificate().label is Label.REFUSED
+        assert "rollouts are missing: query 0" in search.certificate().reason
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"B": 0}, "B = 0; it must be a positive number"),
+        ({"R": -1}, "R = -1; it must be a positive number"),
+        ({"epsilon": float("nan")}, "epsilon = nan; it must be a positive number"),
+        ({"delta": 1}, "delta = 1; it is a probability"),
+        ({"mode": "magic"}, "no mode 'magic'; there are: "),
+        ({"engine": "magic"}, "no engine 'magic'; there are: gpytorch, spectral"),
+        ({"budget": 2}, "budget = 2; the first batch alone takes 8 rollouts"),
+    ],
+)
+def test_a_bad_setting_gets_a_sentence(changes, message):
+    with pytest.raises(UsageError, match=message):
+        Search(LINE, **(USUAL | changes))
+
+
+@pytest.mark.parametrize(
+    ("outcomes", "message"),
+    [
+        ([float("nan")], "outcome 0 of query 0 at .* is not a finite number; a fall"),
+        ([1.0, 2.0, 3.0], "query 0 asked for 2 outcomes"),
+    ],
+)
+def test_a_bad_outcome_gets_a_sentence(outcomes, message):
+    search = Search(LINE, **USUAL)
+    with pytest.raises(UsageError, match=message):
+        search.tell(search.ask()[0], outcomes)
+
+
+def test_an_empty_space_gets_a_sentence():
+    with pytest.raises(UsageError, match="the test space is empty"):
+        Search({}, **USUAL)
+    with pytest.raises(UsageError, match=r"the range of 'vd' is \[1, 1\]"):
+        Search({"vd": (1, 1)}, **USUAL)
+
+
+def test_two_dimensions():
+    space = Space.of({"x": (0, 1), "y": (-1, 1)})
+    kernel = Kernel("rbf", (0.5, 1.0))
+    rng = np.random.default_rng(0)
+    function = RandomFunction(kernel, space, 0.5, rng)
+    search = Search(space, kernel=kernel, B=1.5, R=0.02, delta=0.1, epsilon=0.1)
+    run(search, function, 0.02, rng)
+    certificate = search.certificate()
+    truth = function(space.grid((101, 101))).max()
+    assert certificate.label is Label.CERTIFIED
+    assert certificate.lower <= truth <= certificate.upper

@@ -1,0 +1,64 @@
+"""A backend as another package would offer it: a point that glides to its commanded speed, with noise.
+
+What it does besides is in its name, so that workers see it too: ``toy:raise``
+raises at every rollout, ``toy:die`` kills the process that runs it at speeds
+above 0.29 m/s, ``toy:fall`` falls there, ``toy:slow`` takes 20 ms.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+
+import numpy as np
+
+from s2r_spec.backend import Channel, Parameter
+from s2r_spec.trace import Trace
+
+
+class Toy:
+    channels = (Channel("vx", "m/s", "speed"), Channel("extra", "", "not read by the spec"))
+    parameters = (
+        Parameter("vd", "m/s", -0.5, 0.5, 0.0, "commanded speed"),
+        Parameter("load", "kg", 0.0, 5.0, 0.0, "payload"),
+    )
+    deterministic = True
+    cost = 1e-4
+    duration = 1.5
+
+    def __init__(self, habit: str = "") -> None:
+        self.habit = habit
+        self.name = f"toy:{habit}" if habit else "toy"
+
+    @property
+    def model_hash(self) -> str:
+        return os.environ.get("S2R_TOY_MODEL", "toy-1")
+
+    def with_duration(self, seconds: float) -> Toy:
+        longer = type(self)(self.habit)
+        longer.duration = seconds
+        return longer
+
+    def rollout(self, params, seed) -> Trace:
+        vd = params["vd"]
+        if self.habit == "raise":
+            raise ValueError("the gyroscope is upside down")
+        if self.habit == "slow":
+            time.sleep(0.02)
+        if self.habit == "die" and vd > 0.29:
+            os.kill(os.getpid(), signal.SIGSEGV)
+        rng = np.random.default_rng(seed)
+        times = np.arange(round(self.duration * 100) + 1) / 100
+        bias = 0.01 * rng.normal() - 0.02 * abs(vd)
+        meta = {"failure": "fall"} if self.habit == "fall" and vd > 0.29 else {}
+        vx = vd * (1 - np.exp(-times / 0.1)) + bias
+        return Trace(times, {"vx": vx, "extra": 0 * vx}, {"vx": "m/s"}, meta)
+
+
+class ShortToy(Toy):
+    with_duration = None
+
+
+class NotABackend:
+    name = "broken"

@@ -1,0 +1,98 @@
+import json
+
+import numpy as np
+import pytest
+
+from s2r_spec import logs
+from s2r_spec.rollouts.journal import FILE, Journal, JournalError, Record
+from s2r_spec.trace import Trace
+
+HEADER = {"spec_hash": "aa", "seed": 0, "settings": {"B": 1.5, "lengthscales": (0.2,)}}
+
+
+def record(query, replicate=0, rho=0.1):
+    return Record(query, replicate, {"vd": 0.1}, 7, rho, None, None, 0.2)
+
+
+@pytest.fixture
+def journal(tmp_path):
+    made = Journal.create(tmp_path / "run", HEADER, {"spec.stl": "require\n"})
+    for query in range(3):
+        made.append(record(query, rho=0.1 / 3 * query), Trace([0.0, 1.0], {"vx": [0.0, query]}, {"vx": "m/s"}))
+    return made
+
+
+def test_a_journal_comes_back_as_it_was_written(journal):
+    again = Journal.resume(journal.folder, HEADER)
+    assert again.records() == journal.records()
+    assert again.get(2, 0).rho == 0.1 / 3 * 2
+    assert again.get(9, 0) is None
+    trace = logs.read(journal.folder / again.get(2, 0).trace)
+    assert np.array_equal(trace["vx"], [0.0, 2.0])
+    assert (journal.folder / "spec.stl").read_text() == "require\n"
+
+
+def test_a_second_run_in_the_same_folder_is_refused(journal):
+    with pytest.raises(JournalError, match="holds a run already; go on with --resume"):
+        Journal.create(journal.folder, HEADER, {})
+
+
+def test_every_cut_of_the_last_line_is_repaired(journal):
+    path = journal.folder / FILE
+    whole = path.read_bytes()
+    start = whole.rstrip(b"\n").rfind(b"\n") + 1
+    for length in range(start, len(whole)):
+        path.write_bytes(whole[:length])
+        again = Journal.resume(journal.folder, HEADER)
+        assert len(again) == 2
+        assert bool(again.note) == (length > start)
+        again.append(record(2), None)
+        assert len(Journal.resume(journal.folder, HEADER)) == 3
+
+
+def test_damage_in_the_middle_names_the_line(journal):
+    path = journal.folder / FILE
+    lines = path.read_bytes().splitlines(keepends=True)
+    lines[2] = lines[2][:20] + b"\n"
+    path.write_bytes(b"".join(lines))
+    with pytest.raises(JournalError, match=r"journal.jsonl:3: damaged line"):
+        Journal.resume(journal.folder, HEADER)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"seed": 1}, "its seed is 0, now it is 1"),
+        ({"spec_hash": "bb"}, 'its spec_hash is "aa", now it is "bb"'),
+        ({"more": 1}, "its more is null, now it is 1"),
+    ],
+)
+def test_another_run_is_refused_by_the_field_that_differs(journal, change, message):
+    with pytest.raises(JournalError, match=message):
+        Journal.resume(journal.folder, HEADER | change)
+
+
+def test_what_is_no_journal_is_refused(tmp_path):
+    with pytest.raises(JournalError, match="no run to resume at"):
+        Journal.read(tmp_path)
+    (tmp_path / FILE).write_text(json.dumps({"schema": "other/1"}) + "\n")
+    with pytest.raises(JournalError, match="journal.jsonl:1: this is not a journal of schema s2r.journal/1"):
+        Journal.read(tmp_path)
+
+
+def test_a_value_that_is_no_number_is_never_recorded(journal):
+    with pytest.raises(JournalError, match=r"ρ of rollout 5.0 is inf"):
+        journal.append(record(5, rho=float("inf")), None)
+    assert len(Journal.read(journal.folder)) == 3
+
+
+def test_a_full_disk_loses_nothing(journal, monkeypatch):
+    def full(*args):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("s2r_spec.rollouts.journal.os.fsync", full)
+    with pytest.raises(JournalError, match="No space left on device; what was recorded before is kept"):
+        journal.append(record(5), None)
+    monkeypatch.undo()
+    assert len(Journal.resume(journal.folder, HEADER)) == 3
+    assert not Journal.read(journal.folder).note

@@ -1,0 +1,57 @@
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+
+from s2r_spec.errors import BackendError
+from s2r_spec.rollouts.runner import Runner, Task, open_backend, process_pool
+from s2r_spec.rollouts.seeds import rollout_seed
+
+pytestmark = pytest.mark.usefixtures("toy")
+
+
+def tasks(backend, speeds, **more):
+    return [Task(i, 0, backend, {"vd": speed}, rollout_seed(0, i, 0), **more) for i, speed in enumerate(speeds)]
+
+
+def traces(factory, jobs):
+    with Runner(factory) as runner:
+        return {done.task.query: done for done in runner.run(jobs)}
+
+
+def test_any_number_of_workers_and_any_executor_give_the_same_traces():
+    jobs = tasks("toy", [-0.2, 0.0, 0.1, 0.3])
+    one, two, threads = (
+        traces(factory, jobs) for factory in (process_pool(1), process_pool(2), lambda: ThreadPoolExecutor(3))
+    )
+    for query in one:
+        assert one[query].trace["vx"].tobytes() == two[query].trace["vx"].tobytes() == threads[query].trace["vx"].tobytes()
+
+
+def test_a_worker_that_dies_takes_nobody_with_it():
+    found = traces(process_pool(2), tasks("toy:die", [-0.1, 0.3, 0.0, 0.1, 0.2]))
+    assert sorted(found) == [0, 1, 2, 3, 4]
+    assert found[1].trace is None
+    assert found[1].crash == "the worker died 3 times"
+    assert all(found[i].trace is not None for i in (0, 2, 3, 4))
+
+
+def test_a_rollout_that_raises_is_named_with_its_test_and_seed():
+    with pytest.raises(BackendError, match=r"'toy:raise' raised ValueError: the gyroscope .* at \{'vd': 0.1\}, seed \d+"):
+        traces(process_pool(1), tasks("toy:raise", [0.1]))
+
+
+def test_only_the_channels_asked_for_come_back():
+    found = traces(process_pool(1), tasks("toy", [0.1], channels=("vx",)))
+    assert set(found[0].trace.channels) == {"vx"}
+
+
+def test_a_spec_that_looks_further_than_rollouts_last_lengthens_them_or_says_so():
+    assert open_backend("toy", 4.0).duration == 4.0
+    with pytest.raises(BackendError, match=r"looks 4 s ahead, but rollouts of backend 'toy-short' last 1.5 s"):
+        open_backend("toy-short", 4.0)
+
+
+def test_a_seed_depends_on_its_place_and_on_nothing_else():
+    seeds = {rollout_seed(s, q, r) for s in range(3) for q in range(5) for r in range(5)}
+    assert len(seeds) == 75
+    assert rollout_seed(1, 2, 3) == rollout_seed(1, 2, 3)

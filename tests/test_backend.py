@@ -1,0 +1,43 @@
+import json
+import subprocess
+import sys
+
+import pytest
+
+from s2r_spec.backend import Parameter, installed, load_backend
+from s2r_spec.errors import BackendError, MissingPackageError, UnknownBackendError, UsageError
+
+pytestmark = pytest.mark.usefixtures("toy")
+
+
+def test_listing_finds_other_packages_and_imports_none_of_them():
+    assert {"sim", "toy", "needy"} <= set(installed())
+    code = "import sys, s2r_spec.backend as b; b.installed(); print([m for m in sys.modules if m.startswith('s2r_')])"
+    shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert not [name for name in json.loads(shown.replace("'", '"')) if not name.startswith("s2r_spec")]
+
+
+def test_a_backend_gets_what_follows_the_colon():
+    assert load_backend("toy").name == "toy"
+    assert load_backend("toy:slow").name == "toy:slow"
+
+
+def test_an_unknown_backend_lists_those_installed():
+    with pytest.raises(UnknownBackendError, match="no backend 'tuy'; did you mean 'toy'. installed: .*sim, toy") as info:
+        load_backend("tuy")
+    assert info.value.exit_code == 2
+
+
+def test_a_missing_package_is_named_with_what_to_do():
+    with pytest.raises(MissingPackageError, match="'needy' needs the package 'a_package_that_nobody_has'.*pip install"):
+        load_backend("needy")
+
+
+def test_what_is_no_backend_is_told_what_it_lacks():
+    with pytest.raises(BackendError, match=r"\(NotABackend\) lacks channels, parameters"):
+        load_backend("broken")
+
+
+def test_a_parameter_outside_its_range_is_named_with_its_unit():
+    with pytest.raises(UsageError, match=r"vd = 3 m/s is outside what the backend can do: \[-0.5, 0.5\] m/s"):
+        Parameter("vd", "m/s", -0.5, 0.5, 0.0, "").check(3)

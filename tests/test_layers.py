@@ -1,0 +1,72 @@
+"""Imports go one way, and the light modules stay light."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).parents[1] / "s2r_spec"
+
+# A module may import those on its own line and below.
+LAYERS = [
+    {"cli"},
+    {"report"},
+    {"diagnose"},
+    {"certify"},
+    {"rollouts"},
+    {"spec"},
+    {"backend", "space"},
+    {"robustness"},
+    {"lang"},
+    {"logs"},
+    {"trace"},
+    {"errors"},
+]
+RANK = {name: rank for rank, names in enumerate(LAYERS) for name in names}
+
+
+def imported(path: Path) -> set[str]:
+    """Return every s2r_spec module that a file imports, at any depth of nesting."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            found |= {node.module} | {f"{node.module}.{alias.name}" for alias in node.names}
+    return {name.split(".")[1] for name in found if name.startswith("s2r_spec.")}
+
+
+def modules() -> list[Path]:
+    return [path for path in sorted(PACKAGE.rglob("*.py")) if path != PACKAGE / "__init__.py"]
+
+
+@pytest.mark.parametrize("path", modules(), ids=lambda path: str(path.relative_to(PACKAGE)))
+def test_imports_go_down(path):
+    own = path.relative_to(PACKAGE).parts[0].removesuffix(".py")
+    assert own in RANK, f"{own} has no layer: say in LAYERS where it stands"
+    upwards = {name for name in imported(path) & RANK.keys() if RANK[name] < RANK[own]}
+    assert not upwards, f"{path.name} imports upwards: {upwards}"
+
+
+def test_a_backend_imports_no_more_of_s2r_than_it_must():
+    for path in (PACKAGE.parent / "backends").rglob("*.py"):
+        assert imported(path) <= {"backend", "errors", "trace"}, path
+
+
+HEAVY = {"torch", "gpytorch", "mujoco", "pinocchio", "piqp", "matplotlib", "scipy", "pint", "lark"}
+
+
+@pytest.mark.parametrize("statement", ["import s2r_spec", "import s2r_spec.cli"])
+def test_a_light_import_brings_nothing_heavy(statement):
+    code = f"{statement}; import sys; print(' '.join(sys.modules))"
+    shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    assert not HEAVY & set(shown)
+
+
+@pytest.mark.parametrize("name", ["s2r_spec.lang", "s2r_spec.robustness", "s2r_spec.rollouts.runner", "s2r_spec.spec"])
+def test_workers_and_the_language_need_neither_torch_nor_a_simulator(name):
+    code = f"import {name}, sys; print(' '.join(sys.modules))"
+    shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    assert not {"torch", "mujoco", "pinocchio"} & set(shown)
