@@ -1,1 +1,5 @@
-"""The A1 backend."""
+"""The A1 backend: Unitree's A1 trotting in MuJoCo under an inverse-dynamics QP."""
+
+from s2r_sim.backend import SimBackend
+
+__all__ = ["SimBackend"]

@@ -1,0 +1,69 @@
+"""Every gain of the controller, in one table."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+Vector3 = tuple[float, float, float]
+
+RATE = 500
+"""Control ticks per second; one tick is 2 ms."""
+
+
+@dataclass(frozen=True)
+class Gains:
+    """Gait, foothold, tasks, force distribution, joint level and failure handling.
+
+    Base tasks act on (forward, left, up) in the heading frame and on
+    (roll, pitch, yaw). There is no integral action: it would remove the small
+    steady error, overshoot, and hide steady disturbances, which are what a
+    sim-to-real gap is made of. ``kd_linear[0]`` sets how strongly a hidden
+    horizontal force shows in the velocity (offset = acceleration / kd).
+    """
+
+    period: float = 0.40
+    """[s] of the trot; FR with RL, then FL with RR."""
+    duty: float = 0.55
+    """Fraction of the period for which a foot is on the ground."""
+    swing_height: float = 0.06
+    """[m] above the line from lift-off to touch-down."""
+    touch_down_depth: float = 0.002
+    """[m] below the ground at which a swing ends; a margin above it would cost forward speed."""
+    base_height: float = 0.28
+    """[m] of the base origin above the stance feet's contact points."""
+    raibert: float = 0.10
+    """[s] foothold shift per velocity error."""
+
+    kp_linear: Vector3 = (0.0, 20.0, 120.0)
+    kd_linear: Vector3 = (8.0, 10.0, 18.0)
+    kp_angular: Vector3 = (150.0, 150.0, 80.0)
+    kd_angular: Vector3 = (20.0, 20.0, 16.0)
+    weight_linear: Vector3 = (50.0, 10.0, 20.0)
+    weight_angular: Vector3 = (10.0, 10.0, 5.0)
+
+    stance_damping: float = 20.0
+    """[1/s] stance feet are asked to stop: acceleration = −20 · velocity."""
+    kp_swing: float = 500.0
+    kd_swing: float = 40.0
+    weight_swing: float = 1.0
+    weight_force: float = 1e-3
+    """Pull of the stance forces towards equal shares of the weight."""
+    weight_acceleration: float = 1e-4
+
+    friction: float = 0.5
+    """Of the pyramid that the QP keeps to; below the plant's 0.8."""
+    min_force: float = 2.0
+    max_force: float = 200.0
+    """[N] vertical force of a stance foot."""
+
+    kp_joint_swing: float = 20.0
+    kd_joint: float = 0.8
+    max_joint_step: float = 0.3
+    """[rad] bound on q_des − q."""
+
+    rotor_inertia: float = 0.005
+    """[kg m²] of every motor, seen at the joint, that the controller reckons with."""
+
+    hold_ticks: int = 5
+    """So many failed QPs in a row are bridged with the last good forces; after that, damping."""
+    kd_damping: float = 3.0

@@ -1,0 +1,46 @@
+"""When a foot stands and when it swings: a clock-driven trot."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from s2r_sim.gains import RATE, Gains
+
+Progress = tuple[float | None, float | None, float | None, float | None]
+"""Per leg how much of its swing is over, in [0, 1), or None in stance."""
+
+OFFSETS = (0.0, 0.5, 0.5, 0.0)
+"""Of FR, FL, RR, RL, as fractions of the period: diagonal legs move together."""
+
+
+@dataclass(frozen=True)
+class Gait:
+    """A clock that counts whole ticks, so that it stays exact however long the rollout is."""
+
+    period: int
+    stance: int
+
+    @classmethod
+    def of(cls, gains: Gains) -> Gait:
+        """Round the gains' period and duty to ticks."""
+        period = round(gains.period * RATE)
+        return cls(period, round(gains.duty * period))
+
+    @property
+    def stance_time(self) -> float:
+        """Duration of a stance [s]."""
+        return self.stance / RATE
+
+    @property
+    def swing_time(self) -> float:
+        """Duration of a swing [s]."""
+        return (self.period - self.stance) / RATE
+
+    def progress(self, tick: int) -> Progress:
+        """Return where each leg is in its swing at this tick."""
+        a, b, c, d = (self._of_leg(tick, offset) for offset in OFFSETS)
+        return (a, b, c, d)
+
+    def _of_leg(self, tick: int, offset: float) -> float | None:
+        phase = (tick + round(offset * self.period)) % self.period
+        return None if phase < self.stance else (phase - self.stance) / (self.period - self.stance)

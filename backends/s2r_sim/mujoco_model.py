@@ -1,0 +1,121 @@
+"""The plant's MuJoCo model, built from the robot's figures: primitives only, no meshes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import mujoco
+
+from s2r_sim.figures import LEGS, Inertia, Leg, Robot
+from s2r_sim.physics import Physics
+
+GROUND = "ground"
+
+_AXES = {"hip": (1.0, 0.0, 0.0), "thigh": (0.0, 1.0, 0.0), "calf": (0.0, 1.0, 0.0)}
+_REDUCE_TO_NET_FORCE = 3  # `reduce="netforce"` of MuJoCo's contact sensor; it has no enum in Python
+
+
+def build(robot: Robot, physics: Physics) -> Any:
+    """Return the ``MjModel``: nq 19, nv 18, nu 12, and per foot the net contact force in world axes.
+
+    Only the four ball feet and the trunk box collide, and only with the ground.
+    """
+    spec = mujoco.MjSpec()
+    spec.modelname = "a1"
+    spec.compiler.degree = False
+    _set_options(spec.option, physics)
+    spec.worldbody.add_geom(
+        name=GROUND, type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 0.05], **_surface(physics, robot=False)
+    )
+    base = spec.worldbody.add_body(name="base", **_inertial(robot.base))
+    base.add_freejoint()
+    base.add_geom(
+        name="trunk",
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        size=[side / 2 for side in robot.trunk_box],
+        **_surface(physics, robot=True),
+    )
+    for leg in LEGS:
+        _add_leg(spec, base, leg, robot, physics)
+    model = spec.compile()
+    model.dof_damping[6:] = physics.damping
+    return model
+
+
+def _set_options(option: Any, physics: Physics) -> None:
+    option.timestep = physics.timestep
+    option.iterations = physics.iterations
+    option.impratio = physics.impratio
+    option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    # A diverged state must stay visible, and end as a fall; by default MuJoCo would restart it.
+    option.disableflags = mujoco.mjtDisableBit.mjDSBL_AUTORESET
+
+
+def _surface(physics: Physics, *, robot: bool) -> dict[str, Any]:
+    return {
+        "mass": 0.0,
+        "contype": int(robot),
+        "conaffinity": int(not robot),
+        "condim": 4,
+        "friction": [physics.friction, physics.torsion, 1e-4],
+        "solref": list(physics.solref),
+        "solimp": [*physics.solimp, 0.5, 2.0],
+    }
+
+
+def _inertial(inertia: Inertia) -> dict[str, Any]:
+    i = inertia
+    return {
+        "explicitinertial": True,
+        "mass": i.mass,
+        "ipos": list(i.com),
+        "fullinertia": [i.xx, i.yy, i.zz, i.xy, i.xz, i.yz],
+    }
+
+
+def _add_leg(spec: Any, base: Any, leg: Leg, robot: Robot, physics: Physics) -> None:
+    body = base
+    for (part, inertia, placement), limit in zip(robot.links(leg), robot.limits, strict=True):
+        body = body.add_body(name=f"{leg.name}_{part}", pos=list(placement), **_inertial(inertia))
+        joint = f"{leg.name}_{part}_joint"
+        body.add_joint(
+            name=joint,
+            type=mujoco.mjtJoint.mjJNT_HINGE,
+            axis=list(_AXES[part]),
+            range=list(limit),
+            limited=True,
+            armature=physics.armature,
+            frictionloss=physics.dry_friction,
+        )
+        _add_motor(spec, joint, robot.torque_limit)
+    foot = f"{leg.name}_foot"
+    body.add_geom(
+        name=foot,
+        type=mujoco.mjtGeom.mjGEOM_SPHERE,
+        pos=list(robot.foot_offset),
+        size=[robot.foot_radius, 0, 0],
+        **_surface(physics, robot=True),
+    )
+    spec.add_sensor(
+        name=f"{foot}_force",
+        type=mujoco.mjtSensor.mjSENS_CONTACT,
+        objtype=mujoco.mjtObj.mjOBJ_GEOM,
+        objname=GROUND,
+        reftype=mujoco.mjtObj.mjOBJ_GEOM,
+        refname=foot,
+        intprm=[1 << mujoco.mjtConDataField.mjCONDATA_FORCE.value, _REDUCE_TO_NET_FORCE, 1],
+    )
+
+
+def _add_motor(spec: Any, joint: str, torque_limit: float) -> None:
+    """Add a motor whose force is ctrl − kp q − kd q̇, with kp and kd written at every control tick."""
+    spec.add_actuator(
+        name=joint.removesuffix("_joint"),
+        target=joint,
+        trntype=mujoco.mjtTrn.mjTRN_JOINT,
+        gaintype=mujoco.mjtGain.mjGAIN_FIXED,
+        biastype=mujoco.mjtBias.mjBIAS_AFFINE,
+        forcelimited=True,
+        forcerange=[-torque_limit, torque_limit],
+    )

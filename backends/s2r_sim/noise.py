@@ -1,0 +1,88 @@
+"""What is random in a rollout, and how much: sensors, initial pose, gait phase."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_sim.physics import State
+
+FloatArray = NDArray[np.float64]
+
+_SENSOR_WIDTHS = (12, 12, 3, 3, 3)
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Standard deviations, white and normal; everything is drawn from the rollout's seed alone."""
+
+    encoder: float = 0.001
+    """[rad] joint angles."""
+    joint_speed: float = 0.05
+    """[rad/s]"""
+    gyro: float = 0.01
+    """[rad/s]"""
+    attitude: float = 0.002
+    """[rad] roll, pitch and yaw."""
+    velocity: float = 0.01
+    """[m/s] base velocity, world axes."""
+    initial_height: float = 0.002
+    """[m] displacement of the base before the command."""
+    initial_attitude: float = 0.01
+    """[rad]"""
+    initial_joint: float = 0.01
+    """[rad]"""
+    gait_phase: float = 1.0
+    """Part of the gait period over which the phase at the command is spread evenly."""
+
+    @classmethod
+    def off(cls) -> Noise:
+        """Return the table of a rollout in which nothing is random."""
+        return cls(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Draws:
+    """The random numbers of one rollout.
+
+    Attributes:
+        phase: gait tick at the command, in [0, period).
+        rise: of the base [m].
+        tilt: (3,) of the base [rad].
+        joints: (12,) [rad].
+        sensors: (ticks, 33) errors of q, q̇, gyro, attitude, velocity.
+    """
+
+    phase: int
+    rise: float
+    tilt: FloatArray
+    joints: FloatArray
+    sensors: FloatArray
+
+    def measure(self, tick: int, truth: State) -> State:
+        """Return the state as the sensors report it at this tick."""
+        e = self.sensors[tick]
+        return State(
+            position=truth.position,
+            rpy=truth.rpy + e[27:30],
+            velocity=truth.velocity + e[30:33],
+            omega=truth.omega + e[24:27],
+            q=truth.q + e[:12],
+            dq=truth.dq + e[12:24],
+        )
+
+
+def draw(noise: Noise, seed: int, ticks: int, period: int) -> Draws:
+    """Draw a rollout's random numbers; a longer rollout starts with those of a shorter one."""
+    rng = np.random.default_rng(seed)
+    phase = int(rng.uniform() * noise.gait_phase * period) % period
+    scales = (noise.encoder, noise.joint_speed, noise.gyro, noise.attitude, noise.velocity)
+    return Draws(
+        phase=phase,
+        rise=float(rng.normal()) * noise.initial_height,
+        tilt=rng.normal(size=3) * noise.initial_attitude,
+        joints=rng.normal(size=12) * noise.initial_joint,
+        sensors=rng.normal(size=(ticks, 33)) * np.repeat(scales, _SENSOR_WIDTHS),
+    )

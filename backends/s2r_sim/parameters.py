@@ -1,0 +1,57 @@
+"""The test parameters: what one rollout can be asked to do."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+from s2r_sim.base_task import Command
+from s2r_spec.backend import Parameter
+from s2r_spec.errors import UsageError, did_you_mean, one_of
+
+PARAMETERS = (
+    Parameter("vd", "m/s", -0.5, 0.5, 0.0, "forward velocity commanded at t = 0"),
+    Parameter("vy", "m/s", -0.2, 0.2, 0.0, "lateral velocity commanded at t = 0, left positive"),
+    Parameter("wz", "rad/s", -0.5, 0.5, 0.0, "yaw rate commanded at t = 0"),
+    Parameter("push", "N*s", -50.0, 50.0, 0.0, "impulse on the base to the robot's left, spread over 50 ms"),
+    Parameter("push_time", "s", 0.0, 10.0, 0.5, "when the push begins"),
+)
+
+PUSH_DURATION = 0.05
+"""[s]"""
+
+
+class Test(NamedTuple):
+    """One point of the test space; fields as in ``PARAMETERS``."""
+
+    vd: float
+    vy: float
+    wz: float
+    push: float
+    push_time: float
+
+    @property
+    def command(self) -> Command:
+        """The commanded velocity."""
+        return Command(self.vd, self.vy, self.wz)
+
+    def push_force(self, time: float) -> float:
+        """Return the force to the robot's left [N] at this time [s]."""
+        acts = self.push_time <= time < self.push_time + PUSH_DURATION
+        return self.push / PUSH_DURATION if acts else 0.0
+
+
+def read_test(params: Mapping[str, float]) -> Test:
+    """Return the test that these parameters ask for; what is missing takes its default.
+
+    Raises:
+        UsageError: a name is unknown or a value is out of range.
+    """
+    known = {parameter.name: parameter for parameter in PARAMETERS}
+    for name in params:
+        if name not in known:
+            raise UsageError(
+                f"the backend 'sim' has no parameter {name!r}"
+                f"{did_you_mean(name, known)}; it has {one_of(known)}"
+            )
+    return Test(*(p.check(params.get(p.name, p.default)) for p in PARAMETERS))

@@ -1,0 +1,103 @@
+"""What every form of the inverse-dynamics QP shares: its question, its answer, its constraints, PIQP."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+import piqp
+from numpy.typing import NDArray
+
+from s2r_sim.dynamics import RigidBody
+from s2r_sim.gains import Gains
+
+FloatArray = NDArray[np.float64]
+Stance = tuple[bool, bool, bool, bool]
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """What the robot should do at this instant.
+
+    Attributes:
+        base: (6,) wanted spatial acceleration of the base, base axes.
+        weight: (6, 6) of the deviation from it.
+        feet: (12,) wanted foot accelerations, world axes.
+        leg_acceleration: (12,) joint accelerations that give ``feet`` with the base at rest.
+        leg_response: (12, 6) joint accelerations per base acceleration that leave the feet alone,
+            with the opposite sign: q̈ = leg_acceleration − leg_response · base acceleration.
+        stance: which feet carry load.
+    """
+
+    base: FloatArray
+    weight: FloatArray
+    feet: FloatArray
+    leg_acceleration: FloatArray
+    leg_response: FloatArray
+    stance: Stance
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """The QP's answer.
+
+    Attributes:
+        forces: (12,) ground on feet [N], world axes.
+        torque: (12,) of the joints [N m].
+        base: (6,) predicted spatial acceleration of the base, base axes.
+        iterations: of the interior-point method.
+    """
+
+    forces: FloatArray
+    torque: FloatArray
+    base: FloatArray
+    iterations: int
+
+
+class InverseDynamics(Protocol):
+    """A form of the QP: a task in, forces and torques out; None when the solver fails."""
+
+    def reset(self) -> None:
+        """Forget every earlier problem, so that a rollout does not depend on what ran before it."""
+        ...
+
+    def solve(self, body: RigidBody, task: Task) -> Solution | None:
+        """Solve for one tick."""
+        ...
+
+
+def pyramid(gains: Gains) -> FloatArray:
+    """Return (4, 3) rows of ``F f ≤ 0``: |f_x|, |f_y| ≤ μ f_z for one foot."""
+    mu = gains.friction
+    return np.array([[1.0, 0.0, -mu], [-1.0, 0.0, -mu], [0.0, 1.0, -mu], [0.0, -1.0, -mu]])
+
+
+class Solver:
+    """PIQP's dense interior-point method for problems of one fixed size.
+
+    minimise ½ x'Px + c'x subject to A x = b, h_l ≤ G x ≤ h_u, x_l ≤ x ≤ x_u.
+    """
+
+    def __init__(self) -> None:
+        self._solver: Any = None
+
+    def reset(self) -> None:
+        """Drop the workspace."""
+        self._solver = None
+
+    def solve(self, **problem: FloatArray) -> tuple[FloatArray, int] | None:
+        """Return (x, iterations), or None when no optimum was found."""
+        if self._solver is None:
+            self._solver = piqp.DenseSolver()
+            settings = self._solver.settings
+            settings.verbose = False
+            settings.preconditioner_iter = 0
+            settings.check_duality_gap = False
+            self._solver.setup(**problem)
+        else:
+            self._solver.update(**problem)
+        if self._solver.solve() != piqp.PIQP_SOLVED:
+            return None
+        result = self._solver.result
+        return result.x.copy(), int(result.info.iter)

@@ -1,0 +1,126 @@
+"""One rollout: from the warm start through the command to the record."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from math import acos, cos, sin
+from threading import Lock
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_sim.base_task import Command
+from s2r_sim.controller import Controller, Memory
+from s2r_sim.figures import LEGS, Robot
+from s2r_sim.gains import RATE
+from s2r_sim.gait import Gait
+from s2r_sim.noise import Noise, draw
+from s2r_sim.parameters import Test
+from s2r_sim.physics import State
+from s2r_sim.plant import Plant, has_fallen
+from s2r_sim.recorder import Recorder
+from s2r_sim.settings import Settings
+
+FloatArray = NDArray[np.float64]
+
+_STILL = Command()
+
+
+class Record(NamedTuple):
+    """What a rollout left behind: samples by channel, failed QPs, whether it ended in a fall."""
+
+    ticks: int
+    channels: dict[str, FloatArray]
+    qp_failures: int
+    fallen: bool
+
+
+class _Warm(NamedTuple):
+    """The world and the controller, trotting in place."""
+
+    world: FloatArray
+    memory: Memory
+
+
+class Simulator:
+    """Plant and controller, with a saved state for every tick of the gait period.
+
+    Every rollout starts from one of the saved states and from nothing else, so
+    that it is a pure function of its arguments, bit for bit.
+    """
+
+    def __init__(self, settings: Settings) -> None:
+        self._settings = settings
+        self._plant = Plant(settings.robot, settings.physics)
+        self._controller = Controller(settings.robot, settings.gains, settings.form)
+        self._lock = Lock()
+        self._warm = self._trot_in_place()
+
+    def _trot_in_place(self) -> tuple[_Warm, ...]:
+        """Return the states of one gait period, by gait tick, after the warm-up without noise."""
+        settings, plant, controller = self._settings, self._plant, self._controller
+        period = Gait.of(settings.gains).period
+        height = settings.gains.base_height
+        plant.place(np.array([0.0, 0.0, height]), np.zeros(3), _standing(settings.robot, height))
+        controller.restore(Memory())
+        saved: dict[int, _Warm] = {}
+        warm_up = round(settings.warm_up * RATE)
+        for tick in range(warm_up + period):
+            if tick >= warm_up:
+                saved[tick % period] = _Warm(plant.save(), controller.snapshot())
+            plant.step(controller.tick(plant.truth(), _STILL).motors)
+        return tuple(saved[tick] for tick in range(period))
+
+    def rollout(self, test: Test, noise: Noise, seed: int, ticks: int) -> Record:
+        """Run one test for so many control ticks, or until the robot falls."""
+        with self._lock:
+            return self._rollout(test, noise, seed, ticks)
+
+    def _rollout(self, test: Test, noise: Noise, seed: int, ticks: int) -> Record:
+        plant, controller = self._plant, self._controller
+        settling = round(self._settings.settling * RATE)
+        period = len(self._warm)
+        random = draw(noise, seed, settling + ticks, period)
+
+        warm = self._warm[(random.phase - settling) % period]
+        plant.restore(warm.world)
+        controller.restore(warm.memory)
+        plant.displace(random.rise, random.tilt, random.joints)
+        for tick in range(settling):
+            plant.step(controller.tick(random.measure(tick, plant.truth()), _STILL).motors)
+
+        recorder = Recorder(ticks)
+        failures = 0
+        fallen = False
+        for tick in range(ticks):
+            truth = plant.truth()
+            fallen = has_fallen(truth, self._settings.fall)
+            done = controller.tick(random.measure(settling + tick, truth), test.command)
+            plant.step(done.motors, _push(test, tick, truth))
+            failures += done.solution is None
+            recorder.write(truth, test.command, done, plant.torque, plant.foot_forces, fallen)
+            if fallen:
+                break
+        return Record(recorder.length, recorder.channels(), failures, fallen)
+
+
+@lru_cache(maxsize=4)
+def simulator(settings: Settings) -> Simulator:
+    """Return this process's simulator for these settings, built and warmed up once."""
+    return Simulator(settings)
+
+
+def _standing(robot: Robot, height: float) -> FloatArray:
+    """Return (12,) joint angles of a stand of this base height [m], feet below the hips."""
+    knee = acos((height - robot.foot_radius) / (robot.thigh_length + robot.calf_length))
+    return np.tile([0.0, knee, -2.0 * knee], len(LEGS))
+
+
+def _push(test: Test, tick: int, truth: State) -> FloatArray | None:
+    """Return the (3,) force on the base [N] at this tick, world axes."""
+    force = test.push_force(tick / RATE)
+    if force == 0.0:
+        return None
+    yaw = float(truth.rpy[2])
+    return force * np.array([-sin(yaw), cos(yaw), 0.0])

@@ -1,0 +1,45 @@
+"""Attitudes: roll-pitch-yaw, rotation matrices and quaternions (scalar last unless named wxyz)."""
+
+from __future__ import annotations
+
+from math import asin, atan2, cos, sin
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+def matrix(roll: float, pitch: float, yaw: float) -> FloatArray:
+    """Return (3, 3) R = Rz(yaw) Ry(pitch) Rx(roll): base axes to world axes."""
+    cr, sr, cp, sp, cy, sy = cos(roll), sin(roll), cos(pitch), sin(pitch), cos(yaw), sin(yaw)
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
+
+
+def quaternion(roll: float, pitch: float, yaw: float) -> tuple[float, float, float, float]:
+    """Return (x, y, z, w) of the same rotation."""
+    cr, sr = cos(roll / 2), sin(roll / 2)
+    cp, sp = cos(pitch / 2), sin(pitch / 2)
+    cy, sy = cos(yaw / 2), sin(yaw / 2)
+    return (
+        sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy,
+        cr * cp * sy - sr * sp * cy,
+        cr * cp * cy + sr * sp * sy,
+    )
+
+
+def rpy_from_wxyz(w: float, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """Return (roll, pitch, yaw) [rad] of a unit quaternion."""
+    sin_pitch = min(1.0, max(-1.0, 2.0 * (w * y - z * x)))
+    return (
+        atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y)),
+        asin(sin_pitch),
+        atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)),
+    )

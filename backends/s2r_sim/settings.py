@@ -1,0 +1,28 @@
+"""What a simulator is built from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+from s2r_sim.figures import A1, Robot
+from s2r_sim.gains import Gains
+from s2r_sim.physics import FallLimits, Physics
+
+Form = Literal["condensed", "full"]
+
+
+@dataclass(frozen=True)
+class Settings:
+    """All that decides a trace, apart from the noise, the test and the seed."""
+
+    robot: Robot = A1
+    gains: Gains = field(default_factory=Gains)
+    physics: Physics = field(default_factory=Physics)
+    fall: FallLimits = field(default_factory=FallLimits)
+    form: Form = "condensed"
+    """Of the QP: over the stance forces only, or with all 30 unknowns."""
+    warm_up: float = 1.0
+    """[s] of trotting in place without noise, simulated once and shared by all rollouts."""
+    settling: float = 0.2
+    """[s] of trotting in place under the rollout's own noise, before the command."""

@@ -1,0 +1,109 @@
+"""The closed loop: it trots, carries its weight, follows the command, and says when it falls."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from s2r_sim import SimBackend
+from s2r_sim.base_task import Command
+from s2r_sim.controller import Controller, Memory
+from s2r_sim.figures import A1
+from s2r_sim.gains import Gains
+from s2r_sim.noise import Noise
+from s2r_sim.physics import State
+from s2r_sim.settings import Settings
+
+QUIET = SimBackend(noise=Noise.off())
+
+
+@pytest.mark.parametrize("vd", [-0.2, 0.0, 0.15, 0.3])
+def test_it_follows_the_command(vd):
+    trace = QUIET.with_duration(2.0).rollout({"vd": vd}, seed=0)
+    v = trace["vx"]
+    direction = 1.0 if vd >= v[0] else -1.0
+    assert trace.failure is None
+    assert trace.meta["qp_failures"] == 0
+    assert ((v - vd) * direction).max() <= 0.005
+    assert np.abs(v - vd)[trace.times >= 0.5].max() <= 0.03
+
+
+@pytest.mark.parametrize("vd", [-0.5, 0.5])
+def test_it_stays_up_at_the_ends_of_its_range(vd):
+    trace = QUIET.with_duration(2.0).rollout({"vd": vd}, seed=0)
+    assert trace.failure is None
+    assert trace["vx"][-1] == pytest.approx(vd, abs=0.05)
+
+
+@pytest.mark.parametrize(("name", "channel", "value"), [("vy", "vy", 0.15), ("wz", "wz", 0.4)])
+def test_it_follows_sideways_and_turning_commands(name, channel, value):
+    trace = QUIET.with_duration(2.0).rollout({name: value}, seed=0)
+    assert trace.failure is None
+    assert trace[channel][trace.times >= 1.2].mean() == pytest.approx(value, abs=0.05)
+
+
+def test_in_steady_trot_the_feet_carry_the_weight():
+    trace = QUIET.with_duration(2.0).rollout({"vd": 0.3}, seed=0)
+    # Whole gait periods, so that the vertical momentum at both ends is the same.
+    vertical = trace["foot_force"][(trace.times >= 1.2) & (trace.times < 2.0), 2::3]
+    assert vertical.sum(axis=1).mean() == pytest.approx(A1.mass * 9.81, rel=0.02)
+
+
+def test_swing_feet_leave_the_ground_and_stance_feet_push():
+    trace = QUIET.rollout({"vd": 0.3}, seed=0)
+    stands, vertical = trace["stance"] == 1.0, trace["foot_force"][:, 2::3]
+    assert np.mean(vertical[~stands] == 0.0) > 0.85
+    assert np.mean(vertical[stands] > 2.0) > 0.9
+
+
+def test_the_two_forms_of_the_qp_make_the_same_trot():
+    full = replace(QUIET, settings=Settings(form="full")).with_duration(1.0).rollout({"vd": 0.3}, seed=0)
+    condensed = QUIET.with_duration(1.0).rollout({"vd": 0.3}, seed=0)
+    assert np.abs(full["vx"] - condensed["vx"]).max() < 1e-3
+
+
+def test_a_strong_push_ends_in_a_marked_fall():
+    trace = SimBackend(duration=3.0).rollout({"vd": 0.1, "push": 50.0, "push_time": 0.2}, seed=1)
+    assert trace.failure == "fall"
+    assert 0.2 < trace.duration < 3.0
+    assert trace["fallen"].tolist() == [0.0] * (len(trace) - 1) + [1.0]
+
+
+def test_a_weak_push_is_survived_and_goes_to_the_left():
+    trace = QUIET.rollout({"push": 3.0, "push_time": 0.5}, seed=0)
+    assert trace.failure is None
+    around = slice(round(0.5 * 500), round(0.6 * 500))
+    assert trace["vy"][around].max() > 0.1
+
+
+def test_after_failed_qps_the_last_forces_are_held_and_then_the_joints_brake():
+    gains = Gains()
+    controller = Controller(A1, gains)
+    controller.restore(Memory())
+    standing = State(
+        np.array([0.0, 0.0, 0.28]),
+        np.zeros(3),
+        np.zeros(3),
+        np.zeros(3),
+        np.tile([0.0, 0.863, -1.726], 4),
+        np.zeros(12),
+    )
+    good = controller.tick(standing, Command())
+    controller._qp = _Unsolvable()
+    held = [controller.tick(standing, Command()) for _ in range(gains.hold_ticks)]
+    braking = controller.tick(standing, Command())
+    assert good.solution is not None
+    for tick in held:
+        assert tick.solution is None
+        np.testing.assert_allclose(tick.motors.tau, good.motors.tau, atol=0.5)
+    assert not braking.motors.tau.any()
+    assert not braking.motors.kp.any()
+    assert (braking.motors.kd == gains.kd_damping).all()
+
+
+class _Unsolvable:
+    def reset(self):
+        pass
+
+    def solve(self, body, task):
+        return None
