@@ -1,0 +1,63 @@
+"""Recorded traces: one reader and writer a format, chosen by the ending of the file's name.
+
+Nothing is resampled, rounded or filled in: what is written is read back bit
+for bit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from s2r_spec.errors import TraceError
+from s2r_spec.logs import csv_format, npz_format
+from s2r_spec.trace import Trace
+
+_READERS: dict[str, Callable[[Path], Trace]] = {".csv": csv_format.read, ".npz": npz_format.read}
+_WRITERS: dict[str, Callable[[Trace, Path], None]] = {".csv": csv_format.write, ".npz": npz_format.write}
+
+FORMATS = tuple(sorted(_READERS))
+"""Endings that can be read and written."""
+
+
+def read(path: str | Path) -> Trace:
+    """Return the trace that a file holds.
+
+    Raises:
+        TraceError: the ending is not one of :data:`FORMATS`, the file cannot be read, or what
+            it holds is no trace; the message names the file and, where there is one, the line.
+    """
+    path = Path(path)
+    reader = _READERS[_ending(path)]
+    try:
+        return reader(path)
+    except OSError as error:
+        raise TraceError(f"cannot read {path}: {error.strerror or error}") from None
+    except TraceError as error:
+        raise TraceError(f"{path}: {error}") from None
+
+
+def write(trace: Trace, path: str | Path) -> None:
+    """Write a trace; an existing file is replaced.
+
+    Raises:
+        TraceError: the ending is not one of :data:`FORMATS`, the format cannot hold a name of
+            the trace, or the file cannot be written.
+    """
+    path = Path(path)
+    writer = _WRITERS[_ending(path)]
+    try:
+        writer(trace, path)
+    except OSError as error:
+        raise TraceError(f"cannot write {path}: {error.strerror or error}") from None
+    except TraceError as error:
+        raise TraceError(f"{path}: {error}") from None
+
+
+def _ending(path: Path) -> str:
+    ending = path.suffix.lower()
+    if ending not in _READERS:
+        raise TraceError(
+            f"{path}: the ending {ending!r} is not a trace format; there are {', '.join(FORMATS)}"
+        )
+    return ending

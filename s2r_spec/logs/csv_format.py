@@ -1,0 +1,161 @@
+"""Comma-separated values: a header ``t, vx [m/s], u[0] [V], u[1] [V]``, a row a sample.
+
+Times are in seconds. A unit follows its name in brackets, after a space; the
+components of a vector are numbered from 0, without one. A first line
+``# s2r {"meta": …}`` holds what has no column.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec.errors import TraceError
+from s2r_spec.trace import Trace
+
+_TIME = "t"
+_NOTES = "# s2r "
+_HEADER = re.compile(r"(?P<name>.+?)(?:\[(?P<index>\d+)\])?(?:\s+\[(?P<unit>[^\[\]]*)\])?")
+
+
+@dataclass(frozen=True)
+class _Column:
+    name: str
+    index: int | None
+    unit: str | None
+
+
+def read(path: Path) -> Trace:
+    """Read a file of :func:`write`, or any other with a column ``t`` and numbers."""
+    try:
+        # "utf-8-sig": spreadsheets begin their files with a byte-order mark
+        with path.open(newline="", encoding="utf-8-sig") as stream:
+            first = stream.readline()
+            meta = _meta(first)
+            if meta is None:
+                stream.seek(0)
+            return _table(csv.reader(stream, strict=True), meta or {}, 0 if meta is None else 1)
+    except UnicodeDecodeError as error:
+        raise TraceError(f"this is not UTF-8 text: {error.reason} at byte {error.start}") from None
+    except csv.Error as error:
+        raise TraceError(f"this is not comma-separated text: {error}") from None
+
+
+def _meta(line: str) -> dict[str, Any] | None:
+    if not line.startswith(_NOTES):
+        return None
+    try:
+        notes = json.loads(line.removeprefix(_NOTES))
+        return dict(notes["meta"])
+    except (json.JSONDecodeError, KeyError, TypeError, ValueError) as error:
+        raise TraceError(f'line 1: expected {_NOTES}{{"meta": {{…}}}}: {error}') from None
+
+
+def _table(rows: Iterator[list[str]], meta: dict[str, Any], skipped: int) -> Trace:
+    reader: Any = rows  # csv.reader counts lines in .line_num, which Iterator does not know
+    header = next(rows, None)
+    if not header:
+        raise TraceError("the file is empty; its first line names the columns")
+    columns = [_column(text, number) for number, text in enumerate(header, 1)]
+    values: list[list[float]] = []
+    for row in rows:
+        if row:
+            values.append(_numbers(row, columns, reader.line_num + skipped))
+    table = np.array(values, dtype=np.float64).reshape(len(values), len(columns))
+    times = [number for number, column in enumerate(columns) if (column.name, column.index) == (_TIME, None)]
+    if len(times) != 1:
+        raise TraceError(f"{len(times)} columns are called {_TIME!r}; one holds the times in seconds")
+    if columns[times[0]].unit not in (None, "s"):
+        raise TraceError(f"the times are in {columns[times[0]].unit!r}; they must be in seconds")
+    channels, units = _channels(columns, table)
+    return Trace(table[:, times[0]], channels, units, meta)
+
+
+def _column(text: str, number: int) -> _Column:
+    match = _HEADER.fullmatch(text.strip())
+    if match is None:
+        raise TraceError(f"line 1, column {number}: {text!r} is not a name with a unit, such as 'vx [m/s]'")
+    index = None if match["index"] is None else int(match["index"])
+    return _Column(match["name"], index, match["unit"])
+
+
+def _numbers(row: Sequence[str], columns: Sequence[_Column], line: int) -> list[float]:
+    if len(row) != len(columns):
+        raise TraceError(f"line {line} has {len(row)} values, but there are {len(columns)} columns")
+    try:
+        return [float(text) for text in row]
+    except ValueError:
+        return [
+            _number(text, column, line, number)
+            for number, (text, column) in enumerate(zip(row, columns, strict=True), 1)
+        ]
+
+
+def _number(text: str, column: _Column, line: int, number: int) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        what = "is empty" if not text.strip() else f"is {text!r}, not a number"
+        raise TraceError(f"line {line}, column {number} ({column.name}) {what}") from None
+
+
+def _channels(
+    columns: Sequence[_Column], table: NDArray[np.float64]
+) -> tuple[dict[str, Any], dict[str, str]]:
+    """Put the numbered components of a name together, in order."""
+    found: dict[str, dict[int | None, int]] = {}
+    units: dict[str, str] = {}
+    for number, column in enumerate(columns):
+        if (column.name, column.index) == (_TIME, None):
+            continue
+        parts = found.setdefault(column.name, {})
+        if column.index in parts:
+            raise TraceError(f"line 1, column {number + 1}: a second column is called {column.name!r}")
+        if parts and units.get(column.name) != column.unit:
+            raise TraceError(
+                f"line 1, column {number + 1}: the components of {column.name!r} have different units"
+            )
+        parts[column.index] = number
+        if column.unit is not None:
+            units[column.name] = column.unit
+    channels: dict[str, Any] = {}
+    for name, parts in found.items():
+        if None in parts and len(parts) == 1:
+            channels[name] = table[:, parts[None]]
+        elif set(parts) == set(range(len(parts))):
+            channels[name] = table[:, [parts[index] for index in range(len(parts))]]
+        else:
+            raise TraceError(
+                f"the components of {name!r} are not numbered {name}[0] to {name}[{len(parts) - 1}]"
+            )
+    return channels, units
+
+
+def write(trace: Trace, path: Path) -> None:
+    """Write a trace."""
+    header, arrays = [f"{_TIME} [s]"], [trace.times]
+    for name, values in trace.channels.items():
+        parts = [name] if values.ndim == 1 else [f"{name}[{i}]" for i in range(values.shape[1])]
+        for i, part in enumerate(parts):
+            unit = trace.units.get(name)
+            text = part if unit is None else f"{part} [{unit}]"
+            expected = _Column(name, None if values.ndim == 1 else i, unit)
+            if name == _TIME or not parts or _HEADER.fullmatch(text) is None or _column(text, 0) != expected:
+                raise TraceError(f"a CSV file cannot hold a channel called {name!r} with the unit {unit!r}")
+            header.append(text)
+            arrays.append(values if values.ndim == 1 else values[:, i])
+    with path.open("w", newline="", encoding="utf-8") as stream:
+        if trace.meta:
+            stream.write(f"{_NOTES}{json.dumps({'meta': dict(trace.meta)})}\n")
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow(header)
+        # the shortest text of a float64 that reads back as the same number
+        writer.writerows([repr(float(x)) for x in row] for row in zip(*arrays, strict=True))

@@ -1,0 +1,61 @@
+"""NumPy's zip: an array ``t`` [s], one a channel, and ``s2r.json`` with units and meta."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec.errors import TraceError
+from s2r_spec.trace import Trace
+
+_TIME = "t"
+_NOTES = "s2r.json"
+
+
+def read(path: Path) -> Trace:
+    """Read a file of :func:`write`, or any other with an array ``t`` and one a channel."""
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            if not isinstance(archive, np.lib.npyio.NpzFile):
+                raise TraceError("this is a single array, not an .npz archive")
+            arrays = {name: archive[name] for name in archive.files}
+    except (ValueError, EOFError, zipfile.BadZipFile, KeyError) as error:
+        raise TraceError(f"this is not an .npz archive of numeric arrays: {error}") from None
+    if _TIME not in arrays:
+        raise TraceError(
+            f"there is no array {_TIME!r} with the times in seconds; there are {', '.join(arrays)}"
+        )
+    notes = _notes(arrays.pop(_NOTES, None))
+    times = arrays.pop(_TIME)
+    return Trace(times, arrays, notes.get("units", {}), notes.get("meta", {}))
+
+
+def _notes(array: NDArray[Any] | None) -> dict[str, Any]:
+    if array is None:
+        return {}
+    try:
+        notes = json.loads(str(array))
+    except json.JSONDecodeError as error:
+        raise TraceError(f"the array {_NOTES!r} is not JSON: {error}") from None
+    if not isinstance(notes, dict):
+        raise TraceError(f"the array {_NOTES!r} is not a JSON object")
+    return notes
+
+
+def write(trace: Trace, path: Path) -> None:
+    """Write a trace."""
+    for name in (_TIME, _NOTES):
+        if name in trace.channels:
+            raise TraceError(f"a channel cannot be called {name!r} in an .npz file")
+    notes = json.dumps({"units": dict(trace.units), "meta": dict(trace.meta)})
+    arrays = {_TIME: trace.times, **trace.channels, _NOTES: np.array(notes)}
+    # numpy.savez takes names as keywords, so that a channel called "file" would break it
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_STORED) as archive:
+        for name, array in arrays.items():
+            with archive.open(f"{name}.npy", "w", force_zip64=True) as stream:
+                np.lib.format.write_array(stream, array, allow_pickle=False)

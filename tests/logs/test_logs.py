@@ -1,0 +1,123 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from s2r_spec import logs
+from s2r_spec.errors import TraceError
+from s2r_spec.trace import Trace
+
+ANY_FLOAT = st.floats(width=64)
+META = st.dictionaries(
+    st.text(max_size=5), st.one_of(st.integers(), st.text(max_size=5), st.none()), max_size=3
+)
+
+
+def same(left: Trace, right: Trace) -> bool:
+    return (
+        left.times.tobytes() == right.times.tobytes()
+        and {k: (v.shape, _bits(v)) for k, v in left.channels.items()}
+        == {k: (v.shape, _bits(v)) for k, v in right.channels.items()}
+        and dict(left.units) == dict(right.units)
+        and dict(left.meta) == dict(right.meta)
+    )
+
+
+def _bits(values: np.ndarray) -> bytes:
+    # one NaN for all: text has no payload
+    return np.where(np.isnan(values), np.nan, values).tobytes()
+
+
+@st.composite
+def traces(draw: st.DrawFn) -> Trace:
+    n = draw(st.integers(1, 5))
+    times = sorted(draw(st.sets(st.floats(-1e9, 1e9), min_size=n, max_size=n)))
+    shape = st.sampled_from([(n,), (n, 1), (n, 3)])
+    names = draw(st.lists(st.sampled_from(["vx", "file", "a b", "q_1", "ω,x", "x.npy"]), unique=True))
+    channels = {name: draw(arrays(np.float64, draw(shape), elements=ANY_FLOAT)) for name in names}
+    units = {name: draw(st.sampled_from(["m/s", "", "1", "N*m"])) for name in names if draw(st.booleans())}
+    return Trace(times, channels, units, draw(META))
+
+
+@pytest.mark.parametrize("ending", logs.FORMATS)
+@settings(max_examples=80, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@given(trace=traces())
+def test_what_is_written_is_read_back_bit_for_bit(tmp_path: Path, ending: str, trace: Trace) -> None:
+    path = tmp_path / f"trace{ending}"
+    logs.write(trace, path)
+    assert same(logs.read(path), trace)
+
+
+def test_a_foreign_csv(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_bytes("\ufefft,vx [m/s],u[1] [V],u[0] [V]\r\n0,1,2,3\r\n0.5,4,5,6\r\n\r\n".encode())
+    trace = logs.read(path)
+    assert trace.times.tolist() == [0, 0.5]
+    assert trace["vx"].tolist() == [1, 4]
+    assert trace["u"].tolist() == [[3, 2], [6, 5]]
+    assert dict(trace.units) == {"vx": "m/s", "u": "V"}
+
+
+def test_a_foreign_npz(tmp_path: Path) -> None:
+    path = tmp_path / "a.npz"
+    np.savez(path, t=[0, 1], vx=[1, 2])
+    trace = logs.read(path)
+    assert trace["vx"].tolist() == [1, 2]
+    assert dict(trace.units) == {}
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "the file is empty; its first line names the columns"),
+        ("vx\n1\n", "0 columns are called 't'; one holds the times in seconds"),
+        ("t [ms],v\n1,2\n", "the times are in 'ms'; they must be in seconds"),
+        ("t,v\n0,1\n1\n", "line 3 has 1 values, but there are 2 columns"),
+        ("t,v\n0,1\n1,x\n", "line 3, column 2 (v) is 'x', not a number"),
+        ("t,v\n0,1\n1,\n", "line 3, column 2 (v) is empty"),
+        ('# s2r {"meta": {}}\nt,v\n0,1\n1,\n', "line 4, column 2 (v) is empty"),
+        ("t,v,v\n0,1,2\n", "line 1, column 3: a second column is called 'v'"),
+        ("t,v[0],v[2]\n0,1,2\n", "the components of 'v' are not numbered v[0] to v[1]"),
+        ("t,v[0] [m],v[1] [s]\n0,1,2\n", "line 1, column 3: the components of 'v' have different units"),
+        ("t,v\n", "a trace needs times of shape (n,) with n >= 1, not (0,)"),
+        ("t,v\n1,0\n0,0\n", "times must increase strictly, but sample 1 is at 0 s after 1 s"),
+        ("# s2r {}\nt\n1\n", "line 1: expected # s2r {\"meta\": {…}}: 'meta'"),
+        ('t,v\n0,"1\n', "this is not comma-separated text: unexpected end of data"),
+    ],
+)
+def test_a_bad_csv_names_the_place(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "bad.csv"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(TraceError) as caught:
+        logs.read(path)
+    assert str(caught.value) == f"{path}: {message}"
+
+
+def test_a_bad_npz_says_so(tmp_path: Path) -> None:
+    path = tmp_path / "bad.npz"
+    path.write_bytes(b"not a zip")
+    with pytest.raises(TraceError, match=r"not an \.npz archive"):
+        logs.read(path)
+    np.savez(path, v=[1])
+    with pytest.raises(TraceError, match="there is no array 't'"):
+        logs.read(path)
+    np.savez(path, t=[0], v=np.array([{}], dtype=object))
+    with pytest.raises(TraceError, match=r"not an \.npz archive of numeric arrays"):
+        logs.read(path)
+
+
+def test_bad_names(tmp_path: Path) -> None:
+    with pytest.raises(TraceError, match=r"'\.parquetx' is not a trace format; there are \.csv, \.npz"):
+        logs.read(tmp_path / "a.parquetx")
+    with pytest.raises(TraceError, match="No such file"):
+        logs.read(tmp_path / "none.csv")
+    for name in ("t", "u[0]", ""):
+        with pytest.raises(TraceError, match="cannot hold a channel"):
+            logs.write(Trace([0], {name: [1]}), tmp_path / "a.csv")
+    with pytest.raises(TraceError, match="cannot be called 't'"):
+        logs.write(Trace([0], {"t": [1]}), tmp_path / "a.npz")
+    with pytest.raises(TraceError, match="cannot write"):
+        logs.write(Trace([0], {}), tmp_path / "no" / "a.npz")
