@@ -1,0 +1,161 @@
+"""A whole specification checked: every rule, every statement, every mistake at once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from s2r_spec.lang import formula as f
+from s2r_spec.lang import syntax
+from s2r_spec.lang.constants import constant
+from s2r_spec.lang.declarations import CertifySettings, Document, Param, Signal
+from s2r_spec.lang.diagnostics import Diagnostic, SpecError
+from s2r_spec.lang.expressions import check, condition
+from s2r_spec.lang.parsing import DEEPEST, Parsed, parse
+from s2r_spec.lang.quantities import quantity, range_of
+from s2r_spec.lang.rules import RULES
+from s2r_spec.lang.scope import Declaration, Definition, Mistake, Scope, fail, unit_of
+from s2r_spec.lang.settings import certify_settings
+from s2r_spec.lang.source import Source, Span
+
+_WIDEST = 100_000
+
+
+def check_text(text: str, name: str = "<string>") -> Document:
+    """Return the checked specification that a text means.
+
+    Raises:
+        SpecError: with every mistake that the text has.
+    """
+    parsed = parse(Source.of(text, name))
+    checker = _Checker(parsed)
+    found = {*parsed.diagnostics, *(mistake for rule in RULES for mistake in rule(parsed)), *checker.run()}
+    if found:
+        raise SpecError(found)
+    return checker.document()
+
+
+class _Checker:
+    """Goes through the statements from top to bottom; each sees what stands above it."""
+
+    def __init__(self, parsed: Parsed) -> None:
+        self.parsed = parsed
+        self.requirements: dict[str, f.Formula] = {}
+        self.certify: dict[str, CertifySettings] = {}
+        self.depths: dict[int, int] = {}
+        self.scope = Scope(
+            poisoned={broken.name for broken in parsed.broken if broken.name},
+            later={
+                item.name.text: item.name.span
+                for item in parsed.statements
+                if not isinstance(item, syntax.Certify)
+            },
+        )
+
+    def run(self) -> Iterator[Diagnostic]:
+        """Check every statement; ``certify`` lines last, when the whole test space is known."""
+        for statement in self.parsed.statements:
+            if isinstance(statement, syntax.Certify):
+                continue
+            name = statement.name.text
+            try:
+                declared = self._declared(statement)
+            except Mistake as mistake:
+                self.scope.poisoned.add(name)
+                yield from mistake.diagnostics
+                continue
+            if name not in self.scope.declared:  # of two declarations the first holds
+                self.scope.declared[name] = declared
+                if isinstance(statement, syntax.Require) and isinstance(declared, Definition):
+                    assert isinstance(declared.body, f.Formula)
+                    self.requirements[name] = declared.body
+        for line in self.parsed.statements:
+            if isinstance(line, syntax.Certify):
+                try:
+                    settings = certify_settings(line, self.requirements.get(line.name.text), self.scope)
+                    self.certify.setdefault(line.name.text, settings)
+                except Mistake as mistake:
+                    yield from mistake.diagnostics
+
+    def document(self) -> Document:
+        """Return what was declared, once there are no mistakes."""
+        found = self.scope.declared
+        return Document(
+            self.parsed.source,
+            {name: item for name, item in found.items() if isinstance(item, Signal)},
+            {name: item for name, item in found.items() if isinstance(item, Param)},
+            self.requirements,
+            self.certify,
+        )
+
+    def _declared(self, statement: syntax.Statement) -> Declaration:
+        span, scope = statement.name.span, self.scope
+        match statement:
+            case syntax.Signal(name=word, dim=dim):
+                unit = unit_of(statement.unit)
+                width = 1 if dim is None else _width(dim)
+                range_ = range_of(statement.range, scope, unit, word.text)
+                return Signal(word.text, unit.text, width, range_, dim is not None, unit, span)
+            case syntax.Param(name=word):
+                unit = unit_of(statement.unit)
+                range_ = range_of(statement.range, scope, unit, word.text)
+                default = None
+                if statement.default is not None:
+                    default = quantity(statement.default, scope, unit, f"the default of `{word.text}`")
+                    _inside(statement.default, default, range_, word.text)
+                return Param(word.text, unit.text, range_, default, unit, span)
+            case syntax.Const():
+                return Definition(self._constant(statement), span)
+            case syntax.Let(body=body):
+                checked = check(body, scope)
+                self._depth(checked, span)
+                number = constant(checked) if isinstance(checked, f.Value) and checked.width == 1 else None
+                if number is not None and isinstance(checked, f.Value):
+                    # folded once, so that a chain of definitions is not folded over and over
+                    checked = f.Number(span=checked.span, unit=checked.unit, value=number)
+                return Definition(checked, span)
+            case syntax.Require(body=body):
+                formula = condition(body, scope, "`require`")
+                self._depth(formula, span)
+                return Definition(formula, span)
+            case _:
+                raise AssertionError(statement)
+
+    def _constant(self, statement: syntax.Const) -> f.Number:
+        name = statement.name.text
+        if statement.unit is not None:
+            unit = unit_of(statement.unit)
+            number = quantity(statement.value, self.scope, unit, f"`{name}`")
+            return f.Number(span=statement.span, unit=unit, value=number)
+        checked = check(statement.value, self.scope)
+        own = checked.unit if isinstance(checked, f.Value) else None
+        number = quantity(statement.value, self.scope, own, f"`{name}`")
+        return f.Number(span=statement.span, unit=own, value=number)
+
+    def _depth(self, node: f.Node, span: Span) -> None:
+        if self._levels(node) > DEEPEST + 20:
+            fail(
+                "E19", f"`{span.text}` is nested more than {DEEPEST} levels deep, counting what it uses", span
+            )
+
+    def _levels(self, node: f.Node) -> int:
+        # each statement adds a bounded number of levels, so this recursion is bounded, too
+        if id(node) not in self.depths:
+            self.depths[id(node)] = 1 + max((self._levels(child) for child in f.children(node)), default=0)
+        return self.depths[id(node)]
+
+
+def _width(dim: syntax.Number) -> int:
+    if not dim.value.is_integer() or not 1 <= dim.value <= _WIDEST:
+        fail("E17", f"a vector has 1 to {_WIDEST} components, not `{dim.span.text}`", dim.span)
+    return int(dim.value)
+
+
+def _inside(
+    written: syntax.Expression, default: float, range_: tuple[float, float] | None, name: str
+) -> None:
+    if range_ is not None and not range_[0] <= default <= range_[1]:
+        fail(
+            "E09",
+            f"the default of `{name}` is outside its range [{range_[0]:g}, {range_[1]:g}]",
+            written.span,
+        )

@@ -1,0 +1,72 @@
+"""Numbers that are known before any trace: time bounds, ranges, constants, settings."""
+
+from __future__ import annotations
+
+import math
+
+from s2r_spec.lang import formula as f
+
+
+def constant(value: f.Value) -> float | None:
+    """Return the number that a value always has, or None if it depends on a trace or a parameter.
+
+    A number that does not exist (1/0, the root of −1) is nan.
+    """
+    try:
+        result = _constant(value)
+    except (ArithmeticError, ValueError):
+        return math.nan
+    return result
+
+
+def _constant(value: f.Value) -> float | None:
+    match value:
+        case f.Number():
+            return value.value
+        case f.Convert():
+            operand = _constant(value.operand)
+            return None if operand is None else value.factor * operand + value.offset
+        case f.Elementary():
+            operand = _constant(value.operand)
+            return None if operand is None else _elementary(value.function, operand)
+        case f.Arithmetic():
+            # the first side that varies ends the search: shared parts are not visited over and over
+            left = _constant(value.left)
+            right = None if left is None else _constant(value.right)
+            return None if left is None or right is None else _arithmetic(value.operator, left, right)
+        case f.Extremum() | f.Norm():
+            operands: list[float] = []
+            for part in value.operands:
+                number = _constant(part)
+                if number is None:
+                    return None
+                operands.append(number)
+            if isinstance(value, f.Norm):
+                return math.hypot(*operands)
+            return min(operands) if value.function == "min" else max(operands)
+        case _:
+            return None
+
+
+def _elementary(function: str, operand: float) -> float:
+    if function == "minus":
+        return -operand
+    if function == "abs":
+        return abs(operand)
+    if function == "sqrt":
+        return math.sqrt(operand)
+    return math.copysign(1.0, operand) if operand else 0.0
+
+
+def _arithmetic(operator: f.ArithmeticOp, left: float, right: float) -> float:
+    match operator:
+        case "+":
+            return left + right
+        case "-":
+            return left - right
+        case "*":
+            return left * right
+        case "/":
+            return left / right
+        case "^":
+            return math.pow(left, right)

@@ -1,0 +1,92 @@
+"""What a checked specification declares: plain records, in the units that were declared."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+from s2r_spec.lang.formula import Formula
+from s2r_spec.lang.source import Source, Span
+from s2r_spec.lang.units import PLAIN, Unit
+
+
+@dataclass(frozen=True)
+class Signal:
+    """``signal vx {m/s} in [-1, 1]``.
+
+    Args:
+        name: channel of the trace.
+        unit: as declared, "" if none.
+        dim: number of components; 1 for a plain signal.
+        range: (low, high) in the unit, or None.
+        vector: whether a dimension was declared, so that the channel is (n, dim).
+    """
+
+    name: str
+    unit: str
+    dim: int
+    range: tuple[float, float] | None
+    vector: bool
+    measure: Unit = field(repr=False, default=PLAIN)
+    span: Span | None = field(repr=False, compare=False, default=None)
+
+
+@dataclass(frozen=True)
+class Param:
+    """``param vd {m/s} in [-0.2, 0.3]``: searched over its range unless it has a default."""
+
+    name: str
+    unit: str
+    range: tuple[float, float] | None
+    default: float | None
+    measure: Unit = field(repr=False, default=PLAIN)
+    span: Span | None = field(repr=False, compare=False, default=None)
+
+    @property
+    def searched(self) -> bool:
+        """Whether it is an axis of the test space."""
+        return self.range is not None and self.default is None
+
+
+KernelName = Literal["rbf", "matern52"]
+
+
+@dataclass(frozen=True)
+class KernelChoice:
+    """Prior over the test space: a kernel's name and one length scale an axis, in the params' units."""
+
+    name: KernelName
+    lengthscales: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class CertifySettings:
+    """One ``certify`` line; what is not given is None. Margins are in the unit of ρ.
+
+    Args:
+        delta: probability that the certificate is wrong, in (0, 1).
+        epsilon: distance from the true worst case at which the search may stop, > 0.
+        B: bound on the norm of ρ in the kernel's space, > 0.
+        R: sub-Gaussian proxy of one rollout's noise, > 0; declared, never fitted.
+        kernel: see :class:`KernelChoice`.
+        fall: ρ of a rollout that failed.
+    """
+
+    delta: float | None = None
+    epsilon: float | None = None
+    B: float | None = None
+    R: float | None = None
+    kernel: KernelChoice | None = None
+    fall: float | None = None
+
+
+@dataclass(frozen=True)
+class Document:
+    """A specification without mistakes."""
+
+    source: Source
+    signals: Mapping[str, Signal]
+    params: Mapping[str, Param]
+    requirements: Mapping[str, Formula]
+    certify: Mapping[str, CertifySettings]

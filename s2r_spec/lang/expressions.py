@@ -1,0 +1,191 @@
+"""Expressions checked: names looked up, conditions told from numbers, units brought together."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import cast
+
+from s2r_spec.lang import formula as f
+from s2r_spec.lang import syntax
+from s2r_spec.lang.constants import constant
+from s2r_spec.lang.declarations import Param, Signal
+from s2r_spec.lang.functions import call
+from s2r_spec.lang.intervals import EVER, interval
+from s2r_spec.lang.scope import Scope, each, fail, unit_of
+from s2r_spec.lang.unify import alike, combine, margins, one, without_offset
+from s2r_spec.lang.units import PLAIN
+
+Checked = f.Value | f.Formula
+
+
+def value(expression: syntax.Expression, scope: Scope) -> f.Value:
+    """Check an expression that must be a number (or a vector)."""
+    checked = check(expression, scope)
+    if isinstance(checked, f.Formula):
+        fail("E05", f"`{_short(expression)}` is a condition, but a number is needed here", expression.span)
+    return checked
+
+
+def condition(expression: syntax.Expression, scope: Scope, whose: str) -> f.Formula:
+    """Check an expression that must be a condition; ``whose`` says what needs it."""
+    checked = check(expression, scope)
+    if isinstance(checked, f.Value):
+        fail(
+            "E05",
+            f"`{_short(expression)}` is a number, but {whose} needs a condition",
+            expression.span,
+            "compare it with something, such as `x >= 0`",
+        )
+    return checked
+
+
+def check(expression: syntax.Expression, scope: Scope) -> Checked:
+    """Check any expression.
+
+    Raises:
+        Mistake: it is wrong; the rest of its statement is not looked at.
+    """
+    span = expression.span
+    match expression:
+        case syntax.Number():
+            if abs(expression.value) == float("inf"):
+                fail("E18", f"`{span.text}` is too large for a number", span)
+            unit = None if expression.unit is None else unit_of(expression.unit)
+            return f.Number(span=span, unit=unit, value=expression.value)
+        case syntax.Name():
+            return _name(expression, scope)
+        case syntax.Index():
+            return _index(expression, scope)
+        case syntax.Call():
+            return call(
+                expression, each(lambda argument: (argument, check(argument, scope)), expression.arguments)
+            )
+        case syntax.Truth():
+            return f.Truth(span=span, unit=None, value=expression.value)
+        case syntax.Minus():
+            operand = without_offset(value(expression.operand, scope))
+            return f.Elementary(
+                span=span, unit=operand.unit, width=operand.width, function="minus", operand=operand
+            )
+        case syntax.Arithmetic():
+            return _arithmetic(expression, scope)
+        case syntax.Comparison():
+            return _comparison(expression, scope)
+        case syntax.Negation():
+            inner = condition(expression.operand, scope, "`not`")
+            return f.Not(span=span, unit=inner.unit, operand=inner)
+        case syntax.Junction():
+            operands, rho = margins(_conditions(expression.operands, scope, expression.operator))
+            return f.Junction(span=span, unit=rho, operator=expression.operator, operands=operands)
+        case syntax.Implication():
+            sides = (expression.left, expression.right)
+            (left, right), rho = margins(_conditions(sides, scope, expression.operator))
+            return f.Implication(span=span, unit=rho, operator=expression.operator, left=left, right=right)
+        case syntax.Temporal():
+            within = (
+                EVER(span) if expression.interval is None else interval(expression.interval, scope, value)
+            )
+            inner = condition(expression.operand, scope, f"`{expression.operator}`")
+            return f.Temporal(
+                span=span, unit=inner.unit, operator=expression.operator, interval=within, operand=inner
+            )
+        case syntax.Until():
+            return _until(expression, scope)
+        case syntax.Step():
+            inner = condition(expression.operand, scope, f"`{expression.operator}`")
+            return f.Step(span=span, unit=inner.unit, operator=expression.operator, operand=inner)
+
+
+def _name(expression: syntax.Name, scope: Scope) -> Checked:
+    found, span = scope.find(expression.name, expression.span), expression.span
+    if isinstance(found, Signal):
+        return f.SignalValue(span=span, unit=found.measure, width=found.dim, name=found.name)
+    if isinstance(found, Param):
+        return f.ParamValue(span=span, unit=found.measure, name=found.name)
+    if isinstance(found.body, f.Formula):
+        return f.Named(span=span, unit=found.body.unit, name=expression.name, operand=found.body)
+    return replace(found.body, span=span)
+
+
+def _conditions(expressions: Iterable[syntax.Expression], scope: Scope, operator: str) -> list[f.Formula]:
+    return each(lambda expression: condition(expression, scope, f"`{operator}`"), expressions)
+
+
+def _index(expression: syntax.Index, scope: Scope) -> f.Value:
+    name, index = expression.name.text, expression.index
+    found = scope.find(name, expression.name.span)
+    if not isinstance(found, Signal) or not found.vector:
+        fail(
+            "E17",
+            f"`{name}` is not a vector signal",
+            expression.span,
+            "an index is for `signal u[3]`",
+            found.span,
+        )
+    if not index.value.is_integer() or not 0 <= index.value < found.dim:
+        fail(
+            "E17",
+            f"`{name}` has the components {name}[0] to {name}[{found.dim - 1}]",
+            index.span,
+            "components are counted from 0",
+            found.span,
+        )
+    return f.SignalValue(span=expression.span, unit=found.measure, name=name, index=int(index.value))
+
+
+def _arithmetic(expression: syntax.Arithmetic, scope: Scope) -> f.Value:
+    left, right = each(lambda side: value(side, scope), (expression.left, expression.right))
+    symbol, span = expression.operator.text, expression.span
+    operator = cast(f.ArithmeticOp, symbol)
+    width = alike(left, right, span)
+    if symbol in "+-":
+        verb = "add" if symbol == "+" else "subtract"
+        pair, unit = combine([left, right], expression.operator.span, verb)
+        return f.Arithmetic(span=span, unit=unit, width=width, operator=operator, left=pair[0], right=pair[1])
+    left, right = without_offset(left), without_offset(right)
+    if symbol == "^":
+        exponent = constant(right)
+        if exponent is None or not abs(exponent) <= 9 or right.unit not in (None, PLAIN):
+            fail("E18", "an exponent is a constant from -9 to 9 without a unit", right.span)
+        unit = None if left.unit is None else left.unit.power(exponent)
+    elif left.unit is None and right.unit is None:
+        unit = None
+    elif symbol == "*":
+        unit = (left.unit or PLAIN).times(right.unit or PLAIN)
+    else:
+        unit = (left.unit or PLAIN).over(right.unit or PLAIN)
+    return f.Arithmetic(span=span, unit=unit, width=width, operator=operator, left=left, right=right)
+
+
+def _comparison(expression: syntax.Comparison, scope: Scope) -> f.Formula:
+    operands = each(lambda operand: value(operand, scope), expression.operands)
+    parts: list[f.Formula] = []
+    for word, left, right in zip(expression.operators, operands, operands[1:], strict=False):
+        sides, unit = combine([one(left), one(right)], word.span, "compare")
+        parts.append(
+            f.Comparison(
+                span=left.span.to(right.span),
+                unit=unit.difference if unit else None,
+                operator=cast(f.CompareOp, word.text),
+                left=sides[0],
+                right=sides[1],
+            )
+        )
+    if len(parts) == 1:
+        return parts[0]
+    both, rho = margins(parts)
+    return f.Junction(span=expression.span, unit=rho, operator="and", operands=both)
+
+
+def _until(expression: syntax.Until, scope: Scope) -> f.Formula:
+    # a chain of several is reported by rules/chained_until.py
+    link, span = expression.links[0], expression.span
+    within = EVER(span) if link.interval is None else interval(link.interval, scope, value)
+    (left, right), rho = margins(_conditions((expression.left, link.operand), scope, link.operator))
+    return f.Until(span=span, unit=rho, operator=link.operator, interval=within, left=left, right=right)
+
+
+def _short(expression: syntax.Expression) -> str:
+    text = " ".join(expression.span.text.split())
+    return text if len(text) <= 40 else text[:39] + "…"

@@ -1,0 +1,262 @@
+"""The checked form of a specification: names resolved, units settled, times in seconds.
+
+A :class:`Value` is a number at each instant, a :class:`Formula` a condition,
+whose robustness is a number at each instant. Every number is in the unit of
+its node; where two units of one dimension meet, a :class:`Convert` or a
+:class:`Rescale` stands between them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
+from typing import Literal
+
+from s2r_spec.lang.source import Span
+from s2r_spec.lang.syntax import StepOp, TemporalOp, UntilOp
+from s2r_spec.lang.units import Unit
+
+CompareOp = Literal["<", "<=", ">", ">=", "==", "!="]
+ArithmeticOp = Literal["+", "-", "*", "/", "^"]
+
+MIXED = Unit("mixed", (("mixed", 1.0),))
+"""Unit of a robustness that is the least of margins in units that do not go together."""
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A time interval relative to an instant, in seconds; ``high`` may be inf.
+
+    Args:
+        low: 0 ≤ low ≤ high.
+        high: at least ``low``.
+        low_closed: whether ``low`` itself belongs to it.
+        high_closed: whether ``high`` itself belongs to it.
+        span: where it is written, or where the operator is if it has none.
+    """
+
+    low: float
+    high: float
+    low_closed: bool
+    high_closed: bool
+    span: Span
+
+
+@dataclass(frozen=True, kw_only=True)
+class Node:
+    """Anything with a place in the text."""
+
+    span: Span
+
+
+@dataclass(frozen=True, kw_only=True)
+class Value(Node):
+    """A number at each instant, or ``width`` of them; without a unit it takes that of its neighbour."""
+
+    unit: Unit | None
+    width: int = 1
+
+
+@dataclass(frozen=True, kw_only=True)
+class Number(Value):
+    """A constant."""
+
+    value: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class SignalValue(Value):
+    """A signal, or one component of it."""
+
+    name: str
+    index: int | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class ParamValue(Value):
+    """A test parameter."""
+
+    name: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Convert(Value):
+    """factor · operand + offset: the same quantity in another unit."""
+
+    operand: Value
+    factor: float
+    offset: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Arithmetic(Value):
+    """left ∘ right."""
+
+    operator: ArithmeticOp
+    left: Value
+    right: Value
+
+
+@dataclass(frozen=True, kw_only=True)
+class Elementary(Value):
+    """A function of one number."""
+
+    function: Literal["minus", "abs", "sign", "sqrt"]
+    operand: Value
+
+
+@dataclass(frozen=True, kw_only=True)
+class Extremum(Value):
+    """The least or the greatest of several numbers."""
+
+    function: Literal["min", "max"]
+    operands: tuple[Value, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Norm(Value):
+    """Euclidean length of all components of the operands together."""
+
+    operands: tuple[Value, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Initial(Value):
+    """The operand at the trace's first sample, at every instant."""
+
+    operand: Value
+
+
+@dataclass(frozen=True, kw_only=True)
+class Overshoot(Value):
+    """(signal − reference) · dir, by how much the signal is beyond its reference.
+
+    dir is +1 if reference ≥ origin at the trace's first sample, else −1; it is
+    never 0. Without an origin the motion starts from 0: dir is then the sign of
+    the command, which is the paper's "in the event the desired velocity is
+    negative, overshoot is calculated in the opposite direction".
+    """
+
+    signal: Value
+    reference: Value
+    origin: Value | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Formula(Node):
+    """A condition; ``unit`` is that of its robustness, None if nothing in it has a unit."""
+
+    unit: Unit | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Truth(Formula):
+    """true (+inf) or false (−inf)."""
+
+    value: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class Comparison(Formula):
+    """A predicate. Its robustness is right − left for ``<`` and ``<=``, −abs(left − right) for ``==``."""
+
+    operator: CompareOp
+    left: Value
+    right: Value
+
+
+@dataclass(frozen=True, kw_only=True)
+class Not(Formula):
+    """Negation."""
+
+    operand: Formula
+
+
+@dataclass(frozen=True, kw_only=True)
+class Junction(Formula):
+    """Conjunction (the least) or disjunction (the greatest)."""
+
+    operator: Literal["and", "or"]
+    operands: tuple[Formula, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Implication(Formula):
+    """``->`` or ``<->``."""
+
+    operator: Literal["->", "<->"]
+    left: Formula
+    right: Formula
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rescale(Formula):
+    """factor · robustness: the same margin in another unit; factor > 0."""
+
+    operand: Formula
+    factor: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Temporal(Formula):
+    """always, eventually and their mirror images in the past."""
+
+    operator: TemporalOp
+    interval: Interval
+    operand: Formula
+
+
+@dataclass(frozen=True, kw_only=True)
+class Until(Formula):
+    """until, release, unless, and since (until in the past)."""
+
+    operator: UntilOp
+    interval: Interval
+    left: Formula
+    right: Formula
+
+
+@dataclass(frozen=True, kw_only=True)
+class Step(Formula):
+    """The operand one sample later or earlier; −inf where there is none."""
+
+    operator: StepOp
+    operand: Formula
+
+
+@dataclass(frozen=True, kw_only=True)
+class Edge(Formula):
+    """The operand becomes true (rise) or false (fall) at this sample; never at the first one."""
+
+    operator: Literal["rise", "fall"]
+    operand: Formula
+
+
+@dataclass(frozen=True, kw_only=True)
+class Named(Formula):
+    """A use of a named sub-formula; all uses share one operand."""
+
+    name: str
+    operand: Formula
+
+
+def children(node: Node) -> Iterator[Node]:
+    """Yield the nodes directly below, left to right."""
+    for item in fields(node):
+        held = getattr(node, item.name)
+        if isinstance(held, Node):
+            yield held
+        elif isinstance(held, tuple):
+            yield from held
+
+
+def walk(node: Node) -> Iterator[Node]:
+    """Yield the node and all below it, each shared one once."""
+    seen: set[int] = set()
+    stack = [node]
+    while stack:
+        current = stack.pop()
+        if id(current) not in seen:
+            seen.add(id(current))
+            yield current
+            stack.extend(reversed(list(children(current))))

@@ -1,0 +1,79 @@
+"""Time intervals checked: seconds, in order, known before any trace."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+from s2r_spec.lang import formula as f
+from s2r_spec.lang import syntax
+from s2r_spec.lang.constants import constant
+from s2r_spec.lang.scope import Scope, fail
+from s2r_spec.lang.source import Span
+from s2r_spec.lang.units import SECOND, Unit
+
+_TIMES = {"ns": 1e-9, "us": 1e-6, "ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0}
+_PER_SECOND = {"ns": 1e9, "us": 1e6, "ms": 1e3}
+
+
+def EVER(span: Span) -> f.Interval:  # noqa: N802  (a constant but for its place)
+    """Return [0, inf): the whole rest of the trace."""
+    return f.Interval(0.0, math.inf, True, False, span)
+
+
+def interval(
+    written: syntax.Interval, scope: Scope, value: Callable[[syntax.Expression, Scope], f.Value]
+) -> f.Interval:
+    """Check an interval; ``value`` checks the expressions of its ends."""
+    low = _seconds(written.low, scope, value)
+    high = _seconds(written.high, scope, value)
+    if low < 0:
+        past = "for the past there are `historically`, `once` and `since`"
+        fail("E06", f"the interval begins at {low:g} s, before now", written.low.span, past)
+    if high < low:
+        fail(
+            "E06",
+            f"the interval is empty: it ends at {high:g} s, before it begins at {low:g} s",
+            written.span,
+        )
+    if high == low and not (written.low_closed and written.high_closed):
+        fail(
+            "E06",
+            f"the interval is empty: it leaves {low:g} s, its only instant, out",
+            written.span,
+            "write `[a, a]`",
+        )
+    if math.isinf(high) and written.high_closed:
+        # "inf]" is what other tools write; no instant is at infinity
+        return f.Interval(low, high, written.low_closed, False, written.span)
+    return f.Interval(low, high, written.low_closed, written.high_closed, written.span)
+
+
+def _seconds(
+    bound: syntax.Bound, scope: Scope, value: Callable[[syntax.Expression, Scope], f.Value]
+) -> float:
+    if bound.value is None:
+        return math.inf
+    checked = value(bound.value, scope)
+    number = constant(checked)
+    if number is None:
+        fail("E18", f"a time bound is a constant, and `{bound.value.span.text}` is not", bound.value.span)
+    if not math.isfinite(number):
+        fail("E18", f"`{bound.value.span.text}` is not a finite number", bound.value.span)
+    if bound.unit is not None:
+        if bound.unit.text not in _TIMES:
+            fail(
+                "E04",
+                f"`{bound.unit.text}` is not a unit of time",
+                bound.unit.span,
+                "use ns, us, ms, s, min or h",
+            )
+        if checked.unit is not None:
+            fail("E06", f"the bound has two units, {checked.unit} and {bound.unit.text}", bound.span)
+        # 100 ms is 100/1000, the closest number to a tenth; 100·0.001 is not always
+        small = _PER_SECOND.get(bound.unit.text)
+        return number / small if small else number * _TIMES[bound.unit.text]
+    unit: Unit = checked.unit or SECOND
+    if not unit.fits(SECOND):
+        fail("E06", f"a time bound is a time, and `{bound.value.span.text}` is in {unit}", bound.value.span)
+    return number * unit.factor if unit.factor != 1.0 else number

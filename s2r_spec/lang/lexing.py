@@ -1,0 +1,103 @@
+"""Text to tokens, and tokens to statements.
+
+Two things are settled here rather than in the grammar. Short and foreign
+operator names (``G``, ``alw``, ``U`` …, as other tools write them) are
+operators only while no declaration takes the name. And the text is cut at the
+keywords that begin a statement, so that each is parsed by itself and a
+mistake in one hides no other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Set
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from itertools import pairwise
+
+from lark import Lark, Token
+
+from s2r_spec.lang.source import Source, Span
+
+STATEMENTS = frozenset({"SIGNAL", "PARAM", "CONST", "LET", "REQUIRE", "CERTIFY"})
+DECLARATIONS = STATEMENTS - {"REQUIRE", "CERTIFY"}
+_SILENT = frozenset({"WS", "COMMENT"})
+
+_TEMPORAL = {
+    "G": "always", "globally": "always", "alw": "always",
+    "F": "eventually", "finally": "eventually", "ev": "eventually",
+    "H": "historically", "hist": "historically",
+    "O": "once",
+}  # fmt: skip
+_UNTIL = {"U": "until", "S": "since", "R": "release", "W": "unless"}
+_STEP = {"X": "next"}
+ALIASES = {name: (kind, word) for kind, table in (("TEMPORAL", _TEMPORAL), ("UNTIL", _UNTIL), ("STEP", _STEP))
+           for name, word in table.items()}  # fmt: skip
+"""Other names of operators → (terminal, the name that this language writes)."""
+
+
+@cache
+def grammar() -> Lark:
+    """Return the parser of one statement; it is built on first use."""
+    text = files("s2r_spec.lang").joinpath("stl.lark").read_text(encoding="utf-8")
+    return Lark(text, start="statement", parser="lalr", lexer="basic", propagate_positions=True)
+
+
+@dataclass(frozen=True)
+class Lexed:
+    """The tokens of a source, cut into statements.
+
+    Args:
+        statements: each begins with a keyword, except the first if the text does not.
+        stray: single characters that are no part of the language.
+    """
+
+    statements: tuple[tuple[Token, ...], ...]
+    stray: tuple[Token, ...]
+
+
+def span_of(source: Source, token: Token) -> Span:
+    """Return where a token stands."""
+    assert token.start_pos is not None
+    assert token.end_pos is not None
+    return Span(source, token.start_pos, token.end_pos)
+
+
+def lex(source: Source) -> Lexed:
+    """Cut a source into tokens and statements."""
+    tokens = [token for token in grammar().lex(source.text, dont_ignore=True) if token.type not in _SILENT]
+    stray = tuple(token for token in tokens if token.type == "STRAY")
+    kept = [token for token in tokens if token.type != "STRAY"]
+    declared = frozenset(
+        str(name) for keyword, name in pairwise(kept) if keyword.type in DECLARATIONS and name.type == "NAME"
+    )
+    return Lexed(tuple(_statements(kept, declared)), stray)
+
+
+def _statements(tokens: list[Token], declared: Set[str]) -> Iterator[tuple[Token, ...]]:
+    starts = [i for i, token in enumerate(tokens) if token.type in STATEMENTS]
+    for start, end in zip([0, *starts], [*starts, len(tokens)], strict=True):
+        statement = tokens[start:end]
+        if not statement:
+            continue
+        if statement[0].type != "CERTIFY":
+            # the first name of a statement is what it declares, not an operator
+            statement = [*statement[:2], *(_operator(token, declared) for token in statement[2:])]
+        yield tuple(statement)
+
+
+def _operator(token: Token, declared: Set[str]) -> Token:
+    """Return ``always`` for ``G``, ``alw_``, ``[]`` …, and any other token as it is."""
+    if token.type == "TEMPORAL" and not token[0].isalpha():
+        return token.update(value="always" if token[0] == "[" else "eventually")
+    if token.type != "NAME" or str(token) in declared:
+        return token
+    name = token.removesuffix("_")
+    if name in ALIASES:
+        kind, word = ALIASES[name]
+        return token.update(type=kind, value=word)
+    if token.endswith("_") and name in ("always", "eventually", "historically", "once"):
+        return token.update(type="TEMPORAL", value=name)
+    if token.endswith("_") and name in _UNTIL.values():
+        return token.update(type="UNTIL", value=name)
+    return token

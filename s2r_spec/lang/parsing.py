@@ -1,0 +1,85 @@
+"""Tokens to syntax trees; what does not parse becomes a diagnostic and a broken statement."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from lark import Token, Tree
+from lark.exceptions import UnexpectedToken
+
+from s2r_spec.lang import syntax
+from s2r_spec.lang.building import build
+from s2r_spec.lang.diagnostics import Diagnostic
+from s2r_spec.lang.lexing import grammar, lex, span_of
+from s2r_spec.lang.source import Source
+from s2r_spec.lang.unexpected import explain, stray_character
+
+DEEPEST = 100
+"""Nesting that is accepted; beyond it a formula is refused rather than the interpreter's stack risked."""
+
+
+@dataclass(frozen=True)
+class Parsed:
+    """A file after parsing: its statements, those that did not parse, and why."""
+
+    source: Source
+    statements: tuple[syntax.Statement, ...]
+    broken: tuple[syntax.Broken, ...]
+    diagnostics: tuple[Diagnostic, ...]
+
+
+def parse(source: Source) -> Parsed:
+    """Parse every statement of a source by itself. Never raises on any text."""
+    lexed = lex(source)
+    statements: list[syntax.Statement] = []
+    broken: list[syntax.Broken] = []
+    diagnostics = [stray_character(span_of(source, token)) for token in lexed.stray]
+    for tokens in lexed.statements:
+        result = _statement(source, tokens)
+        if isinstance(result, Diagnostic):
+            span = span_of(source, tokens[0]).to(span_of(source, tokens[-1]))
+            name = str(tokens[1]) if len(tokens) > 1 and tokens[1].type == "NAME" else ""
+            broken.append(syntax.Broken(span=span, keyword=str(tokens[0]), name=name))
+            diagnostics.append(result)
+        else:
+            statements.append(result)
+    return Parsed(source, tuple(statements), tuple(broken), tuple(diagnostics))
+
+
+def _statement(source: Source, tokens: tuple[Token, ...]) -> syntax.Statement | Diagnostic:
+    parser = grammar().parse_interactive()
+    fed = 0
+    try:
+        for token in tokens:
+            parser.feed_token(token)
+            fed += 1
+        tree = parser.feed_eof(tokens[-1])  # type: ignore[no-untyped-call]  # Lark does not annotate it
+    except UnexpectedToken:
+        return explain(source, tokens, fed, _allowed_after(tokens[:fed]))
+    if (depth := max(level for level, _ in _levels(tree))) > DEEPEST:
+        return Diagnostic(
+            "E19",
+            f"this statement is nested {depth} levels deep; {DEEPEST} are allowed",
+            span_of(source, tokens[0]).to(span_of(source, tokens[-1])),
+            fix="name parts of it with `let`",
+        )
+    return build(source, tree)
+
+
+def _allowed_after(tokens: tuple[Token, ...]) -> set[str]:
+    """Return the terminals that can follow; a failed parser has already reduced too far to say."""
+    parser = grammar().parse_interactive()
+    for token in tokens:
+        parser.feed_token(token)
+    accepts: set[str] = parser.accepts()  # type: ignore[no-untyped-call]  # Lark does not annotate it
+    return accepts
+
+
+def _levels(tree: Tree[Token]) -> Iterator[tuple[int, Tree[Token]]]:
+    """Yield every subtree with its depth, without recursion."""
+    stack = [(1, tree)]
+    while stack:
+        level, node = stack.pop()
+        yield level, node
+        stack.extend((level + 1, child) for child in node.children if isinstance(child, Tree))

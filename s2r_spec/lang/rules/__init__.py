@@ -1,0 +1,22 @@
+"""Checks of what stands in a file as a whole, one rule a module.
+
+A rule takes a parsed file and yields every place that breaks it. What needs
+names and units looked up is checked with the expressions instead
+(:mod:`s2r_spec.lang.checking`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+from s2r_spec.lang.diagnostics import Diagnostic
+from s2r_spec.lang.parsing import Parsed
+from s2r_spec.lang.rules.certify_targets import certify_targets
+from s2r_spec.lang.rules.chained_until import chained_until
+from s2r_spec.lang.rules.complete_params import complete_params
+from s2r_spec.lang.rules.some_requirement import some_requirement
+from s2r_spec.lang.rules.unique_names import unique_names
+
+Rule = Callable[[Parsed], Iterator[Diagnostic]]
+
+RULES: tuple[Rule, ...] = (some_requirement, unique_names, complete_params, chained_until, certify_targets)

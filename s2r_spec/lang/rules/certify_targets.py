@@ -1,0 +1,28 @@
+"""A ``certify`` line belongs to one requirement, and a requirement has one such line."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from s2r_spec.lang import syntax
+from s2r_spec.lang.diagnostics import Diagnostic, suggestion
+from s2r_spec.lang.parsing import Parsed
+
+
+def certify_targets(parsed: Parsed) -> Iterator[Diagnostic]:
+    """Report lines for a requirement that is not there, and second lines for one that is."""
+    required = [item.name.text for item in parsed.statements if isinstance(item, syntax.Require)]
+    unparsed = {broken.name for broken in parsed.broken}
+    first: dict[str, syntax.Word] = {}
+    for item in parsed.statements:
+        if not isinstance(item, syntax.Certify) or item.name.text in unparsed:
+            continue
+        word = item.name
+        if word.text not in required:
+            guess = suggestion(word.text, required)
+            fix = guess or f"write `require {word.text}: …` first"
+            yield Diagnostic("E15", f"there is no requirement `{word.text}`", word.span, fix=fix)
+        elif word.text in first:
+            message = f"`{word.text}` has a certify line already"
+            yield Diagnostic("E15", message, word.span, first[word.text].span, "put all settings in one line")
+        first.setdefault(word.text, word)

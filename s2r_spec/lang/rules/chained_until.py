@@ -1,0 +1,27 @@
+"""``until`` does not associate: in ``a until b until c`` nobody agrees on the meaning."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import fields
+
+from s2r_spec.lang import syntax
+from s2r_spec.lang.diagnostics import Diagnostic
+from s2r_spec.lang.parsing import Parsed
+
+
+def chained_until(parsed: Parsed) -> Iterator[Diagnostic]:
+    """Report the second operator of every chain."""
+    stack: list[syntax.Node] = list(parsed.statements)
+    while stack:
+        node = stack.pop()
+        if isinstance(node, syntax.Until) and len(node.links) > 1:
+            first, second = node.links[0].word.span.text, node.links[1].word.span
+            fix = f"write `(a {first} b) {second.text} c` or `a {first} (b {second.text} c)`"
+            yield Diagnostic(
+                "E11", f"`{second.text}` after `{first}` could be read in two ways", second, fix=fix
+            )
+        for item in fields(node):
+            held = getattr(node, item.name)
+            parts = held if isinstance(held, tuple) else (held,)
+            stack += [part for part in parts if isinstance(part, syntax.Node)]

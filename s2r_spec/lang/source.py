@@ -1,0 +1,83 @@
+"""Where something stands in a specification, and the picture that shows it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+_WIDEST_LINE = 110
+
+
+@dataclass(frozen=True)
+class Source:
+    """The text of a specification (line feeds only) and the name it goes by."""
+
+    text: str
+    name: str = "<string>"
+
+    @classmethod
+    def of(cls, text: str, name: str = "<string>") -> Source:
+        """Make a source with every line ending written as a line feed."""
+        return cls(text.replace("\r\n", "\n").replace("\r", "\n"), name)
+
+    def line(self, number: int) -> str:
+        """Return the text of a line, counted from 1."""
+        return self.text.split("\n")[number - 1]
+
+
+@dataclass(frozen=True)
+class Span:
+    """Characters ``start`` up to ``end`` of a source."""
+
+    source: Source = field(repr=False, compare=False)
+    start: int
+    end: int
+
+    @property
+    def text(self) -> str:
+        """What stands there."""
+        return self.source.text[self.start : self.end]
+
+    @property
+    def line(self) -> int:
+        """Line of the first character, counted from 1."""
+        return self.source.text.count("\n", 0, self.start) + 1
+
+    @property
+    def column(self) -> int:
+        """Column of the first character, counted from 1."""
+        return self.start - self.source.text.rfind("\n", 0, self.start)
+
+    @property
+    def place(self) -> str:
+        """Line and source, for a sentence: "line 3 of a.stl"."""
+        return f"line {self.line} of {self.source.name}"
+
+    def to(self, other: Span) -> Span:
+        """Return the span from the start of this one to the end of ``other``."""
+        return Span(self.source, self.start, other.end)
+
+    def picture(self, label: str = "") -> str:
+        """Draw the place: name and position, the line, and a caret under each character.
+
+        Of a span over several lines the first line is drawn; a very long line
+        is cut around the caret.
+        """
+        line = self.source.line(self.line).replace("\t", " ")
+        column = self.column - 1
+        length = max(1, min(self.end - self.start, len(line) - column))
+        if len(line) > _WIDEST_LINE:
+            first = max(0, column - _WIDEST_LINE // 2)
+            line = "…" + line[first : first + _WIDEST_LINE] + "…"
+            column += 1 - first
+            length = min(length, len(line) - column)
+        number = str(self.line)
+        margin = " " * len(number)
+        caret = " " * column + "^" * length
+        return "\n".join(
+            (
+                f"{margin}--> {self.source.name}:{self.line}:{self.column}",
+                f"{margin} |",
+                f"{number} | {line}".rstrip(),
+                f"{margin} | {caret} {label}".rstrip(),
+            )
+        )

@@ -1,0 +1,251 @@
+"""The syntax tree: what was written, before anything is checked."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from s2r_spec.lang.source import Span
+
+TemporalOp = Literal["always", "eventually", "historically", "once"]
+UntilOp = Literal["until", "since", "release", "unless"]
+StepOp = Literal["next", "prev"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Node:
+    """Anything that stands somewhere."""
+
+    span: Span
+
+
+@dataclass(frozen=True, kw_only=True)
+class Word(Node):
+    """A name, a keyword or an operator as it was written."""
+
+    text: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Number(Node):
+    """``0.05 {m/s}``."""
+
+    value: float
+    unit: Word | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Name(Node):
+    """A use of a declared name."""
+
+    name: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Index(Node):
+    """``u[0]``, counted from 0."""
+
+    name: Word
+    index: Number
+
+
+@dataclass(frozen=True, kw_only=True)
+class Call(Node):
+    """``abs(x)``."""
+
+    function: Word
+    arguments: tuple[Expression, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Truth(Node):
+    """``true`` or ``false``."""
+
+    value: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class Minus(Node):
+    """``-x``."""
+
+    operand: Expression
+
+
+@dataclass(frozen=True, kw_only=True)
+class Arithmetic(Node):
+    """``left + right`` with + - * / ^."""
+
+    operator: Word
+    left: Expression
+    right: Expression
+
+
+@dataclass(frozen=True, kw_only=True)
+class Comparison(Node):
+    """``0 <= x <= 2``: one operator fewer than operands."""
+
+    operators: tuple[Word, ...]
+    operands: tuple[Expression, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Negation(Node):
+    """``not φ``."""
+
+    operand: Expression
+
+
+@dataclass(frozen=True, kw_only=True)
+class Junction(Node):
+    """``φ and ψ and …`` or ``φ or ψ or …``."""
+
+    operator: Literal["and", "or"]
+    operands: tuple[Expression, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Implication(Node):
+    """``φ -> ψ`` or ``φ <-> ψ``."""
+
+    operator: Literal["->", "<->"]
+    left: Expression
+    right: Expression
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bound(Node):
+    """One end of an interval; without an expression it is ``inf``."""
+
+    value: Expression | None
+    unit: Word | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Interval(Node):
+    """``[a, b]``, ``(a, b]``, ``[a, b)`` or ``(a, b)``."""
+
+    low: Bound
+    high: Bound
+    low_closed: bool
+    high_closed: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class Temporal(Node):
+    """``always[a, b] φ``."""
+
+    operator: TemporalOp
+    interval: Interval | None
+    operand: Expression
+
+
+@dataclass(frozen=True, kw_only=True)
+class UntilLink(Node):
+    """The part ``until[a, b] ψ`` of an until."""
+
+    operator: UntilOp
+    word: Word
+    interval: Interval | None
+    operand: Expression
+
+
+@dataclass(frozen=True, kw_only=True)
+class Until(Node):
+    """``φ until[a, b] ψ``; more than one link is written by mistake only."""
+
+    left: Expression
+    links: tuple[UntilLink, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Step(Node):
+    """``next φ``."""
+
+    operator: StepOp
+    operand: Expression
+
+
+Expression = (
+    Number | Name | Index | Call | Truth | Minus | Arithmetic | Comparison
+    | Negation | Junction | Implication | Temporal | Until | Step
+)  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class Range(Node):
+    """``in [low, high]``."""
+
+    low: Expression
+    high: Expression
+
+
+@dataclass(frozen=True, kw_only=True)
+class Signal(Node):
+    """``signal u[3] {V} in [-24, 24]``."""
+
+    name: Word
+    dim: Number | None
+    unit: Word | None
+    range: Range | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Param(Node):
+    """``param vd {m/s} = 0.1 in [-0.2, 0.3]``."""
+
+    name: Word
+    unit: Word | None
+    default: Expression | None
+    range: Range | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Const(Node):
+    """``const tol {m/s} = 0.05``."""
+
+    name: Word
+    unit: Word | None
+    value: Expression
+
+
+@dataclass(frozen=True, kw_only=True)
+class Let(Node):
+    """``let settled := φ``; φ may be a number, too."""
+
+    name: Word
+    body: Expression
+
+
+@dataclass(frozen=True, kw_only=True)
+class Require(Node):
+    """``require walking: φ``."""
+
+    name: Word
+    body: Expression
+
+
+@dataclass(frozen=True, kw_only=True)
+class Setting(Node):
+    """``delta = 1e-6``."""
+
+    key: Word
+    value: Expression
+
+
+@dataclass(frozen=True, kw_only=True)
+class Certify(Node):
+    """``certify walking: delta = 1e-6, …``."""
+
+    name: Word
+    settings: tuple[Setting, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Broken(Node):
+    """A statement that did not parse: only its keyword and name are known."""
+
+    keyword: str
+    name: str
+
+
+Statement = Signal | Param | Const | Let | Require | Certify

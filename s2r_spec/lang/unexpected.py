@@ -1,0 +1,144 @@
+"""What to say when a statement does not parse: words instead of the grammar's terminals."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence, Set
+
+from lark import Token
+
+from s2r_spec.lang.diagnostics import Diagnostic, suggestion
+from s2r_spec.lang.lexing import ALIASES, STATEMENTS, span_of
+from s2r_spec.lang.source import Source, Span
+
+_WORDS = {
+    "NAME": "a name", "NUMBER": "a number", "UNIT": "a unit in braces", "INF": "`inf`", "IN": "`in`",
+    "LPAR": "`(`", "RPAR": "`)`", "LSQB": "`[`", "RSQB": "`]`", "COMMA": "`,`", "COLON": "`:`",
+    "EQ": "`=`", "ASSIGN": "`:=`", "$END": "the end of the statement",
+}  # fmt: skip
+_EXPRESSION = frozenset({"NUMBER", "NAME", "LPAR", "MINUS"})
+_FORMULA = _EXPRESSION | {"NOT", "TEMPORAL", "STEP", "TRUE", "FALSE"}
+_OPERATORS = frozenset(
+    {"PLUS", "MINUS", "TIMES", "DIV", "POW", "CMP", "AND", "OR", "IMPLIES", "IFF", "UNTIL"}
+)
+_CLOSING = {"LPAR": ("RPAR", ")"), "LSQB": ("RSQB", "]")}
+_KEYWORDS = tuple(word.lower() for word in STATEMENTS)
+_ANY_KEYWORD = "signal, param, const, let, require or certify"
+
+
+def stray_character(span: Span) -> Diagnostic:
+    """Explain a character that begins no token."""
+    fix = {
+        "{": "a unit stands in braces on one line, such as {m/s}",
+        "}": "a unit stands in braces on one line, such as {m/s}",
+        "'": "names are written without quotes",
+        '"': "names are written without quotes",
+        ";": "a statement ends where the next one begins; leave the semicolon out",
+    }.get(span.text, "leave it out")
+    return Diagnostic("E01", f"the character `{span.text}` has no meaning here", span, fix=fix)
+
+
+def explain(source: Source, tokens: Sequence[Token], position: int, allowed: Set[str]) -> Diagnostic:
+    """Explain why token ``position`` (or, past the last, the end) cannot follow those before it.
+
+    Args:
+        source: the text.
+        tokens: the statement.
+        position: index of the token that does not fit; ``len(tokens)`` for the end.
+        allowed: terminals that would have fitted.
+    """
+    if position == len(tokens):
+        return _end(source, tokens, allowed)
+    token = tokens[position]
+    span = span_of(source, token)
+    if position == 0:
+        guess = suggestion(str(token), _KEYWORDS)
+        return Diagnostic(
+            "E01",
+            f"a statement cannot begin with `{span.text}`",
+            span,
+            fix=guess or f"begin with {_ANY_KEYWORD}",
+        )
+    taken = _taken_alias(source, tokens, position)
+    if taken is not None:
+        return taken
+    message = f"unexpected `{span.text}`, expected {_expected(allowed)}"
+    return Diagnostic("E01", message, span, fix=_hint(source, tokens, position, allowed))
+
+
+def _end(source: Source, tokens: Sequence[Token], allowed: Set[str]) -> Diagnostic:
+    last = span_of(source, tokens[-1])
+    opened = _unclosed(tokens)
+    if opened is not None and (closing := _CLOSING[opened.type])[0] in allowed:
+        place = span_of(source, opened)
+        return Diagnostic(
+            "E01",
+            f"this `{place.text}` is never closed",
+            place,
+            fix=f"write `{closing[1]}` after `{last.text}` in line {last.line}, or leave this out",
+        )
+    after = Span(source, last.end - 1, last.end)
+    return Diagnostic("E01", f"the statement ends after `{last.text}`, expected {_expected(allowed)}", after)
+
+
+def _unclosed(tokens: Sequence[Token]) -> Token | None:
+    """Return the innermost bracket that is still open. An interval may close with either kind."""
+    stack: list[Token] = []
+    for token in tokens:
+        if token.type in ("LPAR", "LSQB"):
+            stack.append(token)
+        elif token.type in ("RPAR", "RSQB") and stack:
+            stack.pop()
+    return stack[-1] if stack else None
+
+
+def _expected(allowed: Set[str]) -> str:
+    rest = set(allowed)
+    words = []
+    if rest >= _FORMULA:
+        words.append("a condition or a number")
+        rest -= _FORMULA | {"LSQB"}
+    elif rest >= _EXPRESSION:
+        words.append("a number")
+        rest -= _EXPRESSION | {"LSQB"}
+    if rest & _OPERATORS:
+        # after a complete operand: an operator can follow, and whatever closes or goes on
+        words.append("an operator")
+        rest -= _OPERATORS | {"UNIT", "LPAR", "LSQB"}
+    words += [_WORDS[terminal] for terminal in sorted(rest) if terminal in _WORDS]
+    if set(allowed) == STATEMENTS:
+        return _ANY_KEYWORD
+    return " or ".join((", ".join(words[:-1]), words[-1])) if len(words) > 1 else words[0]
+
+
+def _hint(source: Source, tokens: Sequence[Token], position: int, allowed: Set[str]) -> str:
+    token, before = tokens[position], tokens[position - 1]
+    here = span_of(source, token)
+    first_on_line = span_of(source, before).line < here.line
+    guess = suggestion(str(token), _KEYWORDS)
+    if token.type == "NAME" and first_on_line and guess:
+        return guess
+    if token.type in ("RSQB", "RPAR") and "COMMA" in allowed and "RPAR" not in allowed:
+        return "an interval has two ends, such as [0, 0.5 s]"
+    if token.type == "EQ" and "CMP" in allowed:
+        return "to compare, write `<=`, `>=` or `==`"
+    if before.type in STATEMENTS and token.type not in ("NAME", "NUMBER"):
+        return f"`{here.text}` is a word of the language and cannot be a name"
+    if token.type == "UNIT" and tokens[0].type in ("SIGNAL", "PARAM", "CONST"):
+        return "the unit stands right after the name"
+    return ""
+
+
+def _taken_alias(source: Source, tokens: Sequence[Token], position: int) -> Diagnostic | None:
+    """Explain ``F[0,1] φ`` where F is declared: there F is not ``eventually``."""
+    for name in reversed(tokens[2:position]):
+        if name.type != "NAME" or name not in ALIASES:
+            continue
+        _, word = ALIASES[str(name)]
+        span = span_of(source, name)
+        return Diagnostic(
+            "E07",
+            f"`{name}` is declared here, so it does not mean `{word}`",
+            span,
+            fix=f"write `{word}`, or declare another name",
+        )
+    return None

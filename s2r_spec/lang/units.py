@@ -1,0 +1,186 @@
+"""Units: what each one measures, and how its numbers become another unit's.
+
+Names, prefixes and factors come from pint, looked up one name at a time;
+products, powers and comparisons are done here, on plain numbers, so that a
+checked specification needs pint no more. An angle has no dimension, as in the
+SI: rad/s and 1/s are alike, deg/s is converted.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import pint
+
+Dimension = tuple[tuple[str, float], ...]
+
+_FACTOR = re.compile(r"\s*([A-Za-zµμΩ°%]+|1)\s*(?:(?:\^|\*\*)\s*(-?\d{1,2}))?\s*")
+_JOINT = re.compile(r"[*·/]|(?=\S)")
+# pint reads Nm as a textile's count per length; on a robot it is a torque
+_ALSO = {"Nm": (("N", 1), ("m", 1)), "%": (("percent", 1),)}
+
+
+class UnknownUnitError(ValueError):
+    """A text is not a unit; ``args[0]`` is the part that is to blame."""
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A unit of measurement.
+
+    Args:
+        text: as it is written.
+        dimension: ((base dimension, exponent), …), sorted; empty for a plain number.
+        factor: how many base units one is.
+        offset: where its zero lies in base units (degC); 0 for nearly all.
+    """
+
+    text: str
+    dimension: Dimension = ()
+    factor: float = 1.0
+    offset: float = 0.0
+
+    def __str__(self) -> str:
+        return self.text or "no unit"
+
+    def fits(self, other: Unit) -> bool:
+        """Whether both measure the same thing."""
+        return self.dimension == other.dimension
+
+    def to(self, other: Unit) -> tuple[float, float]:
+        """Return (a, b): a number x of this unit is a·x + b of the other one."""
+        if (self.factor, self.offset) == (other.factor, other.offset):
+            return 1.0, 0.0
+        return self.factor / other.factor, (self.offset - other.offset) / other.factor
+
+    @property
+    def difference(self) -> Unit:
+        """The unit of a difference of two numbers of this unit: K for degC."""
+        return (
+            Unit("K" if self.factor == 1.0 else f"delta_{self.text}", self.dimension, self.factor)
+            if self.offset
+            else self
+        )
+
+    def times(self, other: Unit) -> Unit:
+        """Return the unit of a product."""
+        if not other.text or not self.text:
+            return other if not self.text else self
+        return Unit(
+            f"{self.text}*{other.text}",
+            _combined(self.dimension, other.dimension, 1),
+            self.factor * other.factor,
+        )
+
+    def over(self, other: Unit) -> Unit:
+        """Return the unit of a quotient."""
+        if not other.text:
+            return self
+        below = f"({other.text})" if re.search(r"[*/·\s]", other.text) else other.text
+        return Unit(
+            f"{self.text or '1'}/{below}",
+            _combined(self.dimension, other.dimension, -1),
+            self.factor / other.factor,
+        )
+
+    def power(self, exponent: float) -> Unit:
+        """Return the unit of a power."""
+        if not self.text:
+            return self
+        if exponent == 0:
+            return PLAIN
+        dimension = tuple((name, n * exponent) for name, n in self.dimension)
+        base = self.text if self.text.isalnum() else f"({self.text})"
+        return Unit(f"{base}^{exponent:g}", dimension, self.factor**exponent)
+
+
+PLAIN = Unit("")
+"""The unit of a number that has none."""
+
+SECOND = Unit("s", (("[time]", 1.0),))
+
+
+def parse_unit(text: str) -> Unit:
+    """Return the unit that a text such as "m/s", "km / h" or "N m" means.
+
+    Raises:
+        UnknownUnitError: a name in it is not a unit.
+    """
+    return _parse(text.strip())
+
+
+@cache
+def _parse(text: str) -> Unit:
+    if text in ("", "1"):
+        return PLAIN
+    parts = list(_parts(text))
+    if len(parts) == 1 and parts[0][1] == 1:
+        found = _named(parts[0][0])
+        return Unit(text, found.dimension, found.factor, found.offset)
+    unit = PLAIN
+    for name, exponent in parts:
+        found = _named(name)
+        powered = Unit(name, found.dimension, found.factor).power(exponent) if name != "1" else PLAIN
+        unit = unit.times(powered)
+    return Unit(text, unit.dimension, unit.factor)
+
+
+def _parts(text: str) -> list[tuple[str, int]]:
+    """Return [("m", 1), ("s", -2)] for "m/s^2"; a quotient divides by the next name only."""
+    parts: list[tuple[str, int]] = []
+    position, sign = 0, 1
+    while True:
+        factor = _FACTOR.match(text, position)
+        if factor is None:
+            raise UnknownUnitError(text[position:].strip() or text)
+        exponent = sign * int(factor[2] or 1)
+        parts += [(name, n * exponent) for name, n in _ALSO.get(factor[1], ((factor[1], 1),))]
+        position = factor.end()
+        if position == len(text):
+            return parts
+        joint = _JOINT.match(text, position)
+        assert joint is not None
+        position, sign = joint.end(), -1 if joint[0] == "/" else 1
+
+
+@cache
+def _named(name: str) -> Unit:
+    """Look one name up. The factors of pint are to its own base units, which is all that matters here."""
+    if name == "1":
+        return PLAIN
+    import pint
+
+    registry = _registry()
+    try:
+        unit = registry.parse_units(name)
+        zero, one, two = (_base(registry.Quantity(float(n), unit)) for n in (0, 1, 2))
+    except (pint.PintError, ValueError, TypeError, AttributeError, OverflowError, ArithmeticError):
+        raise UnknownUnitError(name) from None
+    if abs(two - one - (one - zero)) > 1e-9 * abs(two - zero):
+        raise UnknownUnitError(name)  # a logarithmic unit, such as dB
+    dimensions: Mapping[str, Any] = unit.dimensionality
+    dimension = tuple(sorted((base, float(n)) for base, n in dimensions.items() if n))
+    return Unit(name, dimension, one - zero if zero else one, zero)
+
+
+def _base(quantity: Any) -> float:
+    return float(quantity.to_root_units().magnitude)
+
+
+@cache
+def _registry() -> pint.UnitRegistry[Any]:
+    import pint
+
+    return pint.UnitRegistry()
+
+
+def _combined(left: Dimension, right: Dimension, sign: int) -> Dimension:
+    total = dict(left)
+    for name, exponent in right:
+        total[name] = total.get(name, 0.0) + sign * exponent
+    return tuple(sorted((name, exponent) for name, exponent in total.items() if abs(exponent) > 1e-9))

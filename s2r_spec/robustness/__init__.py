@@ -1,0 +1,1 @@
+"""Quantitative semantics: how far a trace is from violating, or satisfying, a formula."""

@@ -1,0 +1,109 @@
+"""Sample times as a regular grid, and time intervals as counts of its samples."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from fractions import Fraction
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec.errors import TraceError, UsageError
+from s2r_spec.lang.formula import Interval
+
+FloatArray = NDArray[np.float64]
+
+JITTER = 1e-2
+"""Sample times this close to a grid, in periods, are on it."""
+SNAP = 1e-6
+"""Interval ends this close to a sample, in periods, are on it: 0.3 s is the third sample of 0.1 s."""
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Samples at equal distances.
+
+    Args:
+        count: number of samples, ≥ 1.
+        period: distance [s]; None for a single sample.
+        jitter: greatest distance of a sample from its place, in periods.
+    """
+
+    count: int
+    period: Fraction | None
+    jitter: float = 0.0
+
+    @classmethod
+    def of(cls, times: FloatArray) -> Grid:
+        """Find the grid of (n,) increasing times [s].
+
+        The period is the simplest fraction that the times allow: files write
+        0.033 for 1/30, and times add up rounding.
+
+        Raises:
+            UsageError: a sample is more than 1 % of a period off.
+        """
+        count = times.size
+        if count == 1:
+            return cls(1, None)
+        mean = float(times[-1] - times[0]) / (count - 1)
+        off = times - times[0] - mean * np.arange(count)
+        jitter = float(np.abs(off).max()) / mean
+        if jitter > JITTER:
+            steps = np.diff(times)
+            raise UsageError(
+                f"the trace is not sampled regularly, which is not implemented yet: "
+                f"its steps are between {steps.min():g} s and {steps.max():g} s"
+            )
+        rounding = 4 * np.finfo(np.float64).eps * float(np.abs(times).max())
+        slack = 2 * (jitter * mean + rounding) / (count - 1)
+        return cls(count, _simplest(Fraction(mean - slack), Fraction(mean + slack)), jitter)
+
+    def window(self, interval: Interval) -> tuple[int, int | None]:
+        """Return (low, high): the samples t + low … t + high lie in t + interval; None means all the rest.
+
+        Open ends leave the sample on them out.
+
+        Raises:
+            TraceError: an end is no multiple of the period, or no sample lies in the interval.
+        """
+        low = self.index(interval.low, interval) + (not interval.low_closed)
+        if math.isinf(interval.high):
+            return low, None
+        high = self.index(interval.high, interval) - (not interval.high_closed)
+        if high < low:
+            raise TraceError(
+                f"no sample lies in `{interval.span.text}` ({interval.span.place}): "
+                f"the sample period is {self.seconds(1):g} s"
+            )
+        return low, high
+
+    def index(self, time: float, interval: Interval) -> int:
+        """Return the number of periods in ``time`` [s], an end of ``interval``."""
+        if self.period is None:
+            return math.ceil(min(time, 1.0))  # a single sample: everything but now is past the end
+        periods = time / float(self.period)
+        nearest = round(periods)
+        if abs(periods - nearest) > SNAP:
+            below, above = self.seconds(math.floor(periods)), self.seconds(math.ceil(periods))
+            raise TraceError(
+                f"the time {time:g} s in `{interval.span.text}` ({interval.span.place}) "
+                f"is not a multiple of the sample period, {self.seconds(1):g} s; "
+                f"the nearest multiples are {below:g} s and {above:g} s"
+            )
+        return nearest
+
+    def seconds(self, periods: int) -> float:
+        """Return the time of a number of periods [s]."""
+        return float(periods * self.period) if self.period is not None else 0.0
+
+
+def _simplest(low: Fraction, high: Fraction) -> Fraction:
+    """Return the fraction with the least denominator in [low, high], 0 < low (Stern–Brocot)."""
+    whole = math.floor(low)
+    if whole == low:
+        return Fraction(whole)
+    if whole + 1 <= high:
+        return Fraction(whole + 1)
+    return whole + 1 / _simplest(1 / (high - whole), 1 / (low - whole))

@@ -1,0 +1,59 @@
+"""How much of a trace a formula looks at, from an instant on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from s2r_spec.lang import formula as f
+from s2r_spec.robustness.grid import Grid
+
+Ends = Callable[[f.Interval], tuple[float, float]]
+
+
+def horizon(formula: f.Formula) -> float:
+    """Return the time after an instant that decides the formula there [s]; inf if it is the whole rest."""
+    return _reach(formula, lambda interval: (interval.low, interval.high), 0.0)
+
+
+def samples_needed(formula: f.Formula, grid: Grid) -> int:
+    """Return how many samples after an instant the formula needs on a grid.
+
+    An unbounded window needs its first sample only: it means the rest of the
+    trace, however long. An open end does not need the sample on it.
+    """
+
+    def ends(interval: f.Interval) -> tuple[float, float]:
+        low, high = grid.window(interval)
+        return low, low if high is None else high
+
+    return int(_reach(formula, ends, 1.0))
+
+
+def _reach(formula: f.Formula, ends: Ends, step: float) -> float:
+    """Add the interval ends up, outermost to innermost; ``step`` is what `next` counts."""
+    known: dict[int, float] = {}
+
+    def reach(node: f.Node) -> float:
+        if id(node) not in known:
+            known[id(node)] = here(node)
+        return known[id(node)]
+
+    def below(node: f.Node) -> float:
+        return max((reach(child) for child in f.children(node) if isinstance(child, f.Formula)), default=0.0)
+
+    def here(node: f.Node) -> float:
+        match node:
+            case f.Temporal(operator="always" | "eventually"):
+                return ends(node.interval)[1] + below(node)
+            case f.Temporal(operator="historically" | "once"):
+                return max(0.0, below(node) - ends(node.interval)[0])
+            case f.Until(operator="since"):
+                return max(0.0, reach(node.left), reach(node.right) - ends(node.interval)[0])
+            case f.Until():
+                return ends(node.interval)[1] + below(node)
+            case f.Step(operator="next"):
+                return step + below(node)
+            case _:
+                return below(node)
+
+    return reach(formula)

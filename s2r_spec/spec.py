@@ -1,0 +1,264 @@
+"""A specification: what is promised about a trace, over which tests, and how it is to be certified."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec.errors import TraceError, UsageError, did_you_mean, one_of
+from s2r_spec.lang import formula as f
+from s2r_spec.lang.declarations import CertifySettings, KernelChoice, Param, Signal
+from s2r_spec.lang.diagnostics import Diagnostic, SpecError
+from s2r_spec.robustness.evaluate import Samples, Witness, robustness
+from s2r_spec.robustness.grid import Grid
+from s2r_spec.robustness.horizon import horizon, samples_needed
+from s2r_spec.robustness.reading import held, read_params, read_signals
+from s2r_spec.space import Axis, Space
+from s2r_spec.trace import Trace
+
+__all__ = [
+    "CertifySettings",
+    "Diagnostic",
+    "KernelChoice",
+    "Param",
+    "Signal",
+    "Spec",
+    "SpecError",
+    "load_spec",
+    "parse_spec",
+]
+
+FloatArray = NDArray[np.float64]
+Interpolation = Literal["samples", "hold", "linear"]
+End = Literal["clip", "hold"]
+
+
+@dataclass(frozen=True, eq=False)
+class Spec:
+    """A checked specification. Made by :func:`parse_spec` and :func:`load_spec`; can be pickled.
+
+    Args:
+        name: what it goes by in messages; the path if it was loaded.
+        text: its text, every line ending a line feed.
+        signals: name → declaration of a channel that a trace must have.
+        params: name → declaration of a test parameter.
+        formulas: requirement → its checked formula, in declared order.
+        certify: requirement → settings, for those that have a ``certify`` line.
+    """
+
+    name: str
+    text: str = field(repr=False)
+    signals: Mapping[str, Signal]
+    params: Mapping[str, Param]
+    formulas: Mapping[str, f.Formula] = field(repr=False)
+    certify: Mapping[str, CertifySettings]
+
+    @property
+    def hash(self) -> str:
+        """SHA-256 of the text, as hex digits; the same for every style of line ending."""
+        return hashlib.sha256(self.text.encode()).hexdigest()
+
+    @property
+    def requirements(self) -> tuple[str, ...]:
+        """Names of what is required, in declared order."""
+        return tuple(self.formulas)
+
+    @property
+    def space(self) -> Space:
+        """The test space: every parameter with a range and no default, in declared order."""
+        return Space(
+            tuple(Axis(p.name, *p.range, p.unit) for p in self.params.values() if p.range and p.searched)
+        )
+
+    def unit(self, requirement: str) -> str:
+        """Return the unit of ρ: "" for none, "mixed" if it is the least of margins that do not compare."""
+        unit = self._formula(requirement).unit
+        return "" if unit is None else unit.text
+
+    def channels(self, requirement: str | None = None) -> tuple[str, ...]:
+        """Return the names of the signals that a requirement (or any) uses, in declared order."""
+        used = {node.name for node in self._nodes(requirement) if isinstance(node, f.SignalValue)}
+        return tuple(name for name in self.signals if name in used)
+
+    def horizon(self, requirement: str | None = None) -> float:
+        """Return how long a trace must be to decide a requirement (or all) at its start [s].
+
+        It is inf if an unbounded operator looks at the whole rest of a trace,
+        however long. ``next`` counts as 0: its length is that of a sample.
+        """
+        return max(horizon(formula) for formula in self._chosen(requirement))
+
+    def robustness(
+        self,
+        trace: Trace,
+        params: Mapping[str, float] | None = None,
+        *,
+        until: Witness = "open",
+        partial: bool = False,
+    ) -> dict[str, float]:
+        """Return requirement → ρ at the trace's first time, in the unit :meth:`unit`.
+
+        ρ > 0: it holds, and keeps holding while every signal changes by less
+        than ρ. ρ < 0: it is violated. A trace with a failure (a fall) has the ρ
+        that the ``certify`` line declares for it, whatever its samples are.
+
+        Args:
+            trace: with every channel of :meth:`channels`, regularly sampled.
+            params: name → value in the declared unit, for every parameter used that has no default.
+            until: see :class:`s2r_spec.robustness.evaluate.Samples`.
+            partial: evaluate a trace that is shorter than the horizon on what there is.
+
+        Raises:
+            TraceError: a channel is missing, has NaN or an unfit unit, a time bound does
+                not fit the sample period, or the trace is too short.
+            UsageError: a parameter is missing or unknown, the sampling is irregular, or the
+                trace failed and no value is declared for that.
+        """
+        if trace.failure is not None:
+            return {name: self._fallen(name, trace.failure) for name in self.formulas}
+        samples = self._samples(trace, params, None, until)
+        result = {}
+        for name, formula in self.formulas.items():
+            needed = samples_needed(formula, samples.grid)
+            if needed > samples.grid.count - 1 and not partial:
+                raise TraceError(
+                    f"{name!r} looks {self._ahead(name, samples.grid, needed)} ahead, but the trace lasts "
+                    f"{trace.duration:g} s; a longer trace decides it, partial=True evaluates what there is"
+                )
+            result[name] = float(robustness(formula, samples)[0])
+        return result
+
+    def robustness_signal(
+        self,
+        trace: Trace,
+        requirement: str,
+        params: Mapping[str, float] | None = None,
+        *,
+        interpolation: Interpolation = "samples",
+        until: Witness = "open",
+        end: End = "clip",
+    ) -> FloatArray:
+        """Return (n,): ρ of one requirement at every sample.
+
+        Near the end of the trace windows reach past it. ``end="clip"`` cuts
+        them there: a window wholly past the end is empty, so that ``always`` is
+        +inf and ``eventually`` and ``until`` are −inf. ``end="hold"`` goes on
+        with the last sample of every signal instead.
+
+        A failure of the trace does not change the result: the samples count here.
+
+        Args:
+            trace: see :meth:`robustness`.
+            requirement: one of :attr:`requirements`.
+            params: see :meth:`robustness`.
+            interpolation: only "samples", a condition at the samples alone, so far.
+            until: see :class:`s2r_spec.robustness.evaluate.Samples`.
+            end: what is past the last sample.
+
+        Raises:
+            TraceError: see :meth:`robustness`.
+            UsageError: see :meth:`robustness`.
+        """
+        _choice("interpolation", interpolation, ("samples", "hold", "linear"))
+        _choice("end", end, ("clip", "hold"))
+        if interpolation != "samples":
+            raise UsageError(f"interpolation={interpolation!r} is not implemented yet; only 'samples' is")
+        formula = self._formula(requirement)
+        samples = self._samples(trace, params, requirement, until)
+        if end == "hold":
+            samples = held(samples, samples_needed(formula, samples.grid))
+        return np.array(robustness(formula, samples)[: len(trace)])
+
+    def _formula(self, requirement: str) -> f.Formula:
+        if requirement not in self.formulas:
+            guess = did_you_mean(requirement, self.formulas) or ";"
+            raise UsageError(
+                f"{self.name} has no requirement {requirement!r}{guess} it has {one_of(self.formulas)}"
+            )
+        return self.formulas[requirement]
+
+    def _chosen(self, requirement: str | None) -> Sequence[f.Formula]:
+        return tuple(self.formulas.values()) if requirement is None else (self._formula(requirement),)
+
+    def _nodes(self, requirement: str | None) -> list[f.Node]:
+        return [node for formula in self._chosen(requirement) for node in f.walk(formula)]
+
+    def _samples(
+        self, trace: Trace, params: Mapping[str, float] | None, requirement: str | None, until: Witness
+    ) -> Samples:
+        _choice("until", until, ("open", "closed"))
+        used = {node.name for node in self._nodes(requirement) if isinstance(node, f.ParamValue)}
+        numbers = read_params(self.params, used, params or {})
+        signals = read_signals([self.signals[name] for name in self.channels(requirement)], trace)
+        return Samples(Grid.of(trace.times), signals, numbers, until)
+
+    def _ahead(self, name: str, grid: Grid, needed: int) -> str:
+        seconds = self.horizon(name)
+        return f"{seconds if np.isfinite(seconds) and seconds else grid.seconds(needed):g} s"
+
+    def _fallen(self, requirement: str, failure: str) -> float:
+        settings = self.certify.get(requirement)
+        if settings is None or settings.fall is None:
+            raise UsageError(
+                f"the trace ended with {failure!r}, and {self.name} declares no ρ for that; "
+                f"write for example `certify {requirement}: fall = -1`"
+            )
+        return settings.fall
+
+
+def parse_spec(text: str, name: str = "<string>") -> Spec:
+    """Return the specification that a text means.
+
+    Raises:
+        SpecError: with every mistake of the text, drawn with line and caret.
+    """
+    # the parser and the units cost half a second to import: only who parses pays
+    from s2r_spec.lang.checking import check_text
+
+    document = check_text(text, name)
+    return Spec(
+        name, document.source.text, document.signals, document.params, document.requirements, document.certify
+    )
+
+
+def load_spec(path: str | Path) -> Spec:
+    """Read a specification from a file (UTF-8).
+
+    Raises:
+        UsageError: the file cannot be read, is not text, or is a mesh (``.stl`` means that, too).
+        SpecError: see :func:`parse_spec`.
+    """
+    try:
+        data = Path(path).read_bytes()
+    except OSError as error:
+        raise UsageError(f"cannot read the specification {path}: {error.strerror}") from None
+    if _is_mesh(data):
+        raise UsageError(
+            f"{path} is a 3-D mesh; s2r reads signal temporal logic, which has the same ending, .stl, "
+            f"and is text like `require slow: always (v <= 1 {{m/s}})`"
+        )
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise UsageError(
+            f"{path} is not UTF-8 text: byte {error.start} is {data[error.start]:#04x}"
+        ) from None
+    return parse_spec(text, str(path))
+
+
+def _is_mesh(data: bytes) -> bool:
+    """Tell a mesh: binary ones give their size, ASCII ones list facets."""
+    binary = len(data) >= 84 and len(data) == 84 + 50 * int.from_bytes(data[80:84], "little")
+    head = data[:1000].lower()
+    return binary or (head.lstrip().startswith(b"solid") and (b"facet" in head or b"endsolid" in head))
+
+
+def _choice(name: str, value: str, choices: tuple[str, ...]) -> None:
+    if value not in choices:
+        raise UsageError(f"{name}={value!r} is not one of {', '.join(map(repr, choices))}")
