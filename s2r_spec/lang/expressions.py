@@ -12,7 +12,8 @@ from s2r_spec.lang.constants import constant
 from s2r_spec.lang.declarations import Param, Signal
 from s2r_spec.lang.functions import call
 from s2r_spec.lang.intervals import EVER, interval
-from s2r_spec.lang.scope import Scope, each, fail, unit_of
+from s2r_spec.lang.scope import Scope, both, each, fail, unit_of
+from s2r_spec.lang.source import Span
 from s2r_spec.lang.unify import alike, combine, margins, one, without_offset
 from s2r_spec.lang.units import PLAIN
 
@@ -83,13 +84,7 @@ def check(expression: syntax.Expression, scope: Scope) -> Checked:
             (left, right), rho = margins(_conditions(sides, scope, expression.operator))
             return f.Implication(span=span, unit=rho, operator=expression.operator, left=left, right=right)
         case syntax.Temporal():
-            within = (
-                EVER(span) if expression.interval is None else interval(expression.interval, scope, value)
-            )
-            inner = condition(expression.operand, scope, f"`{expression.operator}`")
-            return f.Temporal(
-                span=span, unit=inner.unit, operator=expression.operator, interval=within, operand=inner
-            )
+            return _temporal(expression, scope)
         case syntax.Until():
             return _until(expression, scope)
         case syntax.Step():
@@ -178,11 +173,27 @@ def _comparison(expression: syntax.Comparison, scope: Scope) -> f.Formula:
     return f.Junction(span=expression.span, unit=rho, operator="and", operands=both)
 
 
+def _temporal(expression: syntax.Temporal, scope: Scope) -> f.Formula:
+    operator, span = expression.operator, expression.span
+    within, inner = both(
+        lambda: _within(expression.interval, span, scope),
+        lambda: condition(expression.operand, scope, f"`{operator}`"),
+    )
+    return f.Temporal(span=span, unit=inner.unit, operator=operator, interval=within, operand=inner)
+
+
+def _within(written: syntax.Interval | None, span: Span, scope: Scope) -> f.Interval:
+    return EVER(span) if written is None else interval(written, scope, value)
+
+
 def _until(expression: syntax.Until, scope: Scope) -> f.Formula:
     # a chain of several is reported by rules/chained_until.py
     link, span = expression.links[0], expression.span
-    within = EVER(span) if link.interval is None else interval(link.interval, scope, value)
-    (left, right), rho = margins(_conditions((expression.left, link.operand), scope, link.operator))
+    within, sides = both(
+        lambda: _within(link.interval, span, scope),
+        lambda: _conditions((expression.left, link.operand), scope, link.operator),
+    )
+    (left, right), rho = margins(sides)
     return f.Until(span=span, unit=rho, operator=link.operator, interval=within, left=left, right=right)
 
 

@@ -34,14 +34,17 @@ def parse(source: Source) -> Parsed:
     lexed = lex(source)
     statements: list[syntax.Statement] = []
     broken: list[syntax.Broken] = []
-    diagnostics = [stray_character(span_of(source, token)) for token in lexed.stray]
+    strays = [stray_character(span_of(source, token)) for token in lexed.stray]
+    diagnostics = list(strays)
     for tokens in lexed.statements:
         result = _statement(source, tokens)
         if isinstance(result, Diagnostic):
             span = span_of(source, tokens[0]).to(span_of(source, tokens[-1]))
             name = str(tokens[1]) if len(tokens) > 1 and tokens[1].type == "NAME" else ""
             broken.append(syntax.Broken(span=span, keyword=str(tokens[0]), name=name))
-            diagnostics.append(result)
+            if not any(span.start <= found.span.start <= result.span.start for found in strays):
+                # else it is the stray character, reported already, that breaks the statement
+                diagnostics.append(result)
         else:
             statements.append(result)
     return Parsed(source, tuple(statements), tuple(broken), tuple(diagnostics))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
-from typing import NoReturn, TypeVar
+from typing import NoReturn, TypeVar, cast
 
 from s2r_spec.lang import syntax
 from s2r_spec.lang.declarations import Param, Signal
@@ -44,6 +44,12 @@ def each(check: Callable[[T], R], items: Iterable[T]) -> list[R]:
     return checked
 
 
+def both(first: Callable[[], R], second: Callable[[], T]) -> tuple[R, T]:
+    """Run two checks of different kinds as :func:`each` does."""
+    results: list[R | T] = each(lambda check: check(), cast(list[Callable[[], R | T]], [first, second]))
+    return cast(tuple[R, T], tuple(results))
+
+
 @dataclass(frozen=True)
 class Definition:
     """What a ``const``, ``let`` or ``require`` stands for."""
@@ -69,7 +75,7 @@ class Scope:
     poisoned: set[str] = field(default_factory=set)
     later: dict[str, Span] = field(default_factory=dict)
 
-    def find(self, name: str, span: Span, known: Iterable[str] = ()) -> Declaration:
+    def find(self, name: str, span: Span) -> Declaration:
         """Return what ``name`` stands for, or fail at ``span``."""
         if name in self.declared:
             return self.declared[name]
@@ -83,8 +89,8 @@ class Scope:
                 "move the declaration up",
                 self.later[name],
             )
-        guess = suggestion(name, [*self.declared, *known])
-        fix = guess or f"declare it, for example `signal {name} {{m/s}}`"
+        listed = ", ".join(f"`{known}`" for known in list(self.declared)[:8]) or "nothing"
+        fix = suggestion(name, self.declared) or f"declare it; what is declared above is {listed}"
         fail("E02", f"`{name}` is not declared", span, fix)
 
 

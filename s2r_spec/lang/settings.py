@@ -54,12 +54,12 @@ def _number(setting: syntax.Setting, requirement: f.Formula | None, scope: Scope
     if key == "delta" and not 0 < number < 1:
         fail(
             "E13",
-            f"`delta` is a probability between 0 and 1, not {number:g}",
+            f"`delta` must be a probability between 0 and 1, not {number:g}",
             span,
             "for example `delta = 1e-6`",
         )
     if key in ("B", "R", "epsilon") and number <= 0:
-        fail("E13", f"`{key}` is positive, not {number:g}", span)
+        fail("E13", f"`{key}` must be positive, not {number:g}", span)
     return number
 
 
@@ -78,7 +78,12 @@ def _kernel(written: syntax.Expression, scope: Scope) -> KernelChoice:
         fail("E14", "a kernel needs a test space, and no `param` has a range", written.span)
     if count not in (1, len(axes)):
         names = ", ".join(axis.name for axis in axes)
-        fail("E14", f"{count} length scales for {len(axes)} parameters ({names})", written.span, usage)
+        fail(
+            "E14",
+            f"there are {count} length scales, but the searched parameters are: {names}",
+            written.span,
+            usage,
+        )
     pairs = list(zip(scales * len(axes) if count == 1 else scales, axes, strict=True))
     return KernelChoice(_KERNELS[name], tuple(_lengthscale(scale, axis, scope) for scale, axis in pairs))
 
@@ -88,5 +93,5 @@ def _lengthscale(written: syntax.Expression, axis: Param, scope: Scope) -> float
     unit = axis.measure.difference
     number = quantity(written, scope, None if unit == PLAIN else unit, f"the length scale of `{axis.name}`")
     if number <= 0:
-        fail("E14", f"a length scale is positive, not {number:g}", written.span)
+        fail("E14", f"a length scale must be positive, not {number:g}", written.span)
     return number

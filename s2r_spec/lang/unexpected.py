@@ -103,6 +103,8 @@ def _expected(allowed: Set[str]) -> str:
     if rest & _OPERATORS:
         # after a complete operand: an operator can follow, and whatever closes or goes on
         words.append("an operator")
+        if "COLON" in rest:  # perhaps the first end of an interval, perhaps no interval at all
+            rest -= {"COLON", "NAME"} | ({"COMMA"} if "RPAR" in rest else set())
         rest -= _OPERATORS | {"UNIT", "LPAR", "LSQB"}
     words += [_WORDS[terminal] for terminal in sorted(rest) if terminal in _WORDS]
     if set(allowed) == STATEMENTS:
@@ -121,6 +123,8 @@ def _hint(source: Source, tokens: Sequence[Token], position: int, allowed: Set[s
         return "an interval has two ends, such as [0, 0.5 s]"
     if token.type == "EQ" and "CMP" in allowed:
         return "to compare, write `<=`, `>=` or `==`"
+    if before.type == "REQUIRE" and token.type != "NUMBER":
+        return "a requirement has a name: `require slow: always …`"
     if before.type in STATEMENTS and token.type not in ("NAME", "NUMBER"):
         return f"`{here.text}` is a word of the language and cannot be a name"
     if token.type == "UNIT" and tokens[0].type in ("SIGNAL", "PARAM", "CONST"):

@@ -49,10 +49,14 @@ def _different(left: f.Value, right: f.Value, at: Span, verb: str) -> None:
     assert left.unit is not None
     assert right.unit is not None
     link = "with" if verb == "compare" else "and"
-    fix = f"`{_text(left)}` is in {left.unit}, `{_text(right)}` is in {right.unit}"
+    fix = f"{_measured(left)}, {_measured(right)}"
     if PLAIN in (left.unit, right.unit):
-        fix += "; a declaration without a unit has none"
+        fix += "; give its declaration one"
     fail("E03", f"cannot {verb} {left.unit} {link} {right.unit}", at, fix)
+
+
+def _measured(value: f.Value) -> str:
+    return f"`{_text(value)}` " + ("has no unit" if value.unit == PLAIN else f"is in {value.unit}")
 
 
 def _text(value: f.Value) -> str:

@@ -137,7 +137,7 @@ def _parts(text: str) -> list[tuple[str, int]]:
     while True:
         factor = _FACTOR.match(text, position)
         if factor is None:
-            raise UnknownUnitError(text[position:].strip() or text)
+            raise UnknownUnitError(text)
         exponent = sign * int(factor[2] or 1)
         parts += [(name, n * exponent) for name, n in _ALSO.get(factor[1], ((factor[1], 1),))]
         position = factor.end()

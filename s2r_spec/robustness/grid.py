@@ -68,10 +68,13 @@ class Grid:
         Raises:
             TraceError: an end is no multiple of the period, or no sample lies in the interval.
         """
-        low = self.index(interval.low, interval) + (not interval.low_closed)
+        if self.period is None:
+            # a single sample: now is in the interval, or everything in it is past the end
+            return (0, 0) if interval.low == 0 and interval.low_closed else (1, 1)
+        low = self._index(interval.low, interval, self.period) + (not interval.low_closed)
         if math.isinf(interval.high):
             return low, None
-        high = self.index(interval.high, interval) - (not interval.high_closed)
+        high = self._index(interval.high, interval, self.period) - (not interval.high_closed)
         if high < low:
             raise TraceError(
                 f"no sample lies in `{interval.span.text}` ({interval.span.place}): "
@@ -79,11 +82,9 @@ class Grid:
             )
         return low, high
 
-    def index(self, time: float, interval: Interval) -> int:
+    def _index(self, time: float, interval: Interval, period: Fraction) -> int:
         """Return the number of periods in ``time`` [s], an end of ``interval``."""
-        if self.period is None:
-            return math.ceil(min(time, 1.0))  # a single sample: everything but now is past the end
-        periods = time / float(self.period)
+        periods = time / float(period)
         nearest = round(periods)
         if abs(periods - nearest) > SNAP:
             below, above = self.seconds(math.floor(periods)), self.seconds(math.ceil(periods))

@@ -11,7 +11,10 @@ Ends = Callable[[f.Interval], tuple[float, float]]
 
 
 def horizon(formula: f.Formula) -> float:
-    """Return the time after an instant that decides the formula there [s]; inf if it is the whole rest."""
+    """Return the time after an instant that decides the formula there [s]; inf if it is the whole rest.
+
+    What is evaluated later counts even if it only looks back from there.
+    """
     return _reach(formula, lambda interval: (interval.low, interval.high), 0.0)
 
 

@@ -1,0 +1,269 @@
+"""The public face: what a specification knows, and ρ of hand-made traces worked out by hand."""
+
+import hashlib
+import math
+import pickle
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from s2r_spec.errors import TraceError, UsageError
+from s2r_spec.lang.diagnostics import SpecError
+from s2r_spec.spec import CertifySettings, KernelChoice, load_spec, parse_spec
+from s2r_spec.trace import Trace
+
+A1 = Path(__file__).parents[2] / "specs" / "a1_velocity.stl"
+TIMES = np.arange(4) * 0.5  # 0, 0.5, 1, 1.5 s: the windows of the paper are samples 0–1 and 1–3
+
+
+def walk(*vx: float, unit: str | None = "m/s") -> Trace:
+    return Trace(TIMES[: len(vx)], {"vx": vx}, {} if unit is None else {"vx": unit})
+
+
+@pytest.mark.parametrize(
+    ("vd", "vx", "rho"),
+    [
+        # settles 0.01 below: 0.045 − 0.01, and 0.03 − (−0.01) is more
+        (0.3, (0.0, 0.29, 0.29, 0.29), 0.035),
+        # 0.02 over the command at 0.5 s: overshoot leaves 0.03 − 0.02
+        (0.3, (0.0, 0.32, 0.3, 0.3), 0.01),
+        # 0.05 over at the start only; the later windows do not see it
+        (0.3, (0.35, 0.3, 0.3, 0.3), -0.02),
+        # 0.1 below at 1.5 s: 0.045 − 0.1
+        (0.3, (0.0, 0.3, 0.3, 0.2), -0.055),
+        # backwards: over is below; −0.22 is 0.02 over −0.2
+        (-0.2, (0.0, -0.22, -0.2, -0.2), 0.01),
+        # backwards and slow: no overshoot at all, 0.04 from the command
+        (-0.2, (0.0, -0.16, -0.16, -0.16), 0.005),
+        # at 0 the overshoot is one-sided, forwards: −0.04 costs settling only
+        (0.0, (-0.04, 0.0, 0.0, 0.0), 0.03),
+        (0.0, (0.04, 0.0, 0.0, 0.0), -0.01),
+    ],
+)
+def test_the_papers_specification_by_hand(vd: float, vx: tuple[float, ...], rho: float) -> None:
+    spec = load_spec(A1)
+    assert spec.robustness(walk(*vx), params={"vd": vd}) == {"walking": pytest.approx(rho, abs=1e-12)}
+    assert spec.robustness_signal(walk(*vx), "walking", {"vd": vd})[0] == pytest.approx(rho, abs=1e-12)
+
+
+def test_what_the_papers_specification_declares() -> None:
+    spec = load_spec(A1)
+    assert spec.name == str(A1)
+    assert spec.requirements == ("walking",)
+    assert spec.channels() == spec.channels("walking") == ("vx",)
+    assert spec.horizon() == 1.5
+    assert spec.unit("walking") == "m/s"
+    assert (spec.signals["vx"].unit, spec.signals["vx"].dim, spec.signals["vx"].range) == ("m/s", 1, None)
+    assert [(a.name, a.low, a.high, a.unit) for a in spec.space.axes] == [("vd", -0.2, 0.3, "m/s")]
+    assert spec.certify["walking"] == CertifySettings(
+        delta=1e-6, epsilon=0.02, B=1.5, R=0.01, kernel=KernelChoice("matern52", (0.2,)), fall=-0.5
+    )
+    again = pickle.loads(pickle.dumps(spec))
+    assert again.hash == spec.hash
+    assert again.robustness(walk(0, 0.3, 0.3, 0.3), {"vd": 0.3}) == spec.robustness(
+        walk(0, 0.3, 0.3, 0.3), {"vd": 0.3}
+    )
+
+
+def test_the_hash_is_of_the_text_whatever_its_line_endings() -> None:
+    text = "signal x\nrequire it: x > 0\n"
+    assert parse_spec(text).hash == hashlib.sha256(text.encode()).hexdigest()
+    assert parse_spec(text.replace("\n", "\r\n")).hash == parse_spec(text).hash
+    assert parse_spec(text + "\n").hash != parse_spec(text).hash
+
+
+def test_settings_are_in_the_units_of_what_they_are_for() -> None:
+    spec = parse_spec(
+        "signal v {km/h} param a {m/s} in [0, 2000 {mm/s}] param b {deg} in [0, 90] param c = 1\n"
+        "require it: v <= 36 {km/h} + a and a <= 1\n"
+        "certify it: R = 1 {m/s}, fall = -2, kernel = rbf(0.2, 3.141592653589793 {rad})"
+    )
+    assert spec.unit("it") == "km/h"
+    settings = spec.certify["it"]
+    assert pytest.approx(3.6) == settings.R
+    assert settings.fall == -2
+    assert settings.kernel is not None
+    assert settings.kernel.lengthscales == pytest.approx((0.2, 180))
+    assert (settings.delta, settings.epsilon, settings.B) == (None, None, None)
+    assert [(a.name, a.low, a.high, a.unit) for a in spec.space.axes] == [
+        ("a", 0, 2, "m/s"),
+        ("b", 0, 90, "deg"),
+    ]
+    # v = 0: 36 km/h + 1 m/s − 0, and 1 − a = 0 m/s
+    assert spec.robustness(Trace([0], {"v": [0]}), {"a": 1})["it"] == pytest.approx(0)
+    assert spec.robustness(Trace([0], {"v": [39]}), {"a": 0.5})["it"] == pytest.approx(36 + 1.8 - 39)
+
+
+def test_margins_that_do_not_compare_are_mixed() -> None:
+    spec = parse_spec("signal v {m/s} signal x {m} require it: v <= 3 and x <= 2 certify it: R = 1")
+    assert spec.unit("it") == "mixed"
+    assert spec.robustness(Trace([0], {"v": [1], "x": [1.5]})) == {"it": 0.5}
+
+
+def test_units_of_the_trace_are_converted() -> None:
+    spec = parse_spec("signal w {deg/s} signal T {degC} require spin: w <= 90 require cool: T <= 80 {degC}")
+    trace = Trace([0], {"w": [math.pi / 4], "T": [300]}, {"w": "rad/s", "T": "K"})
+    assert spec.robustness(trace) == {"spin": pytest.approx(45), "cool": pytest.approx(80 - (300 - 273.15))}
+    assert (spec.unit("spin"), spec.unit("cool")) == ("deg/s", "K")
+    undeclared = Trace([0], {"w": [45], "T": [30]})
+    assert spec.robustness(undeclared) == {"spin": 45, "cool": 50}
+
+
+def test_vectors() -> None:
+    spec = parse_spec(
+        "signal u[2] {V} signal w[2] {V} require a: norm(u - w) <= 12 require b: u[1] >= 1 {mV}"
+    )
+    trace = Trace([0, 1], {"u": [[3, 5], [0, 0]], "w": [[0, 1], [0, 0]]})
+    assert spec.robustness(trace) == {"a": 7, "b": pytest.approx(5 - 0.001)}
+    with pytest.raises(
+        TraceError, match="channel 'u' is one number a sample, but the spec declares a vector of 2"
+    ):
+        spec.robustness(Trace([0], {"u": [1], "w": [[0, 0]]}))
+
+
+def test_overshoot_from_an_origin() -> None:
+    spec = parse_spec("signal x {m} signal r {m} require it: overshoot(x, r, init(x)) <= 1")
+    # from 5 down to 2: 1.5 is 0.5 over, although the command is positive
+    assert spec.robustness_signal(Trace([0, 1], {"x": [5, 1.5], "r": [2, 2]}), "it").tolist() == [4, 0.5]
+
+
+def test_a_fall_has_the_declared_robustness() -> None:
+    fallen = Trace([0.0], {"vx": [0.1]}, meta={"failure": "fall"})
+    assert load_spec(A1).robustness(fallen, {"vd": 0.3}) == {"walking": -0.5}
+    with pytest.raises(UsageError) as caught:
+        parse_spec("signal vx require it: vx > 0", "a.stl").robustness(fallen)
+    assert str(caught.value) == (
+        "the trace ended with 'fall', and a.stl declares no ρ for that; write for example `certify it: fall = -1`"
+    )
+
+
+def test_a_short_trace_is_not_evaluated_silently() -> None:
+    spec = load_spec(A1)
+    with pytest.raises(TraceError) as caught:
+        spec.robustness(walk(0, 0.3, 0.3), {"vd": 0.3})
+    assert str(caught.value) == (
+        "'walking' looks 1.5 s ahead, but the trace lasts 1 s; "
+        "a longer trace decides it, partial=True evaluates what there is"
+    )
+    assert spec.robustness(walk(0, 0.3, 0.3), {"vd": 0.3}, partial=True) == {"walking": pytest.approx(0.03)}
+
+
+def test_past_the_end_windows_are_cut_or_the_last_sample_is_held() -> None:
+    spec = parse_spec("signal x require it: always[0.5, 1] (x > 0)")
+    trace = Trace(TIMES, {"x": [1, 2, 3, 4]})
+    assert spec.robustness_signal(trace, "it").tolist() == [2, 3, 4, math.inf]
+    assert spec.robustness_signal(trace, "it", end="hold").tolist() == [2, 3, 4, 4]
+
+
+def test_horizons() -> None:
+    spec = parse_spec(
+        "signal x let p := x > 0\n"
+        "require a: always[0, 2] eventually[0, 500 ms) p  require b: p until[1, 3] once[0, 2] p\n"
+        "require c: always p  require d: always[1, 2] historically[2, 5] p  require e: (always[0, 1] p) since[1, 2] p"
+    )
+    assert [spec.horizon(name) for name in spec.requirements] == [2.5, 3, math.inf, 2, 1]
+    assert spec.horizon() == math.inf
+    # an unbounded window takes what there is; an open end does not need its sample
+    rho = spec.robustness(Trace(np.arange(31) * 0.1, {"x": np.ones(31)}))
+    assert rho == {"a": 1, "b": 1, "c": 1, "d": 1, "e": -math.inf}  # e: nothing was before the first sample
+
+
+@pytest.mark.parametrize(
+    ("trace", "params", "message"),
+    [
+        (walk(0, 0, 0, 0), {}, "the parameter 'vd' has no value: give params={'vd': …}"),
+        (walk(0, 0, 0, 0), {"vd": 0, "vq": 1}, "the spec has no parameter 'vq'; it has vd"),
+        (walk(0, 0, 0, 0), {"vd": math.nan}, "the parameter vd = nan is not a finite number"),
+        (
+            walk(0, math.nan, 0, 0),
+            {"vd": 0},
+            "channel 'vx' is NaN at sample 1, t = 0.5 s; a missing sample has no robustness",
+        ),
+        (
+            walk(0, 0, 0, 0, unit="m"),
+            {"vd": 0},
+            "channel 'vx' is in m, which does not convert to m/s of the spec",
+        ),
+        (walk(0, 0, 0, 0, unit="mm/x"), {"vd": 0}, "channel 'vx' is in 'mm/x', which is not a unit"),
+        (
+            Trace([0, 0.5, 1.5], {"vx": [0, 0, 0]}),
+            {"vd": 0},
+            "the trace is not sampled regularly, which is not implemented yet: its steps are between 0.5 s and 1 s",
+        ),
+    ],
+)
+def test_what_does_not_fit_is_said(trace: Trace, params: dict[str, float], message: str) -> None:
+    with pytest.raises(UsageError) as caught:
+        load_spec(A1).robustness(trace, params)
+    assert str(caught.value) == message
+
+
+def test_wrong_words() -> None:
+    spec, trace = load_spec(A1), walk(0, 0, 0, 0)
+    with pytest.raises(TraceError, match="the trace has no channel 'vx'"):
+        spec.robustness(Trace([0], {"vy": [0]}), {"vd": 0})
+    with pytest.raises(UsageError, match="has no requirement 'walkin'; did you mean 'walking'"):
+        spec.robustness_signal(trace, "walkin", {"vd": 0})
+    with pytest.raises(UsageError, match="interpolation='linear' is not implemented yet"):
+        spec.robustness_signal(trace, "walking", {"vd": 0}, interpolation="linear")
+    with pytest.raises(UsageError, match="end='wrap' is not one of 'clip', 'hold'"):
+        spec.robustness_signal(trace, "walking", {"vd": 0}, end="wrap")  # type: ignore[arg-type]
+
+
+def test_a_predicate_without_a_value() -> None:
+    spec = parse_spec("signal x\nrequire it: always sqrt(x) >= 0", "a.stl")
+    with pytest.raises(
+        TraceError, match=r"`sqrt\(x\) >= 0` \(line 2 of a.stl\) has no value at sample 2, 1 s after"
+    ):
+        spec.robustness(Trace(TIMES, {"x": [1, 1, -1, 1]}))
+
+
+def test_sample_times_are_snapped_to_a_grid() -> None:
+    spec = parse_spec("signal x require it: always[0, 0.3] (x > 0)")
+    x = [5, 4, 3, 2, 1]
+    for times in (np.arange(5) * 0.1, np.cumsum([7.3, 0.1, 0.1, 0.1, 0.1]), [0, 0.1004, 0.2, 0.2996, 0.4]):
+        assert spec.robustness(Trace(times, {"x": x})) == {"it": 2}
+    thirds = parse_spec("signal x require it: always[0, 1] (x > 0)")
+    assert thirds.robustness(Trace([0, 0.333, 0.667, 1, 1.333], {"x": x})) == {"it": 2}
+
+
+def test_a_mesh_is_recognised(tmp_path: Path) -> None:
+    binary, ascii_ = tmp_path / "binary.stl", tmp_path / "ascii.stl"
+    binary.write_bytes(b"\0" * 80 + (2).to_bytes(4, "little") + b"\1" * 100)
+    ascii_.write_text("solid cube\n facet normal 0 0 1\n")
+    for path in (binary, ascii_):
+        with pytest.raises(UsageError) as caught:
+            load_spec(path)
+        assert str(caught.value).startswith(f"{path} is a 3-D mesh; s2r reads signal temporal logic")
+
+
+def test_a_file_that_is_no_text(tmp_path: Path) -> None:
+    path = tmp_path / "a.stl"
+    with pytest.raises(UsageError, match=r"cannot read the specification .*: No such file"):
+        load_spec(path)
+    path.write_bytes(b"signal v\xff")
+    with pytest.raises(UsageError, match=r"is not UTF-8 text: byte 8 is 0xff"):
+        load_spec(path)
+    path.write_bytes("\ufeffsignal v require it: v > 0".encode())
+    assert load_spec(path).requirements == ("it",)
+
+
+def test_mistakes_can_be_pickled_and_read_one_by_one() -> None:
+    with pytest.raises(SpecError) as caught:
+        parse_spec("signal v {m/s}\nrequire a: v <= w\nrequire b: v", "a.stl")
+    again = pickle.loads(pickle.dumps(caught.value))
+    assert str(again) == str(caught.value)
+    assert [(d.code, d.span.line, d.span.column) for d in again.diagnostics] == [
+        ("E02", 2, 17),
+        ("E05", 3, 12),
+    ]
+    assert again.exit_code == 2
+
+
+def test_importing_is_light() -> None:
+    heavy = "{'lark', 'pint', 'torch', 'scipy', 'mujoco'} & set(__import__('sys').modules)"
+    code = f"import s2r_spec.spec; loaded = {heavy}; assert not loaded, loaded"
+    subprocess.run([sys.executable, "-c", code], check=True)
