@@ -63,12 +63,35 @@ class Backend(Protocol):
         model_hash: changes whenever the traces could (figures, gains, solver versions).
     """
 
-    name: str
-    channels: tuple[Channel, ...]
-    parameters: tuple[Parameter, ...]
-    deterministic: bool
-    duration: float
-    cost: float
+    @property
+    def name(self) -> str:
+        """What ``--backend`` says, with its options."""
+        ...
+
+    @property
+    def channels(self) -> tuple[Channel, ...]:
+        """Every channel of every trace."""
+        ...
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Every test parameter."""
+        ...
+
+    @property
+    def deterministic(self) -> bool:
+        """Whether parameters and seed fix the trace."""
+        ...
+
+    @property
+    def duration(self) -> float:
+        """Length of a trace [s]."""
+        ...
+
+    @property
+    def cost(self) -> float:
+        """Expected time of one rollout on one core [s]."""
+        ...
 
     @property
     def model_hash(self) -> str:

@@ -23,6 +23,11 @@ def did_you_mean(name: str, names: Iterable[str]) -> str:
     return f"; did you mean {close[0]!r}?" if close else ""
 
 
+def suggest(name: str, names: Iterable[str]) -> str:
+    """Return :func:`did_you_mean`, or ``";"``: what joins a wrong name and the list of valid ones."""
+    return did_you_mean(name, names) or ";"
+
+
 class S2RError(Exception):
     """Root of all errors that s2r raises on purpose."""
 
@@ -49,7 +54,7 @@ class UnknownBackendError(UsageError):
     def __init__(self, name: str, installed: Iterable[str]) -> None:
         installed = list(installed)
         super().__init__(
-            f"no backend {name!r}{did_you_mean(name, installed)} installed: {one_of(installed)}. "
+            f"no backend {name!r}{suggest(name, installed)} installed: {one_of(installed)}. "
             f"A backend is offered by a package through the entry-point group 's2r.backends'."
         )
 

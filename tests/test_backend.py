@@ -23,13 +23,17 @@ def test_a_backend_gets_what_follows_the_colon():
 
 
 def test_an_unknown_backend_lists_those_installed():
-    with pytest.raises(UnknownBackendError, match="no backend 'tuy'; did you mean 'toy'. installed: .*sim, toy") as info:
+    with pytest.raises(
+        UnknownBackendError, match=r"no backend 'tuy'; did you mean 'toy'\? installed: .*sim, toy"
+    ) as info:
         load_backend("tuy")
     assert info.value.exit_code == 2
 
 
 def test_a_missing_package_is_named_with_what_to_do():
-    with pytest.raises(MissingPackageError, match="'needy' needs the package 'a_package_that_nobody_has'.*pip install"):
+    with pytest.raises(
+        MissingPackageError, match=r"'needy' needs the package 'a_package_that_nobody_has'.*pip install"
+    ):
         load_backend("needy")
 
 

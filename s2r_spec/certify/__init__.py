@@ -1,0 +1,1 @@
+"""Search, confidence sequences and certificates: a number with a probability."""

@@ -43,7 +43,9 @@ def scales_for(mode: str, kernel: Kernel, norms: FloatArray) -> Scales:
         single = np.array([square / FAMILIES[kernel.name].mixture])
         return Scales(single, single)
     if mode == "rigorous":
-        return Scales(square * 10.0 ** -np.arange(5), np.geomspace(1e-5 * square, 30 * float(norms[-1]) ** 2, 33))
+        return Scales(
+            np.geomspace(1.0, 1e-4, 5) * square, np.geomspace(1e-5 * square, 30 * float(norms[-1]) ** 2, 33)
+        )
     raise UsageError(f"no mode {mode!r}; there are: {one_of(MODES)}")
 
 
@@ -65,7 +67,9 @@ def fit(engine: Engine, samples: Samples, scales: Scales, norms: FloatArray, del
     )
     first = len(scales.mixture)
     radius = confidence.data_radius(both.log_det[:first], both.quadratic[:first], delta)
-    dual = confidence.Posterior(both.mean[first:], both.std[first:], both.log_det[first:], both.quadratic[first:])
+    dual = confidence.Posterior(
+        both.mean[first:], both.std[first:], both.log_det[first:], both.quadratic[first:]
+    )
     return Fit(dual, confidence.width(norms, scales.dual, radius, dual.quadratic), radius)
 
 

@@ -111,37 +111,43 @@ class Silent:
         """Do nothing."""
 
 
-def search_for(spec: Spec, requirement: str, *, seed: int, budget: int | None, engine: str) -> Search:
+def search_for(
+    spec: Spec, requirement: str, *, seed: int, budget: int | None, mode: str, engine: str
+) -> Search:
     """Build the search that the spec's certify line declares.
 
     Raises:
         UsageError: the requirement is unknown, or its certify line lacks a setting.
     """
     if requirement not in spec.requirements:
-        raise UsageError(f"{spec.name} has no requirement {requirement!r}; it has {one_of(spec.requirements)}")
+        raise UsageError(
+            f"{spec.name} has no requirement {requirement!r}; it has {one_of(spec.requirements)}"
+        )
     if not spec.space.dim:
         raise UsageError(
             f"{spec.name} has no test space: declare a parameter with a range, "
             f"for example  param vd {{m/s}} in [-0.2, 0.3]"
         )
     settings = spec.certify.get(requirement, CertifySettings())
-    wanted = ("delta", "epsilon", "B", "R", "kernel", "fall")
-    lacking = [name for name in wanted if getattr(settings, name) is None]
-    if lacking:
+    delta, epsilon, B, R = settings.delta, settings.epsilon, settings.B, settings.R
+    kernel = settings.kernel
+    if delta is None or epsilon is None or B is None or R is None or kernel is None or settings.fall is None:
+        wanted = ("delta", "epsilon", "B", "R", "kernel", "fall")
+        lacking = [name for name in wanted if getattr(settings, name) is None]
         raise UsageError(
-            f"the certificate of {requirement!r} needs {', '.join(lacking)}, declared before the data in a line "
-            f"'certify {requirement}: {lacking[0]} = …' of {spec.name}"
+            f"the certificate of {requirement!r} needs {', '.join(lacking)}, declared before the data "
+            f"in a line 'certify {requirement}: {lacking[0]} = …' of {spec.name}"
         )
-    assert settings.delta and settings.epsilon and settings.B and settings.R and settings.kernel
     return Search(
         spec.space,
-        kernel=Kernel(settings.kernel.name, settings.kernel.lengthscales),
-        B=settings.B,
-        R=settings.R,
-        delta=settings.delta,
-        epsilon=settings.epsilon,
+        kernel=Kernel(kernel.name, kernel.lengthscales),
+        B=B,
+        R=R,
+        delta=delta,
+        epsilon=epsilon,
         seed=seed,
         budget=budget,
+        mode=mode,
         engine=engine,
     )
 
@@ -154,6 +160,7 @@ def check(
     requirement: str | None = None,
     seed: int = 0,
     budget: int | None = None,
+    mode: str = "rigorous",
     engine: str = "spectral",
     executor: ExecutorFactory | None = None,
     resume: bool = False,
@@ -168,6 +175,7 @@ def check(
         requirement: may be left out when the spec has one.
         seed: of the whole run.
         budget: most rollouts; None for as many as the spec's ε takes.
+        mode: of the confidence set, see :class:`Search`.
         engine: of the Gaussian process, see :class:`Search`.
         executor: makes the pool; two local processes by default.
         resume: go on with the run in ``folder``.
@@ -180,7 +188,7 @@ def check(
     start = perf_counter()
     observer = observer or Silent()
     requirement = requirement or only_requirement(spec)
-    search = search_for(spec, requirement, seed=seed, budget=budget, engine=engine)
+    search = search_for(spec, requirement, seed=seed, budget=budget, mode=mode, engine=engine)
     fall = spec.certify[requirement].fall
     assert fall is not None
     duration = spec.horizon(requirement)
@@ -188,7 +196,7 @@ def check(
     fit = match(spec, requirement, machine)
     provenance = {
         "s2r": version("s2r"),
-        "spec": spec.name,
+        "spec": Path(spec.name).name,
         "spec_hash": spec.hash,
         "requirement": requirement,
         "backend": backend,
@@ -205,7 +213,9 @@ def check(
         while not search.done:
             queries = search.ask()
             observer.batch(queries, search.certificate())
-            _run_batch(queries, spec, requirement, machine, backend, fit, fall, seed, journal, runner, observer)
+            _run_batch(
+                queries, spec, requirement, machine, backend, fit, fall, seed, journal, runner, observer
+            )
             for query in queries:
                 search.tell(query, [-_recorded(journal, query, r).rho for r in range(query.replicates)])
     return _result(spec, requirement, search.certificate(), journal, provenance, fall, perf_counter() - start)
@@ -308,7 +318,10 @@ def _result(
     unit = spec.unit(requirement)
     verdict, reason = _judge(certificate, lower, upper, unit)
     assumptions = (
-        *(text.replace("the expected outcome", "the expected robustness E ρ") for text in certificate.assumptions),
+        *(
+            text.replace("the expected outcome", "the expected robustness E ρ")
+            for text in certificate.assumptions
+        ),
         f"a rollout that falls or crashes counts as ρ = {fall:g} {unit}".rstrip() + ", as the spec declares",
         "the statement is about this backend's expected ρ over its own noise; the real machine is search 2",
     )
@@ -343,7 +356,6 @@ def _judge(certificate: Certificate, lower: float, upper: float, unit: str) -> t
     if upper < 0:
         return Verdict.VIOLATED, "the worst expected robustness is negative"
     return Verdict.UNKNOWN, (
-        f"the interval contains 0 {unit}".rstrip() + f" after {certificate.rollouts} rollouts; a smaller epsilon or R, or a larger budget, may decide it"
+        f"the interval contains 0 {unit}".rstrip()
+        + f" after {certificate.rollouts} rollouts; a smaller epsilon or R, or a larger budget, may decide it"
     )
-
-

@@ -53,7 +53,9 @@ class Posterior:
 
 def data_radius(log_det: FloatArray, quadratic: FloatArray, delta: float) -> float:
     """Return r_n from (J,) L_c and q_c at the mixture scales."""
-    return float(-2 * (np.logaddexp.reduce(-(log_det + quadratic) / 2) - np.log(log_det.size)) - 2 * np.log(delta))
+    return float(
+        -2 * (np.logaddexp.reduce(-(log_det + quadratic) / 2) - np.log(log_det.size)) - 2 * np.log(delta)
+    )
 
 
 def width(B: FloatArray, scales: FloatArray, radius: float, quadratic: FloatArray) -> FloatArray:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.errors import UsageError, did_you_mean, one_of
+from s2r_spec.errors import UsageError, one_of, suggest
 
 if TYPE_CHECKING:
     from gpytorch.kernels import Kernel as TorchKernel
@@ -53,7 +53,9 @@ class Kernel:
     def __post_init__(self) -> None:
         """Refuse an unknown name or a lengthscale that is not positive."""
         if self.name not in FAMILIES:
-            raise UsageError(f"no kernel {self.name!r}{did_you_mean(self.name, FAMILIES)} there are {one_of(FAMILIES)}")
+            raise UsageError(
+                f"no kernel {self.name!r}{suggest(self.name, FAMILIES)} there are {one_of(FAMILIES)}"
+            )
         if isinstance(self.lengthscale, Sequence):
             object.__setattr__(self, "lengthscale", tuple(float(value) for value in self.lengthscale))
         values = np.atleast_1d(self.lengthscale)
@@ -75,10 +77,12 @@ class Kernel:
         import torch
         from gpytorch.kernels import MaternKernel, RBFKernel
 
-        kernel: Any = MaternKernel(nu=2.5, ard_num_dims=dim) if self.name == "matern52" else RBFKernel(ard_num_dims=dim)
+        kernel: Any = (
+            MaternKernel(nu=2.5, ard_num_dims=dim) if self.name == "matern52" else RBFKernel(ard_num_dims=dim)
+        )
         kernel = kernel.double()
         kernel.lengthscale = torch.from_numpy(self.lengthscales(dim).copy())
-        return kernel.requires_grad_(False)  # type: ignore[no-any-return]
+        return kernel.requires_grad_(False)
 
     def gram(self, left: FloatArray, right: FloatArray) -> FloatArray:
         """Return (n, m) values k(left_i, right_j) for (n, dim) and (m, dim) points."""
@@ -101,7 +105,9 @@ class Kernel:
 
     def steps_for(self, error: float, dim: int) -> FloatArray:
         """Return (dim,) cell sides whose interpolation bound is ``error``, shared equally by the axes."""
-        return np.asarray(self.lengthscales(dim) * math.sqrt(8 * error / (dim * FAMILIES[self.name].curvature)))
+        return np.asarray(
+            self.lengthscales(dim) * math.sqrt(8 * error / (dim * FAMILIES[self.name].curvature))
+        )
 
 
 @cache

@@ -25,7 +25,9 @@ VARIANCE_ROUNDING = 1e-12
 class Engine(Protocol):
     """Posteriors at a grid from data at some of the grid's points."""
 
-    def posterior(self, at: IndexArray, counts: FloatArray, means: FloatArray, scales: FloatArray) -> Posterior:
+    def posterior(
+        self, at: IndexArray, counts: FloatArray, means: FloatArray, scales: FloatArray
+    ) -> Posterior:
         """Condition the priors a·k on data, in units of R.
 
         Args:
@@ -44,7 +46,9 @@ class Spectral:
         self._kernel, self._grid = kernel, grid
         self._rows: dict[int, FloatArray] = {}
 
-    def posterior(self, at: IndexArray, counts: FloatArray, means: FloatArray, scales: FloatArray) -> Posterior:
+    def posterior(
+        self, at: IndexArray, counts: FloatArray, means: FloatArray, scales: FloatArray
+    ) -> Posterior:
         """Condition on data; see :class:`Engine`."""
         cross, root, a = self._cross(at), np.sqrt(counts), scales[:, None]
         eigenvalues, vectors = np.linalg.eigh(root[:, None] * cross[:, at] * root)
@@ -74,7 +78,9 @@ class GPyTorch:
     def __init__(self, kernel: Kernel, grid: FloatArray) -> None:
         self._kernel, self._grid = kernel, grid
 
-    def posterior(self, at: IndexArray, counts: FloatArray, means: FloatArray, scales: FloatArray) -> Posterior:
+    def posterior(
+        self, at: IndexArray, counts: FloatArray, means: FloatArray, scales: FloatArray
+    ) -> Posterior:
         """Condition on data; see :class:`Engine`."""
         each = [self._one(at, counts, means, float(a)) for a in scales]
         mean, std, log_det, quadratic = (np.array(column) for column in zip(*each, strict=True))
@@ -87,7 +93,9 @@ class GPyTorch:
         import torch
 
         kernel = self._kernel
-        x, y, noise, grid = (torch.from_numpy(np.array(a)) for a in (self._grid[at], means, 1 / counts, self._grid))
+        x, y, noise, grid = (
+            torch.from_numpy(np.array(a)) for a in (self._grid[at], means, 1 / counts, self._grid)
+        )
 
         class FixedNoiseGP(gp.models.ExactGP):  # type: ignore[misc]
             def __init__(self, likelihood: Any) -> None:

@@ -32,4 +32,6 @@ class Samples:
         same = self.at == place
         if same.any():
             return Samples(self.at, self.counts + count * same, self.sums + total * same)
-        return Samples(np.append(self.at, place), np.append(self.counts, float(count)), np.append(self.sums, total))
+        return Samples(
+            np.append(self.at, place), np.append(self.counts, float(count)), np.append(self.sums, total)
+        )

@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from s2r_spec.certify import confidence
-from s2r_spec.certify.certificate import Certificate, Label, Rung
 from s2r_spec.certify.band import Band, Fit, fit, scales_for
+from s2r_spec.certify.certificate import Certificate, Label, Rung
 from s2r_spec.certify.kernels import FAMILIES, Kernel
 from s2r_spec.certify.maximise import grid_for
 from s2r_spec.certify.posterior import ENGINES
@@ -92,7 +92,13 @@ class Search:
             raise UsageError(f"no engine {engine!r}; there are: {one_of(ENGINES)}")
         if budget is not None and budget < 2 * spread:
             raise UsageError(f"budget = {budget}; the first batch alone takes {2 * spread} rollouts")
-        self.kernel, self.B, self.R, self.delta, self.epsilon = kernel, float(B), float(R), float(delta), float(epsilon)
+        self.kernel, self.B, self.R, self.delta, self.epsilon = (
+            kernel,
+            float(B),
+            float(R),
+            float(delta),
+            float(epsilon),
+        )
         self.mode, self.seed, self.batch, self.spread, self.budget = mode, seed, batch, int(spread), budget
         self.engine = engine
 
@@ -155,7 +161,8 @@ class Search:
                 f"finite number; a fall or a crash must be given the value that was declared for it"
             )
         if len(values) < query.replicates:
-            self._missing = f"query {query.index} at {query.point} asked for {query.replicates} rollouts, {len(values)} came"
+            came = f"{len(values)} of {query.replicates} came"
+            self._missing = f"query {query.index} at {query.point}: {came}"
         self._told[query.index] = values / self.R
         # A batch is used only when it is whole, in the order asked: the
         # certificate then does not depend on which worker was fastest.
@@ -210,7 +217,9 @@ class Search:
         self._fit = fit(self._gp, data, self._scales, self._norms, self.delta)
         self._band = self._band.intersect(self._fit)
         points = self._grid.points[data.at]
-        norm = confidence.smallest_norm(self.kernel.gram(points, points), data.counts, data.means, self._fit.radius)
+        norm = confidence.smallest_norm(
+            self.kernel.gram(points, points), data.counts, data.means, self._fit.radius
+        )
         self._B_low = max(self._B_low, norm)
 
     # -- the answer --------------------------------------------------------------------------
@@ -231,11 +240,11 @@ class Search:
             return Label.REFUSED, f"rollouts are missing: {self._missing}; leaving rollouts out is selection"
         if self._log_e >= math.log(1 / self.delta):
             return Label.REFUSED, (
-                f"R = {self.R:g} is refuted by the scatter of replicates (e-value {math.exp(min(self._log_e, 700)):.3g} "
+                f"R = {self.R:g} is refuted by the scatter of replicates (e-value 10^{self._log_e / math.log(10):.1f} "
                 f"≥ 1/δ = {1 / self.delta:.3g}); declare a larger R from a pilot and begin again"
             )
         B_low = self._B_low * self.R
-        if self._settled() and self.B < 2 * B_low:
+        if self._settled() and 2 * B_low > self.B:
             return Label.REFUSED, (
                 f"B = {self.B:g} is less than twice the norm that the data already show (B_low = {B_low:.3g}); "
                 f"read the interval of a larger B in the ladder, if you can say why that B is right"

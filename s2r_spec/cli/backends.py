@@ -32,10 +32,14 @@ def backends(
             record = {"schema": "s2r.backend/1", "name": name, "model_hash": machine.model_hash}
             print(json.dumps(record | {"parameters": parameters, "channels": channels}))
             return
-        print(f"{machine.name}: rollouts of {machine.duration:g} s, about {machine.cost:g} s each on one core")
+        print(
+            f"{machine.name}: rollouts of {machine.duration:g} s, about {machine.cost:g} s each on one core"
+        )
         print("parameters")
         for p in machine.parameters:
-            print(f"  {p.name:14} [{p.low:g}, {p.high:g}] {p.unit or '1'}, {p.default:g} if not given: {p.description}")
+            print(
+                f"  {p.name:14} [{p.low:g}, {p.high:g}] {p.unit or '1'}, {p.default:g} if not given: {p.description}"
+            )
         print("channels")
         for c in machine.channels:
             size = f"[{c.width}]" if c.width > 1 else ""

@@ -14,17 +14,24 @@ from s2r_spec.cli.common import cores, sentences
 
 def check(
     spec: Annotated[Path, typer.Argument(help="The specification, a .stl file.", show_default=False)],
-    backend: Annotated[str, typer.Option("--backend", "-b", help="What makes the traces; see `s2r backends`.")] = "sim",
+    backend: Annotated[
+        str, typer.Option("--backend", "-b", help="What makes the traces; see `s2r backends`.")
+    ] = "sim",
     requirement: Annotated[
-        list[str] | None, typer.Option("--requirement", "-r", help="Check only this requirement (may be repeated).")
+        list[str] | None,
+        typer.Option("--requirement", "-r", help="Check only this requirement (may be repeated)."),
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Fixes the whole run.")] = 0,
     budget: Annotated[
         int | None, typer.Option(min=1, help="Most rollouts per requirement; without it, as many as ε takes.")
     ] = None,
-    workers: Annotated[int, typer.Option(min=1, help="Parallel rollouts; the numbers do not depend on it.")] = cores(),
+    workers: Annotated[
+        int, typer.Option(min=1, help="Parallel rollouts; the numbers do not depend on it.")
+    ] = cores(),
     engine: Annotated[str, typer.Option(help="Gaussian process: spectral or gpytorch.")] = "spectral",
-    run: Annotated[Path | None, typer.Option(help="Folder for the rollouts.", show_default="s2r-runs/…")] = None,
+    run: Annotated[
+        Path | None, typer.Option(help="Folder for the rollouts.", show_default="s2r-runs/…")
+    ] = None,
     resume: Annotated[Path | None, typer.Option(help="Go on with the run in this folder.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout.")] = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing while running.")] = False,
@@ -47,13 +54,17 @@ def check(
         if not names:
             raise UsageError(f"{parsed.name} has no certify line, so there is nothing to certify")
         stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
-        folder = resume or run or Path("s2r-runs") / f"{stamp}-{spec.stem}-{backend.replace(':', '-')}-seed{seed}"
+        folder = (
+            resume or run or Path("s2r-runs") / f"{stamp}-{spec.stem}-{backend.replace(':', '-')}-seed{seed}"
+        )
         errors = Console(stderr=True, highlight=False)
         results = []
         for name in names:
             place = folder / name
             if not quiet:
-                errors.print(f"{name}: run {place}, seed {seed}, {workers} workers", markup=False, soft_wrap=True)
+                errors.print(
+                    f"{name}: run {place}, seed {seed}, {workers} workers", markup=False, soft_wrap=True
+                )
             try:
                 with Live(errors, quiet) as live:
                     results.append(

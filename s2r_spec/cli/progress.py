@@ -37,18 +37,27 @@ class Live:
         self._progress.start()
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None
+    ) -> None:
         self._progress.stop()
 
     def batch(self, queries: list[Query], certificate: Certificate) -> None:
         """Show the interval so far and where the search looks next."""
-        interval = f"ρ in [{-certificate.upper:+.4f}, {-certificate.lower:+.4f}] (ε {certificate.epsilon:.4f} > {certificate.target:g})"
-        where = "next " + "; ".join(", ".join(f"{k} {v:.3g}" for k, v in query.point.items()) for query in queries)
+        interval = (
+            f"ρ in [{-certificate.upper:+.4f}, {-certificate.lower:+.4f}] "
+            f"(ε {certificate.epsilon:.4f} > {certificate.target:g})"
+        )
+        where = "next " + "; ".join(
+            ", ".join(f"{k} {v:.3g}" for k, v in query.point.items()) for query in queries
+        )
         # The width of the interval falls about as one over the square root of the rollouts.
         likely = int(certificate.rollouts * (certificate.epsilon / certificate.target) ** 2)
         self._progress.update(self._task, total=likely or None, interval=interval, where=where)
         if not self._quiet and not self._console.is_terminal:
-            self._console.print(f"{certificate.rollouts} rollouts, {interval}, {where}", markup=False, soft_wrap=True)
+            self._console.print(
+                f"{certificate.rollouts} rollouts, {interval}, {where}", markup=False, soft_wrap=True
+            )
 
     def rollout(self, record: Record) -> None:
         """Count a rollout that is on disk."""

@@ -13,7 +13,9 @@ from s2r_spec.cli.common import sentences
 
 
 def replay(
-    rollout: Annotated[str, typer.Argument(help="FOLDER#QUERY.REPLICATE, as `s2r check` prints it.", show_default=False)],
+    rollout: Annotated[
+        str, typer.Argument(help="FOLDER#QUERY.REPLICATE, as `s2r check` prints it.", show_default=False)
+    ],
     save: Annotated[Path | None, typer.Option(help="Write the whole trace here (.npz or .csv).")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
@@ -26,8 +28,15 @@ def replay(
         if save is not None:
             logs.write(result.trace, save)
         if as_json:
-            record = {"schema": "s2r.replay/1", "rollout": rollout, "params": result.params, "seed": result.seed}
-            print(json.dumps(record | {"rho": result.rho, "recorded_rho": result.recorded, "same": result.same}))
+            record = {
+                "schema": "s2r.replay/1",
+                "rollout": rollout,
+                "params": result.params,
+                "seed": result.seed,
+            }
+            print(
+                json.dumps(record | {"rho": result.rho, "recorded_rho": result.recorded, "same": result.same})
+            )
         else:
             test = ", ".join(f"{name} = {value:.6g}" for name, value in result.params.items())
             print(f"{test}, seed {result.seed}: ρ = {result.rho:+.6f} {result.unit}".rstrip())

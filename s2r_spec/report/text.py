@@ -20,7 +20,9 @@ def _one(result: CheckResult, units: Mapping[str, str]) -> str:
     certificate, source = result.certificate, result.provenance
     unit = f" {result.unit}" if result.unit else ""
     failures = ", ".join(f"{count} × {word}" for word, count in sorted(result.failures.items())) or "no falls"
-    test = ", ".join(f"{name} = {value:.4g} {units.get(name, '')}".rstrip() for name, value in result.worst.params.items())
+    test = ", ".join(
+        f"{name} = {value:.4g} {units.get(name, '')}".rstrip() for name, value in result.worst.params.items()
+    )
     lines = [
         f"{result.requirement}  [{COLOURS[result.verdict]}]{result.verdict.name}[/]  "
         f"({source['spec']} on backend {source['backend']})",
@@ -38,11 +40,15 @@ def _one(result: CheckResult, units: Mapping[str, str]) -> str:
         "  This assumes:",
         *(f"   - {text}" for text in result.assumptions),
         "  How much hangs on B (all rows hold at once):",
-        *(f"   - if B = {rung.B:g}: ρ in \\[{-rung.upper:+.4f}, {-rung.lower:+.4f}]{unit}" for rung in certificate.ladder),
+        *(
+            f"   - if B = {rung.B:g}: ρ in \\[{-rung.upper:+.4f}, {-rung.lower:+.4f}]{unit}"
+            for rung in certificate.ladder
+        ),
         f"   - the data refute every B < {certificate.B_low:.3g}; R is refuted at an e-value of 1/δ, "
         f"now {math.exp(min(certificate.log_e_value, 700.0)):.3g}",
         "",
-        f"  seed {source['seed']}, s2r {source['s2r']}, spec {source['spec_hash'][:12]}, model {source['model_hash'][:12]}",
+        f"  seed {source['seed']}, s2r {source['s2r']}, spec {source['spec_hash'][:12]}, "
+        f"model {source['model_hash'][:12]}",
         f"  lowest ρ ({result.lowest.rho:+.4f}{unit}) again:  {replay_line(result)}",
     ]
     return "\n".join(lines)

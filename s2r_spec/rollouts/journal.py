@@ -55,7 +55,9 @@ class Record:
 class Journal:
     """An open journal. Make one with :meth:`create` or :meth:`resume`."""
 
-    def __init__(self, folder: Path, header: Mapping[str, Any], records: dict[tuple[int, int], Record], note: str) -> None:
+    def __init__(
+        self, folder: Path, header: Mapping[str, Any], records: dict[tuple[int, int], Record], note: str
+    ) -> None:
         self.folder = folder
         self.header = dict(header)
         self.note = note
@@ -70,7 +72,9 @@ class Journal:
         """
         path = folder / FILE
         if path.exists():
-            raise JournalError(f"{folder} holds a run already; go on with --resume {folder}, or choose another folder")
+            raise JournalError(
+                f"{folder} holds a run already; go on with --resume {folder}, or choose another folder"
+            )
         try:
             (folder / "traces").mkdir(parents=True, exist_ok=True)
             for name, text in texts.items():
@@ -99,7 +103,9 @@ class Journal:
         note = ""
         if rest:
             note = f"{path}: the last line was cut short; it is dropped, and its rollout will be run again"
-        lines = [_parse(path, number, line) for number, line in enumerate(whole.split(b"\n"), 1)] if whole else []
+        lines = (
+            [_parse(path, number, line) for number, line in enumerate(whole.split(b"\n"), 1)] if whole else []
+        )
         if not lines or lines[0].get("schema") != SCHEMA:
             raise JournalError(f"{path}:1: this is not a journal of schema {SCHEMA}; begin a new run")
         records: dict[tuple[int, int], Record] = {}
@@ -154,7 +160,9 @@ class Journal:
             JournalError: the disk is full or the folder cannot be written; what was recorded before is untouched.
         """
         if not math.isfinite(record.rho):
-            raise JournalError(f"ρ of rollout {record.query}.{record.replicate} is {record.rho}: it cannot be recorded")
+            raise JournalError(
+                f"ρ of rollout {record.query}.{record.replicate} is {record.rho}: it cannot be recorded"
+            )
         try:
             if trace is not None:
                 name = f"traces/{record.query:05d}.{record.replicate:04d}.npz"
@@ -175,7 +183,9 @@ def _parse(path: Path, number: int, line: bytes) -> dict[str, Any]:
     try:
         value = json.loads(line)
     except ValueError as error:
-        raise JournalError(f"{path}:{number}: damaged line ({error}); restore it from a copy, or begin a new run") from None
+        raise JournalError(
+            f"{path}:{number}: damaged line ({error}); restore it from a copy, or begin a new run"
+        ) from None
     if not isinstance(value, dict):
         raise JournalError(f"{path}:{number}: not an object; restore it from a copy, or begin a new run")
     return value

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from s2r_spec.backend import Backend
-from s2r_spec.errors import UsageError, did_you_mean, one_of
-from s2r_spec.lang import units
+from s2r_spec.errors import BackendError, UsageError, one_of, suggest
+from s2r_spec.lang.units import Unit, UnknownUnitError, parse_unit
 from s2r_spec.spec import Spec
 
 
@@ -17,14 +17,16 @@ class Matched:
 
     channels: tuple[str, ...]
     """Channels that the requirement reads."""
-    factors: Mapping[str, float]
-    """Parameter → factor from the spec's unit to the backend's."""
+    conversions: Mapping[str, tuple[float, float]]
+    """Parameter → (a, b): a number x of the spec is a·x + b for the backend."""
     fixed: Mapping[str, float]
     """Parameters that the spec gives one value, in the backend's unit."""
 
     def to_backend(self, point: Mapping[str, float]) -> dict[str, float]:
         """Return a test in the backend's units, fixed parameters included."""
-        return dict(self.fixed) | {name: value * self.factors[name] for name, value in point.items()}
+        return dict(self.fixed) | {
+            name: _convert(self.conversions[name], value) for name, value in point.items()
+        }
 
 
 def match(spec: Spec, requirement: str, backend: Backend) -> Matched:
@@ -33,6 +35,7 @@ def match(spec: Spec, requirement: str, backend: Backend) -> Matched:
     Raises:
         UsageError: a signal or parameter is unknown to the backend, its unit does not
             convert, or the range swept is wider than the backend can do.
+        BackendError: the backend declares a unit that is none.
     """
     channels = {channel.name: channel for channel in backend.channels}
     for name in spec.channels(requirement):
@@ -40,43 +43,50 @@ def match(spec: Spec, requirement: str, backend: Backend) -> Matched:
         if name not in channels:
             raise UsageError(
                 f"{spec.name} reads the signal {name!r}, which backend {backend.name!r} does not record"
-                f"{did_you_mean(name, channels)} it records {one_of(channels)}"
+                f"{suggest(name, channels)} it records {one_of(channels)}"
             )
-        _factor(f"signal {name!r}", channels[name].unit, signal.unit, backend.name)
-        if channels[name].width != (signal.dim or 1):
+        _conversion(f"signal {name!r}", signal.measure, channels[name].unit, backend.name)
+        if channels[name].width != signal.dim:
             raise UsageError(
-                f"{spec.name} declares the signal {name!r} with {signal.dim or 1} components, "
+                f"{spec.name} declares the signal {name!r} with {signal.dim} components, "
                 f"backend {backend.name!r} records {channels[name].width}"
             )
     offered = {parameter.name: parameter for parameter in backend.parameters}
-    factors: dict[str, float] = {}
-    for axis in spec.space.axes:
-        if axis.name not in offered:
-            raise UsageError(
-                f"{spec.name} sweeps the parameter {axis.name!r}, which backend {backend.name!r} does not have"
-                f"{did_you_mean(axis.name, offered)} it has {one_of(offered)}"
-            )
-        factors[axis.name] = _factor(f"parameter {axis.name!r}", axis.unit, offered[axis.name].unit, backend.name)
-        for end in (axis.low, axis.high):
-            offered[axis.name].check(end * factors[axis.name])
-    fixed = {
-        name: offered[name].check(
-            value.default * _factor(f"parameter {name!r}", value.unit, offered[name].unit, backend.name)
-        )
-        for name, value in spec.params.items()
-        if value.default is not None and name in offered
-    }
-    return Matched(spec.channels(requirement), factors, fixed)
+    conversions: dict[str, tuple[float, float]] = {}
+    fixed: dict[str, float] = {}
+    for name, param in spec.params.items():
+        if name not in offered:
+            if param.searched:
+                raise UsageError(
+                    f"{spec.name} sweeps the parameter {name!r}, which backend {backend.name!r} does not have"
+                    f"{suggest(name, offered)} it has {one_of(offered)}"
+                )
+            continue  # a number of the formulas only
+        conversion = _conversion(f"parameter {name!r}", param.measure, offered[name].unit, backend.name)
+        if param.searched and param.range:
+            conversions[name] = conversion
+            for end in param.range:
+                offered[name].check(_convert(conversion, end))
+        elif param.default is not None:
+            fixed[name] = offered[name].check(_convert(conversion, param.default))
+    return Matched(spec.channels(requirement), conversions, fixed)
 
 
-def _factor(what: str, source: str, target: str, backend: str) -> float:
-    """Return the factor from one unit to another; a missing unit on one side is no conversion."""
-    if not source or not target or source == target:
-        return 1.0
-    factor = units.factor(source, target)
-    if factor is None:
+def _convert(conversion: tuple[float, float], value: float) -> float:
+    factor, offset = conversion
+    return factor * value + offset
+
+
+def _conversion(what: str, declared: Unit, unit: str, backend: str) -> tuple[float, float]:
+    if not unit:
+        return 1.0, 0.0
+    try:
+        offered = parse_unit(unit)
+    except UnknownUnitError:
+        raise BackendError(f"backend {backend!r} declares {what} in {unit!r}, which is not a unit") from None
+    if not declared.fits(offered):
         raise UsageError(
-            f"{what} is in {target} for one side and in {source} for the other (backend {backend!r}); "
+            f"the spec declares {what} in {declared}, but backend {backend!r} has it in {offered}; "
             f"these do not convert into each other"
         )
-    return factor
+    return declared.to(offered)

@@ -8,7 +8,9 @@ from s2r_spec.rollouts.runner import Done
 from s2r_spec.spec import Spec
 
 
-def score(spec: Spec, requirement: str, point: Mapping[str, float], done: Done, fall: float) -> tuple[float, str | None]:
+def score(
+    spec: Spec, requirement: str, point: Mapping[str, float], done: Done, fall: float
+) -> tuple[float, str | None]:
     """Return ρ of a rollout, and the word for its failure if it failed.
 
     A fall or a crash has the value ``fall`` that was declared before the data:

@@ -42,7 +42,9 @@ def replay(rollout: str) -> Replay:
     folder, hash_sign, key = rollout.rpartition("#")
     query, dot, replicate = key.partition(".")
     if not (hash_sign and dot and query.isdecimal() and replicate.isdecimal()):
-        raise UsageError(f"{rollout!r} is not FOLDER#QUERY.REPLICATE, for example s2r-runs/night/walking#12.3")
+        raise UsageError(
+            f"{rollout!r} is not FOLDER#QUERY.REPLICATE, for example s2r-runs/night/walking#12.3"
+        )
     journal = Journal.read(Path(folder))
     record = journal.get(int(query), int(replicate))
     if record is None:
@@ -62,5 +64,7 @@ def replay(rollout: str) -> Replay:
     if rho != record.rho:
         difference = f"the record says {record.rho:+.6f}"
         if machine.model_hash != header["model_hash"]:
-            difference += f"; the model has changed since ({header['model_hash'][:12]}, now {machine.model_hash[:12]})"
+            difference += (
+                f"; the model has changed since ({header['model_hash'][:12]}, now {machine.model_hash[:12]})"
+            )
     return Replay(point, record.seed, rho, record.rho, spec.unit(requirement), trace, difference)

@@ -12,7 +12,9 @@ from s2r_spec.space import Space
 class RandomFunction:
     """J = Σ a_j k(·, x_j) with ‖J‖² = aᵀKa = norm²."""
 
-    def __init__(self, kernel: Kernel, space: Space, norm: float, rng: np.random.Generator, sections: int = 12):
+    def __init__(
+        self, kernel: Kernel, space: Space, norm: float, rng: np.random.Generator, sections: int = 12
+    ):
         self.kernel = kernel
         self.centres = rng.uniform(space.lower, space.upper, (sections, space.dim))
         weights = rng.normal(size=sections)

@@ -31,7 +31,9 @@ def wrong_runs(name: str, mode: str, runs: int = RUNS) -> int:
     for seed in range(runs):
         rng = np.random.default_rng([7, seed])
         function = RandomFunction(kernel, LINE, B, rng)
-        search = Search(LINE, kernel=kernel, B=B, R=R, delta=DELTA, epsilon=EPSILON, mode=mode, seed=seed, budget=4000)
+        search = Search(
+            LINE, kernel=kernel, B=B, R=R, delta=DELTA, epsilon=EPSILON, mode=mode, seed=seed, budget=4000
+        )
         run(search, function, R, rng)
         certificate = search.certificate()
         truth = function(LINE.grid((2001,))).max()

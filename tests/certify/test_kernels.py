@@ -46,7 +46,7 @@ def test_a_grid_is_as_fine_as_asked_or_says_how_coarse_it_is():
     line = grid_for(Space.of({"x": (-0.2, 0.3)}), kernel, 1e-4)
     assert line.interpolation <= 1e-4
     assert {line.points[0, 0], line.points[-1, 0]} == {-0.2, 0.3}
-    box = grid_for(Space.of({name: (0, 1) for name in "abcd"}), kernel, 1e-6)
+    box = grid_for(Space.of(dict.fromkeys("abcd", (0, 1))), kernel, 1e-6)
     assert len(box.points) <= MOST_POINTS
     assert box.interpolation > 1e-6
 

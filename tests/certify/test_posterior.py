@@ -24,7 +24,9 @@ def test_both_engines_agree(name, dim, most, digits):
     scales = np.array([0.5, 50.0, 1125.0])
     ours, theirs = (engine(kernel, grid).posterior(*data, scales) for engine in (Spectral, GPyTorch))
     for quantity in ("mean", "std", "log_det", "quadratic"):
-        assert np.allclose(getattr(ours, quantity), getattr(theirs, quantity), atol=digits, rtol=digits), quantity
+        assert np.allclose(getattr(ours, quantity), getattr(theirs, quantity), atol=digits, rtol=digits), (
+            quantity
+        )
 
 
 def test_replicates_at_one_point_are_worth_exactly_their_single_rollouts():
@@ -49,7 +51,13 @@ def test_replicates_at_one_point_are_worth_exactly_their_single_rollouts():
 
 def test_with_one_scale_the_width_is_beta():
     """β_n = sqrt(B²/c + ln det(I + cM^½KM^½) + 2 ln(1/δ)), whatever the outcomes."""
-    log_det, quadratic, c, B, delta = np.array([3.0]), np.array([7.0]), np.array([0.5]), np.array([1.5, 3.0]), 0.1
+    log_det, quadratic, c, B, delta = (
+        np.array([3.0]),
+        np.array([7.0]),
+        np.array([0.5]),
+        np.array([1.5, 3.0]),
+        0.1,
+    )
     radius = confidence.data_radius(log_det, quadratic, delta)
     widths = confidence.width(B, c, radius, quadratic)
     assert widths[:, 0] == pytest.approx(np.sqrt(B**2 / 0.5 + 3.0 + 2 * np.log(10)))
@@ -106,7 +114,12 @@ def test_the_smallest_norm_is_the_minimum_over_the_data_fit_set():
     rng = np.random.default_rng(1)
     kernel = Kernel("rbf", 0.3)
     points = np.linspace(0, 1, 4)[:, None]
-    gram, counts, means, radius = kernel.gram(points, points), np.array([3.0, 1, 8, 2]), 5 * rng.normal(size=4), 6.0
+    gram, counts, means, radius = (
+        kernel.gram(points, points),
+        np.array([3.0, 1, 8, 2]),
+        5 * rng.normal(size=4),
+        6.0,
+    )
     best = minimize(
         lambda a: a @ gram @ a,
         np.linalg.solve(gram, means),
@@ -120,7 +133,7 @@ def test_the_smallest_norm_is_the_minimum_over_the_data_fit_set():
     assert found >= np.sqrt(best.fun) * 0.99
 
 
-def test_the_e_value_refutes_a_small_R_and_spares_a_right_one():
+def test_the_e_value_refutes_a_small_proxy_and_spares_a_right_one():
     rng = np.random.default_rng(0)
     degrees = 400
 
@@ -133,10 +146,13 @@ def test_the_e_value_refutes_a_small_R_and_spares_a_right_one():
     assert confidence.noise_e_value(0.0, 0) == pytest.approx(0.0)
 
 
-def test_the_e_value_averages_to_at_most_one_when_R_is_right():
+def test_the_e_value_averages_to_at_most_one_when_the_proxy_is_right():
     """The defining property, exact for Gaussian noise at the proxy: E exp = 1 for each scale."""
     rng = np.random.default_rng(0)
     degrees = 2
-    values = [np.exp(confidence.noise_e_value(float((rng.normal(size=degrees) ** 2).sum()), degrees)) for _ in range(20000)]
+    values = [
+        np.exp(confidence.noise_e_value(float((rng.normal(size=degrees) ** 2).sum()), degrees))
+        for _ in range(20000)
+    ]
     # The largest scales are so heavy-tailed that an average over samples sits below the expectation 1.
     assert np.mean(values) <= 1.1

@@ -41,7 +41,9 @@ def test_the_interval_never_widens_and_every_rung_contains_the_one_below():
     before = search.certificate()
     while not search.done:
         for query in search.ask():
-            search.tell(query, function(search.space.vector(query.point)) + 0.02 * rng.normal(size=query.replicates))
+            search.tell(
+                query, function(search.space.vector(query.point)) + 0.02 * rng.normal(size=query.replicates)
+            )
         now = search.certificate()
         assert now.lower >= before.lower
         assert now.upper <= before.upper
@@ -81,7 +83,9 @@ def test_asking_again_gives_the_queries_that_are_still_open():
 
 
 def test_both_engines_walk_the_same_way():
-    ours, theirs = (searched(engine=name, mode="rigorous-simple").certificate() for name in ("spectral", "gpytorch"))
+    ours, theirs = (
+        searched(engine=name, mode="rigorous-simple").certificate() for name in ("spectral", "gpytorch")
+    )
     assert (ours.rollouts, ours.worst) == (theirs.rollouts, theirs.worst)
     assert ours.lower == pytest.approx(theirs.lower, abs=1e-9)
     assert ours.upper == pytest.approx(theirs.upper, abs=1e-9)

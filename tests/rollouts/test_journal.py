@@ -18,7 +18,9 @@ def record(query, replicate=0, rho=0.1):
 def journal(tmp_path):
     made = Journal.create(tmp_path / "run", HEADER, {"spec.stl": "require\n"})
     for query in range(3):
-        made.append(record(query, rho=0.1 / 3 * query), Trace([0.0, 1.0], {"vx": [0.0, query]}, {"vx": "m/s"}))
+        made.append(
+            record(query, rho=0.1 / 3 * query), Trace([0.0, 1.0], {"vx": [0.0, query]}, {"vx": "m/s"})
+        )
     return made
 
 
@@ -76,7 +78,9 @@ def test_what_is_no_journal_is_refused(tmp_path):
     with pytest.raises(JournalError, match="no run to resume at"):
         Journal.read(tmp_path)
     (tmp_path / FILE).write_text(json.dumps({"schema": "other/1"}) + "\n")
-    with pytest.raises(JournalError, match="journal.jsonl:1: this is not a journal of schema s2r.journal/1"):
+    with pytest.raises(
+        JournalError, match=r"journal\.jsonl:1: this is not a journal of schema s2r.journal/1"
+    ):
         Journal.read(tmp_path)
 
 

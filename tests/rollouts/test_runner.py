@@ -10,7 +10,9 @@ pytestmark = pytest.mark.usefixtures("toy")
 
 
 def tasks(backend, speeds, **more):
-    return [Task(i, 0, backend, {"vd": speed}, rollout_seed(0, i, 0), **more) for i, speed in enumerate(speeds)]
+    return [
+        Task(i, 0, backend, {"vd": speed}, rollout_seed(0, i, 0), **more) for i, speed in enumerate(speeds)
+    ]
 
 
 def traces(factory, jobs):
@@ -24,7 +26,11 @@ def test_any_number_of_workers_and_any_executor_give_the_same_traces():
         traces(factory, jobs) for factory in (process_pool(1), process_pool(2), lambda: ThreadPoolExecutor(3))
     )
     for query in one:
-        assert one[query].trace["vx"].tobytes() == two[query].trace["vx"].tobytes() == threads[query].trace["vx"].tobytes()
+        assert (
+            one[query].trace["vx"].tobytes()
+            == two[query].trace["vx"].tobytes()
+            == threads[query].trace["vx"].tobytes()
+        )
 
 
 def test_a_worker_that_dies_takes_nobody_with_it():
@@ -36,7 +42,9 @@ def test_a_worker_that_dies_takes_nobody_with_it():
 
 
 def test_a_rollout_that_raises_is_named_with_its_test_and_seed():
-    with pytest.raises(BackendError, match=r"'toy:raise' raised ValueError: the gyroscope .* at \{'vd': 0.1\}, seed \d+"):
+    with pytest.raises(
+        BackendError, match=r"'toy:raise' raised ValueError: the gyroscope .* at \{'vd': 0.1\}, seed \d+"
+    ):
         traces(process_pool(1), tasks("toy:raise", [0.1]))
 
 
@@ -47,7 +55,9 @@ def test_only_the_channels_asked_for_come_back():
 
 def test_a_spec_that_looks_further_than_rollouts_last_lengthens_them_or_says_so():
     assert open_backend("toy", 4.0).duration == 4.0
-    with pytest.raises(BackendError, match=r"looks 4 s ahead, but rollouts of backend 'toy-short' last 1.5 s"):
+    with pytest.raises(
+        BackendError, match=r"looks 4 s ahead, but rollouts of backend 'toy-short' last 1.5 s"
+    ):
         open_backend("toy-short", 4.0)
 
 

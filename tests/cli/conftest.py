@@ -1,0 +1,51 @@
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+SPEC = """\
+signal vx {m/s}
+param  vd {m/s} in [-0.2, 0.3]
+require walking: always[0.5 s, 1.5 s] (abs(vx - vd) <= LIMIT {m/s})
+certify walking: delta = 1e-3, epsilon = 0.05, B = 0.5, R = 0.02, kernel = rbf(0.2 {m/s}), fall = -0.5
+"""
+
+
+class CommandLine:
+    """Runs the installed ``s2r`` in a folder of its own."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def spec(self, limit: float = 0.1, text: str = SPEC) -> str:
+        path = self.folder / "spec.stl"
+        path.write_text(text.replace("LIMIT", str(limit)))
+        return path.name
+
+    def command(self, *words: object) -> list[str]:
+        return [sys.executable, "-m", "s2r_spec", *map(str, words)]
+
+    def __call__(self, *words: object, code: int | None = None) -> subprocess.CompletedProcess[str]:
+        done = subprocess.run(
+            self.command(*words),
+            cwd=self.folder,
+            capture_output=True,
+            text=True,
+            timeout=120,
+            env=os.environ | {"COLUMNS": "100"},
+        )
+        assert code is None or done.returncode == code, done.stderr + done.stdout
+        return done
+
+    def json(self, *words: object, code: int) -> dict:
+        return json.loads(self(*words, "--json", code=code).stdout)
+
+
+@pytest.fixture
+def s2r(tmp_path, toy) -> CommandLine:
+    return CommandLine(tmp_path)

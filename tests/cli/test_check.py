@@ -1,0 +1,231 @@
+import os
+import signal
+import subprocess
+import time
+
+import pytest
+
+from tests.cli.conftest import SPEC
+
+
+def without_timing(result: dict) -> dict:
+    """Drop what may differ between two runs of the same search: clocks and folders."""
+    one = dict(result["results"][0])
+    for key in ("seconds", "folder", "replay"):
+        del one[key]
+    one["lowest"] = {key: value for key, value in one["lowest"].items() if key != "seconds"}
+    return one
+
+
+def test_a_requirement_that_holds(s2r):
+    done = s2r("check", s2r.spec(0.1), "--backend", "toy", "--workers", 2, code=0)
+    assert "walking  HOLDS" in done.stdout
+    assert "with probability ≥ 1 − 0.001" in done.stdout
+    assert "seed 0" in done.stdout
+    assert "This assumes:" in done.stdout
+    assert "B = 0.5" in done.stdout
+    assert "rollouts, ρ in [" in done.stderr
+
+
+def test_a_requirement_that_is_violated_and_its_worst_case_again(s2r):
+    result = s2r.json("check", s2r.spec(-0.05), "-b", "toy", "-q", code=1)["results"][0]
+    bound = result["worst_expected_robustness"]
+    assert result["verdict"] == "violated"
+    assert bound["lower"] <= bound["upper"] < 0
+    assert bound["unit"] == "m/s"
+    again = s2r.json(*result["replay"].split()[1:], code=0)
+    assert again["same"] is True
+    assert again["rho"] == result["lowest"]["rho"]
+
+
+def test_a_budget_too_small_to_tell_says_unknown(s2r):
+    result = s2r.json("check", s2r.spec(), "-b", "toy", "--budget", 10, "-q", code=3)["results"][0]
+    assert result["verdict"] == "unknown"
+    assert result["label"] == "budget exhausted (valid interval)"
+    assert result["search"]["rollouts"] <= 10
+
+
+def test_the_result_depends_on_the_seed_and_not_on_the_workers(s2r):
+    spec = s2r.spec()
+    one, two, other = (
+        without_timing(
+            s2r.json("check", spec, "-b", "toy", "-q", "--workers", workers, "--seed", seed, code=0)
+        )
+        for workers, seed in ((1, 0), (2, 0), (2, 1))
+    )
+    assert one == two
+    assert one["search"] != other["search"]
+
+
+def test_kill_9_in_the_middle_then_resume_gives_the_same_certificate(s2r):
+    spec = s2r.spec()
+    words = ("check", spec, "-b", "toy:slow", "-q", "--workers", 2)
+    whole = without_timing(s2r.json(*words, "--run", "whole", code=0))
+    process = subprocess.Popen(
+        s2r.command(*words, "--run", "cut"), cwd=s2r.folder, env=os.environ, start_new_session=True
+    )
+    journal = s2r.folder / "cut" / "walking" / "journal.jsonl"
+    deadline = time.monotonic() + 60
+    while not (journal.exists() and journal.read_bytes().count(b"\n") > 20):
+        assert process.poll() is None, "it ended before it could be killed"
+        assert time.monotonic() < deadline
+        time.sleep(0.002)
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait()
+    before = journal.read_bytes().count(b"\n")
+    assert before < whole["search"]["rollouts"]
+    resumed = s2r.json(*words, "--resume", "cut", code=0)
+    assert without_timing(resumed) == whole
+    assert journal.read_bytes().count(b"\n") == whole["search"]["rollouts"] + 1
+    # What had been recorded was not run again: the old lines are still the first ones.
+    assert len(list((journal.parent / "traces").iterdir())) == whole["search"]["rollouts"]
+
+
+def test_a_killed_run_leaves_no_workers_behind(s2r):
+    process = subprocess.Popen(
+        s2r.command("check", s2r.spec(), "-b", "toy:slow", "-q", "--run", "cut"),
+        cwd=s2r.folder,
+        start_new_session=True,
+    )
+    journal = s2r.folder / "cut" / "walking" / "journal.jsonl"
+    while not (journal.exists() and journal.read_bytes().count(b"\n") > 2):
+        assert process.poll() is None
+        time.sleep(0.01)
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait()
+    deadline = time.monotonic() + 10
+    while members(process.pid) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert not members(process.pid)
+
+
+def members(group: int) -> list[str]:
+    """Return the living processes of a process group."""
+    listed = subprocess.run(
+        ["ps", "-eo", "pgid=,stat=,pid="], capture_output=True, text=True, check=True
+    ).stdout
+    rows = [line.split() for line in listed.splitlines()]
+    return [pid for pgid, state, pid in rows if int(pgid) == group and not state.startswith("Z")]
+
+
+def test_a_fall_counts_as_the_declared_value(s2r):
+    done = s2r("check", s2r.spec(), "-b", "toy:fall", "-q", code=None)
+    # A cliff of −0.5 in a run with R = 0.02: either the interval shows it, or R or B is refuted. Never "holds".
+    assert done.returncode in (1, 3)
+    assert "× fall" in done.stdout
+
+
+def test_a_worker_that_dies_counts_as_a_crash(s2r):
+    result = s2r.json("check", s2r.spec(), "-b", "toy:die", "-q", "--budget", 8, code=3)["results"][0]
+    crashed = {word: count for word, count in result["failures"].items() if word.startswith("crash")}
+    assert all("the worker died 3 times" in word for word in crashed)
+
+
+@pytest.mark.parametrize(
+    ("text", "words", "sentence"),
+    [
+        (SPEC.replace("signal vx {m/s}", "signal vx {kg}"), (), "m/s"),
+        (SPEC.replace("vx", "speed"), (), "reads the signal 'speed', which backend 'toy' does not record"),
+        (
+            SPEC.replace("vd", "vdd"),
+            (),
+            "sweeps the parameter 'vdd', which backend 'toy' does not have; did you mean 'vd'?",
+        ),
+        (
+            SPEC.replace("0.3]", "0.7]"),
+            (),
+            "vd = 0.7 m/s is outside what the backend can do: [-0.5, 0.5] m/s",
+        ),
+        (SPEC, ("-b", "simm"), "no backend 'simm'; did you mean 'sim'? installed:"),
+        (SPEC, ("-b", "needy"), "needs the package 'a_package_that_nobody_has'"),
+        (SPEC, ("-r", "walk"), "has no requirement 'walk'; it has walking"),
+        (SPEC.replace(", fall = -0.5", ""), (), "the certificate of 'walking' needs fall"),
+        (SPEC.replace("certify walking: ", "# "), (), "has no certify line"),
+        (SPEC, ("--budget", "3"), "the first batch alone takes 8 rollouts"),
+        (SPEC, ("--engine", "magic"), "no engine 'magic'; there are: gpytorch, spectral"),
+        ("solid mesh\n facet normal 0 0 1\nendsolid mesh\n", (), "is a 3-D mesh"),
+        ("require a: always (x <= 1", (), "error"),
+    ],
+)
+def test_bad_input_gets_one_sentence_and_exit_2(s2r, text, words, sentence):
+    words = words if "-b" in words else ("-b", "toy", *words)
+    spec = s2r.spec(text=text)
+    done = s2r("check", spec, *words, code=2)
+    assert sentence in done.stderr
+    assert "Traceback" not in done.stderr
+    assert done.stdout == ""
+    assert s2r.json("check", spec, *words, code=2)["exit_code"] == 2
+    assert not list(s2r.folder.glob("s2r-runs/*/*/traces/*"))
+
+
+def test_a_spec_that_is_not_there(s2r):
+    assert "cannot read the specification nowhere.stl" in s2r("check", "nowhere.stl", code=2).stderr
+
+
+def test_a_backend_that_raises_exits_4_and_keeps_what_was_recorded(s2r):
+    done = s2r("check", s2r.spec(), "-b", "toy:raise", "-q", "--run", "r", code=4)
+    assert "raised ValueError: the gyroscope is upside down" in done.stderr
+    assert (s2r.folder / "r" / "walking" / "journal.jsonl").exists()
+
+
+def test_resuming_another_run_names_the_field(s2r):
+    s2r("check", s2r.spec(0.1), "-b", "toy", "-q", "--run", "r", code=0)
+    assert (
+        "its seed is 0, now it is 5"
+        in s2r("check", "spec.stl", "-b", "toy", "--seed", 5, "--resume", "r", code=2).stderr
+    )
+    assert "holds a run already" in s2r("check", "spec.stl", "-b", "toy", "--run", "r", code=2).stderr
+    s2r.spec(0.2)
+    assert "spec_hash" in s2r("check", "spec.stl", "-b", "toy", "--resume", "r", code=2).stderr
+
+
+def test_resuming_a_finished_run_runs_nothing(s2r):
+    first = without_timing(s2r.json("check", s2r.spec(), "-b", "toy", "-q", "--run", "r", code=0))
+    journal = s2r.folder / "r" / "walking" / "journal.jsonl"
+    before = journal.read_bytes()
+    assert without_timing(s2r.json("check", "spec.stl", "-b", "toy", "-q", "--resume", "r", code=0)) == first
+    assert journal.read_bytes() == before
+
+
+def test_units_are_converted_between_spec_and_backend(s2r):
+    text = SPEC.replace("param  vd {m/s} in [-0.2, 0.3]", "param  vd {cm/s} in [-20, 30]").replace(
+        "rbf(0.2 {m/s})", "rbf(20 {cm/s})"
+    )
+    metres = s2r.json("check", s2r.spec(), "-b", "toy", "-q", code=0)["results"][0]
+    centimetres = s2r.json("check", s2r.spec(text=text.replace("LIMIT", "0.1")), "-b", "toy", "-q", code=0)[
+        "results"
+    ][0]
+    assert centimetres["worst"]["params"]["vd"] == pytest.approx(100 * metres["worst"]["params"]["vd"])
+    assert centimetres["lowest"]["rho"] == pytest.approx(metres["lowest"]["rho"], abs=1e-9)
+
+
+def test_replay_says_what_is_wrong(s2r):
+    assert "is not FOLDER#QUERY.REPLICATE" in s2r("replay", "somewhere", code=2).stderr
+    assert "no run to resume" in s2r("replay", "somewhere#1.2", code=2).stderr
+    s2r("check", s2r.spec(), "-b", "toy", "-q", "--run", "r", code=0)
+    assert "has no rollout 999.0" in s2r("replay", "r/walking#999.0", code=2).stderr
+    s2r("replay", "r/walking#0.0", "--save", "again.csv", code=0)
+    assert (s2r.folder / "again.csv").exists()
+
+
+def test_replay_notices_that_the_model_has_changed(s2r, monkeypatch):
+    s2r("check", s2r.spec(), "-b", "toy", "-q", "--run", "r", code=0)
+    journal = s2r.folder / "r" / "walking" / "journal.jsonl"
+    journal.write_text(journal.read_text().replace('"rho": 0.0', '"rho": 0.1'))
+    monkeypatch.setenv("S2R_TOY_MODEL", "toy-2")
+    done = s2r("replay", "r/walking#0.0", code=4)
+    assert "the model has changed since (toy-1, now toy-2)" in done.stdout
+
+
+def test_backends_lists_names_and_details(s2r):
+    shown = s2r("backends", code=0).stdout
+    assert "sim " in shown
+    assert "toy " in shown
+    assert "vd " in s2r("backends", "toy", code=0).stdout
+    assert s2r.json("backends", "toy", code=0)["model_hash"] == "toy-1"
+
+
+def test_help_and_version(s2r):
+    assert "Exit codes" in s2r("check", "--help", code=0).stdout
+    assert s2r("--version", code=0).stdout.startswith("s2r ")
+    assert "No such option" in s2r("check", "x.stl", "--sed", "1", code=2).stderr
