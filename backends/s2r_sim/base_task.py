@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import cos, pi, remainder, sin
+from math import cos, pi, remainder, sin, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -45,27 +45,34 @@ class Reference(NamedTuple):
         return -sin(self.yaw) * (self.x - x) + cos(self.yaw) * (self.y - y)
 
 
-def base_acceleration(
-    gains: Gains,
-    measured: State,
-    rotation: FloatArray,
-    reference: Reference,
-    command: Command,
-    ground: float,
-) -> FloatArray:
-    """Return (6,) the wanted spatial acceleration of the base in base axes.
+class BaseTask(NamedTuple):
+    """What the base should do, in base axes.
 
-    Proportional-derivative in the heading frame and in roll, pitch, yaw:
+    Attributes:
+        acceleration: (6,) wanted spatial acceleration.
+        root: (6, 6) square root L of the weight of a deviation, weight = L'L.
+    """
+
+    acceleration: FloatArray
+    root: FloatArray
+
+
+def base_task(
+    gains: Gains, measured: State, twist: FloatArray, reference: Reference, command: Command, ground: float
+) -> BaseTask:
+    """Return the base's task: proportional-derivative in the heading frame and in roll, pitch, yaw.
+
     p̈ = kp (p_des − p) + kd (v_des − v), no integral. The spatial acceleration
-    is R'p̈ − ω × (R'v).
+    is R'p̈ − ω × (R'v). The weights, too, are those of the heading frame, turned
+    into base axes by H = Ry(pitch) Rx(roll).
 
-    ``rotation`` (3, 3) takes base axes to world axes; ``ground`` [m] is the
+    ``twist`` is (18,) with the base's in base axes first; ``ground`` [m] is the
     height of the stance feet's contact points.
     """
     x, y, z = measured.position.tolist()
     vx, vy, vz = measured.velocity.tolist()
     roll, pitch, yaw = measured.rpy.tolist()
-    wx, wy, wz = measured.omega.tolist()
+    ux, uy, uz, wx, wy, wz = twist[:6].tolist()
     c, s = cos(yaw), sin(yaw)
 
     kp, kd = gains.kp_linear, gains.kd_linear
@@ -75,28 +82,21 @@ def base_acceleration(
 
     kp, kd = gains.kp_angular, gains.kd_angular
     turn = remainder(reference.yaw - yaw, 2.0 * pi)
-    wanted = (
-        np.array([c * forward - s * left, s * forward + c * left, up, vx, vy, vz]).reshape(2, 3) @ rotation
+    cr, sr, cp, sp = cos(roll), sin(roll), cos(pitch), sin(pitch)
+    acceleration = (
+        cp * forward - sp * up - (wy * uz - wz * uy),
+        sp * sr * forward + cr * left + cp * sr * up - (wz * ux - wx * uz),
+        sp * cr * forward - sr * left + cp * cr * up - (wx * uy - wy * ux),
+        -kp[0] * roll - kd[0] * wx,
+        -kp[1] * pitch - kd[1] * wy,
+        kp[2] * turn + kd[2] * (command.wz - wz),
     )
-    ax, ay, az = wanted[0].tolist()
-    ux, uy, uz = wanted[1].tolist()
-    return np.array(
-        [
-            ax - (wy * uz - wz * uy),
-            ay - (wz * ux - wx * uz),
-            az - (wx * uy - wy * ux),
-            -kp[0] * roll - kd[0] * wx,
-            -kp[1] * pitch - kd[1] * wy,
-            kp[2] * turn + kd[2] * (command.wz - wz),
-        ]
+    a, b, d = (sqrt(weight) for weight in gains.weight_linear)
+    root = np.zeros((6, 6))
+    root[:3, :3] = (
+        (a * cp, a * sp * sr, a * sp * cr),
+        (0.0, b * cr, -b * sr),
+        (-d * sp, d * cp * sr, d * cp * cr),
     )
-
-
-def base_weight(gains: Gains, rotation: FloatArray, yaw: float) -> FloatArray:
-    """Return (6, 6) the weight of a deviation: heading-frame weights turned into base axes."""
-    c, s = cos(yaw), sin(yaw)
-    heading = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) @ rotation
-    weight = np.zeros((6, 6))
-    weight[:3, :3] = heading.T @ (np.array(gains.weight_linear)[:, None] * heading)
-    weight.flat[21::7] = gains.weight_angular
-    return weight
+    root.flat[21::7] = [sqrt(weight) for weight in gains.weight_angular]
+    return BaseTask(np.array(acceleration), root)

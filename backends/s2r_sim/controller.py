@@ -11,13 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dgesv
 
-from s2r_sim.base_task import Command, Reference, base_acceleration, base_weight
+from s2r_sim.base_task import Command, Reference, base_task
 from s2r_sim.dynamics import RigidBody
 from s2r_sim.figures import Robot
 from s2r_sim.foot_task import FootTask, foot_task
+from s2r_sim.foothold import Point
 from s2r_sim.full_qp import FullQP
 from s2r_sim.gains import Gains
-from s2r_sim.gait import Gait
+from s2r_sim.gait import Gait, Progress
 from s2r_sim.physics import MotorCommand, State
 from s2r_sim.qp import InverseDynamics, Solution, Stance, Task
 from s2r_sim.settings import Form
@@ -34,7 +35,7 @@ class Memory:
 
     reference: Reference = field(default_factory=lambda: Reference(0.0, 0.0, 0.0))
     tick: int = 0
-    lift_off: FloatArray = field(default_factory=lambda: np.zeros((4, 3)))
+    lift_off: list[Point] = field(default_factory=lambda: [(0.0, 0.0, 0.0)] * 4)
     forces: FloatArray = field(default_factory=lambda: np.zeros(12))
     failed_in_a_row: int = 0
 
@@ -53,10 +54,11 @@ class Controller:
     def __init__(self, robot: Robot, gains: Gains, form: Form = "condensed") -> None:
         self._gains = gains
         self._gait = Gait.of(gains)
-        self._schedule = tuple(self._gait.progress(tick) for tick in range(self._gait.period))
+        self._schedule = tuple(_Phase(gains, self._gait.progress(tick)) for tick in range(self._gait.period))
         self._foot_radius = robot.foot_radius
         self._body = RigidBody(robot, gains.rotor_inertia)
         self._qp = FORMS[form](gains, robot)
+        self._rhs = np.zeros((12, 9), order="F")
         self.memory = Memory()
 
     def restore(self, memory: Memory) -> None:
@@ -71,33 +73,29 @@ class Controller:
     def tick(self, measured: State, command: Command) -> Tick:
         """Run one control tick."""
         gains, body, memory = self._gains, self._body, self.memory
-        progress = self._schedule[memory.tick % len(self._schedule)]
-        stance: Stance = (progress[0] is None, progress[1] is None, progress[2] is None, progress[3] is None)
+        phase = self._schedule[memory.tick % len(self._schedule)]
+        memory.tick += 1
         body.update(measured)
-        standing = [leg for leg in range(4) if stance[leg]]
-        ground = float(body.feet[standing, 2].mean()) - self._foot_radius
+        x, y, z = body.feet[0::3].tolist(), body.feet[1::3].tolist(), body.feet[2::3].tolist()
+        for leg in phase.standing:
+            memory.lift_off[leg] = (x[leg], y[leg], z[leg])
+        ground = sum(z[leg] for leg in phase.standing) / len(phase.standing) - self._foot_radius
         memory.reference = memory.reference.advanced(measured, command)
-        memory.lift_off[standing] = body.feet[standing]
 
         landing_height = ground + self._foot_radius - gains.touch_down_depth
         feet = foot_task(
-            gains, self._gait, progress, memory.lift_off, body, measured, command, landing_height
+            gains, self._gait, phase.progress, memory.lift_off, body, measured, command, landing_height
         )
-        legs = _in_joint_space(body, feet)
-        task = Task(
-            base=base_acceleration(gains, measured, body.rotation, memory.reference, command, ground),
-            weight=base_weight(gains, body.rotation, float(measured.rpy[2])),
-            feet=feet.acceleration,
-            leg_acceleration=legs[:, 0],
-            leg_response=legs[:, 1:7],
-            stance=stance,
-        )
-        solution = self._qp.solve(body, task)
-        torque = self._feedforward(solution, stance)
-        memory.tick += 1
+        legs = in_joint_space(body, feet, self._rhs)
+        base = base_task(gains, measured, body.twist, memory.reference, command, ground)
+        solution = self._qp.solve(body, Task(base, feet.acceleration, legs[:, :7], phase.stance))
+        torque = self._feedforward(solution, phase.stance)
         if torque is None:
-            return Tick(_damping(gains), stance, solution)
-        return Tick(_motors(gains, measured, stance, torque, legs[:, 7], legs[:, 8]), stance, solution)
+            return Tick(_damping(gains), phase.stance, solution)
+        bound = gains.max_joint_step
+        step = np.minimum(np.maximum(legs[:, 7], -bound), bound)
+        motors = MotorCommand(q=measured.q + step, dq=legs[:, 8], kp=phase.kp, kd=phase.kd, tau=torque)
+        return Tick(motors, phase.stance, solution)
 
     def _feedforward(self, solution: Solution | None, stance: Stance) -> FloatArray | None:
         """Return (12,) torques: the QP's, or for a few ticks those of the last good forces, or None."""
@@ -114,31 +112,30 @@ class Controller:
         return static
 
 
-def _in_joint_space(body: RigidBody, feet: FootTask) -> FloatArray:
-    """Return (12, 9): joint accelerations e, response N (6 columns), joint steps, joint speeds.
+class _Phase:
+    """What one tick of the gait period fixes."""
 
-    One factorisation of the leg Jacobians serves q̈ = e − N a and both joint targets.
+    def __init__(self, gains: Gains, progress: Progress) -> None:
+        self.progress = progress
+        a, b, c, d = (s is None for s in progress)
+        self.stance: Stance = (a, b, c, d)
+        self.standing = tuple(leg for leg in range(4) if self.stance[leg])
+        self.kp = np.repeat([0.0 if stands else gains.kp_joint_swing for stands in self.stance], 3)
+        self.kd = np.full(12, gains.kd_joint)
+
+
+def in_joint_space(body: RigidBody, feet: FootTask, rhs: FloatArray) -> FloatArray:
+    """Return (12, 9): response N (6 columns), joint accelerations e, joint steps, joint speeds.
+
+    One factorisation of the leg Jacobians serves q̈ = e − N a and both joint
+    targets. ``rhs`` (12, 9) is overwritten.
     """
-    rhs = np.empty((12, 9), order="F")
-    rhs[:, 0] = feet.acceleration - body.drift
-    rhs[:, 1:7] = body.base_jacobian
+    rhs[:, :6] = body.base_jacobian
+    np.subtract(feet.acceleration, body.drift, out=rhs[:, 6])
     rhs[:, 7] = feet.step
-    rhs[:, 8] = feet.velocity - body.base_jacobian @ body.twist[:6]
+    np.subtract(feet.velocity, body.base_jacobian @ body.twist[:6], out=rhs[:, 8])
     solved: FloatArray = dgesv(body.leg_jacobian, rhs)[2]
     return solved
-
-
-def _motors(
-    gains: Gains, measured: State, stance: Stance, torque: FloatArray, step: FloatArray, speed: FloatArray
-) -> MotorCommand:
-    bound = gains.max_joint_step
-    return MotorCommand(
-        q=measured.q + np.minimum(np.maximum(step, -bound), bound),
-        dq=speed,
-        kp=np.repeat([0.0 if stands else gains.kp_joint_swing for stands in stance], 3),
-        kd=np.full(12, gains.kd_joint),
-        tau=torque,
-    )
 
 
 def _damping(gains: Gains) -> MotorCommand:

@@ -22,6 +22,9 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 Vector3 = tuple[float, float, float]
 
+GRAVITY = 9.81
+"""[m/s²]"""
+
 
 @dataclass(frozen=True)
 class Inertia:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_sim.dynamics import RigidBody
-from s2r_sim.figures import Robot
+from s2r_sim.figures import GRAVITY, Robot
 from s2r_sim.gains import Gains
 from s2r_sim.qp import Solution, Solver, Task, pyramid
 
@@ -24,6 +24,7 @@ class FullQP:
     def __init__(self, gains: Gains, robot: Robot) -> None:
         self._gains = gains
         self._torque_limit = robot.torque_limit
+        self._weight = robot.mass * GRAVITY
         self._solver = Solver()
         self._G = np.zeros((28, 30), order="F")
         self._G[:16, 18:] = np.kron(np.eye(4), pyramid(gains))
@@ -38,7 +39,7 @@ class FullQP:
         P, c = self._cost(body, task)
         lower, upper = self._row_bounds(body, task)
         x_l, x_u = self._force_bounds(task)
-        found = self._solver.solve(P=P, c=c, A=A, b=b, G=self._G, h_l=lower, h_u=upper, x_l=x_l, x_u=x_u)
+        found = self._solver.solve({}, P=P, c=c, A=A, b=b, G=self._G, h_l=lower, h_u=upper, x_l=x_l, x_u=x_u)
         if found is None:
             return None
         x, iterations = found
@@ -54,8 +55,7 @@ class FullQP:
         for leg, stands in enumerate(task.stance):
             rows, feet = slice(6 + 3 * leg, 9 + 3 * leg), slice(3 * leg, 3 * leg + 3)
             if stands:
-                A[rows, :6] = body.base_jacobian[feet]
-                A[rows, 6:18] = body.leg_jacobian[feet]
+                A[rows, :18] = body.jacobian[feet]
                 b[rows] = task.feet[feet] - body.drift[feet]
             else:
                 A[rows, 18 + 3 * leg : 21 + 3 * leg] = np.eye(3)
@@ -66,17 +66,18 @@ class FullQP:
         gains = self._gains
         P = np.zeros((30, 30), order="F")
         c = np.zeros(30)
-        P[:6, :6] = task.weight
-        c[:6] = -task.weight @ task.base
+        weight = task.base.root.T @ task.base.root
+        P[:6, :6] = weight
+        c[:6] = -weight @ task.base.acceleration
         for leg, stands in enumerate(task.stance):
             if not stands:
                 feet = slice(3 * leg, 3 * leg + 3)
-                J = np.hstack([body.base_jacobian[feet], body.leg_jacobian[feet]])
+                J = body.jacobian[feet]
                 P[:18, :18] += gains.weight_swing * J.T @ J
                 c[:18] -= gains.weight_swing * J.T @ (task.feet[feet] - body.drift[feet])
         P[range(18), range(18)] += gains.weight_acceleration
         P[range(18, 30), range(18, 30)] += gains.weight_force
-        share = body.weight / sum(task.stance)
+        share = self._weight / sum(task.stance)
         c[20::3] -= gains.weight_force * share * np.array(task.stance, dtype=float)
         return P, c
 

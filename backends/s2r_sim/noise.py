@@ -11,7 +11,10 @@ from s2r_sim.physics import State
 
 FloatArray = NDArray[np.float64]
 
-_SENSOR_WIDTHS = (12, 12, 3, 3, 3)
+_DRAWN = (12, 12, 3, 3, 3)
+"""Numbers drawn per tick: errors of q, q̇, gyro, attitude, velocity."""
+_AS_STATE = [*range(27, 33), *range(24, 27), *range(24)]
+"""The same in the order of ``State.flat`` from ``rpy`` on."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +55,7 @@ class Draws:
         rise: of the base [m].
         tilt: (3,) of the base [rad].
         joints: (12,) [rad].
-        sensors: (ticks, 33) errors of q, q̇, gyro, attitude, velocity.
+        sensors: (ticks, 36) errors of the measured state, in the order of ``State.flat``.
     """
 
     phase: int
@@ -63,15 +66,7 @@ class Draws:
 
     def measure(self, tick: int, truth: State) -> State:
         """Return the state as the sensors report it at this tick."""
-        e = self.sensors[tick]
-        return State(
-            position=truth.position,
-            rpy=truth.rpy + e[27:30],
-            velocity=truth.velocity + e[30:33],
-            omega=truth.omega + e[24:27],
-            q=truth.q + e[:12],
-            dq=truth.dq + e[12:24],
-        )
+        return State(truth.flat + self.sensors[tick])
 
 
 def draw(noise: Noise, seed: int, ticks: int, period: int) -> Draws:
@@ -79,10 +74,9 @@ def draw(noise: Noise, seed: int, ticks: int, period: int) -> Draws:
     rng = np.random.default_rng(seed)
     phase = int(rng.uniform() * noise.gait_phase * period) % period
     scales = (noise.encoder, noise.joint_speed, noise.gyro, noise.attitude, noise.velocity)
-    return Draws(
-        phase=phase,
-        rise=float(rng.normal()) * noise.initial_height,
-        tilt=rng.normal(size=3) * noise.initial_attitude,
-        joints=rng.normal(size=12) * noise.initial_joint,
-        sensors=rng.normal(size=(ticks, 33)) * np.repeat(scales, _SENSOR_WIDTHS),
-    )
+    rise = float(rng.normal()) * noise.initial_height
+    tilt = rng.normal(size=3) * noise.initial_attitude
+    joints = rng.normal(size=12) * noise.initial_joint
+    sensors = np.zeros((ticks, 36))
+    sensors[:, 3:] = (rng.normal(size=(ticks, sum(_DRAWN))) * np.repeat(scales, _DRAWN))[:, _AS_STATE]
+    return Draws(phase, rise, tilt, joints, sensors)

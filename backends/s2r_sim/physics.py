@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,11 +41,11 @@ class FallLimits:
     tilt: float = 0.7
 
 
-@dataclass(frozen=True, eq=False)
 class State:
-    """A state of the robot, true or measured.
+    """A state of the robot, true or measured: one vector, and its parts as views of it.
 
     Attributes:
+        flat: (36,) everything below, in this order.
         position: (3,) base origin in the world [m].
         rpy: (3,) roll, pitch, yaw of the base [rad], rotation Rz(yaw) Ry(pitch) Rx(roll).
         velocity: (3,) of the base origin, world axes [m/s].
@@ -53,16 +54,19 @@ class State:
         dq: (12,) joint speeds [rad/s].
     """
 
-    position: FloatArray
-    rpy: FloatArray
-    velocity: FloatArray
-    omega: FloatArray
-    q: FloatArray
-    dq: FloatArray
+    __slots__ = ("dq", "flat", "omega", "position", "q", "rpy", "velocity")
+
+    def __init__(self, flat: FloatArray) -> None:
+        self.flat = flat
+        self.position = flat[0:3]
+        self.rpy = flat[3:6]
+        self.velocity = flat[6:9]
+        self.omega = flat[9:12]
+        self.q = flat[12:24]
+        self.dq = flat[24:36]
 
 
-@dataclass(frozen=True, eq=False)
-class MotorCommand:
+class MotorCommand(NamedTuple):
     """τ_ff + Kp (q_des − q) + Kd (q̇_des − q̇) for the twelve motors, each (12,)."""
 
     q: FloatArray

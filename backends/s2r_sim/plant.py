@@ -30,31 +30,30 @@ class Plant:
         self._steps = round(1.0 / (RATE * physics.timestep))
         self._base = int(self.model.body("base").id)
         self.model.actuator_gainprm[:, 0] = 1.0
+        # Live views of MuJoCo's own memory: asking for them at every tick would cost a wrapper each.
+        qpos, qvel = self.data.qpos, self.data.qvel
+        self._position, self._attitude, self._q = qpos[:3], qpos[3:7], qpos[7:]
+        self._twist, self._dq = qvel[:6], qvel[6:]
+        self._control, self._force = self.data.ctrl, self.data.xfrc_applied[self._base, :3]
+        self._actuator_force, self._sensors = self.data.actuator_force, self.data.sensordata
         self._minus_kp = self.model.actuator_biasprm[:, 1]
         self._minus_kd = self.model.actuator_biasprm[:, 2]
 
     @property
     def foot_forces(self) -> FloatArray:
         """(12,) ground on feet, world axes [N], in the last physics step."""
-        return np.array(self.data.sensordata)
+        return np.array(self._sensors)
 
     @property
     def torque(self) -> FloatArray:
         """(12,) delivered by the motors [N m], in the last physics step."""
-        return np.array(self.data.actuator_force)
+        return np.array(self._actuator_force)
 
     def truth(self) -> State:
         """Return the true state."""
-        qpos, qvel = self.data.qpos, self.data.qvel
-        w, x, y, z = qpos[3:7].tolist()
-        return State(
-            position=qpos[:3].copy(),
-            rpy=np.array(rotation.rpy_from_wxyz(w, x, y, z)),
-            velocity=qvel[:3].copy(),
-            omega=qvel[3:6].copy(),
-            q=qpos[7:].copy(),
-            dq=qvel[6:].copy(),
-        )
+        w, x, y, z = self._attitude.tolist()
+        rpy = rotation.rpy_from_wxyz(w, x, y, z)
+        return State(np.concatenate((self._position, rpy, self._twist, self._q, self._dq)))
 
     def place(self, position: FloatArray, rpy: FloatArray, q: FloatArray) -> None:
         """Put the robot at rest in a pose, with everything else as at the start of time."""
@@ -68,14 +67,14 @@ class Plant:
 
     def _set_pose(self, position: FloatArray, rpy: FloatArray, q: FloatArray) -> None:
         x, y, z, w = rotation.quaternion(*rpy.tolist())
-        self.data.qpos[:] = np.concatenate([position, (w, x, y, z), q])
+        self._position[:], self._attitude[:], self._q[:] = position, (w, x, y, z), q
 
     def step(self, motors: MotorCommand, push: FloatArray | None = None) -> None:
         """Run the physics for one control tick under this command and (3,) force on the base [N]."""
         np.negative(motors.kp, out=self._minus_kp)
         np.negative(motors.kd, out=self._minus_kd)
-        self.data.ctrl[:] = motors.tau + motors.kp * motors.q + motors.kd * motors.dq
-        self.data.xfrc_applied[self._base, :3] = 0.0 if push is None else push
+        np.add(motors.tau, motors.kp * motors.q + motors.kd * motors.dq, out=self._control)
+        self._force[:] = 0.0 if push is None else push
         mujoco.mj_step(self.model, self.data, self._steps)
 
     def save(self) -> FloatArray:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import piqp
 from numpy.typing import NDArray
 
+from s2r_sim.base_task import BaseTask
 from s2r_sim.dynamics import RigidBody
 from s2r_sim.gains import Gains
 
@@ -16,30 +16,24 @@ FloatArray = NDArray[np.float64]
 Stance = tuple[bool, bool, bool, bool]
 
 
-@dataclass(frozen=True, eq=False)
-class Task:
+class Task(NamedTuple):
     """What the robot should do at this instant.
 
     Attributes:
-        base: (6,) wanted spatial acceleration of the base, base axes.
-        weight: (6, 6) of the deviation from it.
+        base: (6,) wanted spatial acceleration of the base, base axes, and the root of its weight.
         feet: (12,) wanted foot accelerations, world axes.
-        leg_acceleration: (12,) joint accelerations that give ``feet`` with the base at rest.
-        leg_response: (12, 6) joint accelerations per base acceleration that leave the feet alone,
-            with the opposite sign: q̈ = leg_acceleration − leg_response · base acceleration.
+        legs: (12, 7) columns N and e: joint accelerations that leave the feet alone under a base
+            acceleration a, and that give ``feet`` with the base at rest: q̈ = e − N a.
         stance: which feet carry load.
     """
 
-    base: FloatArray
-    weight: FloatArray
+    base: BaseTask
     feet: FloatArray
-    leg_acceleration: FloatArray
-    leg_response: FloatArray
+    legs: FloatArray
     stance: Stance
 
 
-@dataclass(frozen=True, eq=False)
-class Solution:
+class Solution(NamedTuple):
     """The QP's answer.
 
     Attributes:
@@ -86,15 +80,18 @@ class Solver:
         """Drop the workspace."""
         self._solver = None
 
-    def solve(self, **problem: FloatArray) -> tuple[FloatArray, int] | None:
-        """Return (x, iterations), or None when no optimum was found."""
+    def solve(self, fixed: dict[str, FloatArray], **problem: FloatArray) -> tuple[FloatArray, int] | None:
+        """Return (x, iterations), or None when no optimum was found.
+
+        ``fixed`` never changes: it is given to PIQP once, and the rest at every call.
+        """
         if self._solver is None:
             self._solver = piqp.DenseSolver()
             settings = self._solver.settings
             settings.verbose = False
             settings.preconditioner_iter = 0
             settings.check_duality_gap = False
-            self._solver.setup(**problem)
+            self._solver.setup(**fixed, **problem)
         else:
             self._solver.update(**problem)
         if self._solver.solve() != piqp.PIQP_SOLVED:

@@ -90,7 +90,7 @@ class Simulator:
         for tick in range(settling):
             plant.step(controller.tick(random.measure(tick, plant.truth()), _STILL).motors)
 
-        recorder = Recorder(ticks)
+        recorder = Recorder(test.command)
         failures = 0
         fallen = False
         for tick in range(ticks):
@@ -99,10 +99,10 @@ class Simulator:
             done = controller.tick(random.measure(settling + tick, truth), test.command)
             plant.step(done.motors, _push(test, tick, truth))
             failures += done.solution is None
-            recorder.write(truth, test.command, done, plant.torque, plant.foot_forces, fallen)
+            recorder.write(truth, done, plant.torque, plant.foot_forces)
             if fallen:
                 break
-        return Record(recorder.length, recorder.channels(), failures, fallen)
+        return Record(len(recorder), recorder.channels(fallen), failures, fallen)
 
 
 @lru_cache(maxsize=4)

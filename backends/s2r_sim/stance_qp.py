@@ -14,14 +14,14 @@ weighted there.
 
 from __future__ import annotations
 
-from functools import cache
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dgesv
 
 from s2r_sim.dynamics import RigidBody
-from s2r_sim.figures import Robot
+from s2r_sim.figures import GRAVITY, Robot
 from s2r_sim.gains import Gains
 from s2r_sim.qp import Solution, Solver, Stance, Task, pyramid
 
@@ -32,66 +32,82 @@ class StanceQP:
     """3 variables per stance foot; 4 pyramid rows each and 12 torque rows."""
 
     def __init__(self, gains: Gains, robot: Robot) -> None:
-        self._gains = gains
         self._torque_limit = robot.torque_limit
-        self._rows = {feet: _Rows(gains, feet) for feet in (1, 2, 3, 4)}
+        self._problems = {
+            (a, b, c, d): _Problem(gains, robot, (a, b, c, d))
+            for a, b, c, d in product((True, False), repeat=4)
+            if a or b or c or d
+        }
+        self._solvers = {feet: Solver() for feet in (1, 2, 3, 4)}
 
     def reset(self) -> None:
         """Drop the solvers' workspaces."""
-        for rows in self._rows.values():
-            rows.solver.reset()
+        for solver in self._solvers.values():
+            solver.reset()
 
     def solve(self, body: RigidBody, task: Task) -> Solution | None:
         """Return the optimum, or None when the solver fails."""
-        gains, M, N, e = self._gains, body.mass_matrix, task.leg_response, task.leg_acceleration
-        M_bj, M_jj = M[:6, 6:], M[6:, 6:]
-        loaded = _force_indices(task.stance)
-        n = len(loaded)
+        problem = self._problems[task.stance]
+        n, affine = problem.size, problem.affine
+        contact = body.jacobian.take(problem.loaded, axis=0)
 
-        rhs = np.empty((6, n + 1), order="F")
-        rhs[:, :n] = body.base_jacobian[loaded].T
-        rhs[:, n] = -body.bias[:6] - M_bj @ e
-        affine = dgesv(M[:6, :6] - M_bj @ N, rhs)[2]
-        A, a0 = affine[:, :n], affine[:, n]
+        # Rows 0-5 are the base's, 6-17 the joints': M_·b − M_·j N, and −(h + M_·j e) in the last column.
+        M = body.mass_matrix
+        law = M[:, 6:] @ task.legs
+        np.subtract(M[:, :6], law[:, :6], out=law[:, :6])
+        law[:, 6] += body.bias
+        problem.rhs[:, :n] = contact[:, :6].T
+        np.negative(law[:6, 6], out=problem.rhs[:, n])
+        affine[:6] = dgesv(law[:6, :6], problem.rhs)[2]
+        np.matmul(law[6:, :6], affine[:6], out=affine[6:])
+        affine[6:, :n] -= contact[:, 6:].T
+        affine[6:, n] += law[6:, 6]
 
-        coupling = M_bj.T - M_jj @ N
-        T = coupling @ A - body.leg_jacobian[loaded].T
-        tau0 = coupling @ a0 + M_jj @ e + body.bias[6:]
-
-        WA = task.weight @ A
-        P = A.T @ WA
-        P.flat[:: n + 1] += gains.weight_force
-        c = WA.T @ (a0 - task.base)
-        c[2::3] -= gains.weight_force * 3.0 * body.weight / n
-
-        rows = self._rows[n // 3]
-        rows.G[-12:] = T
-        rows.h_l[-12:] = -self._torque_limit - tau0
-        rows.h_u[-12:] = self._torque_limit - tau0
-        found = rows.solver.solve(
-            P=P.T, c=c, G=rows.G, h_l=rows.h_l, h_u=rows.h_u, x_l=rows.x_l, x_u=rows.x_u
+        deviation = affine[:6].copy()
+        deviation[:, n] -= task.base.acceleration
+        deviation = task.base.root @ deviation
+        gram = deviation.T @ deviation
+        gram += problem.gram
+        tau0 = affine[6:, n]
+        problem.G[-12:] = affine[6:, :n]
+        np.subtract(-self._torque_limit, tau0, out=problem.h_l[-12:])
+        np.subtract(self._torque_limit, tau0, out=problem.h_u[-12:])
+        found = self._solvers[n // 3].solve(
+            problem.bounds, P=gram[:n, :n].T, c=gram[n, :n], G=problem.G, h_l=problem.h_l, h_u=problem.h_u
         )
         if found is None:
             return None
         f, iterations = found
         forces = np.zeros(12)
-        forces[loaded] = f
-        return Solution(forces, T @ f + tau0, A @ f + a0, iterations)
+        forces[problem.loaded] = f
+        answer = affine[:, :n] @ f + affine[:, n]
+        return Solution(forces, answer[6:], answer[:6], iterations)
 
 
-class _Rows:
-    """Constraint rows and PIQP workspace for one number of stance feet."""
+class _Problem:
+    """What stays the same for one set of stance feet, and room for what does not.
 
-    def __init__(self, gains: Gains, feet: int) -> None:
-        friction = np.kron(np.eye(feet), pyramid(gains))
-        self.solver = Solver()
-        self.G = np.asfortranarray(np.vstack([friction, np.zeros((12, 3 * feet))]))
+    Attributes:
+        loaded: (n,) indices of the force components.
+        rhs: (6, n + 1) of the laws of motion of the base.
+        affine: (18, n + 1) base accelerations and torques as functions of the forces: A, a₀; T, τ₀.
+        gram: (n + 1, n + 1) the pull towards equal shares of the weight: its P, and its c in the last row.
+        G, h_l, h_u: friction pyramids and torque limits.
+        bounds: of the vertical forces.
+    """
+
+    def __init__(self, gains: Gains, robot: Robot, stance: Stance) -> None:
+        self.loaded = np.flatnonzero(np.repeat(stance, 3))
+        self.size = n = len(self.loaded)
+        feet = n // 3
+        self.rhs = np.empty((6, n + 1), order="F")
+        self.affine = np.empty((18, n + 1))
+        self.gram = gains.weight_force * np.eye(n + 1)
+        self.gram[n, 2:n:3] = -gains.weight_force * robot.mass * GRAVITY / feet
+        self.G = np.asfortranarray(np.vstack([np.kron(np.eye(feet), pyramid(gains)), np.zeros((12, n))]))
         self.h_l = np.full(len(self.G), -np.inf)
         self.h_u = np.zeros(len(self.G))
-        self.x_l = np.tile([-np.inf, -np.inf, gains.min_force], feet)
-        self.x_u = np.tile([np.inf, np.inf, gains.max_force], feet)
-
-
-@cache
-def _force_indices(stance: Stance) -> list[int]:
-    return [3 * leg + axis for leg, stands in enumerate(stance) if stands for axis in range(3)]
+        self.bounds = {
+            "x_l": np.tile([-np.inf, -np.inf, gains.min_force], feet),
+            "x_u": np.tile([np.inf, np.inf, gains.max_force], feet),
+        }

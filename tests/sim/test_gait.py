@@ -44,8 +44,10 @@ def test_velocity_and_acceleration_are_the_derivatives_of_position(s):
     h = 1e-5
     before, here, after = (swing(START, END, HEIGHT, s + d, DURATION) for d in (-h, 0.0, h))
     step = 2 * h * DURATION
-    np.testing.assert_allclose((after.position - before.position) / step, here.velocity, atol=1e-7)
-    np.testing.assert_allclose((after.velocity - before.velocity) / step, here.acceleration, atol=1e-5)
+    np.testing.assert_allclose(np.subtract(after.position, before.position) / step, here.velocity, atol=1e-7)
+    np.testing.assert_allclose(
+        np.subtract(after.velocity, before.velocity) / step, here.acceleration, atol=1e-5
+    )
 
 
 def test_at_the_commanded_speed_the_foot_lands_below_the_hip_at_mid_stance():

@@ -80,14 +80,7 @@ def test_after_failed_qps_the_last_forces_are_held_and_then_the_joints_brake():
     gains = Gains()
     controller = Controller(A1, gains)
     controller.restore(Memory())
-    standing = State(
-        np.array([0.0, 0.0, 0.28]),
-        np.zeros(3),
-        np.zeros(3),
-        np.zeros(3),
-        np.tile([0.0, 0.863, -1.726], 4),
-        np.zeros(12),
-    )
+    standing = State(np.concatenate([[0.0, 0.0, 0.28], np.zeros(9), [0.0, 0.863, -1.726] * 4, np.zeros(12)]))
     good = controller.tick(standing, Command())
     controller._qp = _Unsolvable()
     held = [controller.tick(standing, Command()) for _ in range(gains.hold_ticks)]
