@@ -6,6 +6,7 @@ to the journal first, and only then to the search.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
@@ -16,15 +17,13 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from s2r_spec.backend import Backend
 from s2r_spec.certify.certificate import Certificate, Label
 from s2r_spec.certify.kernels import Kernel
 from s2r_spec.certify.search import Query, Search
 from s2r_spec.errors import BackendError, UsageError, one_of
 from s2r_spec.rollouts.journal import SPEC_FILE, Journal, Record
-from s2r_spec.rollouts.match import Matched, match
-from s2r_spec.rollouts.outcome import score
-from s2r_spec.rollouts.runner import ExecutorFactory, Runner, Task, open_backend, process_pool
+from s2r_spec.rollouts.rig import Rig
+from s2r_spec.rollouts.runner import ExecutorFactory, Runner, process_pool
 from s2r_spec.rollouts.seeds import rollout_seed
 from s2r_spec.spec import CertifySettings, Spec
 
@@ -189,19 +188,15 @@ def check(
     observer = observer or Silent()
     requirement = requirement or only_requirement(spec)
     search = search_for(spec, requirement, seed=seed, budget=budget, mode=mode, engine=engine)
-    fall = spec.certify[requirement].fall
-    assert fall is not None
-    duration = spec.horizon(requirement)
-    machine = open_backend(backend, duration if np.isfinite(duration) else None)
-    fit = match(spec, requirement, machine)
+    rig = Rig.set_up(spec, requirement, backend)
     provenance = {
         "s2r": version("s2r"),
         "spec": Path(spec.name).name,
         "spec_hash": spec.hash,
         "requirement": requirement,
         "backend": backend,
-        "model_hash": machine.model_hash,
-        "duration": machine.duration,
+        "model_hash": rig.backend.model_hash,
+        "duration": rig.backend.duration,
         "seed": seed,
         "settings": search.certificate().settings,
     }
@@ -213,12 +208,10 @@ def check(
         while not search.done:
             queries = search.ask()
             observer.batch(queries, search.certificate())
-            _run_batch(
-                queries, spec, requirement, machine, backend, fit, fall, seed, journal, runner, observer
-            )
+            records = _run(queries, rig, seed, journal, runner, observer)
             for query in queries:
-                search.tell(query, [-_recorded(journal, query, r).rho for r in range(query.replicates)])
-    return _result(spec, requirement, search.certificate(), journal, provenance, fall, perf_counter() - start)
+                search.tell(query, [-record.rho for record in records[query.index]])
+    return _result(rig, search.certificate(), journal, provenance, perf_counter() - start)
 
 
 def only_requirement(spec: Spec) -> str:
@@ -228,113 +221,64 @@ def only_requirement(spec: Spec) -> str:
     return spec.requirements[0]
 
 
-def _run_batch(
-    queries: list[Query],
-    spec: Spec,
-    requirement: str,
-    machine: Backend,
-    backend: str,
-    fit: Matched,
-    fall: float,
-    seed: int,
-    journal: Journal,
-    runner: Runner,
-    observer: Observer,
-) -> None:
+def _run(
+    queries: list[Query], rig: Rig, seed: int, journal: Journal, runner: Runner, observer: Observer
+) -> dict[int, list[Record]]:
+    """Return query → records by replicate; each is on disk, and those of an earlier session are not run again."""
     points = {query.index: query.point for query in queries}
+    records: dict[tuple[int, int], Record] = {}
     tasks = []
     for query in queries:
         for replicate in range(query.replicates):
-            task = Task(
-                query=query.index,
-                replicate=replicate,
-                backend=backend,
-                params=fit.to_backend(query.point),
-                seed=rollout_seed(seed, query.index, replicate),
-                duration=machine.duration,
-                # A simulator gives the same trace again for the same seed, so only
-                # what the spec reads is kept; what cannot be repeated is kept whole.
-                channels=fit.channels if machine.deterministic else None,
-            )
+            task = rig.task(query.index, replicate, query.point, rollout_seed(seed, query.index, replicate))
             before = journal.get(query.index, replicate)
             if before is None:
                 tasks.append(task)
             elif before.params != query.point or before.seed != task.seed:
                 raise BackendError(
-                    f"rollout {query.index}.{replicate} of {journal.folder} was run at {before.params}, "
-                    f"now the search asks for {query.point}: the numerical libraries must have changed in between"
+                    f"rollout {query.index}.{replicate} of {journal.folder} was run at {before.params}, now the "
+                    f"search asks for {query.point}: the numerical libraries must have changed in between"
                 )
             else:
+                records[query.index, replicate] = before
                 observer.rollout(before)
     for done in runner.run(tasks):
         point = points[done.task.query]
-        rho, failure = score(spec, requirement, point, done, fall)
-        record = Record(
-            query=done.task.query,
-            replicate=done.task.replicate,
-            params=point,
-            seed=done.task.seed,
-            rho=rho,
-            failure=failure,
-            trace=None,
-            seconds=round(done.seconds, 4),
-        )
-        observer.rollout(journal.append(record, done.trace))
-
-
-def _recorded(journal: Journal, query: Query, replicate: int) -> Record:
-    record = journal.get(query.index, replicate)
-    assert record is not None
-    return record
+        rho, failure = rig.score(point, done)
+        key = done.task.query, done.task.replicate
+        record = Record(*key, point, done.task.seed, rho, failure, trace=None, seconds=round(done.seconds, 4))
+        records[key] = journal.append(record, done.trace)
+        observer.rollout(records[key])
+    return {query.index: [records[query.index, r] for r in range(query.replicates)] for query in queries}
 
 
 def _result(
-    spec: Spec,
-    requirement: str,
-    certificate: Certificate,
-    journal: Journal,
-    provenance: dict[str, Any],
-    fall: float,
-    seconds: float,
+    rig: Rig, certificate: Certificate, journal: Journal, provenance: dict[str, Any], seconds: float
 ) -> CheckResult:
     records = journal.records()
-    by_point: dict[tuple[float, ...], list[Record]] = {}
-    for record in records:
-        by_point.setdefault(tuple(record.params.values()), []).append(record)
-    tested = [
-        Tested(
-            params=group[0].params,
-            rollouts=len(group),
-            mean=float(np.mean([record.rho for record in group])),
-            lowest=min(record.rho for record in group),
-        )
-        for group in by_point.values()
-    ]
-    failures: dict[str, int] = {}
-    for record in records:
-        if record.failure is not None:
-            failures[record.failure] = failures.get(record.failure, 0) + 1
+    failures = Counter(record.failure for record in records if record.failure is not None)
     lower, upper = -certificate.upper, -certificate.lower
-    unit = spec.unit(requirement)
-    verdict, reason = _judge(certificate, lower, upper, unit)
+    unit = rig.spec.unit(rig.requirement)
+    verdict, reason = _judge(certificate, lower, upper)
     assumptions = (
         *(
             text.replace("the expected outcome", "the expected robustness E ρ")
             for text in certificate.assumptions
         ),
-        f"a rollout that falls or crashes counts as ρ = {fall:g} {unit}".rstrip() + ", as the spec declares",
+        f"a rollout that falls or crashes counts as ρ = {rig.fall:g} {unit}".rstrip()
+        + ", as the spec declares",
         "the statement is about this backend's expected ρ over its own noise; the real machine is search 2",
     )
     return CheckResult(
-        requirement=requirement,
+        requirement=rig.requirement,
         verdict=verdict,
         reason=reason,
         lower=lower,
         upper=upper,
         unit=unit,
-        worst=min(tested, key=lambda point: _distance(spec, point.params, certificate.worst)),
+        worst=min(_tested(records), key=lambda test: _distance(rig.spec, test.params, certificate.worst)),
         lowest=min(records, key=lambda record: record.rho),
-        failures=failures,
+        failures=dict(failures),
         assumptions=assumptions,
         certificate=certificate,
         provenance=provenance,
@@ -343,19 +287,35 @@ def _result(
     )
 
 
+def _tested(records: list[Record]) -> list[Tested]:
+    """Group rollouts by test point."""
+    groups: dict[tuple[float, ...], list[Record]] = {}
+    for record in records:
+        groups.setdefault(tuple(record.params.values()), []).append(record)
+    return [
+        Tested(
+            params=group[0].params,
+            rollouts=len(group),
+            mean=float(np.mean([record.rho for record in group])),
+            lowest=min(record.rho for record in group),
+        )
+        for group in groups.values()
+    ]
+
+
 def _distance(spec: Spec, left: Mapping[str, float], right: Mapping[str, float]) -> float:
     """Distance of two tests as a share of the test space's width, on the axis where it is largest."""
     return max(abs(left[axis.name] - right[axis.name]) / axis.width for axis in spec.space.axes)
 
 
-def _judge(certificate: Certificate, lower: float, upper: float, unit: str) -> tuple[Verdict, str]:
+def _judge(certificate: Certificate, lower: float, upper: float) -> tuple[Verdict, str]:
     if certificate.label is Label.REFUSED:
         return Verdict.UNKNOWN, f"no certificate: {certificate.reason}"
     if lower >= 0:
         return Verdict.HOLDS, "the worst expected robustness is not negative"
     if upper < 0:
         return Verdict.VIOLATED, "the worst expected robustness is negative"
+    way = "a larger budget" if certificate.label is Label.BUDGET else "a smaller epsilon in its certify line"
     return Verdict.UNKNOWN, (
-        f"the interval contains 0 {unit}".rstrip()
-        + f" after {certificate.rollouts} rollouts; a smaller epsilon or R, or a larger budget, may decide it"
+        f"the interval contains 0 after {certificate.rollouts} rollouts; {way} may decide it"
     )

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from s2r_spec.errors import UsageError
 from s2r_spec.rollouts.journal import SPEC_FILE, Journal
-from s2r_spec.rollouts.match import match
-from s2r_spec.rollouts.outcome import score
-from s2r_spec.rollouts.runner import Done, Task, open_backend, run_task
+from s2r_spec.rollouts.rig import Rig
+from s2r_spec.rollouts.runner import Done, run_task
 from s2r_spec.spec import load_spec
 from s2r_spec.trace import Trace
 
@@ -49,22 +48,17 @@ def replay(rollout: str) -> Replay:
     record = journal.get(int(query), int(replicate))
     if record is None:
         raise UsageError(f"{folder} has no rollout {key}; it has {len(journal)} rollouts")
-    header = journal.header
+    header, point = journal.header, dict(record.params)
     spec = load_spec(journal.folder / SPEC_FILE)
-    requirement = header["requirement"]
-    machine = open_backend(header["backend"], header["duration"])
-    point = dict(record.params)
-    params = match(spec, requirement, machine).to_backend(point)
-    task = Task(record.query, record.replicate, header["backend"], params, record.seed, header["duration"])
+    rig = Rig.set_up(spec, header["requirement"], header["backend"], header["duration"])
+    # All channels this time: whoever replays a rollout wants to look at it.
+    task = replace(rig.task(record.query, record.replicate, point, record.seed), channels=None)
     trace, seconds = run_task(task)
-    fall = spec.certify[requirement].fall
-    assert fall is not None
-    rho, _ = score(spec, requirement, point, Done(task, trace, seconds), fall)
+    rho, _ = rig.score(point, Done(task, trace, seconds))
     difference = ""
     if rho != record.rho:
         difference = f"the record says {record.rho:+.6f}"
-        if machine.model_hash != header["model_hash"]:
-            difference += (
-                f"; the model has changed since ({header['model_hash'][:12]}, now {machine.model_hash[:12]})"
-            )
-    return Replay(point, record.seed, rho, record.rho, spec.unit(requirement), trace, difference)
+        if rig.backend.model_hash != header["model_hash"]:
+            before, now = header["model_hash"][:12], rig.backend.model_hash[:12]
+            difference += f"; the model has changed since ({before}, now {now})"
+    return Replay(point, record.seed, rho, record.rho, spec.unit(rig.requirement), trace, difference)
