@@ -10,16 +10,19 @@ from importlib.metadata import version
 from importlib.util import find_spec
 from math import ceil
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
 from s2r_sim.channels import CHANNELS
+from s2r_sim.effects import CATALOGUE
+from s2r_sim.effects.choice import Choice, choose, world
 from s2r_sim.gains import RATE
 from s2r_sim.noise import Noise
+from s2r_sim.options import with_options
 from s2r_sim.parameters import PARAMETERS, read_test
 from s2r_sim.settings import Settings
-from s2r_spec.backend import Channel, Parameter
+from s2r_spec.backend import Channel, Effect, Parameter
 from s2r_spec.errors import MissingPackageError
 from s2r_spec.trace import Trace
 
@@ -39,10 +42,16 @@ class SimBackend:
     parameters and its seed.
     """
 
+    options: str = ""
+    """After the colon of the name: ``feedback=estimate`` runs the controller on the robot's own
+    velocity estimate instead of the true velocity, ``form=full`` with the 30-variable QP."""
     duration: float = 1.5
     noise: Noise = field(default_factory=Noise)
     settings: Settings = field(default_factory=Settings)
-    name: str = field(default="sim", init=False)
+    added: Choice = ()
+    """Effects; set them with :meth:`with_effects`."""
+    name: str = field(default="", init=False)
+    kind: str = field(default="sim", init=False)
     channels: tuple[Channel, ...] = field(default=CHANNELS, init=False, repr=False)
     parameters: tuple[Parameter, ...] = field(default=PARAMETERS, init=False, repr=False)
     deterministic: bool = field(default=True, init=False)
@@ -53,6 +62,8 @@ class SimBackend:
             if find_spec(module) is None:
                 raise MissingPackageError("sim", module)
         object.__setattr__(self, "duration", _ticks(self.duration) / RATE)
+        object.__setattr__(self, "name", ":".join(filter(None, (self.kind, self.options))))
+        object.__setattr__(self, "settings", with_options(self.settings, self._settings_text()))
 
     @property
     def cost(self) -> float:
@@ -60,9 +71,28 @@ class SimBackend:
         return (self.duration + self.settings.settling) * _CPU_PER_SECOND
 
     @property
+    def _settings(self) -> Settings:
+        """The settings with the effects in them."""
+        return replace(self.settings, physics=world(self.settings.physics, self.added))
+
+    @property
     def model_hash(self) -> str:
         """Hex digest over figures, gains, noise, physics, solver versions and this package's source."""
-        return _digest(self.settings, self.noise)
+        return _digest(self._settings, self.noise)
+
+    def effects(self) -> tuple[Effect, ...]:
+        """Return the catalogue of physics that the nominal simulator leaves out."""
+        return tuple(CATALOGUE.values())
+
+    def with_effects(self, values: Mapping[str, Mapping[str, float]]) -> Self:
+        """Return the same backend with these effects added: ``{"motor_strength": {"factor": 0.8}}``.
+
+        Effects act on the simulated world alone; the controller knows of none.
+
+        Raises:
+            UsageError: an effect or a parameter is unknown, or a value out of range.
+        """
+        return replace(self, added=choose(self.added, values))
 
     def with_duration(self, seconds: float) -> Self:
         """Return the same backend with rollouts of this length, rounded up to a whole control tick."""
@@ -80,14 +110,18 @@ class SimBackend:
         # Imported here so that listing backends costs no physics engine.
         from s2r_sim.rollout import simulator
 
-        record = simulator(self.settings).rollout(test, self.noise, seed, _ticks(self.duration) + 1)
-        meta = {
+        settings = self._settings
+        settings = replace(settings, physics=test.world(settings.physics))
+        record = simulator(settings).rollout(test, self.noise, seed, _ticks(self.duration) + 1)
+        meta: dict[str, Any] = {
             "backend": self.name,
             "model_hash": self.model_hash,
             "params": test._asdict(),
             "seed": seed,
             "qp_failures": record.qp_failures,
         }
+        if effects := self._effects_in_meta():
+            meta["effects"] = effects
         if record.fallen:
             meta["failure"] = "fall"
         return Trace(
@@ -96,6 +130,13 @@ class SimBackend:
             units={channel.name: channel.unit for channel in CHANNELS},
             meta=meta,
         )
+
+    def _settings_text(self) -> str:
+        """Return what of the options is for :func:`with_options`."""
+        return self.options
+
+    def _effects_in_meta(self) -> dict[str, dict[str, float]]:
+        return {name: dict(values) for name, values in self.added}
 
 
 def _ticks(seconds: float) -> int:

@@ -70,6 +70,11 @@ class Controller:
         """Return a copy of the memory, to restore later."""
         return deepcopy(self.memory)
 
+    @property
+    def stance(self) -> Stance:
+        """Which feet the clock has on the ground at the coming tick."""
+        return self._schedule[self.memory.tick % len(self._schedule)].stance
+
     def tick(self, measured: State, command: Command) -> Tick:
         """Run one control tick."""
         gains, body, memory = self._gains, self._body, self.memory

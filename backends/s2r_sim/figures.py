@@ -13,7 +13,7 @@ Axes: x forward, y left, z up. SI units.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -145,6 +145,14 @@ class Robot:
     )
     torque_limit: float = 33.5
     speed_limit: float = 21.0
+
+    def loaded(self, payloads: Sequence[tuple[float, Vector3]], com_shift: Vector3) -> Robot:
+        """Return the robot with point masses [kg] at (x, y, z) [m] on the trunk, and its centre of mass moved."""
+        (x, y, z), (dx, dy, dz) = self.trunk.com, com_shift
+        trunk = replace(self.trunk, com=(x + dx, y + dy, z + dz))
+        for mass, at in payloads:
+            trunk = fused([(trunk, (0.0, 0.0, 0.0)), (Inertia(mass, at, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0))])
+        return replace(self, trunk=trunk)
 
     @property
     def base(self) -> Inertia:

@@ -2,43 +2,61 @@
 
 from __future__ import annotations
 
+from math import radians, tan
 from typing import Any
 
 import mujoco
 
+from s2r_sim import terrain
 from s2r_sim.figures import LEGS, Inertia, Leg, Robot
 from s2r_sim.physics import Physics
 
-GROUND = "ground"
+FLOOR = "floor"
+"""The ground that the trunk can hit."""
+GROUNDS = tuple(f"{leg.name}_ground" for leg in LEGS)
+"""The ground under each foot: planes of their own, so that each can follow an uneven terrain."""
 
 _AXES = {"hip": (1.0, 0.0, 0.0), "thigh": (0.0, 1.0, 0.0), "calf": (0.0, 1.0, 0.0)}
 _REDUCE_TO_NET_FORCE = 3  # `reduce="netforce"` of MuJoCo's contact sensor; it has no enum in Python
+_TRUNK_BIT = 1 << len(LEGS)
 
 
 def build(robot: Robot, physics: Physics) -> Any:
     """Return the ``MjModel``: nq 19, nv 18, nu 12, and per foot the net contact force in world axes.
 
-    Only the four ball feet and the trunk box collide, and only with the ground.
+    Only the four ball feet and the trunk box collide, each with a ground of its own.
     """
+    robot = robot.loaded(physics.payloads, physics.com_shift)
     spec = mujoco.MjSpec()
     spec.modelname = "a1"
     spec.compiler.degree = False
     _set_options(spec.option, physics)
-    spec.worldbody.add_geom(
-        name=GROUND, type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 0.05], **_surface(physics, robot=False)
-    )
+    for bit, name in enumerate((*GROUNDS, FLOOR)):
+        spec.worldbody.add_geom(
+            name=name,
+            type=mujoco.mjtGeom.mjGEOM_PLANE,
+            size=[0, 0, 0.05],
+            quat=terrain.plane_attitude(tan(radians(physics.slope)), 0.0),
+            contype=0,
+            conaffinity=1 << bit,
+            **_surface(physics),
+        )
     base = spec.worldbody.add_body(name="base", **_inertial(robot.base))
     base.add_freejoint()
     base.add_geom(
         name="trunk",
         type=mujoco.mjtGeom.mjGEOM_BOX,
         size=[side / 2 for side in robot.trunk_box],
-        **_surface(physics, robot=True),
+        contype=_TRUNK_BIT,
+        conaffinity=0,
+        **_surface(physics),
     )
-    for leg in LEGS:
-        _add_leg(spec, base, leg, robot, physics)
+    for bit, leg in enumerate(LEGS):
+        _add_leg(spec, base, leg, 1 << bit, robot, physics)
     model = spec.compile()
     model.dof_damping[6:] = physics.damping
+    # By default MuJoCo would not look at the place of a plane that began at the origin again.
+    model.geom_sameframe[[model.geom(name).id for name in GROUNDS]] = mujoco.mjtSameFrame.mjSAMEFRAME_NONE
     return model
 
 
@@ -52,15 +70,15 @@ def _set_options(option: Any, physics: Physics) -> None:
     option.disableflags = mujoco.mjtDisableBit.mjDSBL_AUTORESET
 
 
-def _surface(physics: Physics, *, robot: bool) -> dict[str, Any]:
+def _surface(physics: Physics) -> dict[str, Any]:
+    """Return what all geoms share. Sinking softens the contact's spring and spreads its onset over a depth."""
+    yielding = min(physics.sink / 0.02, 1.0)
     return {
         "mass": 0.0,
-        "contype": int(robot),
-        "conaffinity": int(not robot),
         "condim": 4,
         "friction": [physics.friction, physics.torsion, 1e-4],
-        "solref": list(physics.solref),
-        "solimp": [*physics.solimp, 0.5, 2.0],
+        "solref": [0.008 + 1.1 * physics.sink, 1.0],
+        "solimp": [0.9 - 0.4 * yielding, 0.95 - 0.05 * yielding, 0.001 + physics.sink, 0.5, 2.0],
     }
 
 
@@ -74,7 +92,7 @@ def _inertial(inertia: Inertia) -> dict[str, Any]:
     }
 
 
-def _add_leg(spec: Any, base: Any, leg: Leg, robot: Robot, physics: Physics) -> None:
+def _add_leg(spec: Any, base: Any, leg: Leg, bit: int, robot: Robot, physics: Physics) -> None:
     body = base
     for (part, inertia, placement), limit in zip(robot.links(leg), robot.limits, strict=True):
         body = body.add_body(name=f"{leg.name}_{part}", pos=list(placement), **_inertial(inertia))
@@ -95,13 +113,15 @@ def _add_leg(spec: Any, base: Any, leg: Leg, robot: Robot, physics: Physics) -> 
         type=mujoco.mjtGeom.mjGEOM_SPHERE,
         pos=list(robot.foot_offset),
         size=[robot.foot_radius, 0, 0],
-        **_surface(physics, robot=True),
+        contype=bit,
+        conaffinity=0,
+        **_surface(physics),
     )
     spec.add_sensor(
         name=f"{foot}_force",
         type=mujoco.mjtSensor.mjSENS_CONTACT,
         objtype=mujoco.mjtObj.mjOBJ_GEOM,
-        objname=GROUND,
+        objname=f"{leg.name}_ground",
         reftype=mujoco.mjtObj.mjOBJ_GEOM,
         refname=foot,
         intprm=[1 << mujoco.mjtConDataField.mjCONDATA_FORCE.value, _REDUCE_TO_NET_FORCE, 1],

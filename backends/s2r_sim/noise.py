@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_sim.physics import State
-
 FloatArray = NDArray[np.float64]
 
 _DRAWN = (12, 12, 3, 3, 3)
 """Numbers drawn per tick: errors of q, q̇, gyro, attitude, velocity."""
+_FIELD = 100.0
+"""[m] half the side of the field on which rollouts begin."""
 _AS_STATE = [*range(27, 33), *range(24, 27), *range(24)]
 """The same in the order of ``State.flat`` from ``rpy`` on."""
 
@@ -30,7 +30,9 @@ class Noise:
     attitude: float = 0.002
     """[rad] roll, pitch and yaw."""
     velocity: float = 0.01
-    """[m/s] base velocity, world axes."""
+    """[m/s] base velocity, world axes; not used where the robot's own estimate is fed back."""
+    accelerometer: float = 0.1
+    """[m/s²] mean over a tick."""
     initial_height: float = 0.002
     """[m] displacement of the base before the command."""
     initial_attitude: float = 0.01
@@ -43,7 +45,7 @@ class Noise:
     @classmethod
     def off(cls) -> Noise:
         """Return the table of a rollout in which nothing is random."""
-        return cls(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        return cls(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +58,8 @@ class Draws:
         tilt: (3,) of the base [rad].
         joints: (12,) [rad].
         sensors: (ticks, 36) errors of the measured state, in the order of ``State.flat``.
+        accelerometer: (ticks, 3) [m/s²].
+        ground: where on an uneven ground the rollout begins [m].
     """
 
     phase: int
@@ -63,10 +67,12 @@ class Draws:
     tilt: FloatArray
     joints: FloatArray
     sensors: FloatArray
+    accelerometer: FloatArray
+    ground: tuple[float, float]
 
-    def measure(self, tick: int, truth: State) -> State:
-        """Return the state as the sensors report it at this tick."""
-        return State(truth.flat + self.sensors[tick])
+    def at(self, tick: int) -> tuple[FloatArray, FloatArray]:
+        """Return this tick's (36,) errors of the state and (3,) of the accelerometer."""
+        return self.sensors[tick], self.accelerometer[tick]
 
 
 def draw(noise: Noise, seed: int, ticks: int, period: int) -> Draws:
@@ -79,4 +85,8 @@ def draw(noise: Noise, seed: int, ticks: int, period: int) -> Draws:
     joints = rng.normal(size=12) * noise.initial_joint
     sensors = np.zeros((ticks, 36))
     sensors[:, 3:] = (rng.normal(size=(ticks, sum(_DRAWN))) * np.repeat(scales, _DRAWN))[:, _AS_STATE]
-    return Draws(phase, rise, tilt, joints, sensors)
+    # A stream of its own: what was added later must not move what was drawn before.
+    rng = np.random.default_rng([seed, 1])
+    x, y = rng.uniform(-_FIELD, _FIELD, 2).tolist()
+    accelerometer = rng.normal(size=(ticks, 3)) * noise.accelerometer
+    return Draws(phase, rise, tilt, joints, sensors, accelerometer, (x, y))

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import NamedTuple
 
 from s2r_sim.base_task import Command
+from s2r_sim.physics import Physics
 from s2r_spec.backend import Parameter
 from s2r_spec.errors import UsageError, did_you_mean, one_of
 
@@ -13,6 +15,9 @@ PARAMETERS = (
     Parameter("vd", "m/s", -0.5, 0.5, 0.0, "forward velocity commanded at t = 0"),
     Parameter("vy", "m/s", -0.2, 0.2, 0.0, "lateral velocity commanded at t = 0, left positive"),
     Parameter("wz", "rad/s", -0.5, 0.5, 0.0, "yaw rate commanded at t = 0"),
+    Parameter("slope", "deg", -8.0, 8.0, 0.0, "of the ground, uphill in the direction of the start"),
+    Parameter("friction", "", 0.1, 1.2, 0.8, "friction coefficient of foot on ground"),
+    Parameter("payload", "kg", 0.0, 6.0, 0.0, "on the trunk, 8 cm above the base origin"),
     Parameter("push", "N*s", -50.0, 50.0, 0.0, "impulse on the base to the robot's left, spread over 50 ms"),
     Parameter("push_time", "s", 0.0, 10.0, 0.5, "when the push begins"),
 )
@@ -27,6 +32,9 @@ class Test(NamedTuple):
     vd: float
     vy: float
     wz: float
+    slope: float
+    friction: float
+    payload: float
     push: float
     push_time: float
 
@@ -34,6 +42,14 @@ class Test(NamedTuple):
     def command(self) -> Command:
         """The commanded velocity."""
         return Command(self.vd, self.vy, self.wz)
+
+    def world(self, physics: Physics) -> Physics:
+        """Return the world in which the test takes place."""
+        return replace(
+            physics.with_payload(self.payload),
+            slope=physics.slope + self.slope,
+            friction=physics.friction * (self.friction / Physics.friction),
+        )
 
     def push_force(self, time: float) -> float:
         """Return the force to the robot's left [N] at this time [s]."""

@@ -1,36 +1,87 @@
-"""What the plant assumes about contact, joints and integration, in one table."""
+"""The plant's table of assumptions, and the records that pass between plant and controller."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
+Vector3 = tuple[float, float, float]
+
+
+PAYLOAD_HEIGHT = 0.08
+"""[m] of a payload above the base origin."""
 
 
 @dataclass(frozen=True)
 class Physics:
-    """Options of the nominal plant.
+    """The world as it is, of which the controller knows nothing.
 
-    ``timestep`` [s]; ``friction`` and ``torsion`` [m] of foot on ground;
-    ``solref`` (time constant [s], damping ratio) and ``solimp`` of the contact
-    as MuJoCo defines them; ``armature`` [kg m²], ``damping`` [N m s/rad] and
-    ``dry_friction`` [N m] of every joint.
+    The defaults are the nominal plant. Effects are functions from one such
+    table to another, so that they compose without knowing of each other.
     """
 
     timestep: float = 0.001
+    """[s]"""
     iterations: int = 20
+
     friction: float = 0.8
+    """Of foot on ground."""
     torsion: float = 0.01
+    """[m] torsional friction of foot on ground."""
     impratio: float = 10.0
-    solref: tuple[float, float] = (0.008, 1.0)
-    solimp: tuple[float, float, float] = (0.9, 0.95, 0.001)
+    """Stiffness of friction relative to that of the normal force; feet creep where it is small."""
+    sink: float = 0.0
+    """[m] depth over which the ground builds up its resistance."""
+    slope: float = 0.0
+    """[deg] of the ground, uphill in the world's +x."""
+    roughness: float = 0.0
+    """[m] standard deviation of the ground's height."""
+    drag: float = 0.0
+    """[N s/m] on every foot within ``drag_height`` [m] of the ground."""
+    drag_height: float = 0.06
+
     armature: float = 0.005
+    """[kg m²] of every joint."""
     damping: float = 0.05
+    """[N m s/rad] of every joint."""
     dry_friction: float = 0.1
+    """[N m] of every joint."""
+    backlash: float = 0.0
+    """[rad] half of the play between every motor and its joint."""
+
+    strength: float = 1.0
+    """What the motors deliver, as a part of what they are asked for."""
+    fade: float = 0.0
+    """[1/s] of strength lost per second from the command on."""
+    voltage: float = 1.0
+    """Part of the supply voltage that is left; below 1 it limits torque at speed."""
+    latency: float = 0.0
+    """[s] from a command to the motors."""
+    torque_constant: float = 1.0
+    """True over assumed: torque that the current sensor does not see."""
+
+    payloads: tuple[tuple[float, Vector3], ...] = ()
+    """Point masses on the trunk: [kg] and where [m], base axes; sorted, so that their order is no matter."""
+    com_shift: Vector3 = (0.0, 0.0, 0.0)
+    """[m] of the trunk's centre of mass, base axes."""
+
+    velocity_bias: tuple[float, float] = (0.0, 0.0)
+    """[m/s] forward and left, of the velocity that the controller is given."""
+    velocity_scale: float = 1.0
+    attitude_bias: tuple[float, float] = (0.0, 0.0)
+    """[deg] roll and pitch of the IMU on the trunk."""
+    encoder_offset: Vector3 = (0.0, 0.0, 0.0)
+    """[rad] of hip, thigh and calf, the same on all legs."""
+
+    def with_payload(self, mass: float, x: float = 0.0, y: float = 0.0) -> Physics:
+        """Return the same world with a point mass [kg] on top of the trunk, at (x, y) [m] in base axes."""
+        if mass == 0.0:
+            return self
+        return replace(self, payloads=tuple(sorted((*self.payloads, (mass, (x, y, PAYLOAD_HEIGHT))))))
 
 
 @dataclass(frozen=True)

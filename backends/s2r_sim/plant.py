@@ -1,43 +1,56 @@
-"""The plant: the robot in MuJoCo with its motors."""
+"""The plant: the robot in MuJoCo with its motors, on its ground."""
 
 from __future__ import annotations
 
 from math import cos, isfinite
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_sim import mujoco_model, rotation
-from s2r_sim.figures import Robot
+from s2r_sim import mujoco_model, rotation, terrain
+from s2r_sim.figures import LEGS, Robot
 from s2r_sim.gains import RATE
+from s2r_sim.motors import Motors, MotorState
 from s2r_sim.physics import FallLimits, MotorCommand, Physics, State
 
 FloatArray = NDArray[np.float64]
 
+_STATE = mujoco.mjtState.mjSTATE_INTEGRATION
+_TERRAIN_GROWS = 0.2
+"""[s] before the command, in which an uneven terrain rises under the robot."""
+
+
+class Saved(NamedTuple):
+    """Everything that decides the future of a plant."""
+
+    world: FloatArray
+    motors: MotorState
+
 
 class Plant:
-    """Steps the world from one control tick to the next.
-
-    The motor law runs inside MuJoCo at every physics step: an affine actuator
-    with force = ctrl − Kp q − Kd q̇ and ctrl = τ_ff + Kp q_des + Kd q̇_des,
-    integrated implicitly and clipped to the torque limit.
-    """
+    """Steps the world from one control tick to the next."""
 
     def __init__(self, robot: Robot, physics: Physics) -> None:
         self.model = mujoco_model.build(robot, physics)
         self.data = mujoco.MjData(self.model)
+        self.origin = (0.0, 0.0)
+        """(x, y) [m] of the terrain at the world's origin."""
+        self._physics = physics
         self._steps = round(1.0 / (RATE * physics.timestep))
-        self._base = int(self.model.body("base").id)
-        self.model.actuator_gainprm[:, 0] = 1.0
+        self._motors = Motors(robot, physics, self.model, self.data)
+        self._by_step = bool(self._motors.every_step or physics.drag or physics.roughness)
+        base = int(self.model.body("base").id)
+        names = [f"{leg.name}_foot" for leg in LEGS]
+        self._feet = [int(self.model.geom(name).id) for name in names]
+        self._planes = [int(self.model.geom(name).id) for name in mujoco_model.GROUNDS]
+        self._calves = [int(self.model.geom_bodyid[foot]) for foot in self._feet]
         # Live views of MuJoCo's own memory: asking for them at every tick would cost a wrapper each.
         qpos, qvel = self.data.qpos, self.data.qvel
         self._position, self._attitude, self._q = qpos[:3], qpos[3:7], qpos[7:]
         self._twist, self._dq = qvel[:6], qvel[6:]
-        self._control, self._force = self.data.ctrl, self.data.xfrc_applied[self._base, :3]
-        self._actuator_force, self._sensors = self.data.actuator_force, self.data.sensordata
-        self._minus_kp = self.model.actuator_biasprm[:, 1]
-        self._minus_kd = self.model.actuator_biasprm[:, 2]
+        self._push, self._sensors = self.data.xfrc_applied[base, :3], self.data.sensordata
 
     @property
     def foot_forces(self) -> FloatArray:
@@ -46,8 +59,13 @@ class Plant:
 
     @property
     def torque(self) -> FloatArray:
-        """(12,) delivered by the motors [N m], in the last physics step."""
-        return np.array(self._actuator_force)
+        """(12,) that the motors report [N m], in the last physics step."""
+        return self._motors.reported_torque
+
+    @property
+    def play(self) -> tuple[FloatArray, FloatArray]:
+        """(12,) angle [rad] and speed of the rotors, where the encoders sit, relative to the joints."""
+        return self._motors.state.play, self._motors.state.play_speed
 
     def truth(self) -> State:
         """Return the true state."""
@@ -58,6 +76,7 @@ class Plant:
     def place(self, position: FloatArray, rpy: FloatArray, q: FloatArray) -> None:
         """Put the robot at rest in a pose, with everything else as at the start of time."""
         mujoco.mj_resetData(self.model, self.data)
+        self._motors.reset()
         self._set_pose(position, rpy, q)
 
     def displace(self, rise: float, rpy: FloatArray, q: FloatArray) -> None:
@@ -69,31 +88,67 @@ class Plant:
         x, y, z, w = rotation.quaternion(*rpy.tolist())
         self._position[:], self._attitude[:], self._q[:] = position, (w, x, y, z), q
 
-    def step(self, motors: MotorCommand, push: FloatArray | None = None) -> None:
-        """Run the physics for one control tick under this command and (3,) force on the base [N]."""
-        np.negative(motors.kp, out=self._minus_kp)
-        np.negative(motors.kd, out=self._minus_kd)
-        np.add(motors.tau, motors.kp * motors.q + motors.kd * motors.dq, out=self._control)
-        self._force[:] = 0.0 if push is None else push
-        mujoco.mj_step(self.model, self.data, self._steps)
+    def step(self, motors: MotorCommand, elapsed: float, push: FloatArray | None = None) -> None:
+        """Run the physics for one control tick.
 
-    def save(self) -> FloatArray:
-        """Return everything that decides the future of the world, as one vector."""
-        kind = mujoco.mjtState.mjSTATE_INTEGRATION
-        saved = np.empty(mujoco.mj_stateSize(self.model, kind))
-        mujoco.mj_getState(self.model, self.data, saved, kind)
-        return saved
+        ``elapsed`` [s] is counted from the step of the command and negative
+        before; ``push`` is the (3,) force on the base [N].
+        """
+        self._push[:] = 0.0 if push is None else push
+        law = self._motors.law(motors)
+        if not self._by_step:
+            self._motors.act(law, elapsed)
+            mujoco.mj_step(self.model, self.data, self._steps)
+            return
+        for _ in range(self._steps):
+            self._motors.act(law, elapsed)
+            if self._physics.roughness:
+                self._follow_terrain(elapsed)
+            if self._physics.drag:
+                self._drag_feet()
+            mujoco.mj_step(self.model, self.data)
 
-    def restore(self, saved: FloatArray) -> None:
-        """Continue from a saved world, and from nothing else."""
+    def _follow_terrain(self, elapsed: float) -> None:
+        """Lay the plane under every foot along the terrain at that foot."""
+        amplitude = min(1.0, max(0.0, 1.0 + elapsed / _TERRAIN_GROWS))
+        for plane, foot in zip(self._planes, self._feet, strict=True):
+            x, y, _ = self.data.geom_xpos[foot].tolist()
+            height, slope_x, slope_y = terrain.surface(self._physics, x, y, amplitude, self.origin)
+            self.model.geom_pos[plane] = (x, y, height)
+            self.model.geom_quat[plane] = terrain.plane_attitude(slope_x, slope_y)
+
+    def _drag_feet(self) -> None:
+        """Hold back low feet, at the ball's centre."""
+        model, data, physics = self.model, self.data, self._physics
+        data.qfrc_applied[:] = 0.0
+        velocity = np.empty(6)
+        for foot, calf in zip(self._feet, self._calves, strict=True):
+            at = data.geom_xpos[foot]
+            if at[2] - terrain.mean_height(physics, float(at[0])) >= physics.drag_height:
+                continue
+            mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_GEOM, foot, velocity, 0)
+            force = -physics.drag * velocity[3:]
+            mujoco.mj_applyFT(model, data, force, np.zeros(3), at, calf, data.qfrc_applied)
+
+    def save(self) -> Saved:
+        """Return everything that decides the future, to restore later."""
+        world = np.empty(mujoco.mj_stateSize(self.model, _STATE))
+        mujoco.mj_getState(self.model, self.data, world, _STATE)
+        return Saved(world, self._motors.state)
+
+    def restore(self, saved: Saved) -> None:
+        """Continue from a saved plant, and from nothing else."""
         mujoco.mj_resetData(self.model, self.data)
-        mujoco.mj_setState(self.model, self.data, saved, mujoco.mjtState.mjSTATE_INTEGRATION)
+        mujoco.mj_setState(self.model, self.data, saved.world, _STATE)
+        # Terrain and drag look at where the feet are before the first step.
+        mujoco.mj_kinematics(self.model, self.data)
+        self._motors.state = saved.motors
 
-
-def has_fallen(state: State, limits: FallLimits) -> bool:
-    """Return whether the base is too low or too tilted, or the physics has diverged."""
-    roll, pitch, _ = state.rpy.tolist()
-    height = float(state.position[2])
-    if not (isfinite(height) and isfinite(roll) and isfinite(pitch)):
-        return True
-    return height < limits.height or cos(roll) * cos(pitch) < cos(limits.tilt)
+    def has_fallen(self, state: State, limits: FallLimits) -> bool:
+        """Return whether the base is too low or too tilted, or the physics has diverged."""
+        roll, pitch, _ = state.rpy.tolist()
+        x, _, z = state.position.tolist()
+        height = z - terrain.mean_height(self._physics, x)
+        if not (isfinite(height) and isfinite(roll) and isfinite(pitch)):
+            return True
+        return height < limits.height or cos(roll) * cos(pitch) < cos(limits.tilt)

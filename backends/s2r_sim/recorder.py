@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
+from s2r_sim import terrain
 from s2r_sim.base_task import Command
 from s2r_sim.controller import Tick
+from s2r_sim.figures import LEGS
+from s2r_sim.leg_kinematics import foot_motion
 from s2r_sim.physics import State
+from s2r_sim.rotation import turned
+from s2r_sim.settings import Settings
 
 FloatArray = NDArray[np.float64]
 
@@ -15,8 +22,10 @@ FloatArray = NDArray[np.float64]
 class Recorder:
     """Keeps references tick by tick and computes over whole arrays once, which costs a tenth."""
 
-    def __init__(self, command: Command) -> None:
+    def __init__(self, settings: Settings, command: Command) -> None:
+        self._settings = settings
         self._command = command
+        self._estimate: list[Sequence[float]] = []
         self._truth: list[FloatArray] = []
         self._done: list[Tick] = []
         self._torque: list[FloatArray] = []
@@ -25,12 +34,20 @@ class Recorder:
     def __len__(self) -> int:
         return len(self._done)
 
-    def write(self, truth: State, done: Tick, torque: FloatArray, foot_forces: FloatArray) -> None:
+    def write(
+        self, truth: State, estimate: Sequence[float], done: Tick, torque: FloatArray, foot_forces: FloatArray
+    ) -> None:
         """Append a tick. The arrays must not change afterwards."""
+        self._estimate.append(estimate)
         self._truth.append(truth.flat)
         self._done.append(done)
         self._torque.append(torque)
         self._foot_forces.append(foot_forces)
+
+    @property
+    def qp_failures(self) -> int:
+        """How many ticks had no solution of the QP."""
+        return sum(done.solution is None for done in self._done)
 
     def channels(self, fallen: bool) -> dict[str, FloatArray]:
         """Return name → (n,) or (n, width) samples, in the order of ``CHANNELS``.
@@ -40,23 +57,33 @@ class Recorder:
         n = len(self)
         truth = State(np.array(self._truth).T)
         roll, pitch, yaw = truth.rpy
-        vx, vy, _ = truth.velocity
+        vx, vy, vz = truth.velocity
+        own_x, own_y, _ = np.array(self._estimate).T
+        foot_position, foot_velocity = self._feet(truth)
+        foot_force = np.array(self._foot_forces)
         wx, wy, wz = truth.omega
         iterations = [0 if done.solution is None else done.solution.iterations for done in self._done]
         solved = [done.solution is not None for done in self._done]
         return {
             "vx": np.cos(yaw) * vx + np.sin(yaw) * vy,
             "vy": np.cos(yaw) * vy - np.sin(yaw) * vx,
+            "vz": vz,
             "wz": np.cos(pitch) * (np.sin(roll) * wy + np.cos(roll) * wz) - np.sin(pitch) * wx,
             "vx_cmd": np.full(n, self._command.vx),
             "vy_cmd": np.full(n, self._command.vy),
             "wz_cmd": np.full(n, self._command.wz),
+            "vx_est": np.cos(yaw) * own_x + np.sin(yaw) * own_y,
+            "vy_est": np.cos(yaw) * own_y - np.sin(yaw) * own_x,
             "x": truth.position[0],
             "y": truth.position[1],
-            "height": truth.position[2],
+            "z": truth.position[2],
+            "height": truth.position[2]
+            - terrain.mean_height(self._settings.physics, 1.0) * truth.position[0],
             "roll": roll,
             "pitch": pitch,
             "yaw": yaw,
+            "omega": truth.omega.T,
+            "acc_pred": self._predicted(truth),
             "qp_iterations": np.array(iterations, dtype=float),
             "qp_solved": np.array(solved, dtype=float),
             "fallen": np.append(np.zeros(n - 1), float(fallen)),
@@ -65,8 +92,35 @@ class Recorder:
             "dq": truth.dq.T,
             "tau_cmd": self._asked(truth),
             "tau": np.array(self._torque),
-            "foot_force": np.array(self._foot_forces),
+            "foot_position": foot_position,
+            "foot_velocity": foot_velocity,
+            "foot_force": foot_force,
+            "contact": (foot_force[:, 2::3] > 0.0).astype(float),
         }
+
+    def _feet(self, truth: State) -> tuple[FloatArray, FloatArray]:
+        """Return (n, 12) true positions [m] and (n, 12) velocities [m/s] of the ball centres, world axes."""
+        position, velocity = [], []
+        roll, pitch, yaw = truth.rpy
+        for i, leg in enumerate(LEGS):
+            joints = slice(3 * i, 3 * i + 3)
+            motion = foot_motion(self._settings.robot, leg, truth.q[joints], truth.dq[joints], np.sin, np.cos)
+            moved = np.cross(truth.omega, motion.position, axis=0) + motion.velocity
+            position += [*(truth.position + turned(roll, pitch, yaw, motion.position, np.sin, np.cos))]
+            velocity += [*(truth.velocity + turned(roll, pitch, yaw, moved, np.sin, np.cos))]
+        return np.transpose(position), np.transpose(velocity)
+
+    def _predicted(self, truth: State) -> FloatArray:
+        """Return (n, 3) the base acceleration that the QP predicts, forward, left, up [m/s²]; 0 without one."""
+        none = np.zeros(6)
+        spatial = np.array([none if d.solution is None else d.solution.base for d in self._done]).T
+        roll, pitch, yaw = truth.rpy
+        # Spatial and classical acceleration differ by ω × v; pitch and roll alone lead to the heading frame.
+        forward, left, up = turned(roll, pitch, 0.0, spatial[:3], np.sin, np.cos)
+        wx, wy, wz = turned(roll, pitch, 0.0, truth.omega, np.sin, np.cos)
+        vx, vy, vz = turned(0.0, 0.0, -yaw, truth.velocity, np.sin, np.cos)
+        acceleration = (forward + wy * vz - wz * vy, left + wz * vx - wx * vz, up + wx * vy - wy * vx)
+        return np.where([d.solution is None for d in self._done], 0.0, acceleration).T
 
     def _asked(self, truth: State) -> FloatArray:
         """Return (n, 12) what the motor law asks for, before clipping [N m]."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from math import acos, cos, sin
+from math import acos, cos, inf, sin
 from threading import Lock
 from typing import NamedTuple
 
@@ -18,8 +18,9 @@ from s2r_sim.gait import Gait
 from s2r_sim.noise import Noise, draw
 from s2r_sim.parameters import Test
 from s2r_sim.physics import State
-from s2r_sim.plant import Plant, has_fallen
+from s2r_sim.plant import Plant, Saved
 from s2r_sim.recorder import Recorder
+from s2r_sim.sensors import SensorMemory, Sensors
 from s2r_sim.settings import Settings
 
 FloatArray = NDArray[np.float64]
@@ -37,14 +38,15 @@ class Record(NamedTuple):
 
 
 class _Warm(NamedTuple):
-    """The world and the controller, trotting in place."""
+    """World, sensors and controller, trotting in place."""
 
-    world: FloatArray
+    world: Saved
+    sensors: SensorMemory | None
     memory: Memory
 
 
 class Simulator:
-    """Plant and controller, with a saved state for every tick of the gait period.
+    """Plant, sensors and controller, with a saved state for every tick of the gait period.
 
     Every rollout starts from one of the saved states and from nothing else, so
     that it is a pure function of its arguments, bit for bit.
@@ -53,6 +55,7 @@ class Simulator:
     def __init__(self, settings: Settings) -> None:
         self._settings = settings
         self._plant = Plant(settings.robot, settings.physics)
+        self._sensors = Sensors(settings.robot, settings.physics, settings.feedback)
         self._controller = Controller(settings.robot, settings.gains, settings.form)
         self._lock = Lock()
         self._warm = self._trot_in_place()
@@ -68,8 +71,9 @@ class Simulator:
         warm_up = round(settings.warm_up * RATE)
         for tick in range(warm_up + period):
             if tick >= warm_up:
-                saved[tick % period] = _Warm(plant.save(), controller.snapshot())
-            plant.step(controller.tick(plant.truth(), _STILL).motors)
+                saved[tick % period] = _Warm(plant.save(), self._sensors.memory, controller.snapshot())
+            measured, _ = self._sensors.read(plant.truth(), plant.play, controller.stance, None)
+            plant.step(controller.tick(measured, _STILL).motors, -inf)
         return tuple(saved[tick] for tick in range(period))
 
     def rollout(self, test: Test, noise: Noise, seed: int, ticks: int) -> Record:
@@ -78,36 +82,40 @@ class Simulator:
             return self._rollout(test, noise, seed, ticks)
 
     def _rollout(self, test: Test, noise: Noise, seed: int, ticks: int) -> Record:
-        plant, controller = self._plant, self._controller
+        plant, sensors, controller = self._plant, self._sensors, self._controller
         settling = round(self._settings.settling * RATE)
         period = len(self._warm)
         random = draw(noise, seed, settling + ticks, period)
 
         warm = self._warm[(random.phase - settling) % period]
         plant.restore(warm.world)
+        sensors.memory = warm.sensors
         controller.restore(warm.memory)
+        plant.origin = random.ground
         plant.displace(random.rise, random.tilt, random.joints)
-        for tick in range(settling):
-            plant.step(controller.tick(random.measure(tick, plant.truth()), _STILL).motors)
-
-        recorder = Recorder(test.command)
-        failures = 0
-        fallen = False
-        for tick in range(ticks):
+        recorder = Recorder(self._settings, test.command)
+        for tick in range(-settling, ticks):
             truth = plant.truth()
-            fallen = has_fallen(truth, self._settings.fall)
-            done = controller.tick(random.measure(settling + tick, truth), test.command)
-            plant.step(done.motors, _push(test, tick, truth))
-            failures += done.solution is None
-            recorder.write(truth, done, plant.torque, plant.foot_forces)
+            measured, own = sensors.read(truth, plant.play, controller.stance, random.at(tick + settling))
+            if tick < 0:
+                plant.step(controller.tick(measured, _STILL).motors, tick / RATE)
+                continue
+            fallen = plant.has_fallen(truth, self._settings.fall)
+            done = controller.tick(measured, test.command)
+            plant.step(done.motors, tick / RATE, _push(test, tick, truth))
+            recorder.write(truth, own, done, plant.torque, plant.foot_forces)
             if fallen:
                 break
-        return Record(len(recorder), recorder.channels(fallen), failures, fallen)
+        return Record(len(recorder), recorder.channels(fallen), recorder.qp_failures, fallen)
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=32)
 def simulator(settings: Settings) -> Simulator:
-    """Return this process's simulator for these settings, built and warmed up once."""
+    """Return this process's simulator for these settings, built and warmed up once.
+
+    About 1 MiB each: a search over slopes or payloads, which need a warm state of
+    their own, keeps the last few.
+    """
     return Simulator(settings)
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import asin, atan2, cos, sin
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,3 +45,13 @@ def rpy_from_wxyz(w: float, x: float, y: float, z: float) -> tuple[float, float,
         asin(sin_pitch),
         atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)),
     )
+
+
+def turned(
+    roll: Any, pitch: Any, yaw: Any, vector: Sequence[Any] | FloatArray, sin: Any, cos: Any
+) -> tuple[Any, Any, Any]:
+    """Return R · vector, on numbers with ``math``'s sine and cosine or on whole arrays with numpy's."""
+    x, y, z = vector
+    y, z = cos(roll) * y - sin(roll) * z, sin(roll) * y + cos(roll) * z
+    x, z = cos(pitch) * x + sin(pitch) * z, cos(pitch) * z - sin(pitch) * x
+    return cos(yaw) * x - sin(yaw) * y, sin(yaw) * x + cos(yaw) * y, z

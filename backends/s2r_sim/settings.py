@@ -10,6 +10,7 @@ from s2r_sim.gains import Gains
 from s2r_sim.physics import FallLimits, Physics
 
 Form = Literal["condensed", "full"]
+Feedback = Literal["truth", "estimate"]
 
 
 @dataclass(frozen=True)
@@ -22,6 +23,8 @@ class Settings:
     fall: FallLimits = field(default_factory=FallLimits)
     form: Form = "condensed"
     """Of the QP: over the stance forces only, or with all 30 unknowns."""
+    feedback: Feedback = "truth"
+    """Which base position and velocity the controller is given: the true ones under noise, or the robot's own."""
     warm_up: float = 1.0
     """[s] of trotting in place without noise, simulated once and shared by all rollouts."""
     settling: float = 0.2

@@ -126,7 +126,8 @@ def test_a_value_out_of_range_is_refused_with_the_range(bad):
 
 def test_an_unknown_parameter_is_refused_with_the_known_ones():
     with pytest.raises(
-        UsageError, match=r"no parameter 'vdd'; did you mean 'vd'\?; it has push, push_time, vd"
+        UsageError,
+        match=r"no parameter 'vdd'; did you mean 'vd'\?; it has friction, payload, push, push_time, slope, vd, vy, wz",
     ):
         SHORT.rollout({"vdd": 0.1}, seed=0)
 
@@ -136,3 +137,21 @@ def test_the_model_hash_follows_what_decides_a_trace():
     hashes = {SimBackend().model_hash, SimBackend(noise=Noise.off()).model_hash, other_gains.model_hash}
     assert len(hashes) == 3
     assert SimBackend().model_hash == SimBackend(duration=3.0).model_hash
+
+
+def test_parameters_of_the_world_at_their_defaults_change_no_bit():
+    plain = SHORT.rollout({"vd": 0.3}, seed=7)
+    assert same(plain, SHORT.rollout({p.name: p.default for p in SHORT.parameters} | {"vd": 0.3}, seed=7))
+
+
+@pytest.mark.parametrize(("name", "value"), [("slope", 3.0), ("friction", 0.3), ("payload", 2.0)])
+def test_a_test_in_another_world_is_a_pure_function_too(name, value):
+    first = SHORT.rollout({"vd": 0.3, name: value}, seed=7)
+    assert not same(first, SHORT.rollout({"vd": 0.3}, seed=7))
+    simulator.cache_clear()
+    assert same(first, SHORT.rollout({"vd": 0.3, name: value}, seed=7))
+
+
+def test_a_parameter_and_an_effect_of_the_same_world_add_up():
+    tilted = SHORT.with_effects({"slope": {"angle": 1.0}}).rollout({"slope": 2.0}, seed=7)
+    assert same(tilted, SHORT.rollout({"slope": 3.0}, seed=7))

@@ -1,0 +1,21 @@
+"""What an effect is: its catalogue entry, and a function from one table of physics to another."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from s2r_sim.physics import Physics
+from s2r_spec.backend import Effect
+
+
+@dataclass(frozen=True)
+class PhysicsEffect(Effect):
+    """An effect of this simulator.
+
+    ``apply(physics, **values)`` changes only fields of its own, or multiplies
+    or adds to what is there: that makes the order of effects irrelevant. With
+    every value at its nominal it returns an equal table.
+    """
+
+    apply: Callable[..., Physics]

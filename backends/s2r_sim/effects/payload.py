@@ -1,0 +1,24 @@
+"""A payload on the trunk."""
+
+from __future__ import annotations
+
+from s2r_sim.effects.effect import PhysicsEffect
+from s2r_sim.physics import Physics
+from s2r_spec.backend import EffectParameter
+
+
+def _apply(physics: Physics, mass: float, x: float, y: float) -> Physics:
+    return physics.with_payload(mass, x, y)
+
+
+PAYLOAD = PhysicsEffect(
+    name="payload",
+    family="inertia",
+    physics="A point mass sits on the trunk, 8 cm above the base origin.",
+    parameters=(
+        EffectParameter("mass", "kg", low=0.0, high=6.0, nominal=0.0, prior="half-normal, 1.5 kg"),
+        EffectParameter("x", "m", low=-0.15, high=0.15, nominal=0.0, prior="normal, 0.05 m"),
+        EffectParameter("y", "m", low=-0.1, high=0.1, nominal=0.0, prior="normal, 0.03 m"),
+    ),
+    apply=_apply,
+)

@@ -1,0 +1,42 @@
+"""Forward kinematics of one leg in closed form, for single numbers and for whole recordings alike."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from s2r_sim.figures import Leg, Robot
+
+
+class FootMotion(NamedTuple):
+    """In base axes, each (x, y, z): ball centre [m], its velocity [m/s], the shank's angular velocity [rad/s].
+
+    Both velocities are relative to the base.
+    """
+
+    position: tuple[Any, Any, Any]
+    velocity: tuple[Any, Any, Any]
+    spin: tuple[Any, Any, Any]
+
+
+def foot_motion(robot: Robot, leg: Leg, q: Any, dq: Any, sin: Any, cos: Any) -> FootMotion:
+    """Return the motion of a leg's foot.
+
+    ``q`` and ``dq`` are its hip, thigh and calf angles [rad] and speeds
+    [rad/s]; ``sin`` and ``cos`` those of ``math`` for numbers, numpy's for arrays.
+    """
+    hip, thigh, knee = q[0], q[1], q[1] + q[2]
+    d_hip, d_thigh, d_knee = dq[0], dq[1], dq[1] + dq[2]
+    upper, lower = robot.thigh_length, robot.calf_length
+    # In the plane of the leg, before the hip rolls it; all below the thigh joint.
+    x = -upper * sin(thigh) - lower * sin(knee)
+    z = -upper * cos(thigh) - lower * cos(knee)
+    dx = -upper * cos(thigh) * d_thigh - lower * cos(knee) * d_knee
+    dz = upper * sin(thigh) * d_thigh + lower * sin(knee) * d_knee
+    out = leg.sy * robot.thigh_y
+    c, s = cos(hip), sin(hip)
+    y, z, dy, dz = c * out - s * z, s * out + c * z, -s * dz, c * dz
+    return FootMotion(
+        (leg.sx * robot.hip_x + x, leg.sy * robot.hip_y + y, z),
+        (dx, dy - z * d_hip, dz + y * d_hip),
+        (d_hip, c * d_knee, s * d_knee),
+    )

@@ -1,0 +1,71 @@
+"""The `twin` backend: four places other than the laboratory of the model, each a named mixture of effects.
+
+They stand in for the places in which the paper ran its robot: a laboratory
+floor, grass, sand and a ramp. They are simulations, tuned so that their gap to
+the nominal simulator has about the size and the place that the paper reports
+for hardware; nothing that was measured on a twin was measured on a robot.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+from s2r_sim.backend import SimBackend
+from s2r_sim.effects.choice import Values, choose
+from s2r_spec.errors import UsageError, did_you_mean, one_of
+
+PLACES: MappingProxyType[str, Values] = MappingProxyType(
+    {
+        "lab": {
+            "motor_strength": {"factor": 0.6},
+            "dry_friction": {"torque": 0.5},
+            "latency": {"delay": 0.004},
+        },
+        "grass": {
+            "foot_drag": {"coefficient": 15.0},
+            "ground_friction": {"factor": 0.625},
+            "soft_ground": {"sink": 0.02},
+        },
+        "sand": {
+            "foot_drag": {"coefficient": 5.5},
+            "ground_friction": {"factor": 0.5},
+            "soft_ground": {"sink": 0.03},
+            "shear_creep": {"stiffness": 0.1},
+        },
+        "ramp": {
+            "slope": {"angle": -4.0},
+            "attitude_bias": {"pitch": -3.0},
+            "dry_friction": {"torque": 0.5},
+        },
+    }
+)
+
+
+@dataclass(frozen=True)
+class TwinBackend(SimBackend):
+    """A stand-in for the robot in one of four places: ``twin:lab``, ``twin:grass``, ``twin:sand``, ``twin:ramp``.
+
+    The same simulator with effects that the traces do not name. Options may
+    follow: ``twin:lab,feedback=estimate``.
+    """
+
+    kind: str = field(default="twin", init=False)
+
+    def __post_init__(self) -> None:
+        """Read the place, and leave the rest to the simulator."""
+        place = self.options.partition(",")[0]
+        if place not in PLACES:
+            raise UsageError(
+                f"there is no twin of a place {place!r}{did_you_mean(place, PLACES)}; there is {one_of(PLACES)}"
+            )
+        if not self.added:
+            object.__setattr__(self, "added", choose((), PLACES[place]))
+        super().__post_init__()
+
+    def _settings_text(self) -> str:
+        return self.options.partition(",")[2]
+
+    def _effects_in_meta(self) -> dict[str, dict[str, float]]:
+        """A twin stands in for a robot, which does not say what is different about it."""
+        return {}

@@ -1,0 +1,90 @@
+"""The robot's own velocity estimate, and the leg kinematics under it."""
+
+from math import cos, sin
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from s2r_sim import SimBackend, estimator, pinocchio_model, rotation
+from s2r_sim.figures import A1, LEGS
+from s2r_sim.leg_kinematics import foot_motion
+from s2r_sim.physics import State
+
+MODEL = pinocchio_model.build(A1)
+
+
+def random_state(seed):
+    rng = np.random.default_rng(seed)
+    return State(
+        np.concatenate([rng.uniform(-0.5, 0.5, 12), np.tile([0.1, 0.9, -1.7], 4), rng.normal(size=12)])
+    )
+
+
+def in_pinocchio(state):
+    x, y, z, w = rotation.quaternion(*state.rpy)
+    q = np.concatenate([state.position, [x, y, z, w], state.q])
+    v = np.concatenate([state.velocity @ rotation.matrix(*state.rpy), state.omega, state.dq])
+    data = MODEL.createData()
+    pin.forwardKinematics(MODEL, data, q, v)
+    pin.updateFramePlacements(MODEL, data)
+    return data
+
+
+@pytest.mark.parametrize("leg", LEGS, ids=lambda leg: leg.name)
+def test_leg_kinematics_are_pinocchio_s(leg):
+    state = random_state(leg.sx + 2 * leg.sy + 5)
+    data = in_pinocchio(state)
+    frame = MODEL.getFrameId(f"{leg.name}_foot")
+    k = 3 * LEGS.index(leg)
+    motion = foot_motion(A1, leg, state.q[k : k + 3], state.dq[k : k + 3], sin, cos)
+    R = rotation.matrix(*state.rpy)
+    spatial = pin.getFrameVelocity(MODEL, data, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
+    moved = np.cross(state.omega, motion.position) + motion.velocity
+    np.testing.assert_allclose(state.position + R @ motion.position, data.oMf[frame].translation, atol=1e-12)
+    np.testing.assert_allclose(state.velocity + R @ moved, spatial.linear, atol=1e-12)
+    np.testing.assert_allclose(R @ (motion.spin + state.omega), spatial.angular, atol=1e-12)
+
+
+def test_a_vector_is_turned_by_the_rotation_matrix():
+    turned = rotation.turned(0.3, -0.4, 2.0, (1.0, 2.0, 3.0), sin, cos)
+    np.testing.assert_allclose(turned, rotation.matrix(0.3, -0.4, 2.0) @ [1.0, 2.0, 3.0], atol=1e-15)
+
+
+def test_odometry_is_exact_for_a_foot_that_rolls():
+    state = random_state(1)
+    data = in_pinocchio(state)
+    frame = MODEL.getFrameId("FL_foot")
+    spatial = pin.getFrameVelocity(MODEL, data, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
+    # Give the base the velocity with which this foot's lowest point stands still.
+    state.velocity[:] -= spatial.linear + np.cross(spatial.angular, [0.0, 0.0, -A1.foot_radius])
+    height, velocity = estimator.leg_odometry(A1, state, (False, True, False, False))
+    np.testing.assert_allclose(velocity, state.velocity, atol=1e-12)
+    assert height == pytest.approx(state.position[2] - data.oMf[frame].translation[2] + A1.foot_radius)
+
+
+def test_inertial_measurement_carries_the_estimate_between_contacts():
+    still = State(np.concatenate([np.zeros(12), np.tile([0.0, 0.9, -1.8], 4), np.zeros(12)]))
+    before = estimator.Estimate((0.0, 0.0, 0.28), (0.0, 0.0, 0.0))
+    after = estimator.update(A1, before, still, (5.0, 0.0, 9.81), (True, False, False, True))
+    assert after.velocity[0] == pytest.approx(5.0 / 500 * (1 - 1 / (estimator.BLEND * 500)))
+
+
+@pytest.mark.parametrize("vd", [-0.2, 0.3])
+def test_the_estimate_is_true_where_nothing_slips(vd):
+    trace = SimBackend().rollout({"vd": vd}, 0)
+    error = trace["vx_est"] - trace["vx"]
+    assert abs(error.mean()) < 0.002
+    assert error.std() < 0.006
+    assert trace["vx_est"][-200:].mean() / trace["vx"][-200:].mean() == pytest.approx(1.0, abs=0.015)
+
+
+def test_it_trots_as_well_on_its_own_estimate():
+    own, true = (SimBackend(text, duration=2.0).rollout({"vd": 0.3}, 1) for text in ("feedback=estimate", ""))
+    assert own.failure is None
+    assert own["vx"][-400:].mean() == pytest.approx(true["vx"][-400:].mean(), abs=0.005)
+
+
+def test_on_slippery_ground_the_estimate_reads_slip_as_speed():
+    trace = SimBackend("feedback=estimate").rollout({"vd": 0.3, "friction": 0.1}, 1)
+    assert np.abs(trace["vx_est"] - trace["vx"]).max() > 0.03
