@@ -38,24 +38,29 @@ R_TEST_SCALES = np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95])
 
 
 @dataclass(frozen=True)
-class Posterior:
-    """Fixed-noise Gaussian-process posteriors at G grid points for A prior scales, in units of R."""
+class Evidence:
+    """What a whole sample says about A prior scales."""
 
-    mean: FloatArray
-    """(A, G) μ_a."""
-    std: FloatArray
-    """(A, G) v_a: the standard deviation, not the variance."""
     log_det: FloatArray
     """(A,) L_a, twice the information gain."""
     quadratic: FloatArray
     """(A,) q_a."""
 
 
-def data_radius(log_det: FloatArray, quadratic: FloatArray, delta: float) -> float:
-    """Return r_n from (J,) L_c and q_c at the mixture scales."""
-    return float(
-        -2 * (np.logaddexp.reduce(-(log_det + quadratic) / 2) - np.log(log_det.size)) - 2 * np.log(delta)
-    )
+@dataclass(frozen=True)
+class Moments:
+    """Posteriors at G points for A prior scales, in units of R."""
+
+    mean: FloatArray
+    """(A, G) μ_a."""
+    std: FloatArray
+    """(A, G) v_a: the standard deviation, not the variance."""
+
+
+def data_radius(evidence: Evidence, delta: float) -> float:
+    """Return r_n from the evidence at the mixture scales."""
+    each = -(evidence.log_det + evidence.quadratic) / 2
+    return float(-2 * (np.logaddexp.reduce(each) - np.log(each.size)) - 2 * np.log(delta))
 
 
 def width(B: FloatArray, scales: FloatArray, radius: float, quadratic: FloatArray) -> FloatArray:
@@ -67,6 +72,23 @@ def width(B: FloatArray, scales: FloatArray, radius: float, quadratic: FloatArra
     """
     radicand = radius + B[:, None] ** 2 / scales - quadratic
     return np.sqrt(np.where(radicand >= 0, radicand, np.nan))
+
+
+def published_beta(B: float | FloatArray, R: float, log_det: float, delta: float) -> float | FloatArray:
+    """Return β_i of Akella, Ubellacker & Ames, Algorithm 1, line 2, in the unit of the outcome.
+
+    β_i = B + R sqrt(2 ln(sqrt(det((1+η_i)I + K_i))/δ)). It multiplies a standard
+    deviation (the paper's σ_n, typed as a variance) of the posterior with ridge
+    λ_i = 1 + η_i, η_i = 2/i, and K_i is the Gram matrix of the i points sampled
+    before. So read it is valid, at every i at once: docs/explanation/certificate.md.
+
+    Args:
+        B: bound on the RKHS norm.
+        R: sub-Gaussian proxy.
+        log_det: ln det((1+η_i)I + K_i).
+        delta: 1 − probability.
+    """
+    return B + R * np.sqrt(log_det + 2 * np.log(1 / delta))
 
 
 def smallest_norm(gram: FloatArray, counts: FloatArray, means: FloatArray, radius: float) -> float:

@@ -1,7 +1,7 @@
 """Kernels: the smoothness that a certificate assumes of the objective.
 
 The covariance functions are GPyTorch's; what is added is the interpolation
-constant that turns a maximum over a grid into one over the box.
+bound that turns bounds at the corners of a cell into one over the cell.
 """
 
 from __future__ import annotations
@@ -26,15 +26,22 @@ FloatArray = NDArray[np.float64]
 @dataclass(frozen=True)
 class _Family:
     words: str
-    curvature: float
-    """sqrt(d⁴k/dr⁴(0)) at lengthscale 1; scales with 1/ℓ²."""
+    constant: float
+    """Linear interpolation over a side h errs by at most ‖J‖ · constant · (h/ℓ)^power."""
+    power: float
     mixture: float
-    """B²/c, the scale of the one-scale mixture relative to the norm ball (see `confidence`)."""
+    """B²/c of the one-scale mixture: how much smaller than the norm ball its prior is."""
 
 
 FAMILIES = {
-    "rbf": _Family("RBF (analytic functions only: no kink, no step)", math.sqrt(3.0), 5.0),
-    "matern52": _Family("Matérn-5/2 (twice differentiable functions)", 5.0, 20.0),
+    # |J''| ≤ ‖J‖ sqrt(k''''(0)), which is √3/ℓ² and 5/ℓ², and the error is at most h²/8 max|J''|.
+    "rbf": _Family("RBF (analytic functions: no kink, no step)", math.sqrt(3) / 8, 2.0, 5.0),
+    "matern52": _Family("Matérn-5/2 (twice differentiable functions)", 5 / 8, 2.0, 20.0),
+    # |J'(x) − J'(y)|² ≤ 2‖J‖²(k''(|x−y|) − k''(0)) ≤ ‖J‖² · 12√3 |x−y|/ℓ³, and the error is
+    # w(1−w)h · max|J'(x) − J'(y)| over |x−y| ≤ h, at most h/4 of it.
+    "matern32": _Family(
+        "Matérn-3/2 (once differentiable functions)", math.sqrt(12 * math.sqrt(3)) / 4, 1.5, 50.0
+    ),
 }
 
 
@@ -43,7 +50,7 @@ class Kernel:
     """A stationary kernel k(z, z') with k(z, z) = 1.
 
     Args:
-        name: ``rbf`` or ``matern52``.
+        name: ``rbf``, ``matern52`` or ``matern32``.
         lengthscale: one number for every axis, or one per axis, in the axes' units.
     """
 
@@ -53,14 +60,18 @@ class Kernel:
     def __post_init__(self) -> None:
         """Refuse an unknown name or a lengthscale that is not positive."""
         if self.name not in FAMILIES:
-            raise UsageError(
-                f"no kernel {self.name!r}{suggest(self.name, FAMILIES)} there are {one_of(FAMILIES)}"
-            )
+            valid = suggest(self.name, FAMILIES)
+            raise UsageError(f"no kernel {self.name!r}{valid} there are {one_of(FAMILIES)}")
         if isinstance(self.lengthscale, Sequence):
             object.__setattr__(self, "lengthscale", tuple(float(value) for value in self.lengthscale))
         values = np.atleast_1d(self.lengthscale)
         if values.size == 0 or not (np.isfinite(values) & (values > 0)).all():
             raise UsageError(f"the lengthscale of {self.name} is {self.lengthscale}; it must be positive")
+
+    @property
+    def words(self) -> str:
+        """What functions the kernel admits."""
+        return FAMILIES[self.name].words
 
     def lengthscales(self, dim: int) -> FloatArray:
         """Return (dim,) lengthscales."""
@@ -77,12 +88,15 @@ class Kernel:
         import torch
         from gpytorch.kernels import MaternKernel, RBFKernel
 
+        smoothness = {"matern52": 2.5, "matern32": 1.5}
         kernel: Any = (
-            MaternKernel(nu=2.5, ard_num_dims=dim) if self.name == "matern52" else RBFKernel(ard_num_dims=dim)
+            RBFKernel(ard_num_dims=dim)
+            if self.name == "rbf"
+            else MaternKernel(nu=smoothness[self.name], ard_num_dims=dim)
         )
         kernel = kernel.double()
         kernel.lengthscale = torch.from_numpy(self.lengthscales(dim).copy())
-        return kernel.requires_grad_(False)
+        return kernel.requires_grad_(False)  # type: ignore[no-any-return]
 
     def gram(self, left: FloatArray, right: FloatArray) -> FloatArray:
         """Return (n, m) values k(left_i, right_j) for (n, dim) and (m, dim) points."""
@@ -93,21 +107,28 @@ class Kernel:
             values = kernel(torch.from_numpy(np.array(left)), torch.from_numpy(np.array(right))).to_dense()
         return values.numpy()  # type: ignore[no-any-return]
 
-    def interpolation(self, steps: FloatArray) -> float:
-        """Bound e(h) = sup_z ‖φ(z) − Σ w_j(z) φ(g_j)‖ for multilinear weights on cells of (dim,) sides.
+    def interpolation(self, sides: FloatArray) -> FloatArray:
+        """Return (…) bounds e(h) = sup_z ‖φ(z) − Σ w_j(z) φ(g_j)‖ over cells of (…, dim) sides.
 
-        For ‖J‖ ≤ B it follows that J(z) ≤ max over the cell's corners + B e(h).
-        Linear interpolation errs by at most h²/8 max|∂²J| along each axis, and
-        |∂²J| ≤ ‖J‖ sqrt(∂⁴k(0)) in the RKHS.
+        The weights w are multilinear on the cell's corners g. For ‖J‖ ≤ B it
+        follows that J ≤ max over the corners + B e(h) in the cell, and J ≥ min −
+        B e(h). One axis after another: interpolation along an axis averages
+        functions, so that the axes' errors add.
         """
-        scales = self.lengthscales(steps.size)
-        return float(np.sum(steps**2 / 8 * FAMILIES[self.name].curvature / scales**2))
+        family = FAMILIES[self.name]
+        return np.asarray((family.constant * self._scaled(sides) ** family.power).sum(axis=-1))
 
-    def steps_for(self, error: float, dim: int) -> FloatArray:
-        """Return (dim,) cell sides whose interpolation bound is ``error``, shared equally by the axes."""
-        return np.asarray(
-            self.lengthscales(dim) * math.sqrt(8 * error / (dim * FAMILIES[self.name].curvature))
-        )
+    def widest_axis(self, sides: FloatArray) -> NDArray[np.intp]:
+        """Return (…) the axis of (…, dim) sides that contributes most to :meth:`interpolation`."""
+        return np.asarray(self._scaled(sides).argmax(axis=-1))
+
+    def sides_for(self, error: float, dim: int) -> FloatArray:
+        """Return (dim,) cell sides with an interpolation bound of ``error``, shared equally by the axes."""
+        family = FAMILIES[self.name]
+        return self.lengthscales(dim) * (error / (dim * family.constant)) ** (1 / family.power)
+
+    def _scaled(self, sides: FloatArray) -> FloatArray:
+        return np.asarray(sides / self.lengthscales(sides.shape[-1]))
 
 
 @cache

@@ -12,29 +12,35 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.certify.confidence import Posterior
+from s2r_spec.certify.confidence import Evidence, Moments
 from s2r_spec.certify.kernels import Kernel
+from s2r_spec.certify.samples import Samples
 
 FloatArray = NDArray[np.float64]
-IndexArray = NDArray[np.intp]
 
 # Added to the posterior variance, relative to the prior's, so that rounding can only widen a bound.
 VARIANCE_ROUNDING = 1e-12
 
 
+class Conditioned(Protocol):
+    """The priors a·k, for any scale a, conditioned on data; everything in units of R."""
+
+    def evidence(self, scales: FloatArray) -> Evidence:
+        """Return log-determinants and quadratic forms for (A,) scales."""
+        ...
+
+    def moments(self, scales: FloatArray, points: FloatArray) -> Moments:
+        """Return posterior means and standard deviations at (G, dim) points for (A,) scales."""
+        ...
+
+
 class Engine(Protocol):
-    """Posteriors at a grid from data at some of the grid's points."""
+    """Conditions priors on samples."""
 
-    def posterior(
-        self, at: IndexArray, counts: FloatArray, means: FloatArray, scales: FloatArray
-    ) -> Posterior:
-        """Condition the priors a·k on data, in units of R.
+    def condition(self, points: FloatArray, samples: Samples) -> Conditioned:
+        """Condition on samples, u ≥ 1 of them, at (P, dim) points; the noise variances are 1/counts.
 
-        Args:
-            at: (u,) distinct grid indices, u ≥ 1.
-            counts: (u,) rollouts per point; the noise variances are 1/counts.
-            means: (u,) mean outcomes.
-            scales: (A,) prior variances a.
+        ``points`` may only ever grow from one call to the next.
         """
         ...
 
@@ -42,60 +48,104 @@ class Engine(Protocol):
 class Spectral:
     """Eigendecomposition of M^½ K M^½ on the distinct points; no jitter is ever needed."""
 
-    def __init__(self, kernel: Kernel, grid: FloatArray) -> None:
-        self._kernel, self._grid = kernel, grid
+    def __init__(self, kernel: Kernel) -> None:
+        self._kernel = kernel
         self._rows: dict[int, FloatArray] = {}
 
-    def posterior(
-        self, at: IndexArray, counts: FloatArray, means: FloatArray, scales: FloatArray
-    ) -> Posterior:
-        """Condition on data; see :class:`Engine`."""
-        cross, root, a = self._cross(at), np.sqrt(counts), scales[:, None]
-        eigenvalues, vectors = np.linalg.eigh(root[:, None] * cross[:, at] * root)
-        eigenvalues = np.clip(eigenvalues, 0, None)
-        loads = vectors.T @ (root * means)  # (u,)
-        columns = vectors.T @ (root[:, None] * cross)  # (u, G)
-        shrink = 1 / (1 + a * eigenvalues)  # (A, u)
-        variance = a - a**2 * (shrink @ columns**2)
-        return Posterior(
-            mean=a * ((shrink * loads) @ columns),
-            std=np.sqrt(np.clip(variance, 0, None) + VARIANCE_ROUNDING * a),
-            log_det=-np.log(shrink).sum(axis=1),
-            quadratic=shrink @ loads**2,
-        )
+    def condition(self, points: FloatArray, samples: Samples) -> Conditioned:
+        """Condition on samples; see :class:`Engine`."""
+        return _Spectrum(self._kernel, samples, points, self._cross(points, samples))
 
-    def _cross(self, at: IndexArray) -> FloatArray:
-        """Return (u, G) covariances k with the whole grid; each row is computed once."""
-        for place in at.tolist():
-            if place not in self._rows:
-                self._rows[place] = self._kernel.gram(self._grid[place : place + 1], self._grid)[0]
-        return np.stack([self._rows[place] for place in at.tolist()])
+    def _cross(self, points: FloatArray, samples: Samples) -> FloatArray:
+        """Return (u, P) covariances of data and points; each is computed once."""
+        for place in samples.at.tolist():
+            row = self._rows.get(place, np.zeros(0))
+            if len(row) < len(points):
+                fresh = self._kernel.gram(points[place : place + 1], points[len(row) :])[0]
+                self._rows[place] = np.concatenate([row, fresh])
+        return np.stack([self._rows[place] for place in samples.at.tolist()])
+
+
+class _Spectrum:
+    def __init__(self, kernel: Kernel, samples: Samples, points: FloatArray, cross: FloatArray) -> None:
+        root = np.sqrt(samples.counts)
+        eigenvalues, vectors = np.linalg.eigh(root[:, None] * cross[:, samples.at] * root)
+        self._kernel, self._points, self._cross = kernel, points, cross
+        self._data = points[samples.at]
+        self._eigenvalues = np.clip(eigenvalues, 0, None)
+        self._whiten = vectors.T * root  # (u, u)
+        self._loads = self._whiten @ samples.means
+
+    def evidence(self, scales: FloatArray) -> Evidence:
+        spread = 1 + scales[:, None] * self._eigenvalues
+        return Evidence(np.log(spread).sum(axis=1), (self._loads**2 / spread).sum(axis=1))
+
+    def moments(self, scales: FloatArray, points: FloatArray) -> Moments:
+        known = len(points) == len(self._points) and points is self._points
+        cross = self._cross if known else self._kernel.gram(self._data, points)
+        columns = self._whiten @ cross  # (u, G)
+        a = scales[:, None]
+        shrink = 1 / (1 + a * self._eigenvalues)  # (A, u)
+        variance = a - a**2 * (shrink @ columns**2)
+        std = np.sqrt(np.clip(variance, 0, None) + VARIANCE_ROUNDING * a)
+        return Moments(a * ((shrink * self._loads) @ columns), std)
 
 
 class GPyTorch:
     """ExactGPs with ZeroMean, ScaleKernel(a) and FixedNoiseGaussianLikelihood(1/counts), in float64."""
 
-    def __init__(self, kernel: Kernel, grid: FloatArray) -> None:
-        self._kernel, self._grid = kernel, grid
+    def __init__(self, kernel: Kernel) -> None:
+        self._kernel = kernel
 
-    def posterior(
-        self, at: IndexArray, counts: FloatArray, means: FloatArray, scales: FloatArray
-    ) -> Posterior:
-        """Condition on data; see :class:`Engine`."""
-        each = [self._one(at, counts, means, float(a)) for a in scales]
-        mean, std, log_det, quadratic = (np.array(column) for column in zip(*each, strict=True))
-        return Posterior(mean, std, log_det, quadratic)
+    def condition(self, points: FloatArray, samples: Samples) -> Conditioned:
+        """Condition on samples; see :class:`Engine`."""
+        return _ExactGP(self._kernel, points[samples.at], samples)
 
-    def _one(
-        self, at: IndexArray, counts: FloatArray, means: FloatArray, scale: float
-    ) -> tuple[FloatArray, FloatArray, float, float]:
+
+class _ExactGP:
+    def __init__(self, kernel: Kernel, data: FloatArray, samples: Samples) -> None:
+        import torch
+
+        self._kernel = kernel
+        arrays = (data, samples.means, 1 / samples.counts)
+        self._x, self._y, self._noise = (torch.from_numpy(np.array(array)) for array in arrays)
+
+    def evidence(self, scales: FloatArray) -> Evidence:
+        import torch
+
+        with torch.no_grad():
+            root = torch.sqrt(1 / self._noise)
+            gram = self._kernel.torch(self._x.shape[1])(self._x).to_dense()
+            each = [torch.eye(len(root)).double() + float(a) * root[:, None] * gram * root for a in scales]
+            log_det = [float(torch.logdet(matrix)) for matrix in each]
+            target = root * self._y
+            quadratic = [float(target @ torch.linalg.solve(matrix, target)) for matrix in each]
+        return Evidence(np.array(log_det), np.array(quadratic))
+
+    def moments(self, scales: FloatArray, points: FloatArray) -> Moments:
         import gpytorch as gp
         import torch
 
-        kernel = self._kernel
-        x, y, noise, grid = (
-            torch.from_numpy(np.array(a)) for a in (self._grid[at], means, 1 / counts, self._grid)
-        )
+        # A certificate depends on exact algebra: no conjugate gradients, no LOVE, no
+        # rounding up of small noises (1/counts may lie below the default 1e-6).
+        with (
+            torch.no_grad(),
+            gp.settings.fast_computations(covar_root_decomposition=False, log_prob=False, solves=False),
+            gp.settings.max_cholesky_size(10**6),
+            gp.settings.min_fixed_noise(double_value=1e-300),
+            gp.settings.min_variance(double_value=1e-300),
+        ):
+            posteriors = [self._model(float(a))(torch.from_numpy(np.array(points))) for a in scales]
+            mean = np.stack([posterior.mean.numpy() for posterior in posteriors])
+            variance = np.stack([posterior.variance.numpy() for posterior in posteriors])
+        std = np.sqrt(np.clip(variance, 0, None) + VARIANCE_ROUNDING * scales[:, None])
+        return Moments(mean, std)
+
+    def _model(self, scale: float) -> Any:
+        import gpytorch as gp
+        import torch
+
+        x, y, kernel = self._x, self._y, self._kernel
 
         class FixedNoiseGP(gp.models.ExactGP):  # type: ignore[misc]
             def __init__(self, likelihood: Any) -> None:
@@ -107,28 +157,8 @@ class GPyTorch:
             def forward(self, z: Any) -> Any:
                 return gp.distributions.MultivariateNormal(self.mean_module(z), self.covar_module(z))
 
-        # A certificate depends on exact algebra: no conjugate gradients, no LOVE, no
-        # rounding up of small noises (1/counts may lie below the default 1e-6).
-        with (
-            torch.no_grad(),
-            gp.settings.fast_computations(covar_root_decomposition=False, log_prob=False, solves=False),
-            gp.settings.max_cholesky_size(10**6),
-            gp.settings.min_fixed_noise(double_value=1e-300),
-            gp.settings.min_variance(double_value=1e-300),
-        ):
-            likelihood = gp.likelihoods.FixedNoiseGaussianLikelihood(noise=noise).double()
-            model = FixedNoiseGP(likelihood).double().eval()
-            posterior = model(grid)
-            root = torch.sqrt(1 / noise)
-            gram = model.covar_module(x).to_dense()
-            whitened = torch.eye(len(root), dtype=torch.float64) + root[:, None] * gram * root
-            variance = np.clip(posterior.variance.numpy(), 0, None)
-            return (
-                posterior.mean.numpy(),
-                np.sqrt(variance + VARIANCE_ROUNDING * scale),
-                float(torch.logdet(whitened)),
-                float((root * y) @ torch.linalg.solve(whitened, root * y)),
-            )
+        likelihood = gp.likelihoods.FixedNoiseGaussianLikelihood(noise=self._noise).double()
+        return FixedNoiseGP(likelihood).double().eval()
 
 
-ENGINES: dict[str, Callable[[Kernel, FloatArray], Engine]] = {"spectral": Spectral, "gpytorch": GPyTorch}
+ENGINES: dict[str, Callable[[Kernel], Engine]] = {"spectral": Spectral, "gpytorch": GPyTorch}

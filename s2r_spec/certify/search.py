@@ -18,20 +18,23 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from s2r_spec.certify import confidence
-from s2r_spec.certify.band import Band, Fit, fit, scales_for
+from s2r_spec.certify.bounds import Bounds
 from s2r_spec.certify.certificate import Certificate, Label, Rung
-from s2r_spec.certify.kernels import FAMILIES, Kernel
-from s2r_spec.certify.maximise import grid_for
-from s2r_spec.certify.posterior import ENGINES
+from s2r_spec.certify.kernels import Kernel
+from s2r_spec.certify.modes import MODES
+from s2r_spec.certify.posterior import ENGINES, Conditioned
 from s2r_spec.certify.samples import Samples
+from s2r_spec.certify.tiling import Tiling
 from s2r_spec.errors import UsageError, one_of
 from s2r_spec.space import Space
 
 FloatArray = NDArray[np.float64]
 
 LADDER = (1.0, 2.0, 4.0, 8.0)
-# Share of ε that the grid may cost; smaller only makes the grid finer.
-GRID_SHARE = 0.02
+# A cell is split while it hides more than this share of the interval that is left.
+TOLERANCE = 0.05
+# The first division hides at most this share of ε, if it need not be too fine for that.
+FIRST_SHARE = 0.5
 
 
 @dataclass(frozen=True)
@@ -88,6 +91,8 @@ class Search:
         _positive(B=B, R=R, epsilon=epsilon, batch=batch, spread=spread)
         if not 0 < delta < 1:
             raise UsageError(f"delta = {delta:g}; it is a probability and must lie strictly between 0 and 1")
+        if mode not in MODES:
+            raise UsageError(f"no mode {mode!r}; there are: {one_of(MODES)}")
         if engine not in ENGINES:
             raise UsageError(f"no engine {engine!r}; there are: {one_of(ENGINES)}")
         if budget is not None and budget < 2 * spread:
@@ -99,15 +104,16 @@ class Search:
             float(delta),
             float(epsilon),
         )
-        self.mode, self.seed, self.batch, self.spread, self.budget = mode, seed, batch, int(spread), budget
-        self.engine = engine
+        self.mode, self.engine, self.seed = mode, engine, seed
+        self.batch, self.spread, self.budget = batch, int(spread), budget
 
-        self._grid = grid_for(self.space, kernel, GRID_SHARE * self.epsilon / self.B)
         self._norms = np.array(LADDER) * self.B / self.R
-        self._scales = scales_for(mode, kernel, self._norms)
-        self._gp = ENGINES[engine](kernel, self._grid.points)
-        self._band = Band.prior(self._norms, len(self._grid.points))
-        self._fit: Fit | None = None
+        self._mode = MODES[mode](kernel, self._norms)
+        self._engine = ENGINES[engine](kernel)
+        self._tiling = Tiling(self.space, kernel, FIRST_SHARE * self.epsilon / self.B)
+        self._bounds = Bounds(self._tiling, self._norms)
+        self._bound = self._mode.before(self._norms)
+        self._data: Conditioned | None = None
         self._samples = Samples()
         self._open: dict[int, tuple[Query, int]] = {}
         self._told: dict[int, FloatArray] = {}
@@ -136,7 +142,7 @@ class Search:
         size = self._batch_size()
         shares = [size // self.spread + (i < size % self.spread) for i in range(self.spread)]
         for place, share in zip(self._next_points(shares), shares, strict=True):
-            query = Query(self._asked, self.space.point(self._grid.points[place]), share)
+            query = Query(self._asked, self.space.point(self._tiling.points[place]), share)
             self._open[query.index] = (query, place)
             self._asked += 1
         return [query for query, _ in self._open.values()]
@@ -176,24 +182,25 @@ class Search:
     def _next_points(self, shares: list[int]) -> list[int]:
         """GP-BUCB: after each choice the deviation shrinks as if it were done, the mean stays."""
         rng = np.random.default_rng([self.seed, self._asked])
-        upper = self._band.upper[0]
+        upper, points = self._bounds.upper[0], self._tiling.points
         chosen = [_argmax(upper, rng)]
         planned = self._samples.add(chosen[0], shares[0], 0.0)
         mean, width, scale = self._tightest(chosen[0])
         for share in shares[1:]:
-            std = self._gp.posterior(planned.at, planned.counts, planned.means, scale).std[0]
+            std = self._engine.condition(points, planned).moments(scale, points).std[0]
             chosen.append(_argmax(np.minimum(upper, mean + width * std), rng))
             planned = planned.add(chosen[-1], share, 0.0)
         return chosen
 
     def _tightest(self, place: int) -> tuple[FloatArray, float, FloatArray]:
-        """Return (G,) mean, width and (1,) scale of the dual that bounds J best at a grid point."""
-        if self._fit is None:
-            scale = self._scales.dual[:1]
-            return np.zeros(len(self._grid.points)), float(self._norms[0] / np.sqrt(scale[0])), scale
-        posterior, width = self._fit.posterior, self._fit.width[0]
-        best = int(np.argmin(posterior.mean[:, place] + width * posterior.std[:, place]))
-        return posterior.mean[best], float(width[best]), self._scales.dual[best : best + 1]
+        """Return (P,) mean, width and (1,) scale of the dual that bounds J best at a point."""
+        scales, width, points = self._bound.scales, self._bound.widths[0], self._tiling.points
+        if self._data is None:
+            return np.zeros(len(points)), float(width[0]), scales
+        here = self._data.moments(scales, points[place : place + 1])
+        best = int(np.argmin(here.mean[:, 0] + width * here.std[:, 0]))
+        mean = self._data.moments(scales[best : best + 1], points).mean[0]
+        return mean, float(width[best]), scales[best : best + 1]
 
     def _absorb(self) -> None:
         """Take in a whole batch."""
@@ -213,26 +220,30 @@ class Search:
             self._tighten()
 
     def _tighten(self) -> None:
-        data = self._samples
-        self._fit = fit(self._gp, data, self._scales, self._norms, self.delta)
-        self._band = self._band.intersect(self._fit)
-        points = self._grid.points[data.at]
-        norm = confidence.smallest_norm(
-            self.kernel.gram(points, points), data.counts, data.means, self._fit.radius
-        )
+        samples = self._samples
+        self._data = self._engine.condition(self._tiling.points, samples)
+        self._bound = self._mode.bound(self._data, self._rollouts, self._norms, self.delta)
+        self._bounds.tighten(self._data, self._bound, TOLERANCE)
+        points = self._tiling.points[samples.at]
+        gram = self.kernel.gram(points, points)
+        norm = confidence.smallest_norm(gram, samples.counts, samples.means, self._bound.radius)
         self._B_low = max(self._B_low, norm)
 
     # -- the answer --------------------------------------------------------------------------
 
+    def band(self, points: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Return (n,) lower and upper bounds of J at (n, dim) points, all at once with probability ≥ 1 − δ."""
+        where = np.atleast_2d(np.asarray(points, dtype=np.float64))
+        lower, upper = self._bounds.at(where, self._data, self._bound)
+        return lower[0] * self.R, upper[0] * self.R
+
     def _interval(self, rung: int) -> Rung:
         """One rung of the ladder, in the unit of the outcome."""
-        norm = float(self._norms[rung])
-        hidden = norm * self._grid.interpolation
         return Rung(
-            B=norm * self.R,
-            lower=float(self._band.lower[rung].max()) * self.R,
-            upper=(float(self._band.upper[rung].max()) + hidden) * self.R,
-            discretisation=hidden * self.R,
+            B=float(self._norms[rung]) * self.R,
+            lower=float(self._bounds.best[rung]) * self.R,
+            upper=float(self._bounds.maximum[rung]) * self.R,
+            discretisation=float(self._bounds.hidden[rung]) * self.R,
         )
 
     def _label(self) -> tuple[Label, str]:
@@ -242,6 +253,11 @@ class Search:
             return Label.REFUSED, (
                 f"R = {self.R:g} is refuted by the scatter of replicates (e-value 10^{self._log_e / math.log(10):.1f} "
                 f"≥ 1/δ = {1 / self.delta:.3g}); declare a larger R from a pilot and begin again"
+            )
+        if self._bounds.empty:
+            return Label.REFUSED, (
+                "the bounds of different times contradict each other: B, the kernel or R is wrong "
+                "(with all of them right this happens with probability ≤ δ)"
             )
         B_low = self._B_low * self.R
         if self._settled() and 2 * B_low > self.B:
@@ -273,7 +289,7 @@ class Search:
             target=self.epsilon,
             label=label,
             reason=reason,
-            worst=self.space.point(self._grid.points[int(self._band.lower[0].argmax())]),
+            worst=self.space.point(self._tiling.points[int(self._bounds.lower[0].argmax())]),
             rollouts=self._rollouts,
             iterations=self._iterations,
             points=len(self._samples),
@@ -291,7 +307,7 @@ class Search:
                 "R": self.R,
                 "delta": self.delta,
                 "epsilon": self.epsilon,
-                "mixture_scales": (self._scales.mixture * self.R**2).tolist(),
+                "mixture_scales": (self._mode.mixture * self.R**2).tolist(),
                 "batch": self.batch,
                 "spread": self.spread,
                 "seed": self.seed,
@@ -305,7 +321,7 @@ class Search:
         )
         return (
             f"the expected outcome, as a function of the test, has norm ≤ B = {self.B:g} in the RKHS of the "
-            f"{FAMILIES[self.kernel.name].words} kernel with lengthscale {scales}; no data can prove this",
+            f"{self.kernel.words} kernel with lengthscale {scales}; no data can prove this",
             f"the noise of one rollout is R-sub-Gaussian with R = {self.R:g}, declared before the data",
             "rollouts are independent given the tests, and every rollout that was asked for is counted",
         )

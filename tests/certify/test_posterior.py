@@ -2,31 +2,49 @@ import numpy as np
 import pytest
 
 from s2r_spec.certify import confidence
+from s2r_spec.certify.confidence import Evidence
 from s2r_spec.certify.kernels import Kernel
+from s2r_spec.certify.modes import MODES
 from s2r_spec.certify.posterior import GPyTorch, Spectral
-
-ONE = np.array([50.0])
+from s2r_spec.certify.samples import Samples
 
 
 def problem(name, dim, most):
     rng = np.random.default_rng(3)
-    grid = rng.uniform(0, 0.5, (300, dim))
-    at = rng.choice(300, 30, replace=False)
+    points = rng.uniform(0, 0.5, (300, dim))
     counts = np.floor(10 ** rng.uniform(0, np.log10(most), 30))
-    return Kernel(name, 0.2), grid, (at, counts, rng.normal(size=30))
+    samples = Samples(rng.choice(300, 30, replace=False), counts, counts * rng.normal(size=30))
+    return Kernel(name, 0.2), points, samples
 
 
-@pytest.mark.parametrize(("name", "dim"), [("rbf", 1), ("matern52", 1), ("rbf", 3), ("matern52", 3)])
+@pytest.mark.parametrize(
+    ("name", "dim"), [("rbf", 1), ("matern52", 1), ("matern32", 2), ("rbf", 3), ("matern52", 3)]
+)
 @pytest.mark.parametrize(("most", "digits"), [(40, 1e-9), (1e6, 1e-6)])
 def test_both_engines_agree(name, dim, most, digits):
     """Counts of 1e6 are noise variances that GPyTorch would clamp; they cost both sides some digits."""
-    kernel, grid, data = problem(name, dim, most)
+    kernel, points, samples = problem(name, dim, most)
     scales = np.array([0.5, 50.0, 1125.0])
-    ours, theirs = (engine(kernel, grid).posterior(*data, scales) for engine in (Spectral, GPyTorch))
-    for quantity in ("mean", "std", "log_det", "quadratic"):
-        assert np.allclose(getattr(ours, quantity), getattr(theirs, quantity), atol=digits, rtol=digits), (
-            quantity
-        )
+    ours, theirs = (engine(kernel).condition(points, samples) for engine in (Spectral, GPyTorch))
+    for left, right in (
+        (ours.evidence(scales), theirs.evidence(scales)),
+        (ours.moments(scales, points), theirs.moments(scales, points)),
+    ):
+        for mine, other in zip(vars(left).values(), vars(right).values(), strict=True):
+            assert np.allclose(mine, other, atol=digits, rtol=digits)
+
+
+def test_points_that_are_added_later_change_nothing_of_the_old_ones():
+    kernel, points, samples = problem("matern52", 2, 40)
+    scales = np.array([1.0, 10.0])
+    engine = Spectral(kernel)
+    assert samples.at.max() < 299
+    engine.condition(points[:299], samples)
+    grown = engine.condition(points, samples)
+    for where in (points, points[250:]):
+        fresh = Spectral(kernel).condition(points, samples).moments(scales, where)
+        assert np.allclose(grown.moments(scales, where).mean, fresh.mean, atol=1e-12)
+        assert np.allclose(grown.moments(scales, where).std, fresh.std, atol=1e-9)
 
 
 def test_replicates_at_one_point_are_worth_exactly_their_single_rollouts():
@@ -37,16 +55,17 @@ def test_replicates_at_one_point_are_worth_exactly_their_single_rollouts():
     at, counts = np.array([3, 20, 41]), np.array([1, 4, 7])
     single = rng.normal(size=counts.sum())
     means = np.array([part.mean() for part in np.split(single, np.cumsum(counts)[:-1])])
-    merged = Spectral(kernel, grid).posterior(at, counts.astype(float), means, np.array([c]))
+    merged = Spectral(kernel).condition(grid, Samples(at, counts.astype(float), counts * means))
+    moments, evidence = merged.moments(np.array([c]), grid), merged.evidence(np.array([c]))
     each = grid[np.repeat(at, counts)]
     K, k = c * kernel.gram(each, each), c * kernel.gram(each, grid)
     inverse = np.linalg.inv(K + np.eye(len(each)))
-    assert np.allclose(merged.mean[0], k.T @ inverse @ single, atol=1e-9)
-    assert np.allclose(merged.std[0] ** 2, c - np.einsum("ng,nm,mg->g", k, inverse, k), atol=1e-9)
+    assert np.allclose(moments.mean[0], k.T @ inverse @ single, atol=1e-9)
+    assert np.allclose(moments.std[0] ** 2, c - np.einsum("ng,nm,mg->g", k, inverse, k), atol=1e-9)
     # Within-batch residuals leave the quadratic form of single rollouts larger by their scatter, and nothing else.
     scatter = single @ single - counts @ means**2
-    assert merged.quadratic[0] == pytest.approx(single @ inverse @ single - scatter)
-    assert merged.log_det[0] == pytest.approx(np.linalg.slogdet(np.eye(len(each)) + K)[1])
+    assert evidence.quadratic[0] == pytest.approx(single @ inverse @ single - scatter)
+    assert evidence.log_det[0] == pytest.approx(np.linalg.slogdet(np.eye(len(each)) + K)[1])
 
 
 def test_with_one_scale_the_width_is_beta():
@@ -58,16 +77,50 @@ def test_with_one_scale_the_width_is_beta():
         np.array([1.5, 3.0]),
         0.1,
     )
-    radius = confidence.data_radius(log_det, quadratic, delta)
+    radius = confidence.data_radius(Evidence(log_det, quadratic), delta)
     widths = confidence.width(B, c, radius, quadratic)
     assert widths[:, 0] == pytest.approx(np.sqrt(B**2 / 0.5 + 3.0 + 2 * np.log(10)))
 
 
 def test_a_mixture_costs_at_most_the_logarithm_of_its_size_over_its_best_scale():
     log_det, quadratic = np.array([3.0, 9.0, 30.0]), np.array([7.0, 4.0, 1.0])
-    mixed = confidence.data_radius(log_det, quadratic, 0.1)
-    single = [confidence.data_radius(log_det[[i]], quadratic[[i]], 0.1) for i in range(3)]
+    mixed = confidence.data_radius(Evidence(log_det, quadratic), 0.1)
+    single = [confidence.data_radius(Evidence(log_det[[i]], quadratic[[i]]), 0.1) for i in range(3)]
     assert min(single) <= mixed <= min(single) + 2 * np.log(3)
+
+
+def test_the_published_beta_is_the_papers_line_2():
+    """Against the determinant itself, and never below Theorem A of docs/explanation/certificate.md."""
+    rng = np.random.default_rng(0)
+    points = rng.uniform(0, 1, (7, 1))
+    gram, (B, R, delta) = Kernel("rbf", 0.3).gram(points, points), (1.5, 0.05, 1e-6)
+    eta = 2 / 7
+    det = np.linalg.det((1 + eta) * np.eye(7) + gram)
+    published = confidence.published_beta(B, R, np.log(det), delta)
+    assert published == pytest.approx(B + R * np.sqrt(2 * np.log(np.sqrt(det) / delta)))
+    log_det = np.linalg.slogdet(np.eye(7) + gram)[1]
+    assert published >= B + R / np.sqrt(1 + eta) * np.sqrt(log_det + 2 * np.log(1 / delta))
+
+
+def test_the_papers_mode_is_its_algorithm_written_out_over_single_rollouts():
+    rng = np.random.default_rng(2)
+    kernel, (B, R, delta) = Kernel("matern52", 0.3), (1.5, 0.05, 1e-3)
+    grid = np.linspace(0, 1, 30)[:, None]
+    at, counts = np.array([2, 11, 25]), np.array([1, 3, 2])
+    single = rng.normal(size=counts.sum())
+    ridge = 1 + 2 / len(single)
+    each = grid[np.repeat(at, counts)]
+    K, k = kernel.gram(each, each), kernel.gram(each, grid)
+    inverse = np.linalg.inv(K + ridge * np.eye(len(each)))
+    mean, std = k.T @ inverse @ single, np.sqrt(1 - np.einsum("ng,nm,mg->g", k, inverse, k))
+    beta = confidence.published_beta(B, R, np.linalg.slogdet(K + ridge * np.eye(len(each)))[1], delta)
+    norms = np.array([B / R])
+    sums = np.array([part.sum() for part in np.split(single / R, np.cumsum(counts)[:-1])])
+    data = Spectral(kernel).condition(grid, Samples(at, counts.astype(float), sums))
+    bound = MODES["paper"](kernel, norms).bound(data, len(single), norms, delta)
+    moments = data.moments(bound.scales, grid)
+    assert np.allclose(moments.mean[0] * R, mean, atol=1e-9)
+    assert np.allclose(bound.widths[0, 0] * moments.std[0] * R, beta * std, atol=1e-9)
 
 
 def test_a_norm_that_no_data_allow_has_no_width():
@@ -101,9 +154,10 @@ def test_the_dual_bound_is_the_exact_maximum_over_the_confidence_set():
         key=lambda result: -result.fun if result.success else -np.inf,
     )
     scales = np.geomspace(1e-5, 1e3, 3000)
-    posterior = Spectral(kernel, grid).posterior(at, counts, means, scales)
-    widths = confidence.width(np.array([B]), scales, radius, posterior.quadratic)[0]
-    upper = (posterior.mean[:, 3] + widths * posterior.std[:, 3]).min()
+    fitted = Spectral(kernel).condition(grid, Samples(at, counts, counts * means))
+    widths = confidence.width(np.array([B]), scales, radius, fitted.evidence(scales).quadratic)[0]
+    moments = fitted.moments(scales, grid[3:])
+    upper = (moments.mean[:, 0] + widths * moments.std[:, 0]).min()
     assert upper == pytest.approx(-best.fun, abs=1e-4)
 
 

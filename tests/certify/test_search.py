@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from s2r_spec.certify import confidence
 from s2r_spec.certify.certificate import Label
 from s2r_spec.certify.kernels import Kernel
 from s2r_spec.certify.search import Search
@@ -116,6 +117,14 @@ class TestRefusals:
         certificate = searched(noise=0.1, R=0.02).certificate()
         assert certificate.label is Label.REFUSED
         assert "R = 0.02 is refuted by the scatter of replicates" in certificate.reason
+
+    def test_bounds_that_contradict_each_other(self, monkeypatch):
+        """Here the width itself is wrong: what later data say lies outside of what earlier data allowed."""
+        honest = confidence.width
+        monkeypatch.setattr(confidence, "width", lambda *args: honest(*args) / 20)
+        certificate = searched(budget=2000, epsilon=0.001).certificate()
+        assert certificate.label is Label.REFUSED
+        assert "contradict each other" in certificate.reason
 
     def test_a_rollout_left_out(self):
         search = Search(LINE, **USUAL)

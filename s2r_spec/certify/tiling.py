@@ -1,0 +1,112 @@
+"""A division of the test space into cells, fine where it matters.
+
+Bounds are computed at corners; what can hide inside a cell is bounded by the
+kernel's interpolation bound for the cell's sides.
+"""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec.certify.kernels import Kernel
+from s2r_spec.space import Space
+
+FloatArray = NDArray[np.float64]
+IndexArray = NDArray[np.intp]
+Lattice = NDArray[np.int64]
+
+# A cell of the first division can be halved this often along each axis.
+DEPTH = 20
+FIRST_POINTS = 1500
+
+
+class Tiling:
+    """Cells that cover a box without overlap. Splitting adds points; points are never moved or removed.
+
+    Attributes:
+        points: (P, dim) corners of all cells that ever were.
+        corners: (C, 2^dim) indices into ``points``.
+        error: (C,) interpolation bound e(h) of each cell.
+    """
+
+    def __init__(self, space: Space, kernel: Kernel, error: float) -> None:
+        """Divide the box so that e(h) ≤ ``error``, or as finely as FIRST_POINTS corners allow."""
+        self._space, self._kernel = space, kernel
+        widths = space.upper - space.lower
+        cells = np.maximum(1.0, np.ceil(widths / kernel.sides_for(error, space.dim)))
+        while np.prod(cells + 1) > FIRST_POINTS:
+            cells[cells.argmax()] = np.ceil(cells.max() * 0.9) if cells.max() > 9 else cells.max() - 1
+        self._counts = cells.astype(np.int64)
+        self._offsets: Lattice = np.array(list(itertools.product((0, 1), repeat=space.dim)), dtype=np.int64)
+        self._index: dict[bytes, int] = {}
+        self._lattice: list[Lattice] = []
+        lines = [np.arange(n, dtype=np.int64) << DEPTH for n in self._counts]
+        self._low: Lattice = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, space.dim)
+        self._size: Lattice = np.full_like(self._low, 1 << DEPTH)
+        self.points: FloatArray = np.zeros((0, space.dim))
+        self.corners: IndexArray = self._corners(self._low, self._size)
+        self.error: FloatArray = self._errors(self._size)
+
+    def __len__(self) -> int:
+        return len(self.corners)
+
+    def splittable(self) -> NDArray[np.bool_]:
+        """(C,) whether a cell can still be halved."""
+        axis = self._kernel.widest_axis(self._sides(self._size))
+        return np.asarray(np.take_along_axis(self._size, axis[:, None], axis=1)[:, 0] > 1)
+
+    def split(self, cells: IndexArray) -> IndexArray:
+        """Halve cells along the axis that contributes most to their error.
+
+        Returns:
+            (C',) for every cell after the split, the index before it of the cell that contains it.
+        """
+        axis = self._kernel.widest_axis(self._sides(self._size[cells]))
+        size = self._size[cells].copy()
+        rows = np.arange(len(cells))
+        size[rows, axis] //= 2
+        upper = self._low[cells].copy()
+        upper[rows, axis] += size[rows, axis]
+        kept = np.setdiff1d(np.arange(len(self)), cells)
+        low = np.concatenate([self._low[cells], upper])
+        both = np.concatenate([size, size])
+        self.corners = np.concatenate([self.corners[kept], self._corners(low, both)])
+        self.error = np.concatenate([self.error[kept], self._errors(both)])
+        self._low = np.concatenate([self._low[kept], low])
+        self._size = np.concatenate([self._size[kept], both])
+        return np.concatenate([kept, cells, cells])
+
+    def containing(self, points: FloatArray) -> IndexArray:
+        """Return (n,) a cell that contains each of (n, dim) points of the box."""
+        low, high = self._real(self._low), self._real(self._low + self._size)
+        inside = ((points[:, None] >= low) & (points[:, None] <= high)).all(axis=-1)
+        return np.asarray(inside.argmax(axis=1))
+
+    def _corners(self, low: Lattice, size: Lattice) -> IndexArray:
+        lattice = (low[:, None] + self._offsets * size[:, None]).reshape(-1, self._space.dim)
+        found = np.empty(len(lattice), dtype=np.intp)
+        fresh: list[Lattice] = []
+        for i, row in enumerate(lattice):
+            key = row.tobytes()
+            place = self._index.setdefault(key, len(self._index))
+            if place == len(self.points) + len(fresh):
+                fresh.append(row)
+            found[i] = place
+        if fresh:
+            self.points = np.concatenate([self.points, self._real(np.array(fresh))])
+        return found.reshape(len(low), -1)
+
+    def _real(self, lattice: Lattice) -> FloatArray:
+        top = self._counts << DEPTH
+        # Written so that both ends of an axis are hit exactly.
+        share = lattice / top
+        return np.asarray(self._space.lower * (1 - share) + self._space.upper * share)
+
+    def _sides(self, size: Lattice) -> FloatArray:
+        return np.asarray((self._space.upper - self._space.lower) * size / (self._counts << DEPTH))
+
+    def _errors(self, size: Lattice) -> FloatArray:
+        return self._kernel.interpolation(self._sides(size))
