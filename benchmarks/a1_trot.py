@@ -16,6 +16,7 @@ from s2r_spec.trace import Trace
 
 OVERSHOOT, SETTLING = 0.03, 0.045
 """The tolerances δ_o and δ_s [m/s]."""
+FALL = -0.5
 
 
 def deviation(trace: Trace, vd: float) -> tuple[np.ndarray, np.ndarray]:
@@ -30,6 +31,11 @@ def robustness(trace: Trace, vd: float) -> float:
     over, error = deviation(trace, vd)
     t = trace.times
     return float(min(OVERSHOOT - over[t <= 0.5].max(), SETTLING - error[(t >= 0.5) & (t <= 1.5)].max()))
+
+
+def rho(trace: Trace, vd: float) -> float:
+    """Return ρ, which for a fall is declared to be FALL."""
+    return FALL if trace.failure else robustness(trace, vd)
 
 
 def tracking() -> bool:
@@ -64,11 +70,12 @@ def noisy(seeds: int) -> bool:
     means = []
     for vd in speeds:
         traces = [backend.rollout({"vd": float(vd)}, seed) for seed in range(seeds)]
-        rho = np.array([robustness(trace, float(vd)) for trace in traces])
+        found = np.array([rho(trace, float(vd)) for trace in traces])
         falls = sum(trace.failure is not None for trace in traces)
-        means.append(rho.mean())
+        means.append(found.mean())
         print(
-            f"{vd:6.2f} {rho.mean():8.4f} {rho.std(ddof=1):8.4f} {rho.min():8.4f} {rho.max():8.4f} {falls:6d}"
+            f"{vd:6.2f} {found.mean():8.4f} {found.std(ddof=1):8.4f} "
+            f"{found.min():8.4f} {found.max():8.4f} {falls:6d}"
         )
     worst = int(np.argmin(means))
     print(f"smallest mean rho {means[worst]:.4f} at vd = {speeds[worst]:.2f}")

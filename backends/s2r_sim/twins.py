@@ -28,7 +28,7 @@ PLACES: MappingProxyType[str, Values] = MappingProxyType(
             "soft_ground": {"sink": 0.02},
         },
         "sand": {
-            "foot_drag": {"coefficient": 5.5},
+            "foot_drag": {"coefficient": 12.0},
             "ground_friction": {"factor": 0.5},
             "soft_ground": {"sink": 0.03},
             "shear_creep": {"stiffness": 0.1},

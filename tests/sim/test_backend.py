@@ -4,6 +4,8 @@ import hashlib
 import pickle
 import subprocess
 import sys
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 
 import numpy as np
 import pytest
@@ -155,3 +157,12 @@ def test_a_test_in_another_world_is_a_pure_function_too(name, value):
 def test_a_parameter_and_an_effect_of_the_same_world_add_up():
     tilted = SHORT.with_effects({"slope": {"angle": 1.0}}).rollout({"slope": 2.0}, seed=7)
     assert same(tilted, SHORT.rollout({"slope": 3.0}, seed=7))
+
+
+def test_the_number_of_workers_changes_no_bit():
+    tests = [({"vd": 0.3}, 1), ({"vd": -0.2, "payload": 1.0}, 2), ({"vd": 0.3}, 3)]
+    here = [SHORT.rollout(*test) for test in tests]
+    for workers, order in ((1, [2, 0, 1]), (2, [1, 2, 0])):
+        with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+            jobs = {k: pool.submit(SHORT.rollout, *tests[k]) for k in order}
+            assert all(same(here[k], job.result()) for k, job in jobs.items())
