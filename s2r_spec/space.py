@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.errors import UsageError, did_you_mean, one_of
+from s2r_spec.errors import UsageError, one_of, suggest
 
 FloatArray = NDArray[np.float64]
 
@@ -46,7 +46,12 @@ class Space:
     def of(cls, ranges: Mapping[str, tuple[float, float]], units: Mapping[str, str] | None = None) -> Space:
         """Build a box from ``{"vd": (-0.2, 0.3)}`` and, if wanted, ``{"vd": "m/s"}``."""
         units = units or {}
-        return cls(tuple(Axis(name, float(low), float(high), units.get(name, "")) for name, (low, high) in ranges.items()))
+        return cls(
+            tuple(
+                Axis(name, float(low), float(high), units.get(name, ""))
+                for name, (low, high) in ranges.items()
+            )
+        )
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -82,7 +87,7 @@ class Space:
             if name not in self.names:
                 raise UsageError(
                     f"{name!r} is not a parameter of this test space"
-                    f"{did_you_mean(name, self.names)} it has {one_of(self.names)}"
+                    f"{suggest(name, self.names)} it has {one_of(self.names)}"
                 )
         for axis in self.axes:
             if axis.name not in point:

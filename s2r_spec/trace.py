@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from s2r_spec.errors import TraceError, did_you_mean, one_of
+from s2r_spec.errors import TraceError, one_of, suggest
 
 FloatArray = NDArray[np.float64]
 
@@ -43,7 +43,9 @@ class Trace:
             raise TraceError(f"a trace needs times of shape (n,) with n >= 1, not {times.shape}")
         if not np.isfinite(times).all():
             bad = int(np.argmin(np.isfinite(times)))
-            raise TraceError(f"time stamp {bad} is {times[bad]}; every time must be a finite number of seconds")
+            raise TraceError(
+                f"time stamp {bad} is {times[bad]}; every time must be a finite number of seconds"
+            )
         steps = np.diff(times)
         if (steps <= 0).any():
             bad = int(np.argmax(steps <= 0)) + 1
@@ -60,7 +62,9 @@ class Trace:
                 )
         unknown = set(self.units) - set(channels)
         if unknown:
-            raise TraceError(f"units are given for {one_of(unknown)}, which the trace does not have: {one_of(channels)}")
+            raise TraceError(
+                f"units are given for {one_of(unknown)}, which the trace does not have: {one_of(channels)}"
+            )
         object.__setattr__(self, "times", times)
         object.__setattr__(self, "channels", MappingProxyType(channels))
         object.__setattr__(self, "units", MappingProxyType(dict(self.units)))
@@ -75,7 +79,7 @@ class Trace:
             return self.channels[name]
         except KeyError:
             raise TraceError(
-                f"the trace has no channel {name!r}{did_you_mean(name, self.channels)} "
+                f"the trace has no channel {name!r}{suggest(name, self.channels)} "
                 f"it has {one_of(self.channels)}"
             ) from None
 
