@@ -6,25 +6,25 @@ import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.errors import TraceError, UsageError, did_you_mean, one_of
+from s2r_spec.errors import TraceError, UsageError, one_of, suggest
 from s2r_spec.lang import formula as f
 from s2r_spec.lang.declarations import CertifySettings, KernelChoice, Param, Signal
 from s2r_spec.lang.diagnostics import Diagnostic, SpecError
-from s2r_spec.robustness.evaluate import Samples, Witness, robustness
-from s2r_spec.robustness.grid import Grid
-from s2r_spec.robustness.horizon import horizon, samples_needed
-from s2r_spec.robustness.reading import held, read_params, read_signals
+from s2r_spec.robustness.evaluate import Witness
+from s2r_spec.robustness.evaluation import End, Evaluation, Interpolation, Reading, evaluate
+from s2r_spec.robustness.horizon import horizon
+from s2r_spec.robustness.reading import Missing, read_params, read_signals
 from s2r_spec.space import Axis, Space
 from s2r_spec.trace import Trace
 
 __all__ = [
     "CertifySettings",
     "Diagnostic",
+    "Evaluation",
     "KernelChoice",
     "Param",
     "Signal",
@@ -35,8 +35,6 @@ __all__ = [
 ]
 
 FloatArray = NDArray[np.float64]
-Interpolation = Literal["samples", "hold", "linear"]
-End = Literal["clip", "hold"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,6 +97,7 @@ class Spec:
         trace: Trace,
         params: Mapping[str, float] | None = None,
         *,
+        interpolation: Interpolation = "samples",
         until: Witness = "open",
         partial: bool = False,
     ) -> dict[str, float]:
@@ -109,29 +108,31 @@ class Spec:
         that the ``certify`` line declares for it, whatever its samples are.
 
         Args:
-            trace: with every channel of :meth:`channels`, regularly sampled.
+            trace: with every channel of :meth:`channels`.
             params: name → value in the declared unit, for every parameter used that has no default.
-            until: see :class:`s2r_spec.robustness.evaluate.Samples`.
+            interpolation: see :meth:`evaluate`.
+            until: see :meth:`evaluate`.
             partial: evaluate a trace that is shorter than the horizon on what there is.
 
         Raises:
             TraceError: a channel is missing, has NaN or an unfit unit, a time bound does
-                not fit the sample period, or the trace is too short.
-            UsageError: a parameter is missing or unknown, the sampling is irregular, or the
-                trace failed and no value is declared for that.
+                not fit the sample times, or the trace is too short.
+            UsageError: a parameter is missing or unknown, or the trace failed and no value is
+                declared for that.
         """
         if trace.failure is not None:
             return {name: self._fallen(name, trace.failure) for name in self.formulas}
-        samples = self._samples(trace, params, None, until)
+        reading = self._reading(trace, params, None, interpolation, until, "error")
         result = {}
         for name, formula in self.formulas.items():
-            needed = samples_needed(formula, samples.grid)
-            if needed > samples.grid.count - 1 and not partial:
+            if not partial and not reading.complete(formula)[0]:
+                ahead = self.horizon(name)
+                ahead = ahead if np.isfinite(ahead) and ahead else reading.needs(formula)
                 raise TraceError(
-                    f"{name!r} looks {self._ahead(name, samples.grid, needed)} ahead, but the trace lasts "
-                    f"{trace.duration:g} s; a longer trace decides it, partial=True evaluates what there is"
+                    f"{name!r} looks {ahead:g} s ahead, but the trace lasts {trace.duration:g} s; "
+                    f"a longer trace decides it, partial=True evaluates what there is"
                 )
-            result[name] = float(robustness(formula, samples)[0])
+            result[name] = float(reading.robustness(formula)[0])
         return result
 
     def robustness_signal(
@@ -144,12 +145,22 @@ class Spec:
         until: Witness = "open",
         end: End = "clip",
     ) -> FloatArray:
-        """Return (n,): ρ of one requirement at every sample.
+        """Return (n,): ρ of one requirement at every sample; the values of :meth:`evaluate`."""
+        found = self.evaluate(trace, requirement, params, interpolation=interpolation, until=until, end=end)
+        return found.values
 
-        Near the end of the trace windows reach past it. ``end="clip"`` cuts
-        them there: a window wholly past the end is empty, so that ``always`` is
-        +inf and ``eventually`` and ``until`` are −inf. ``end="hold"`` goes on
-        with the last sample of every signal instead.
+    def evaluate(
+        self,
+        trace: Trace,
+        requirement: str,
+        params: Mapping[str, float] | None = None,
+        *,
+        interpolation: Interpolation = "samples",
+        until: Witness = "open",
+        end: End = "clip",
+        nan: Missing = "error",
+    ) -> Evaluation:
+        """Return ρ of one requirement along a trace, with what of it the trace decides.
 
         A failure of the trace does not change the result: the samples count here.
 
@@ -157,29 +168,31 @@ class Spec:
             trace: see :meth:`robustness`.
             requirement: one of :attr:`requirements`.
             params: see :meth:`robustness`.
-            interpolation: only "samples", a condition at the samples alone, so far.
-            until: see :class:`s2r_spec.robustness.evaluate.Samples`.
-            end: what is past the last sample.
+            interpolation: "samples" asks a condition at the samples alone. "hold" and "linear"
+                ask it at every instant from the first sample to the last, where signals keep
+                the last sample, or go straight to the next one.
+            until: whether the left side of an until must hold before the witness only
+                ("open", as in RTAMT's discrete time) or at the witness, too ("closed", as in Breach).
+            end: what is past the last sample. "clip" cuts windows there: one wholly past the end
+                is empty, so that ``always`` is +inf and ``eventually`` and ``until`` are −inf.
+                "hold" goes on with the last sample of every signal. "nan" gives NaN wherever a
+                window reaches past the end, "error" refuses to.
+            nan: what a NaN sample is: an "error", or as the one before it ("hold").
 
         Raises:
             TraceError: see :meth:`robustness`.
             UsageError: see :meth:`robustness`.
         """
-        _choice("interpolation", interpolation, ("samples", "hold", "linear"))
-        _choice("end", end, ("clip", "hold"))
-        if interpolation != "samples":
-            raise UsageError(f"interpolation={interpolation!r} is not implemented yet; only 'samples' is")
+        _choice("end", end, ("clip", "hold", "nan", "error"))
         formula = self._formula(requirement)
-        samples = self._samples(trace, params, requirement, until)
-        if end == "hold":
-            samples = held(samples, samples_needed(formula, samples.grid))
-        return np.array(robustness(formula, samples)[: len(trace)])
+        reading = self._reading(trace, params, requirement, interpolation, until, nan)
+        return evaluate(formula, reading, requirement, self.unit(requirement), self.horizon(requirement), end)
 
     def _formula(self, requirement: str) -> f.Formula:
         if requirement not in self.formulas:
-            guess = did_you_mean(requirement, self.formulas) or ";"
             raise UsageError(
-                f"{self.name} has no requirement {requirement!r}{guess} it has {one_of(self.formulas)}"
+                f"{self.name} has no requirement {requirement!r}{suggest(requirement, self.formulas)} "
+                f"it has {one_of(self.formulas)}"
             )
         return self.formulas[requirement]
 
@@ -189,18 +202,22 @@ class Spec:
     def _nodes(self, requirement: str | None) -> list[f.Node]:
         return [node for formula in self._chosen(requirement) for node in f.walk(formula)]
 
-    def _samples(
-        self, trace: Trace, params: Mapping[str, float] | None, requirement: str | None, until: Witness
-    ) -> Samples:
+    def _reading(
+        self,
+        trace: Trace,
+        params: Mapping[str, float] | None,
+        requirement: str | None,
+        interpolation: Interpolation,
+        until: Witness,
+        nan: Missing,
+    ) -> Reading:
+        _choice("interpolation", interpolation, ("samples", "hold", "linear"))
         _choice("until", until, ("open", "closed"))
+        _choice("nan", nan, ("error", "hold"))
         used = {node.name for node in self._nodes(requirement) if isinstance(node, f.ParamValue)}
         numbers = read_params(self.params, used, params or {})
-        signals = read_signals([self.signals[name] for name in self.channels(requirement)], trace)
-        return Samples(Grid.of(trace.times), signals, numbers, until)
-
-    def _ahead(self, name: str, grid: Grid, needed: int) -> str:
-        seconds = self.horizon(name)
-        return f"{seconds if np.isfinite(seconds) and seconds else grid.seconds(needed):g} s"
+        signals = read_signals([self.signals[name] for name in self.channels(requirement)], trace, nan)
+        return Reading.of(trace.times, signals, numbers, interpolation, until)
 
     def _fallen(self, requirement: str, failure: str) -> float:
         settings = self.certify.get(requirement)

@@ -9,8 +9,9 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.errors import TraceError, UsageError
+from s2r_spec.errors import TraceError
 from s2r_spec.lang.formula import Interval
+from s2r_spec.robustness.kernels import until, window_min
 
 FloatArray = NDArray[np.float64]
 
@@ -35,14 +36,11 @@ class Grid:
     jitter: float = 0.0
 
     @classmethod
-    def of(cls, times: FloatArray) -> Grid:
-        """Find the grid of (n,) increasing times [s].
+    def of(cls, times: FloatArray) -> Grid | None:
+        """Find the grid of (n,) increasing times [s]; None if a sample is more than 1 % of a period off.
 
         The period is the simplest fraction that the times allow: files write
         0.033 for 1/30, and times add up rounding.
-
-        Raises:
-            UsageError: a sample is more than 1 % of a period off.
         """
         count = times.size
         if count == 1:
@@ -51,14 +49,22 @@ class Grid:
         off = times - times[0] - mean * np.arange(count)
         jitter = float(np.abs(off).max()) / mean
         if jitter > JITTER:
-            steps = np.diff(times)
-            raise UsageError(
-                f"the trace is not sampled regularly, which is not implemented yet: "
-                f"its steps are between {steps.min():g} s and {steps.max():g} s"
-            )
+            return None
         rounding = 4 * np.finfo(np.float64).eps * float(np.abs(times).max())
         slack = 2 * (jitter * mean + rounding) / (count - 1)
         return cls(count, _simplest(Fraction(mean - slack), Fraction(mean + slack)), jitter)
+
+    def always(self, x: FloatArray, interval: Interval, past: bool) -> FloatArray:
+        """Return (…, n): the least of x in t + interval (t − interval if ``past``)."""
+        low, high = self.window(interval)
+        return _backward(window_min(_backward(x), low, high)) if past else window_min(x, low, high)
+
+    def until(self, left: FloatArray, right: FloatArray, interval: Interval, past: bool) -> FloatArray:
+        """Return (…, n): see :func:`s2r_spec.robustness.kernels.until`; ``past`` makes it since."""
+        low, high = self.window(interval)
+        if past:
+            return _backward(until(_backward(left), _backward(right), low, high))
+        return until(left, right, low, high)
 
     def window(self, interval: Interval) -> tuple[int, int | None]:
         """Return (low, high): the samples t + low … t + high lie in t + interval; None means all the rest.
@@ -98,6 +104,10 @@ class Grid:
     def seconds(self, periods: int) -> float:
         """Return the time of a number of periods [s]."""
         return float(periods * self.period) if self.period is not None else 0.0
+
+
+def _backward(x: FloatArray) -> FloatArray:
+    return x[..., ::-1]
 
 
 def _simplest(low: Fraction, high: Fraction) -> Fraction:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 from s2r_spec.lang import formula as f
@@ -30,6 +31,20 @@ def samples_needed(formula: f.Formula, grid: Grid) -> int:
         return low, low if high is None else high
 
     return int(_reach(formula, ends, 1.0))
+
+
+def seconds_needed(formula: f.Formula, step: float) -> float:
+    """Return how long after an instant a trace must last for the formula there [s].
+
+    As :func:`samples_needed`, for samples that lie on no grid and for continuous time.
+
+    Args:
+        formula: what is evaluated.
+        step: longest time between two samples, for ``next`` [s].
+    """
+    return _reach(
+        formula, lambda within: (within.low, within.low if math.isinf(within.high) else within.high), step
+    )
 
 
 def _reach(formula: f.Formula, ends: Ends, step: float) -> float:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.intp]
 
 
 def shift(x: FloatArray, steps: int, fill: float) -> FloatArray:
@@ -104,3 +105,52 @@ def _compose(p: FloatArray, q: FloatArray, next_p: FloatArray, next_q: FloatArra
     head, tail = (..., slice(0, n - step)), (..., slice(step, None))
     q[head] = np.maximum(q[head], np.minimum(p[head], next_q[tail]))
     p[head] = np.minimum(p[head], next_p[tail])
+
+
+def range_min(x: FloatArray, first: IntArray, last: IntArray) -> FloatArray:
+    """Return y with y[k] = min of x[first[k] … last[k]], for windows of any place and length.
+
+    A sparse table: two blocks of a power of two cover a window.
+
+    Args:
+        x: (…, n) samples.
+        first: (m,) first sample of each window, 0 ≤ first.
+        last: (m,) last one, < n; a window with last < first is empty, its least value +inf.
+
+    Returns:
+        (…, m).
+    """
+    lengths = np.maximum(last - first + 1, 0)
+    y = np.full((*x.shape[:-1], first.size), np.inf)
+    block, size = x, 1  # block[t] is the least of `size` samples from t on
+    while True:
+        here = np.flatnonzero((lengths >= size) & (lengths < 2 * size))
+        if here.size:
+            y[..., here] = np.minimum(block[..., first[here]], block[..., last[here] - size + 1])
+        if 2 * size > lengths.max(initial=0):
+            return y
+        block = np.minimum(block[..., : block.shape[-1] - size], block[..., size:])
+        size *= 2
+
+
+def range_until(left: FloatArray, right: FloatArray, first: IntArray, last: IntArray) -> FloatArray:
+    """Return :func:`until` for a window of witnesses first[t] … last[t] of its own at every sample t.
+
+    With W the untimed until, y[t] = min(least left before first[t], greatest
+    right in the window, W[first[t]]): if a witness after the window is good,
+    left holds up to it, and any witness in the window is as good as its right.
+
+    Args:
+        left: (…, n) robustness of the condition that holds before the witness.
+        right: (…, n) robustness of the witness.
+        first: (n,) first sample of each window, t ≤ first[t].
+        last: (n,) last one, < n; −inf where last < first.
+
+    Returns:
+        (…, n).
+    """
+    left, right = np.broadcast_arrays(left, right)
+    n = left.shape[-1]
+    guard = range_min(left, np.arange(n), np.minimum(first, n) - 1)
+    best = np.negative(range_min(np.negative(right), first, last))
+    return np.minimum(np.minimum(guard, best), until(left, right, 0, None)[..., np.minimum(first, n - 1)])

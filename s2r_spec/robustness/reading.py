@@ -4,49 +4,63 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Set
-from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.errors import TraceError, UsageError, did_you_mean, one_of
+from s2r_spec.errors import TraceError, UsageError, one_of, suggest
 from s2r_spec.lang.declarations import Param, Signal
 from s2r_spec.lang.units import UnknownUnitError, parse_unit
-from s2r_spec.robustness.evaluate import Samples
 from s2r_spec.trace import Trace
 
 FloatArray = NDArray[np.float64]
+Missing = Literal["error", "hold"]
 
 
-def read_signals(signals: Iterable[Signal], trace: Trace) -> dict[str, FloatArray]:
+def read_signals(
+    signals: Iterable[Signal], trace: Trace, missing: Missing = "error"
+) -> dict[str, FloatArray]:
     """Return name → (dim, n) in the declared unit.
+
+    Args:
+        signals: what to read.
+        trace: where from.
+        missing: what a NaN sample means: "error", or "hold" for the last one that is there.
 
     Raises:
         TraceError: a channel is missing, has another width, NaN, or a unit that does not fit.
     """
-    return {signal.name: _read(signal, trace) for signal in signals}
+    return {signal.name: _read(signal, trace, missing) for signal in signals}
 
 
-def _read(signal: Signal, trace: Trace) -> FloatArray:
+def _read(signal: Signal, trace: Trace, missing: Missing) -> FloatArray:
     channel = trace[signal.name]
     width = channel.shape[1] if channel.ndim == 2 else 1
     if width != signal.dim or (channel.ndim == 2) != signal.vector:
         declared = f"a vector of {signal.dim}" if signal.vector else "one number"
         found = f"a vector of {width}" if channel.ndim == 2 else "one number"
         raise TraceError(f"channel {signal.name!r} is {found} a sample, but the spec declares {declared}")
-    missing = np.isnan(channel)
-    if missing.any():
-        index = int(np.argwhere(missing)[0][0])
+    samples = channel.T if channel.ndim == 2 else channel[np.newaxis, :]
+    if missing == "hold":
+        samples = _last_known(samples)
+    if (absent := np.isnan(samples)).any():
+        index = int(np.argmax(absent.any(axis=0)))
         raise TraceError(
             f"channel {signal.name!r} is NaN at sample {index}, t = {trace.times[index]:g} s; "
             f"a missing sample has no robustness"
         )
-    samples = channel.T if channel.ndim == 2 else channel[np.newaxis, :]
     unit = trace.units.get(signal.name)
     if unit is None or unit == signal.unit:
         return samples
     factor, offset = _conversion(signal, unit)
     return samples if (factor, offset) == (1.0, 0.0) else factor * samples + offset
+
+
+def _last_known(samples: FloatArray) -> FloatArray:
+    """Return (width, n) with each NaN replaced by the sample before it; the first cannot be."""
+    known = np.maximum.accumulate(np.where(np.isnan(samples), 0, np.arange(samples.shape[1])), axis=1)
+    return np.take_along_axis(samples, known, axis=1)
 
 
 def _conversion(signal: Signal, unit: str) -> tuple[float, float]:
@@ -71,8 +85,9 @@ def read_params(
     """
     for name, value in given.items():
         if name not in params:
-            guess = did_you_mean(name, params) or ";"
-            raise UsageError(f"the spec has no parameter {name!r}{guess} it has {one_of(params)}")
+            raise UsageError(
+                f"the spec has no parameter {name!r}{suggest(name, params)} it has {one_of(params)}"
+            )
         if not math.isfinite(value):
             raise UsageError(f"the parameter {name} = {value} is not a finite number")
     numbers: dict[str, FloatArray] = {}
@@ -83,9 +98,3 @@ def read_params(
                 raise UsageError(f"the parameter {name!r} has no value: give params={{{name!r}: …}}")
             numbers[name] = np.full((1, 1), float(number))
     return numbers
-
-
-def held(samples: Samples, count: int) -> Samples:
-    """Return samples that go on for ``count`` more, each signal as it was last."""
-    signals = {name: np.pad(x, ((0, 0), (0, count)), mode="edge") for name, x in samples.signals.items()}
-    return replace(samples, grid=replace(samples.grid, count=samples.grid.count + count), signals=signals)

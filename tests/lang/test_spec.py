@@ -188,11 +188,6 @@ def test_horizons() -> None:
             "channel 'vx' is in m, which does not convert to m/s of the spec",
         ),
         (walk(0, 0, 0, 0, unit="mm/x"), {"vd": 0}, "channel 'vx' is in 'mm/x', which is not a unit"),
-        (
-            Trace([0, 0.5, 1.5], {"vx": [0, 0, 0]}),
-            {"vd": 0},
-            "the trace is not sampled regularly, which is not implemented yet: its steps are between 0.5 s and 1 s",
-        ),
     ],
 )
 def test_what_does_not_fit_is_said(trace: Trace, params: dict[str, float], message: str) -> None:
@@ -207,9 +202,9 @@ def test_wrong_words() -> None:
         spec.robustness(Trace([0], {"vy": [0]}), {"vd": 0})
     with pytest.raises(UsageError, match="has no requirement 'walkin'; did you mean 'walking'"):
         spec.robustness_signal(trace, "walkin", {"vd": 0})
-    with pytest.raises(UsageError, match="interpolation='linear' is not implemented yet"):
-        spec.robustness_signal(trace, "walking", {"vd": 0}, interpolation="linear")
-    with pytest.raises(UsageError, match="end='wrap' is not one of 'clip', 'hold'"):
+    with pytest.raises(UsageError, match="interpolation='spline' is not one of 'samples', 'hold', 'linear'"):
+        spec.robustness_signal(trace, "walking", {"vd": 0}, interpolation="spline")  # type: ignore[arg-type]
+    with pytest.raises(UsageError, match="end='wrap' is not one of 'clip', 'hold', 'nan', 'error'"):
         spec.robustness_signal(trace, "walking", {"vd": 0}, end="wrap")  # type: ignore[arg-type]
 
 

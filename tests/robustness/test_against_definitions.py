@@ -1,6 +1,7 @@
-"""Robustness against its definitions, written as loops over samples."""
+"""Robustness against its definitions (definitions.py), identities, and what the horizon promises."""
 
 import math
+import re
 from fractions import Fraction
 
 import numpy as np
@@ -8,228 +9,49 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from s2r_spec.errors import UsageError
+from s2r_spec.errors import TraceError, UsageError
 from s2r_spec.spec import parse_spec
 from s2r_spec.trace import Trace
+from tests.robustness.definitions import NoSampleError, by_definition, evaluated, halvings
+from tests.robustness.drawing import COMPARISONS, DENSE_FORMULAS, cases, intervals, text_of
 
-PERIODS = {"0.1": Fraction(1, 10), "0.25": Fraction(1, 4), "0.002": Fraction(1, 500)}
-
-# --- formulas as tuples: drawn, printed, and evaluated by definition ---------------------------
-
-NUMBERS = st.integers(-4, 4).map(lambda n: n / 2)
-VALUES = st.recursive(
-    st.one_of(
-        st.sampled_from(["x", "y", "p"]).map(lambda name: ("name", name)), NUMBERS.map(lambda v: ("num", v))
-    ),
-    lambda inner: st.one_of(
-        st.tuples(st.sampled_from("+-*"), inner, inner),
-        st.tuples(st.sampled_from(["min", "max", "overshoot", "norm"]), inner, inner),
-        st.tuples(st.sampled_from(["abs", "init", "sign", "minus"]), inner),
-    ),
-    max_leaves=4,
-)
-COMPARISONS = st.tuples(st.sampled_from(["<", "<=", ">", ">=", "==", "!="]), VALUES, VALUES)
-
-
-@st.composite
-def intervals(draw: st.DrawFn) -> tuple[int, int | None, bool, bool] | None:
-    """(first, last, closed, closed) in samples; never without a sample, so that it is no mistake."""
-    if draw(st.integers(0, 5)) == 0:
-        return None
-    low, low_closed, high_closed = draw(st.integers(0, 4)), draw(st.booleans()), draw(st.booleans())
-    if draw(st.integers(0, 5)) == 0:
-        return low, None, low_closed, False
-    return low, low + (not low_closed) + (not high_closed) + draw(st.integers(0, 4)), low_closed, high_closed
-
-
-FORMULAS = st.recursive(
-    st.one_of(COMPARISONS, st.sampled_from([("true",), ("false",)])),
-    lambda inner: st.one_of(
-        st.tuples(st.sampled_from(["not", "next", "prev", "rise", "fall"]), inner),
-        st.tuples(st.sampled_from(["and", "or", "->", "<->"]), inner, inner),
-        st.tuples(st.sampled_from(["always", "eventually", "historically", "once"]), intervals(), inner),
-        st.tuples(st.sampled_from(["until", "since", "release", "unless"]), intervals(), inner, inner),
-    ),
-    max_leaves=4,
-)
-
-
-def text_of(node: tuple, period: Fraction) -> str:
-    match node:
-        case ("name", name):
-            return name
-        case ("num", value):
-            return f"({value!r})"
-        case ("true" | "false" as word,):
-            return word
-        case ("minus", inner):
-            return f"(-{text_of(inner, period)})"
-        case (("min" | "max" | "overshoot" | "norm") as name, left, right):
-            return f"{name}({text_of(left, period)}, {text_of(right, period)})"
-        case (("abs" | "init" | "sign" | "rise" | "fall") as name, inner):
-            return f"{name}({text_of(inner, period)})"
-        case (("not" | "next" | "prev") as name, inner):
-            return f"({name} {text_of(inner, period)})"
-        case (("always" | "eventually" | "historically" | "once") as name, within, inner):
-            return f"({name}{interval_text(within, period)} {text_of(inner, period)})"
-        case (("until" | "since" | "release" | "unless") as name, within, left, right):
-            return f"({text_of(left, period)} {name}{interval_text(within, period)} {text_of(right, period)})"
-        case (operator, left, right):
-            return f"({text_of(left, period)} {operator} {text_of(right, period)})"
-    raise AssertionError(node)
-
-
-def interval_text(within: tuple | None, period: Fraction) -> str:
-    if within is None:
-        return ""
-    low, high, low_closed, high_closed = within
-    # float(0.1 · 3) is 0.30000000000000004: what a script would write
-    ends = f"{low * float(period)!r}, {'inf' if high is None else repr(high * float(period))}"
-    return f"{'[' if low_closed else '('}{ends}{']' if high_closed else ')'}"
-
-
-class Definition:
-    """ρ by definition, at one sample at a time; closed says whether left holds at the witness."""
-
-    def __init__(self, signals: dict, param: float, n: int, closed: bool) -> None:
-        self.signals, self.param, self.n, self.closed = signals, param, n, closed
-
-    def number(self, node: tuple, t: int) -> float:
-        match node:
-            case ("name", "p"):
-                return self.param
-            case ("name", name):
-                return self.signals[name][t]
-            case ("num", value):
-                return value
-            case ("init", inner):
-                return self.number(inner, 0)
-            case ("overshoot", x, reference):
-                difference = self.number(x, t) - self.number(reference, t)
-                return difference if self.number(reference, 0) >= 0 else -difference
-        parts = [self.number(part, t) for part in node[1:]]
-        return {
-            "+": lambda a, b: a + b,
-            "-": lambda a, b: a - b,
-            "*": lambda a, b: a * b,
-            "min": min,
-            "max": max,
-            "norm": math.hypot,
-            "abs": abs,
-            "sign": lambda a: (a > 0) - (a < 0),
-            "minus": lambda a: -a,
-        }[node[0]](*parts)
-
-    def inside(self, distance: int, within: tuple | None) -> bool:
-        low, high, low_closed, high_closed = within or (0, None, True, False)
-        after = distance >= low if low_closed else distance > low
-        return after and (high is None or (distance <= high if high_closed else distance < high))
-
-    def until(self, left: list, right: list, t: int, within: tuple | None, sign: int = 1) -> float:
-        """Sup over witnesses of min(right there, inf of left before); ``sign`` −1 looks into the past."""
-        best = -math.inf
-        for w in range(self.n):
-            if self.inside(sign * (w - t), within):
-                before = range(t, w, sign) if not self.closed else range(t, w + sign, sign)
-                best = max(best, min([right[w], *(left[s] for s in before)]))
-        return best
-
-    def signal(self, node: tuple) -> list[float]:
-        every, n = range(self.n), self.n
-        match node:
-            case ("true",):
-                return [math.inf] * n
-            case ("false",):
-                return [-math.inf] * n
-            case ("<" | "<=", a, b):
-                return [self.number(b, t) - self.number(a, t) for t in every]
-            case (">" | ">=", a, b):
-                return [self.number(a, t) - self.number(b, t) for t in every]
-            case ("==", a, b):
-                return [-abs(self.number(a, t) - self.number(b, t)) for t in every]
-            case ("!=", a, b):
-                return [abs(self.number(a, t) - self.number(b, t)) for t in every]
-        parts = [self.signal(part) for part in node[2 if node[0] in TIMED else 1 :]]
-        inner = parts[0]
-        match node:
-            case ("not", _):
-                return [-v for v in inner]
-            case ("next", _):
-                return [inner[t + 1] if t + 1 < n else -math.inf for t in every]
-            case ("prev", _):
-                return [inner[t - 1] if t > 0 else -math.inf for t in every]
-            case ("rise", _):
-                return [min(inner[t], -inner[t - 1]) if t else -math.inf for t in every]
-            case ("fall", _):
-                return [min(-inner[t], inner[t - 1]) if t else -math.inf for t in every]
-            case ("always", within, _):
-                return [
-                    min([math.inf, *(inner[s] for s in every if self.inside(s - t, within))]) for t in every
-                ]
-            case ("eventually", within, _):
-                return [
-                    max([-math.inf, *(inner[s] for s in every if self.inside(s - t, within))]) for t in every
-                ]
-            case ("historically", within, _):
-                return [
-                    min([math.inf, *(inner[s] for s in every if self.inside(t - s, within))]) for t in every
-                ]
-            case ("once", within, _):
-                return [
-                    max([-math.inf, *(inner[s] for s in every if self.inside(t - s, within))]) for t in every
-                ]
-        left, right = parts
-        match node[0]:
-            case "and":
-                return [min(a, b) for a, b in zip(left, right, strict=True)]
-            case "or":
-                return [max(a, b) for a, b in zip(left, right, strict=True)]
-            case "->":
-                return [max(-a, b) for a, b in zip(left, right, strict=True)]
-            case "<->":
-                return [min(max(-a, b), max(a, -b)) for a, b in zip(left, right, strict=True)]
-            case "until":
-                return [self.until(left, right, t, node[1]) for t in every]
-            case "since":
-                return [self.until(left, right, t, node[1], sign=-1) for t in every]
-            case "release":
-                no_left, no_right = [-v for v in left], [-v for v in right]
-                return [-self.until(no_left, no_right, t, node[1]) for t in every]
-            case "unless":
-                _, high, _, high_closed = node[1] or (0, None, True, False)
-                reach = (0, high, True, high_closed)
-                stays = [
-                    min([math.inf, *(left[s] for s in every if self.inside(s - t, reach))]) for t in every
-                ]
-                return [max(stays[t], self.until(left, right, t, node[1])) for t in every]
-        raise AssertionError(node)
-
-
-TIMED = {"always", "eventually", "historically", "once", "until", "since", "release", "unless"}
 SAMPLES = st.integers(1, 12).flatmap(
     lambda n: st.tuples(*(st.lists(st.integers(-6, 6).map(lambda v: v / 4), min_size=n, max_size=n),) * 2)
 )
 
 
-@settings(max_examples=400, deadline=None)
-@given(
-    formula=FORMULAS,
-    samples=SAMPLES,
-    param=NUMBERS,
-    period=st.sampled_from(sorted(PERIODS)),
-    start=st.sampled_from([0.0, -3.7, 1000.1]),
-    until=st.sampled_from(["open", "closed"]),
-)
-def test_every_sample_is_as_defined(formula, samples, param, period, start, until) -> None:
-    step = PERIODS[period]
-    x, y = samples
-    spec = parse_spec(f"signal x\nsignal y\nparam p in [-9, 9]\nrequire it: {text_of(formula, step)}")
-    trace = Trace(start + np.arange(len(x)) * float(step), {"x": x, "y": y})
-    before = {name: values.tobytes() for name, values in trace.channels.items()}
-    found = spec.robustness_signal(trace, "it", {"p": param}, until=until)
-    expected = Definition({"x": x, "y": y}, param, len(x), until == "closed").signal(formula)
-    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9)
-    assert {name: values.tobytes() for name, values in trace.channels.items()} == before
+def agrees(case) -> None:
+    try:
+        expected = by_definition(case)
+    except NoSampleError:
+        with pytest.raises(TraceError, match="no sample lies in"):
+            evaluated(case)
+        return
+    np.testing.assert_allclose(evaluated(case), expected, rtol=0, atol=1e-9)
+
+
+@settings(max_examples=700, deadline=None)
+@given(case=cases("regular"))
+def test_every_sample_is_as_defined(case) -> None:
+    agrees(case)
+
+
+@settings(max_examples=500, deadline=None)
+@given(case=cases("irregular"))
+def test_irregular_samples_are_as_defined(case) -> None:
+    agrees(case)
+
+
+@settings(max_examples=600, deadline=None)
+@given(case=cases("hold"))
+def test_held_signals_are_as_defined(case) -> None:
+    agrees(case)
+
+
+@settings(max_examples=200, deadline=None)
+@given(case=cases("linear").filter(lambda case: halvings(case.formula) <= 3))
+def test_straight_lines_are_as_defined(case) -> None:
+    agrees(case)
 
 
 FUTURE = st.recursive(
@@ -242,6 +64,28 @@ FUTURE = st.recursive(
     ),
     max_leaves=4,
 )
+_PRODUCTS = re.compile(r"\*|norm|init|overshoot")
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    formula=DENSE_FORMULAS.filter(lambda node: not _PRODUCTS.search(text_of(node, Fraction(1)))),
+    x=st.lists(st.floats(-2, 2), min_size=6, max_size=6),
+    y=st.lists(st.floats(-2, 2), min_size=6, max_size=6),
+    gaps=st.lists(st.floats(0.5, 2), min_size=5, max_size=5),
+)
+def test_samples_on_a_straight_line_change_nothing(formula, x, y, gaps) -> None:
+    """Lines of any slope, which the lattice of the definitions does not have."""
+    times = np.concatenate(([0.0], np.cumsum(gaps)))
+    more = np.sort(np.concatenate((times, (times[1:] + times[:-1]) / 2)))
+    spec = parse_spec(f"signal x signal y param p = 1 require it: {text_of(formula, Fraction(1))}")
+    few = Trace(times, {"x": x, "y": y})
+    many = Trace(more, {"x": np.interp(more, times, x), "y": np.interp(more, times, y)})
+    rho = spec.robustness_signal(few, "it", interpolation="linear")
+    again = spec.robustness_signal(many, "it", interpolation="linear")[::2]
+    np.testing.assert_allclose(again, rho, rtol=0, atol=1e-9)
+
+
 DUALS = [
     ("not always[0.1, 0.3) (x > 0)", "eventually[0.1, 0.3) not (x > 0)"),
     ("not (x > 0 until(0, 0.4] y > 0)", "(not x > 0) release(0, 0.4] (not y > 0)"),

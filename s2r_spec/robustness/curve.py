@@ -1,0 +1,171 @@
+"""Curves in continuous time: straight between breakpoints, with jumps where they are wanted.
+
+A signal that is held from one sample to the next is such a curve, one that
+goes straight is another; minimum, shift and window infimum of curves are
+curves again. Jumps and open interval ends are exact, because a breakpoint has
+a value of its own besides the limits on either side.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """A piecewise linear function on [times[0], times[-1]].
+
+    Args:
+        times: (m + 1,) breakpoints [s], strictly increasing.
+        at: (m + 1,) values at the breakpoints.
+        right: (m,) limits just after ``times[:-1]``.
+        left: (m,) limits just before ``times[1:]``. Both limits of a piece are finite or equal.
+    """
+
+    times: FloatArray
+    at: FloatArray
+    right: FloatArray
+    left: FloatArray
+
+    @classmethod
+    def of(cls, times: FloatArray, samples: FloatArray, between: Literal["hold", "linear"]) -> Curve:
+        """Join (n,) samples: each held to the next one, or straight lines."""
+        return cls(times, samples, samples[:-1], samples[:-1] if between == "hold" else samples[1:])
+
+    @classmethod
+    def constant(cls, times: FloatArray, value: float) -> Curve:
+        """Return one value from the first time to the last."""
+        ends = times[[0, -1]] if times.size > 1 else times
+        return cls.of(ends, np.full(ends.size, value), "hold")
+
+    def __neg__(self) -> Curve:
+        return Curve(self.times, -self.at, -self.right, -self.left)
+
+    def backward(self) -> Curve:
+        """Return the curve with time running the other way."""
+        return Curve(-self.times[::-1], self.at[::-1], self.left[::-1], self.right[::-1])
+
+    def scaled(self, factor: float, offset: float = 0.0) -> Curve:
+        """Return factor · curve + offset."""
+        return Curve(self.times, *(factor * part + offset for part in (self.at, self.right, self.left)))
+
+    def piece(self, times: FloatArray) -> NDArray[np.intp]:
+        """Return the piece each time lies in or at the start of, −1 before the first."""
+        return np.searchsorted(self.times, times, "right") - 1
+
+    def along(self, piece: NDArray[np.intp], times: FloatArray) -> FloatArray:
+        """Return the values at ``times`` on the straight line of each piece."""
+        start, end = self.times[piece], self.times[piece + 1]
+        part = np.clip((times - start) / (end - start), 0.0, 1.0)
+        right, left = self.right[piece], self.left[piece]
+        with np.errstate(invalid="ignore"):
+            value = (1 - part) * right + part * left
+        return np.where(right == left, right, value)  # also of infinities
+
+    def refined(self, times: FloatArray) -> Curve:
+        """Return the same curve with more breakpoints; ``times`` contain its own."""
+        if times.size == self.times.size:
+            return self
+        starts = self.piece(times[:-1])
+        at = np.empty(times.size)
+        at[:-1] = self.along(starts, times[:-1])
+        at[np.searchsorted(times, self.times)] = self.at
+        return Curve(times, at, self.along(starts, times[:-1]), self.along(starts, times[1:]))
+
+    def values(self, times: FloatArray, snap: float) -> FloatArray:
+        """Return the values at ``times`` within the curve; a breakpoint closer than ``snap`` is hit."""
+        near = nearest(self.times, times)
+        on = np.abs(self.times[near] - times) <= snap
+        if on.all():
+            return self.at[near]
+        piece = np.clip(self.piece(times), 0, self.right.size - 1)
+        return np.where(on, self.at[near], self.along(piece, times))
+
+    def simplified(self) -> Curve:
+        """Return the same curve without breakpoints where nothing changes."""
+        flat = (self.at[1:-1] == self.left[:-1]) & (self.at[1:-1] == self.right[1:])
+        flat &= (self.right[:-1] == self.left[:-1]) & (self.right[1:] == self.left[1:])
+        if not flat.any():
+            return self
+        kept = np.concatenate(([True], ~flat, [True]))
+        return Curve(self.times[kept], self.at[kept], self.right[kept[:-1]], self.left[kept[1:]])
+
+
+def nearest(times: FloatArray, wanted: FloatArray) -> NDArray[np.intp]:
+    """Return the index of the time closest to each wanted one."""
+    after = np.clip(np.searchsorted(times, wanted), 1, max(times.size - 1, 1))
+    if times.size == 1:
+        return np.zeros(wanted.shape, np.intp)
+    return after - (wanted - times[after - 1] <= times[after] - wanted)
+
+
+def merged(times: FloatArray, more: FloatArray, snap: float) -> FloatArray:
+    """Return all times in order, without those of ``more`` that are within ``snap`` of another."""
+    fresh = np.sort(more)
+    fresh = fresh[np.diff(fresh, prepend=-np.inf) > snap]
+    fresh = fresh[np.abs(times[nearest(times, fresh)] - fresh) > snap]
+    return np.sort(np.concatenate((times, fresh)))
+
+
+def aligned(x: Curve, y: Curve, snap: float) -> tuple[Curve, Curve]:
+    """Return both curves on common breakpoints; those of ``y`` within ``snap`` of one of x move there."""
+    near = nearest(x.times, y.times)
+    close = np.abs(x.times[near] - y.times) <= snap
+    y = _moved(y, np.where(close, x.times[near], y.times))
+    times = np.union1d(x.times, y.times)
+    return x.refined(times), y.refined(times)
+
+
+def _moved(x: Curve, times: FloatArray) -> Curve:
+    """Return the curve with its breakpoints at ``times``; a piece that has no length left is dropped."""
+    long = np.diff(times) > 0
+    kept = np.append(True, long)
+    return Curve(times[kept], x.at[kept], x.right[long], x.left[long])
+
+
+def crossed(x: Curve, y: Curve, snap: float) -> tuple[Curve, Curve]:
+    """Return aligned curves of which neither crosses the other within a piece."""
+    x, y = aligned(x, y, snap)
+    with np.errstate(invalid="ignore"):
+        before, after = x.right - y.right, x.left - y.left
+        crossing = np.flatnonzero((before * after < 0) & np.isfinite(before) & np.isfinite(after))
+    if not crossing.size:
+        return x, y
+    start, end = x.times[crossing], x.times[crossing + 1]
+    inner = start + (end - start) * before[crossing] / (before[crossing] - after[crossing])
+    inner = inner[(inner > start + snap) & (inner < end - snap)]
+    times = np.sort(np.concatenate((x.times, inner)))
+    return x.refined(times), y.refined(times)
+
+
+def minimum(x: Curve, y: Curve, snap: float) -> Curve:
+    """Return the smaller of two curves at each instant."""
+    x, y = crossed(x, y, snap)
+    return Curve(
+        x.times, np.minimum(x.at, y.at), np.minimum(x.right, y.right), np.minimum(x.left, y.left)
+    ).simplified()
+
+
+def maximum(x: Curve, y: Curve, snap: float) -> Curve:
+    """Return the greater of two curves at each instant."""
+    return -minimum(-x, -y, snap)
+
+
+def added(x: Curve, y: Curve, snap: float) -> Curve:
+    """Return the sum of two curves."""
+    x, y = aligned(x, y, snap)
+    with np.errstate(invalid="ignore", over="ignore"):
+        return Curve(x.times, x.at + y.at, x.right + y.right, x.left + y.left)
+
+
+def sign(x: Curve, snap: float) -> Curve:
+    """Return −1, 0 or 1."""
+    x, _ = crossed(x, Curve.constant(x.times, 0.0), snap)
+    between = np.sign(x.right + x.left)
+    return Curve(x.times, np.sign(x.at), between, between)

@@ -1,0 +1,199 @@
+"""Robustness in continuous time: a condition is asked at every instant between the first and last sample."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec.errors import UsageError
+from s2r_spec.lang import formula as f
+from s2r_spec.robustness import windows
+from s2r_spec.robustness.curve import Curve, added, maximum, minimum, sign
+from s2r_spec.robustness.evaluate import Walk, Witness
+from s2r_spec.robustness.numbers import Numbers, no_value
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Recording:
+    """What a formula is evaluated on in continuous time.
+
+    Args:
+        times: (n,) times after the first sample [s].
+        signals: name → (width, n), in the declared unit, free of NaN.
+        params: name → (1, 1), in the declared unit.
+        between: what a signal does between two samples: "hold" the last value, or
+            go straight ("linear").
+        snap: times closer than this are the same [s].
+        until: see :class:`s2r_spec.robustness.evaluate.Walk`; in continuous time both agree
+            where no signal jumps.
+    """
+
+    times: FloatArray
+    signals: Mapping[str, FloatArray]
+    params: Mapping[str, FloatArray]
+    between: Literal["hold", "linear"]
+    snap: float
+    until: Witness = "open"
+
+
+def snap_of(times: FloatArray) -> float:
+    """Return the distance below which two times [s] differ by rounding only."""
+    span = float(times[-1] - times[0])
+    return 1e-12 * span + 8 * float(np.finfo(np.float64).eps) * float(np.abs(times).max())
+
+
+def walk_curves(recording: Recording) -> Walk[Curve]:
+    """Return the walk that gives the robustness of a formula as a curve over the recording.
+
+    The walk raises TraceError if a predicate has no value, and UsageError for
+    ``next`` and ``prev``, which count samples.
+    """
+    return Walk(DenseAlgebra(recording), recording.until)
+
+
+class DenseAlgebra:
+    """Robustness signals as curves."""
+
+    def __init__(self, recording: Recording) -> None:
+        self.recording = recording
+        self.snap = recording.snap
+        self.values = Values(recording)
+
+    def truth(self, value: bool) -> Curve:
+        """Return an infinity."""
+        return Curve.constant(self.recording.times, np.inf if value else -np.inf)
+
+    def margin(self, node: f.Comparison, formula: Callable[[f.Formula], Curve]) -> Curve:
+        """Return by how much the comparison holds."""
+        left, right = self.values(node.left), self.values(node.right)
+        if node.operator in (">", ">="):
+            left, right = right, left
+        result = added(right, -left, self.snap)
+        if node.operator in ("==", "!="):
+            least = minimum(result, -result, self.snap)
+            result = least if node.operator == "==" else -least
+        with np.errstate(invalid="ignore"):
+            bad = np.isnan(result.at)
+            bad[:-1] |= ~(np.isfinite(result.left - result.right) | (result.left == result.right))
+        if bad.any():
+            raise no_value(node, f"{result.times[np.argmax(bad)]:g} s after the first sample")
+        return result
+
+    def negative(self, x: Curve) -> Curve:
+        """Return −x."""
+        return -x
+
+    def scaled(self, x: Curve, factor: float) -> Curve:
+        """Return factor · x."""
+        return x.scaled(factor)
+
+    def least(self, x: Curve, y: Curve) -> Curve:
+        """Return the smaller of both, with crossings."""
+        return minimum(x, y, self.snap)
+
+    def greatest(self, x: Curve, y: Curve) -> Curve:
+        """Return the greater of both, with crossings."""
+        return maximum(x, y, self.snap)
+
+    def always(self, x: Curve, interval: f.Interval, past: bool) -> Curve:
+        """Return the infimum over the window."""
+        if past:
+            return windows.infimum(x.backward(), interval, self.snap).backward()
+        return windows.infimum(x, interval, self.snap)
+
+    def eventually(self, x: Curve, interval: f.Interval, past: bool) -> Curve:
+        """Return the supremum over the window."""
+        return -self.always(-x, interval, past)
+
+    def until(self, left: Curve, right: Curve, interval: f.Interval, past: bool) -> Curve:
+        """Return the robustness of the best witness."""
+        if past:
+            return windows.until(left.backward(), right.backward(), interval, self.snap).backward()
+        return windows.until(left, right, interval, self.snap)
+
+    def step(self, x: Curve, node: f.Step) -> Curve:
+        """Refuse: there is no next instant."""
+        raise UsageError(
+            f"`{node.span.text}` ({node.span.place}) counts samples: "
+            f"`{node.operator}` needs interpolation='samples'"
+        )
+
+    def rise(self, x: Curve) -> Curve:
+        """Return min(x, −x just before)."""
+        return windows.rise(x, self.snap)
+
+
+@dataclass
+class Values:
+    """The numbers that a predicate compares, as curves.
+
+    Sums, differences, multiples, minima, maxima, absolute values and signs of
+    straight lines are exact, with their crossings. Other functions (products,
+    quotients, powers, roots, norms) are computed at the samples and go straight
+    in between.
+    """
+
+    recording: Recording
+    sampled: Numbers = field(init=False)
+    done: dict[int, Curve] = field(init=False, default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.sampled = Numbers(self.recording.signals, self.recording.params)
+
+    def __call__(self, node: f.Value) -> Curve:
+        """Return the value of a node with one component; NaN where it has none."""
+        if id(node) not in self.done:
+            self.done[id(node)] = self._value(node)
+        return self.done[id(node)]
+
+    def _value(self, node: f.Value) -> Curve:
+        recording, snap = self.recording, self.recording.snap
+        if recording.between == "hold":
+            return self._joined(node)  # functions of what is held are held
+        match node:
+            case f.Convert():
+                return self(node.operand).scaled(node.factor, node.offset)
+            case f.Arithmetic(operator="+"):
+                return added(self(node.left), self(node.right), snap)
+            case f.Arithmetic(operator="-"):
+                return added(self(node.left), -self(node.right), snap)
+            case f.Arithmetic(operator="*" | "/") if self._steady(node.right):
+                factor = float(self.sampled(node.right).item())
+                with np.errstate(all="ignore"):
+                    factor = factor if node.operator == "*" else float(np.divide(1.0, factor))
+                    return self(node.left).scaled(factor)
+            case f.Arithmetic(operator="*") if self._steady(node.left):
+                return self(node.right).scaled(float(self.sampled(node.left).item()))
+            case f.Elementary(function="minus"):
+                return -self(node.operand)
+            case f.Elementary(function="abs") | f.Norm(operands=(f.Value(width=1),)):
+                operand = node.operand if isinstance(node, f.Elementary) else node.operands[0]
+                return maximum(self(operand), -self(operand), snap)
+            case f.Elementary(function="sign"):
+                return sign(self(node.operand), snap)
+            case f.Extremum():
+                fold = minimum if node.function == "min" else maximum
+                result = self(node.operands[0])
+                for operand in node.operands[1:]:
+                    result = fold(result, self(operand), snap)
+                return result
+            case f.Overshoot():
+                beyond = added(self(node.signal), -self(node.reference), snap)
+                return beyond.scaled(float(self.sampled.direction(node).item()))
+            case _:
+                return self._joined(node)
+
+    def _steady(self, node: f.Value) -> bool:
+        return bool(self.sampled(node).shape[-1] == 1 < self.recording.times.size)
+
+    def _joined(self, node: f.Value) -> Curve:
+        """Return the values at the samples, joined."""
+        times = self.recording.times
+        samples = np.broadcast_to(self.sampled(node)[0], times.shape)
+        return Curve.of(times, samples, self.recording.between)

@@ -1,0 +1,181 @@
+"""One requirement evaluated on one trace: what was asked, and what came out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec.errors import TraceError, UsageError
+from s2r_spec.lang import formula as f
+from s2r_spec.robustness.dense import Recording, snap_of, walk_curves
+from s2r_spec.robustness.evaluate import Walk, Witness
+from s2r_spec.robustness.grid import Grid
+from s2r_spec.robustness.horizon import samples_needed, seconds_needed
+from s2r_spec.robustness.sampled import Samples, walk_samples
+from s2r_spec.robustness.ticks import Ticks, clock_of
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+Interpolation = Literal["samples", "hold", "linear"]
+End = Literal["clip", "hold", "nan", "error"]
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """ρ of one requirement along a trace, and how much of it the trace decides.
+
+    Args:
+        requirement: its name.
+        unit: of ρ; "" for none, "mixed" for margins that do not compare.
+        times: (n,) sample times of the trace [s].
+        values: (n,) ρ at each sample.
+        horizon: how long after an instant the requirement looks [s]; inf for the whole rest.
+        complete: (n,) whether every bounded window lies within the trace.
+        jitter: greatest distance of a sample from the regular grid, in periods; None if there is no grid.
+    """
+
+    requirement: str
+    unit: str
+    times: FloatArray = field(repr=False)
+    values: FloatArray = field(repr=False)
+    horizon: float
+    complete: BoolArray = field(repr=False)
+    jitter: float | None
+
+    @property
+    def value(self) -> float:
+        """ρ at the trace's first time."""
+        return float(self.values[0])
+
+    @property
+    def complete_until(self) -> float | None:
+        """The last sample time [s] at which ρ is decided by the trace; None if there is none."""
+        return float(self.times[self.complete][-1]) if self.complete.any() else None
+
+    @property
+    def undefined(self) -> BoolArray:
+        """(n,) whether ρ is infinite because a window lies wholly past the end."""
+        return np.isinf(self.values) & ~self.complete
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What formulas are evaluated on: a trace's samples and parameters, and how they are to be read.
+
+    Args:
+        times: (n,) increasing times [s].
+        signals: name → (width, n), in the declared unit, free of NaN.
+        params: name → (1, 1), in the declared unit.
+        interpolation: "samples", a condition at the samples alone; or at every
+            instant, where signals "hold" the last sample or are "linear" in between.
+        until: see :class:`s2r_spec.robustness.evaluate.Walk`.
+        clock: the grid the times lie on, or the times.
+    """
+
+    times: FloatArray
+    signals: Mapping[str, FloatArray]
+    params: Mapping[str, FloatArray]
+    interpolation: Interpolation
+    until: Witness
+    clock: Grid | Ticks
+
+    @classmethod
+    def of(
+        cls,
+        times: FloatArray,
+        signals: Mapping[str, FloatArray],
+        params: Mapping[str, FloatArray],
+        interpolation: Interpolation,
+        until: Witness,
+    ) -> Reading:
+        """Find the clock of the times, and return the reading."""
+        return cls(times, signals, params, interpolation, until, clock_of(times))
+
+    @property
+    def grid(self) -> Grid | None:
+        """The regular grid that windows are counted on, if they are."""
+        return self.clock if self.interpolation == "samples" and isinstance(self.clock, Grid) else None
+
+    @cached_property
+    def snap(self) -> float:
+        """Times closer than this are the same [s]."""
+        return snap_of(self.times)
+
+    def walk(self) -> Walk[Any]:
+        """Return a walk over samples or curves."""
+        if self.interpolation == "samples":
+            return walk_samples(Samples(self.clock, self.signals, self.params, self.until))
+        times = self.times - self.times[0]
+        return walk_curves(
+            Recording(times, self.signals, self.params, self.interpolation, self.snap, self.until)
+        )
+
+    def robustness(self, formula: f.Formula) -> FloatArray:
+        """Return (n,): ρ at every sample."""
+        found = self.walk()(formula)
+        if self.interpolation == "samples":
+            return np.array(np.broadcast_to(found, self.times.shape))
+        values: FloatArray = found.values(self.times - self.times[0], self.snap)
+        return values
+
+    def needs(self, formula: f.Formula) -> float:
+        """Return how long after an instant the trace must last for a formula there [s]."""
+        if self.grid:
+            return self.grid.seconds(samples_needed(formula, self.grid))
+        return seconds_needed(formula, float(np.diff(self.times).max(initial=0.0)))
+
+    def complete(self, formula: f.Formula) -> BoolArray:
+        """Return (n,): where every bounded window of the formula lies within the trace."""
+        if self.grid:
+            return np.arange(self.grid.count) < self.grid.count - samples_needed(formula, self.grid)
+        slack = self.clock.snap if isinstance(self.clock, Ticks) else self.snap
+        decided: BoolArray = self.times + self.needs(formula) <= self.times[-1] + slack
+        return decided
+
+    def held(self, formula: f.Formula) -> Reading:
+        """Return a reading that goes on for as long as the formula looks, each signal as it was last.
+
+        Raises:
+            UsageError: at which times there would be samples is not known.
+        """
+        needed, last = self.needs(formula), self.times[-1]
+        if self.interpolation == "samples" and not self.grid:
+            raise UsageError(
+                "end='hold' adds samples, and these are not sampled regularly; "
+                "use interpolation='hold' or 'linear' with it"
+            )
+        clock = self.clock
+        if self.grid:
+            clock = replace(self.grid, count=self.grid.count + samples_needed(formula, self.grid))
+            more = last + np.array([clock.seconds(k) for k in range(1, clock.count - len(self.times) + 1)])
+        else:
+            more = np.array([last + needed] if needed > 0 else [])
+        signals = {
+            name: np.pad(samples, ((0, 0), (0, more.size)), mode="edge")
+            for name, samples in self.signals.items()
+        }
+        return replace(self, times=np.concatenate((self.times, more)), signals=signals, clock=clock)
+
+
+def evaluate(
+    formula: f.Formula, reading: Reading, requirement: str, unit: str, horizon: float, end: End
+) -> Evaluation:
+    """Evaluate one requirement; for ``end`` see :meth:`s2r_spec.spec.Spec.evaluate`."""
+    n = reading.times.size
+    complete = reading.complete(formula)
+    if end == "error" and not complete.all():
+        first = int(np.argmin(complete))
+        raise TraceError(
+            f"{requirement!r} at t = {reading.times[first]:g} s looks {reading.needs(formula):g} s ahead, "
+            f"past the end of the trace at {reading.times[-1]:g} s"
+        )
+    values = (reading.held(formula) if end == "hold" else reading).robustness(formula)[:n]
+    if end == "nan":
+        values = np.where(complete, values, np.nan)
+    jitter = reading.clock.jitter if isinstance(reading.clock, Grid) else None
+    return Evaluation(requirement, unit, reading.times, values, horizon, complete, jitter)

@@ -1,0 +1,115 @@
+"""The numbers that a predicate compares, at every sample."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec.errors import TraceError
+from s2r_spec.lang import formula as f
+
+FloatArray = NDArray[np.float64]
+
+
+class _Times(Protocol):
+    @property
+    def count(self) -> int: ...
+
+    def seconds(self, sample: int) -> float: ...
+
+
+class Numbers:
+    """Evaluates values to (…, width, n); what does not vary over time has n = 1.
+
+    Args:
+        signals: name → (…, width, n), in the declared unit.
+        params: name → (…, 1, 1), in the declared unit.
+    """
+
+    def __init__(self, signals: Mapping[str, FloatArray], params: Mapping[str, FloatArray]) -> None:
+        self.signals = signals
+        self.params = params
+        self.done: dict[int, FloatArray] = {}
+
+    def __call__(self, node: f.Value) -> FloatArray:
+        """Return (…, width, n) or (…, width, 1); NaN where there is no value."""
+        if id(node) not in self.done:
+            # a result without a value is reported with its predicate, in margin
+            with np.errstate(all="ignore"):
+                self.done[id(node)] = self._value(node)
+        return self.done[id(node)]
+
+    def _value(self, node: f.Value) -> FloatArray:
+        match node:
+            case f.Number():
+                return np.full((1, 1), node.value)
+            case f.SignalValue():
+                signal = self.signals[node.name]
+                return signal if node.index is None else signal[..., node.index : node.index + 1, :]
+            case f.ParamValue():
+                return self.params[node.name]
+            case f.Initial():
+                return self(node.operand)[..., :1]
+            case f.Overshoot():
+                return (self(node.signal) - self(node.reference)) * self.direction(node)
+            case f.Convert():
+                return node.factor * self(node.operand) + node.offset
+            case f.Arithmetic():
+                return _ARITHMETIC[node.operator](self(node.left), self(node.right))
+            case f.Elementary():
+                return _ELEMENTARY[node.function](self(node.operand))
+            case f.Extremum():
+                fold = np.minimum if node.function == "min" else np.maximum
+                result = self(node.operands[0])
+                for operand in node.operands[1:]:
+                    result = fold(result, self(operand))
+                return result
+            case f.Norm():
+                squares = (np.sum(np.square(self(part)), axis=-2, keepdims=True) for part in node.operands)
+                return np.sqrt(sum(squares, start=np.zeros((1, 1))))
+            case _:
+                raise AssertionError(node)
+
+    def direction(self, node: f.Overshoot) -> FloatArray:
+        """Return (…, 1, 1): +1 or −1, the direction of a motion, settled at the first sample."""
+        origin = 0.0 if node.origin is None else self(node.origin)[..., :1]
+        return np.where(self(node.reference)[..., :1] >= origin, 1.0, -1.0)
+
+
+def margin(node: f.Comparison, numbers: Numbers, clock: _Times) -> FloatArray:
+    """Return (…, n): by how much a comparison holds.
+
+    Raises:
+        TraceError: it has no value at some sample.
+    """
+    left, right = numbers(node.left)[..., 0, :], numbers(node.right)[..., 0, :]
+    with np.errstate(invalid="ignore", over="ignore"):
+        match node.operator:
+            case "<" | "<=":
+                result = right - left
+            case ">" | ">=":
+                result = left - right
+            case "==":
+                result = -np.abs(left - right)
+            case "!=":
+                result = np.abs(left - right)
+    result = np.broadcast_to(result, (*result.shape[:-1], clock.count))
+    if np.isnan(result).any():
+        sample = int(np.argwhere(np.isnan(result))[0][-1])
+        raise no_value(node, f"sample {sample}, {clock.seconds(sample):g} s after the first")
+    return result
+
+
+def no_value(node: f.Comparison, where: str) -> TraceError:
+    """Return the error of a predicate that has no value."""
+    return TraceError(
+        f"`{node.span.text}` ({node.span.place}) has no value at {where}: a division by zero, "
+        f"the root of a negative number, or a difference of infinities"
+    )
+
+
+_ARITHMETIC = {"+": np.add, "-": np.subtract, "*": np.multiply, "/": np.divide, "^": np.power}
+_ELEMENTARY = {"minus": np.negative, "abs": np.abs, "sign": np.sign, "sqrt": np.sqrt}

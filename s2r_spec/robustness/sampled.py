@@ -1,0 +1,127 @@
+"""Robustness on samples: a condition is asked at the samples only.
+
+Numbers are arrays of shape (…, width, n), conditions arrays of shape (…, n);
+any batch axes come first, time is last.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec.lang import formula as f
+from s2r_spec.robustness.evaluate import Walk, Witness
+from s2r_spec.robustness.kernels import shift
+from s2r_spec.robustness.numbers import Numbers, margin
+
+FloatArray = NDArray[np.float64]
+
+
+class Clock(Protocol):
+    """Sample times: a regular :class:`~s2r_spec.robustness.grid.Grid`, or any."""
+
+    @property
+    def count(self) -> int:
+        """Number of samples."""
+        ...
+
+    def seconds(self, sample: int) -> float:
+        """Return the time of a sample after the first [s]."""
+        ...
+
+    def always(self, x: FloatArray, interval: f.Interval, past: bool) -> FloatArray:
+        """Return (…, n): the least of x in the window of each sample, +inf if it is empty."""
+        ...
+
+    def until(self, left: FloatArray, right: FloatArray, interval: f.Interval, past: bool) -> FloatArray:
+        """Return (…, n): see :func:`s2r_spec.robustness.kernels.until`."""
+        ...
+
+
+@dataclass(frozen=True)
+class Samples:
+    """What a formula is evaluated on.
+
+    Args:
+        clock: the sample times.
+        signals: name → (…, width, n), in the declared unit, free of NaN.
+        params: name → (…, 1, 1) numbers, in the declared unit.
+        until: see :class:`s2r_spec.robustness.evaluate.Walk`.
+    """
+
+    clock: Clock
+    signals: Mapping[str, FloatArray]
+    params: Mapping[str, FloatArray]
+    until: Witness = "open"
+
+
+def walk_samples(samples: Samples) -> Walk[FloatArray]:
+    """Return the walk that gives (…, n), the robustness of a formula at every sample.
+
+    Windows are cut at the ends of the trace (see :mod:`s2r_spec.robustness.kernels`).
+    The walk raises TraceError if a time bound does not fit the sample times, or a
+    predicate has no value (0/0, √−1).
+    """
+    return Walk(SampledAlgebra(samples), samples.until)
+
+
+def robustness(formula: f.Formula, samples: Samples) -> FloatArray:
+    """Return (…, n): the robustness of a formula at every sample; see :func:`walk_samples`."""
+    return walk_samples(samples)(formula)
+
+
+class SampledAlgebra:
+    """Robustness signals as arrays (…, n)."""
+
+    def __init__(self, samples: Samples) -> None:
+        self.samples = samples
+        self.numbers = Numbers(samples.signals, samples.params)
+
+    def truth(self, value: bool) -> FloatArray:
+        """Return (n,) infinities."""
+        return np.full(self.samples.clock.count, np.inf if value else -np.inf)
+
+    def margin(self, node: f.Comparison, formula: Callable[[f.Formula], FloatArray]) -> FloatArray:
+        """Return (…, n): by how much the comparison holds."""
+        return margin(node, self.numbers, self.samples.clock)
+
+    def negative(self, x: FloatArray) -> FloatArray:
+        """Return −x."""
+        return np.negative(x)
+
+    def scaled(self, x: FloatArray, factor: float) -> FloatArray:
+        """Return factor · x."""
+        return factor * x
+
+    def least(self, x: FloatArray, y: FloatArray) -> FloatArray:
+        """Return the smaller of both."""
+        return np.minimum(x, y)
+
+    def greatest(self, x: FloatArray, y: FloatArray) -> FloatArray:
+        """Return the greater of both."""
+        return np.maximum(x, y)
+
+    def always(self, x: FloatArray, interval: f.Interval, past: bool) -> FloatArray:
+        """Return the least over the window."""
+        return self.samples.clock.always(x, interval, past)
+
+    def eventually(self, x: FloatArray, interval: f.Interval, past: bool) -> FloatArray:
+        """Return the greatest over the window."""
+        return np.negative(self.samples.clock.always(np.negative(x), interval, past))
+
+    def until(self, left: FloatArray, right: FloatArray, interval: f.Interval, past: bool) -> FloatArray:
+        """Return the robustness of the best witness."""
+        return self.samples.clock.until(left, right, interval, past)
+
+    def step(self, x: FloatArray, node: f.Step) -> FloatArray:
+        """Return the neighbouring sample's x."""
+        return shift(x, 1 if node.operator == "next" else -1, -np.inf)
+
+    def rise(self, x: FloatArray) -> FloatArray:
+        """Return min(x, −x one sample before)."""
+        # before the first sample it counts as true already: no edge there
+        return np.minimum(x, np.negative(shift(x, -1, np.inf)))

@@ -1,0 +1,100 @@
+"""Sample times that lie on no grid: a window is whatever samples lie in it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec.errors import TraceError
+from s2r_spec.lang.formula import Interval
+from s2r_spec.robustness.grid import Grid
+from s2r_spec.robustness.kernels import range_min, range_until
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.intp]
+
+SNAP = 1e-6
+"""Interval ends this close to a sample, as a part of the shortest step, are on it, and those within rounding."""
+
+
+@dataclass(frozen=True, eq=False)
+class Ticks:
+    """Samples at any increasing times.
+
+    Args:
+        times: (n,) times after the first sample [s].
+        snap: how close an interval's end must be to a sample to be on it [s].
+    """
+
+    times: FloatArray
+    snap: float
+
+    @classmethod
+    def of(cls, times: FloatArray) -> Ticks:
+        """Make a clock of (n,) increasing times [s]."""
+        shortest = float(np.diff(times).min(initial=np.inf))
+        rounding = 8 * np.finfo(np.float64).eps * float(np.abs(times).max() + times[-1] - times[0])
+        # snapping must never reach half way to a neighbour
+        return cls(times - times[0], min(SNAP * shortest + rounding, shortest / 4))
+
+    @property
+    def count(self) -> int:
+        """Number of samples."""
+        return self.times.size
+
+    def seconds(self, sample: int) -> float:
+        """Return the time of a sample after the first [s]."""
+        return float(self.times[sample])
+
+    def window(self, interval: Interval, past: bool) -> tuple[IntArray, IntArray]:
+        """Return (first, last), each (n,): the samples in t + interval (t − interval if ``past``).
+
+        A window that is empty because it lies past the end of the trace has last < first.
+
+        Raises:
+            TraceError: a window lies within the trace, between two samples, and has none.
+        """
+        ends = (-interval.high, -interval.low) if past else (interval.low, interval.high)
+        closed = (interval.low_closed, interval.high_closed)
+        low_closed, high_closed = closed[::-1] if past else closed
+        start, end = self.times + ends[0], self.times + ends[1]
+        first = np.searchsorted(
+            self.times,
+            start - self.snap if low_closed else start + self.snap,
+            "left" if low_closed else "right",
+        )
+        last = np.searchsorted(
+            self.times,
+            end + self.snap if high_closed else end - self.snap,
+            "right" if high_closed else "left",
+        )
+        last -= 1
+        within = (start >= -self.snap) & (end <= self.times[-1] + self.snap)
+        if (empty := within & (last < first)).any():
+            sample = int(np.argmax(empty))
+            raise TraceError(
+                f"no sample lies in `{interval.span.text}` ({interval.span.place}) of sample {sample}, "
+                f"{self.seconds(sample):g} s after the first; "
+                f"interpolation='hold' or 'linear' evaluates between samples"
+            )
+        return first, last
+
+    def always(self, x: FloatArray, interval: Interval, past: bool) -> FloatArray:
+        """Return (…, n): the least of x in the window of each sample."""
+        return range_min(x, *self.window(interval, past))
+
+    def until(self, left: FloatArray, right: FloatArray, interval: Interval, past: bool) -> FloatArray:
+        """Return (…, n): see :func:`s2r_spec.robustness.kernels.until`; ``past`` makes it since."""
+        first, last = self.window(interval, past)
+        if not past:
+            return range_until(left, right, first, last)
+        n = self.count
+        mirrored = range_until(left[..., ::-1], right[..., ::-1], n - 1 - last[::-1], n - 1 - first[::-1])
+        return mirrored[..., ::-1]
+
+
+def clock_of(times: FloatArray) -> Grid | Ticks:
+    """Return the grid that (n,) increasing times [s] lie on, or the times as they are."""
+    return Grid.of(times) or Ticks.of(times)
