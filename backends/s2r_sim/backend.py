@@ -131,6 +131,19 @@ class SimBackend:
             meta=meta,
         )
 
+    def render(self, params: Mapping[str, float], seed: int, path: str | Path) -> Trace:
+        """Run one test and draw it: tiles of the gait (.png, .jpg) or a short video (.gif, .webp).
+
+        Raises:
+            UsageError: as :meth:`rollout`; or pictures cannot be drawn on this machine.
+        """
+        from s2r_sim.pictures import draw
+
+        trace = self.rollout(params, seed)
+        settings = self._settings
+        draw(replace(settings, physics=read_test(params).world(settings.physics)), trace, Path(path))
+        return trace
+
     def _settings_text(self) -> str:
         """Return what of the options is for :func:`with_options`."""
         return self.options

@@ -26,6 +26,15 @@ def build(robot: Robot, physics: Physics) -> Any:
 
     Only the four ball feet and the trunk box collide, each with a ground of its own.
     """
+    model = specify(robot, physics).compile()
+    model.dof_damping[6:] = physics.damping
+    # By default MuJoCo would not look at the place of a plane that began at the origin again.
+    model.geom_sameframe[[model.geom(name).id for name in GROUNDS]] = mujoco.mjtSameFrame.mjSAMEFRAME_NONE
+    return model
+
+
+def specify(robot: Robot, physics: Physics) -> Any:
+    """Return the ``MjSpec`` of the model, to which pictures can add what only the eye needs."""
     robot = robot.loaded(physics.payloads, physics.com_shift)
     spec = mujoco.MjSpec()
     spec.modelname = "a1"
@@ -53,11 +62,7 @@ def build(robot: Robot, physics: Physics) -> Any:
     )
     for bit, leg in enumerate(LEGS):
         _add_leg(spec, base, leg, 1 << bit, robot, physics)
-    model = spec.compile()
-    model.dof_damping[6:] = physics.damping
-    # By default MuJoCo would not look at the place of a plane that began at the origin again.
-    model.geom_sameframe[[model.geom(name).id for name in GROUNDS]] = mujoco.mjtSameFrame.mjSAMEFRAME_NONE
-    return model
+    return spec
 
 
 def _set_options(option: Any, physics: Physics) -> None:

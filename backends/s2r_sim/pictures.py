@@ -1,0 +1,187 @@
+"""Pictures of a trace: tiles of the gait, or a short video, drawn off-screen by MuJoCo.
+
+They are drawn from the trace's pose and joint angles alone, so that any trace
+of an A1 that has these channels can be drawn.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_sim import mujoco_model, rotation
+from s2r_sim.figures import LEGS
+from s2r_sim.gains import RATE
+from s2r_sim.settings import Settings
+from s2r_spec.errors import UsageError, one_of
+from s2r_spec.trace import Trace
+
+Image = NDArray[np.uint8]
+
+WIDTH, HEIGHT = 400, 280
+"""[pixels] of a frame."""
+FRAMES_PER_SECOND = 25
+TILES = (4, 2)
+"""Columns and rows: one gait period, evenly."""
+
+STILLS, VIDEOS = (".png", ".jpg"), (".gif", ".webp")
+
+
+def draw(settings: Settings, trace: Trace, path: Path) -> None:
+    """Draw a trace: the tiles of its last gait period (.png, .jpg), or all of it (.gif, .webp).
+
+    Raises:
+        UsageError: another ending, no Pillow, or neither EGL nor OSMesa on this machine.
+    """
+    kind = path.suffix.lower()
+    if kind not in STILLS + VIDEOS:
+        raise UsageError(
+            f"{path.name!r}: a picture ends in {one_of(STILLS)} (tiles) or {one_of(VIDEOS)} (video)"
+        )
+    if find_spec("PIL") is None:
+        raise UsageError(
+            "pictures need the package 'pillow', which is not installed; try: pip install pillow"
+        )
+    from PIL import Image as Pictures
+
+    if kind in STILLS:
+        images = list(frames(settings, trace, _gait_samples(settings, trace)))
+        columns, rows = TILES
+        sheet = np.vstack([np.hstack(images[row * columns : (row + 1) * columns]) for row in range(rows)])
+        Pictures.fromarray(sheet).save(path)
+        return
+    samples = range(0, len(trace), RATE // FRAMES_PER_SECOND)
+    first, *rest = (Pictures.fromarray(image) for image in frames(settings, trace, samples))
+    first.save(path, save_all=True, append_images=rest, duration=1000 // FRAMES_PER_SECOND, loop=0)
+
+
+def frames(settings: Settings, trace: Trace, samples: range) -> Iterator[Image]:
+    """Yield (height, width, 3) images of these samples of a trace, seen from the side."""
+    spec = mujoco_model.specify(settings.robot, settings.physics)
+    _furnish(spec, settings)
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    camera = mujoco.MjvCamera()
+    camera.azimuth, camera.elevation, camera.distance = 90.0, -12.0, 1.0
+    with _screen() as context:
+        scene, picture = mujoco.MjvScene(model, maxgeom=200), mujoco.MjvOption()
+        view = mujoco.MjrRect(0, 0, WIDTH, HEIGHT)
+        for k in samples:
+            _pose(data, trace, k)
+            mujoco.mj_kinematics(model, data)
+            camera.lookat[:] = data.qpos[0], data.qpos[1], data.qpos[2] - 0.13
+            everything = mujoco.mjtCatBit.mjCAT_ALL
+            mujoco.mjv_updateScene(model, data, picture, None, camera, everything, scene)
+            renderer = context(model)
+            image = np.empty((HEIGHT, WIDTH, 3), dtype=np.uint8)
+            mujoco.mjr_render(view, scene, renderer)
+            mujoco.mjr_readPixels(image, None, view, renderer)
+            yield image[::-1]
+
+
+def _gait_samples(settings: Settings, trace: Trace) -> range:
+    columns, rows = TILES
+    step = max(1, round(settings.gains.period * RATE) // (columns * rows))
+    first = max(0, len(trace) - step * columns * rows)
+    return range(first, first + step * columns * rows, step)
+
+
+def _pose(data: Any, trace: Trace, k: int) -> None:
+    k = min(k, len(trace) - 1)
+    x, y, z, w = rotation.quaternion(*(float(trace[name][k]) for name in ("roll", "pitch", "yaw")))
+    data.qpos[:] = [*(trace[name][k] for name in ("x", "y", "z")), w, x, y, z, *trace["q"][k]]
+
+
+def _furnish(spec: Any, settings: Settings) -> None:
+    """Give the robot limbs, the ground squares, and the scene a lamp."""
+    robot = settings.robot
+    spec.visual.global_.offwidth, spec.visual.global_.offheight = WIDTH, HEIGHT
+    spec.visual.headlight.ambient[:], spec.visual.headlight.diffuse[:] = [0.45] * 3, [0.35] * 3
+    lamp = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
+    spec.worldbody.add_light(pos=[0, -2, 4], dir=[0.1, 0.4, -1], diffuse=[0.5] * 3, type=lamp)
+    spec.add_texture(
+        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
+        builtin=mujoco.mjtBuiltin.mjBUILTIN_FLAT,
+        rgb1=[0.93, 0.95, 0.97],
+        width=8,
+        height=48,
+    )
+    spec.add_texture(
+        name="squares",
+        type=mujoco.mjtTexture.mjTEXTURE_2D,
+        builtin=mujoco.mjtBuiltin.mjBUILTIN_CHECKER,
+        rgb1=[0.75, 0.77, 0.8],
+        rgb2=[0.66, 0.68, 0.72],
+        width=256,
+        height=256,
+    )
+    squares = spec.add_material(name="squares", texrepeat=[10, 10], texuniform=True)
+    squares.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "squares"
+    for name in mujoco_model.GROUNDS:
+        spec.geom(name).group = 4  # not drawn: the floor lies in the same place
+    spec.geom(mujoco_model.FLOOR).material = "squares"
+    spec.geom("trunk").rgba = [0.16, 0.38, 0.62, 1.0]
+    for leg in LEGS:
+        out = leg.sy * robot.thigh_y
+        _limb(spec, f"{leg.name}_hip", (0.0, out, 0.0), 0.035)
+        _limb(spec, f"{leg.name}_thigh", (0.0, 0.0, -robot.thigh_length), 0.02)
+        _limb(spec, f"{leg.name}_calf", (0.0, 0.0, -robot.calf_length), 0.012)
+
+
+def _limb(spec: Any, body: str, end: tuple[float, float, float], radius: float) -> None:
+    spec.body(body).add_geom(
+        type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+        fromto=[0.0, 0.0, 0.0, *end],
+        size=[radius, 0, 0],
+        mass=0.0,
+        contype=0,
+        conaffinity=0,
+        rgba=[0.25, 0.27, 0.31, 1.0],
+    )
+
+
+@contextmanager
+def _screen() -> Iterator[Any]:
+    """Open an off-screen OpenGL context; yields what makes MuJoCo's renderer of a model."""
+    opened = _open_screen()
+    renderers: list[Any] = []
+
+    def renderer(model: Any) -> Any:
+        if not renderers:
+            renderers.append(mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100))
+            mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, renderers[0])
+        return renderers[0]
+
+    try:
+        yield renderer
+    finally:
+        for made in renderers:
+            made.free()
+        opened.free()
+
+
+def _open_screen() -> Any:
+    """Return a current context of the first library that works, whatever ``MUJOCO_GL`` was at import."""
+    for library in ("egl", "osmesa"):
+        os.environ["PYOPENGL_PLATFORM"] = library
+        try:
+            context = import_module(f"mujoco.{library}").GLContext(WIDTH, HEIGHT)
+            context.make_current()
+        except (
+            Exception
+        ):  # whatever a missing driver makes PyOpenGL raise: AttributeError, ImportError, GLError
+            continue
+        return context
+    raise UsageError(
+        "pictures need off-screen OpenGL, and neither EGL nor OSMesa works on this machine; "
+        "try: apt install libegl1 libgl1-mesa-dri (or libosmesa6)"
+    )
