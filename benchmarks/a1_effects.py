@@ -56,7 +56,11 @@ def features(trace: Trace) -> dict[str, float]:
     """Return numbers that sum up a trace after 0.5 s."""
     late = slice(RATE // 2, None)
     stands = trace["stance"][late] == 1.0
-    foot_z, foot_v = trace["foot_position"][late, 2::3], trace["foot_velocity"][late].reshape(-1, 4, 3)
+    ground = (trace["z"] - trace["height"])[late, None]
+    foot_z, foot_v = (
+        trace["foot_position"][late, 2::3] - ground,
+        trace["foot_velocity"][late].reshape(-1, 4, 3),
+    )
     sliding = np.hypot(foot_v[:, :, 0], foot_v[:, :, 1])
     forward, up = trace["acc_pred"][:, 0], trace["acc_pred"][:, 2]
     return {

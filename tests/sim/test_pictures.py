@@ -17,7 +17,8 @@ def test_tiles_and_video_are_drawn(tmp_path):
         trace = SHORT.render({"vd": 0.3}, 0, tmp_path / "gait.png")
     except UsageError as error:
         pytest.skip(str(error))
-    tiles = pil.open(tmp_path / "gait.png")
+    with pil.open(tmp_path / "gait.png") as tiles:
+        tiles.load()
     assert tiles.size == (pictures.WIDTH * pictures.TILES[0], pictures.HEIGHT * pictures.TILES[1])
     first, second = tiles.crop((0, 0, 400, 280)), tiles.crop((400, 0, 800, 280))
     assert len(np.unique(np.asarray(first).reshape(-1, 3), axis=0)) > 100
@@ -25,8 +26,8 @@ def test_tiles_and_video_are_drawn(tmp_path):
     assert trace.meta["params"]["vd"] == 0.3
 
     SHORT.render({"slope": 4.0}, 0, str(tmp_path / "walk.gif"))
-    video = pil.open(tmp_path / "walk.gif")
-    assert video.n_frames == 13
+    with pil.open(tmp_path / "walk.gif") as video:
+        assert video.n_frames == 13
 
 
 def test_another_ending_is_refused_with_the_known_ones(tmp_path):
