@@ -16,7 +16,7 @@ from s2r_spec.errors import S2RError
 from s2r_spec.logs import read as read_trace
 from s2r_spec.logs import write as write_trace
 from s2r_spec.space import Axis, Space
-from s2r_spec.spec import Spec, load_spec, parse_spec
+from s2r_spec.spec import Evaluation, Explanation, Spec, load_spec, parse_spec
 from s2r_spec.trace import Trace
 
 __all__ = [
@@ -27,6 +27,8 @@ __all__ = [
     "CheckResult",
     "Effect",
     "EffectParameter",
+    "Evaluation",
+    "Explanation",
     "Kernel",
     "Label",
     "Parameter",

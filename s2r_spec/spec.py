@@ -16,6 +16,7 @@ from s2r_spec.lang.declarations import CertifySettings, KernelChoice, Param, Sig
 from s2r_spec.lang.diagnostics import Diagnostic, SpecError
 from s2r_spec.robustness.evaluate import Witness
 from s2r_spec.robustness.evaluation import End, Evaluation, Interpolation, Reading, evaluate
+from s2r_spec.robustness.explain import Explanation, explain
 from s2r_spec.robustness.horizon import horizon
 from s2r_spec.robustness.reading import Missing, read_params, read_signals
 from s2r_spec.space import Axis, Space
@@ -25,6 +26,7 @@ __all__ = [
     "CertifySettings",
     "Diagnostic",
     "Evaluation",
+    "Explanation",
     "KernelChoice",
     "Param",
     "Signal",
@@ -125,13 +127,8 @@ class Spec:
         reading = self._reading(trace, params, None, interpolation, until, "error")
         result = {}
         for name, formula in self.formulas.items():
-            if not partial and not reading.complete(formula)[0]:
-                ahead = self.horizon(name)
-                ahead = ahead if np.isfinite(ahead) and ahead else reading.needs(formula)
-                raise TraceError(
-                    f"{name!r} looks {ahead:g} s ahead, but the trace lasts {trace.duration:g} s; "
-                    f"a longer trace decides it, partial=True evaluates what there is"
-                )
+            if not partial:
+                self._long_enough(name, reading)
             result[name] = float(reading.robustness(formula)[0])
         return result
 
@@ -188,6 +185,39 @@ class Spec:
         reading = self._reading(trace, params, requirement, interpolation, until, nan)
         return evaluate(formula, reading, requirement, self.unit(requirement), self.horizon(requirement), end)
 
+    def explain(
+        self,
+        trace: Trace,
+        requirement: str,
+        params: Mapping[str, float] | None = None,
+        *,
+        until: Witness = "open",
+        partial: bool = False,
+    ) -> Explanation:
+        """Return what decides ρ of a requirement: instant, predicate, signal values, margin, times.
+
+        ``print`` of it says it in words. Conditions are asked at the samples.
+
+        Args:
+            trace: see :meth:`robustness`.
+            requirement: one of :attr:`requirements`.
+            params: see :meth:`robustness`.
+            until: see :meth:`evaluate`.
+            partial: see :meth:`robustness`.
+
+        Raises:
+            TraceError: see :meth:`robustness`.
+            UsageError: see :meth:`robustness`.
+        """
+        formula, unit = self._formula(requirement), self.unit(requirement)
+        if trace.failure is not None:
+            reason = f"the trace ended with {trace.failure!r}, for which the certify line declares this ρ"
+            return Explanation(requirement, self._fallen(requirement, trace.failure), unit, reason=reason)
+        reading = self._reading(trace, params, requirement, "samples", until, "error")
+        if not partial:
+            self._long_enough(requirement, reading)
+        return explain(formula, reading, requirement, unit)
+
     def _formula(self, requirement: str) -> f.Formula:
         if requirement not in self.formulas:
             raise UsageError(
@@ -218,6 +248,18 @@ class Spec:
         numbers = read_params(self.params, used, params or {})
         signals = read_signals([self.signals[name] for name in self.channels(requirement)], trace, nan)
         return Reading.of(trace.times, signals, numbers, interpolation, until)
+
+    def _long_enough(self, requirement: str, reading: Reading) -> None:
+        formula = self._formula(requirement)
+        if reading.complete(formula)[0]:
+            return
+        ahead = self.horizon(requirement)
+        ahead = ahead if np.isfinite(ahead) and ahead else reading.needs(formula)
+        raise TraceError(
+            f"{requirement!r} looks {ahead:g} s ahead, but the trace lasts "
+            f"{reading.times[-1] - reading.times[0]:g} s; "
+            f"a longer trace decides it, partial=True evaluates what there is"
+        )
 
     def _fallen(self, requirement: str, failure: str) -> float:
         settings = self.certify.get(requirement)

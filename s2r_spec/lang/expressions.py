@@ -156,11 +156,12 @@ def _arithmetic(expression: syntax.Arithmetic, scope: Scope) -> f.Value:
 def _comparison(expression: syntax.Comparison, scope: Scope) -> f.Formula:
     operands = each(lambda operand: value(operand, scope), expression.operands)
     parts: list[f.Formula] = []
-    for word, left, right in zip(expression.operators, operands, operands[1:], strict=False):
+    for k, word in enumerate(expression.operators):
+        left, right = operands[k : k + 2]
         sides, unit = combine([one(left), one(right)], word.span, "compare")
         parts.append(
             f.Comparison(
-                span=left.span.to(right.span),
+                span=_link(expression, k),
                 unit=unit.difference if unit else None,
                 operator=cast(f.CompareOp, word.text),
                 left=sides[0],
@@ -171,6 +172,15 @@ def _comparison(expression: syntax.Comparison, scope: Scope) -> f.Formula:
         return parts[0]
     both, rho = margins(parts)
     return f.Junction(span=expression.span, unit=rho, operator="and", operands=both)
+
+
+def _link(expression: syntax.Comparison, k: int) -> Span:
+    """Return the place of one link of a chain, with the brackets around its sides."""
+    words, whole = expression.operators, expression.span
+    start = words[k - 1].span.end if k else whole.start
+    end = words[k + 1].span.start if k + 1 < len(words) else whole.end
+    text = whole.source.text[start:end]
+    return Span(whole.source, start + len(text) - len(text.lstrip()), start + len(text.rstrip()))
 
 
 def _temporal(expression: syntax.Temporal, scope: Scope) -> f.Formula:

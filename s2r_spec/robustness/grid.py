@@ -14,6 +14,7 @@ from s2r_spec.lang.formula import Interval
 from s2r_spec.robustness.kernels import until, window_min
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.intp]
 
 JITTER = 1e-2
 """Sample times this close to a grid, in periods, are on it."""
@@ -53,6 +54,14 @@ class Grid:
         rounding = 4 * np.finfo(np.float64).eps * float(np.abs(times).max())
         slack = 2 * (jitter * mean + rounding) / (count - 1)
         return cls(count, _simplest(Fraction(mean - slack), Fraction(mean + slack)), jitter)
+
+    def windows(self, interval: Interval, past: bool) -> tuple[IntArray, IntArray]:
+        """Return (first, last), each (n,): the samples in the window of each one; empty if last < first."""
+        low, high = self.window(interval)
+        here, rest = np.arange(self.count), self.count
+        if past:
+            return np.maximum(here - (rest if high is None else high), 0), here - low
+        return here + low, np.minimum(here + (rest if high is None else high), self.count - 1)
 
     def always(self, x: FloatArray, interval: Interval, past: bool) -> FloatArray:
         """Return (…, n): the least of x in t + interval (t − interval if ``past``)."""

@@ -19,6 +19,7 @@ from s2r_spec.robustness.kernels import shift
 from s2r_spec.robustness.numbers import Numbers, margin
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.intp]
 
 
 class Clock(Protocol):
@@ -31,6 +32,10 @@ class Clock(Protocol):
 
     def seconds(self, sample: int) -> float:
         """Return the time of a sample after the first [s]."""
+        ...
+
+    def windows(self, interval: f.Interval, past: bool) -> tuple[IntArray, IntArray]:
+        """Return (first, last), each (n,): the samples in the window of each one; empty if last < first."""
         ...
 
     def always(self, x: FloatArray, interval: f.Interval, past: bool) -> FloatArray:

@@ -48,7 +48,7 @@ class Ticks:
         """Return the time of a sample after the first [s]."""
         return float(self.times[sample])
 
-    def window(self, interval: Interval, past: bool) -> tuple[IntArray, IntArray]:
+    def windows(self, interval: Interval, past: bool) -> tuple[IntArray, IntArray]:
         """Return (first, last), each (n,): the samples in t + interval (t − interval if ``past``).
 
         A window that is empty because it lies past the end of the trace has last < first.
@@ -83,11 +83,11 @@ class Ticks:
 
     def always(self, x: FloatArray, interval: Interval, past: bool) -> FloatArray:
         """Return (…, n): the least of x in the window of each sample."""
-        return range_min(x, *self.window(interval, past))
+        return range_min(x, *self.windows(interval, past))
 
     def until(self, left: FloatArray, right: FloatArray, interval: Interval, past: bool) -> FloatArray:
         """Return (…, n): see :func:`s2r_spec.robustness.kernels.until`; ``past`` makes it since."""
-        first, last = self.window(interval, past)
+        first, last = self.windows(interval, past)
         if not past:
             return range_until(left, right, first, last)
         n = self.count

@@ -181,7 +181,7 @@ class Definition:
 
 def halvings(node: tuple) -> int:
     """Return how often lines may cross anew, each time on a lattice twice as fine."""
-    none = "not true false < <= > >= num name + minus overshoot init".split()
+    none = ["not", "true", "false", "<", "<=", ">", ">=", "num", "name", "+", "minus", "overshoot", "init"]
     new = {"<->": 2, "until": 2, "since": 2, "release": 2, "unless": 3, **dict.fromkeys(none, 0)}
     below = max((halvings(part) for part in node if isinstance(part, tuple) and _is_node(part)), default=0)
     return new.get(node[0], 1) + below

@@ -1,0 +1,157 @@
+"""From ρ down to the predicate and the sample that decide it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec.lang import formula as f
+from s2r_spec.robustness.evaluate import Walk, up_to
+from s2r_spec.robustness.sampled import Clock
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class Step:
+    """A sub-formula on the way down, and the sample at which it is asked.
+
+    Args:
+        node: the sub-formula.
+        sample: index of the sample.
+        factor: ρ of the requirement is factor · ρ of this node here; negative below a negation.
+    """
+
+    node: f.Formula
+    sample: int
+    factor: float
+
+
+def descend(root: f.Formula, walk: Walk[FloatArray], clock: Clock) -> Iterator[Step]:
+    """Yield the steps from ``root`` at the first sample to the predicate that decides its ρ.
+
+    Of several that decide alike, the one nearest in time, then in the text, is
+    taken. The last step is a :class:`~s2r_spec.lang.formula.Comparison`, or
+    another formula whose ρ is infinite: a truth, or one whose window lies
+    past the end of the trace.
+    """
+    step: Step | None = Step(root, 0, 1.0)
+    down = _Descent(walk, clock)
+    while step is not None:
+        yield step
+        step = down.below(step)
+
+
+class _Descent:
+    def __init__(self, walk: Walk[FloatArray], clock: Clock) -> None:
+        self.walk, self.clock = walk, clock
+
+    def rho(self, node: f.Formula, sample: int) -> float:
+        return float(self.walk(node)[sample])
+
+    def below(self, step: Step) -> Step | None:
+        node, t, factor = step.node, step.sample, step.factor
+        match node:
+            case f.Named():
+                return Step(node.operand, t, factor)
+            case f.Not():
+                return Step(node.operand, t, -factor)
+            case f.Rescale():
+                return Step(node.operand, t, factor * node.factor)
+            case f.Junction():
+                choose = min if node.operator == "and" else max
+                return Step(choose(node.operands, key=lambda operand: self.rho(operand, t)), t, factor)
+            case f.Implication():
+                return self._implication(node, t, factor)
+            case f.Temporal():
+                over = node.operator in ("always", "historically")
+                window = self._window(node.interval, t, past=node.operator in ("historically", "once"))
+                return self._extreme(node.operand, window, factor, least=over)
+            case f.Until():
+                return self._until(node, t, factor)
+            case f.Step():
+                there = t + (1 if node.operator == "next" else -1)
+                return Step(node.operand, there, factor) if 0 <= there < self.clock.count else None
+            case f.Edge():
+                rise = 1.0 if node.operator == "rise" else -1.0
+                if t == 0:
+                    return None
+                now, before = rise * self.rho(node.operand, t), -rise * self.rho(node.operand, t - 1)
+                if now <= before:
+                    return Step(node.operand, t, rise * factor)
+                return Step(node.operand, t - 1, -rise * factor)
+            case _:
+                return None
+
+    def _window(self, interval: f.Interval, t: int, past: bool) -> IntArray:
+        """Return the samples of a window, nearest first."""
+        first, last = (int(end[t]) for end in self.clock.windows(interval, past))
+        return np.arange(last, first - 1, -1) if past else np.arange(first, last + 1)
+
+    def _extreme(self, node: f.Formula, window: IntArray, factor: float, least: bool) -> Step | None:
+        if not window.size:
+            return None
+        rho = self.walk(node)[window]
+        return Step(node, int(window[np.argmin(rho) if least else np.argmax(rho)]), factor)
+
+    def _implication(self, node: f.Implication, t: int, factor: float) -> Step:
+        left, right = self.rho(node.left, t), self.rho(node.right, t)
+        forward = node.operator == "->" or max(-left, right) <= max(left, -right)
+        if forward:
+            return Step(node.left, t, -factor) if -left >= right else Step(node.right, t, factor)
+        return Step(node.left, t, factor) if left >= -right else Step(node.right, t, -factor)
+
+    def _until(self, node: f.Until, t: int, factor: float) -> Step | None:
+        # release is the dual of until: the same search on −ρ
+        sign = -1.0 if node.operator == "release" else 1.0
+        found = best_witness(node, t, self.walk, self.clock, sign)
+        if node.operator == "unless":
+            stays = self._extreme(node.left, self._window(up_to(node.interval), t, False), factor, least=True)
+            if stays and (found is None or self.rho(node.left, stays.sample) >= found.rho):
+                return stays
+        if found is None:
+            return None
+        left, right = sign * self.walk(node.left), sign * self.walk(node.right)
+        before = found.before
+        if before.size and left[before].min() < right[found.witness]:
+            return Step(node.left, int(before[np.argmin(left[before])]), factor)
+        return Step(node.right, found.witness, factor)
+
+
+@dataclass(frozen=True, eq=False)
+class Witnessed:
+    """The best witness of an until at one sample.
+
+    Args:
+        witness: index of the sample.
+        before: samples at which the left side must hold, nearest first.
+        rho: of the until.
+    """
+
+    witness: int
+    before: IntArray
+    rho: float
+
+
+def best_witness(
+    node: f.Until, t: int, walk: Walk[FloatArray], clock: Clock, sign: float
+) -> Witnessed | None:
+    """Return the first best witness of sign · left until sign · right at sample t; None in an empty window."""
+    past = node.operator == "since"
+    first, last = (int(end[t]) for end in clock.windows(node.interval, past))
+    if last < first:
+        return None
+    way = np.arange(t, first - 1, -1) if past else np.arange(t, last + 1)
+    skipped = t - last if past else first - t
+    left, right = sign * walk(node.left)[way], sign * walk(node.right)[way]
+    if walk.witness == "closed":
+        right = np.minimum(left, right)
+    guard = np.minimum.accumulate(np.concatenate(([np.inf], left[:-1])))
+    rho = np.minimum(guard, right)[skipped:]
+    best = skipped + int(np.argmax(rho))
+    held = best + 1 if walk.witness == "closed" else best
+    return Witnessed(int(way[best]), way[:held], float(rho.max()))

@@ -1,0 +1,145 @@
+"""The samples that a verdict rests on: if a predicate is as it is there, the verdict is as it is."""
+
+from __future__ import annotations
+
+from functools import reduce
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec.lang import formula as f
+from s2r_spec.robustness.deciding import best_witness
+from s2r_spec.robustness.evaluate import Walk, up_to
+from s2r_spec.robustness.sampled import Clock
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+
+def responsible(root: f.Formula, walk: Walk[FloatArray], clock: Clock) -> dict[int, BoolArray]:
+    """Return id of predicate → (n,): the samples at which the verdict of ``root`` at sample 0 needs it.
+
+    A violated ``always`` rests on the samples that violate it, one that holds
+    on its whole window; ``eventually`` the other way round. A predicate that
+    does not matter is absent.
+    """
+    start = np.zeros(clock.count, dtype=bool)
+    start[0] = True
+    rho = float(walk(root)[0])
+    causes = _Causes(walk, clock, strict=rho != 0)
+    causes.add(root, start, rho >= 0)
+    return causes.found
+
+
+class _Causes:
+    def __init__(self, walk: Walk[FloatArray], clock: Clock, strict: bool) -> None:
+        self.walk, self.clock = walk, clock
+        # a margin of 0 decides nothing, unless ρ itself is 0
+        self.positive = np.greater if strict else np.greater_equal
+        self.found: dict[int, BoolArray] = {}
+
+    def agrees(self, node: f.Formula, holds: bool) -> BoolArray:
+        rho = self.walk(node)
+        return np.asarray(self.positive(rho if holds else -rho, 0))
+
+    def add(self, node: f.Formula, at: BoolArray, holds: bool) -> None:
+        """Add what makes ``node`` hold (or not) at the samples ``at``, where it does."""
+        if not at.any():
+            return
+        match node:
+            case f.Comparison():
+                self.found[id(node)] = self.found.get(id(node), np.zeros_like(at)) | at
+            case f.Named() | f.Rescale():
+                self.add(node.operand, at, holds)
+            case f.Not():
+                self.add(node.operand, at, not holds)
+            case f.Junction():
+                every = (node.operator == "and") == holds
+                for operand in node.operands:
+                    self.add(operand, at if every else at & self.agrees(operand, holds), holds)
+            case f.Implication():
+                self._implication(node, at, holds)
+            case f.Temporal():
+                over = node.operator in ("always", "historically")
+                window = self._reached(at, node.interval, past=node.operator in ("historically", "once"))
+                self.add(
+                    node.operand,
+                    window if over == holds else window & self.agrees(node.operand, holds),
+                    holds,
+                )
+            case f.Until():
+                self._until(node, at, holds)
+            case f.Step():
+                self.add(node.operand, _moved(at, 1 if node.operator == "next" else -1), holds)
+            case f.Edge():
+                rises = node.operator == "rise"
+                for there, wanted in ((at, rises), (_moved(at, -1), not rises)):
+                    if holds:
+                        self.add(node.operand, there, wanted)
+                    else:
+                        self.add(node.operand, there & self.agrees(node.operand, not wanted), not wanted)
+            case _:
+                pass  # a truth rests on nothing
+
+    def _reached(self, at: BoolArray, interval: f.Interval, past: bool) -> BoolArray:
+        """Return the samples that lie in the window of any of ``at``."""
+        first, last = self.clock.windows(interval, past)
+        at = at & (last >= first)
+        change = np.zeros(at.size + 1, dtype=np.intp)
+        np.add.at(change, first[at], 1)
+        np.add.at(change, last[at] + 1, -1)
+        return np.asarray(np.cumsum(change)[:-1] > 0)
+
+    def _implication(self, node: f.Implication, at: BoolArray, holds: bool) -> None:
+        if node.operator == "<->":
+            for side in (node.left, node.right):
+                for wanted in (True, False):
+                    self.add(side, at & self.agrees(side, wanted), wanted)
+        elif holds:
+            self.add(node.left, at & self.agrees(node.left, False), False)
+            self.add(node.right, at & self.agrees(node.right, True), True)
+        else:
+            self.add(node.left, at, True)
+            self.add(node.right, at, False)
+
+    def _until(self, node: f.Until, at: BoolArray, holds: bool) -> None:
+        dual = node.operator == "release"
+        sign = -1.0 if dual else 1.0
+        met = holds != dual  # whether the until that is searched for holds
+        parts = [self._one(node, int(t), sign, met) for t in np.flatnonzero(at)]
+        left = reduce(np.logical_or, (part[0] for part in parts))
+        right = reduce(np.logical_or, (part[1] for part in parts))
+        self.add(node.left, left, holds)
+        self.add(node.right, right, holds)
+
+    def _one(self, node: f.Until, t: int, sign: float, met: bool) -> tuple[BoolArray, BoolArray]:
+        """Return the samples at which an until at t needs its left and its right side."""
+        left, right = np.zeros((2, self.clock.count), dtype=bool)
+        found = best_witness(node, t, self.walk, self.clock, sign)
+        if met and found is not None and (node.operator != "unless" or self.positive(found.rho, 0)):
+            left[found.before], right[found.witness] = True, True
+            return left, right
+        past = node.operator == "since"
+        first, last = (int(end[t]) for end in self.clock.windows(node.interval, past))
+        if met:  # an unless without a witness: it stays as it is
+            last = int(self.clock.windows(up_to(node.interval), False)[1][t])
+            left[t : last + 1] = True
+            return left, right
+        # violated: no witness up to where the left side fails
+        way = np.arange(t, first - 1, -1) if past else np.arange(t, last + 1)
+        fails = np.flatnonzero(self.positive(-sign * self.walk(node.left)[way], 0))
+        if fails.size:
+            left[way[fails[0]]] = True
+            way = way[: fails[0] + 1]
+        right[way[(way >= first) & (way <= last)]] = True
+        right &= self.positive(-sign * self.walk(node.right), 0)
+        return left, right
+
+
+def _moved(at: BoolArray, steps: int) -> BoolArray:
+    moved = np.zeros_like(at)
+    if steps > 0:
+        moved[steps:] = at[:-steps]
+    else:
+        moved[:steps] = at[-steps:]
+    return moved

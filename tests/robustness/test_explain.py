@@ -1,0 +1,157 @@
+"""An explanation gives ρ back, and names everything the verdict rests on."""
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from s2r_spec.errors import TraceError
+from s2r_spec.robustness.evaluate import Walk
+from s2r_spec.robustness.responsible import responsible
+from s2r_spec.robustness.sampled import SampledAlgebra, Samples
+from s2r_spec.robustness.ticks import clock_of
+from s2r_spec.spec import load_spec, parse_spec
+from s2r_spec.trace import Trace
+from tests.robustness.definitions import NoSampleError, by_definition
+from tests.robustness.drawing import Case, cases, formulas, text_of
+
+A1 = Path(__file__).parents[2] / "specs" / "a1_velocity.stl"
+MARGIN = {
+    "<": lambda left, right: right - left,
+    ">": lambda left, right: left - right,
+    "=": lambda left, right: -abs(left - right),
+    "!": lambda left, right: abs(left - right),
+}
+
+
+@settings(max_examples=300, deadline=None)
+@given(case=st.one_of(cases("regular"), cases("irregular")))
+def test_the_predicate_at_its_instant_gives_rho_back(case: Case) -> None:
+    try:
+        rho = by_definition(Case(**(vars(case) | {"end": "clip"})))[0]
+    except NoSampleError:
+        assume(False)
+    times = case.start + np.array(case.ticks) * float(case.period)
+    trace = Trace(times, {"x": case.x, "y": case.y})
+    spec = parse_spec(case.text)
+    found = spec.explain(trace, "it", {"p": case.param}, until=case.until, partial=True)
+    assert found.rho == pytest.approx(rho, abs=1e-9)
+    json.dumps(found.to_json())
+    if found.reason:
+        assert math.isinf(rho)
+        return
+    left, right = (side.value for side in found.sides)
+    operator = next(sign for sign in ("!", "=", "<", ">") if f" {sign}" in found.predicate)
+    if any(f" {sign}=" in found.predicate for sign in "<>"):
+        operator = "<" if " <=" in found.predicate else ">"
+    assert found.margin == pytest.approx(MARGIN[operator](left, right))
+    assert found.factor * found.margin == pytest.approx(rho)
+    # and the predicate by itself, at that instant, has this margin
+    alone = parse_spec(f"signal x signal y param p in [-9, 9] require it: {found.predicate}")
+    at = int(np.argmin(np.abs(times - found.instant)))
+    assert alone.robustness_signal(trace, "it", {"p": case.param})[at] == pytest.approx(found.margin)
+    for part in found.parts:
+        assert abs(part.rho) == pytest.approx(abs(rho))
+    assert any(start <= found.instant <= end for start, end in found.responsible)
+
+
+PREDICATES = st.integers(0, 2).map(lambda k: (">=", ("name", f"z{k}"), ("num", 0.0)))
+
+
+@settings(max_examples=300, deadline=None)
+@given(
+    formula=formulas(PREDICATES, ["not", "next", "prev", "rise", "fall"]),
+    data=st.data(),
+    gaps=st.lists(st.integers(1, 2), max_size=8),
+    until=st.sampled_from(["open", "closed"]),
+)
+def test_what_is_not_responsible_may_be_anything(formula, data, gaps, until) -> None:
+    n = len(gaps) + 1
+    sample = st.lists(st.sampled_from([-2.0, -1.0, 1.0, 2.0]), min_size=n, max_size=n).map(np.array)
+    signals = {f"z{k}": data.draw(sample)[np.newaxis] for k in range(3)}
+    others = {name: data.draw(sample) for name in signals}
+    clock = clock_of(np.cumsum([0.0, *gaps]))
+    spec = parse_spec(f"signal z0 signal z1 signal z2 require it: {text_of(formula, 1)}").formulas["it"]
+
+    def walk(chosen: dict) -> Walk:
+        return Walk(SampledAlgebra(Samples(clock, chosen, {}, until)), until)
+
+    try:
+        before = walk(signals)
+        rho = np.broadcast_to(before(spec), n)[0]
+        at = responsible(spec, before, clock)
+    except TraceError:
+        assume(False)
+    needed = {name: np.zeros(n, dtype=bool) for name in signals}
+    for node in _predicates(spec):
+        if id(node) in at:
+            needed[node.left.name] |= at[id(node)]
+    changed = {name: np.where(needed[name], signals[name], others[name][np.newaxis]) for name in signals}
+    assert (np.broadcast_to(walk(changed)(spec), n)[0] >= 0) == (rho >= 0)
+
+
+def _predicates(formula):
+    from s2r_spec.lang import formula as f
+
+    return [node for node in f.walk(formula) if isinstance(node, f.Comparison)]
+
+
+TIMES = np.arange(16) / 10
+
+
+def test_the_a1_in_words() -> None:
+    vx = np.full(16, 0.3)
+    vx[2:4] = 0.36, 0.34
+    found = load_spec(A1).explain(Trace(TIMES, {"vx": vx}, {"vx": "m/s"}), "walking", {"vd": 0.3})
+    assert str(found) == (
+        "walking violated: ρ = -0.03 m/s\n"
+        "  decided at t = 0.2 s by `overshoot(vx, vd) <= tol_o` (line 13, in `rises`): margin -0.03 m/s\n"
+        "  there vx = 0.36 m/s, vd = 0.3 m/s\n"
+        "  it fails at 0.2 s to 0.3 s"
+    )
+    assert [part.text for part in found.parts] == [
+        "rises and settles", "rises", "always[0, 0.5 s] (overshoot(vx, vd) <= tol_o)",
+        "overshoot(vx, vd) <= tol_o",
+    ]  # fmt: skip
+    good = load_spec(A1).explain(Trace(TIMES, {"vx": np.full(16, 0.31)}), "walking", {"vd": 0.3})
+    assert str(good).endswith("it has to hold at 0 s to 0.5 s")
+
+
+def test_margins_of_several_units_and_below_a_negation() -> None:
+    spec = parse_spec(
+        "signal v {m/s} signal u[2] {V} param w {km/h} = 7.2\n"
+        "require it: not eventually (v >= w or u[0] >= 1 {mV}) and always (norm(u) <= 5)"
+    )
+    trace = Trace([0, 1, 2], {"v": [0, 3, 0], "u": [[-3, 0], [-3, -3], [-3, 0]]})
+    found = spec.explain(trace, "it")
+    assert (found.rho, found.unit, found.factor) == (pytest.approx(-1), "mixed", -1)
+    assert (found.instant, found.predicate, found.margin_unit) == (1, "v >= w", "m/s")
+    assert [str(signal) for signal in found.signals] == ["v = 3 m/s", "w = 7.2 km/h"]
+    assert found.responsible == ((1, 1),)
+    far = Trace([0, 1], {"v": [0, 0], "u": [[-3, 4], [-30, 40]]})
+    assert [str(signal) for signal in spec.explain(far, "it").signals] == ["u[0] = -30 V", "u[1] = 40 V"]
+
+
+def test_rho_without_a_predicate() -> None:
+    spec = parse_spec("signal x\nrequire late: eventually[5, 6] x > 0\nrequire never: always false", "a.stl")
+    trace = Trace([0, 1, 2], {"x": [1, 2, 3]})
+    late, never = spec.explain(trace, "late", partial=True), spec.explain(trace, "never")
+    assert str(late) == (
+        "late violated: ρ = -inf\n  because `eventually[5, 6] x > 0` (line 2), at t = 0 s, looks where the trace "
+        "has no samples, so that it is decided by definition"
+    )
+    assert str(never) == "never violated: ρ = -inf\n  because `false` (line 3), at t = 0 s, is constant"
+    with pytest.raises(TraceError, match="'late' looks 6 s ahead, but the trace lasts 2 s"):
+        spec.explain(trace, "late")
+
+
+def test_a_fall_is_explained_by_itself() -> None:
+    fallen = Trace([0.0], {"vx": [0.1]}, meta={"failure": "fall"})
+    assert str(load_spec(A1).explain(fallen, "walking", {"vd": 0.3})) == (
+        "walking violated: ρ = -0.5 m/s\n"
+        "  because the trace ended with 'fall', for which the certify line declares this ρ"
+    )
