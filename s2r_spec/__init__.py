@@ -10,7 +10,9 @@ spec.robustness(trace, params={"vd": 0.3})
 from s2r_spec.backend import Backend, Channel, Effect, EffectParameter, Parameter, load_backend
 from s2r_spec.certify.certificate import Certificate, Label
 from s2r_spec.certify.check import CheckResult, Verdict, check
+from s2r_spec.certify.compose import Composition, compose
 from s2r_spec.certify.kernels import Kernel
+from s2r_spec.certify.measure import check_measure
 from s2r_spec.certify.search import Query, Search
 from s2r_spec.errors import S2RError
 from s2r_spec.logs import read as read_trace
@@ -25,6 +27,7 @@ __all__ = [
     "Certificate",
     "Channel",
     "CheckResult",
+    "Composition",
     "Effect",
     "EffectParameter",
     "Evaluation",
@@ -40,6 +43,8 @@ __all__ = [
     "Trace",
     "Verdict",
     "check",
+    "check_measure",
+    "compose",
     "load_backend",
     "load_spec",
     "parse_spec",

@@ -46,6 +46,11 @@ class Bounds:
         return np.asarray(self._cell_upper.max(axis=1))
 
     @property
+    def minimum(self) -> FloatArray:
+        """(rungs,) lower bound of the minimum over the box; cells are not split for it."""
+        return np.asarray(self._cell_lower.min(axis=1))
+
+    @property
     def hidden(self) -> FloatArray:
         """(rungs,) what the cells add to the largest upper bound at a point."""
         return np.asarray(np.maximum(self.maximum - self.upper.max(axis=1), 0))

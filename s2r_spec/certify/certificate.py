@@ -13,6 +13,7 @@ class Label(Enum):
     CERTIFIED = "certified under the stated assumptions"
     BUDGET = "budget exhausted (valid interval)"
     REFUSED = "refused"
+    MODEL_BASED = "model-based (not certified)"
     RUNNING = "running (valid interval)"
 
 

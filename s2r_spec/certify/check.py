@@ -13,18 +13,18 @@ from enum import Enum
 from importlib.metadata import version
 from pathlib import Path
 from time import perf_counter
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from s2r_spec.certify.certificate import Certificate, Label
+from s2r_spec.certify.drive import Observer, drive
 from s2r_spec.certify.kernels import Kernel
-from s2r_spec.certify.search import Query, Search
-from s2r_spec.errors import BackendError, UsageError, one_of
+from s2r_spec.certify.search import Search
+from s2r_spec.errors import UsageError, one_of
 from s2r_spec.rollouts.journal import SPEC_FILE, Journal, Record
 from s2r_spec.rollouts.rig import Rig
 from s2r_spec.rollouts.runner import ExecutorFactory, Runner, process_pool
-from s2r_spec.rollouts.seeds import rollout_seed
 from s2r_spec.spec import CertifySettings, Spec
 
 
@@ -86,28 +86,6 @@ class CheckResult:
     provenance: dict[str, Any]
     folder: Path
     seconds: float
-
-
-class Observer(Protocol):
-    """Is told how a check goes."""
-
-    def batch(self, queries: list[Query], certificate: Certificate) -> None:
-        """Say that a batch begins; the certificate is of what came before it."""
-        ...
-
-    def rollout(self, record: Record) -> None:
-        """Say that one rollout is on disk."""
-        ...
-
-
-class Silent:
-    """An observer that says nothing."""
-
-    def batch(self, queries: list[Query], certificate: Certificate) -> None:
-        """Do nothing."""
-
-    def rollout(self, record: Record) -> None:
-        """Do nothing."""
 
 
 def search_for(
@@ -185,10 +163,9 @@ def check(
         BackendError: a rollout raised; all that came before is in the journal.
     """
     start = perf_counter()
-    observer = observer or Silent()
     requirement = requirement or only_requirement(spec)
     search = search_for(spec, requirement, seed=seed, budget=budget, mode=mode, engine=engine)
-    rig = Rig.set_up(spec, requirement, backend)
+    rig = Rig.for_spec(spec, requirement, backend)
     provenance = {
         "s2r": version("s2r"),
         "spec": Path(spec.name).name,
@@ -205,13 +182,10 @@ def check(
     else:
         journal = Journal.create(folder, provenance, {SPEC_FILE: spec.text})
     with Runner(executor or process_pool(2)) as runner:
-        while not search.done:
-            queries = search.ask()
-            observer.batch(queries, search.certificate())
-            records = _run(queries, rig, seed, journal, runner, observer)
-            for query in queries:
-                search.tell(query, [-record.rho for record in records[query.index]])
-    return _result(rig, search.certificate(), journal, provenance, perf_counter() - start)
+        drive(search, rig, seed, journal, runner, observer)
+    return _result(
+        spec, requirement, rig.fall, search.certificate(), journal, provenance, perf_counter() - start
+    )
 
 
 def only_requirement(spec: Spec) -> str:
@@ -221,62 +195,36 @@ def only_requirement(spec: Spec) -> str:
     return spec.requirements[0]
 
 
-def _run(
-    queries: list[Query], rig: Rig, seed: int, journal: Journal, runner: Runner, observer: Observer
-) -> dict[int, list[Record]]:
-    """Return query → records by replicate; each is on disk, and those of an earlier session are not run again."""
-    points = {query.index: query.point for query in queries}
-    records: dict[tuple[int, int], Record] = {}
-    tasks = []
-    for query in queries:
-        for replicate in range(query.replicates):
-            task = rig.task(query.index, replicate, query.point, rollout_seed(seed, query.index, replicate))
-            before = journal.get(query.index, replicate)
-            if before is None:
-                tasks.append(task)
-            elif before.params != query.point or before.seed != task.seed:
-                raise BackendError(
-                    f"rollout {query.index}.{replicate} of {journal.folder} was run at {before.params}, now the "
-                    f"search asks for {query.point}: the numerical libraries must have changed in between"
-                )
-            else:
-                records[query.index, replicate] = before
-                observer.rollout(before)
-    for done in runner.run(tasks):
-        point = points[done.task.query]
-        rho, failure = rig.score(point, done)
-        key = done.task.query, done.task.replicate
-        record = Record(*key, point, done.task.seed, rho, failure, trace=None, seconds=round(done.seconds, 4))
-        records[key] = journal.append(record, done.trace)
-        observer.rollout(records[key])
-    return {query.index: [records[query.index, r] for r in range(query.replicates)] for query in queries}
-
-
 def _result(
-    rig: Rig, certificate: Certificate, journal: Journal, provenance: dict[str, Any], seconds: float
+    spec: Spec,
+    requirement: str,
+    fall: float,
+    certificate: Certificate,
+    journal: Journal,
+    provenance: dict[str, Any],
+    seconds: float,
 ) -> CheckResult:
     records = journal.records()
     failures = Counter(record.failure for record in records if record.failure is not None)
     lower, upper = -certificate.upper, -certificate.lower
-    unit = rig.spec.unit(rig.requirement)
+    unit = spec.unit(requirement)
     verdict, reason = _judge(certificate, lower, upper)
     assumptions = (
         *(
             text.replace("the expected outcome", "the expected robustness E ρ")
             for text in certificate.assumptions
         ),
-        f"a rollout that falls or crashes counts as ρ = {rig.fall:g} {unit}".rstrip()
-        + ", as the spec declares",
+        f"a rollout that falls or crashes counts as ρ = {fall:g} {unit}".rstrip() + ", as the spec declares",
         "the statement is about this backend's expected ρ over its own noise; the real machine is search 2",
     )
     return CheckResult(
-        requirement=rig.requirement,
+        requirement=requirement,
         verdict=verdict,
         reason=reason,
         lower=lower,
         upper=upper,
         unit=unit,
-        worst=min(_tested(records), key=lambda test: _distance(rig.spec, test.params, certificate.worst)),
+        worst=min(_tested(records), key=lambda test: _distance(spec, test.params, certificate.worst)),
         lowest=min(records, key=lambda record: record.rho),
         failures=dict(failures),
         assumptions=assumptions,

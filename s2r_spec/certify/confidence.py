@@ -74,7 +74,7 @@ def width(B: FloatArray, scales: FloatArray, radius: float, quadratic: FloatArra
     return np.sqrt(np.where(radicand >= 0, radicand, np.nan))
 
 
-def published_beta(B: float | FloatArray, R: float, log_det: float, delta: float) -> float | FloatArray:
+def published_beta(B: FloatArray | float, R: float, log_det: float, delta: float) -> FloatArray:
     """Return β_i of Akella, Ubellacker & Ames, Algorithm 1, line 2, in the unit of the outcome.
 
     β_i = B + R sqrt(2 ln(sqrt(det((1+η_i)I + K_i))/δ)). It multiplies a standard
@@ -88,7 +88,7 @@ def published_beta(B: float | FloatArray, R: float, log_det: float, delta: float
         log_det: ln det((1+η_i)I + K_i).
         delta: 1 − probability.
     """
-    return B + R * np.sqrt(log_det + 2 * np.log(1 / delta))
+    return np.asarray(B + R * np.sqrt(log_det + 2 * np.log(1 / delta)))
 
 
 def smallest_norm(gram: FloatArray, counts: FloatArray, means: FloatArray, radius: float) -> float:

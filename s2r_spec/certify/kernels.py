@@ -96,7 +96,7 @@ class Kernel:
         )
         kernel = kernel.double()
         kernel.lengthscale = torch.from_numpy(self.lengthscales(dim).copy())
-        return kernel.requires_grad_(False)  # type: ignore[no-any-return]
+        return kernel.requires_grad_(False)
 
     def gram(self, left: FloatArray, right: FloatArray) -> FloatArray:
         """Return (n, m) values k(left_i, right_j) for (n, dim) and (m, dim) points."""
@@ -107,6 +107,11 @@ class Kernel:
             values = kernel(torch.from_numpy(np.array(left)), torch.from_numpy(np.array(right))).to_dense()
         return values.numpy()  # type: ignore[no-any-return]
 
+    def hidden(self, sides: FloatArray) -> FloatArray:
+        """Return (…, dim) what each axis of (…, dim) cell sides adds to :meth:`interpolation`."""
+        family = FAMILIES[self.name]
+        return np.asarray(family.constant * (sides / self.lengthscales(sides.shape[-1])) ** family.power)
+
     def interpolation(self, sides: FloatArray) -> FloatArray:
         """Return (…) bounds e(h) = sup_z ‖φ(z) − Σ w_j(z) φ(g_j)‖ over cells of (…, dim) sides.
 
@@ -115,20 +120,12 @@ class Kernel:
         B e(h). One axis after another: interpolation along an axis averages
         functions, so that the axes' errors add.
         """
-        family = FAMILIES[self.name]
-        return np.asarray((family.constant * self._scaled(sides) ** family.power).sum(axis=-1))
-
-    def widest_axis(self, sides: FloatArray) -> NDArray[np.intp]:
-        """Return (…) the axis of (…, dim) sides that contributes most to :meth:`interpolation`."""
-        return np.asarray(self._scaled(sides).argmax(axis=-1))
+        return np.asarray(self.hidden(sides).sum(axis=-1))
 
     def sides_for(self, error: float, dim: int) -> FloatArray:
         """Return (dim,) cell sides with an interpolation bound of ``error``, shared equally by the axes."""
         family = FAMILIES[self.name]
-        return self.lengthscales(dim) * (error / (dim * family.constant)) ** (1 / family.power)
-
-    def _scaled(self, sides: FloatArray) -> FloatArray:
-        return np.asarray(sides / self.lengthscales(sides.shape[-1]))
+        return np.asarray(self.lengthscales(dim) * (error / (dim * family.constant)) ** (1 / family.power))
 
 
 @cache

@@ -63,7 +63,7 @@ class Paper(Mode):
         scale = np.array([1 / ridge])
         # ln det(λI + K) over single rollouts, from merged points: det(λI + K) = λⁱ det(I + K/λ).
         log_det = rollouts * np.log(ridge) + float(data.evidence(scale).log_det[0])
-        beta = np.asarray(confidence.published_beta(norms, 1.0, log_det, delta))
+        beta = confidence.published_beta(norms, 1.0, log_det, delta)
         # The paper's posterior has prior k and noise λ: its deviation is √λ times that of prior k/λ and noise 1.
         return Bound(scale, beta[:, None] * np.sqrt(ridge), self.radius(data, delta))
 

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from s2r_spec.certify import confidence
 from s2r_spec.certify.bounds import Bounds
 from s2r_spec.certify.certificate import Certificate, Label, Rung
+from s2r_spec.certify.floors import sequential_floor
 from s2r_spec.certify.kernels import Kernel
 from s2r_spec.certify.modes import MODES
 from s2r_spec.certify.posterior import ENGINES, Conditioned
@@ -64,6 +65,8 @@ class Search:
         budget: most rollouts; None for as many as ε takes. The search ends before the first batch
             that would exceed it, so that the same tests are asked for under any budget.
         engine: ``spectral`` or ``gpytorch``, see :mod:`s2r_spec.certify.posterior`.
+        fitted: settings ("R", "kernel", "B") that were fitted on the outcomes that this search will be
+            told; whatever they are, the result is then a model's opinion and no certificate.
 
     Raises:
         UsageError: a setting is out of its range; the message says which.
@@ -84,6 +87,7 @@ class Search:
         spread: int = 4,
         budget: int | None = None,
         engine: str = "spectral",
+        fitted: tuple[str, ...] = (),
     ) -> None:
         self.space = space if isinstance(space, Space) else Space.of(space)
         if self.space.dim == 0:
@@ -105,7 +109,7 @@ class Search:
             float(epsilon),
         )
         self.mode, self.engine, self.seed = mode, engine, seed
-        self.batch, self.spread, self.budget = batch, int(spread), budget
+        self.batch, self.spread, self.budget, self.fitted = batch, int(spread), budget, tuple(fitted)
 
         self._norms = np.array(LADDER) * self.B / self.R
         self._mode = MODES[mode](kernel, self._norms)
@@ -158,6 +162,10 @@ class Search:
         """
         if query.index not in self._open or query.index in self._told:
             raise UsageError(f"query {query.index} is not open: it was told before, or never asked")
+        if getattr(outcomes, "dtype", None) in (np.float32, np.float16):
+            raise UsageError(
+                f"the outcomes of query {query.index} are {np.asarray(outcomes).dtype}: a certificate needs float64"
+            )
         values = np.atleast_1d(np.asarray(outcomes, dtype=np.float64))
         if values.ndim != 1 or len(values) > query.replicates:
             raise UsageError(f"query {query.index} asked for {query.replicates} outcomes, not {values.shape}")
@@ -237,6 +245,11 @@ class Search:
         lower, upper = self._bounds.at(where, self._data, self._bound)
         return lower[0] * self.R, upper[0] * self.R
 
+    @property
+    def range(self) -> tuple[float, float]:
+        """Bounds of J anywhere in the box: (lower bound of its minimum, upper bound of its maximum)."""
+        return float(self._bounds.minimum[0]) * self.R, float(self._bounds.maximum[0]) * self.R
+
     def _interval(self, rung: int) -> Rung:
         """One rung of the ladder, in the unit of the outcome."""
         return Rung(
@@ -265,9 +278,17 @@ class Search:
                 f"B = {self.B:g} is less than twice the norm that the data already show (B_low = {B_low:.3g}); "
                 f"read the interval of a larger B in the ladder, if you can say why that B is right"
             )
-        if self._width() <= self.epsilon:
-            return Label.CERTIFIED, ""
-        return (Label.BUDGET if self._settled() else Label.RUNNING), ""
+        width = self._width()
+        if width <= self.B and self._rollouts < sequential_floor(self.R, width, self.delta):
+            return Label.REFUSED, (
+                f"an interval of {width:.3g} after {self._rollouts} rollouts is below what any method can claim: "
+                f"this is a defect of s2r, please report it"
+            )
+        if not self._settled():
+            return Label.RUNNING, ""
+        if self.fitted:
+            return Label.MODEL_BASED, f"{', '.join(self.fitted)} fitted on the certificate's own data"
+        return (Label.CERTIFIED if width <= self.epsilon else Label.BUDGET), ""
 
     def _width(self) -> float:
         rung = self._interval(0)
@@ -311,6 +332,7 @@ class Search:
                 "batch": self.batch,
                 "spread": self.spread,
                 "seed": self.seed,
+                "fitted": list(self.fitted),
             },
         )
 

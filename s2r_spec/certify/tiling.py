@@ -7,11 +7,11 @@ kernel's interpolation bound for the cell's sides.
 from __future__ import annotations
 
 import itertools
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.certify.kernels import Kernel
 from s2r_spec.space import Space
 
 FloatArray = NDArray[np.float64]
@@ -23,20 +23,32 @@ DEPTH = 20
 FIRST_POINTS = 1500
 
 
+class Roughness(Protocol):
+    """How much a function can rise inside a cell above its corners, axis by axis."""
+
+    def hidden(self, sides: FloatArray) -> FloatArray:
+        """Return (…, dim) contributions for (…, dim) cell sides."""
+        ...
+
+    def sides_for(self, error: float, dim: int) -> FloatArray:
+        """Return (dim,) sides whose contributions sum to at most ``error``."""
+        ...
+
+
 class Tiling:
     """Cells that cover a box without overlap. Splitting adds points; points are never moved or removed.
 
     Attributes:
         points: (P, dim) corners of all cells that ever were.
         corners: (C, 2^dim) indices into ``points``.
-        error: (C,) interpolation bound e(h) of each cell.
+        error: (C,) what each cell hides, by its roughness; for a kernel, e(h).
     """
 
-    def __init__(self, space: Space, kernel: Kernel, error: float) -> None:
-        """Divide the box so that e(h) ≤ ``error``, or as finely as FIRST_POINTS corners allow."""
-        self._space, self._kernel = space, kernel
+    def __init__(self, space: Space, roughness: Roughness, error: float) -> None:
+        """Divide the box so that no cell hides more than ``error``, or as finely as FIRST_POINTS corners allow."""
+        self._space, self._roughness = space, roughness
         widths = space.upper - space.lower
-        cells = np.maximum(1.0, np.ceil(widths / kernel.sides_for(error, space.dim)))
+        cells = np.maximum(1.0, np.ceil(widths / roughness.sides_for(error, space.dim)))
         while np.prod(cells + 1) > FIRST_POINTS:
             cells[cells.argmax()] = np.ceil(cells.max() * 0.9) if cells.max() > 9 else cells.max() - 1
         self._counts = cells.astype(np.int64)
@@ -55,7 +67,7 @@ class Tiling:
 
     def splittable(self) -> NDArray[np.bool_]:
         """(C,) whether a cell can still be halved."""
-        axis = self._kernel.widest_axis(self._sides(self._size))
+        axis = self._hidden(self._size).argmax(axis=1)
         return np.asarray(np.take_along_axis(self._size, axis[:, None], axis=1)[:, 0] > 1)
 
     def split(self, cells: IndexArray) -> IndexArray:
@@ -64,7 +76,7 @@ class Tiling:
         Returns:
             (C',) for every cell after the split, the index before it of the cell that contains it.
         """
-        axis = self._kernel.widest_axis(self._sides(self._size[cells]))
+        axis = self._hidden(self._size[cells]).argmax(axis=1)
         size = self._size[cells].copy()
         rows = np.arange(len(cells))
         size[rows, axis] //= 2
@@ -82,8 +94,11 @@ class Tiling:
     def containing(self, points: FloatArray) -> IndexArray:
         """Return (n,) a cell that contains each of (n, dim) points of the box."""
         low, high = self._real(self._low), self._real(self._low + self._size)
-        inside = ((points[:, None] >= low) & (points[:, None] <= high)).all(axis=-1)
-        return np.asarray(inside.argmax(axis=1))
+        cells = np.empty(len(points), dtype=np.intp)
+        for start in range(0, len(points), 256):  # a bounded block of points × cells at a time
+            part = points[start : start + 256, None]
+            cells[start : start + 256] = ((part >= low) & (part <= high)).all(axis=-1).argmax(axis=1)
+        return cells
 
     def _corners(self, low: Lattice, size: Lattice) -> IndexArray:
         lattice = (low[:, None] + self._offsets * size[:, None]).reshape(-1, self._space.dim)
@@ -105,8 +120,10 @@ class Tiling:
         share = lattice / top
         return np.asarray(self._space.lower * (1 - share) + self._space.upper * share)
 
-    def _sides(self, size: Lattice) -> FloatArray:
-        return np.asarray((self._space.upper - self._space.lower) * size / (self._counts << DEPTH))
+    def _hidden(self, size: Lattice) -> FloatArray:
+        return self._roughness.hidden(
+            (self._space.upper - self._space.lower) * size / (self._counts << DEPTH)
+        )
 
     def _errors(self, size: Lattice) -> FloatArray:
-        return self._kernel.interpolation(self._sides(size))
+        return np.asarray(self._hidden(size).sum(axis=1))

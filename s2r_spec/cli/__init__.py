@@ -11,7 +11,7 @@ import traceback
 
 import typer
 
-from s2r_spec.cli import backends, check, replay
+from s2r_spec.cli import backends, check, plan, replay
 
 EXIT_CODES = "Exit codes: 0 holds, 1 violated, 2 usage or spec error, 3 unknown, 4 backend or internal error."
 
@@ -24,6 +24,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 app.command(epilog=EXIT_CODES)(check.check)
+app.command()(plan.plan)
 app.command()(replay.replay)
 app.command()(backends.backends)
 

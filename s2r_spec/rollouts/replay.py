@@ -50,7 +50,8 @@ def replay(rollout: str) -> Replay:
         raise UsageError(f"{folder} has no rollout {key}; it has {len(journal)} rollouts")
     header, point = journal.header, dict(record.params)
     spec = load_spec(journal.folder / SPEC_FILE)
-    rig = Rig.set_up(spec, header["requirement"], header["backend"], header["duration"])
+    requirement = header["requirement"]
+    rig = Rig.for_spec(spec, requirement, header["backend"], header["duration"])
     # All channels this time: whoever replays a rollout wants to look at it.
     task = replace(rig.task(record.query, record.replicate, point, record.seed), channels=None)
     trace, seconds = run_task(task)
@@ -61,4 +62,4 @@ def replay(rollout: str) -> Replay:
         if rig.backend.model_hash != header["model_hash"]:
             before, now = header["model_hash"][:12], rig.backend.model_hash[:12]
             difference += f"; the model has changed since ({before}, now {now})"
-    return Replay(point, record.seed, rho, record.rho, spec.unit(rig.requirement), trace, difference)
+    return Replay(point, record.seed, rho, record.rho, spec.unit(requirement), trace, difference)

@@ -1,41 +1,45 @@
-"""A requirement on a backend: what turns a test into ρ."""
+"""A measure on a backend: what turns a test into a number."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Self
 
 from s2r_spec.backend import Backend
 from s2r_spec.errors import UsageError
-from s2r_spec.rollouts.match import Matched, match
+from s2r_spec.rollouts.match import match
 from s2r_spec.rollouts.runner import Done, Task, open_backend
 from s2r_spec.spec import Spec
+from s2r_spec.trace import Trace
+
+Measure = Callable[[Trace, Mapping[str, float]], float]
+"""A number from a trace and its test: positive if the test was passed, and by how much."""
 
 
 @dataclass(frozen=True)
 class Rig:
-    """One requirement of a spec, set up on one backend.
+    """A measure, set up on one backend.
 
     Attributes:
-        spec: with the requirement.
-        requirement: its name.
         name: of the backend, as every worker opens it.
         backend: the same, in this process.
-        matched: channels and units that fit together.
-        fall: ρ of a rollout that failed, declared before the data.
+        measure: of a trace that did not fail.
+        fall: what a rollout that failed is worth, declared before the data.
+        to_backend: from a test point to the backend's parameters and units.
+        channels: what the measure reads; None for all.
     """
 
-    spec: Spec
-    requirement: str
     name: str
     backend: Backend
-    matched: Matched
+    measure: Measure
     fall: float
+    to_backend: Callable[[Mapping[str, float]], dict[str, float]] = dict
+    channels: tuple[str, ...] | None = None
 
     @classmethod
-    def set_up(cls, spec: Spec, requirement: str, name: str, duration: float | None = None) -> Self:
+    def for_spec(cls, spec: Spec, requirement: str, name: str, duration: float | None = None) -> Self:
         """Open the backend with rollouts as long as the requirement looks ahead, and match the two.
 
         Raises:
@@ -51,20 +55,25 @@ class Rig:
                 f"{spec.name} declares no ρ for a rollout that falls; "
                 f"write for example  certify {requirement}: fall = -1"
             )
-        return cls(spec, requirement, name, backend, match(spec, requirement, backend), settings.fall)
+        matched = match(spec, requirement, backend)
+
+        def robustness(trace: Trace, point: Mapping[str, float]) -> float:
+            return spec.robustness(trace, params=point)[requirement]
+
+        return cls(name, backend, robustness, settings.fall, matched.to_backend, matched.channels)
 
     def task(self, query: int, replicate: int, point: Mapping[str, float], seed: int) -> Task:
-        """Return the task of one rollout at a test point, which is in the spec's units."""
+        """Return the task of one rollout at a test point."""
         return Task(
             query=query,
             replicate=replicate,
             backend=self.name,
-            params=self.matched.to_backend(point),
+            params=self.to_backend(point),
             seed=seed,
             duration=self.backend.duration,
             # A simulator gives the same trace again for the same seed, so only what
-            # the spec reads is kept; what cannot be repeated is kept whole.
-            channels=self.matched.channels if self.backend.deterministic else None,
+            # the measure reads is kept; what cannot be repeated is kept whole.
+            channels=self.channels if self.backend.deterministic else None,
         )
 
     def score(self, point: Mapping[str, float], done: Done) -> tuple[float, str | None]:
@@ -77,4 +86,4 @@ class Rig:
             return self.fall, f"crash: {done.crash}"
         if done.trace.failure is not None:
             return self.fall, done.trace.failure
-        return self.spec.robustness(done.trace, params=point)[self.requirement], None
+        return float(self.measure(done.trace, point)), None

@@ -1,0 +1,68 @@
+"""Certify any number that a rollout gives: a barrier function's minimum, a distance, a time."""
+
+from __future__ import annotations
+
+from importlib.metadata import version
+from pathlib import Path
+
+from s2r_spec.certify.certificate import Certificate
+from s2r_spec.certify.drive import Observer, drive
+from s2r_spec.certify.search import Search
+from s2r_spec.rollouts.journal import Journal
+from s2r_spec.rollouts.rig import Measure, Rig
+from s2r_spec.rollouts.runner import ExecutorFactory, Runner, open_backend, process_pool
+
+
+def check_measure(
+    measure: Measure,
+    name: str,
+    backend: str,
+    search: Search,
+    folder: Path,
+    *,
+    fall: float,
+    duration: float | None = None,
+    seed: int = 0,
+    executor: ExecutorFactory | None = None,
+    resume: bool = False,
+    observer: Observer | None = None,
+) -> Certificate:
+    """Certify the worst expected value of ``measure(trace, params)`` over the search's test space.
+
+    The search maximises −measure: the worst expected value lies in
+    [−certificate.upper, −certificate.lower] with probability ≥ 1 − δ.
+
+    Args:
+        measure: of a trace that did not fail, and its test; runs in this process. Its kernel norm B, its
+            noise R and its ``fall`` are declared with the search, like those of a spec.
+        name: what the journal calls it; a resumed run must call it the same.
+        backend: its name; the search's parameters must be the backend's, in its units.
+        search: fresh, over the test space.
+        folder: of the journal and the traces.
+        fall: value of a rollout that fails.
+        duration: length of the rollouts [s]; the backend's own if None.
+        seed: of the rollouts.
+        executor: makes the pool; two local processes by default.
+        resume: go on with the run in ``folder``.
+        observer: is told of batches and rollouts.
+
+    Raises:
+        UsageError: backend, search and folder do not fit together.
+        BackendError: a rollout raised; all that came before is in the journal.
+    """
+    machine = open_backend(backend, duration)
+    rig = Rig(backend, machine, measure, fall)
+    header = {
+        "s2r": version("s2r"),
+        "measure": name,
+        "backend": backend,
+        "model_hash": machine.model_hash,
+        "duration": machine.duration,
+        "seed": seed,
+        "fall": fall,
+        "settings": search.certificate().settings,
+    }
+    journal = Journal.resume(folder, header) if resume else Journal.create(folder, header, {})
+    with Runner(executor or process_pool(2)) as runner:
+        drive(search, rig, seed, journal, runner, observer)
+    return search.certificate()

@@ -1,0 +1,132 @@
+"""``s2r plan``: what a budget can certify, before anything runs."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from s2r_spec.cli.common import cores, sentences
+
+
+def plan(
+    spec: Annotated[
+        Path | None, typer.Argument(help="Take the settings from this spec's certify line.")
+    ] = None,
+    requirement: Annotated[str | None, typer.Option("--requirement", "-r", help="Of the spec.")] = None,
+    R: Annotated[float | None, typer.Option("--R", help="Sub-Gaussian proxy of one rollout's noise.")] = None,
+    eps: Annotated[float | None, typer.Option(help="Width of the interval that is wanted.")] = None,
+    delta: Annotated[float | None, typer.Option(help="1 − probability.")] = None,
+    B: Annotated[float | None, typer.Option("--B", help="Bound on the RKHS norm.")] = None,
+    dim: Annotated[int, typer.Option(min=1, max=4, help="Test parameters, each with a range of 1.")] = 1,
+    kernel: Annotated[str, typer.Option(help="rbf, matern52 or matern32.")] = "matern52",
+    lengthscale: Annotated[float, typer.Option(help="As a share of each range.")] = 0.4,
+    mode: Annotated[str, typer.Option(help="rigorous, rigorous-simple or paper.")] = "rigorous",
+    budget: Annotated[
+        list[int] | None, typer.Option(help="What ε do so many rollouts reach? (may be repeated)")
+    ] = None,
+    backend: Annotated[
+        str | None, typer.Option("--backend", "-b", help="Give times, from its declared cost.")
+    ] = None,
+    bounds: Annotated[
+        tuple[float, float] | None, typer.Option("--range", help="A proven range of ρ: R is half its width.")
+    ] = None,
+    pilot: Annotated[
+        Path | None, typer.Option(help="Judge R from this run, which must then not be used again.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
+    """Say how many rollouts a certificate takes, what a budget reaches, and what is impossible."""
+    with sentences(as_json):
+        from s2r_spec.backend import load_backend
+        from s2r_spec.certify import plan as planning
+        from s2r_spec.certify.check import only_requirement
+        from s2r_spec.certify.kernels import Kernel
+        from s2r_spec.errors import UsageError
+        from s2r_spec.rollouts.journal import Journal
+        from s2r_spec.space import Space
+        from s2r_spec.spec import load_spec
+
+        noise = None
+        if pilot is not None:
+            groups: dict[int, list[float]] = {}
+            for record in Journal.read(pilot).records():
+                groups.setdefault(record.query, []).append(record.rho)
+            noise = planning.read_pilot(list(groups.values()))
+        if bounds is not None:
+            if R is not None or not bounds[0] < bounds[1]:
+                raise UsageError("--range takes the two ends of ρ, the lower one first, in place of --R")
+            R = (bounds[1] - bounds[0]) / 2
+        space = Space.of({f"d{i + 1}": (0.0, 1.0) for i in range(dim)})
+        shape = Kernel(kernel, lengthscale)
+        if spec is not None:
+            parsed = load_spec(spec)
+            declared = parsed.certify.get(requirement or only_requirement(parsed))
+            if declared is not None:
+                R, eps = R or declared.R, eps or declared.epsilon
+                delta, B = delta or declared.delta, B or declared.B
+                if declared.kernel is not None:
+                    shape = Kernel(declared.kernel.name, declared.kernel.lengthscales)
+            space = parsed.space
+        wanted = {"--R": R, "--eps": eps, "--delta": delta, "--B": B}
+        lacking = [name for name, value in wanted.items() if value is None]
+        if R is None or eps is None or delta is None or B is None:
+            if noise is None:
+                raise UsageError(f"give {', '.join(lacking)}, or a spec whose certify line declares them")
+            _print_pilot(noise, as_json)
+            return
+        result = planning.plan(
+            space,
+            kernel=shape,
+            B=B,
+            R=R,
+            delta=delta,
+            epsilon=eps,
+            mode=mode,
+            budgets=tuple(budget or ()),
+        )
+        seconds = load_backend(backend).cost / cores() if backend is not None else None
+        if as_json:
+            settings = {"schema": "s2r.plan/1", "R": R, "epsilon": eps, "delta": delta, "B": B}
+            extra = {"seconds_per_rollout": seconds, "pilot": asdict(noise) if noise else None}
+            print(json.dumps(settings | asdict(result) | extra, allow_nan=False))
+            return
+
+        def cost(rollouts: float | None) -> str:
+            if rollouts is None:
+                return "more than 2000000 rollouts"
+            time = f", about {rollouts * seconds:.0f} s on {cores()} cores" if seconds is not None else ""
+            return f"{rollouts:.0f} rollouts{time}"
+
+        print(f"R = {R:g}, ε = {eps:g}, δ = {delta:g}, B = {B:g}, {shape.name} over {space.dim} parameter(s)")
+        print(f"  impossible below      {cost(result.floor)}, on average, by any method")
+        print(f"  at one known test     {cost(result.minimax)} (fixed width, Gaussian noise of deviation R)")
+        print(f"  expected, peaked ρ    {cost(result.peaked)} (median of {result.runs} simulated searches)")
+        print(
+            f"  expected, flat ρ      {cost(result.flat)} (every test is nearly the worst: the hardest case)"
+        )
+        for rollouts, width in result.reachable:
+            print(f"  with {rollouts} rollouts: ε = {width:.3g}")
+        if noise is not None:
+            _print_pilot(noise, as_json=False)
+
+
+def _print_pilot(noise: object, as_json: bool) -> None:
+    from s2r_spec.certify.plan import Pilot
+
+    assert isinstance(noise, Pilot)
+    if as_json:
+        print(json.dumps({"schema": "s2r.plan/1", "pilot": asdict(noise)}, allow_nan=False))
+        return
+    print(
+        f"pilot of {noise.rollouts} rollouts: standard deviation {noise.std:.3g}, "
+        f"every R below {noise.refuted:.3g} is refuted"
+    )
+    print(
+        noise.warning
+        or "  no heavy tail seen; declare R with a margin (three standard deviations is a usual one)"
+    )
+    print("  the pilot chose R: certify with another seed, on rollouts that it has not seen")

@@ -1,0 +1,106 @@
+import numpy as np
+import pytest
+
+from s2r_spec.certify.certificate import Label
+from s2r_spec.certify.floors import minimax, sequential_floor
+from s2r_spec.certify.kernels import Kernel
+from s2r_spec.certify.plan import plan, read_pilot
+from s2r_spec.certify.search import Search
+from s2r_spec.errors import UsageError
+from s2r_spec.space import Space
+from tests.certify.rkhs import RandomFunction, run
+
+LINE = Space.of({"vd": (-0.2, 0.3)})
+
+
+def test_the_floors_of_the_papers_two_settings():
+    """Simulator: R = 0.05, ε = 0.02. Hardware: R = 0.1, ε = 0.003. Both at δ = 1e-6."""
+    assert sequential_floor(0.05, 0.02, 1e-6) == pytest.approx(173, abs=0.5)
+    assert sequential_floor(0.1, 0.003, 1e-6) == pytest.approx(30_701, abs=0.5)
+    assert minimax(0.05, 0.02, 1e-6) == pytest.approx(565, abs=0.5)
+    assert minimax(0.1, 0.003, 1e-6) == pytest.approx(100_422, abs=0.5)
+    assert sequential_floor(1, 1, 0.5) == 0
+
+
+def test_a_plan_foretells_what_a_search_then_takes():
+    settings = {"kernel": Kernel("rbf", 0.2), "B": 1.5, "R": 0.02, "delta": 1e-3, "epsilon": 0.03}
+    foretold = plan(LINE, **settings, budgets=(20, 200))
+    taken = []
+    for seed in range(5):
+        rng = np.random.default_rng(1000 + seed)
+        search = Search(LINE, **settings, seed=seed)
+        run(search, RandomFunction(settings["kernel"], LINE, 0.45, rng), 0.02, rng)
+        taken.append(search.certificate().rollouts)
+    assert foretold.floor < foretold.minimax < foretold.peaked <= foretold.flat
+    assert 0.5 < foretold.peaked / np.median(taken) < 2
+    (_, wide), (_, narrow) = foretold.reachable
+    assert narrow < wide
+
+
+def test_a_claim_beyond_reach_is_said_to_be():
+    foretold = plan(LINE, kernel=Kernel("rbf", 0.2), B=1.5, R=0.1, delta=1e-6, epsilon=0.003, most=2000)
+    assert foretold.peaked is None
+    assert foretold.flat is None
+
+
+class TestPilot:
+    def test_what_it_refutes_is_below_the_truth_and_not_far(self):
+        rng = np.random.default_rng(0)
+        pilot = read_pilot([rng.normal(size=10) * 0.003 + mean for mean in np.linspace(0, 1, 20)])
+        assert 0.7 * 0.003 < pilot.refuted < 0.003
+        assert pilot.std == pytest.approx(0.003, rel=0.15)
+        assert pilot.warning == ""
+
+    def test_rare_large_noise_is_warned_of(self):
+        rng = np.random.default_rng(0)
+        noise = 0.003 * rng.normal(size=(30, 10))
+        noise[4, 2] = -0.5  # one fall
+        assert "a standard deviation is no proxy for it" in read_pilot(list(noise)).warning
+
+    def test_bernoulli_noise_is_warned_of(self):
+        rng = np.random.default_rng(0)
+        assert read_pilot(list((rng.uniform(size=(50, 10)) < 0.01) * 1.0)).warning
+
+    def test_too_few_replicates_are_refused(self):
+        with pytest.raises(UsageError, match="2 replicates beyond the first"):
+            read_pilot([[1.0, 2.0, 3.0]])
+        with pytest.raises(UsageError, match="are all equal"):
+            read_pilot([[1.0] * 10])
+
+
+def test_settings_fitted_on_the_same_data_make_no_certificate():
+    rng = np.random.default_rng(0)
+    kernel = Kernel("rbf", 0.2)
+    search = Search(LINE, kernel=kernel, B=1.5, R=0.02, delta=0.1, epsilon=0.1, fitted=("R", "kernel"))
+    run(search, RandomFunction(kernel, LINE, 0.4, rng), 0.02, rng)
+    certificate = search.certificate()
+    assert certificate.label is Label.MODEL_BASED
+    assert certificate.reason == "R, kernel fitted on the certificate's own data"
+
+
+def test_single_precision_outcomes_are_refused():
+    search = Search(LINE, kernel=Kernel("rbf", 0.2), B=1.5, R=0.02, delta=0.1, epsilon=0.1)
+    with pytest.raises(UsageError, match=r"are float32: a certificate needs float64"):
+        search.tell(search.ask()[0], np.zeros(2, dtype=np.float32))
+
+
+@pytest.mark.usefixtures("toy")
+def test_any_measure_can_be_certified_and_resumed(tmp_path):
+    """The smallest distance of the speed from 1 m/s over the trace: no temporal logic in it."""
+    import s2r_spec as s2r
+
+    def search():
+        return Search(LINE, kernel=Kernel("rbf", 0.5), B=4.0, R=0.02, delta=0.1, epsilon=0.1)
+
+    def distance(trace, params):
+        return float(np.abs(trace["vx"] - 1.0).min())
+
+    words = (distance, "distance", "toy")
+    first = s2r.check_measure(*words, search(), tmp_path / "run", fall=-1.0)
+    assert first.label is Label.CERTIFIED
+    # The worst test is the fastest: 1 − (0.3·(1 − e^{−15}) − 0.02·0.3) on average over the bias.
+    assert -first.upper <= 1 - 0.3 + 0.006 <= -first.lower
+    again = s2r.check_measure(*words, search(), tmp_path / "run", fall=-1.0, resume=True)
+    assert again == first
+    with pytest.raises(UsageError, match="its fall is -1.0, now it is -2.0"):
+        s2r.check_measure(*words, search(), tmp_path / "run", fall=-2.0, resume=True)
