@@ -38,9 +38,11 @@ PARTS = {
     "rest of the controller": ("s2r_sim.controller", "Controller.tick"),
     "physics, 2 steps (MuJoCo)": ("s2r_sim.plant", "Plant.step"),
     "true state": ("s2r_sim.plant", "Plant.truth"),
-    "sensors": ("s2r_sim.noise", "Draws.measure"),
-    "record": ("s2r_sim.recorder", "Recorder.write"),
-    "loop, warm-state restore, trace": ("s2r_sim.backend", "SimBackend.rollout"),
+    "sensors": ("s2r_sim.sensors", "Sensors.read"),
+    "velocity estimate": ("s2r_sim.sensors", "Sensors.estimates"),
+    "channels of the trace": ("s2r_sim.recorder", "Recorder.channels"),
+    "random numbers": ("s2r_sim.rollout", "draw"),
+    "loop and warm-state restore": ("s2r_sim.backend", "SimBackend.rollout"),
 }
 
 

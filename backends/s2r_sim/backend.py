@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import InitVar, dataclass, field, replace
 from functools import cache
 from importlib.metadata import version
 from importlib.util import find_spec
@@ -19,7 +19,7 @@ from s2r_sim.effects import CATALOGUE
 from s2r_sim.effects.choice import Choice, choose, world
 from s2r_sim.gains import RATE
 from s2r_sim.noise import Noise
-from s2r_sim.options import with_options
+from s2r_sim.options import read_options, write_options
 from s2r_sim.parameters import PARAMETERS, read_test
 from s2r_sim.settings import Settings
 from s2r_spec.backend import Channel, Effect, Parameter
@@ -29,7 +29,7 @@ from s2r_spec.trace import Trace
 _MODULES = ("mujoco", "pinocchio", "piqp", "scipy")
 _DISTRIBUTIONS = ("mujoco", "numpy", "pin", "piqp", "scipy")
 
-_CPU_PER_SECOND = 0.16
+_CPU_PER_SECOND = 0.13
 """[s] of one core per simulated second, measured on a 2-core cloud machine."""
 
 
@@ -42,28 +42,33 @@ class SimBackend:
     parameters and its seed.
     """
 
-    options: str = ""
+    options: InitVar[str] = ""
     """After the colon of the name: ``feedback=estimate`` runs the controller on the robot's own
-    velocity estimate instead of the true velocity, ``form=full`` with the 30-variable QP."""
+    velocity estimate instead of the true velocity, ``form=full`` with the 30-variable QP, and
+    ``latency.delay=0.004`` adds an effect."""
     duration: float = 1.5
     noise: Noise = field(default_factory=Noise)
     settings: Settings = field(default_factory=Settings)
     added: Choice = ()
     """Effects; set them with :meth:`with_effects`."""
-    name: str = field(default="", init=False)
-    kind: str = field(default="sim", init=False)
     channels: tuple[Channel, ...] = field(default=CHANNELS, init=False, repr=False)
     parameters: tuple[Parameter, ...] = field(default=PARAMETERS, init=False, repr=False)
     deterministic: bool = field(default=True, init=False)
 
-    def __post_init__(self) -> None:
+    def __post_init__(self, options: str) -> None:
         """Say at once which package is missing, and put the end on the grid of control ticks."""
         for module in _MODULES:
             if find_spec(module) is None:
                 raise MissingPackageError("sim", module)
+        settings, added = read_options(options, self.settings, self.added)
+        object.__setattr__(self, "settings", settings)
+        object.__setattr__(self, "added", added)
         object.__setattr__(self, "duration", _ticks(self.duration) / RATE)
-        object.__setattr__(self, "name", ":".join(filter(None, (self.kind, self.options))))
-        object.__setattr__(self, "settings", with_options(self.settings, self._settings_text()))
+
+    @property
+    def name(self) -> str:
+        """What ``load_backend`` makes this backend from, effects and all."""
+        return ":".join(filter(None, ("sim", write_options(self.settings, self.added))))
 
     @property
     def cost(self) -> float:
@@ -143,10 +148,6 @@ class SimBackend:
         settings = self._settings
         draw(replace(settings, physics=read_test(params).world(settings.physics)), trace, Path(path))
         return trace
-
-    def _settings_text(self) -> str:
-        """Return what of the options is for :func:`with_options`."""
-        return self.options
 
     def _effects_in_meta(self) -> dict[str, dict[str, float]]:
         return {name: dict(values) for name, values in self.added}

@@ -2,24 +2,45 @@
 
 A standing foot's ball rolls: its centre, a radius r above the ground, moves at
 ω_shank × r ẑ and not at zero. Without that term the trot reads 7 % too slow.
+
+The formulas hold for one tick in plain numbers (``sin`` and ``cos`` of
+``math``) and for a whole recording in arrays (numpy's).
 """
 
 from __future__ import annotations
 
-from math import cos, sin
-from typing import NamedTuple
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from s2r_sim.figures import GRAVITY, LEGS, Robot
 from s2r_sim.gains import RATE
 from s2r_sim.leg_kinematics import foot_motion
 from s2r_sim.physics import State
-from s2r_sim.qp import Stance
-from s2r_sim.rotation import turned
+from s2r_sim.rotation import turned, turned_back
 
+FloatArray = NDArray[np.float64]
 Vector = tuple[float, float, float]
 
 BLEND = 0.02
 """[s] time constant: inertial above its frequency, leg odometry below."""
+
+
+class Motion(NamedTuple):
+    """What joints and IMU say at one tick, or at n of them.
+
+    Attributes:
+        height: of the base above the standing feet's contact points [m].
+        velocity: of the base by leg odometry [m/s], world axes.
+        acceleration: of the base by the IMU since the last tick [m/s²], world axes.
+    """
+
+    height: Any
+    velocity: tuple[Any, Any, Any]
+    acceleration: tuple[Any, Any, Any]
 
 
 class Estimate(NamedTuple):
@@ -29,58 +50,84 @@ class Estimate(NamedTuple):
     velocity: Vector
 
 
-def leg_odometry(robot: Robot, measured: State, stance: Stance) -> tuple[float, Vector]:
+def specific_force(rpy: Any, change: Sequence[Any], noise: Any, sin: Any, cos: Any) -> tuple[Any, Any, Any]:
+    """Return what an accelerometer reads on average over a tick [m/s²], base axes.
+
+    ``change`` is that of the true velocity since the last tick [m/s], world
+    axes, ``rpy`` the true attitude.
+    """
+    dx, dy, dz = change
+    roll, pitch, yaw = rpy
+    x, y, z = turned_back(roll, pitch, yaw, (dx * RATE, dy * RATE, dz * RATE + GRAVITY), sin, cos)
+    return x + noise[0], y + noise[1], z + noise[2]
+
+
+def leg_odometry(
+    robot: Robot, rpy: Any, omega: Any, q: Any, dq: Any, stance: Any, sin: Any, cos: Any
+) -> tuple[Any, tuple[Any, Any, Any]]:
     """Return height above the ground [m] and velocity [m/s] of the base, as the mean over standing feet.
 
     v = ω_shank × r ẑ − R (ω × p + ṗ), each in the world, for a foot at p in base axes.
     """
-    roll, pitch, yaw = measured.rpy.tolist()
-    wx, wy, wz = measured.omega.tolist()
-    q, dq = measured.q.tolist(), measured.dq.tolist()
+    roll, pitch, yaw = rpy
+    wx, wy, wz = omega
     radius = robot.foot_radius
-    feet = 0
     height = vx = vy = vz = 0.0
-    for leg, stands in enumerate(stance):
-        if not stands:
-            continue
-        joints = slice(3 * leg, 3 * leg + 3)
-        (x, y, z), (dx, dy, dz), (sx, sy, sz) = foot_motion(robot, LEGS[leg], q[joints], dq[joints], sin, cos)
-        foot = turned(roll, pitch, yaw, (x, y, z), sin, cos)
+    for i, leg in enumerate(LEGS):
+        joints, stands = slice(3 * i, 3 * i + 3), stance[i]
+        (x, y, z), (dx, dy, dz), (sx, sy, sz) = foot_motion(robot, leg, q[joints], dq[joints], sin, cos)
+        _, _, foot = turned(roll, pitch, yaw, (x, y, z), sin, cos)
         moved = (dx + wy * z - wz * y, dy + wz * x - wx * z, dz + wx * y - wy * x)
         ux, uy, uz = turned(roll, pitch, yaw, moved, sin, cos)
         spin_x, spin_y, _ = turned(roll, pitch, yaw, (sx + wx, sy + wy, sz + wz), sin, cos)
-        feet += 1
-        height += radius - foot[2]
-        vx += radius * spin_y - ux
-        vy += -radius * spin_x - uy
-        vz -= uz
+        height = height + stands * (radius - foot)
+        vx = vx + stands * (radius * spin_y - ux)
+        vy = vy - stands * (radius * spin_x + uy)
+        vz = vz - stands * uz
+    feet = stance[0] + stance[1] + stance[2] + stance[3]
     return height / feet, (vx / feet, vy / feet, vz / feet)
 
 
-def update(
-    robot: Robot, before: Estimate | None, measured: State, specific_force: Vector, stance: Stance
-) -> Estimate:
-    """Return the estimate one tick later; the first one is leg odometry alone.
+def motion(robot: Robot, measured: State, force: Sequence[Any], stance: Any, sin: Any, cos: Any) -> Motion:
+    """Return what joints and IMU say; ``force`` is the accelerometer's reading [m/s²], base axes.
 
-    Args:
-        robot: kinematics.
-        before: the last tick's.
-        measured: attitude, rates, joint angles and speeds are used.
-        specific_force: mean over the last tick, base axes [m/s²]; what an accelerometer reads.
-        stance: which feet stand.
+    ``measured`` holds numbers, or arrays of n of them; of it the attitude, the
+    rates, the joint angles and their speeds are used.
     """
-    height, (ox, oy, oz) = leg_odometry(robot, measured, stance)
-    if before is None:
-        x, y, _ = measured.position.tolist()
-        return Estimate((x, y, height), (ox, oy, oz))
-    roll, pitch, yaw = measured.rpy.tolist()
-    ax, ay, az = turned(roll, pitch, yaw, specific_force, sin, cos)
-    (x, y, _), (vx, vy, vz) = before
+    height, velocity = leg_odometry(
+        robot, measured.rpy, measured.omega, measured.q, measured.dq, stance, sin, cos
+    )
+    roll, pitch, yaw = measured.rpy
+    ax, ay, az = turned(roll, pitch, yaw, force, sin, cos)
+    return Motion(height, velocity, (ax, ay, az - GRAVITY))
+
+
+def blend(before: Vector, odometry: Sequence[float], acceleration: Sequence[float]) -> Vector:
+    """Return the velocity one tick later: carried on by the IMU, drawn towards leg odometry."""
     trust = 1.0 / (BLEND * RATE)
-    vx += ax / RATE
-    vy += ay / RATE
-    vz += (az - GRAVITY) / RATE
-    vx += trust * (ox - vx)
-    vy += trust * (oy - vy)
-    vz += trust * (oz - vz)
+    x, y, z = (v + a / RATE for v, a in zip(before, acceleration, strict=True))
+    return (x + trust * (odometry[0] - x), y + trust * (odometry[1] - y), z + trust * (odometry[2] - z))
+
+
+def update(robot: Robot, before: Estimate | None, measured: State, force: Vector, stance: Any) -> Estimate:
+    """Return the estimate at one tick; the first one is leg odometry alone."""
+    numbers = State(measured.flat.tolist())
+    height, odometry, acceleration = motion(robot, numbers, force, stance, math.sin, math.cos)
+    if before is None:
+        return Estimate((numbers.position[0], numbers.position[1], height), odometry)
+    vx, vy, vz = blend(before.velocity, odometry, acceleration)
+    x, y, _ = before.position
     return Estimate((x + vx / RATE, y + vy / RATE, height), (vx, vy, vz))
+
+
+def replay(robot: Robot, measured: State, force: Sequence[Any], stance: Any) -> FloatArray:
+    """Return (n, 3) the velocities that the estimator would have given in a recording of n ticks."""
+    _, odometry, acceleration = motion(robot, measured, force, stance, np.sin, np.cos)
+    rows = zip(np.transpose(odometry).tolist(), np.transpose(acceleration).tolist(), strict=True)
+    x, y, z = next(rows)[0]
+    velocity: Vector = (x, y, z)
+    velocities = [velocity]
+    for row in rows:
+        velocity = blend(velocity, *row)
+        velocities.append(velocity)
+    return np.array(velocities)

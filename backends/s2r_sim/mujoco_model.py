@@ -12,24 +12,26 @@ from s2r_sim.figures import LEGS, Inertia, Leg, Robot
 from s2r_sim.physics import Physics
 
 FLOOR = "floor"
-"""The ground that the trunk can hit."""
 GROUNDS = tuple(f"{leg.name}_ground" for leg in LEGS)
-"""The ground under each foot: planes of their own, so that each can follow an uneven terrain."""
+"""On uneven terrain every foot has a plane of its own, which follows the terrain at that foot."""
 
 _AXES = {"hip": (1.0, 0.0, 0.0), "thigh": (0.0, 1.0, 0.0), "calf": (0.0, 1.0, 0.0)}
 _REDUCE_TO_NET_FORCE = 3  # `reduce="netforce"` of MuJoCo's contact sensor; it has no enum in Python
 _TRUNK_BIT = 1 << len(LEGS)
+_ALL_BITS = 2 * _TRUNK_BIT - 1
 
 
 def build(robot: Robot, physics: Physics) -> Any:
     """Return the ``MjModel``: nq 19, nv 18, nu 12, and per foot the net contact force in world axes.
 
-    Only the four ball feet and the trunk box collide, each with a ground of its own.
+    Only the four ball feet and the trunk box collide, and only with the ground.
     """
     model = specify(robot, physics).compile()
     model.dof_damping[6:] = physics.damping
-    # By default MuJoCo would not look at the place of a plane that began at the origin again.
-    model.geom_sameframe[[model.geom(name).id for name in GROUNDS]] = mujoco.mjtSameFrame.mjSAMEFRAME_NONE
+    if physics.roughness:
+        # By default MuJoCo would not look at the place of a plane that began at the origin again.
+        planes = [model.geom(name).id for name in GROUNDS]
+        model.geom_sameframe[planes] = mujoco.mjtSameFrame.mjSAMEFRAME_NONE
     return model
 
 
@@ -40,14 +42,17 @@ def specify(robot: Robot, physics: Physics) -> Any:
     spec.modelname = "a1"
     spec.compiler.degree = False
     _set_options(spec.option, physics)
-    for bit, name in enumerate((*GROUNDS, FLOOR)):
+    planes = {FLOOR: _TRUNK_BIT if physics.roughness else _ALL_BITS}
+    if physics.roughness:
+        planes |= {name: 1 << bit for bit, name in enumerate(GROUNDS)}
+    for name, bits in planes.items():
         spec.worldbody.add_geom(
             name=name,
             type=mujoco.mjtGeom.mjGEOM_PLANE,
             size=[0, 0, 0.05],
             quat=terrain.plane_attitude(tan(radians(physics.slope)), 0.0),
             contype=0,
-            conaffinity=1 << bit,
+            conaffinity=bits,
             **_surface(physics),
         )
     base = spec.worldbody.add_body(name="base", **_inertial(robot.base))
@@ -126,7 +131,7 @@ def _add_leg(spec: Any, base: Any, leg: Leg, bit: int, robot: Robot, physics: Ph
         name=f"{foot}_force",
         type=mujoco.mjtSensor.mjSENS_CONTACT,
         objtype=mujoco.mjtObj.mjOBJ_GEOM,
-        objname=f"{leg.name}_ground",
+        objname=f"{leg.name}_ground" if physics.roughness else FLOOR,
         reftype=mujoco.mjtObj.mjOBJ_GEOM,
         refname=foot,
         intprm=[1 << mujoco.mjtConDataField.mjCONDATA_FORCE.value, _REDUCE_TO_NET_FORCE, 1],

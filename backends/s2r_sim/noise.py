@@ -70,10 +70,6 @@ class Draws:
     accelerometer: FloatArray
     ground: tuple[float, float]
 
-    def at(self, tick: int) -> tuple[FloatArray, FloatArray]:
-        """Return this tick's (36,) errors of the state and (3,) of the accelerometer."""
-        return self.sensors[tick], self.accelerometer[tick]
-
 
 def draw(noise: Noise, seed: int, ticks: int, period: int) -> Draws:
     """Draw a rollout's random numbers; a longer rollout starts with those of a shorter one."""

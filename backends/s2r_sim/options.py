@@ -1,31 +1,55 @@
-"""What may follow the colon in the name of the backend."""
+"""What may follow the colon in the name of the backend, and how a backend is written as a name."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from typing import Any, get_args
 
+from s2r_sim.effects.choice import Choice, choose
 from s2r_sim.settings import Feedback, Form, Settings
 from s2r_spec.errors import UsageError, did_you_mean, one_of
 
 _OPTIONS: dict[str, tuple[str, ...]] = {"feedback": get_args(Feedback), "form": get_args(Form)}
 
 
-def with_options(settings: Settings, text: str) -> Settings:
-    """Return the settings with ``"feedback=estimate,form=full"`` or a part of it read into them.
+def read_options(text: str, settings: Settings, added: Choice) -> tuple[Settings, Choice]:
+    """Return settings and effects with a text such as ``feedback=estimate,latency.delay=0.004`` read into them.
 
     Raises:
-        UsageError: a name or a value is unknown; the message lists those that are not.
+        UsageError: a name or a value is unknown; the message lists those that are known.
     """
     for word in filter(None, text.split(",")):
         name, _, value = word.partition("=")
+        effect, dot, parameter = name.partition(".")
+        if dot:
+            added = choose(added, {effect: {parameter: _number(word, value)}})
+            continue
         if name not in _OPTIONS:
             raise UsageError(
-                f"the backend 'sim' has no option {name!r}{did_you_mean(name, _OPTIONS)}; "
-                f"it has {one_of(_OPTIONS)}, written as feedback=estimate"
+                f"the backend 'sim' has no option {name!r}{did_you_mean(name, _OPTIONS)}; it has {one_of(_OPTIONS)} "
+                f"(feedback=estimate), and every parameter of every effect (latency.delay=0.004)"
             )
         if value not in _OPTIONS[name]:
             raise UsageError(f"{name} = {value!r} is not one of {one_of(_OPTIONS[name])}")
         chosen: dict[str, Any] = {name: value}
         settings = replace(settings, **chosen)
-    return settings
+    return settings, added
+
+
+def write_options(settings: Settings, added: Choice) -> str:
+    """Return the text that :func:`read_options` would read this from; what is at its default is left out."""
+    nominal = Settings()
+    words = [
+        f"{name}={getattr(settings, name)}"
+        for name in _OPTIONS
+        if getattr(settings, name) != getattr(nominal, name)
+    ]
+    words += [f"{effect}.{parameter}={value!r}" for effect, values in added for parameter, value in values]
+    return ",".join(words)
+
+
+def _number(word: str, value: str) -> float:
+    try:
+        return float(value)
+    except ValueError:
+        raise UsageError(f"{word!r}: {value!r} is not a number; write latency.delay=0.004") from None

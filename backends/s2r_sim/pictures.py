@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
@@ -66,7 +67,8 @@ def draw(settings: Settings, trace: Trace, path: Path) -> None:
 
 def frames(settings: Settings, trace: Trace, samples: range) -> Iterator[Image]:
     """Yield (height, width, 3) images of these samples of a trace, seen from the side."""
-    spec = mujoco_model.specify(settings.robot, settings.physics)
+    # Drawn on the mean plane: terrain is where the feet are, and cannot be seen.
+    spec = mujoco_model.specify(settings.robot, replace(settings.physics, roughness=0.0))
     _furnish(spec, settings)
     model = spec.compile()
     data = mujoco.MjData(model)
@@ -126,8 +128,6 @@ def _furnish(spec: Any, settings: Settings) -> None:
     )
     squares = spec.add_material(name="squares", texrepeat=[10, 10], texuniform=True)
     squares.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "squares"
-    for name in mujoco_model.GROUNDS:
-        spec.geom(name).group = 4  # not drawn: the floor lies in the same place
     spec.geom(mujoco_model.FLOOR).material = "squares"
     spec.geom("trunk").rgba = [0.16, 0.38, 0.62, 1.0]
     for leg in LEGS:

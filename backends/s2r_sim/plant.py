@@ -44,7 +44,8 @@ class Plant:
         base = int(self.model.body("base").id)
         names = [f"{leg.name}_foot" for leg in LEGS]
         self._feet = [int(self.model.geom(name).id) for name in names]
-        self._planes = [int(self.model.geom(name).id) for name in mujoco_model.GROUNDS]
+        grounds = mujoco_model.GROUNDS if physics.roughness else ()
+        self._planes = [int(self.model.geom(name).id) for name in grounds]
         self._calves = [int(self.model.geom_bodyid[foot]) for foot in self._feet]
         # Live views of MuJoCo's own memory: asking for them at every tick would cost a wrapper each.
         qpos, qvel = self.data.qpos, self.data.qvel

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -25,7 +23,6 @@ class Recorder:
     def __init__(self, settings: Settings, command: Command) -> None:
         self._settings = settings
         self._command = command
-        self._estimate: list[Sequence[float]] = []
         self._truth: list[FloatArray] = []
         self._done: list[Tick] = []
         self._torque: list[FloatArray] = []
@@ -34,11 +31,8 @@ class Recorder:
     def __len__(self) -> int:
         return len(self._done)
 
-    def write(
-        self, truth: State, estimate: Sequence[float], done: Tick, torque: FloatArray, foot_forces: FloatArray
-    ) -> None:
+    def write(self, truth: State, done: Tick, torque: FloatArray, foot_forces: FloatArray) -> None:
         """Append a tick. The arrays must not change afterwards."""
-        self._estimate.append(estimate)
         self._truth.append(truth.flat)
         self._done.append(done)
         self._torque.append(torque)
@@ -49,16 +43,17 @@ class Recorder:
         """How many ticks had no solution of the QP."""
         return sum(done.solution is None for done in self._done)
 
-    def channels(self, fallen: bool) -> dict[str, FloatArray]:
+    def channels(self, estimate: FloatArray, fallen: bool) -> dict[str, FloatArray]:
         """Return name → (n,) or (n, width) samples, in the order of ``CHANNELS``.
 
+        ``estimate`` is the robot's own of its velocity, (n, 3) in world axes;
         ``fallen`` says whether the last sample is that of a fall.
         """
         n = len(self)
         truth = State(np.array(self._truth).T)
         roll, pitch, yaw = truth.rpy
         vx, vy, vz = truth.velocity
-        own_x, own_y, _ = np.array(self._estimate).T
+        own_x, own_y, _ = estimate.T
         foot_position, foot_velocity = self._feet(truth)
         foot_force = np.array(self._foot_forces)
         wx, wy, wz = truth.omega

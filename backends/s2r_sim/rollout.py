@@ -72,7 +72,7 @@ class Simulator:
         for tick in range(warm_up + period):
             if tick >= warm_up:
                 saved[tick % period] = _Warm(plant.save(), self._sensors.memory, controller.snapshot())
-            measured, _ = self._sensors.read(plant.truth(), plant.play, controller.stance, None)
+            measured = self._sensors.read(plant.truth(), plant.play, controller.stance)
             plant.step(controller.tick(measured, _STILL).motors, -inf)
         return tuple(saved[tick] for tick in range(period))
 
@@ -89,24 +89,25 @@ class Simulator:
 
         warm = self._warm[(random.phase - settling) % period]
         plant.restore(warm.world)
-        sensors.memory = warm.sensors
+        sensors.begin(random, warm.sensors)
         controller.restore(warm.memory)
         plant.origin = random.ground
         plant.displace(random.rise, random.tilt, random.joints)
         recorder = Recorder(self._settings, test.command)
         for tick in range(-settling, ticks):
             truth = plant.truth()
-            measured, own = sensors.read(truth, plant.play, controller.stance, random.at(tick + settling))
+            measured = sensors.read(truth, plant.play, controller.stance)
             if tick < 0:
                 plant.step(controller.tick(measured, _STILL).motors, tick / RATE)
                 continue
             fallen = plant.has_fallen(truth, self._settings.fall)
             done = controller.tick(measured, test.command)
             plant.step(done.motors, tick / RATE, _push(test, tick, truth))
-            recorder.write(truth, own, done, plant.torque, plant.foot_forces)
+            recorder.write(truth, done, plant.torque, plant.foot_forces)
             if fallen:
                 break
-        return Record(len(recorder), recorder.channels(fallen), recorder.qp_failures, fallen)
+        channels = recorder.channels(sensors.estimates()[settling:], fallen)
+        return Record(len(recorder), channels, recorder.qp_failures, fallen)
 
 
 @lru_cache(maxsize=32)

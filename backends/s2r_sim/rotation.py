@@ -55,3 +55,13 @@ def turned(
     y, z = cos(roll) * y - sin(roll) * z, sin(roll) * y + cos(roll) * z
     x, z = cos(pitch) * x + sin(pitch) * z, cos(pitch) * z - sin(pitch) * x
     return cos(yaw) * x - sin(yaw) * y, sin(yaw) * x + cos(yaw) * y, z
+
+
+def turned_back(
+    roll: Any, pitch: Any, yaw: Any, vector: Sequence[Any] | FloatArray, sin: Any, cos: Any
+) -> tuple[Any, Any, Any]:
+    """Return R' · vector, likewise."""
+    x, y, z = vector
+    x, y = cos(yaw) * x + sin(yaw) * y, cos(yaw) * y - sin(yaw) * x
+    x, z = cos(pitch) * x - sin(pitch) * z, sin(pitch) * x + cos(pitch) * z
+    return x, cos(roll) * y + sin(roll) * z, cos(roll) * z - sin(roll) * y

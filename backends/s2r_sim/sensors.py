@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from math import cos, sin
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_sim import estimator, rotation
-from s2r_sim.estimator import Estimate, Vector
-from s2r_sim.figures import GRAVITY, Robot
-from s2r_sim.gains import RATE
+from s2r_sim import estimator
+from s2r_sim.estimator import Estimate
+from s2r_sim.figures import Robot
+from s2r_sim.noise import Draws
 from s2r_sim.physics import Physics, State
 from s2r_sim.qp import Stance
 from s2r_sim.settings import Feedback
@@ -28,7 +28,11 @@ class SensorMemory(NamedTuple):
 
 
 class Sensors:
-    """What the robot measures, tick by tick; begins with no memory or with a saved one."""
+    """What the robot measures, tick by tick.
+
+    Where its own velocity estimate is fed back it is made at every tick;
+    otherwise once for the whole rollout, which costs a tenth.
+    """
 
     def __init__(self, robot: Robot, physics: Physics, feedback: Feedback) -> None:
         self._robot, self._physics, self._feedback = robot, physics, feedback
@@ -37,56 +41,69 @@ class Sensors:
         bias[12:24] = np.tile(physics.encoder_offset, 4)
         self._bias = bias if bias.any() else None
         self._velocity_is_right = physics.velocity_scale == 1.0 and not any(physics.velocity_bias)
-        self.memory: SensorMemory | None = None
+        self.begin(None, None)
 
-    def read(
-        self,
-        truth: State,
-        play: tuple[FloatArray, FloatArray],
-        stance: Stance,
-        noise: tuple[FloatArray, FloatArray] | None,
-    ) -> tuple[State, Sequence[float]]:
-        """Return the state as the controller is given it, and the robot's own estimate of its velocity.
+    def begin(self, random: Draws | None, memory: SensorMemory | None) -> None:
+        """Start a rollout, under this noise or none, from this memory or none."""
+        self._random = random
+        self.memory = memory
+        self._truth: list[FloatArray] = []
+        self._measured: list[FloatArray] = []
+        self._stance: list[Stance] = []
+        self._own: list[Sequence[float]] = []
 
-        ``play`` is that of the rotors, where the encoders sit; ``noise`` the
-        tick's (36,) errors of the state and (3,) of the accelerometer.
-        """
-        flat = truth.flat.copy() if noise is None else truth.flat + noise[0]
+    def read(self, truth: State, play: tuple[FloatArray, FloatArray], stance: Stance) -> State:
+        """Return the state as the controller is given it; ``play`` is that of the rotors, with the encoders."""
+        tick = len(self._truth)
+        flat = truth.flat.copy() if self._random is None else truth.flat + self._random.sensors[tick]
         if self._bias is not None:
             flat += self._bias
         if self._physics.backlash:
             flat[12:24] += play[0]
             flat[24:36] += play[1]
         measured = State(flat)
-        before = None if self.memory is None else self.memory.estimate
-        force = self._specific_force(truth, noise)
-        estimate = estimator.update(self._robot, before, measured, force, stance)
-        self.memory = SensorMemory(estimate, truth.velocity)
-        own = self._distorted(estimate.velocity, measured)
+        self._truth.append(truth.flat)
+        self._measured.append(flat)
+        self._stance.append(stance)
         if self._feedback == "estimate":
-            measured.position[:] = estimate.position
-            measured.velocity[:] = own
-        else:
-            measured.velocity[:] = self._distorted(measured.velocity.tolist(), measured)
-        return measured, own
+            self._feed_back(truth, measured, tick)
+        elif not self._velocity_is_right:
+            measured.velocity[:] = self._distorted(measured.velocity.tolist(), float(measured.rpy[2]))
+        return measured
 
-    def _specific_force(self, truth: State, noise: tuple[FloatArray, FloatArray] | None) -> Vector:
-        """Return what an accelerometer reads on average since the last tick [m/s²], base axes."""
-        last = truth.velocity if self.memory is None else self.memory.velocity
-        force = (truth.velocity - last) * RATE
-        force[2] += GRAVITY
-        force = force @ rotation.matrix(*truth.rpy.tolist())
-        if noise is not None:
-            force += noise[1]
-        x, y, z = force.tolist()
-        return (x, y, z)
+    def _feed_back(self, truth: State, measured: State, tick: int) -> None:
+        """Replace position and velocity by the robot's own."""
+        memory = self.memory
+        noise = (0.0, 0.0, 0.0) if self._random is None else self._random.accelerometer[tick].tolist()
+        change = (truth.velocity - (truth.velocity if memory is None else memory.velocity)).tolist()
+        force = estimator.specific_force(truth.rpy.tolist(), change, noise, math.sin, math.cos)
+        before = None if memory is None else memory.estimate
+        estimate = estimator.update(self._robot, before, measured, force, self._stance[-1])
+        self.memory = SensorMemory(estimate, truth.velocity)
+        own = self._distorted(estimate.velocity, float(measured.rpy[2]))
+        self._own.append(own)
+        measured.position[:] = estimate.position
+        measured.velocity[:] = own
 
-    def _distorted(self, velocity: Sequence[float], measured: State) -> Sequence[float]:
+    def estimates(self) -> FloatArray:
+        """Return (n, 3) the robot's own estimate of its velocity [m/s], world axes, at every tick so far."""
+        if self._feedback == "estimate":
+            return np.array(self._own)
+        truth, measured = State(np.array(self._truth).T), State(np.array(self._measured).T)
+        n = len(self._truth)
+        noise = np.zeros((n, 3)) if self._random is None else self._random.accelerometer[:n]
+        change = np.diff(truth.velocity, axis=1, prepend=truth.velocity[:, :1])
+        force = estimator.specific_force(truth.rpy, list(change), noise.T, np.sin, np.cos)
+        own = estimator.replay(self._robot, measured, force, np.array(self._stance, dtype=float).T)
+        return np.array(self._distorted(own.T, measured.rpy[2], np.sin, np.cos)).T
+
+    def _distorted(
+        self, velocity: Sequence[Any] | FloatArray, yaw: Any, sin: Any = math.sin, cos: Any = math.cos
+    ) -> Sequence[Any]:
         """Return a velocity [m/s] with the errors of scale and bias on it."""
+        x, y, z = velocity
         if self._velocity_is_right:
-            return velocity
-        yaw = float(measured.rpy[2])
+            return x, y, z
         scale, (forward, left) = self._physics.velocity_scale, self._physics.velocity_bias
         c, s = cos(yaw), sin(yaw)
-        x, y, z = velocity
-        return (scale * x + c * forward - s * left, scale * y + s * forward + c * left, z)
+        return scale * x + c * forward - s * left, scale * y + s * forward + c * left, z

@@ -8,11 +8,12 @@ for hardware; nothing that was measured on a twin was measured on a robot.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from types import MappingProxyType
 
 from s2r_sim.backend import SimBackend
 from s2r_sim.effects.choice import Values, choose
+from s2r_sim.options import write_options
 from s2r_spec.errors import UsageError, did_you_mean, one_of
 
 PLACES: MappingProxyType[str, Values] = MappingProxyType(
@@ -50,21 +51,26 @@ class TwinBackend(SimBackend):
     follow: ``twin:lab,feedback=estimate``.
     """
 
-    kind: str = field(default="twin", init=False)
+    place: str = ""
 
-    def __post_init__(self) -> None:
+    def __post_init__(self, options: str) -> None:
         """Read the place, and leave the rest to the simulator."""
-        place = self.options.partition(",")[0]
+        place, _, options = options.partition(",") if options or not self.place else (self.place, "", "")
         if place not in PLACES:
             raise UsageError(
                 f"there is no twin of a place {place!r}{did_you_mean(place, PLACES)}; there is {one_of(PLACES)}"
             )
-        if not self.added:
-            object.__setattr__(self, "added", choose((), PLACES[place]))
-        super().__post_init__()
+        if not self.place:
+            object.__setattr__(self, "place", place)
+            object.__setattr__(self, "added", choose(self.added, PLACES[place]))
+        super().__post_init__(options)
 
-    def _settings_text(self) -> str:
-        return self.options.partition(",")[2]
+    @property
+    def name(self) -> str:
+        """What ``load_backend`` makes this backend from: the place, and what was added to it."""
+        own = choose((), PLACES[self.place])
+        beyond = tuple(effect for effect in self.added if effect not in own)
+        return ":".join(("twin", ",".join(filter(None, (self.place, write_options(self.settings, beyond))))))
 
     def _effects_in_meta(self) -> dict[str, dict[str, float]]:
         """A twin stands in for a robot, which does not say what is different about it."""

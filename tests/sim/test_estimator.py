@@ -46,9 +46,25 @@ def test_leg_kinematics_are_pinocchio_s(leg):
     np.testing.assert_allclose(R @ (motion.spin + state.omega), spatial.angular, atol=1e-12)
 
 
-def test_a_vector_is_turned_by_the_rotation_matrix():
+def test_a_vector_is_turned_by_the_rotation_matrix_and_back():
     turned = rotation.turned(0.3, -0.4, 2.0, (1.0, 2.0, 3.0), sin, cos)
     np.testing.assert_allclose(turned, rotation.matrix(0.3, -0.4, 2.0) @ [1.0, 2.0, 3.0], atol=1e-15)
+    np.testing.assert_allclose(
+        rotation.turned_back(0.3, -0.4, 2.0, turned, sin, cos), [1.0, 2.0, 3.0], atol=1e-14
+    )
+
+
+def test_tick_by_tick_and_all_at_once_give_the_same_estimate():
+    rng = np.random.default_rng(0)
+    states = np.array([random_state(k).flat for k in range(6)])
+    stance = [(True, False, False, True), (True, True, True, True), (False, True, True, False)] * 2
+    force = rng.normal(size=(6, 3)) + np.array([0.0, 0.0, 9.81])
+    one, velocities = None, []
+    for k in range(6):
+        one = estimator.update(A1, one, State(states[k]), tuple(force[k]), stance[k])
+        velocities.append(one.velocity)
+    together = estimator.replay(A1, State(states.T), force.T, np.array(stance, dtype=float).T)
+    np.testing.assert_allclose(together, velocities, atol=1e-13)
 
 
 def test_odometry_is_exact_for_a_foot_that_rolls():
@@ -58,7 +74,9 @@ def test_odometry_is_exact_for_a_foot_that_rolls():
     spatial = pin.getFrameVelocity(MODEL, data, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
     # Give the base the velocity with which this foot's lowest point stands still.
     state.velocity[:] -= spatial.linear + np.cross(spatial.angular, [0.0, 0.0, -A1.foot_radius])
-    height, velocity = estimator.leg_odometry(A1, state, (False, True, False, False))
+    height, velocity = estimator.leg_odometry(
+        A1, state.rpy, state.omega, state.q, state.dq, (False, True, False, False), sin, cos
+    )
     np.testing.assert_allclose(velocity, state.velocity, atol=1e-12)
     assert height == pytest.approx(state.position[2] - data.oMf[frame].translation[2] + A1.foot_radius)
 

@@ -56,6 +56,24 @@ def test_swing_feet_leave_the_ground_and_stance_feet_push():
     assert np.mean(vertical[stands] > 2.0) > 0.9
 
 
+def test_foot_channels_are_those_of_feet_on_the_ground():
+    trace = QUIET.rollout({"vd": 0.3, "wz": 0.3}, seed=0)
+    position, velocity = trace["foot_position"], trace["foot_velocity"]
+    change = np.gradient(position, trace.times, axis=0)
+    assert np.abs(change - velocity)[1:-1].mean() < 0.03 * np.abs(velocity).mean()
+    touching = position[:, 2::3][trace["contact"] == 1.0]
+    assert A1.foot_radius - 0.002 < touching.min() < touching.max() < A1.foot_radius + 0.001
+
+
+def test_the_qp_predicts_how_the_base_accelerates():
+    trace = QUIET.with_duration(2.0).rollout({"vd": 0.3, "wz": 0.3}, seed=0)
+    late = trace.times >= 0.5
+    sideways = np.gradient(trace["vy"], trace.times) + np.gradient(trace["yaw"], trace.times) * trace["vx"]
+    assert np.corrcoef(sideways[late], trace["acc_pred"][late, 1])[0, 1] > 0.95
+    forward = np.gradient(trace["vx"], trace.times) - np.gradient(trace["yaw"], trace.times) * trace["vy"]
+    assert abs((forward - trace["acc_pred"][:, 0])[late].mean()) < 0.15
+
+
 def test_the_two_forms_of_the_qp_make_the_same_trot():
     full = replace(QUIET, settings=Settings(form="full")).with_duration(1.0).rollout({"vd": 0.3}, seed=0)
     condensed = QUIET.with_duration(1.0).rollout({"vd": 0.3}, seed=0)

@@ -5,7 +5,7 @@ import pytest
 from s2r_sim import SimBackend, TwinBackend
 from s2r_sim.effects import CATALOGUE
 from s2r_sim.twins import PLACES
-from s2r_spec.backend import Backend, HasDuration
+from s2r_spec.backend import Backend, HasDuration, load_backend
 from s2r_spec.errors import UsageError
 
 
@@ -48,9 +48,37 @@ def test_options_are_read_from_the_name():
 
 
 @pytest.mark.parametrize(
+    "backend",
+    [
+        SimBackend(),
+        SimBackend("feedback=estimate").with_effects(
+            {"payload": {"mass": 1.3, "x": 0.1}, "slope": {"angle": 2.0}}
+        ),
+        TwinBackend("lab"),
+        TwinBackend("ramp,feedback=estimate").with_effects({"payload": {"mass": 1.0}}),
+    ],
+    ids=lambda backend: backend.name,
+)
+def test_a_backend_is_found_again_by_its_name(backend):
+    again = load_backend(backend.name)
+    assert again == backend
+    assert again.with_duration(0.1).name == backend.name
+
+
+def test_effects_may_be_given_in_the_name():
+    by_name = SimBackend("latency.delay=0.004,payload.mass=1")
+    assert by_name == SimBackend().with_effects({"payload": {"mass": 1.0}, "latency": {"delay": 0.004}})
+    assert (
+        by_name.with_effects({"latency": {"delay": 0.008}}).name == "sim:latency.delay=0.008,payload.mass=1.0"
+    )
+
+
+@pytest.mark.parametrize(
     ("text", "message"),
     [
         ("feedbak=truth", r"no option 'feedbak'; did you mean 'feedback'\?; it has feedback, form"),
+        ("latency.dely=0.1", r"'latency' has no parameter 'dely'; did you mean 'delay'\?; it has delay"),
+        ("latency.delay=soon", r"'latency.delay=soon': 'soon' is not a number"),
         ("feedback=guess", r"feedback = 'guess' is not one of estimate, truth"),
     ],
 )
