@@ -114,7 +114,7 @@ class Simulator:
 def simulator(settings: Settings) -> Simulator:
     """Return this process's simulator for these settings, built and warmed up once.
 
-    About 1 MiB each: a search over slopes or payloads, which need a warm state of
+    About 2 MiB each: a search over slopes or payloads, which need a warm state of
     their own, keeps the last few.
     """
     return Simulator(settings)
