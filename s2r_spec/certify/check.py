@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from s2r_spec.certify.certificate import Certificate, Label
-from s2r_spec.certify.drive import Observer, drive
+from s2r_spec.certify.drive import Observer, Rollouts, drive
 from s2r_spec.certify.kernels import Kernel
 from s2r_spec.certify.search import Search
 from s2r_spec.errors import UsageError, one_of
@@ -182,7 +182,7 @@ def check(
     else:
         journal = Journal.create(folder, provenance, {SPEC_FILE: spec.text})
     with Runner(executor or process_pool(2)) as runner:
-        drive(search, rig, seed, journal, runner, observer)
+        drive(search, Rollouts(rig, seed, journal, runner), observer)
     return _result(
         spec, requirement, rig.fall, search.certificate(), journal, provenance, perf_counter() - start
     )

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import Protocol
+
+import numpy as np
 
 from s2r_spec.certify.certificate import Certificate
 from s2r_spec.certify.search import Query, Search
@@ -10,11 +14,11 @@ from s2r_spec.errors import BackendError
 from s2r_spec.rollouts.journal import Journal, Record
 from s2r_spec.rollouts.rig import Rig
 from s2r_spec.rollouts.runner import Runner
-from s2r_spec.rollouts.seeds import rollout_seed
+from s2r_spec.rollouts.seeds import Stream, rollout_seed
 
 
 class Observer(Protocol):
-    """Is told how a check goes."""
+    """Is told how a search goes."""
 
     def batch(self, queries: list[Query], certificate: Certificate) -> None:
         """Say that a batch begins; the certificate is of what came before it."""
@@ -35,49 +39,99 @@ class Silent:
         """Do nothing."""
 
 
-def drive(
-    search: Search, rig: Rig, seed: int, journal: Journal, runner: Runner, observer: Observer | None = None
-) -> None:
-    """Run the search to its end on −ρ, so that its maximum is the worst expected ρ.
+class Experiment(Protocol):
+    """Answers queries with outcomes, all of which are on disk by then."""
+
+    def outcomes(self, queries: Sequence[Query], observer: Observer) -> dict[int, list[float]]:
+        """Return query index → (replicates,) outcomes."""
+        ...
+
+
+@dataclass(frozen=True)
+class Rollouts:
+    """Rollouts on one rig; the outcome is −ρ, so that a maximum is the worst case.
+
+    Attributes:
+        rig: what turns a test into ρ.
+        seed: of the run.
+        journal: where every rollout goes first.
+        runner: of the rollouts.
+        stream: of seeds.
+        each: rollouts per replicate; the outcome is their mean.
+    """
+
+    rig: Rig
+    seed: int
+    journal: Journal
+    runner: Runner
+    stream: Stream = Stream.CHECK
+    each: int = field(default=1)
+
+    def outcomes(self, queries: Sequence[Query], observer: Observer) -> dict[int, list[float]]:
+        """Run what the journal does not hold yet; see :class:`Experiment`.
+
+        Raises:
+            BackendError: a rollout raised, or the journal is of a search that asked for other tests.
+        """
+        points = {query.index: query.point for query in queries}
+        records: dict[tuple[int, int], Record] = {}
+        tasks = []
+        for query in queries:
+            for replicate in range(query.replicates * self.each):
+                key = query.index, replicate
+                task = self.rig.task(*key, query.point, rollout_seed(self.seed, *key, self.stream))
+                before = self.journal.get(*key)
+                if before is None:
+                    tasks.append(task)
+                elif before.params != query.point or before.seed != task.seed:
+                    raise BackendError(
+                        f"rollout {query.index}.{replicate} of {self.journal.folder} was run at {before.params}, now "
+                        f"the search asks for {query.point}: the numerical libraries must have changed in between"
+                    )
+                else:
+                    records[key] = before
+                    observer.rollout(before)
+        for done in self.runner.run(tasks):
+            key, point = (done.task.query, done.task.replicate), points[done.task.query]
+            rho, failure = self.rig.score(point, done)
+            record = Record(
+                *key, point, done.task.seed, rho, failure, trace=None, seconds=round(done.seconds, 4)
+            )
+            records[key] = self.journal.append(record, done.trace)
+            observer.rollout(records[key])
+        return {
+            query.index: [
+                float(np.mean([-records[query.index, r * self.each + i].rho for i in range(self.each)]))
+                for r in range(query.replicates)
+            ]
+            for query in queries
+        }
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """A simulated and a real rollout for each replicate; the outcome is −Δ = ρ_sim − ρ_real."""
+
+    simulated: Rollouts
+    real: Rollouts
+
+    def outcomes(self, queries: Sequence[Query], observer: Observer) -> dict[int, list[float]]:
+        """Run both sides, the real one first: what it costs must be recorded whatever the simulator does."""
+        real = self.real.outcomes(queries, observer)
+        simulated = self.simulated.outcomes(queries, Silent())
+        return {index: [r - s for r, s in zip(real[index], simulated[index], strict=True)] for index in real}
+
+
+def drive(search: Search, experiment: Experiment, observer: Observer | None = None) -> None:
+    """Run the search to its end.
 
     Raises:
-        BackendError: a rollout raised, or the journal is of a search that asked for other tests.
+        BackendError: a rollout raised; all that came before is on disk.
     """
     observer = observer or Silent()
     while not search.done:
         queries = search.ask()
         observer.batch(queries, search.certificate())
-        records = _run(queries, rig, seed, journal, runner, observer)
+        outcomes = experiment.outcomes(queries, observer)
         for query in queries:
-            search.tell(query, [-record.rho for record in records[query.index]])
-
-
-def _run(
-    queries: list[Query], rig: Rig, seed: int, journal: Journal, runner: Runner, observer: Observer
-) -> dict[int, list[Record]]:
-    """Return query → records by replicate; each is on disk, and those of an earlier session are not run again."""
-    points = {query.index: query.point for query in queries}
-    records: dict[tuple[int, int], Record] = {}
-    tasks = []
-    for query in queries:
-        for replicate in range(query.replicates):
-            task = rig.task(query.index, replicate, query.point, rollout_seed(seed, query.index, replicate))
-            before = journal.get(query.index, replicate)
-            if before is None:
-                tasks.append(task)
-            elif before.params != query.point or before.seed != task.seed:
-                raise BackendError(
-                    f"rollout {query.index}.{replicate} of {journal.folder} was run at {before.params}, now the "
-                    f"search asks for {query.point}: the numerical libraries must have changed in between"
-                )
-            else:
-                records[query.index, replicate] = before
-                observer.rollout(before)
-    for done in runner.run(tasks):
-        point = points[done.task.query]
-        rho, failure = rig.score(point, done)
-        key = done.task.query, done.task.replicate
-        record = Record(*key, point, done.task.seed, rho, failure, trace=None, seconds=round(done.seconds, 4))
-        records[key] = journal.append(record, done.trace)
-        observer.rollout(records[key])
-    return {query.index: [records[query.index, r] for r in range(query.replicates)] for query in queries}
+            search.tell(query, outcomes[query.index])

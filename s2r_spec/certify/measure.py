@@ -6,7 +6,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from s2r_spec.certify.certificate import Certificate
-from s2r_spec.certify.drive import Observer, drive
+from s2r_spec.certify.drive import Observer, Rollouts, drive
 from s2r_spec.certify.search import Search
 from s2r_spec.rollouts.journal import Journal
 from s2r_spec.rollouts.rig import Measure, Rig
@@ -64,5 +64,5 @@ def check_measure(
     }
     journal = Journal.resume(folder, header) if resume else Journal.create(folder, header, {})
     with Runner(executor or process_pool(2)) as runner:
-        drive(search, rig, seed, journal, runner, observer)
+        drive(search, Rollouts(rig, seed, journal, runner), observer)
     return search.certificate()

@@ -2,9 +2,20 @@
 
 from __future__ import annotations
 
+from enum import IntEnum
+
 import numpy as np
 
 
-def rollout_seed(seed: int, query: int, replicate: int) -> int:
+class Stream(IntEnum):
+    """What a rollout is for: rollouts of different streams share no randomness."""
+
+    CHECK = 0
+    GAP_SIM = 1
+    GAP_REAL = 2
+
+
+def rollout_seed(seed: int, query: int, replicate: int, stream: Stream = Stream.CHECK) -> int:
     """Return the 64-bit seed of one rollout; worker count and order of completion do not enter."""
-    return int(np.random.SeedSequence(seed, spawn_key=(query, replicate)).generate_state(1, np.uint64)[0])
+    key = (query, replicate) if stream is Stream.CHECK else (int(stream), query, replicate)
+    return int(np.random.SeedSequence(seed, spawn_key=key).generate_state(1, np.uint64)[0])

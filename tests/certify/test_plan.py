@@ -102,5 +102,5 @@ def test_any_measure_can_be_certified_and_resumed(tmp_path):
     assert -first.upper <= 1 - 0.3 + 0.006 <= -first.lower
     again = s2r.check_measure(*words, search(), tmp_path / "run", fall=-1.0, resume=True)
     assert again == first
-    with pytest.raises(UsageError, match="its fall is -1.0, now it is -2.0"):
+    with pytest.raises(UsageError, match=r"its fall is -1\.0, now it is -2\.0"):
         s2r.check_measure(*words, search(), tmp_path / "run", fall=-2.0, resume=True)
