@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -18,7 +18,7 @@ from s2r_spec.robustness.evaluate import Witness
 from s2r_spec.robustness.evaluation import End, Evaluation, Interpolation, Reading, evaluate
 from s2r_spec.robustness.explain import Explanation, explain
 from s2r_spec.robustness.horizon import horizon
-from s2r_spec.robustness.reading import Missing, read_params, read_signals
+from s2r_spec.robustness.reading import Missing, read_param, read_params, read_signals
 from s2r_spec.space import Axis, Space
 from s2r_spec.trace import Trace
 
@@ -75,6 +75,14 @@ class Spec:
         return Space(
             tuple(Axis(p.name, *p.range, p.unit) for p in self.params.values() if p.range and p.searched)
         )
+
+    def read_params(self, texts: Iterable[str]) -> dict[str, float]:
+        """Return name → value in the declared unit, of texts like ``vd=0.3`` or ``vd=30 cm/s``.
+
+        Raises:
+            UsageError: a text is not of this form, a name is unknown, or a unit does not fit.
+        """
+        return dict(read_param(self.params, text) for text in texts)
 
     def unit(self, requirement: str) -> str:
         """Return the unit of ρ: "" for none, "mixed" if it is the least of margins that do not compare."""
@@ -290,8 +298,17 @@ def load_spec(path: str | Path) -> Spec:
     """Read a specification from a file (UTF-8).
 
     Raises:
-        UsageError: the file cannot be read, is not text, or is a mesh (``.stl`` means that, too).
+        UsageError: see :func:`read_text`.
         SpecError: see :func:`parse_spec`.
+    """
+    return parse_spec(read_text(path), str(path))
+
+
+def read_text(path: str | Path) -> str:
+    """Return the text of a specification's file (UTF-8).
+
+    Raises:
+        UsageError: the file cannot be read, is not text, or is a mesh (``.stl`` means that, too).
     """
     try:
         data = Path(path).read_bytes()
@@ -303,12 +320,11 @@ def load_spec(path: str | Path) -> Spec:
             f"and is text like `require slow: always (v <= 1 {{m/s}})`"
         )
     try:
-        text = data.decode("utf-8-sig")
+        return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise UsageError(
             f"{path} is not UTF-8 text: byte {error.start} is {data[error.start]:#04x}"
         ) from None
-    return parse_spec(text, str(path))
 
 
 def _is_mesh(data: bytes) -> bool:

@@ -11,7 +11,7 @@ import traceback
 
 import typer
 
-from s2r_spec.cli import backends, check, plan, replay
+from s2r_spec.cli import backends, check, fmt, lint, monitor, plan, replay
 
 EXIT_CODES = "Exit codes: 0 holds, 1 violated, 2 usage or spec error, 3 unknown, 4 backend or internal error."
 
@@ -27,6 +27,9 @@ app.command(epilog=EXIT_CODES)(check.check)
 app.command()(plan.plan)
 app.command()(replay.replay)
 app.command()(backends.backends)
+app.command(epilog=EXIT_CODES)(monitor.monitor)
+app.command()(fmt.fmt)
+app.command()(lint.lint)
 
 
 @app.callback(invoke_without_command=True)

@@ -19,15 +19,15 @@ Argument = tuple[syntax.Expression, f.Value | f.Formula]
 def call(expression: syntax.Call, arguments: Sequence[Argument]) -> f.Value | f.Formula:
     """Check a call whose arguments are checked already."""
     name = expression.function.text
-    if name not in _FUNCTIONS:
-        guess = suggestion(name, _FUNCTIONS)
+    if name not in FUNCTIONS:
+        guess = suggestion(name, FUNCTIONS)
         fail(
             "E16",
             f"there is no function `{name}`",
             expression.function.span,
-            guess or f"there are {', '.join(sorted(_FUNCTIONS))}",
+            guess or f"there are {', '.join(sorted(FUNCTIONS))}",
         )
-    make, fewest, most, usage = _FUNCTIONS[name]
+    make, fewest, most, usage = FUNCTIONS[name]
     if not fewest <= len(arguments) <= most:
         plural = "argument" if len(arguments) == 1 else "arguments"
         fail("E16", f"`{name}` does not take {len(arguments)} {plural}", expression.span, f"write `{usage}`")
@@ -93,7 +93,7 @@ def _edge(name: str, span: Span, arguments: Sequence[Argument]) -> f.Formula:
 
 _MANY = 1000
 _Make = Callable[[str, Span, Sequence[Argument]], f.Value | f.Formula]
-_FUNCTIONS: dict[str, tuple[_Make, int, int, str]] = {
+FUNCTIONS: dict[str, tuple[_Make, int, int, str]] = {
     "abs": (_elementary, 1, 1, "abs(x)"),
     "sign": (_elementary, 1, 1, "sign(x)"),
     "sqrt": (_elementary, 1, 1, "sqrt(x)"),

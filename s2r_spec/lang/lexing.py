@@ -74,6 +74,11 @@ def lex(source: Source) -> Lexed:
     return Lexed(tuple(_statements(kept, declared)), stray)
 
 
+def comments(source: Source) -> list[Token]:
+    """Return every comment, in order."""
+    return [token for token in grammar().lex(source.text, dont_ignore=True) if token.type == "COMMENT"]
+
+
 def _statements(tokens: list[Token], declared: Set[str]) -> Iterator[tuple[Token, ...]]:
     starts = [i for i, token in enumerate(tokens) if token.type in STATEMENTS]
     for start, end in zip([0, *starts], [*starts, len(tokens)], strict=True):

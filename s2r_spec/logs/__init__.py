@@ -6,7 +6,7 @@ for bit.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from s2r_spec.errors import TraceError
@@ -20,8 +20,12 @@ FORMATS = tuple(sorted(_READERS))
 """Endings that can be read and written."""
 
 
-def read(path: str | Path) -> Trace:
+def read(path: str | Path, columns: Mapping[str, str] | None = None) -> Trace:
     """Return the trace that a file holds.
+
+    Args:
+        path: the file.
+        columns: name of a channel → what the file calls it, for those that differ.
 
     Raises:
         TraceError: the ending is not one of :data:`FORMATS`, the file cannot be read, or what
@@ -30,11 +34,20 @@ def read(path: str | Path) -> Trace:
     path = Path(path)
     reader = _READERS[_ending(path)]
     try:
-        return reader(path)
+        return _renamed(reader(path), columns or {})
     except OSError as error:
         raise TraceError(f"cannot read {path}: {error.strerror or error}") from None
     except TraceError as error:
         raise TraceError(f"{path}: {error}") from None
+
+
+def _renamed(trace: Trace, columns: Mapping[str, str]) -> Trace:
+    """Return the trace with channels called as wanted; those that are not mentioned keep their names."""
+    taken = set(columns.values())
+    names = {name: name for name in trace.channels if name not in taken} | dict(columns)
+    channels = {name: trace[column] for name, column in names.items()}
+    units = {name: trace.units[column] for name, column in names.items() if column in trace.units}
+    return Trace(trace.times, channels, units, trace.meta)
 
 
 def write(trace: Trace, path: str | Path) -> None:

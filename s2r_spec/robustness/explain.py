@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -111,8 +112,9 @@ class Explanation:
         )
 
     def to_json(self) -> dict[str, Any]:
-        """Return plain data."""
-        return asdict(self)
+        """Return plain data that JSON can hold: an infinite ρ is the word "inf" or "-inf"."""
+        plain: dict[str, Any] = _plain(asdict(self))
+        return plain
 
 
 def explain(formula: f.Formula, reading: Reading, requirement: str, unit: str) -> Explanation:
@@ -158,6 +160,14 @@ def explain(formula: f.Formula, reading: Reading, requirement: str, unit: str) -
         signals=_signals(predicate, algebra, sample),
         responsible=() if times is None else _runs(times, reading.times),
     )
+
+
+def _plain(data: Any) -> Any:
+    if isinstance(data, dict):
+        return {key: _plain(value) for key, value in data.items()}
+    if isinstance(data, list | tuple):
+        return [_plain(value) for value in data]
+    return str(data) if isinstance(data, float) and not math.isfinite(data) else data
 
 
 def _one_line(text: str) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Mapping, Set
 from typing import Literal
 
@@ -84,10 +85,7 @@ def read_params(
         UsageError: a name is unknown or missing, or its value is not a finite number.
     """
     for name, value in given.items():
-        if name not in params:
-            raise UsageError(
-                f"the spec has no parameter {name!r}{suggest(name, params)} it has {one_of(params)}"
-            )
+        _known(params, name)
         if not math.isfinite(value):
             raise UsageError(f"the parameter {name} = {value} is not a finite number")
     numbers: dict[str, FloatArray] = {}
@@ -98,3 +96,36 @@ def read_params(
                 raise UsageError(f"the parameter {name!r} has no value: give params={{{name!r}: …}}")
             numbers[name] = np.full((1, 1), float(number))
     return numbers
+
+
+def read_param(params: Mapping[str, Param], text: str) -> tuple[str, float]:
+    """Return the name and the value of ``vd=0.3``, or of ``vd=30 cm/s`` in the declared unit.
+
+    Raises:
+        UsageError: it is not of this form, the name is unknown, or the unit does not fit.
+    """
+    match = _GIVEN.fullmatch(text)
+    if match is None:
+        raise UsageError(f"{text!r} does not give a parameter; write for example vd=0.3 or 'vd=30 cm/s'")
+    param, number, unit = _known(params, match["name"]), float(match["number"]), match["unit"]
+    if not unit:
+        return param.name, number
+    try:
+        found = parse_unit(unit)
+    except UnknownUnitError:
+        raise UsageError(f"{text!r}: {unit!r} is not a unit") from None
+    if not found.fits(param.measure):
+        raise UsageError(f"{text!r}: {param.name!r} is in {param.measure}, to which {unit} does not convert")
+    factor, offset = found.to(param.measure)
+    return param.name, factor * number + offset
+
+
+def _known(params: Mapping[str, Param], name: str) -> Param:
+    if name not in params:
+        raise UsageError(f"the spec has no parameter {name!r}{suggest(name, params)} it has {one_of(params)}")
+    return params[name]
+
+
+_GIVEN = re.compile(
+    r"\s*(?P<name>\w+)\s*=\s*(?P<number>[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?)\s*\{?\s*(?P<unit>[^{}]*?)\s*\}?\s*"
+)

@@ -1,0 +1,60 @@
+"""``s2r fmt``: specifications written one way."""
+
+from __future__ import annotations
+
+import json
+import sys
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from s2r_spec.cli.common import sentences
+
+
+class Target(StrEnum):
+    """What to write."""
+
+    stl = "stl"
+    latex = "latex"
+
+
+def fmt(
+    specs: Annotated[list[Path], typer.Argument(help="Specifications, .stl files.", show_default=False)],
+    check: Annotated[
+        bool, typer.Option("--check", help="Change nothing; exit with 1 if a file would change.")
+    ] = False,
+    to: Annotated[Target, typer.Option(help="latex: print the formulas instead, as align*.")] = Target.stl,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout.")] = False,
+) -> None:
+    """Rewrite specifications in the one way of writing them; comments stay."""
+    with sentences(as_json):
+        from s2r_spec.lang.latex import to_latex
+        from s2r_spec.lang.printing import format_text
+        from s2r_spec.spec import read_text
+
+        texts = {path: read_text(path) for path in specs}
+        if to is Target.latex:
+            latex = {str(path): to_latex(text, str(path)) for path, text in texts.items()}
+            print(
+                json.dumps({"schema": "s2r.latex/1", "latex": latex})
+                if as_json
+                else "\n".join(latex.values())
+            )
+            return
+        # every file is read and parsed before the first is written
+        written = {path: format_text(text, str(path)) for path, text in texts.items()}
+        changed = [path for path in specs if written[path] != texts[path]]
+        if not check:
+            for path in changed:
+                path.write_text(written[path], encoding="utf-8", newline="\n")
+        if as_json:
+            print(
+                json.dumps(
+                    {"schema": "s2r.fmt/1", "check": check, "changed": [str(path) for path in changed]}
+                )
+            )
+        for path in changed:
+            print(f"{'would change' if check else 'changed'} {path}", file=sys.stderr)
+        raise typer.Exit(1 if check and changed else 0)

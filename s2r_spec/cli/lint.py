@@ -1,0 +1,44 @@
+"""``s2r lint``: what is no mistake in a specification and yet seldom meant."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from s2r_spec.cli.common import sentences
+
+
+def lint(
+    specs: Annotated[list[Path], typer.Argument(help="Specifications, .stl files.", show_default=False)],
+    fix: Annotated[
+        bool, typer.Option("--fix", help="Add the brackets that say what a formula means already.")
+    ] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout.")] = False,
+) -> None:
+    """Point at what others would read differently. Exits with 1 if there is something."""
+    with sentences(as_json):
+        from s2r_spec.lang.lints import fixed
+        from s2r_spec.lang.lints import lint as findings_of
+        from s2r_spec.spec import read_text
+
+        texts = {path: read_text(path) for path in specs}
+        findings = {path: findings_of(text, str(path)) for path, text in texts.items()}
+        if fix:
+            for path, text in texts.items():
+                if any(finding.edits for finding in findings[path]):
+                    path.write_text(fixed(text, findings[path]), encoding="utf-8", newline="\n")
+            findings = {path: tuple(f for f in found if not f.edits) for path, found in findings.items()}
+        flat = [finding for found in findings.values() for finding in found]
+        if as_json:
+            rows = [
+                {"file": f.span.source.name, "line": f.span.line, "column": f.span.column, "code": f.code,
+                 "message": f.message, "fix": f.fix}
+                for f in flat
+            ]  # fmt: skip
+            print(json.dumps({"schema": "s2r.lint/1", "findings": rows}))
+        elif flat:
+            print("\n\n".join(map(str, flat)))
+        raise typer.Exit(1 if flat else 0)

@@ -1,0 +1,96 @@
+"""``s2r monitor``: ρ of recorded traces, with the reason."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.text import Text
+
+from s2r_spec.cli.common import sentences
+
+if TYPE_CHECKING:
+    from s2r_spec.spec import Spec
+    from s2r_spec.trace import Trace
+
+_COLOURS = {"holds": "bold green", "violated": "bold red", "unknown": "bold yellow"}
+_CODES = {"holds": 0, "violated": 1, "unknown": 3}
+
+
+def monitor(
+    spec: Annotated[Path, typer.Argument(help="The specification, a .stl file.", show_default=False)],
+    traces: Annotated[list[Path], typer.Argument(help="Recorded traces.", show_default=False)],
+    params: Annotated[
+        list[str] | None,
+        typer.Option("--param", "-p", help="A test parameter: vd=0.3, or 'vd=30 cm/s' (may be repeated)."),
+    ] = None,
+    columns: Annotated[
+        list[str] | None,
+        typer.Option("--map", "-m", help="What a signal is called in the files: vx=velocity.x (repeat)."),
+    ] = None,
+    requirement: Annotated[
+        list[str] | None, typer.Option("--requirement", "-r", help="Only this requirement (may be repeated).")
+    ] = None,
+    partial: Annotated[
+        bool, typer.Option("--partial", help="Evaluate a trace that is too short on what there is.")
+    ] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout.")] = False,
+) -> None:
+    """Evaluate every requirement on recorded traces: ρ, verdict, and what decides it."""
+    with sentences(as_json):
+        from s2r_spec.errors import UsageError
+        from s2r_spec.logs import read
+        from s2r_spec.spec import load_spec
+
+        parsed = load_spec(spec)
+        values = parsed.read_params(params or [])
+        names: dict[str, str] = {}
+        for text in columns or []:
+            name, _, names[name] = text.partition("=")
+            if not names[name]:
+                raise UsageError("--map is written name=column, for example --map vx=velocity.x")
+        results: list[dict[str, Any]] = [
+            {"trace": str(path), "requirements": [
+                _judged(parsed, trace, name, values, partial) for name in requirement or parsed.requirements
+            ]}
+            for path in traces for trace in [read(path, names)]
+        ]  # fmt: skip
+        verdicts = {one["verdict"] for result in results for one in result["requirements"]}
+        # the worst first, as the exit codes are ranked: 1 > 3 > 0
+        code = _CODES[next(verdict for verdict in ("violated", "unknown", "holds") if verdict in verdicts)]
+        if as_json:
+            record = {"schema": "s2r.monitor/1", "exit_code": code, "spec": parsed.name, "hash": parsed.hash}
+            print(json.dumps(record | {"params": values, "results": results}, allow_nan=False))
+        else:
+            _print(results)
+        raise typer.Exit(code)
+
+
+def _judged(
+    spec: Spec, trace: Trace, requirement: str, params: dict[str, float], partial: bool
+) -> dict[str, Any]:
+    """Return the explanation of one requirement as plain data, with a verdict and a text."""
+    if trace.failure is None and not partial:
+        found = spec.evaluate(trace, requirement, params)
+        if not found.complete[0]:
+            text = (
+                f"{requirement} unknown: it looks {found.horizon:g} s ahead, but the trace lasts "
+                f"{trace.duration:g} s (--partial evaluates what there is)"
+            )
+            return {"requirement": requirement, "verdict": "unknown", "text": text}
+    reason = spec.explain(trace, requirement, params, partial=True)
+    verdict = "holds" if reason.rho >= 0 else "violated"
+    return {"verdict": verdict, "text": str(reason), **reason.to_json()}
+
+
+def _print(results: list[dict[str, Any]]) -> None:
+    console = Console(highlight=False, soft_wrap=True)
+    for result in results:
+        console.print(Text(result["trace"], style="bold"))
+        for one in result["requirements"]:
+            text = Text(one["text"])
+            text.highlight_words([f" {one['verdict']}:"], style=_COLOURS[one["verdict"]])
+            console.print(text)

@@ -1,0 +1,46 @@
+"""What is no mistake and yet seldom meant: one lint a function, by subject.
+
+A lint says what a text means here, what others read in it, and how to write
+it so that nobody has to ask; where that is a matter of brackets, it brings the
+edit along.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+
+from s2r_spec.lang.checking import check_text
+from s2r_spec.lang.declarations import Document
+from s2r_spec.lang.lints.equality import equality
+from s2r_spec.lang.lints.finding import Finding
+from s2r_spec.lang.lints.grouping import chained_implication, mixed_junction, temporal_reach
+from s2r_spec.lang.lints.ranges import settled_by_range
+from s2r_spec.lang.lints.signs import vanishing_sign
+from s2r_spec.lang.lints.unused import unused
+from s2r_spec.lang.parsing import Parsed, parse
+from s2r_spec.lang.source import Source
+
+LINTS: tuple[Callable[[Parsed, Document], Iterator[Finding]], ...] = (
+    temporal_reach, mixed_junction, chained_implication, equality, vanishing_sign, unused, settled_by_range,
+)  # fmt: skip
+
+
+def lint(text: str, name: str = "<string>") -> tuple[Finding, ...]:
+    """Return what is worth a second look in a specification, in the order of the text.
+
+    Raises:
+        SpecError: the text is no specification.
+    """
+    document = check_text(text, name)
+    parsed = parse(Source.of(text, name))
+    found = [finding for rule in LINTS for finding in rule(parsed, document)]
+    return tuple(sorted(found, key=lambda finding: (finding.span.start, finding.code)))
+
+
+def fixed(text: str, findings: Iterable[Finding]) -> str:
+    """Return the text with every edit that the findings bring; its meaning stays the same."""
+    text = Source.of(text).text
+    edits = sorted((edit for finding in findings for edit in finding.edits), reverse=True)
+    for place, inserted in edits:
+        text = text[:place] + inserted + text[place:]
+    return text

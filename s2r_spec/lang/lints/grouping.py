@@ -1,0 +1,58 @@
+"""Operators that bind as declared here and differently elsewhere: brackets settle it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from s2r_spec.lang import syntax
+from s2r_spec.lang.declarations import Document
+from s2r_spec.lang.lints.finding import Finding, bracketed, brackets, nodes
+from s2r_spec.lang.parsing import Parsed
+
+
+def temporal_reach(parsed: Parsed, document: Document) -> Iterator[Finding]:
+    """``always p and q`` is ``(always p) and q`` here, and ``always (p and q)`` in MoonLight."""
+    for node in nodes(parsed):
+        if not isinstance(node, syntax.Junction | syntax.Implication):
+            continue
+        word = node.operator
+        for operand in node.operands[:-1] if isinstance(node, syntax.Junction) else (node.left,):
+            if isinstance(operand, syntax.Temporal) and not bracketed(operand) and _open(operand):
+                message = (
+                    f"`{operand.operator}` ends before `{word}` here; in MoonLight it would reach further"
+                )
+                yield Finding("L01", message, operand.span, "put it in brackets", brackets(operand))
+
+
+def _open(node: syntax.Temporal) -> bool:
+    """Whether no bracket shows where an operator, or those right after it, ends."""
+    inner: syntax.Expression = node
+    while isinstance(inner, syntax.Temporal | syntax.Step | syntax.Negation):
+        inner = inner.operand
+        if bracketed(inner):
+            return False
+    return True
+
+
+def mixed_junction(parsed: Parsed, document: Document) -> Iterator[Finding]:
+    """``p and q or r`` is ``(p and q) or r``."""
+    for node in nodes(parsed):
+        if isinstance(node, syntax.Junction) and node.operator == "or":
+            for operand in node.operands:
+                if (
+                    isinstance(operand, syntax.Junction)
+                    and operand.operator == "and"
+                    and not bracketed(operand)
+                ):
+                    message = "`and` binds tighter than the `or` beside it"
+                    yield Finding("L02", message, operand.span, "put it in brackets", brackets(operand))
+
+
+def chained_implication(parsed: Parsed, document: Document) -> Iterator[Finding]:
+    """``p -> q -> r`` is ``p -> (q -> r)`` here, and ``(p -> q) -> r`` in RTAMT."""
+    for node in nodes(parsed):
+        if isinstance(node, syntax.Implication) and node.operator == "->":
+            right = node.right
+            if isinstance(right, syntax.Implication) and right.operator == "->" and not bracketed(right):
+                message = "`->` groups to the right here; in RTAMT to the left"
+                yield Finding("L03", message, right.span, "put it in brackets", brackets(right))

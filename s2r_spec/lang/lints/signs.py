@@ -1,0 +1,33 @@
+"""Bounds multiplied by a sign."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from s2r_spec.lang import syntax
+from s2r_spec.lang.declarations import Document
+from s2r_spec.lang.lints.finding import Finding, nodes
+from s2r_spec.lang.parsing import Parsed
+
+
+def vanishing_sign(parsed: Parsed, document: Document) -> Iterator[Finding]:
+    """``sign(vd) * (v - vd) <= tol`` says nothing at vd = 0."""
+    for node in nodes(parsed):
+        if isinstance(node, syntax.Arithmetic) and node.operator.text == "*":
+            for side in (node.left, node.right):
+                if (
+                    isinstance(side, syntax.Call)
+                    and side.function.text == "sign"
+                    and _can_vanish(side, document)
+                ):
+                    argument = " ".join(side.span.text.split()).removeprefix("sign(").removesuffix(")")
+                    message = f"where `{argument}` is 0, so is its sign, and the product bounds nothing"
+                    fix = f"`overshoot(x, {argument.strip()})` has a direction that is never 0"
+                    yield Finding("L05", message, side.span, fix)
+
+
+def _can_vanish(call: syntax.Call, document: Document) -> bool:
+    """Whether 0 may be the argument, as far as the range of a parameter tells."""
+    (argument,) = call.arguments
+    param = document.params.get(argument.name) if isinstance(argument, syntax.Name) else None
+    return param is None or param.range is None or param.range[0] <= 0 <= param.range[1]

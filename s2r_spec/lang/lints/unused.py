@@ -1,0 +1,21 @@
+"""Declarations that nothing refers to."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from s2r_spec.lang import syntax
+from s2r_spec.lang.declarations import Document
+from s2r_spec.lang.lints.finding import Finding, nodes
+from s2r_spec.lang.parsing import Parsed
+
+
+def unused(parsed: Parsed, document: Document) -> Iterator[Finding]:
+    """A trace need not have an unused signal; an unused parameter widens the search for nothing."""
+    used = {node.name for node in nodes(parsed) if isinstance(node, syntax.Name)}
+    used |= {node.name.text for node in nodes(parsed) if isinstance(node, syntax.Index)}
+    for statement in parsed.statements:
+        if isinstance(statement, syntax.Signal | syntax.Param | syntax.Const | syntax.Let):
+            word = statement.name
+            if word.text not in used:
+                yield Finding("L06", f"`{word.text}` is not used", word.span, "leave it out")
