@@ -1,0 +1,113 @@
+"""The tables of docs/reference/a1.md, from the code itself.
+
+Run: python benchmarks/a1_reference.py
+
+``tests/sim/test_reference.py`` holds the page to what this prints.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from s2r_sim import SimBackend
+from s2r_sim.effects import CATALOGUE
+from s2r_sim.figures import A1, GRAVITY
+from s2r_sim.gains import RATE
+from s2r_sim.noise import Noise
+from s2r_sim.physics import Physics
+from s2r_sim.twins import PLACES
+
+
+def table(head: tuple[str, ...], rows: Iterable[tuple[object, ...]]) -> str:
+    lines = [head, tuple("---" for _ in head), *rows]
+    return "\n".join("| " + " | ".join(str(cell) for cell in line) + " |" for line in lines)
+
+
+def figures() -> str:
+    nominal = Physics()
+    return table(
+        ("figure", "value"),
+        [
+            ("mass", f"{A1.mass:.3f} kg, of it trunk {A1.trunk.mass:g} kg"),
+            ("hip, thigh, shank with foot", f"{A1.hip.mass:g}, {A1.thigh.mass:g}, {A1.shank.mass:g} kg"),
+            ("thigh and calf length", f"{A1.thigh_length:g} and {A1.calf_length:g} m"),
+            ("hips at", f"±{A1.hip_x:g}, ±{A1.hip_y:g} m; thigh {A1.thigh_y:g} m further out"),
+            ("ball foot", f"radius {A1.foot_radius:g} m"),
+            ("torque limit", f"{A1.torque_limit:g} N*m"),
+            ("gravity", f"{GRAVITY:g} m/s^2"),
+            ("physics step, control rate", f"{nominal.timestep:g} s, {RATE} Hz"),
+            ("foot on ground", f"friction {nominal.friction:g}, torsional {nominal.torsion:g} m"),
+            (
+                "joint",
+                f"armature {nominal.armature:g} kg*m^2, damping {nominal.damping:g} N*m*s/rad, "
+                f"dry friction {nominal.dry_friction:g} N*m",
+            ),
+        ],
+    )
+
+
+def noise() -> str:
+    n = Noise()
+    return table(
+        ("what", "standard deviation"),
+        [
+            ("joint angle", f"{n.encoder:g} rad"),
+            ("joint speed", f"{n.joint_speed:g} rad/s"),
+            ("gyroscope", f"{n.gyro:g} rad/s"),
+            ("roll, pitch, yaw", f"{n.attitude:g} rad"),
+            ("fed-back base velocity", f"{n.velocity:g} m/s (not with feedback=estimate)"),
+            ("accelerometer, mean over a tick", f"{n.accelerometer:g} m/s^2"),
+            ("initial height", f"{n.initial_height:g} m"),
+            ("initial attitude", f"{n.initial_attitude:g} rad"),
+            ("initial joint angle", f"{n.initial_joint:g} rad"),
+            ("gait phase at the command", f"uniform over {n.gait_phase:.0%} of the period"),
+        ],
+    )
+
+
+def parameters() -> str:
+    return table(
+        ("parameter", "unit", "range", "default", ""),
+        [
+            (f"`{p.name}`", p.unit, f"{p.low:g} to {p.high:g}", f"{p.default:g}", p.description)
+            for p in SimBackend().parameters
+        ],
+    )
+
+
+def channels() -> str:
+    return table(
+        ("channel", "unit", "width", ""),
+        [(f"`{c.name}`", c.unit, c.width, c.description) for c in SimBackend().channels],
+    )
+
+
+def effects() -> str:
+    rows = []
+    for effect in CATALOGUE.values():
+        for k, p in enumerate(effect.parameters):
+            first = (f"`{effect.name}`", effect.family) if k == 0 else ("", "")
+            words = effect.physics if k == 0 else ""
+            rows.append(
+                (*first, f"`{p.name}`", p.unit, f"{p.low:g} to {p.high:g}", f"{p.nominal:g}", p.prior, words)
+            )
+    return table(("effect", "family", "parameter", "unit", "range", "nominal", "prior", "physics"), rows)
+
+
+def twins() -> str:
+    return table(
+        ("twin", "effects"),
+        [
+            (
+                f"`twin:{place}`",
+                ", ".join(f"`{e}.{p}={v:g}`" for e, values in mixture.items() for p, v in values.items()),
+            )
+            for place, mixture in PLACES.items()
+        ],
+    )
+
+
+TABLES = (figures, noise, parameters, channels, effects, twins)
+
+if __name__ == "__main__":
+    print("\n\n".join(make() for make in TABLES))
