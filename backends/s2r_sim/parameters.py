@@ -18,7 +18,10 @@ PARAMETERS = (
     Parameter("slope", "deg", -8.0, 8.0, 0.0, "of the ground, uphill in the direction of the start"),
     Parameter("friction", "", 0.1, 1.2, 0.8, "friction coefficient of foot on ground"),
     Parameter("payload", "kg", 0.0, 6.0, 0.0, "on the trunk, 8 cm above the base origin"),
-    Parameter("push", "N*s", -50.0, 50.0, 0.0, "impulse on the base to the robot's left, spread over 50 ms"),
+    Parameter("push", "N*s", -50.0, 50.0, 0.0, "horizontal impulse on the base, spread over 50 ms"),
+    Parameter(
+        "push_towards", "deg", -180.0, 180.0, 90.0, "direction of the push, counted from ahead to the left"
+    ),
     Parameter("push_time", "s", 0.0, 10.0, 0.5, "when the push begins"),
 )
 
@@ -36,6 +39,7 @@ class Test(NamedTuple):
     friction: float
     payload: float
     push: float
+    push_towards: float
     push_time: float
 
     @property
@@ -52,7 +56,7 @@ class Test(NamedTuple):
         )
 
     def push_force(self, time: float) -> float:
-        """Return the force to the robot's left [N] at this time [s]."""
+        """Return the force of the push [N] at this time [s]."""
         acts = self.push_time <= time < self.push_time + PUSH_DURATION
         return self.push / PUSH_DURATION if acts else 0.0
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from math import acos, cos, inf, sin
+from math import acos, cos, inf, radians, sin
 from threading import Lock
 from typing import NamedTuple
 
@@ -131,5 +131,5 @@ def _push(test: Test, tick: int, truth: State) -> FloatArray | None:
     force = test.push_force(tick / RATE)
     if force == 0.0:
         return None
-    yaw = float(truth.rpy[2])
-    return force * np.array([-sin(yaw), cos(yaw), 0.0])
+    heading = float(truth.rpy[2]) + radians(test.push_towards)
+    return force * np.array([cos(heading), sin(heading), 0.0])

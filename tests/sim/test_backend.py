@@ -127,10 +127,8 @@ def test_a_value_out_of_range_is_refused_with_the_range(bad):
 
 
 def test_an_unknown_parameter_is_refused_with_the_known_ones():
-    with pytest.raises(
-        UsageError,
-        match=r"no parameter 'vdd'; did you mean 'vd'\?; it has friction, payload, push, push_time, slope, vd, vy, wz",
-    ):
+    known = "friction, payload, push, push_time, push_towards, slope, vd, vy, wz"
+    with pytest.raises(UsageError, match=rf"no parameter 'vdd'; did you mean 'vd'\?; it has {known}"):
         SHORT.rollout({"vdd": 0.1}, seed=0)
 
 

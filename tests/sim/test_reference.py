@@ -18,4 +18,6 @@ def tables():
 @pytest.mark.parametrize("make", tables(), ids=lambda make: make.__name__)
 def test_the_page_has_the_table(make):
     page = (ROOT / "docs" / "reference" / "a1.md").read_text()
-    assert make() in page, "run: python benchmarks/a1_reference.py, and put its tables into docs/reference/a1.md"
+    assert make() in page, (
+        "run: python benchmarks/a1_reference.py, and put its tables into docs/reference/a1.md"
+    )

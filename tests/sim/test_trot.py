@@ -87,11 +87,14 @@ def test_a_strong_push_ends_in_a_marked_fall():
     assert trace["fallen"].tolist() == [0.0] * (len(trace) - 1) + [1.0]
 
 
-def test_a_weak_push_is_survived_and_goes_to_the_left():
-    trace = QUIET.rollout({"push": 3.0, "push_time": 0.5}, seed=0)
+@pytest.mark.parametrize(
+    ("towards", "channel", "sign"), [(90.0, "vy", 1), (-90.0, "vy", -1), (0.0, "vx", 1), (180.0, "vx", -1)]
+)
+def test_a_weak_push_is_survived_and_goes_where_it_should(towards, channel, sign):
+    trace = QUIET.rollout({"push": 3.0, "push_towards": towards, "push_time": 0.5}, seed=0)
     assert trace.failure is None
     around = slice(round(0.5 * 500), round(0.6 * 500))
-    assert trace["vy"][around].max() > 0.1
+    assert (sign * trace[channel][around]).max() > 0.1
 
 
 def test_after_failed_qps_the_last_forces_are_held_and_then_the_joints_brake():
