@@ -89,9 +89,16 @@ class CheckResult:
 
 
 def search_for(
-    spec: Spec, requirement: str, *, seed: int, budget: int | None, mode: str, engine: str
+    spec: Spec,
+    requirement: str,
+    *,
+    seed: int,
+    budget: int | None,
+    mode: str,
+    engine: str,
+    noise: float = 1.0,
 ) -> Search:
-    """Build the search that the spec's certify line declares.
+    """Build the search that the spec's certify line declares; ``noise`` multiplies its R.
 
     Raises:
         UsageError: the requirement is unknown, or its certify line lacks a setting.
@@ -119,7 +126,7 @@ def search_for(
         spec.space,
         kernel=Kernel(kernel.name, kernel.lengthscales),
         B=B,
-        R=R,
+        R=R * noise,
         delta=delta,
         epsilon=epsilon,
         seed=seed,
@@ -162,9 +169,24 @@ def check(
         UsageError: the spec, the backend and the folder do not fit together.
         BackendError: a rollout raised; all that came before is in the journal.
     """
-    start = perf_counter()
     requirement = requirement or only_requirement(spec)
     search = search_for(spec, requirement, seed=seed, budget=budget, mode=mode, engine=engine)
+    return check_with(search, spec, requirement, backend, folder, seed, executor, resume, observer)
+
+
+def check_with(
+    search: Search,
+    spec: Spec,
+    requirement: str,
+    backend: str,
+    folder: Path,
+    seed: int,
+    executor: ExecutorFactory | None,
+    resume: bool,
+    observer: Observer | None,
+) -> CheckResult:
+    """Run a search for the worst expected robustness to its end; see :func:`check`."""
+    start = perf_counter()
     rig = Rig.for_spec(spec, requirement, backend)
     provenance = {
         "s2r": version("s2r"),
@@ -177,7 +199,7 @@ def check(
         "seed": seed,
         "settings": search.certificate().settings,
     }
-    if resume:
+    if resume and folder.exists():
         journal = Journal.resume(folder, provenance)
     else:
         journal = Journal.create(folder, provenance, {SPEC_FILE: spec.text})
@@ -224,7 +246,7 @@ def _result(
         lower=lower,
         upper=upper,
         unit=unit,
-        worst=min(_tested(records), key=lambda test: _distance(spec, test.params, certificate.worst)),
+        worst=min(_tested(records), key=lambda test: distance(spec, test.params, certificate.worst)),
         lowest=min(records, key=lambda record: record.rho),
         failures=dict(failures),
         assumptions=assumptions,
@@ -251,7 +273,7 @@ def _tested(records: list[Record]) -> list[Tested]:
     ]
 
 
-def _distance(spec: Spec, left: Mapping[str, float], right: Mapping[str, float]) -> float:
+def distance(spec: Spec, left: Mapping[str, float], right: Mapping[str, float]) -> float:
     """Distance of two tests as a share of the test space's width, on the axis where it is largest."""
     return max(abs(left[axis.name] - right[axis.name]) / axis.width for axis in spec.space.axes)
 

@@ -1,4 +1,4 @@
-"""The command line: ``s2r check``, ``s2r replay``, ``s2r backends``.
+"""The command line: ``s2r check``, ``gap``, ``certify``, ``plan``, ``replay``, ``monitor`` and their helpers.
 
 One file a command, no mathematics. Exit codes: 0 holds, 1 violated, 2 usage or
 spec error, 3 unknown, 4 backend or internal error, 130 interrupted.
@@ -11,7 +11,7 @@ import traceback
 
 import typer
 
-from s2r_spec.cli import backends, check, fmt, lint, monitor, plan, replay
+from s2r_spec.cli import backends, certify, check, fmt, gap, lint, monitor, plan, replay
 
 EXIT_CODES = "Exit codes: 0 holds, 1 violated, 2 usage or spec error, 3 unknown, 4 backend or internal error."
 
@@ -24,6 +24,8 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 app.command(epilog=EXIT_CODES)(check.check)
+app.command()(gap.gap)
+app.command(epilog=EXIT_CODES)(certify.certify)
 app.command()(plan.plan)
 app.command()(replay.replay)
 app.command()(backends.backends)

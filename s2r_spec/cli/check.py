@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from datetime import datetime
 from pathlib import Path
 from typing import Annotated
 
 import typer
 from rich.console import Console
 
-from s2r_spec.cli.common import cores, sentences
+from s2r_spec.cli.common import cores, new_or_old, sentences
 
 
 def check(
@@ -40,8 +39,6 @@ def check(
     from s2r_spec.errors import UsageError
 
     with sentences(as_json):
-        if run is not None and resume is not None:
-            raise UsageError("--run begins a new run, --resume goes on with an old one: give one of them")
         # Imported here: the help must not wait for numerical libraries.
         from s2r_spec.certify import check as checking
         from s2r_spec.cli.progress import Live
@@ -53,10 +50,7 @@ def check(
         names = requirement or [name for name in parsed.requirements if name in parsed.certify]
         if not names:
             raise UsageError(f"{parsed.name} has no certify line, so there is nothing to certify")
-        stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
-        folder = (
-            resume or run or Path("s2r-runs") / f"{stamp}-{spec.stem}-{backend.replace(':', '-')}-seed{seed}"
-        )
+        folder = new_or_old(run, resume, f"{spec.stem}-{backend}", seed)
         errors = Console(stderr=True, highlight=False)
         results = []
         for name in names:
@@ -77,7 +71,7 @@ def check(
                             budget=budget,
                             engine=engine,
                             executor=process_pool(workers),
-                            resume=resume is not None and (len(names) == 1 or place.exists()),
+                            resume=resume is not None,
                             observer=live,
                         )
                     )

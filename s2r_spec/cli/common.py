@@ -7,10 +7,12 @@ import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from datetime import datetime
+from pathlib import Path
 
 import typer
 
-from s2r_spec.errors import S2RError
+from s2r_spec.errors import S2RError, UsageError
 
 
 @contextmanager
@@ -28,3 +30,19 @@ def sentences(as_json: bool = False) -> Iterator[None]:
 def cores() -> int:
     """Return how many cores this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def new_or_old(run: Path | None, resume: Path | None, name: str, seed: int) -> Path:
+    """Return the folder of a run: the one given, or a new one under ``s2r-runs``.
+
+    Raises:
+        UsageError: both were given, or there is nothing to resume.
+    """
+    if run is not None and resume is not None:
+        raise UsageError("--run begins a new run, --resume goes on with an old one: give one of them")
+    if resume is not None and not resume.is_dir():
+        raise UsageError(f"no run to resume at {resume}: there is no such folder")
+    stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
+    return (
+        resume or run or Path("s2r-runs") / f"{stamp}-{name.replace(':', '-').replace('/', '-')}-seed{seed}"
+    )

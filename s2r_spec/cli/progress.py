@@ -16,8 +16,8 @@ from s2r_spec.rollouts.journal import Record
 class Live:
     """Shows rollouts done, the interval against ε, where the search looks, and the last ρ."""
 
-    def __init__(self, console: Console, quiet: bool) -> None:
-        self._quiet = quiet
+    def __init__(self, console: Console, quiet: bool, symbol: str = "ρ") -> None:
+        self._quiet, self._symbol = quiet, symbol
         self._console = console
         self._progress = Progress(
             SpinnerColumn(),
@@ -45,7 +45,7 @@ class Live:
     def batch(self, queries: list[Query], certificate: Certificate) -> None:
         """Show the interval so far and where the search looks next."""
         interval = (
-            f"ρ in [{-certificate.upper:+.4f}, {-certificate.lower:+.4f}] "
+            f"{self._symbol} in [{-certificate.upper:+.4f}, {-certificate.lower:+.4f}] "
             f"(ε {certificate.epsilon:.4f} > {certificate.target:g})"
         )
         where = "next " + "; ".join(

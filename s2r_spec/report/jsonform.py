@@ -17,11 +17,12 @@ def to_json(results: Sequence[CheckResult], exit_code: int) -> dict[str, Any]:
     return {
         "schema": SCHEMA,
         "exit_code": exit_code,
-        "results": [_one(result) for result in results],
+        "results": [one(result) for result in results],
     }
 
 
-def _one(result: CheckResult) -> dict[str, Any]:
+def one(result: CheckResult) -> dict[str, Any]:
+    """Return one requirement's record."""
     certificate = result.certificate.to_json()
     return {
         "requirement": result.requirement,

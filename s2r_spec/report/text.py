@@ -20,9 +20,7 @@ def _one(result: CheckResult, units: Mapping[str, str]) -> str:
     certificate, source = result.certificate, result.provenance
     unit = f" {result.unit}" if result.unit else ""
     failures = ", ".join(f"{count} × {word}" for word, count in sorted(result.failures.items())) or "no falls"
-    test = ", ".join(
-        f"{name} = {value:.4g} {units.get(name, '')}".rstrip() for name, value in result.worst.params.items()
-    )
+    test = test_words(result.worst.params, units)
     lines = [
         f"{result.requirement}  [{COLOURS[result.verdict]}]{result.verdict.name}[/]  "
         f"({source['spec']} on backend {source['backend']})",
@@ -52,3 +50,8 @@ def _one(result: CheckResult, units: Mapping[str, str]) -> str:
         f"  lowest ρ ({result.lowest.rho:+.4f}{unit}) again:  {replay_line(result)}",
     ]
     return "\n".join(lines)
+
+
+def test_words(params: Mapping[str, float], units: Mapping[str, str]) -> str:
+    """Return ``vd = 0.3 m/s, slope = 2 deg``."""
+    return ", ".join(f"{name} = {value:.4g} {units.get(name, '')}".rstrip() for name, value in params.items())

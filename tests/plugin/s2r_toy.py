@@ -2,7 +2,8 @@
 
 What it does besides is in its name, so that workers see it too: ``toy:raise``
 raises at every rollout, ``toy:die`` kills the process that runs it at speeds
-above 0.29 m/s, ``toy:fall`` falls there, ``toy:slow`` takes 20 ms.
+above 0.29 m/s, ``toy:fall`` falls there, ``toy:slow`` takes 20 ms, ``toy:drag``
+reaches only nine tenths of its speed.
 """
 
 from __future__ import annotations
@@ -52,7 +53,8 @@ class Toy:
         times = np.arange(round(self.duration * 100) + 1) / 100
         bias = 0.01 * rng.normal() - 0.02 * abs(vd)
         meta = {"failure": "fall"} if self.habit == "fall" and vd > 0.29 else {}
-        vx = vd * (1 - np.exp(-times / 0.1)) + bias
+        reach = 0.9 if self.habit == "drag" else 1.0
+        vx = reach * vd * (1 - np.exp(-times / 0.1)) + bias
         return Trace(times, {"vx": vx, "extra": 0 * vx}, {"vx": "m/s"}, meta)
 
 

@@ -1,0 +1,107 @@
+"""The gap, and the promise about the real machine, as text and as JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Any
+
+from s2r_spec.certify.gap import CertifyResult, GapResult
+from s2r_spec.report.jsonform import one as check_json
+from s2r_spec.report.text import COLOURS, test_words
+
+
+def gap_json(result: GapResult) -> dict[str, Any]:
+    """Return the gap as one JSON object."""
+    return {
+        "schema": "s2r.gap/1",
+        "requirement": result.requirement,
+        "worst_expected_gap": {
+            "lower": result.lower,
+            "upper": result.upper,
+            "unit": result.unit,
+            "epsilon": result.certificate.epsilon,
+            "delta": result.certificate.delta,
+        },
+        "band": {"low": result.low, "high": result.high, "unit": result.unit},
+        "label": result.certificate.label.value,
+        "reason": result.certificate.reason,
+        "worst": asdict(result.worst),
+        "largest_mean_absolute_gap": result.absolute,
+        "failures": result.failures,
+        "assumptions": list(result.assumptions),
+        "tested": [asdict(test) for test in result.tested],
+        "search": {"objective": "-delta"} | result.certificate.to_json(),
+        "provenance": result.provenance,
+        "folder": str(result.folder),
+        "seconds": round(result.seconds, 3),
+    }
+
+
+def certify_json(result: CertifyResult) -> dict[str, Any]:
+    """Return both searches and the promise as one JSON object."""
+    return {
+        "schema": "s2r.certify/1",
+        "exit_code": result.verdict.exit_code,
+        "verdict": result.verdict.value,
+        "reason": result.reason,
+        "promise": asdict(result.composition),
+        "simulation": check_json(result.simulated),
+        "gap": gap_json(result.gap),
+    }
+
+
+def gap_text(result: GapResult, units: Mapping[str, str]) -> str:
+    """Return rich markup for the gap."""
+    return "\n".join([_headline(result), *_gap_lines(result, units), *_assumptions(result.assumptions)])
+
+
+def certify_text(result: CertifyResult, units: Mapping[str, str]) -> str:
+    """Return rich markup for the promise, with what it is made of."""
+    simulated, gap, promise = result.simulated, result.gap, result.composition
+    unit = f" {gap.unit}" if gap.unit else ""
+    lines = [
+        f"{simulated.requirement}  [{COLOURS[result.verdict]}]{result.verdict.name}[/]  "
+        f"({gap.provenance['spec']}: {_sides(gap)})",
+        f"  {result.reason}",
+        "",
+        f"  worst expected ρ of {gap.provenance['real']['backend']}  ≥ {promise.lower:+.4f}{unit}, "
+        f"with probability ≥ 1 − {promise.delta:g}",
+        f"  worst test        {test_words(promise.worst, units)}",
+        f"  as the paper adds {promise.paper_lower:+.4f}{unit} (worst case of each search, wherever it is)",
+        "",
+        f"  in simulation     worst expected ρ in \\[{simulated.lower:+.4f}, {simulated.upper:+.4f}]{unit}, "
+        f"{simulated.certificate.rollouts} rollouts, {simulated.certificate.label.value}",
+        *_gap_lines(gap, units),
+        *_assumptions((*simulated.assumptions[:-1], *gap.assumptions)),
+    ]
+    return "\n".join(lines)
+
+
+def _headline(result: GapResult) -> str:
+    return f"{result.requirement}  gap  ({result.provenance['spec']}: {_sides(result)})"
+
+
+def _sides(result: GapResult) -> str:
+    return f"{result.provenance['sim']['backend']} against {result.provenance['real']['backend']}"
+
+
+def _gap_lines(result: GapResult, units: Mapping[str, str]) -> list[str]:
+    unit = f" {result.unit}" if result.unit else ""
+    certificate = result.certificate
+    failures = ", ".join(f"{count} × {word}" for word, count in sorted(result.failures.items())) or "no falls"
+    reason = f" ({certificate.reason})" if certificate.reason else ""
+    return [
+        f"  worst expected Δ  in \\[{result.lower:+.4f}, {result.upper:+.4f}]{unit}, "
+        f"with probability ≥ 1 − {certificate.delta:g}; anywhere in \\[{result.low:+.4f}, {result.high:+.4f}]",
+        f"  worst gap at      {test_words(result.worst.params, units)}: mean Δ {result.worst.mean:+.4f}{unit}, "
+        f"mean |Δ| {result.worst.absolute:.4f} over {result.worst.pairs} pairs",
+        f"  largest mean |Δ|  {result.absolute:.4f}{unit} at a tested point (the paper's measure; an estimate)",
+        f"  effort            {certificate.rollouts} real rollouts at {certificate.points} tests, {failures}, "
+        f"{result.seconds:.0f} s",
+        f"  label             {certificate.label.value}{reason}",
+    ]
+
+
+def _assumptions(texts: tuple[str, ...]) -> list[str]:
+    return ["", "  This assumes:", *(f"   - {text}" for text in dict.fromkeys(texts))]
