@@ -14,6 +14,7 @@ from s2r_spec.errors import TraceError, UsageError, one_of, suggest
 from s2r_spec.lang import formula as f
 from s2r_spec.lang.declarations import CertifySettings, KernelChoice, Param, Signal
 from s2r_spec.lang.diagnostics import Diagnostic, SpecError
+from s2r_spec.lang.files import read_text
 from s2r_spec.robustness.evaluate import Witness
 from s2r_spec.robustness.evaluation import End, Evaluation, Interpolation, Reading, evaluate
 from s2r_spec.robustness.explain import Explanation, explain
@@ -46,6 +47,7 @@ class Spec:
     Args:
         name: what it goes by in messages; the path if it was loaded.
         text: its text, every line ending a line feed.
+        imported: name → text of every file it imports, however deep.
         signals: name → declaration of a channel that a trace must have.
         params: name → declaration of a test parameter.
         formulas: requirement → its checked formula, in declared order.
@@ -54,6 +56,7 @@ class Spec:
 
     name: str
     text: str = field(repr=False)
+    imported: Mapping[str, str] = field(repr=False)
     signals: Mapping[str, Signal]
     params: Mapping[str, Param]
     formulas: Mapping[str, f.Formula] = field(repr=False)
@@ -61,8 +64,8 @@ class Spec:
 
     @property
     def hash(self) -> str:
-        """SHA-256 of the text, as hex digits; the same for every style of line ending."""
-        return hashlib.sha256(self.text.encode()).hexdigest()
+        """SHA-256 of the text and what it imports, as hex digits; line endings do not matter."""
+        return hashlib.sha256("\0".join((self.text, *self.imported.values())).encode()).hexdigest()
 
     @property
     def requirements(self) -> tuple[str, ...]:
@@ -91,7 +94,7 @@ class Spec:
 
     def channels(self, requirement: str | None = None) -> tuple[str, ...]:
         """Return the names of the signals that a requirement (or any) uses, in declared order."""
-        used = {node.name for node in self._nodes(requirement) if isinstance(node, f.SignalValue)}
+        used = {node.name for node in self._nodes(requirement) if isinstance(node, f.SignalValue | f.Flag)}
         return tuple(name for name in self.signals if name in used)
 
     def horizon(self, requirement: str | None = None) -> float:
@@ -282,6 +285,10 @@ class Spec:
 def parse_spec(text: str, name: str = "<string>") -> Spec:
     """Return the specification that a text means.
 
+    Args:
+        text: the specification.
+        name: what it goes by; files that it imports are looked for beside this path.
+
     Raises:
         SpecError: with every mistake of the text, drawn with line and caret.
     """
@@ -290,7 +297,13 @@ def parse_spec(text: str, name: str = "<string>") -> Spec:
 
     document = check_text(text, name)
     return Spec(
-        name, document.source.text, document.signals, document.params, document.requirements, document.certify
+        name,
+        document.source.text,
+        {source.name: source.text for source in document.imports},
+        document.signals,
+        document.params,
+        document.requirements,
+        document.certify,
     )
 
 
@@ -302,36 +315,6 @@ def load_spec(path: str | Path) -> Spec:
         SpecError: see :func:`parse_spec`.
     """
     return parse_spec(read_text(path), str(path))
-
-
-def read_text(path: str | Path) -> str:
-    """Return the text of a specification's file (UTF-8).
-
-    Raises:
-        UsageError: the file cannot be read, is not text, or is a mesh (``.stl`` means that, too).
-    """
-    try:
-        data = Path(path).read_bytes()
-    except OSError as error:
-        raise UsageError(f"cannot read the specification {path}: {error.strerror}") from None
-    if _is_mesh(data):
-        raise UsageError(
-            f"{path} is a 3-D mesh; s2r reads signal temporal logic, which has the same ending, .stl, "
-            f"and is text like `require slow: always (v <= 1 {{m/s}})`"
-        )
-    try:
-        return data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise UsageError(
-            f"{path} is not UTF-8 text: byte {error.start} is {data[error.start]:#04x}"
-        ) from None
-
-
-def _is_mesh(data: bytes) -> bool:
-    """Tell a mesh: binary ones give their size, ASCII ones list facets."""
-    binary = len(data) >= 84 and len(data) == 84 + 50 * int.from_bytes(data[80:84], "little")
-    head = data[:1000].lower()
-    return binary or (head.lstrip().startswith(b"solid") and (b"facet" in head or b"endsolid" in head))
 
 
 def _choice(name: str, value: str, choices: tuple[str, ...]) -> None:

@@ -30,9 +30,9 @@ def fmt(
 ) -> None:
     """Rewrite specifications in the one way of writing them; comments stay."""
     with sentences(as_json):
+        from s2r_spec.lang.files import read_text
         from s2r_spec.lang.latex import to_latex
         from s2r_spec.lang.printing import format_text
-        from s2r_spec.spec import read_text
 
         texts = {path: read_text(path) for path in specs}
         if to is Target.latex:

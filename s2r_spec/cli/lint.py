@@ -20,9 +20,9 @@ def lint(
 ) -> None:
     """Point at what others would read differently. Exits with 1 if there is something."""
     with sentences(as_json):
+        from s2r_spec.lang.files import read_text
         from s2r_spec.lang.lints import fixed
         from s2r_spec.lang.lints import lint as findings_of
-        from s2r_spec.spec import read_text
 
         texts = {path: read_text(path) for path in specs}
         findings = {path: findings_of(text, str(path)) for path, text in texts.items()}

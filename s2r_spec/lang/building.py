@@ -15,9 +15,9 @@ _Tree = Tree[Token]
 _Child = _Tree | Token
 
 
-def build(source: Source, tree: _Tree) -> syntax.Statement:
+def build(source: Source, tree: _Tree) -> syntax.Statement | syntax.Import:
     """Return the syntax tree of one parsed statement."""
-    return cast(syntax.Statement, _Builder(source).node(tree))
+    return cast(syntax.Statement | syntax.Import, _Builder(source).node(tree))
 
 
 class _Builder:
@@ -34,8 +34,8 @@ class _Builder:
         return make(Span(self.source, tree.meta.start_pos, tree.meta.end_pos), tree.children)
 
     def word(self, token: Token) -> syntax.Word:
-        """Return a token's text and place; a unit comes without its braces."""
-        text = token[1:-1].strip() if token.type == "UNIT" else str(token)
+        """Return a token's text and place; a unit or a file comes without what is around it."""
+        text = token[1:-1].strip() if token.type in ("UNIT", "STRING") else str(token)
         return syntax.Word(span=span_of(self.source, token), text=text)
 
     def number(self, token: Token) -> syntax.Number:
@@ -60,7 +60,9 @@ class _Builder:
     def _signal(self, span: Span, children: list[_Child]) -> syntax.Signal:
         dim, range_ = self.maybe(children, "dim"), self.maybe(children, "range")
         unit = self.maybe(children, "UNIT")
-        return syntax.Signal(span=span, name=self.node(children[1]), dim=dim, unit=unit, range=range_)
+        boolean = self.maybe(children, "BOOL") is not None
+        name = self.node(children[1])
+        return syntax.Signal(span=span, name=name, dim=dim, boolean=boolean, unit=unit, range=range_)
 
     def _param(self, span: Span, children: list[_Child]) -> syntax.Param:
         default, range_ = self.maybe(children, "default"), self.maybe(children, "range")
@@ -78,7 +80,10 @@ class _Builder:
         return syntax.Require(span=span, name=self.node(children[1]), body=self.node(children[-1]))
 
     def _certify(self, span: Span, children: list[_Child]) -> syntax.Certify:
-        return syntax.Certify(span=span, name=self.node(children[1]), settings=self.trees(children))
+        return syntax.Certify(span=span, name=self.maybe(children, "NAME"), settings=self.trees(children))
+
+    def _import(self, span: Span, children: list[_Child]) -> syntax.Import:
+        return syntax.Import(span=span, path=self.node(children[1]))
 
     def _setting(self, span: Span, children: list[_Child]) -> syntax.Setting:
         return syntax.Setting(span=span, key=self.node(children[0]), value=self.node(children[2]))

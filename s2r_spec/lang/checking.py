@@ -10,7 +10,8 @@ from s2r_spec.lang.constants import constant
 from s2r_spec.lang.declarations import CertifySettings, Document, Param, Signal
 from s2r_spec.lang.diagnostics import Diagnostic, SpecError
 from s2r_spec.lang.expressions import check, condition
-from s2r_spec.lang.parsing import DEEPEST, Parsed, parse
+from s2r_spec.lang.imports import gather
+from s2r_spec.lang.parsing import DEEPEST, Parsed
 from s2r_spec.lang.quantities import quantity, range_of
 from s2r_spec.lang.rules import RULES
 from s2r_spec.lang.scope import Declaration, Definition, Mistake, Scope, fail, unit_of
@@ -26,8 +27,8 @@ def check_text(text: str, name: str = "<string>") -> Document:
     Raises:
         SpecError: with every mistake that the text has.
     """
-    parsed = parse(Source.of(text, name))
-    checker = _Checker(parsed)
+    parsed, imports = gather(Source.of(text, name))
+    checker = _Checker(parsed, imports)
     found = {*parsed.diagnostics, *(mistake for rule in RULES for mistake in rule(parsed)), *checker.run()}
     if found:
         raise SpecError(found)
@@ -37,8 +38,9 @@ def check_text(text: str, name: str = "<string>") -> Document:
 class _Checker:
     """Goes through the statements from top to bottom; each sees what stands above it."""
 
-    def __init__(self, parsed: Parsed) -> None:
+    def __init__(self, parsed: Parsed, imports: tuple[Source, ...]) -> None:
         self.parsed = parsed
+        self.imports = imports
         self.requirements: dict[str, f.Formula] = {}
         self.certify: dict[str, CertifySettings] = {}
         self.depths: dict[int, int] = {}
@@ -68,19 +70,28 @@ class _Checker:
                 if isinstance(statement, syntax.Require) and isinstance(declared, Definition):
                     assert isinstance(declared.body, f.Formula)
                     self.requirements[name] = declared.body
-        for line in self.parsed.statements:
-            if isinstance(line, syntax.Certify):
+        yield from self._certified()
+
+    def _certified(self) -> Iterator[Diagnostic]:
+        """Check the ``certify`` lines; what one requirement is given goes before what all are."""
+        lines = [line for line in self.parsed.statements if isinstance(line, syntax.Certify)]
+        for line in sorted(lines, key=lambda line: line.name is None):
+            names = list(self.requirements) if line.name is None else [line.name.text]
+            for name in names:
                 try:
-                    settings = certify_settings(line, self.requirements.get(line.name.text), self.scope)
-                    self.certify.setdefault(line.name.text, settings)
+                    settings = certify_settings(line, self.requirements.get(name), self.scope)
                 except Mistake as mistake:
                     yield from mistake.diagnostics
+                else:
+                    own = self.certify.get(name)
+                    self.certify[name] = settings if own is None else own.over(settings)
 
     def document(self) -> Document:
         """Return what was declared, once there are no mistakes."""
         found = self.scope.declared
         return Document(
             self.parsed.source,
+            self.imports,
             {name: item for name, item in found.items() if isinstance(item, Signal)},
             {name: item for name, item in found.items() if isinstance(item, Param)},
             self.requirements,
@@ -88,13 +99,16 @@ class _Checker:
         )
 
     def _declared(self, statement: syntax.Statement) -> Declaration:
-        span, scope = statement.name.span, self.scope
+        scope = self.scope
+        assert statement.name is not None
+        span = statement.name.span
         match statement:
             case syntax.Signal(name=word, dim=dim):
                 unit = unit_of(statement.unit)
                 width = 1 if dim is None else _width(dim)
                 range_ = range_of(statement.range, scope, unit, word.text)
-                return Signal(word.text, unit.text, width, range_, dim is not None, unit, span)
+                vector, boolean = dim is not None, statement.boolean
+                return Signal(word.text, unit.text, width, range_, vector, boolean, unit, span)
             case syntax.Param(name=word):
                 unit = unit_of(statement.unit)
                 range_ = range_of(statement.range, scope, unit, word.text)

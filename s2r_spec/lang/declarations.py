@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from s2r_spec.lang.formula import Formula
@@ -21,6 +21,7 @@ class Signal:
         dim: number of components; 1 for a plain signal.
         range: (low, high) in the unit, or None.
         vector: whether a dimension was declared, so that the channel is (n, dim).
+        boolean: whether it is a condition by itself; its samples are 0 and 1.
     """
 
     name: str
@@ -28,6 +29,7 @@ class Signal:
     dim: int
     range: tuple[float, float] | None
     vector: bool
+    boolean: bool = False
     measure: Unit = field(repr=False, default=PLAIN)
     span: Span | None = field(repr=False, compare=False, default=None)
 
@@ -80,12 +82,18 @@ class CertifySettings:
     kernel: KernelChoice | None = None
     fall: float | None = None
 
+    def over(self, general: CertifySettings) -> CertifySettings:
+        """Return these settings, and those of ``general`` for what is not given here."""
+        given = {key: value for key, value in vars(self).items() if value is not None}
+        return replace(general, **given)
+
 
 @dataclass(frozen=True)
 class Document:
     """A specification without mistakes."""
 
     source: Source
+    imports: tuple[Source, ...]
     signals: Mapping[str, Signal]
     params: Mapping[str, Param]
     requirements: Mapping[str, Formula]

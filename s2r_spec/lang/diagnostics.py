@@ -30,6 +30,7 @@ CODES = {
     "E18": "a number is needed that is finite and known before any trace",
     "E19": "a formula is nested too deeply",
     "E20": "a unit with an offset is used like one without",
+    "E21": "a file cannot be imported",
 }
 """Stable codes: a code never changes its meaning."""
 
@@ -69,7 +70,10 @@ class SpecError(UsageError):
 
     def __init__(self, diagnostics: Iterable[Diagnostic]) -> None:
         self.diagnostics = tuple(
-            sorted(diagnostics, key=lambda item: (item.span.start, item.span.end, item.code))
+            sorted(
+                diagnostics,
+                key=lambda item: (item.span.source.name, item.span.start, item.span.end, item.code),
+            )
         )
         count = len(self.diagnostics)
         name = self.diagnostics[0].span.source.name

@@ -95,6 +95,8 @@ def check(expression: syntax.Expression, scope: Scope) -> Checked:
 def _name(expression: syntax.Name, scope: Scope) -> Checked:
     found, span = scope.find(expression.name, expression.span), expression.span
     if isinstance(found, Signal):
+        if found.boolean:
+            return f.Flag(span=span, unit=None, name=found.name)
         return f.SignalValue(span=span, unit=found.measure, width=found.dim, name=found.name)
     if isinstance(found, Param):
         return f.ParamValue(span=span, unit=found.measure, name=found.name)

@@ -143,6 +143,57 @@ class Overshoot(Value):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Delayed(Value):
+    """The operand ``seconds`` ago: its last sample at or before then, its first one before the trace."""
+
+    operand: Value
+    seconds: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Derivative(Value):
+    """Difference to the sample before, over the time between them; at the first sample as at the second."""
+
+    operand: Value
+
+
+@dataclass(frozen=True, kw_only=True)
+class Accumulated(Value):
+    """Integral over the last ``seconds``, or mean over them, of straight lines between samples.
+
+    Without ``seconds`` (inf) from the first sample on; never from before it.
+    """
+
+    function: Literal["integral", "mean"]
+    operand: Value
+    seconds: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Duration(Value):
+    """For how long the operand has held at every sample, up to now [s]; 0 where it does not hold."""
+
+    operand: Formula
+
+
+@dataclass(frozen=True, kw_only=True)
+class Count(Value):
+    """At how many samples of the last ``seconds`` (inf: of all so far) the operand held."""
+
+    operand: Formula
+    seconds: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Choice(Value):
+    """``left`` where the condition holds, else ``right``."""
+
+    condition: Formula
+    left: Value
+    right: Value
+
+
+@dataclass(frozen=True, kw_only=True)
 class Formula(Node):
     """A condition; ``unit`` is that of its robustness, None if nothing in it has a unit."""
 
@@ -154,6 +205,13 @@ class Truth(Formula):
     """true (+inf) or false (−inf)."""
 
     value: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class Flag(Formula):
+    """A boolean signal: +inf where it is true, −inf where it is not."""
+
+    name: str
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Literal, NoReturn, cast
 
 from s2r_spec.lang import formula as f
 from s2r_spec.lang import syntax
+from s2r_spec.lang.constants import constant
 from s2r_spec.lang.diagnostics import suggestion
 from s2r_spec.lang.scope import fail
 from s2r_spec.lang.source import Span
-from s2r_spec.lang.unify import combine, one, without_offset
-from s2r_spec.lang.units import PLAIN
+from s2r_spec.lang.unify import alike, combine, one, without_offset
+from s2r_spec.lang.units import PLAIN, SECOND
 
 Argument = tuple[syntax.Expression, f.Value | f.Formula]
 
@@ -85,10 +87,78 @@ def _overshoot(name: str, span: Span, arguments: Sequence[Argument]) -> f.Value:
 
 
 def _edge(name: str, span: Span, arguments: Sequence[Argument]) -> f.Formula:
-    ((written, operand),) = arguments
+    operand = _condition(name, arguments[0])
+    return f.Edge(span=span, unit=operand.unit, operator=cast(Literal["rise", "fall"], name), operand=operand)
+
+
+def _delay(name: str, span: Span, arguments: Sequence[Argument]) -> f.Value:
+    operand = _numbers(name, arguments[:1])[0]
+    return f.Delayed(
+        span=span,
+        unit=operand.unit,
+        width=operand.width,
+        operand=operand,
+        seconds=_seconds(name, arguments[1:]),
+    )
+
+
+def _deriv(name: str, span: Span, arguments: Sequence[Argument]) -> f.Value:
+    (operand,) = _numbers(name, arguments)
+    unit = (operand.unit or PLAIN).difference.over(SECOND)
+    return f.Derivative(span=span, unit=unit, width=operand.width, operand=operand)
+
+
+def _accumulated(name: str, span: Span, arguments: Sequence[Argument]) -> f.Value:
+    operand = _numbers(name, arguments[:1])[0]
+    function = cast(Literal["integral", "mean"], name)
+    unit = operand.unit
+    if function == "integral":
+        operand = without_offset(operand)
+        unit = SECOND if operand.unit is None else operand.unit.times(SECOND)
+    seconds = _seconds(name, arguments[1:])
+    return f.Accumulated(
+        span=span, unit=unit, width=operand.width, function=function, operand=operand, seconds=seconds
+    )
+
+
+def _duration(name: str, span: Span, arguments: Sequence[Argument]) -> f.Value:
+    return f.Duration(span=span, unit=SECOND, operand=_condition(name, arguments[0]))
+
+
+def _count(name: str, span: Span, arguments: Sequence[Argument]) -> f.Value:
+    seconds = _seconds(name, arguments[1:])
+    return f.Count(span=span, unit=None, operand=_condition(name, arguments[0]), seconds=seconds)
+
+
+def _if(name: str, span: Span, arguments: Sequence[Argument]) -> f.Value:
+    condition = _condition(name, arguments[0])
+    sides, unit = combine(_numbers(name, arguments[1:]), span, "choose between")
+    left, right = sides
+    width = alike(left, right, span)
+    return f.Choice(span=span, unit=unit, width=width, condition=condition, left=left, right=right)
+
+
+def _condition(name: str, argument: Argument) -> f.Formula:
+    written, operand = argument
     if isinstance(operand, f.Value):
         _wrong_kind(written, f"`{name}` needs a condition, and `{written.span.text}` is a number")
-    return f.Edge(span=span, unit=operand.unit, operator=cast(Literal["rise", "fall"], name), operand=operand)
+    return operand
+
+
+def _seconds(name: str, arguments: Sequence[Argument]) -> float:
+    """Return the time that the last argument is [s]; inf if it is not there."""
+    if not arguments:
+        return math.inf
+    ((written, _),) = arguments
+    (checked,) = _numbers(name, arguments)
+    unit, number = checked.unit or SECOND, constant(checked)
+    if number is None or not math.isfinite(number) or number < 0:
+        fail(
+            "E18", f"`{name}` looks back for a constant time, and `{written.span.text}` is none", written.span
+        )
+    if not unit.fits(SECOND):
+        fail("E06", f"`{name}` looks back for a time, and `{written.span.text}` is in {unit}", written.span)
+    return number * unit.factor
 
 
 _MANY = 1000
@@ -104,5 +174,12 @@ FUNCTIONS: dict[str, tuple[_Make, int, int, str]] = {
     "overshoot": (_overshoot, 2, 3, "overshoot(x, reference)` or `overshoot(x, reference, origin)"),
     "rise": (_edge, 1, 1, "rise(x >= 1)"),
     "fall": (_edge, 1, 1, "fall(x >= 1)"),
+    "delay": (_delay, 2, 2, "delay(x, 0.1 {s})"),
+    "deriv": (_deriv, 1, 1, "deriv(x)"),
+    "integral": (_accumulated, 1, 2, "integral(x)` or `integral(x, 1 {s})"),
+    "mean": (_accumulated, 1, 2, "mean(x)` or `mean(x, 1 {s})"),
+    "duration": (_duration, 1, 1, "duration(x >= 1)"),
+    "count": (_count, 1, 2, "count(rise(x >= 1))` or `count(rise(x >= 1), 1 {s})"),
+    "if": (_if, 3, 3, "if(x >= 1, x, y)"),
 }
 """Name → how it is checked, fewest and most arguments, and how it is written."""

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 from s2r_spec.lang import syntax
 from s2r_spec.lang.diagnostics import SpecError
+from s2r_spec.lang.imports import declared_outside
 from s2r_spec.lang.parsing import parse
 from s2r_spec.lang.source import Source
 
@@ -37,7 +38,8 @@ def to_latex(text: str, name: str = "<string>") -> str:
     Raises:
         SpecError: the text does not parse.
     """
-    parsed = parse(Source.of(text, name))
+    source = Source.of(text, name)
+    parsed = parse(source, declared_outside(source))
     if parsed.diagnostics:
         raise SpecError(parsed.diagnostics)
     rows = list(_rows(parsed.statements))

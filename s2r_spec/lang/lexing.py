@@ -19,8 +19,8 @@ from lark import Lark, Token
 
 from s2r_spec.lang.source import Source, Span
 
-STATEMENTS = frozenset({"SIGNAL", "PARAM", "CONST", "LET", "REQUIRE", "CERTIFY"})
-DECLARATIONS = STATEMENTS - {"REQUIRE", "CERTIFY"}
+STATEMENTS = frozenset({"SIGNAL", "PARAM", "CONST", "LET", "REQUIRE", "CERTIFY", "IMPORT"})
+DECLARATIONS = STATEMENTS - {"REQUIRE", "CERTIFY", "IMPORT"}
 _SILENT = frozenset({"WS", "COMMENT"})
 
 _TEMPORAL = {
@@ -63,15 +63,15 @@ def span_of(source: Source, token: Token) -> Span:
     return Span(source, token.start_pos, token.end_pos)
 
 
-def lex(source: Source) -> Lexed:
-    """Cut a source into tokens and statements."""
+def lex(source: Source, outside: Set[str] = frozenset()) -> Lexed:
+    """Cut a source into tokens and statements; names declared ``outside`` of it are no operators."""
     tokens = [token for token in grammar().lex(source.text, dont_ignore=True) if token.type not in _SILENT]
     stray = tuple(token for token in tokens if token.type == "STRAY")
     kept = [token for token in tokens if token.type != "STRAY"]
     declared = frozenset(
         str(name) for keyword, name in pairwise(kept) if keyword.type in DECLARATIONS and name.type == "NAME"
     )
-    return Lexed(tuple(_statements(kept, declared)), stray)
+    return Lexed(tuple(_statements(kept, declared | outside)), stray)
 
 
 def comments(source: Source) -> list[Token]:

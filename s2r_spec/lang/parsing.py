@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Set
 from dataclasses import dataclass
 
 from lark import Token, Tree
@@ -25,14 +25,21 @@ class Parsed:
 
     source: Source
     statements: tuple[syntax.Statement, ...]
+    imports: tuple[syntax.Import, ...]
     broken: tuple[syntax.Broken, ...]
     diagnostics: tuple[Diagnostic, ...]
 
 
-def parse(source: Source) -> Parsed:
-    """Parse every statement of a source by itself. Never raises on any text."""
-    lexed = lex(source)
+def parse(source: Source, declared: Set[str] = frozenset()) -> Parsed:
+    """Parse every statement of a source by itself. Never raises on any text.
+
+    Args:
+        source: the text.
+        declared: names that imported files declare, and that are no operators here either.
+    """
+    lexed = lex(source, declared)
     statements: list[syntax.Statement] = []
+    imports: list[syntax.Import] = []
     broken: list[syntax.Broken] = []
     strays = [stray_character(span_of(source, token)) for token in lexed.stray]
     diagnostics = list(strays)
@@ -45,12 +52,14 @@ def parse(source: Source) -> Parsed:
             if not any(span.start <= found.span.start <= result.span.start for found in strays):
                 # else it is the stray character, reported already, that breaks the statement
                 diagnostics.append(result)
+        elif isinstance(result, syntax.Import):
+            imports.append(result)
         else:
             statements.append(result)
-    return Parsed(source, tuple(statements), tuple(broken), tuple(diagnostics))
+    return Parsed(source, tuple(statements), tuple(imports), tuple(broken), tuple(diagnostics))
 
 
-def _statement(source: Source, tokens: tuple[Token, ...]) -> syntax.Statement | Diagnostic:
+def _statement(source: Source, tokens: tuple[Token, ...]) -> syntax.Statement | syntax.Import | Diagnostic:
     parser = grammar().parse_interactive()
     fed = 0
     try:

@@ -8,7 +8,7 @@ do definitions and comments. Formatting what is formatted changes nothing.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Sequence, Set
 from dataclasses import dataclass, fields
 from itertools import groupby
 
@@ -16,6 +16,7 @@ from lark import Token
 
 from s2r_spec.lang import syntax
 from s2r_spec.lang.diagnostics import SpecError
+from s2r_spec.lang.imports import declared_outside
 from s2r_spec.lang.lexing import comments, lex
 from s2r_spec.lang.parsing import parse
 from s2r_spec.lang.source import Source
@@ -30,15 +31,20 @@ _LOOSEST = ("IFF", "IMPLIES", "OR", "AND", "UNTIL")
 def format_text(text: str, name: str = "<string>") -> str:
     """Return a specification in the one way of writing it; its meaning is the same.
 
+    Args:
+        text: the specification.
+        name: what it goes by; files that it imports are looked for beside this path.
+
     Raises:
         SpecError: the text does not parse. Mistakes that only a check finds do not matter.
     """
     source = Source.of(text, name)
-    parsed = parse(source)
+    outside = declared_outside(source)
+    parsed = parse(source, outside)
     if parsed.diagnostics:
         raise SpecError(parsed.diagnostics)
     intervals = {item.span.start for item in _intervals(parsed.statements)}
-    lines = _aligned(list(_lines(source, intervals)))
+    lines = _aligned(list(_lines(source, outside, intervals)))
     return "".join(f"{line}\n" for line in lines)
 
 
@@ -75,9 +81,9 @@ def _intervals(nodes: Sequence[object]) -> Iterator[syntax.Interval]:
             stack += node
 
 
-def _lines(source: Source, intervals: set[int]) -> Iterator[_Line]:
+def _lines(source: Source, outside: Set[str], intervals: set[int]) -> Iterator[_Line]:
     """Yield every statement and every comment that stands alone, in order."""
-    items = [_canonical(tokens) for tokens in lex(source).statements]
+    items = [_canonical(tokens) for tokens in lex(source, outside).statements]
     remarks = comments(source)
     last = 0  # line of the end of what was yielded
     for number, tokens in enumerate(items):

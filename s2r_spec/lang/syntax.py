@@ -181,10 +181,11 @@ class Range(Node):
 
 @dataclass(frozen=True, kw_only=True)
 class Signal(Node):
-    """``signal u[3] {V} in [-24, 24]``."""
+    """``signal u[3] {V} in [-24, 24]``, or ``signal contact bool``."""
 
     name: Word
     dim: Number | None
+    boolean: bool
     unit: Word | None
     range: Range | None
 
@@ -234,10 +235,17 @@ class Setting(Node):
 
 @dataclass(frozen=True, kw_only=True)
 class Certify(Node):
-    """``certify walking: delta = 1e-6, …``."""
+    """``certify walking: delta = 1e-6, …``; without a name it is for every requirement."""
 
-    name: Word
+    name: Word | None
     settings: tuple[Setting, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Import(Node):
+    """``import "robot.stl"``."""
+
+    path: Word
 
 
 @dataclass(frozen=True, kw_only=True)

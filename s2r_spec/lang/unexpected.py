@@ -13,7 +13,7 @@ from s2r_spec.lang.source import Source, Span
 _WORDS = {
     "NAME": "a name", "NUMBER": "a number", "UNIT": "a unit in braces", "INF": "`inf`", "IN": "`in`",
     "LPAR": "`(`", "RPAR": "`)`", "LSQB": "`[`", "RSQB": "`]`", "COMMA": "`,`", "COLON": "`:`",
-    "EQ": "`=`", "ASSIGN": "`:=`", "$END": "the end of the statement",
+    "BOOL": "`bool`", "STRING": "a file in quotes", "EQ": "`=`", "ASSIGN": "`:=`", "$END": "the end of the statement",
 }  # fmt: skip
 _EXPRESSION = frozenset({"NUMBER", "NAME", "LPAR", "MINUS"})
 _FORMULA = _EXPRESSION | {"NOT", "TEMPORAL", "STEP", "TRUE", "FALSE"}
@@ -22,7 +22,7 @@ _OPERATORS = frozenset(
 )
 _CLOSING = {"LPAR": ("RPAR", ")"), "LSQB": ("RSQB", "]")}
 _KEYWORDS = tuple(word.lower() for word in STATEMENTS)
-_ANY_KEYWORD = "signal, param, const, let, require or certify"
+_ANY_KEYWORD = "signal, param, const, let, require, certify or import"
 
 
 def stray_character(span: Span) -> Diagnostic:
@@ -127,6 +127,8 @@ def _hint(source: Source, tokens: Sequence[Token], position: int, allowed: Set[s
         return "a requirement has a name: `require slow: always …`"
     if before.type in STATEMENTS and token.type not in ("NAME", "NUMBER"):
         return f"`{here.text}` is a word of the language and cannot be a name"
+    if before.type == "BOOL":
+        return "a boolean signal has neither unit nor range"
     if token.type == "UNIT" and tokens[0].type in ("SIGNAL", "PARAM", "CONST"):
         return "the unit stands right after the name"
     return ""

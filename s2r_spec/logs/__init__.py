@@ -10,11 +10,15 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from s2r_spec.errors import TraceError
-from s2r_spec.logs import csv_format, npz_format
+from s2r_spec.logs import csv_format, npz_format, parquet_format
 from s2r_spec.trace import Trace
 
-_READERS: dict[str, Callable[[Path], Trace]] = {".csv": csv_format.read, ".npz": npz_format.read}
-_WRITERS: dict[str, Callable[[Trace, Path], None]] = {".csv": csv_format.write, ".npz": npz_format.write}
+_READERS: dict[str, Callable[[Path], Trace]] = {
+    ".csv": csv_format.read, ".npz": npz_format.read, ".parquet": parquet_format.read,
+}  # fmt: skip
+_WRITERS: dict[str, Callable[[Trace, Path], None]] = {
+    ".csv": csv_format.write, ".npz": npz_format.write, ".parquet": parquet_format.write,
+}  # fmt: skip
 
 FORMATS = tuple(sorted(_READERS))
 """Endings that can be read and written."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -13,8 +12,9 @@ from s2r_spec.errors import UsageError
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness import windows
 from s2r_spec.robustness.curve import Curve, added, maximum, minimum, sign
-from s2r_spec.robustness.evaluate import Walk, Witness
+from s2r_spec.robustness.evaluate import Walk
 from s2r_spec.robustness.numbers import Numbers, no_value
+from s2r_spec.robustness.sampled import SampledAlgebra, Samples
 
 FloatArray = NDArray[np.float64]
 
@@ -24,22 +24,20 @@ class Recording:
     """What a formula is evaluated on in continuous time.
 
     Args:
-        times: (n,) times after the first sample [s].
-        signals: name → (width, n), in the declared unit, free of NaN.
-        params: name → (1, 1), in the declared unit.
+        samples: the signals at their samples.
         between: what a signal does between two samples: "hold" the last value, or
-            go straight ("linear").
+            go straight ("linear"). A boolean signal is always held.
         snap: times closer than this are the same [s].
-        until: see :class:`s2r_spec.robustness.evaluate.Walk`; in continuous time both agree
-            where no signal jumps.
     """
 
-    times: FloatArray
-    signals: Mapping[str, FloatArray]
-    params: Mapping[str, FloatArray]
+    samples: Samples
     between: Literal["hold", "linear"]
     snap: float
-    until: Witness = "open"
+
+    @property
+    def times(self) -> FloatArray:
+        """(n,) times after the first sample [s]."""
+        return self.samples.clock.times
 
 
 def snap_of(times: FloatArray) -> float:
@@ -54,7 +52,7 @@ def walk_curves(recording: Recording) -> Walk[Curve]:
     The walk raises TraceError if a predicate has no value, and UsageError for
     ``next`` and ``prev``, which count samples.
     """
-    return Walk(DenseAlgebra(recording), recording.until)
+    return Walk(DenseAlgebra(recording), recording.samples.until)
 
 
 class DenseAlgebra:
@@ -69,7 +67,12 @@ class DenseAlgebra:
         """Return an infinity."""
         return Curve.constant(self.recording.times, np.inf if value else -np.inf)
 
-    def margin(self, node: f.Comparison, formula: Callable[[f.Formula], Curve]) -> Curve:
+    def flag(self, node: f.Flag) -> Curve:
+        """Return an infinity at each instant."""
+        states = np.where(self.recording.samples.signals[node.name][0] > 0, np.inf, -np.inf)
+        return Curve.of(self.recording.times, states, "hold")
+
+    def margin(self, node: f.Comparison) -> Curve:
         """Return by how much the comparison holds."""
         left, right = self.values(node.left), self.values(node.right)
         if node.operator in (">", ">="):
@@ -135,8 +138,8 @@ class Values:
 
     Sums, differences, multiples, minima, maxima, absolute values and signs of
     straight lines are exact, with their crossings. Other functions (products,
-    quotients, powers, roots, norms) are computed at the samples and go straight
-    in between.
+    quotients, powers, roots, norms, and those of the past) are computed at the
+    samples and go straight in between.
     """
 
     recording: Recording
@@ -144,7 +147,7 @@ class Values:
     done: dict[int, Curve] = field(init=False, default_factory=dict)
 
     def __post_init__(self) -> None:
-        self.sampled = Numbers(self.recording.signals, self.recording.params)
+        self.sampled = SampledAlgebra(self.recording.samples).numbers
 
     def __call__(self, node: f.Value) -> Curve:
         """Return the value of a node with one component; NaN where it has none."""

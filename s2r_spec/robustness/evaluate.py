@@ -8,7 +8,6 @@ continuous time (:mod:`s2r_spec.robustness.dense`), torch tensors
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from functools import reduce
 from typing import Generic, Literal, Protocol, TypeVar
@@ -29,8 +28,12 @@ class Algebra(Protocol[S]):
         """Return +inf or −inf at every instant."""
         ...
 
-    def margin(self, node: f.Comparison, formula: Callable[[f.Formula], S]) -> S:
-        """Return the robustness of a predicate; ``formula`` evaluates what functions in it look at."""
+    def flag(self, node: f.Flag) -> S:
+        """Return +inf where a boolean signal is true, −inf where it is not."""
+        ...
+
+    def margin(self, node: f.Comparison) -> S:
+        """Return the robustness of a predicate."""
         ...
 
     def negative(self, x: S) -> S:
@@ -99,7 +102,9 @@ class Walk(Generic[S]):
             case f.Named():
                 return self(node.operand)
             case f.Comparison():
-                return algebra.margin(node, self)
+                return algebra.margin(node)
+            case f.Flag():
+                return algebra.flag(node)
             case f.Truth():
                 return algebra.truth(node.value)
             case f.Not():

@@ -110,10 +110,8 @@ class Reading:
         """Return a walk over samples or curves."""
         if self.interpolation == "samples":
             return walk_samples(Samples(self.clock, self.signals, self.params, self.until))
-        times = self.times - self.times[0]
-        return walk_curves(
-            Recording(times, self.signals, self.params, self.interpolation, self.snap, self.until)
-        )
+        samples = Samples(Ticks.of(self.times), self.signals, self.params, self.until)
+        return walk_curves(Recording(samples, self.interpolation, self.snap))
 
     def robustness(self, formula: f.Formula) -> FloatArray:
         """Return (n,): ρ at every sample."""

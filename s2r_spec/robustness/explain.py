@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness.deciding import descend
-from s2r_spec.robustness.evaluate import Walk
 from s2r_spec.robustness.evaluation import Reading
 from s2r_spec.robustness.responsible import responsible
 from s2r_spec.robustness.sampled import SampledAlgebra, Samples
@@ -95,19 +94,19 @@ class Explanation:
             return f"{head}\n  because {self.reason}"
         named = next((part.name for part in reversed(self.parts) if part.name), "")
         within = f", in `{named}`" if named else ""
-        times = ", ".join(
+        rests = ", ".join(
             f"{start:g} s" if start == end else f"{start:g} s to {end:g} s"
             for start, end in self.responsible[:4]
         )
         more = ", …" if len(self.responsible) > 4 else ""
-        rests = "fails" if self.rho < 0 else "has to hold"
+        what = "fails" if self.rho < 0 else "has to hold"
         return "\n".join(
             (
                 head,
                 f"  decided at t = {self.instant:g} s by `{self.predicate}` (line {self.line}{within}): "
                 f"margin {self.margin:+.6g} {self.margin_unit}".rstrip(),
                 f"  there {', '.join(map(str, self.signals))}" if self.signals else "  a constant",
-                f"  it {rests} at {times}{more}" if times else "  no other instant matters",
+                f"  it {what} at {rests}{more}",
             )
         )
 
@@ -120,7 +119,7 @@ class Explanation:
 def explain(formula: f.Formula, reading: Reading, requirement: str, unit: str) -> Explanation:
     """Explain ρ of a formula at the first sample, conditions asked at the samples."""
     algebra = SampledAlgebra(Samples(reading.clock, reading.signals, reading.params, reading.until))
-    walk = Walk(algebra, reading.until)
+    walk = algebra.walk
     rho = float(walk(formula)[0])
     steps = list(descend(formula, walk, reading.clock))
     parts = tuple(
@@ -137,14 +136,19 @@ def explain(formula: f.Formula, reading: Reading, requirement: str, unit: str) -
     last = steps[-1]
     predicate, sample = last.node, last.sample
     if not isinstance(predicate, f.Comparison):
-        what = (
-            "is constant"
-            if isinstance(predicate, f.Truth)
-            else "looks where the trace has no samples, so that it is decided by definition"
-        )
+        match predicate:
+            case f.Truth():
+                what = "is constant"
+            case f.Flag():
+                what = "is true" if parts[-1].rho > 0 else "is false"
+            case _:
+                what = "looks where the trace has no samples, so that it is decided by definition"
         reason = f"`{parts[-1].text}` (line {parts[-1].line}), at t = {parts[-1].time:g} s, {what}"
         return Explanation(requirement, rho, unit, parts, line=parts[-1].line, reason=reason)
-    times = responsible(formula, walk, reading.clock).get(id(predicate))
+    times = responsible(formula, walk, reading.clock).get(
+        id(predicate), np.zeros(len(reading.times), dtype=bool)
+    )
+    times[sample] = True  # of several reasons for a violated until, ρ may name another one
     return Explanation(
         requirement,
         rho,
@@ -158,7 +162,7 @@ def explain(formula: f.Formula, reading: Reading, requirement: str, unit: str) -
         factor=last.factor,
         sides=tuple(_observed(side, algebra, sample) for side in (predicate.left, predicate.right)),
         signals=_signals(predicate, algebra, sample),
-        responsible=() if times is None else _runs(times, reading.times),
+        responsible=_runs(times, reading.times),
     )
 
 

@@ -55,6 +55,16 @@ class Grid:
         slack = 2 * (jitter * mean + rounding) / (count - 1)
         return cls(count, _simplest(Fraction(mean - slack), Fraction(mean + slack)), jitter)
 
+    @property
+    def times(self) -> FloatArray:
+        """(n,) times after the first sample [s]."""
+        return np.arange(self.count, dtype=np.float64) * self.seconds(1)
+
+    @property
+    def snap(self) -> float:
+        """Times closer than this are the same [s]."""
+        return SNAP * self.seconds(1)
+
     def windows(self, interval: Interval, past: bool) -> tuple[IntArray, IntArray]:
         """Return (first, last), each (n,): the samples in the window of each one; empty if last < first."""
         low, high = self.window(interval)

@@ -57,7 +57,7 @@ def _reach(formula: f.Formula, ends: Ends, step: float) -> float:
         return known[id(node)]
 
     def below(node: f.Node) -> float:
-        return max((reach(child) for child in f.children(node) if isinstance(child, f.Formula)), default=0.0)
+        return max(map(reach, f.children(node)), default=0.0)
 
     def here(node: f.Node) -> float:
         match node:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Protocol
 
 import numpy as np
@@ -10,15 +10,32 @@ from numpy.typing import NDArray
 
 from s2r_spec.errors import TraceError
 from s2r_spec.lang import formula as f
+from s2r_spec.robustness import history
 
 FloatArray = NDArray[np.float64]
 
 
-class _Times(Protocol):
-    @property
-    def count(self) -> int: ...
+class Times(Protocol):
+    """Sample times."""
 
-    def seconds(self, sample: int) -> float: ...
+    @property
+    def count(self) -> int:
+        """Number of samples."""
+        ...
+
+    @property
+    def times(self) -> FloatArray:
+        """(n,) times after the first sample [s]."""
+        ...
+
+    @property
+    def snap(self) -> float:
+        """Times closer than this are the same [s]."""
+        ...
+
+    def seconds(self, sample: int) -> float:
+        """Return the time of a sample after the first [s]."""
+        ...
 
 
 class Numbers:
@@ -27,11 +44,21 @@ class Numbers:
     Args:
         signals: name → (…, width, n), in the declared unit.
         params: name → (…, 1, 1), in the declared unit.
+        clock: the sample times.
+        formula: what evaluates the conditions in ``if``, ``duration`` and ``count``, to (…, n).
     """
 
-    def __init__(self, signals: Mapping[str, FloatArray], params: Mapping[str, FloatArray]) -> None:
+    def __init__(
+        self,
+        signals: Mapping[str, FloatArray],
+        params: Mapping[str, FloatArray],
+        clock: Times,
+        formula: Callable[[f.Formula], FloatArray],
+    ) -> None:
         self.signals = signals
         self.params = params
+        self.clock = clock
+        self.formula = formula
         self.done: dict[int, FloatArray] = {}
 
     def __call__(self, node: f.Value) -> FloatArray:
@@ -67,11 +94,41 @@ class Numbers:
                 for operand in node.operands[1:]:
                     result = fold(result, self(operand))
                 return result
+            case f.Choice():
+                return np.where(self.holds(node.condition), self(node.left), self(node.right))
+            case f.Delayed() | f.Derivative() | f.Accumulated() | f.Duration() | f.Count():
+                return self._history(node)
             case f.Norm():
                 squares = (np.sum(np.square(self(part)), axis=-2, keepdims=True) for part in node.operands)
                 return np.sqrt(sum(squares, start=np.zeros((1, 1))))
             case _:
                 raise AssertionError(node)
+
+    def holds(self, node: f.Formula) -> NDArray[np.bool_]:
+        """Return (…, 1, n): where a condition holds."""
+        return np.asarray(self.formula(node) >= 0)[..., np.newaxis, :]
+
+    def _history(self, node: f.Value) -> FloatArray:
+        times, snap = self.clock.times, self.clock.snap
+        match node:
+            case f.Duration():
+                return history.duration(self.holds(node.operand), times)
+            case f.Count():
+                return history.count(self.holds(node.operand), times, node.seconds, snap)
+            case f.Delayed():
+                return history.delayed(self._along(node.operand), times, node.seconds, snap)
+            case f.Derivative():
+                return history.derivative(self._along(node.operand), times)
+            case f.Accumulated():
+                over = history.integral if node.function == "integral" else history.mean
+                return over(self._along(node.operand), times, node.seconds)
+            case _:
+                raise AssertionError(node)
+
+    def _along(self, node: f.Value) -> FloatArray:
+        """Return (…, width, n), also of a number that does not vary."""
+        values = self(node)
+        return np.broadcast_to(values, (*values.shape[:-1], self.clock.count))
 
     def direction(self, node: f.Overshoot) -> FloatArray:
         """Return (…, 1, 1): +1 or −1, the direction of a motion, settled at the first sample."""
@@ -79,7 +136,7 @@ class Numbers:
         return np.where(self(node.reference)[..., :1] >= origin, 1.0, -1.0)
 
 
-def margin(node: f.Comparison, numbers: Numbers, clock: _Times) -> FloatArray:
+def margin(node: f.Comparison, numbers: Numbers, clock: Times) -> FloatArray:
     """Return (…, n): by how much a comparison holds.
 
     Raises:

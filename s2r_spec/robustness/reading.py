@@ -42,6 +42,8 @@ def _read(signal: Signal, trace: Trace, missing: Missing) -> FloatArray:
         declared = f"a vector of {signal.dim}" if signal.vector else "one number"
         found = f"a vector of {width}" if channel.ndim == 2 else "one number"
         raise TraceError(f"channel {signal.name!r} is {found} a sample, but the spec declares {declared}")
+    if signal.boolean and not np.isin(channel[~np.isnan(channel)], (0, 1)).all():
+        raise TraceError(f"channel {signal.name!r} is declared bool, but its samples are not all 0 or 1")
     samples = channel.T if channel.ndim == 2 else channel[np.newaxis, :]
     if missing == "hold":
         samples = _last_known(samples)

@@ -6,7 +6,7 @@ any batch axes come first, time is last.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -16,23 +16,14 @@ from numpy.typing import NDArray
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness.evaluate import Walk, Witness
 from s2r_spec.robustness.kernels import shift
-from s2r_spec.robustness.numbers import Numbers, margin
+from s2r_spec.robustness.numbers import Numbers, Times, margin
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
 
 
-class Clock(Protocol):
-    """Sample times: a regular :class:`~s2r_spec.robustness.grid.Grid`, or any."""
-
-    @property
-    def count(self) -> int:
-        """Number of samples."""
-        ...
-
-    def seconds(self, sample: int) -> float:
-        """Return the time of a sample after the first [s]."""
-        ...
+class Clock(Times, Protocol):
+    """Sample times and windows on them: :class:`~s2r_spec.robustness.grid.Grid` or ``Ticks``."""
 
     def windows(self, interval: f.Interval, past: bool) -> tuple[IntArray, IntArray]:
         """Return (first, last), each (n,): the samples in the window of each one; empty if last < first."""
@@ -71,7 +62,7 @@ def walk_samples(samples: Samples) -> Walk[FloatArray]:
     The walk raises TraceError if a time bound does not fit the sample times, or a
     predicate has no value (0/0, √−1).
     """
-    return Walk(SampledAlgebra(samples), samples.until)
+    return SampledAlgebra(samples).walk
 
 
 def robustness(formula: f.Formula, samples: Samples) -> FloatArray:
@@ -84,13 +75,18 @@ class SampledAlgebra:
 
     def __init__(self, samples: Samples) -> None:
         self.samples = samples
-        self.numbers = Numbers(samples.signals, samples.params)
+        self.walk = Walk(self, samples.until)
+        self.numbers = Numbers(samples.signals, samples.params, samples.clock, self.walk)
 
     def truth(self, value: bool) -> FloatArray:
         """Return (n,) infinities."""
         return np.full(self.samples.clock.count, np.inf if value else -np.inf)
 
-    def margin(self, node: f.Comparison, formula: Callable[[f.Formula], FloatArray]) -> FloatArray:
+    def flag(self, node: f.Flag) -> FloatArray:
+        """Return (…, n) infinities."""
+        return np.where(self.samples.signals[node.name][..., 0, :] > 0, np.inf, -np.inf)
+
+    def margin(self, node: f.Comparison) -> FloatArray:
         """Return (…, n): by how much the comparison holds."""
         return margin(node, self.numbers, self.samples.clock)
 

@@ -34,7 +34,7 @@ class Ticks:
     @classmethod
     def of(cls, times: FloatArray) -> Ticks:
         """Make a clock of (n,) increasing times [s]."""
-        shortest = float(np.diff(times).min(initial=np.inf))
+        shortest = float(np.diff(times).min()) if times.size > 1 else 0.0
         rounding = 8 * np.finfo(np.float64).eps * float(np.abs(times).max() + times[-1] - times[0])
         # snapping must never reach half way to a neighbour
         return cls(times - times[0], min(SNAP * shortest + rounding, shortest / 4))

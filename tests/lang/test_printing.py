@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from s2r_spec.lang import syntax
 from s2r_spec.lang.diagnostics import SpecError
+from s2r_spec.lang.imports import declared_outside
 from s2r_spec.lang.lexing import comments, lex
 from s2r_spec.lang.parsing import parse
 from s2r_spec.lang.printing import format_text
@@ -21,9 +22,10 @@ SHIPPED = sorted((SPECS.parents[1] / "specs").glob("*.stl"))
 GOOD = sorted((SPECS / "good").glob("*.stl"))
 
 
-def meaning(text: str) -> object:
+def meaning(text: str, name: str = "<string>") -> object:
     """Return the syntax of a text without its places and spellings."""
-    parsed = parse(Source.of(text))
+    source = Source.of(text, name)
+    parsed = parse(source, declared_outside(source))
     assert not parsed.diagnostics, str(parsed.diagnostics[0])
     return unplaced(parsed.statements)
 
@@ -35,11 +37,11 @@ def unplaced(node: object) -> object:
     return tuple(map(unplaced, node)) if isinstance(node, tuple) else node
 
 
-def check(text: str) -> str:
+def check(text: str, name: str = "<string>") -> str:
     """Format a text, and hold the result to what a formatter promises."""
-    once = format_text(text)
-    assert meaning(once) == meaning(text)
-    assert format_text(once) == once
+    once = format_text(text, name)
+    assert meaning(once, name) == meaning(text, name)
+    assert format_text(once, name) == once
     before, after = ([token.lstrip("#/").strip() for token in comments(Source.of(t))] for t in (text, once))
     assert before == after
     assert not any(line != line.rstrip() for line in once.split("\n"))
@@ -48,7 +50,7 @@ def check(text: str) -> str:
 
 @pytest.mark.parametrize("path", [*GOOD, *SHIPPED], ids=lambda path: path.stem)
 def test_every_good_file(path: Path) -> None:
-    check(path.read_text(encoding="utf-8"))
+    check(path.read_text(encoding="utf-8"), str(path))
 
 
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)

@@ -262,3 +262,35 @@ def test_importing_is_light() -> None:
     heavy = "{'lark', 'pint', 'torch', 'scipy', 'mujoco'} & set(__import__('sys').modules)"
     code = f"import s2r_spec.spec; loaded = {heavy}; assert not loaded, loaded"
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_imports(tmp_path: Path) -> None:
+    (tmp_path / "parts").mkdir()
+    units, robot, main = tmp_path / "parts/units.stl", tmp_path / "parts/robot.stl", tmp_path / "main.stl"
+    units.write_text("const top {m/s} = 2\n")
+    robot.write_text('import "units.stl"\nsignal v {m/s}\nsignal G\nrequire slow: v <= top\n')
+    main.write_text(
+        'import "parts/robot.stl"\nimport "parts/units.stl"\nrequire it: slow and G <= top / top\n'
+    )
+    spec = load_spec(main)
+    assert spec.requirements == ("slow", "it")
+    assert list(spec.imported) == [str(units), str(robot)]
+    assert spec.robustness(Trace([0], {"v": [0.5], "G": [0]})) == {"slow": 1.5, "it": 1}
+    before = spec.hash
+    units.write_text("const top {m/s} = 3\n")
+    assert load_spec(main).hash != before
+    robot.write_text('import "../main.stl"\nsignal v {furlong}\nrequire slow: w > 0\n')
+    with pytest.raises(SpecError) as caught:
+        load_spec(main)
+    text = str(caught.value)
+    assert f"`{main}` imports itself" in text
+    assert f"--> {robot}:3:15" in text
+
+
+def test_one_certify_line_for_every_requirement() -> None:
+    spec = parse_spec(
+        "signal v {m/s} signal x {m} require a: v <= 1 require b: x <= 1\n"
+        "certify: delta = 0.1, B = 2 certify b: B = 30 {cm}, R = 0.1"
+    )
+    assert spec.certify["a"] == CertifySettings(delta=0.1, B=2)
+    assert spec.certify["b"] == CertifySettings(delta=0.1, B=0.3, R=0.1)

@@ -1,3 +1,4 @@
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from s2r_spec.errors import TraceError
 from s2r_spec.trace import Trace
 
 ANY_FLOAT = st.floats(width=64)
+INSTALLED = [ending for ending in logs.FORMATS if ending != ".parquet" or find_spec("pyarrow")]
 META = st.dictionaries(
     st.text(max_size=5), st.one_of(st.integers(), st.text(max_size=5), st.none()), max_size=3
 )
@@ -42,7 +44,7 @@ def traces(draw: st.DrawFn) -> Trace:
     return Trace(times, channels, units, draw(META))
 
 
-@pytest.mark.parametrize("ending", logs.FORMATS)
+@pytest.mark.parametrize("ending", INSTALLED)
 @settings(max_examples=80, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
 @given(trace=traces())
 def test_what_is_written_is_read_back_bit_for_bit(tmp_path: Path, ending: str, trace: Trace) -> None:

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Iterator
 
 from s2r_spec.lang.checking import check_text
 from s2r_spec.lang.declarations import Document
+from s2r_spec.lang.imports import declared_outside
 from s2r_spec.lang.lints.equality import equality
 from s2r_spec.lang.lints.finding import Finding
 from s2r_spec.lang.lints.grouping import chained_implication, mixed_junction, temporal_reach
@@ -32,7 +33,8 @@ def lint(text: str, name: str = "<string>") -> tuple[Finding, ...]:
         SpecError: the text is no specification.
     """
     document = check_text(text, name)
-    parsed = parse(Source.of(text, name))
+    source = Source.of(text, name)
+    parsed = parse(source, declared_outside(source))
     found = [finding for rule in LINTS for finding in rule(parsed, document)]
     return tuple(sorted(found, key=lambda finding: (finding.span.start, finding.code)))
 

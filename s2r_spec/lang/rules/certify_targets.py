@@ -1,4 +1,4 @@
-"""A ``certify`` line belongs to one requirement, and a requirement has one such line."""
+"""A ``certify`` line belongs to one requirement, or to all; each has one such line."""
 
 from __future__ import annotations
 
@@ -14,10 +14,19 @@ def certify_targets(parsed: Parsed) -> Iterator[Diagnostic]:
     required = [item.name.text for item in parsed.statements if isinstance(item, syntax.Require)]
     unparsed = {broken.name for broken in parsed.broken}
     first: dict[str, syntax.Word] = {}
+    general: syntax.Certify | None = None
     for item in parsed.statements:
-        if not isinstance(item, syntax.Certify) or item.name.text in unparsed:
+        if not isinstance(item, syntax.Certify):
             continue
         word = item.name
+        if word is None:
+            if general is not None:
+                message = "there is a certify line for every requirement already"
+                yield Diagnostic("E15", message, item.span, general.span, "put all settings in one line")
+            general = general or item
+            continue
+        if word.text in unparsed:
+            continue
         if word.text not in required:
             guess = suggestion(word.text, required)
             fix = guess or f"write `require {word.text}: …` first"

@@ -1,0 +1,72 @@
+"""A file and all that it imports, as one: declarations of an imported file come first."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from os.path import dirname, join, normpath
+
+from s2r_spec.errors import UsageError
+from s2r_spec.lang import syntax
+from s2r_spec.lang.diagnostics import Diagnostic
+from s2r_spec.lang.files import read_text
+from s2r_spec.lang.parsing import Parsed, parse
+from s2r_spec.lang.source import Source
+
+
+def gather(source: Source) -> tuple[Parsed, tuple[Source, ...]]:
+    """Return what a source and its imports contain, and the sources that it imports, each once.
+
+    A file is looked for beside the one that imports it.
+    """
+    gathering = _Gathering()
+    parsed = gathering.gather(source, (normpath(source.name),))
+    return parsed, tuple(found.source for found in gathering.files.values())
+
+
+def declared_outside(source: Source) -> frozenset[str]:
+    """Return the names that imported files declare: one of them that is a letter is no operator here."""
+    _, files = gather(source)
+    return frozenset(name for file in files for name in _declared([parse(file)]))
+
+
+class _Gathering:
+    def __init__(self) -> None:
+        self.files: dict[str, Parsed] = {}
+
+    def gather(self, source: Source, chain: tuple[str, ...]) -> Parsed:
+        parts: list[Parsed] = []
+        mistakes: list[Diagnostic] = []
+        own = parse(source)
+        for line in own.imports:
+            # "parts/../a.stl" is "a.stl", or a file that imports itself would never be found out
+            name = normpath(join(dirname(source.name), line.path.text))
+            if name in chain:
+                mistakes.append(Diagnostic("E21", f"`{name}` imports itself", line.path.span))
+            elif name not in self.files:
+                try:
+                    text = read_text(name)
+                except UsageError as error:
+                    mistakes.append(Diagnostic("E21", str(error), line.path.span))
+                    continue
+                found = self.gather(Source.of(text, name), (*chain, name))
+                self.files[name] = replace(found, source=Source.of(text, name))
+                parts.append(found)
+        if own.imports:
+            # now that it is known what they declare: a declared letter is no operator
+            own = parse(source, frozenset(_declared(self.files.values())))
+        parts.append(replace(own, diagnostics=(*own.diagnostics, *mistakes)))
+        return Parsed(
+            source,
+            tuple(statement for part in parts for statement in part.statements),
+            own.imports,
+            tuple(statement for part in parts for statement in part.broken),
+            tuple(diagnostic for part in parts for diagnostic in part.diagnostics),
+        )
+
+
+def _declared(files: Iterable[Parsed]) -> Iterator[str]:
+    for parsed in files:
+        for statement in parsed.statements:
+            if not isinstance(statement, syntax.Certify | syntax.Require):
+                yield statement.name.text

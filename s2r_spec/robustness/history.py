@@ -1,0 +1,66 @@
+"""Functions of what a signal was: delay, derivative, integral, mean, duration, count.
+
+Arrays are (…, n), time last; ``times`` are (n,) [s], strictly increasing, and
+``snap`` says which differences of times are rounding [s]. Nothing looks at
+later samples, so that each can run beside a robot.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+
+def delayed(x: FloatArray, times: FloatArray, seconds: float, snap: float) -> FloatArray:
+    """Return (…, n): x at the last sample at or before t − seconds, or else the first one."""
+    index = np.searchsorted(times, times - seconds + snap, "right") - 1
+    return x[..., np.maximum(index, 0)]
+
+
+def derivative(x: FloatArray, times: FloatArray) -> FloatArray:
+    """Return (…, n): the slope from the sample before [1/s]; at the first sample that to the second."""
+    if times.size == 1:
+        return np.zeros_like(x)
+    slopes = np.diff(x, axis=-1) / np.diff(times)
+    return np.concatenate((slopes[..., :1], slopes), axis=-1)
+
+
+def integral(x: FloatArray, times: FloatArray, seconds: float) -> FloatArray:
+    """Return (…, n): the integral of straight lines over [t − seconds, t], from the first sample on."""
+    steps = np.diff(times) * (x[..., 1:] + x[..., :-1]) / 2
+    total = np.concatenate((np.zeros_like(x[..., :1]), np.cumsum(steps, axis=-1)), axis=-1)
+    if math.isinf(seconds) or times.size == 1:
+        return total
+    start = np.maximum(times - seconds, times[0])
+    before = np.minimum(np.searchsorted(times, start, "right") - 1, times.size - 2)
+    part = start - times[before]
+    slope: FloatArray = np.diff(x, axis=-1) / np.diff(times)
+    since: FloatArray = total - total[..., before] - part * (x[..., before] + slope[..., before] * part / 2)
+    return since
+
+
+def mean(x: FloatArray, times: FloatArray, seconds: float) -> FloatArray:
+    """Return (…, n): the integral over its time; over no time the sample itself."""
+    elapsed = np.minimum(times - times[0], seconds)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.where(elapsed > 0, integral(x, times, seconds) / elapsed, x)
+
+
+def duration(holds: BoolArray, times: FloatArray) -> FloatArray:
+    """Return (…, n): for how long it has held without a break [s]."""
+    begins = holds & ~np.concatenate((np.zeros_like(holds[..., :1]), holds[..., :-1]), axis=-1)
+    since = np.maximum.accumulate(np.where(begins, times, -np.inf), axis=-1)
+    return np.where(holds, times - since, 0.0)
+
+
+def count(holds: BoolArray, times: FloatArray, seconds: float, snap: float) -> FloatArray:
+    """Return (…, n): at how many samples in [t − seconds, t] it held."""
+    total = np.cumsum(holds, axis=-1, dtype=np.float64)
+    first = np.searchsorted(times, times - seconds - snap, "left")
+    before = np.concatenate((np.zeros_like(total[..., :1]), total), axis=-1)[..., first]
+    return total - before
