@@ -47,7 +47,7 @@ def main() -> None:
         }
         rows.append(entry)
         print(
-            f"{name:34} B {case.B:3g} R {case.R:5g}: {entry['median_rollouts']:7d} rollouts in "
+            f"{name:36} B {case.B:3g} R {case.R:5g}: {entry['median_rollouts']:7d} rollouts in "
             f"{entry['median_iterations']:4d} batches, wrong {entry['wrong']} of {entry['runs']}",
             flush=True,
         )
@@ -65,6 +65,7 @@ def main() -> None:
         measure(f"rigorous, {spread} tests a batch", replace(USUAL, spread=spread))
     for noise in (0.02, 0.01, 0.005, 0.001):
         measure("rigorous, smaller R", replace(USUAL, R=noise))
+        measure("rigorous, smaller R, 1 test a batch", replace(USUAL, R=noise, spread=1))
     floors = {
         "sequential_floor": sequential_floor(USUAL.R, USUAL.epsilon, USUAL.delta),
         "minimax": minimax(USUAL.R, USUAL.epsilon, USUAL.delta),
