@@ -133,6 +133,7 @@ def search_for(
         budget=budget,
         mode=mode,
         engine=engine,
+        unit=spec.unit(requirement),
     )
 
 

@@ -67,6 +67,7 @@ class Search:
         engine: ``spectral`` or ``gpytorch``, see :mod:`s2r_spec.certify.posterior`.
         fitted: settings ("R", "kernel", "B") that were fitted on the outcomes that this search will be
             told; whatever they are, the result is then a model's opinion and no certificate.
+        unit: of the outcome, for the sentences.
 
     Raises:
         UsageError: a setting is out of its range; the message says which.
@@ -88,6 +89,7 @@ class Search:
         budget: int | None = None,
         engine: str = "spectral",
         fitted: tuple[str, ...] = (),
+        unit: str = "",
     ) -> None:
         self.space = space if isinstance(space, Space) else Space.of(space)
         if self.space.dim == 0:
@@ -108,7 +110,7 @@ class Search:
             float(delta),
             float(epsilon),
         )
-        self.mode, self.engine, self.seed = mode, engine, seed
+        self.mode, self.engine, self.seed, self.unit = mode, engine, seed, unit
         self.batch, self.spread, self.budget, self.fitted = batch, int(spread), budget, tuple(fitted)
 
         self._norms = np.array(LADDER) * self.B / self.R
@@ -341,10 +343,11 @@ class Search:
             f"{scale:g} {axis.unit}".rstrip()
             for axis, scale in zip(self.space.axes, self.kernel.lengthscales(self.space.dim), strict=True)
         )
+        unit = f" {self.unit}" if self.unit else ""
         return (
-            f"the expected outcome, as a function of the test, has norm ≤ B = {self.B:g} in the RKHS of the "
+            f"the expected outcome, as a function of the test, has norm ≤ B = {self.B:g}{unit} in the RKHS of the "
             f"{self.kernel.words} kernel with lengthscale {scales}; no data can prove this",
-            f"the noise of one rollout is R-sub-Gaussian with R = {self.R:g}, declared before the data",
+            f"the noise of one rollout is R-sub-Gaussian with R = {self.R:g}{unit}, declared before the data",
             "rollouts are independent given the tests, and every rollout that was asked for is counted",
         )
 

@@ -39,10 +39,10 @@ def _one(result: CheckResult, units: Mapping[str, str]) -> str:
         *(f"   - {text}" for text in result.assumptions),
         "  How much hangs on B (all rows hold at once):",
         *(
-            f"   - if B = {rung.B:g}: ρ in \\[{-rung.upper:+.4f}, {-rung.lower:+.4f}]{unit}"
+            f"   - if B = {rung.B:g}{unit}: ρ in \\[{-rung.upper:+.4f}, {-rung.lower:+.4f}]{unit}"
             for rung in certificate.ladder
         ),
-        f"   - the data refute every B < {certificate.B_low:.3g}; R is refuted at an e-value of 1/δ, "
+        f"   - the data refute every B < {certificate.B_low:.3g}{unit}; R is refuted at an e-value of 1/δ, "
         f"now {math.exp(min(certificate.log_e_value, 700.0)):.3g}",
         "",
         f"  seed {source['seed']}, s2r {source['s2r']}, spec {source['spec_hash'][:12]}, "
