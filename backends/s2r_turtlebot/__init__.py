@@ -1,0 +1,147 @@
+"""The `turtlebot` backend: drive to a goal, round an obstacle, on wheels that slip.
+
+Example 1 of Akella, Ubellacker and Ames, and the smallest complete backend: copy
+it to begin your own. From top to bottom: the figures, the controller, the robot,
+and what a backend declares before anything runs.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from math import ceil, cos, exp, hypot, sin, tanh
+from pathlib import Path
+
+import numpy as np
+
+from s2r_spec.backend import Channel, Parameter
+from s2r_spec.trace import Trace
+
+
+@dataclass(frozen=True)
+class Figures:
+    """Everything that decides a rollout besides the test and the seed. Lengths in m, times in s."""
+
+    start: tuple[float, float] = (-0.8, 0.0)
+    goal: tuple[float, float] = (0.8, 0.0)
+    step: float = 0.02
+    """Control period."""
+    speed: float = 0.4
+    """Cruising speed [m/s]."""
+    reach: float = 0.15
+    """Distance to the goal within which the robot slows down."""
+    ahead: float = 0.05
+    """The controller steers a point this far in front of the axle, which can move in any direction."""
+    keep: float = 0.3
+    """Distance that this point keeps from the obstacle's centre."""
+    decay: float = 3.0
+    """The barrier may shrink by at most this share of itself per second [1/s]."""
+    swirl: float = 1.0
+    """Share of the cruising speed that goes round the obstacle, close to it."""
+    slip: float = 0.1
+    """Standard deviation of each wheel speed's relative error, averaged over one second."""
+
+
+def steer(x: float, y: float, ox: float, oy: float, figures: Figures) -> tuple[float, float]:
+    """Return the velocity [m/s] of the steered point: to the goal, but never too fast at the obstacle.
+
+    The goal attracts, and a swirl leads round the obstacle on the side where the
+    straight way passes it, so that no head-on meeting ends in front of it. The
+    result is the velocity nearest to that which keeps the barrier
+    h = |p − o|² − keep² from falling faster than ḣ = −decay h: a quadratic
+    program with one constraint, solved by projecting on its half-plane.
+    """
+    gx, gy = figures.goal[0] - x, figures.goal[1] - y
+    distance = hypot(gx, gy)
+    pull = figures.speed * tanh(distance / figures.reach) / max(distance, 1e-9)
+    dx, dy = x - ox, y - oy
+    square = max(dx * dx + dy * dy, 1e-9)
+    barrier = square - figures.keep**2
+    (sx, sy), (ex, ey) = figures.start, figures.goal
+    side = 1.0 if (ex - sx) * (oy - sy) >= (ey - sy) * (ox - sx) else -1.0
+    turn = side * figures.speed * figures.swirl * exp(-square / figures.keep**2) / figures.keep
+    ux, uy = pull * gx - turn * dy, pull * gy + turn * dx
+    lacking = max(0.0, -figures.decay * barrier - 2 * (dx * ux + dy * uy)) / (2 * square)
+    return ux + lacking * dx, uy + lacking * dy
+
+
+def drive(ox: float, oy: float, ticks: int, seed: int, figures: Figures) -> np.ndarray:
+    """Return (ticks + 1, 5) of x, y, heading, v and w: a unicycle whose two speeds err at every tick."""
+    # White noise: the error of one tick is larger than that of a second, by the square root of their ratio.
+    errors = np.random.default_rng(seed).normal(scale=figures.slip / figures.step**0.5, size=(ticks, 2))
+    (x, y), heading = figures.start, 0.0
+    rows = [(x, y, heading, 0.0, 0.0)]
+    for forward, turning in errors.tolist():
+        c, s = cos(heading), sin(heading)
+        ux, uy = steer(x + figures.ahead * c, y + figures.ahead * s, ox, oy, figures)
+        v, w = c * ux + s * uy, (c * uy - s * ux) / figures.ahead
+        # The two errors of a differential drive: both wheels too fast, or one faster than the other.
+        x += figures.step * v * (1 + forward) * c
+        y += figures.step * v * (1 + forward) * s
+        heading += figures.step * (w + turning)
+        rows.append((x, y, heading, v, w))
+    return np.array(rows)
+
+
+@dataclass(frozen=True)
+class TurtlebotBackend:
+    """A robot on two wheels, from (−0.8, 0) to (0.8, 0) m, with an obstacle at (ox, oy).
+
+    It has no body: touching the obstacle changes nothing, and the specification
+    judges the distances. A rollout is a pure function of its parameters and its seed.
+    """
+
+    duration: float = 8.0
+    figures: Figures = field(default_factory=Figures)
+    name: str = field(default="turtlebot", init=False)
+    deterministic: bool = field(default=True, init=False)
+    channels: tuple[Channel, ...] = field(
+        default=(
+            Channel("x", "m", "position of the middle of the axle"),
+            Channel("y", "m", "position, to the left"),
+            Channel("heading", "rad", "0 towards +x, not wrapped"),
+            Channel("v", "m/s", "commanded forward speed, before slip"),
+            Channel("w", "rad/s", "commanded turning rate, before slip"),
+            Channel("d_goal", "m", "distance to the goal"),
+            Channel("d_obs", "m", "distance to the centre of the obstacle"),
+        ),
+        init=False,
+        repr=False,
+    )
+    parameters: tuple[Parameter, ...] = field(
+        default=(
+            Parameter("ox", "m", -0.4, 0.4, 0.0, "obstacle's centre, along the way"),
+            Parameter("oy", "m", -1.0, 1.0, 1.0, "obstacle's centre, to the left of it"),
+        ),
+        init=False,
+        repr=False,
+    )
+
+    @property
+    def cost(self) -> float:
+        """Expected time of one rollout on one core [s]: about 3 µs a tick."""
+        return 3e-6 * self.duration / self.figures.step
+
+    @property
+    def model_hash(self) -> str:
+        """Hash of the figures and of this file."""
+        source = Path(__file__).read_bytes()
+        return hashlib.sha256(repr(self.figures).encode() + source).hexdigest()
+
+    def with_duration(self, seconds: float) -> TurtlebotBackend:
+        """Return the same robot with rollouts of this length."""
+        return replace(self, duration=seconds)
+
+    def rollout(self, params: Mapping[str, float], seed: int) -> Trace:
+        """Drive once; parameters that are not given have their defaults."""
+        ox, oy = (p.check(params.get(p.name, p.default)) for p in self.parameters)
+        step = self.figures.step
+        ticks = ceil(self.duration / step - 1e-9)
+        x, y, heading, v, w = drive(ox, oy, ticks, seed, self.figures).T
+        to_goal = np.hypot(x - self.figures.goal[0], y - self.figures.goal[1])
+        columns = (x, y, heading, v, w, to_goal, np.hypot(x - ox, y - oy))
+        units = {channel.name: channel.unit for channel in self.channels}
+        return Trace(
+            step * np.arange(ticks + 1, dtype=np.float64), dict(zip(units, columns, strict=True)), units
+        )
