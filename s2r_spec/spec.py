@@ -15,6 +15,7 @@ from s2r_spec.lang import formula as f
 from s2r_spec.lang.declarations import CertifySettings, KernelChoice, Param, Signal
 from s2r_spec.lang.diagnostics import Diagnostic, SpecError
 from s2r_spec.lang.files import read_text
+from s2r_spec.robustness.binding import param_times
 from s2r_spec.robustness.evaluate import Witness
 from s2r_spec.robustness.evaluation import End, Evaluation, Interpolation, Reading, evaluate
 from s2r_spec.robustness.explain import Explanation, explain
@@ -101,7 +102,8 @@ class Spec:
         """Return how long a trace must be to decide a requirement (or all) at its start [s].
 
         It is inf if an unbounded operator looks at the whole rest of a trace,
-        however long. ``next`` counts as 0: its length is that of a sample.
+        however long. ``next`` counts as 0: its length is that of a sample. A time
+        bound that is a parameter counts with the greatest value of its range.
         """
         return max(horizon(formula) for formula in self._chosen(requirement))
 
@@ -137,9 +139,10 @@ class Spec:
             return {name: self._fallen(name, trace.failure) for name in self.formulas}
         reading = self._reading(trace, params, None, interpolation, until, "error")
         result = {}
-        for name, formula in self.formulas.items():
+        for name in self.formulas:
+            formula = reading.bound(self.formulas[name])
             if not partial:
-                self._long_enough(name, reading)
+                self._long_enough(name, formula, reading)
             result[name] = float(reading.robustness(formula)[0])
         return result
 
@@ -192,9 +195,9 @@ class Spec:
             UsageError: see :meth:`robustness`.
         """
         _choice("end", end, ("clip", "hold", "nan", "error"))
-        formula = self._formula(requirement)
         reading = self._reading(trace, params, requirement, interpolation, until, nan)
-        return evaluate(formula, reading, requirement, self.unit(requirement), self.horizon(requirement), end)
+        formula = reading.bound(self._formula(requirement))
+        return evaluate(formula, reading, requirement, self.unit(requirement), end)
 
     def explain(
         self,
@@ -220,13 +223,14 @@ class Spec:
             TraceError: see :meth:`robustness`.
             UsageError: see :meth:`robustness`.
         """
-        formula, unit = self._formula(requirement), self.unit(requirement)
+        unit = self.unit(requirement)
         if trace.failure is not None:
             reason = f"the trace ended with {trace.failure!r}, for which the certify line declares this ρ"
             return Explanation(requirement, self._fallen(requirement, trace.failure), unit, reason=reason)
         reading = self._reading(trace, params, requirement, "samples", until, "error")
+        formula = reading.bound(self._formula(requirement))
         if not partial:
-            self._long_enough(requirement, reading)
+            self._long_enough(requirement, formula, reading)
         return explain(formula, reading, requirement, unit)
 
     def _formula(self, requirement: str) -> f.Formula:
@@ -255,16 +259,17 @@ class Spec:
         _choice("interpolation", interpolation, ("samples", "hold", "linear"))
         _choice("until", until, ("open", "closed"))
         _choice("nan", nan, ("error", "hold"))
-        used = {node.name for node in self._nodes(requirement) if isinstance(node, f.ParamValue)}
+        nodes = self._nodes(requirement)
+        used = {node.name for node in nodes if isinstance(node, f.ParamValue)}
+        used = used.union(*map(param_times, nodes))
         numbers = read_params(self.params, used, params or {})
         signals = read_signals([self.signals[name] for name in self.channels(requirement)], trace, nan)
         return Reading.of(trace.times, signals, numbers, interpolation, until)
 
-    def _long_enough(self, requirement: str, reading: Reading) -> None:
-        formula = self._formula(requirement)
+    def _long_enough(self, requirement: str, formula: f.Formula, reading: Reading) -> None:
         if reading.complete(formula)[0]:
             return
-        ahead = self.horizon(requirement)
+        ahead = horizon(formula)
         ahead = ahead if np.isfinite(ahead) and ahead else reading.needs(formula)
         raise TraceError(
             f"{requirement!r} looks {ahead:g} s ahead, but the trace lasts "

@@ -24,15 +24,25 @@ MIXED = Unit("mixed", (("mixed", 1.0),))
 
 
 @dataclass(frozen=True)
+class ParamTime:
+    """A time that a parameter gives: factor · value [s]."""
+
+    name: str
+    factor: float
+
+
+@dataclass(frozen=True)
 class Interval:
     """A time interval relative to an instant, in seconds; ``high`` may be inf.
 
     Args:
-        low: 0 ≤ low ≤ high.
-        high: at least ``low``.
+        low: 0 ≤ low ≤ high; the least of a parameter's range.
+        high: at least ``low``; the greatest of a parameter's range.
         low_closed: whether ``low`` itself belongs to it.
         high_closed: whether ``high`` itself belongs to it.
         span: where it is written, or where the operator is if it has none.
+        low_param: the parameter that ``low`` is, until a trace is evaluated with its value.
+        high_param: the parameter that ``high`` is.
     """
 
     low: float
@@ -40,6 +50,13 @@ class Interval:
     low_closed: bool
     high_closed: bool
     span: Span
+    low_param: ParamTime | None = None
+    high_param: ParamTime | None = None
+
+    @property
+    def param_times(self) -> tuple[ParamTime, ...]:
+        """The ends that are parameters."""
+        return tuple(end for end in (self.low_param, self.high_param) if end is not None)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 
 from s2r_spec.lang import formula as f
 from s2r_spec.lang import syntax
 from s2r_spec.lang.constants import constant
-from s2r_spec.lang.scope import Scope, fail
+from s2r_spec.lang.declarations import Param
+from s2r_spec.lang.scope import Mistake, Scope, fail
 from s2r_spec.lang.source import Span
-from s2r_spec.lang.units import SECOND, Unit
+from s2r_spec.lang.units import PLAIN, SECOND, Unit
 
 _TIMES = {"ns": 1e-9, "us": 1e-6, "ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0}
 _PER_SECOND = {"ns": 1e9, "us": 1e6, "ms": 1e3}
@@ -21,13 +23,22 @@ def EVER(span: Span) -> f.Interval:  # noqa: N802  (a constant but for its place
     return f.Interval(0.0, math.inf, True, False, span)
 
 
+@dataclass(frozen=True)
+class _End:
+    """One end: the least and the greatest time it can be [s], and the parameter that says which."""
+
+    least: float
+    greatest: float
+    param: f.ParamTime | None = None
+
+
 def interval(
     written: syntax.Interval, scope: Scope, value: Callable[[syntax.Expression, Scope], f.Value]
 ) -> f.Interval:
     """Check an interval; ``value`` checks the expressions of its ends."""
-    low = _seconds(written.low, scope, value)
-    high = _seconds(written.high, scope, value)
-    if low < 0:
+    start, end = _end(written.low, scope, value), _end(written.high, scope, value)
+    low, high = start.least, end.greatest
+    if low < 0 or end.least < 0:
         past = "for the past there are `historically`, `once` and `since`"
         fail("E06", f"the interval begins at {low:g} s, before now", written.low.span, past)
     if high < low:
@@ -43,23 +54,39 @@ def interval(
             written.span,
             "write `[a, a]`",
         )
-    if math.isinf(high) and written.high_closed:
-        # "inf]" is what other tools write; no instant is at infinity
-        return f.Interval(low, high, written.low_closed, False, written.span)
-    return f.Interval(low, high, written.low_closed, written.high_closed, written.span)
+    # "inf]" is what other tools write; no instant is at infinity
+    high_closed = written.high_closed and not math.isinf(high)
+    return f.Interval(low, high, written.low_closed, high_closed, written.span, start.param, end.param)
 
 
-def _seconds(
-    bound: syntax.Bound, scope: Scope, value: Callable[[syntax.Expression, Scope], f.Value]
-) -> float:
+def _end(bound: syntax.Bound, scope: Scope, value: Callable[[syntax.Expression, Scope], f.Value]) -> _End:
     if bound.value is None:
-        return math.inf
+        return _End(math.inf, math.inf)
     checked = value(bound.value, scope)
-    number = constant(checked)
-    if number is None:
-        fail("E18", f"a time bound is a constant, and `{bound.value.span.text}` is not", bound.value.span)
-    if not math.isfinite(number):
-        fail("E18", f"`{bound.value.span.text}` is not a finite number", bound.value.span)
+    if not isinstance(checked, f.ParamValue):
+        number = constant(checked)
+        if number is None:
+            what = f"a time bound is a constant or a parameter, and `{bound.value.span.text}` is neither"
+            fail("E18", what, bound.value.span)
+        if not math.isfinite(number):
+            fail("E18", f"`{bound.value.span.text}` is not a finite number", bound.value.span)
+        seconds = _seconds(bound, checked, number)
+        return _End(seconds, seconds)
+    param = scope.find(checked.name, bound.value.span)
+    assert isinstance(param, Param)
+    ends = param.range or (param.default, param.default)
+    if ends[0] is None or ends[1] is None:
+        raise Mistake  # without a range and a default: reported already
+    return _End(
+        _seconds(bound, checked, ends[0]),
+        _seconds(bound, checked, ends[1]),
+        f.ParamTime(checked.name, _seconds(bound, checked, 1.0)),
+    )
+
+
+def _seconds(bound: syntax.Bound, checked: f.Value, number: float) -> float:
+    assert bound.value is not None
+    unit: Unit = checked.unit or SECOND
     if bound.unit is not None:
         if bound.unit.text not in _TIMES:
             fail(
@@ -68,12 +95,13 @@ def _seconds(
                 bound.unit.span,
                 "use ns, us, ms, s, min or h",
             )
-        if checked.unit is not None:
+        if checked.unit not in (None, PLAIN):
             fail("E06", f"the bound has two units, {checked.unit} and {bound.unit.text}", bound.span)
         # 100 ms is 100/1000, the closest number to a tenth; 100·0.001 is not always
         small = _PER_SECOND.get(bound.unit.text)
         return number / small if small else number * _TIMES[bound.unit.text]
-    unit: Unit = checked.unit or SECOND
+    if isinstance(checked, f.ParamValue) and unit == PLAIN:
+        return number
     if not unit.fits(SECOND):
         fail("E06", f"a time bound is a time, and `{bound.value.span.text}` is in {unit}", bound.value.span)
     return number * unit.factor if unit.factor != 1.0 else number

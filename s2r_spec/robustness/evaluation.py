@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 
 from s2r_spec.errors import TraceError, UsageError
 from s2r_spec.lang import formula as f
+from s2r_spec.robustness.binding import bound
 from s2r_spec.robustness.dense import Recording, snap_of, walk_curves
 from s2r_spec.robustness.evaluate import Walk, Witness
 from s2r_spec.robustness.grid import Grid
-from s2r_spec.robustness.horizon import samples_needed, seconds_needed
+from s2r_spec.robustness.horizon import horizon, samples_needed, seconds_needed
 from s2r_spec.robustness.sampled import Samples, walk_samples
 from s2r_spec.robustness.ticks import Ticks, clock_of
 
@@ -106,6 +107,10 @@ class Reading:
         """Times closer than this are the same [s]."""
         return snap_of(self.times)
 
+    def bound(self, formula: f.Formula) -> f.Formula:
+        """Return the formula with the values of the parameters that are time bounds."""
+        return bound(formula, {name: float(value.item()) for name, value in self.params.items()})
+
     def walk(self) -> Walk[Any]:
         """Return a walk over samples or curves."""
         if self.interpolation == "samples":
@@ -160,9 +165,7 @@ class Reading:
         return replace(self, times=np.concatenate((self.times, more)), signals=signals, clock=clock)
 
 
-def evaluate(
-    formula: f.Formula, reading: Reading, requirement: str, unit: str, horizon: float, end: End
-) -> Evaluation:
+def evaluate(formula: f.Formula, reading: Reading, requirement: str, unit: str, end: End) -> Evaluation:
     """Evaluate one requirement; for ``end`` see :meth:`s2r_spec.spec.Spec.evaluate`."""
     n = reading.times.size
     complete = reading.complete(formula)
@@ -176,4 +179,4 @@ def evaluate(
     if end == "nan":
         values = np.where(complete, values, np.nan)
     jitter = reading.clock.jitter if isinstance(reading.clock, Grid) else None
-    return Evaluation(requirement, unit, reading.times, values, horizon, complete, jitter)
+    return Evaluation(requirement, unit, reading.times, values, horizon(formula), complete, jitter)

@@ -294,3 +294,22 @@ def test_one_certify_line_for_every_requirement() -> None:
     )
     assert spec.certify["a"] == CertifySettings(delta=0.1, B=2)
     assert spec.certify["b"] == CertifySettings(delta=0.1, B=0.3, R=0.1)
+
+
+def test_a_parameter_may_be_a_time_bound() -> None:
+    spec = parse_spec(
+        "signal x param T {ms} in [500, 1000] param a = 0.5 in [0, 2]\n"
+        "require it: always[0, T] (x <= 3) require late: eventually[a, 1 s] x >= 3", "a.stl"
+    )  # fmt: skip
+    trace = Trace(TIMES, {"x": [1, 2, 3, 4]})
+    assert spec.horizon("it") == 1
+    assert spec.robustness(trace, {"T": 500}) == {"it": 1, "late": 0}
+    assert spec.robustness(trace, {"T": 1000, "a": 0}) == {"it": 0, "late": 0}
+    assert spec.evaluate(trace, "it", {"T": 500}).horizon == 0.5
+    assert spec.explain(trace, "it", {"T": 1000}).instant == 1
+    assert [axis.name for axis in spec.space.axes] == ["T"]
+    with pytest.raises(UsageError) as caught:
+        spec.robustness(trace, {"T": 500, "a": 1.5})
+    assert str(caught.value) == (
+        "with a = 1.5 the interval `[a, 1 s]` (line 2 of a.stl) goes from 1.5 s to 1 s, and has no instant"
+    )

@@ -1,0 +1,60 @@
+"""Time bounds that are parameters, given their values."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields, replace
+from typing import Any, TypeVar, cast
+
+from s2r_spec.errors import UsageError
+from s2r_spec.lang import formula as f
+
+N = TypeVar("N", bound=f.Node)
+
+
+def param_times(node: f.Node) -> set[str]:
+    """Return the parameters that are ends of a node's interval."""
+    interval = getattr(node, "interval", None)
+    return {end.name for end in interval.param_times} if isinstance(interval, f.Interval) else set()
+
+
+def bound(formula: f.Formula, params: Mapping[str, float]) -> f.Formula:
+    """Return the formula with every time bound a number.
+
+    Raises:
+        UsageError: an interval is negative, or ends before it begins, with these values.
+    """
+    if not any(param_times(node) for node in f.walk(formula)):
+        return formula
+    done: dict[int, f.Node] = {}
+
+    def rebuilt(node: N) -> N:
+        if id(node) not in done:
+            parts: dict[str, Any] = {item.name: part(getattr(node, item.name)) for item in fields(node)}
+            done[id(node)] = replace(node, **parts)
+        return cast(N, done[id(node)])
+
+    def part(held: object) -> object:
+        if isinstance(held, f.Node):
+            return rebuilt(held)
+        if isinstance(held, f.Interval):
+            return _interval(held, params)
+        return tuple(map(part, held)) if isinstance(held, tuple) else held
+
+    return rebuilt(formula)
+
+
+def _interval(interval: f.Interval, params: Mapping[str, float]) -> f.Interval:
+    low, high = interval.low, interval.high
+    if interval.low_param is not None:
+        low = interval.low_param.factor * params[interval.low_param.name]
+    if interval.high_param is not None:
+        high = interval.high_param.factor * params[interval.high_param.name]
+    closed = interval.low_closed and interval.high_closed
+    if not 0 <= low <= high or (low == high and not closed):
+        given = ", ".join(f"{end.name} = {params[end.name]:g}" for end in interval.param_times)
+        raise UsageError(
+            f"with {given} the interval `{interval.span.text}` ({interval.span.place}) "
+            f"goes from {low:g} s to {high:g} s, and has no instant"
+        )
+    return replace(interval, low=low, high=high, low_param=None, high_param=None)

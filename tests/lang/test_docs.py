@@ -1,0 +1,29 @@
+"""The reference says what the language does: examples parse, every word and code is in it."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from s2r_spec.lang.diagnostics import CODES as ERRORS
+from s2r_spec.lang.functions import FUNCTIONS
+from s2r_spec.lang.highlight import STATEMENTS, TEMPORAL
+from s2r_spec.lang.lints.finding import CODES as LINTS
+from s2r_spec.spec import parse_spec
+
+TEXT = (Path(__file__).parents[2] / "docs/reference/language.md").read_text(encoding="utf-8")
+EXAMPLES = re.findall(r"```stl\n(.*?)```", TEXT, re.DOTALL)
+
+
+@pytest.mark.parametrize("text", EXAMPLES)
+def test_examples_are_specifications(text: str) -> None:
+    assert parse_spec(text).requirements
+
+
+def test_every_code_is_listed() -> None:
+    assert dict(re.findall(r"^\| ([EL]\d\d) \| (.*) \|$", TEXT, re.MULTILINE)) == ERRORS | LINTS
+
+
+def test_every_word_is_explained() -> None:
+    words = set(re.findall(r"[a-z]+", TEXT))
+    assert {*STATEMENTS, *TEMPORAL, *FUNCTIONS} <= words
