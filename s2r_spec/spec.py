@@ -6,6 +6,7 @@ import hashlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,9 @@ from s2r_spec.robustness.horizon import horizon
 from s2r_spec.robustness.reading import Missing, read_param, read_params, read_signals
 from s2r_spec.space import Axis, Space
 from s2r_spec.trace import Trace
+
+if TYPE_CHECKING:
+    from torch import Tensor
 
 __all__ = [
     "CertifySettings",
@@ -198,6 +202,36 @@ class Spec:
         reading = self._reading(trace, params, requirement, interpolation, until, nan)
         formula = reading.bound(self._formula(requirement))
         return evaluate(formula, reading, requirement, self.unit(requirement), end)
+
+    def robustness_tensor(
+        self,
+        signals: Mapping[str, Tensor],
+        requirement: str,
+        params: Mapping[str, Tensor] | None = None,
+        *,
+        period: float,
+        until: Witness = "open",
+        temperature: float = 0.0,
+    ) -> Tensor:
+        """Return (…, n): ρ of one requirement at every sample, for autograd.
+
+        As :meth:`robustness_signal` of regular samples, whose windows are cut at the end.
+
+        Args:
+            signals: channel → (…, n), or (…, width, n) of a vector, in the declared unit.
+            requirement: one of :attr:`requirements`.
+            params: name → a number or (…) of them, one a batch entry.
+            period: time from one sample to the next [s].
+            until: see :meth:`evaluate`.
+            temperature: of a smooth minimum, in the unit of ρ; 0 for the exact one.
+        """
+        from s2r_spec.robustness.tensor import evaluate_tensors
+
+        formula = self._formula(requirement)
+        channels = [self.signals[name] for name in self.channels(requirement)]
+        return evaluate_tensors(
+            formula, channels, self.params, signals, params or {}, period, until, temperature
+        )
 
     def explain(
         self,

@@ -1,0 +1,244 @@
+"""Robustness on torch tensors: the same numbers, with gradients.
+
+On a regular grid, as in :mod:`s2r_spec.robustness.sampled`: numbers are
+(…, width, n), conditions (…, n), any batch axes first. Windows and untils are
+built by doubling out of minimum and maximum alone, so that autograd gives a
+sub-gradient. With a temperature T > 0 both are smooth: min is
+−T·ln Σ exp(−x/T), which is below it by at most T·ln of their number.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from fractions import Fraction
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from s2r_spec.errors import UsageError, one_of
+from s2r_spec.lang import formula as f
+from s2r_spec.lang.declarations import Param, Signal
+from s2r_spec.robustness.binding import param_times
+from s2r_spec.robustness.evaluate import Walk, Witness
+from s2r_spec.robustness.grid import Grid
+from s2r_spec.robustness.tensor_values import TensorValues
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+_INF = float("inf")
+
+
+def walk_tensors(
+    grid: Grid,
+    signals: Mapping[str, Tensor],
+    params: Mapping[str, Tensor],
+    until: Witness = "open",
+    temperature: float = 0.0,
+) -> Walk[Tensor]:
+    """Return the walk that gives (…, n), the robustness of a formula at every sample.
+
+    Args:
+        grid: the sample times.
+        signals: name → (…, width, n), in the declared unit.
+        params: name → (…, 1, 1), in the declared unit.
+        until: see :class:`s2r_spec.robustness.evaluate.Walk`.
+        temperature: of the smooth minimum, in the unit of ρ; 0 for the exact one.
+    """
+    return Walk(TensorAlgebra(grid, signals, params, temperature), until)
+
+
+def evaluate_tensors(
+    formula: f.Formula,
+    channels: Iterable[Signal],
+    declared: Mapping[str, Param],
+    signals: Mapping[str, Tensor],
+    given: Mapping[str, Tensor],
+    period: float,
+    until: Witness,
+    temperature: float,
+) -> Tensor:
+    """Return (…, n): ρ of a formula; see :meth:`s2r_spec.spec.Spec.robustness_tensor`.
+
+    Raises:
+        UsageError: a signal or a parameter is missing, or a time bound is a parameter.
+    """
+    import torch
+
+    read: dict[str, Tensor] = {}
+    for channel in channels:
+        if channel.name not in signals:
+            raise UsageError(f"there is no signal {channel.name!r}; there are {one_of(signals)}")
+        tensor = signals[channel.name]
+        read[channel.name] = tensor if channel.vector else tensor.unsqueeze(-2)
+    if not read:
+        raise UsageError("this requirement reads no signal, so there is nothing to differentiate")
+    if any(param_times(node) for node in f.walk(formula)):
+        raise UsageError("a time bound that is a parameter has no gradient; make it a constant")
+    like = next(iter(read.values()))
+    numbers: dict[str, Tensor] = {}
+    for name in {node.name for node in f.walk(formula) if isinstance(node, f.ParamValue)}:
+        number = given.get(name, declared[name].default)
+        if number is None:
+            raise UsageError(f"the parameter {name!r} has no value: give params={{{name!r}: …}}")
+        numbers[name] = torch.as_tensor(number, dtype=like.dtype, device=like.device)[..., None, None]
+    grid = Grid(like.shape[-1], Fraction(period).limit_denominator(10**9))
+    return walk_tensors(grid, read, numbers, until, temperature)(formula)
+
+
+class TensorAlgebra:
+    """Robustness signals as tensors (…, n)."""
+
+    def __init__(
+        self,
+        grid: Grid,
+        signals: Mapping[str, Tensor],
+        params: Mapping[str, Tensor],
+        temperature: float,
+    ) -> None:
+        import torch
+
+        self.torch = torch
+        self.grid, self.temperature = grid, temperature
+        self.value = TensorValues(signals, params)
+
+    def truth(self, value: bool) -> Tensor:
+        """Return (n,) infinities."""
+        return self.value.like.new_full((self.grid.count,), _INF if value else -_INF)
+
+    def flag(self, node: f.Flag) -> Tensor:
+        """Return (…, n) infinities."""
+        state = self.value.signals[node.name][..., 0, :] > 0
+        return self.torch.where(state, self.truth(True), self.truth(False))
+
+    def margin(self, node: f.Comparison) -> Tensor:
+        """Return (…, n): by how much the comparison holds; NaN where it has no value."""
+        left, right = self.value(node.left)[..., 0, :], self.value(node.right)[..., 0, :]
+        match node.operator:
+            case "<" | "<=":
+                result = right - left
+            case ">" | ">=":
+                result = left - right
+            case "==":
+                result = -(left - right).abs()
+            case "!=":
+                result = (left - right).abs()
+        return result.expand(*result.shape[:-1], self.grid.count)
+
+    def negative(self, x: Tensor) -> Tensor:
+        """Return −x."""
+        return -x
+
+    def scaled(self, x: Tensor, factor: float) -> Tensor:
+        """Return factor · x."""
+        return factor * x
+
+    def least(self, x: Tensor, y: Tensor) -> Tensor:
+        """Return the smaller of both, smoothly if there is a temperature."""
+        if not self.temperature:
+            return self.torch.minimum(x, y)
+        # the smooth minimum of infinities has no gradient: there the exact one is taken
+        wild = self.torch.isinf(x) | self.torch.isinf(y)
+        t = self.temperature
+        tame = [self.torch.where(wild, 0.0, side) for side in (x, y)]
+        smooth = -t * self.torch.logaddexp(-tame[0] / t, -tame[1] / t)
+        return self.torch.where(wild, self.torch.minimum(x, y), smooth)
+
+    def greatest(self, x: Tensor, y: Tensor) -> Tensor:
+        """Return the greater of both."""
+        return -self.least(-x, -y)
+
+    def always(self, x: Tensor, interval: f.Interval, past: bool) -> Tensor:
+        """Return the least over the window."""
+        low, high = self.grid.window(interval)
+        x = x.expand(*x.shape[:-1], self.grid.count)
+        if past:
+            return self._window(x.flip(-1), low, high).flip(-1)
+        return self._window(x, low, high)
+
+    def eventually(self, x: Tensor, interval: f.Interval, past: bool) -> Tensor:
+        """Return the greatest over the window."""
+        return -self.always(-x, interval, past)
+
+    def until(self, left: Tensor, right: Tensor, interval: f.Interval, past: bool) -> Tensor:
+        """Return the robustness of the best witness."""
+        low, high = self.grid.window(interval)
+        shape = np.broadcast_shapes(left.shape, right.shape, (self.grid.count,))
+        left, right = left.expand(shape), right.expand(shape)
+        if past:
+            return self._until(left.flip(-1), right.flip(-1), low, high).flip(-1)
+        return self._until(left, right, low, high)
+
+    def step(self, x: Tensor, node: f.Step) -> Tensor:
+        """Return the neighbouring sample's x."""
+        x = x.expand(*x.shape[:-1], self.grid.count)
+        if node.operator == "next":
+            return self._shift(x, 1, -_INF)
+        return self._shift(x.flip(-1), 1, -_INF).flip(-1)
+
+    def rise(self, x: Tensor) -> Tensor:
+        """Return min(x, −x one sample before)."""
+        x = x.expand(*x.shape[:-1], self.grid.count)
+        return self.least(x, -self._shift(x.flip(-1), 1, _INF).flip(-1))
+
+    def _shift(self, x: Tensor, steps: int, fill: float) -> Tensor:
+        steps = min(steps, x.shape[-1])
+        tail = x.new_full((*x.shape[:-1], steps), fill)
+        return self.torch.cat((x[..., steps:], tail), -1)
+
+    def _window(self, x: Tensor, low: int, high: int | None) -> Tensor:
+        """As :func:`s2r_spec.robustness.kernels.window_min`, in blocks that do not overlap."""
+        n = x.shape[-1]
+        (y,) = self._blocks((x,), n if high is None else min(high - low + 1, n), self._joined)
+        return self._shift(y, low, _INF)
+
+    def _joined(self, here: tuple[Tensor, ...], there: tuple[Tensor, ...]) -> tuple[Tensor, ...]:
+        return (self.least(here[0], there[0]),)
+
+    def _until(self, left: Tensor, right: Tensor, low: int, high: int | None) -> Tensor:
+        """As :func:`s2r_spec.robustness.kernels.until`."""
+        if low > 0:
+            rest = self._until(left, right, 0, None if high is None else high - low)
+            return self.least(self._window(left, 0, low - 1), self._shift(rest, low, -_INF))
+        n = left.shape[-1]
+        _, q = self._blocks((left, right), n if high is None else min(high + 1, n), self._clamped)
+        return q
+
+    def _clamped(self, here: tuple[Tensor, ...], there: tuple[Tensor, ...]) -> tuple[Tensor, ...]:
+        (p, q), (next_p, next_q) = here, there
+        return self.least(p, next_p), self.greatest(q, self.least(p, next_q))
+
+    def _blocks(
+        self,
+        block: tuple[Tensor, ...],
+        count: int,
+        join: Callable[[tuple[Tensor, ...], tuple[Tensor, ...]], tuple[Tensor, ...]],
+    ) -> tuple[Tensor, ...]:
+        """Join ``count`` consecutive samples from each one on, as far as there are any, by doubling."""
+        result: tuple[Tensor, ...] | None = None
+        size, done = 1, 0
+        while True:
+            if count & 1:
+                result = block if result is None else self._after(result, block, done, join)
+                done += size
+            count >>= 1
+            if not count:
+                assert result is not None
+                return result
+            block = self._after(block, block, size, join)
+            size *= 2
+
+    def _after(
+        self,
+        here: tuple[Tensor, ...],
+        there: tuple[Tensor, ...],
+        steps: int,
+        join: Callable[[tuple[Tensor, ...], tuple[Tensor, ...]], tuple[Tensor, ...]],
+    ) -> tuple[Tensor, ...]:
+        n = here[0].shape[-1]
+        if steps >= n:
+            return here
+        joined = join(tuple(x[..., : n - steps] for x in here), tuple(x[..., steps:] for x in there))
+        return tuple(
+            self.torch.cat((new, old[..., n - steps :]), -1) for new, old in zip(joined, here, strict=True)
+        )

@@ -1,0 +1,86 @@
+"""torch gives numpy's numbers, and gradients that finite differences confirm."""
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+
+from s2r_spec.errors import UsageError
+from s2r_spec.spec import parse_spec
+from tests.robustness.definitions import evaluated
+from tests.robustness.drawing import Case, cases
+
+
+@settings(max_examples=200, deadline=None)
+@given(case=cases("regular"))
+def test_torch_gives_numpys_numbers(case: Case) -> None:
+    case = Case(**(vars(case) | {"end": "clip"}))
+    signals = {"x": torch.tensor(case.x, dtype=torch.float64), "y": torch.tensor(case.y, dtype=torch.float64)}
+    spec = parse_spec(case.text)
+    if not spec.channels() or len(case.ticks) == 1:  # one sample has no period
+        return
+    found = spec.robustness_tensor(
+        signals, "it", {"p": torch.tensor(case.param)}, period=float(case.period), until=case.until
+    )
+    np.testing.assert_allclose(np.broadcast_to(found.numpy(), len(case.x)), evaluated(case), atol=1e-12)
+
+
+SMOOTH = [
+    "always[0, 0.3] (x > 0) and eventually[0.1, 0.4] (y > 0.3)",
+    "x > 0 until[0, 0.5] y > 0",
+    "x > 0 until[0.2, 0.5) y > 0",
+    "(x > -1 release[0, 0.3] y > 0) or norm(x, y) <= 1",
+    "always (rise(x > 0) -> once[0, 0.2] (abs(x - y) <= p))",
+    "eventually (overshoot(x, p) <= y * x / 2)",
+    "x^2 > y since y > 0",
+]
+
+
+@pytest.mark.parametrize("temperature", [0.0, 0.1])
+@pytest.mark.parametrize("text", SMOOTH)
+def test_gradients_against_finite_differences(text: str, temperature: float) -> None:
+    spec = parse_spec(f"signal x signal y param p in [0, 1] require it: {text}")
+    generator = torch.Generator().manual_seed(1)
+    x, y = torch.randn(2, 3, 12, generator=generator, dtype=torch.float64).requires_grad_()
+    p = torch.full((3,), 0.37, dtype=torch.float64, requires_grad=True)
+
+    def rho(x: torch.Tensor, y: torch.Tensor, p: torch.Tensor) -> torch.Tensor:
+        found = spec.robustness_tensor({"x": x, "y": y}, "it", {"p": p}, period=0.1, temperature=temperature)
+        return found[..., 0][torch.isfinite(found[..., 0])]
+
+    assert torch.autograd.gradcheck(rho, (x.detach().requires_grad_(), y.detach().requires_grad_(), p))
+
+
+@pytest.mark.parametrize("text", SMOOTH)
+def test_a_cold_minimum_is_the_exact_one(text: str) -> None:
+    spec = parse_spec(f"signal x signal y param p = 0.37 require it: {text}")
+    x, y = torch.randn(2, 5, 20, generator=torch.Generator().manual_seed(2), dtype=torch.float64)
+    exact, *smooth = (
+        spec.robustness_tensor({"x": x, "y": y}, "it", period=0.1, temperature=t)[:, 0]
+        for t in (0, 1e-2, 1e-4)
+    )
+    # 40 numbers at most meet in a minimum, in at most 6 levels
+    for t, found in zip((1e-2, 1e-4), smooth, strict=True):
+        assert torch.allclose(found, exact, atol=6 * t * np.log(40))
+
+
+def test_a_batch_of_vectors_and_parameters() -> None:
+    spec = parse_spec("signal u[2] {V} param limit {V} in [1, 9] require it: always[0, 0.2] norm(u) <= limit")
+    u = torch.zeros(4, 2, 5, dtype=torch.float64, requires_grad=True)
+    rho = spec.robustness_tensor({"u": u}, "it", {"limit": torch.arange(4.0)}, period=0.1)
+    assert rho[:, 0].tolist() == [0, 1, 2, 3]
+    rho.sum().backward()
+    assert torch.isfinite(u.grad).all()
+
+
+def test_what_torch_does_not_do_is_said() -> None:
+    spec = parse_spec(
+        "signal x param T in [0, 1] require a: mean(x) > 0 require b: always[0, T] x > 0", "a.stl"
+    )
+    x = {"x": torch.zeros(3)}
+    with pytest.raises(UsageError, match=r"`mean\(x\)` \(line 1 of a.stl\) has no gradient here yet"):
+        spec.robustness_tensor(x, "a", period=0.1)
+    with pytest.raises(UsageError, match="a time bound that is a parameter has no gradient"):
+        spec.robustness_tensor(x, "b", {"T": torch.tensor(1.0)}, period=0.1)
+    with pytest.raises(UsageError, match="there is no signal 'x'; there are y"):
+        spec.robustness_tensor({"y": torch.zeros(3)}, "a", period=0.1)
