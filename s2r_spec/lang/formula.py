@@ -10,7 +10,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
-from typing import Literal
+from functools import cache
+from typing import Any, Literal
 
 from s2r_spec.lang.source import Span
 from s2r_spec.lang.syntax import StepOp, TemporalOp, UntilOp
@@ -315,10 +316,15 @@ class Named(Formula):
     operand: Formula
 
 
+@cache
+def _names(kind: Any) -> tuple[str, ...]:
+    return tuple(item.name for item in fields(kind) if item.name not in ("span", "unit", "width"))
+
+
 def children(node: Node) -> Iterator[Node]:
     """Yield the nodes directly below, left to right."""
-    for item in fields(node):
-        held = getattr(node, item.name)
+    for name in _names(type(node)):
+        held = getattr(node, name)
         if isinstance(held, Node):
             yield held
         elif isinstance(held, tuple):
