@@ -323,7 +323,8 @@ def _names(kind: Any) -> tuple[str, ...]:
 
 def children(node: Node) -> Iterator[Node]:
     """Yield the nodes directly below, left to right."""
-    for name in _names(type(node)):
+    kind: Any = type(node)  # mypy takes the class of a dataclass for unhashable
+    for name in _names(kind):
         held = getattr(node, name)
         if isinstance(held, Node):
             yield held
