@@ -86,6 +86,48 @@ def _median_time(call: Callable[[], object], repeats: int) -> float:
     return float(np.median(times))
 
 
+def loops(iterations: int) -> dict[str, float]:
+    """Return seconds for so many one-rollout iterations in 1-D: ours, and a BoTorch UCB loop that fits nothing.
+
+    BoTorch is no dependency of s2r; without it only ours is measured. Its
+    loop bounds nothing: it predicts, and chooses the next test.
+    """
+    rng = np.random.default_rng(0)
+
+    def outcome(x: float) -> float:
+        return float(0.1 * np.sin(8 * x) + 0.05 * rng.normal())
+
+    start = thread_time()
+    search = Search(
+        {"x": (-0.2, 0.3)}, kernel=KERNEL, B=1.5, R=0.05, delta=0.1, epsilon=1e-6, spread=1, batch=1e-9
+    )
+    done = 0
+    while done < iterations:
+        for query in search.ask():
+            search.tell(query, [outcome(query.point["x"]) for _ in range(query.replicates)])
+            done += 1
+    times = {"s2r": thread_time() - start}
+    try:
+        import torch
+        from botorch.acquisition import UpperConfidenceBound
+        from botorch.models import SingleTaskGP
+        from botorch.optim import optimize_acqf
+    except ImportError:
+        return times
+    bounds = torch.tensor([[-0.2], [0.3]], dtype=torch.float64)
+    x = torch.zeros((1, 1), dtype=torch.float64)
+    y = torch.tensor([[outcome(0.0)]], dtype=torch.float64)
+    start = thread_time()
+    for _ in range(iterations):
+        model = SingleTaskGP(x, y, torch.full_like(y, 0.05**2), outcome_transform=None)
+        at, _ = optimize_acqf(
+            UpperConfidenceBound(model, beta=9.0), bounds, q=1, num_restarts=2, raw_samples=64
+        )
+        x, y = torch.cat([x, at]), torch.cat([y, torch.tensor([[outcome(at.item())]], dtype=torch.float64)])
+    times["botorch"] = thread_time() - start
+    return times
+
+
 def main() -> None:
     """Run all, print the table, write the results."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -114,7 +156,16 @@ def main() -> None:
                 f"whole step with 38 scales and 4 new tests {1e3 * step:.1f} ms",
                 flush=True,
             )
-    record = {"machine": describe("numpy", "torch", "gpytorch"), "rows": rows}
+    loops(2)  # imports and first calls
+    whole = {str(iterations): loops(iterations) for iterations in (100, 300)}
+    for count, times in whole.items():
+        ratio = (
+            f", BoTorch {times['botorch']:.2f} s ({times['botorch'] / times['s2r']:.0f} ×)"
+            if len(times) > 1
+            else ""
+        )
+        print(f"{count} iterations in 1-D, bounds and all: {times['s2r']:.2f} s{ratio}")
+    record = {"machine": describe("numpy", "torch", "gpytorch"), "rows": rows, "loops": whole}
     options.output.write_text(json.dumps(record, indent=2) + "\n")
 
 

@@ -133,8 +133,14 @@ def search_for(
         budget=budget,
         mode=mode,
         engine=engine,
-        unit=spec.unit(requirement),
+        unit=rho_unit(spec, requirement),
     )
+
+
+def rho_unit(spec: Spec, requirement: str) -> str:
+    """Return the unit of ρ, "" when the requirement mixes margins that do not compare."""
+    unit = spec.unit(requirement)
+    return "" if unit == "mixed" else unit
 
 
 def check(
@@ -230,7 +236,7 @@ def _result(
     records = journal.records()
     failures = Counter(record.failure for record in records if record.failure is not None)
     lower, upper = -certificate.upper, -certificate.lower
-    unit = spec.unit(requirement)
+    unit = rho_unit(spec, requirement)
     verdict, reason = _judge(certificate, lower, upper)
     assumptions = (
         *(

@@ -18,7 +18,15 @@ from typing import Any
 import numpy as np
 
 from s2r_spec.certify.certificate import Certificate, Label
-from s2r_spec.certify.check import CheckResult, Verdict, check_with, distance, only_requirement, search_for
+from s2r_spec.certify.check import (
+    CheckResult,
+    Verdict,
+    check_with,
+    distance,
+    only_requirement,
+    rho_unit,
+    search_for,
+)
 from s2r_spec.certify.compose import Composition, compose
 from s2r_spec.certify.drive import Observer, Pairs, Rollouts, drive
 from s2r_spec.certify.search import Search
@@ -208,7 +216,7 @@ def gap_with(
         drive(search, pairs, observer)
     tested, failures = _tested(journals)
     certificate = search.certificate()
-    unit = spec.unit(requirement)
+    unit = rho_unit(spec, requirement)
     lowest, highest = search.range
     assumptions = (
         *(
