@@ -59,6 +59,11 @@ class Space:
         return tuple(axis.name for axis in self.axes)
 
     @property
+    def units(self) -> dict[str, str]:
+        """Parameter name → unit."""
+        return {axis.name: axis.unit for axis in self.axes}
+
+    @property
     def dim(self) -> int:
         """Number of parameters."""
         return len(self.axes)

@@ -7,7 +7,7 @@ to the journal first, and only then to the search.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from importlib.metadata import version
@@ -49,6 +49,7 @@ class Tested:
     rollouts: int
     mean: float
     lowest: float
+    highest: float
 
 
 @dataclass(frozen=True)
@@ -212,7 +213,7 @@ def check_with(
         journal = Journal.create(folder, provenance, {SPEC_FILE: spec.text})
     with Runner(executor or process_pool(2)) as runner:
         drive(search, Rollouts(rig, seed, journal, runner), observer)
-    return _result(
+    return conclude(
         spec, requirement, rig.fall, search.certificate(), journal, provenance, perf_counter() - start
     )
 
@@ -224,7 +225,7 @@ def only_requirement(spec: Spec) -> str:
     return spec.requirements[0]
 
 
-def _result(
+def conclude(
     spec: Spec,
     requirement: str,
     fall: float,
@@ -233,6 +234,7 @@ def _result(
     provenance: dict[str, Any],
     seconds: float,
 ) -> CheckResult:
+    """Return what a search that was told all of a journal means for the requirement."""
     records = journal.records()
     failures = Counter(record.failure for record in records if record.failure is not None)
     lower, upper = -certificate.upper, -certificate.lower
@@ -253,7 +255,7 @@ def _result(
         lower=lower,
         upper=upper,
         unit=unit,
-        worst=min(_tested(records), key=lambda test: distance(spec, test.params, certificate.worst)),
+        worst=min(tested(records), key=lambda test: distance(spec, test.params, certificate.worst)),
         lowest=min(records, key=lambda record: record.rho),
         failures=dict(failures),
         assumptions=assumptions,
@@ -264,7 +266,7 @@ def _result(
     )
 
 
-def _tested(records: list[Record]) -> list[Tested]:
+def tested(records: Sequence[Record]) -> list[Tested]:
     """Group rollouts by test point."""
     groups: dict[tuple[float, ...], list[Record]] = {}
     for record in records:
@@ -275,6 +277,7 @@ def _tested(records: list[Record]) -> list[Tested]:
             rollouts=len(group),
             mean=float(np.mean([record.rho for record in group])),
             lowest=min(record.rho for record in group),
+            highest=max(record.rho for record in group),
         )
         for group in groups.values()
     ]

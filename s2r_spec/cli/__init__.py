@@ -11,7 +11,7 @@ import traceback
 
 import typer
 
-from s2r_spec.cli import backends, certify, check, fmt, gap, lint, monitor, plan, replay
+from s2r_spec.cli import backends, certify, check, fmt, gap, lint, monitor, plan, replay, report
 
 EXIT_CODES = "Exit codes: 0 holds, 1 violated, 2 usage or spec error, 3 unknown, 4 backend or internal error."
 
@@ -28,6 +28,7 @@ app.command()(gap.gap)
 app.command(epilog=EXIT_CODES)(certify.certify)
 app.command()(plan.plan)
 app.command()(replay.replay)
+app.command(epilog=EXIT_CODES)(report.report)
 app.command()(backends.backends)
 app.command(epilog=EXIT_CODES)(monitor.monitor)
 app.command()(fmt.fmt)

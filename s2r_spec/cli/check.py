@@ -9,6 +9,7 @@ import typer
 from rich.console import Console
 
 from s2r_spec.cli.common import cores, new_or_old, sentences
+from s2r_spec.cli.output import AsJson, Format, Output, emit, save, settle, writable
 
 
 def check(
@@ -32,20 +33,29 @@ def check(
         Path | None, typer.Option(help="Folder for the rollouts.", show_default="s2r-runs/…")
     ] = None,
     resume: Annotated[Path | None, typer.Option(help="Go on with the run in this folder.")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout.")] = False,
+    as_json: AsJson = False,
+    form: Format = None,
+    output: Output = None,
+    page: Annotated[
+        Path | None, typer.Option("--report", help="Write an HTML page with pictures here, too.")
+    ] = None,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing while running.")] = False,
 ) -> None:
     """Certify the worst expected robustness over the spec's test space, with its probability."""
     from s2r_spec.errors import UsageError
 
-    with sentences(as_json):
+    with sentences(as_json or form == "json"):
         # Imported here: the help must not wait for numerical libraries.
         from s2r_spec.certify import check as checking
         from s2r_spec.cli.progress import Live
-        from s2r_spec.report import jsonform, text
+        from s2r_spec.report import checked, html
         from s2r_spec.rollouts.runner import process_pool
         from s2r_spec.spec import load_spec
 
+        form = settle(form, as_json, output)
+        if page is not None:
+            writable(page)
+            html.require_packages()
         parsed = load_spec(spec)
         names = requirement or [name for name in parsed.requirements if name in parsed.certify]
         if not names:
@@ -78,11 +88,8 @@ def check(
             except KeyboardInterrupt:
                 errors.print(f"interrupted; go on with --resume {folder}", markup=False, soft_wrap=True)
                 raise
-        # Worst first, as the exit codes are ranked: 1 > 3 > 0.
-        code = max((result.verdict.exit_code for result in results), key=[0, 3, 1].index)
-        if as_json:
-            print(jsonform.render(results, code))
-        else:
-            units = {axis.name: axis.unit for axis in parsed.space.axes}
-            Console(highlight=False, soft_wrap=True).print(text.render(results, units))
-        raise typer.Exit(code)
+        report = checked.report([(parsed, result) for result in results])
+        emit(report, form, output)
+        if page is not None:
+            save(html.from_runs([result.folder for result in results]), page)
+        raise typer.Exit(report.exit_code)

@@ -23,7 +23,12 @@ def sentences(as_json: bool = False) -> Iterator[None]:
     except S2RError as error:
         print(f"error: {error}" if not str(error).startswith("error") else str(error), file=sys.stderr)
         if as_json:
-            print(json.dumps({"schema": "s2r.error/1", "exit_code": error.exit_code, "error": str(error)}))
+            print(
+                json.dumps(
+                    {"schema": "s2r.error/1", "exit_code": error.exit_code, "error": str(error)},
+                    allow_nan=False,
+                )
+            )
         raise typer.Exit(error.exit_code) from error
 
 

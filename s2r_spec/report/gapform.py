@@ -7,8 +7,9 @@ from dataclasses import asdict
 from typing import Any
 
 from s2r_spec.certify.gap import CertifyResult, GapResult
-from s2r_spec.report.jsonform import one as check_json
-from s2r_spec.report.text import COLOURS, test_words
+from s2r_spec.report.checked import test_words
+from s2r_spec.report.checked import to_json as check_json
+from s2r_spec.report.text import COLOURS
 
 
 def gap_json(result: GapResult) -> dict[str, Any]:

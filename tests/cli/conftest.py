@@ -6,7 +6,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import jsonschema
 import pytest
+
+from s2r_spec.report import jsonform
 
 SPEC = """\
 signal vx {m/s}
@@ -43,7 +46,11 @@ class CommandLine:
         return done
 
     def json(self, *words: object, code: int) -> dict:
-        return json.loads(self(*words, "--json", code=code).stdout)
+        """Return the one object on stdout; a result and an error are what their schemas say."""
+        found = json.loads(self(*words, "--json", code=code).stdout)
+        if found["schema"] in ("s2r.check/1", "s2r.error/1"):
+            jsonschema.validate(found, jsonform.schema(found["schema"]))
+        return found
 
 
 @pytest.fixture

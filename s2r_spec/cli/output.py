@@ -1,0 +1,82 @@
+"""Where a report goes, and in which form: the options that every command with a verdict has."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.console import Console
+
+if TYPE_CHECKING:
+    from s2r_spec.report.finding import Report
+
+Format = Annotated[
+    str | None,
+    typer.Option("--format", help="text, json, junit, github or markdown.", show_default="text"),
+]
+Output = Annotated[
+    Path | None, typer.Option("--output", "-o", help="Write the report here and not to stdout.")
+]
+AsJson = Annotated[bool, typer.Option("--json", help="The same as --format json: one object on stdout.")]
+
+
+def settle(chosen: str | None, as_json: bool, output: Path | None) -> str:
+    """Return the format's name; a wrong one, or a folder that is not there, is said before anything runs.
+
+    Raises:
+        UsageError: no such format, ``--json`` with another one, or nowhere to write to.
+    """
+    from s2r_spec.errors import UsageError
+    from s2r_spec.report import reporter
+
+    if as_json and chosen not in (None, "json"):
+        raise UsageError(f"--json is --format json, but --format {chosen} is given, too: give one of them")
+    name = "json" if as_json else chosen or "text"
+    reporter(name)
+    writable(output)
+    return name
+
+
+def writable(path: Path | None) -> None:
+    """Say before anything runs that a file cannot be written because of where it is.
+
+    Raises:
+        UsageError: it is a folder, or its folder is not there.
+    """
+    from s2r_spec.errors import UsageError
+
+    if path is not None and path.is_dir():
+        raise UsageError(f"cannot write to {path}: it is a folder")
+    if path is not None and not path.parent.is_dir():
+        raise UsageError(f"cannot write {path}: there is no folder {path.parent}")
+
+
+def emit(report: Report, name: str, output: Path | None) -> None:
+    """Write a report to a file or to stdout, in colour on a terminal.
+
+    Raises:
+        UsageError: the file cannot be written.
+    """
+    from s2r_spec.report import reporter, text
+
+    if output is not None:
+        save(reporter(name)(report) + "\n", output)
+    elif name == "text":
+        Console(highlight=False, soft_wrap=True).print(text.markup(report))
+    else:
+        print(reporter(name)(report))
+
+
+def save(words: str, path: Path) -> None:
+    """Write a text file.
+
+    Raises:
+        UsageError: it cannot be written.
+    """
+    from s2r_spec.errors import UsageError
+
+    try:
+        path.write_text(words, encoding="utf-8", newline="\n")
+    except OSError as error:
+        raise UsageError(f"cannot write {path}: {error.strerror or error}") from None

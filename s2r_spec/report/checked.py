@@ -1,0 +1,155 @@
+"""The result of ``s2r check`` as findings, and as one JSON object."""
+
+from __future__ import annotations
+
+import math
+import shlex
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from s2r_spec.certify.certificate import Label
+from s2r_spec.certify.check import CheckResult, Verdict
+from s2r_spec.report.finding import Finding, Report, Section
+from s2r_spec.spec import Spec
+
+SCHEMA = "s2r.check/1"
+
+
+def report(pairs: Sequence[tuple[Spec, CheckResult]], command: str = "s2r check") -> Report:
+    """Return what every reporter renders, from each result and the spec that it is of."""
+    # Worst first, as the exit codes are ranked: 1 > 3 > 0.
+    code = max((result.verdict.exit_code for _, result in pairs), key=[0, 3, 1].index)
+    record = {
+        "schema": SCHEMA,
+        "exit_code": code,
+        "results": [to_json(result) for _, result in pairs],
+        "locations": {result.requirement: _location(spec, result) for spec, result in pairs},
+    }
+    return Report(command, tuple(finding(*pair) for pair in pairs), code, record)
+
+
+def to_json(result: CheckResult) -> dict[str, Any]:
+    """Return the record of one requirement as plain JSON values."""
+    certificate = result.certificate
+    return {
+        "requirement": result.requirement,
+        "verdict": result.verdict.value,
+        "reason": result.reason,
+        "worst_expected_robustness": {
+            "lower": result.lower,
+            "upper": result.upper,
+            "unit": result.unit,
+            "epsilon": certificate.epsilon,
+            "probability_at_least": 1 - certificate.delta,
+            "delta": certificate.delta,
+        },
+        "label": certificate.label.value,
+        "worst": asdict(result.worst),
+        "lowest": asdict(result.lowest),
+        "failures": result.failures,
+        "assumptions": list(result.assumptions),
+        # The search maximises −ρ; its record is kept in its own sign, and says so.
+        "search": {"objective": "-rho"} | certificate.to_json(),
+        "provenance": result.provenance,
+        "folder": str(result.folder),
+        "replay": replay_line(result),
+        "seconds": round(result.seconds, 3),
+    }
+
+
+def finding(spec: Spec, result: CheckResult) -> Finding:
+    """Say one result in words."""
+    certificate, source = result.certificate, result.provenance
+    unit = f" {result.unit}" if result.unit else ""
+    failures = ", ".join(f"{count} × {word}" for word, count in sorted(result.failures.items())) or "no falls"
+    odds = (
+        "which is no certificate"
+        if certificate.label is Label.REFUSED
+        else f"with probability ≥ 1 − {certificate.delta:g}"
+    )
+    facts = (
+        ("worst expected ρ", f"in [{result.lower:+.4f}, {result.upper:+.4f}]{unit}, {odds}"),
+        (
+            "worst test",
+            f"{test_words(result.worst.params, spec.space.units)}: mean ρ {result.worst.mean:+.4f}{unit} "
+            f"over {result.worst.rollouts} rollouts, lowest {result.worst.lowest:+.4f}",
+        ),
+        (
+            "effort",
+            f"{certificate.rollouts} rollouts at {certificate.points} tests, {failures}, {result.seconds:.0f} s",
+        ),
+        (
+            "label",
+            f"{certificate.label.value}; interval {certificate.epsilon:.4f} wide "
+            f"(asked {certificate.target:g}), of which the grid costs {certificate.discretisation:.2g}",
+        ),
+    )
+    ladder = (
+        *(
+            f"if B = {rung.B:g}{unit}: ρ in [{-rung.upper:+.4f}, {-rung.lower:+.4f}]{unit}"
+            for rung in certificate.ladder
+        ),
+        refuted_words(result),
+    )
+    return Finding(
+        name=result.requirement,
+        verdict=result.verdict,
+        refused=certificate.label is Label.REFUSED,
+        about=f"{source['spec']} on backend {source['backend']}",
+        reason=result.reason,
+        headline=_headline(result, unit, odds),
+        facts=facts,
+        sections=(
+            Section("This assumes", result.assumptions),
+            Section("How much hangs on B (all rows hold at once)", ladder),
+        ),
+        provenance=(
+            f"seed {source['seed']}, s2r {source['s2r']}, spec {source['spec_hash'][:12]}, "
+            f"model {source['model_hash'][:12]}"
+        ),
+        again=f"lowest ρ ({result.lowest.rho:+.4f}{unit})",
+        replay=replay_line(result),
+        file=Path(spec.name),
+        line=_line(spec, result),
+        seconds=result.seconds,
+    )
+
+
+def test_words(params: Mapping[str, float], units: Mapping[str, str]) -> str:
+    """Return a test with its units: ``vd = 0.3 m/s, slope = 2 deg``."""
+    return ", ".join(f"{name} = {value:.4g} {units.get(name, '')}".rstrip() for name, value in params.items())
+
+
+def refuted_words(result: CheckResult) -> str:
+    """Return what the data say against B and R."""
+    unit = f" {result.unit}" if result.unit else ""
+    e_value = math.exp(min(result.certificate.log_e_value, 700.0))
+    return (
+        f"the data refute every B < {result.certificate.B_low:.3g}{unit}; "
+        f"R is refuted at an e-value of 1/δ, now {e_value:.3g}"
+    )
+
+
+def replay_line(result: CheckResult) -> str:
+    """Return the command that runs the rollout of the lowest ρ again, fit for a shell."""
+    return f"s2r replay {shlex.quote(str(result.folder))}#{result.lowest.query}.{result.lowest.replicate}"
+
+
+def _headline(result: CheckResult, unit: str, odds: str) -> str:
+    if result.certificate.label is Label.REFUSED:
+        return "no certificate"
+    if result.verdict is Verdict.HOLDS:
+        return f"worst expected ρ ≥ {result.lower:+.4f}{unit}, {odds}"
+    if result.verdict is Verdict.VIOLATED:
+        return f"worst expected ρ ≤ {result.upper:+.4f}{unit}, {odds}"
+    return f"worst expected ρ in [{result.lower:+.4f}, {result.upper:+.4f}]{unit}, {odds}"
+
+
+def _location(spec: Spec, result: CheckResult) -> dict[str, Any]:
+    return {"file": spec.name, "line": _line(spec, result)}
+
+
+def _line(spec: Spec, result: CheckResult) -> int:
+    return spec.formulas[result.requirement].span.line

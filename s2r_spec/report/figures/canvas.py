@@ -1,0 +1,127 @@
+"""From a matplotlib figure to SVG in a page: its colours are the page's, its text is text.
+
+Colours are drawn as tokens, hex numbers that no colour map contains, and
+become CSS variables, so that one picture suits a light page, a dark one and paper.
+"""
+
+from __future__ import annotations
+
+import re
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from html import escape
+from io import StringIO
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+INK, MUTED, RULE, BAND, GOOD, BAD = (f"#1aa00{digit}" for digit in range(1, 7))
+PAPER = "#1aa007"
+_VARIABLES = {
+    INK: "var(--ink)",
+    MUTED: "var(--muted)",
+    RULE: "var(--rule)",
+    BAND: "var(--accent)",
+    GOOD: "var(--good)",
+    BAD: "var(--bad)",
+    PAPER: "var(--paper)",
+}
+_STYLE: dict[Any, Any] = {
+    "svg.fonttype": "none",
+    "text.parse_math": False,  # a name with two dollar signs is a name
+    "axes.unicode_minus": True,
+    "font.family": ["DejaVu Sans"],
+    "font.size": 10,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.titlesize": 10,
+    "axes.titlelocation": "left",
+    "axes.edgecolor": MUTED,
+    "axes.labelcolor": INK,
+    "axes.facecolor": "none",
+    "figure.facecolor": "none",
+    "text.color": INK,
+    "xtick.color": MUTED,
+    "ytick.color": MUTED,
+    "xtick.labelcolor": INK,
+    "ytick.labelcolor": INK,
+    "grid.color": RULE,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "legend.frameon": False,
+    "legend.fontsize": 9,
+}
+_WIDEST_NAME = 40
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure with its words: a title, a caption to read it by, and what it shows for who cannot see it."""
+
+    title: str
+    caption: str
+    alt: str
+    svg: str
+
+
+def draw(name: str, alt: str, size: tuple[float, float], paint: Callable[[Figure], None]) -> str:
+    """Return a figure as SVG that can stand in a page beside others.
+
+    Args:
+        name: of the figure, different from every other one's of the page.
+        alt: what it shows, for who cannot see it.
+        size: width and height [inch].
+        paint: draws on an empty figure.
+    """
+    import matplotlib as mpl
+    from matplotlib.figure import Figure
+
+    file = StringIO()
+    with mpl.rc_context(_STYLE | {"svg.hashsalt": name}), warnings.catch_warnings():
+        # The reader's browser has the letters that the measuring font lacks.
+        warnings.filterwarnings("ignore", "Glyph .* missing from font", UserWarning)
+        figure = Figure(figsize=size, layout="constrained")
+        paint(figure)
+        figure.savefig(file, format="svg", metadata={"Date": None})
+    return _embedded(file.getvalue(), name, alt)
+
+
+def shorten(text: str) -> str:
+    """Return a name that fits under an axis."""
+    return text if len(text) <= _WIDEST_NAME else text[: _WIDEST_NAME - 1] + "…"
+
+
+def with_unit(name: str, unit: str) -> str:
+    """Return the label of an axis: ``vd [m/s]``."""
+    return f"{shorten(name)} [{unit}]" if unit else shorten(name)
+
+
+def shade_violation(axes: Axes) -> None:
+    """Mark ρ < 0, without changing what is in view."""
+    low, high = axes.get_ylim()
+    if low < 0:
+        axes.axhspan(low, min(0.0, high), color=BAD, alpha=0.08, lw=0)
+    axes.axhline(0, color=BAD, lw=1.2)
+    axes.set_ylim(low, high)
+
+
+def _embedded(svg: str, name: str, alt: str) -> str:
+    svg = svg[svg.index("<svg") :]
+    svg = re.sub(r"<metadata>.*?</metadata>\s*", "", svg, flags=re.S)
+    svg = re.sub(r"<style[^>]*>.*?</style>", "", svg, flags=re.S)
+    svg = re.sub(
+        r'<svg[^>]*?(viewBox="[^"]*")[^>]*>', rf"<svg \1{_attributes(alt)}>", svg, count=1, flags=re.S
+    )
+    # Several figures share a page: their names must differ.
+    svg = re.sub(r'\bid="', f'id="{name}-', svg)
+    svg = re.sub(r'(url\(|xlink:href=")#', rf"\1#{name}-", svg)
+    svg = re.sub(r"'DejaVu Sans'(, [^;\"]*)?", "system-ui, sans-serif", svg)
+    return re.sub("|".join(_VARIABLES), lambda token: _VARIABLES[token[0]], svg)
+
+
+def _attributes(alt: str) -> str:
+    quoted = escape(alt).replace("\\", r"\\")
+    return f' xmlns:xlink="http://www.w3.org/1999/xlink" role="img" aria-label="{quoted}"'

@@ -1,0 +1,81 @@
+"""The band over two test parameters: one map of its lower side, one of its upper side."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from s2r_spec.certify.check import tested
+from s2r_spec.report.figures.canvas import INK, PAPER, Picture, draw, with_unit
+from s2r_spec.report.recompute import Recomputed
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_SIDE = 61
+
+
+def heat(run: Recomputed, name: str) -> Picture:
+    """Draw both sides of the band on one scale, white at ρ = 0."""
+    across, up = run.spec.space.axes
+    lower, upper = run.search.band(run.spec.space.grid((_SIDE, _SIDE)))  # of −ρ
+    sides = {
+        "at least (lower bound of E ρ)": -upper.reshape(_SIDE, _SIDE).T,
+        "at most (upper bound of E ρ)": -lower.reshape(_SIDE, _SIDE).T,
+    }
+    tests, worst = tested(run.records), run.result.worst
+    # Where nothing was tried the bounds are as wide as ±B; the scale is that of what was seen.
+    scale = max(abs(run.result.lower), abs(run.result.upper), *(abs(test.mean) for test in tests)) or 1.0
+    pixel = across.width / (_SIDE - 1) / 2, up.width / (_SIDE - 1) / 2
+    extent = (across.low - pixel[0], across.high + pixel[0], up.low - pixel[1], up.high + pixel[1])
+
+    def paint(figure: Figure) -> None:
+        both = figure.subplots(1, 2, sharex=True, sharey=True)
+        for axes, (title, values) in zip(both, sides.items(), strict=True):
+            image = axes.imshow(
+                values,
+                origin="lower",
+                extent=extent,
+                aspect="auto",
+                cmap="RdBu",
+                vmin=-scale,
+                vmax=scale,
+                interpolation="nearest",
+            )
+            if values.min() < 0 < values.max():
+                axes.contour(values, [0.0], colors=["black"], linewidths=1.2, extent=extent, origin="lower")
+            axes.scatter(
+                [test.params[across.name] for test in tests],
+                [test.params[up.name] for test in tests],
+                s=7,
+                c="black",
+                lw=0,
+            )
+            axes.plot(
+                worst.params[across.name],
+                worst.params[up.name],
+                "v",
+                color=PAPER,
+                mec=INK,
+                ms=9,
+                clip_on=False,
+            )
+            axes.grid(False)
+            axes.set_title(title)
+            axes.set_xlabel(with_unit(across.name, across.unit))
+        both[0].set_ylabel(with_unit(up.name, up.unit))
+        bar = figure.colorbar(image, ax=both.tolist(), extend="both", pad=0.01)
+        bar.set_label(with_unit("ρ", run.result.unit))
+        if bar.solids is not None:
+            bar.solids.set_rasterized(True)  # 256 little paths otherwise
+
+    alt = (
+        f"Two maps over {across.name} and {up.name}: lower and upper bound of the expected robustness, with "
+        f"{len(tests)} tests; the worst is at {across.name} = {worst.params[across.name]:.4g} {across.unit}, "
+        f"{up.name} = {worst.params[up.name]:.4g} {up.unit}"
+    )
+    caption = (
+        "Expected ρ lies between the two maps at every test at once. Blue is met, red is violated, the black "
+        "line is 0. Dots are tests, the triangle is the worst one; where there are few, the search already "
+        "knew that the worst is elsewhere."
+    )
+    return Picture("Where it is tight over the test space", caption, alt, draw(name, alt, (7.2, 3.4), paint))

@@ -1,0 +1,103 @@
+"""Which values of a signal a requirement allows, at each time: what a trace is drawn inside of."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec.lang import formula as f
+from s2r_spec.spec import Spec
+from s2r_spec.trace import Trace
+
+FloatArray = NDArray[np.float64]
+
+_MOST_SAMPLES = 240
+
+
+@dataclass(frozen=True)
+class Held:
+    """A predicate that has to hold from ``start`` to ``end`` [s] after the trace's first time."""
+
+    predicate: f.Comparison
+    start: float
+    end: float
+
+
+@dataclass(frozen=True)
+class Margins:
+    """How far a predicate would be from failing if a signal had other values.
+
+    Attributes:
+        times: (n,) [s].
+        values: (m,) of the signal.
+        margins: (m, n), negative where the predicate would fail.
+    """
+
+    times: FloatArray
+    values: FloatArray
+    margins: FloatArray
+
+
+def held(formula: f.Formula, start: float = 0.0, end: float = 0.0) -> Iterator[Held]:
+    """Yield the predicates that must hold throughout; those below an or, a not or an until need not."""
+    match formula:
+        case f.Comparison():
+            yield Held(formula, start, end)
+        case f.Named() | f.Rescale():
+            yield from held(formula.operand, start, end)
+        case f.Junction(operator="and"):
+            for operand in formula.operands:
+                yield from held(operand, start, end)
+        case f.Temporal(operator="always"):
+            yield from held(formula.operand, start + formula.interval.low, end + formula.interval.high)
+        case _:
+            pass
+
+
+def reads(predicate: f.Comparison, channel: str, component: int | None) -> bool:
+    """Return whether a predicate looks at (a component of) a channel, now and not at its first sample only."""
+    nodes = list(f.walk(predicate))
+    if any(isinstance(node, f.Initial) for node in nodes):
+        return False  # one value cannot stand for the first sample and for the present one
+    return any(
+        isinstance(node, f.SignalValue) and node.name == channel and node.index in (None, component)
+        for node in nodes
+    )
+
+
+def margins(
+    spec: Spec,
+    trace: Trace,
+    params: Mapping[str, float],
+    must: Held,
+    channel: str,
+    component: int | None,
+    values: FloatArray,
+) -> Margins | None:
+    """Return what a predicate would say of other values of a channel; None if the trace ends before it is asked."""
+    begin = trace.times[0]
+    inside = np.flatnonzero((trace.times >= begin + must.start) & (trace.times <= begin + must.end))
+    if inside.size < 2:
+        return None
+    chosen = inside[np.unique(np.linspace(0, inside.size - 1, _MOST_SAMPLES).astype(int))]
+    # The first sample stays: overshoot takes its direction from it.
+    kept = np.union1d([0], chosen)
+    alone = replace(spec, formulas={"predicate": must.predicate}, certify={})
+    rows = [
+        alone.robustness_signal(_with(trace, kept, channel, component, value), "predicate", params)
+        for value in values
+    ]
+    return Margins(trace.times[chosen], values, np.array(rows)[:, np.isin(kept, chosen)])
+
+
+def _with(trace: Trace, kept: NDArray[np.intp], channel: str, component: int | None, value: float) -> Trace:
+    """Return some samples of a trace with one channel, or one component of it, held at a value."""
+    channels = {name: np.array(samples[kept]) for name, samples in trace.channels.items()}
+    if component is None:
+        channels[channel][:] = value
+    else:
+        channels[channel][:, component] = value
+    return Trace(trace.times[kept], channels, trace.units, trace.meta)

@@ -1,0 +1,76 @@
+"""What a reporter needs to know: one finding for each requirement, whichever command found it.
+
+A command turns its own result record into findings (:mod:`s2r_spec.report.checked`
+for ``s2r check``); every reporter works on findings alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from s2r_spec.certify.check import Verdict
+
+
+@dataclass(frozen=True)
+class Section:
+    """A titled list of sentences."""
+
+    title: str
+    lines: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One requirement, in words.
+
+    Attributes:
+        name: of the requirement.
+        verdict: holds, violated or unknown.
+        refused: whether it is unknown because the certificate was refused.
+        about: what was looked at, "a1_velocity.stl on backend sim".
+        reason: one sentence for the verdict.
+        headline: the bound in the form that decides, with its probability.
+        facts: (name, text) rows, the bound first.
+        sections: assumptions and what hangs on them.
+        provenance: what fixes the run: seed, version, hashes.
+        again: what the command ``replay`` runs again.
+        replay: the command.
+        file: the specification.
+        line: where the requirement is written in it, counted from 1.
+        seconds: it took.
+    """
+
+    name: str
+    verdict: Verdict
+    refused: bool
+    about: str
+    reason: str
+    headline: str
+    facts: tuple[tuple[str, str], ...]
+    sections: tuple[Section, ...]
+    provenance: str
+    again: str
+    replay: str
+    file: Path
+    line: int
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Report:
+    """What a command found.
+
+    Attributes:
+        command: "s2r check".
+        findings: in the order of the requirements.
+        exit_code: of the command.
+        record: the same as plain JSON values, complete.
+    """
+
+    command: str
+    findings: tuple[Finding, ...]
+    exit_code: int
+    record: Mapping[str, Any]

@@ -1,0 +1,31 @@
+"""The result as GitHub workflow commands: each requirement is annotated where it is written."""
+
+from __future__ import annotations
+
+from s2r_spec.certify.check import Verdict
+from s2r_spec.report.finding import Finding, Report
+
+
+def render(report: Report) -> str:
+    """Return one line for each requirement: a notice if it holds, else an error."""
+    return "\n".join(_line(one) for one in report.findings)
+
+
+def _line(finding: Finding) -> str:
+    level = "notice" if finding.verdict is Verdict.HOLDS else "error"
+    properties = {
+        "file": finding.file.as_posix(),
+        "line": str(finding.line),
+        "title": f"{finding.name} {finding.verdict.name}",
+    }
+    where = ",".join(f"{name}={_property(value)}" for name, value in properties.items())
+    message = f"{finding.reason}: {finding.headline}\nagain: {finding.replay}"
+    return f"::{level} {where}::{_data(message)}"
+
+
+def _data(words: str) -> str:
+    return words.replace("%", "%25").replace("\r", "%0D").replace("\n", "%0A")
+
+
+def _property(words: str) -> str:
+    return _data(words).replace(":", "%3A").replace(",", "%2C")

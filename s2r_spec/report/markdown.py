@@ -1,0 +1,43 @@
+"""The result as Markdown, for ``$GITHUB_STEP_SUMMARY`` and pull requests."""
+
+from __future__ import annotations
+
+import re
+
+from s2r_spec.certify.check import Verdict
+from s2r_spec.report.finding import Finding, Report
+
+SIGNS = {Verdict.HOLDS: "✅", Verdict.VIOLATED: "❌", Verdict.UNKNOWN: "❓"}
+
+
+def render(report: Report) -> str:
+    """Return a table of verdicts, then what each of them rests on."""
+    head = ["| requirement | verdict | bound |", "| --- | --- | --- |"]
+    rows = [
+        f"| {_cell(one.name)} | {SIGNS[one.verdict]} **{one.verdict.name}** | {_cell(one.headline)} |"
+        for one in report.findings
+    ]
+    return "\n".join([f"### {_cell(report.command)}", "", *head, *rows, *map(_details, report.findings)])
+
+
+def _details(finding: Finding) -> str:
+    lines = ["", f"**{_cell(finding.name)}**: {_cell(finding.reason)} ({_cell(finding.about)})", ""]
+    lines += [f"- {_cell(name)}: {_cell(text)}" for name, text in finding.facts]
+    for section in finding.sections:
+        lines += ["", "<details>", f"<summary>{_cell(section.title)}</summary>", ""]
+        lines += [f"- {_cell(line)}" for line in section.lines]
+        lines += ["", "</details>"]
+    lines += ["", f"{_cell(finding.provenance)}; {_cell(finding.again)} again:", "", *_block(finding.replay)]
+    return "\n".join(lines)
+
+
+def _cell(words: str) -> str:
+    """Return one line in which nothing is markup, neither Markdown nor HTML."""
+    line = " ".join(words.split()).replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
+    return re.sub(r"([\\`*_{}\[\]|~#!$@])", r"\\\1", line)
+
+
+def _block(code: str) -> list[str]:
+    """Return a fenced block; the fence is longer than any in the code."""
+    fence = "`" * max(3, 1 + max(map(len, re.findall("`+", code)), default=0))
+    return [f"{fence}sh", code, fence]

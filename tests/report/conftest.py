@@ -1,0 +1,96 @@
+"""Runs of the toy backend, once for all tests of the reports."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import s2r_spec as s2r
+from s2r_spec import backend
+from s2r_spec.report.recompute import Recomputed, recompute
+from s2r_spec.rollouts import runner
+from s2r_spec.rollouts.journal import SPEC_FILE, Journal, Record
+from tests.conftest import PLUGIN
+
+SPEC = """\
+signal vx {m/s}
+param  vd {m/s} in [-0.2, 0.3]
+require walking:
+    always[0.5 s, 1.5 s] (abs(vx - vd) <= LIMIT {m/s})
+certify walking: delta = 1e-3, epsilon = 0.05, B = 0.5, R = DEVIATION, kernel = rbf(0.2 {m/s}), fall = -0.5
+"""
+
+
+@pytest.fixture(scope="session")
+def check(tmp_path_factory):
+    """Check the toy backend in this process; a report needs no backend any more."""
+
+    def run(limit: float, budget: int | None = None, deviation: float = 0.02, backend_name: str = "toy"):
+        folder = tmp_path_factory.mktemp("run") / "walking"
+        text = SPEC.replace("LIMIT", str(limit)).replace("DEVIATION", str(deviation))
+        spec = s2r.parse_spec(text, "specs/a spec.stl")
+        with pytest.MonkeyPatch.context() as patch:
+            patch.syspath_prepend(str(PLUGIN))
+            for cached in (backend._factory, runner.open_backend):
+                cached.cache_clear()
+            result = s2r.check(
+                spec, backend_name, folder, budget=budget, executor=lambda: ThreadPoolExecutor(1)
+            )
+        for cached in (backend._factory, runner.open_backend):
+            cached.cache_clear()
+        return spec, result
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def holds(check):
+    return check(0.1)
+
+
+@pytest.fixture(scope="session")
+def violated(check):
+    return check(-0.05)
+
+
+@pytest.fixture(scope="session")
+def undecided(check):
+    return check(0.03, budget=30)
+
+
+@pytest.fixture(scope="session")
+def refused(check):
+    """R is a tenth of what the noise really is."""
+    found = check(0.1, budget=60, deviation=0.001)
+    assert found[1].certificate.label is s2r.Label.REFUSED
+    return found
+
+
+def invented(folder: Path, text: str, budget: int) -> Recomputed:
+    """Return a run whose ρ is a bowl plus noise, whatever its parameters mean; no rollout left a trace."""
+    from s2r_spec.certify.check import search_for
+
+    spec = s2r.parse_spec(text)
+    name = spec.requirements[0]
+    search = search_for(spec, name, seed=0, budget=budget, mode="rigorous", engine="spectral")
+    header = {
+        "s2r": "0", "spec": "invented.stl", "spec_hash": spec.hash, "requirement": name, "backend": "none",
+        "model_hash": "0" * 64, "duration": 1.0, "seed": 0, "settings": search.certificate().settings,
+    }  # fmt: skip
+    journal = Journal.create(folder, header, {SPEC_FILE: spec.text})
+    rng = np.random.default_rng(0)
+    middle, width = (spec.space.lower + spec.space.upper) / 2, spec.space.upper - spec.space.lower
+    while not search.done:
+        for query in search.ask():
+            share = (spec.space.vector(query.point) - middle) / width
+            rho = [0.3 - float(share @ share) + 0.01 * rng.normal() for _ in range(query.replicates)]
+            for replicate, value in enumerate(rho):
+                failure = "crash: the worker died" if value < 0 else None
+                journal.append(
+                    Record(query.index, replicate, query.point, 1, value, failure, None, 0.1), None
+                )
+            search.tell(query, [-value for value in rho])
+    return recompute(folder)

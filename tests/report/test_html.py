@@ -1,0 +1,173 @@
+import re
+import shutil
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import pytest
+
+from s2r_spec.errors import UsageError
+from s2r_spec.report import html
+from s2r_spec.report.figures.traces import read_trace
+from s2r_spec.report.recompute import recompute, runs_in
+from tests.report.conftest import invented
+
+VOID = {"meta", "br", "hr", "img", "link", "input"}
+TWO = """\
+signal x {m}
+param  goal_x {m} in [-1, 1]
+param  goal_y {m} in [0, 3]
+require reaches: always[0, 1 s] (x <= 1)
+certify reaches: delta = 1e-2, epsilon = 0.3, B = 3, R = 0.02, kernel = rbf(1 {m}, 2 {m}), fall = -1
+"""
+THREE = TWO.replace("require", "param  load {kg} in [0, 5]\nrequire").replace("2 {m})", "2 {m}, 4 {kg})")
+
+
+class Page(HTMLParser):
+    """Balanced tags, names given once, pictures that say what they show."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.open, self.ids, self.pictures, self.fetched, self.words = [], [], [], [], []
+        self.feed(text)
+        self.close()
+        assert not self.open
+        assert len(self.ids) == len(set(self.ids))
+        self.text = " ".join(" ".join(self.words).split())
+
+    def handle_starttag(self, tag, attrs):
+        attributes = dict(attrs)
+        if tag not in VOID:
+            self.open.append(tag)
+        if "id" in attributes:
+            self.ids.append(attributes["id"])
+        if tag == "svg":
+            assert attributes["role"] == "img"
+            self.pictures.append(attributes["aria-label"])
+        for key in ("src", "href", "xlink:href"):
+            if not (attributes.get(key) or "#").startswith(("#", "data:")):
+                self.fetched.append(attributes[key])
+
+    def handle_startendtag(self, tag, attrs):
+        self.handle_starttag(tag, attrs)
+        if tag not in VOID:
+            self.handle_endtag(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if not self.open or self.open[-1] != "style":
+            self.words.append(data)
+
+
+@pytest.fixture(scope="module")
+def runs(holds, violated, undecided, refused):
+    return [recompute(result.folder) for _, result in (holds, violated, undecided, refused)]
+
+
+def test_a_run_recomputed_from_its_folder_is_the_run(holds, violated, undecided, refused, runs):
+    for (_, result), again in zip((holds, violated, undecided, refused), runs, strict=True):
+        assert replace(again.result, seconds=0.0) == replace(result, seconds=0.0)
+        assert again.history[-1].rollouts == len(again.records)
+        assert again.waiting == 0
+
+
+def test_the_page_is_whole_small_offline_and_the_same_again(runs):
+    text = html.render(runs)
+    assert html.render([recompute(run.result.folder) for run in runs]) == text
+    assert len(text.encode()) < 1_000_000
+    page = Page(text)
+    assert not page.fetched
+    assert "://" not in text.replace("http://www.w3.org/1999/xlink", "")
+    assert "#1aa0" not in text  # every colour became a variable
+    assert len(page.pictures) == 4 * 4
+    assert all(page.pictures)
+
+
+def test_the_verdict_and_the_bound_come_first(runs):
+    holds, violated, undecided, refused = (Page(html.render([run])).text for run in runs)
+    assert re.search(r"^.{0,120}✓ HOLDS worst expected ρ ≥ \+0\.\d+ m/s, with probability ≥ 1 − 0.001", holds)
+    assert re.search(r"^.{0,120}✗ VIOLATED worst expected ρ ≤ -0\.\d+ m/s, with probability", violated)
+    assert re.search(r"^.{0,120}\? UNKNOWN worst expected ρ in \[-0\.\d+, \+0\.\d+\] m/s", undecided)
+    assert re.search(r"^.{0,120}\? UNKNOWN \(refused\) no certificate no certificate: R = 0.001 is", refused)
+    assert "with probability" not in refused
+    assert "This assumes the expected robustness" in holds
+    assert "B = 4 m/s [" in holds
+    assert "s2r replay " in holds
+    assert "spec_hash" in holds
+
+
+def test_the_critical_instant_is_told(runs):
+    record = runs[1].result.lowest
+    reason = runs[1].spec.explain(read_trace(runs[1], record), "walking", record.params)
+    assert (
+        f"Decided at t = {reason.instant:g} s by abs(vx - vd) <= -0.05 {{m/s}}"
+        in Page(html.render(runs[1:2])).text
+    )
+
+
+def test_a_run_that_was_cut_off_is_reported_as_far_as_it_is_whole(undecided, tmp_path):
+    folder = tmp_path / "walking"
+    shutil.copytree(undecided[1].folder, folder)
+    journal = folder / "journal.jsonl"
+    lines = journal.read_text().splitlines(keepends=True)
+    journal.write_text("".join(lines[:-3]) + lines[-1][:20])
+    run = recompute(folder)
+    assert 0 < run.waiting < 8
+    assert run.history[-1].rollouts + run.waiting == len(lines) - 4
+    assert f"unfinished: {run.waiting} rollouts" in html.render([run])
+    journal.write_text("".join(lines[:4]))
+    assert not (run := recompute(folder)).history
+    assert "UNKNOWN" in Page(html.render([run])).text
+    journal.write_text(lines[0])
+    with pytest.raises(UsageError, match="has no rollouts yet"):
+        recompute(folder)
+
+
+def test_traces_that_are_gone_are_done_without(undecided, tmp_path):
+    shutil.copytree(undecided[1].folder, tmp_path / "walking", ignore=shutil.ignore_patterns("*.npz"))
+    assert "its trace is not on disk" in html.from_runs([tmp_path / "walking"])
+
+
+def test_a_rollout_at_another_test_is_not_told(undecided, tmp_path):
+    shutil.copytree(undecided[1].folder, tmp_path / "walking")
+    journal = tmp_path / "walking" / "journal.jsonl"
+    journal.write_text(re.sub(r'"params": \{"vd": [^}]*\}', '"params": {"vd": 0.123}', journal.read_text()))
+    with pytest.raises(UsageError, match="the numerical libraries are others"):
+        recompute(tmp_path / "walking")
+
+
+@pytest.mark.parametrize(
+    ("text", "title"), [(TWO, "Two maps over goal_x and goal_y"), (THREE, "along goal_x, goal_y, load")]
+)
+def test_more_parameters_are_maps_and_slices(tmp_path, text, title):
+    run = invented(tmp_path / "r", text, budget=60)
+    page = Page(html.render([run]))
+    assert title in page.pictures[0]
+    assert "crash: the worker died" in page.text
+    assert html.render([run]) == html.render([run])
+
+
+def test_names_are_text_whatever_they_are(runs):
+    nasty = '<script>alert("x")</script> & $x$ 漢字🤖 ' + "long" * 500
+    run = runs[0]
+    result = replace(run.result, requirement="walking", reason=nasty, unit="<b>", folder=run.result.folder)
+    result.provenance["backend"] = nasty
+    text = html.render([replace(run, result=result)])
+    assert "<script" not in text
+    assert nasty in Page(text).text
+    assert "漢字🤖" in text
+
+
+def test_where_runs_are(holds, tmp_path):
+    folder = holds[1].folder
+    assert runs_in(folder) == [folder]
+    assert runs_in(folder.parent) == [folder]
+    with pytest.raises(UsageError, match=r"no run in .*: there is no journal\.jsonl"):
+        runs_in(tmp_path)
+
+
+def test_without_the_extra_one_sentence_says_what_to_install(monkeypatch):
+    monkeypatch.setattr(html, "PACKAGES", ("jinja2", "matplotlib_that_nobody_has"))
+    with pytest.raises(UsageError, match=r"needs matplotlib_that_nobody_has.*pip install 's2r\[report\]'"):
+        html.require_packages()
