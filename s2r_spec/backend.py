@@ -113,6 +113,25 @@ class HasDuration(Protocol):
 
 
 @dataclass(frozen=True)
+class Recording:
+    """A rollout that already happened: the file it was read from, its test, and what came of it."""
+
+    source: str
+    params: Mapping[str, float]
+    trace: Trace
+
+
+@runtime_checkable
+class HasRecordings(Protocol):
+    """A backend that runs nothing: its tests were fixed before, and none can be added."""
+
+    @property
+    def recordings(self) -> tuple[Recording, ...]:
+        """Every recording, each once, with parameters in the backend's units."""
+        ...
+
+
+@dataclass(frozen=True)
 class EffectParameter:
     """A number of an effect; at its nominal value the effect does nothing."""
 

@@ -60,6 +60,15 @@ class Bounds:
         """Whether bounds of the first row contradict each other: an assumption is false, or luck was as bad as δ."""
         return bool((self.lower[0] > self.upper[0]).any())
 
+    def add(self, vector: FloatArray) -> int:
+        """Return the index of a (dim,) vector of the box among the points; a new one has its cell's bounds."""
+        place = self._tiling.add(vector)
+        if place == self.upper.shape[1]:
+            cell = self._tiling.containing(vector[None])
+            self.upper = np.concatenate([self.upper, self._cell_upper[:, cell]], axis=1)
+            self.lower = np.concatenate([self.lower, self._cell_lower[:, cell]], axis=1)
+        return place
+
     def tighten(self, data: Conditioned, bound: Bound, tolerance: float) -> None:
         """Intersect with a new bound, and split cells until they hide at most a share of what is unknown.
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from importlib.metadata import version
 from pathlib import Path
@@ -17,9 +17,11 @@ from typing import Any
 
 import numpy as np
 
+from s2r_spec.backend import HasRecordings
 from s2r_spec.certify.certificate import Certificate, Label
 from s2r_spec.certify.drive import Observer, Rollouts, drive
 from s2r_spec.certify.kernels import Kernel
+from s2r_spec.certify.recorded import fixed_design, observe
 from s2r_spec.certify.search import Search
 from s2r_spec.errors import UsageError, one_of
 from s2r_spec.rollouts.journal import SPEC_FILE, Journal, Record
@@ -196,6 +198,11 @@ def check_with(
     """Run a search for the worst expected robustness to its end; see :func:`check`."""
     start = perf_counter()
     rig = Rig.for_spec(spec, requirement, backend)
+    design = None
+    if isinstance(rig.backend, HasRecordings):
+        if search.budget is not None:
+            raise UsageError(f"a budget does not apply to {backend}: it has the recordings that it has")
+        design = fixed_design(spec, requirement, rig.backend, rig.backend.recordings)
     provenance = {
         "s2r": version("s2r"),
         "spec": Path(spec.name).name,
@@ -207,15 +214,21 @@ def check_with(
         "seed": seed,
         "settings": search.certificate().settings,
     }
+    if design is not None:
+        provenance["recorded"] = list(design.notes)
     if resume and folder.exists():
         journal = Journal.resume(folder, provenance)
     else:
         journal = Journal.create(folder, provenance, {SPEC_FILE: spec.text})
-    with Runner(executor or process_pool(2)) as runner:
-        drive(search, Rollouts(rig, seed, journal, runner), observer)
-    return conclude(
+    if design is not None:
+        observe(search, design, rig, journal, observer)
+    else:
+        with Runner(executor or process_pool(2)) as runner:
+            drive(search, Rollouts(rig, seed, journal, runner), observer)
+    result = conclude(
         spec, requirement, rig.fall, search.certificate(), journal, provenance, perf_counter() - start
     )
+    return result if design is None else of_recordings(result, design.notes, search.suggestion)
 
 
 def only_requirement(spec: Spec) -> str:
@@ -264,6 +277,28 @@ def conclude(
         folder=journal.folder,
         seconds=seconds,
     )
+
+
+def of_recordings(result: CheckResult, notes: Sequence[str], suggestion: Mapping[str, float]) -> CheckResult:
+    """Say what a result of recordings rests on, and what the recorded tests cannot certify.
+
+    Args:
+        result: from :func:`conclude`.
+        notes: of the :class:`Design`.
+        suggestion: where a further test would tell most.
+    """
+    certificate, reason = result.certificate, result.reason
+    if result.verdict is Verdict.UNKNOWN and certificate.label is not Label.REFUSED:
+        reason = f"the interval contains 0 after {certificate.rollouts} recorded rollouts"
+    if certificate.label is Label.BUDGET:
+        where = ", ".join(f"{name} = {value:.4g}" for name, value in suggestion.items())
+        reason += (
+            f"; the recorded tests certify no more than an interval {certificate.epsilon:.3g} wide "
+            f"(ε = {certificate.target:g} was asked), and a further test would tell most at {where}"
+        )
+    *assumptions, _ = result.assumptions
+    about = "the statement is about the machine as it was when it was recorded"
+    return replace(result, reason=reason, assumptions=(*assumptions, about, *notes))
 
 
 def tested(records: Sequence[Record]) -> list[Tested]:

@@ -11,7 +11,7 @@ so that a simulator, a folder of logs or a person with a robot can be behind it.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -124,6 +124,8 @@ class Search:
         self._open: dict[int, tuple[Query, int]] = {}
         self._told: dict[int, FloatArray] = {}
         self._asked = 0
+        self._observed = 0
+        self._final = False
         self._iterations = 0
         self._rollouts = 0
         self._scatter = 0.0
@@ -164,18 +166,9 @@ class Search:
         """
         if query.index not in self._open or query.index in self._told:
             raise UsageError(f"query {query.index} is not open: it was told before, or never asked")
-        if getattr(outcomes, "dtype", None) in (np.float32, np.float16):
-            raise UsageError(
-                f"the outcomes of query {query.index} are {np.asarray(outcomes).dtype}: a certificate needs float64"
-            )
-        values = np.atleast_1d(np.asarray(outcomes, dtype=np.float64))
-        if values.ndim != 1 or len(values) > query.replicates:
-            raise UsageError(f"query {query.index} asked for {query.replicates} outcomes, not {values.shape}")
-        if not np.isfinite(values).all():
-            raise UsageError(
-                f"outcome {int(np.argmin(np.isfinite(values)))} of query {query.index} at {query.point} is not a "
-                f"finite number; a fall or a crash must be given the value that was declared for it"
-            )
+        values = _numbers(outcomes, f"query {query.index} at {query.point}")
+        if len(values) > query.replicates:
+            raise UsageError(f"query {query.index} asked for {query.replicates} outcomes, not {len(values)}")
         if len(values) < query.replicates:
             came = f"{len(values)} of {query.replicates} came"
             self._missing = f"query {query.index} at {query.point}: {came}"
@@ -184,6 +177,33 @@ class Search:
         # certificate then does not depend on which worker was fastest.
         if len(self._told) == len(self._open):
             self._absorb()
+
+    def observe(self, tests: Iterable[tuple[Mapping[str, float], ArrayLike]], *, final: bool = False) -> None:
+        """Give outcomes of tests that were fixed beforehand, not chosen by this search.
+
+        Such a design is predictable, which is all that the bound asks of the choice
+        of tests. It is taken in as one batch, so that the order of the list changes
+        nothing. The points need not lie on any grid.
+
+        Args:
+            tests: (point, (replicates,) outcomes), every outcome that the design gave; each counts once.
+            final: ask for nothing further; the search is then done.
+
+        Raises:
+            UsageError: a batch is open, a point is outside the box, or an outcome is not finite.
+        """
+        if self._open:
+            raise UsageError("a batch is open: tell its outcomes before those of other tests")
+        read = [
+            (self.space.vector(point), _numbers(outcomes, f"the observed test {dict(point)}") / self.R)
+            for point, outcomes in tests
+        ]
+        self._final = self._final or final
+        for vector, values in read:
+            if len(values):
+                self._take(self._bounds.add(vector), values)
+                self._observed += len(values)
+        self._settle()
 
     def _batch_size(self) -> int:
         # Every query is replicated: scatter between replicates is all that can refute R.
@@ -215,16 +235,22 @@ class Search:
     def _absorb(self) -> None:
         """Take in a whole batch."""
         for index, (_query, place) in sorted(self._open.items()):
-            values = self._told[index]
-            if not len(values):
-                continue
-            self._rollouts += len(values)
-            self._scatter += float(((values - values.mean()) ** 2).sum())
-            self._degrees += len(values) - 1
-            self._log_e = max(self._log_e, confidence.noise_e_value(self._scatter, self._degrees))
-            self._samples = self._samples.add(place, len(values), float(values.sum()))
+            if len(self._told[index]):
+                self._take(place, self._told[index])
         self._open.clear()
         self._told.clear()
+        self._settle()
+
+    def _take(self, place: int, values: FloatArray) -> None:
+        """Count (replicates,) outcomes at a point, in units of R."""
+        self._rollouts += len(values)
+        self._scatter += float(((values - values.mean()) ** 2).sum())
+        self._degrees += len(values) - 1
+        self._log_e = max(self._log_e, confidence.noise_e_value(self._scatter, self._degrees))
+        self._samples = self._samples.add(place, len(values), float(values.sum()))
+
+    def _settle(self) -> None:
+        """End a batch: bound J from all outcomes so far."""
         self._iterations += 1
         if len(self._samples):
             self._tighten()
@@ -251,6 +277,11 @@ class Search:
     def range(self) -> tuple[float, float]:
         """Bounds of J anywhere in the box: (lower bound of its minimum, upper bound of its maximum)."""
         return float(self._bounds.minimum[0]) * self.R, float(self._bounds.maximum[0]) * self.R
+
+    @property
+    def suggestion(self) -> dict[str, float]:
+        """The point of the largest upper bound, where a further test would tell most."""
+        return self.space.point(self._tiling.points[int(self._bounds.upper[0].argmax())])
 
     def _interval(self, rung: int) -> Rung:
         """One rung of the ladder, in the unit of the outcome."""
@@ -299,7 +330,7 @@ class Search:
     def _settled(self) -> bool:
         """Whether no further rollout will be asked for, R and B aside."""
         spent = self.budget is not None and self._rollouts + self._batch_size() > self.budget
-        return spent or self._width() <= self.epsilon or self._B_low * self.R > self.B
+        return self._final or spent or self._width() <= self.epsilon or self._B_low * self.R > self.B
 
     def certificate(self) -> Certificate:
         """Return what the outcomes told so far certify; valid at any time."""
@@ -344,16 +375,38 @@ class Search:
             for axis, scale in zip(self.space.axes, self.kernel.lengthscales(self.space.dim), strict=True)
         )
         unit = f" {self.unit}" if self.unit else ""
+        fixed = (
+            f"{self._observed} outcomes are of tests that were fixed beforehand, or chosen from outcomes before them "
+            f"only, and none was left out for what came of it",
+        )
         return (
             f"the expected outcome, as a function of the test, has norm ≤ B = {self.B:g}{unit} in the RKHS of the "
             f"{self.kernel.words} kernel with lengthscale {scales}; no data can prove this",
             f"the noise of one rollout is R-sub-Gaussian with R = {self.R:g}{unit}, declared before the data",
             "rollouts are independent given the tests, and every rollout that was asked for is counted",
+            *(fixed if self._observed else ()),
         )
 
 
 def _argmax(values: FloatArray, rng: np.random.Generator) -> int:
     return int(rng.choice(np.flatnonzero(values >= values.max() - 1e-12 * max(1.0, abs(values.max())))))
+
+
+def _numbers(outcomes: ArrayLike, what: str) -> FloatArray:
+    """Return outcomes as float64; a number is an array of one."""
+    if getattr(outcomes, "dtype", None) in (np.float32, np.float16):
+        raise UsageError(
+            f"the outcomes of {what} are {np.asarray(outcomes).dtype}: a certificate needs float64"
+        )
+    values = np.atleast_1d(np.asarray(outcomes, dtype=np.float64))
+    if values.ndim != 1:
+        raise UsageError(f"the outcomes of {what} have shape {values.shape}; they must be a list of numbers")
+    if not np.isfinite(values).all():
+        raise UsageError(
+            f"outcome {int(np.argmin(np.isfinite(values)))} of {what} is not a finite number; "
+            f"a fall or a crash must be given the value that was declared for it"
+        )
+    return values
 
 
 def _positive(**settings: float) -> None:

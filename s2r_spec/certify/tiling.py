@@ -39,7 +39,7 @@ class Tiling:
     """Cells that cover a box without overlap. Splitting adds points; points are never moved or removed.
 
     Attributes:
-        points: (P, dim) corners of all cells that ever were.
+        points: (P, dim) corners of all cells that ever were, and what was added.
         corners: (C, 2^dim) indices into ``points``.
         error: (C,) what each cell hides, by its roughness; for a kernel, e(h).
     """
@@ -91,6 +91,14 @@ class Tiling:
         self._size = np.concatenate([self._size[kept], both])
         return np.concatenate([kept, cells, cells])
 
+    def add(self, vector: FloatArray) -> int:
+        """Return the index of a (dim,) vector of the box, which becomes a point if it is none; cells stay."""
+        same = np.flatnonzero((self.points == vector).all(axis=1))
+        if len(same):
+            return int(same[0])
+        self.points = np.concatenate([self.points, vector[None]])
+        return len(self.points) - 1
+
     def containing(self, points: FloatArray) -> IndexArray:
         """Return (n,) a cell that contains each of (n, dim) points of the box."""
         low, high = self._real(self._low), self._real(self._low + self._size)
@@ -106,8 +114,9 @@ class Tiling:
         fresh: list[Lattice] = []
         for i, row in enumerate(lattice):
             key = row.tobytes()
-            place = self._index.setdefault(key, len(self._index))
-            if place == len(self.points) + len(fresh):
+            following = len(self.points) + len(fresh)
+            place = self._index.setdefault(key, following)
+            if place == following:
                 fresh.append(row)
             found[i] = place
         if fresh:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from s2r_spec.certify.certificate import Certificate
-from s2r_spec.certify.check import CheckResult, conclude, search_for
+from s2r_spec.certify.check import CheckResult, conclude, of_recordings, search_for
 from s2r_spec.certify.search import Query, Search
 from s2r_spec.errors import UsageError
 from s2r_spec.rollouts.journal import FILE, SPEC_FILE, Journal, Record
@@ -78,6 +78,8 @@ def recompute(folder: Path) -> Recomputed:
         header,
         sum(record.seconds for record in records),
     )
+    if "recorded" in header:
+        result = of_recordings(result, header["recorded"], search.suggestion)
     return Recomputed(spec, result, search, tuple(history), tuple(records), len(records) - told)
 
 
@@ -94,6 +96,9 @@ def _search(spec: Spec, journal: Journal) -> tuple[Search, list[Certificate]]:
     )
     if search.certificate().settings != header["settings"]:
         raise UsageError(f"{journal.folder} was run by s2r {header['s2r']} with settings that this one lacks")
+    if "recorded" in header:
+        search.observe(_recorded(journal), final=True)
+        return search, [search.certificate()]
     history: list[Certificate] = []
     while not search.done:
         queries = search.ask()
@@ -104,6 +109,14 @@ def _search(spec: Spec, journal: Journal) -> tuple[Search, list[Certificate]]:
             search.tell(query, values)
         history.append(search.certificate())
     return search, history
+
+
+def _recorded(journal: Journal) -> list[tuple[dict[str, float], list[float]]]:
+    """Return (point, −ρ of its recordings) for every test of a fixed design."""
+    groups: dict[int, tuple[dict[str, float], list[float]]] = {}
+    for record in journal.records():
+        groups.setdefault(record.query, (record.params, []))[1].append(-record.rho)
+    return list(groups.values())
 
 
 def _outcomes(query: Query, journal: Journal) -> list[float]:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from s2r_spec.backend import Backend
+from s2r_spec.backend import Backend, HasRecordings
 from s2r_spec.errors import BackendError, UsageError, one_of, suggest
 from s2r_spec.lang.units import Unit, UnknownUnitError, parse_unit
 from s2r_spec.spec import Spec
@@ -27,6 +28,13 @@ class Matched:
         return dict(self.fixed) | {
             name: _convert(self.conversions[name], value) for name, value in point.items()
         }
+
+    def to_spec(self, params: Mapping[str, float]) -> dict[str, float] | None:
+        """Return the test, in the spec's units, of a backend's parameters; None if a fixed one differs."""
+        for name, value in self.fixed.items():
+            if not math.isclose(params[name], value, rel_tol=1e-9, abs_tol=1e-12):
+                return None
+        return {name: (params[name] - offset) / factor for name, (factor, offset) in self.conversions.items()}
 
 
 def match(spec: Spec, requirement: str, backend: Backend) -> Matched:
@@ -51,6 +59,8 @@ def match(spec: Spec, requirement: str, backend: Backend) -> Matched:
                 f"{spec.name} declares the signal {name!r} with {signal.dim} components, "
                 f"backend {backend.name!r} records {channels[name].width}"
             )
+    # Recordings need not cover the test space: what they leave open is said in the certificate.
+    bounded = not isinstance(backend, HasRecordings)
     offered = {parameter.name: parameter for parameter in backend.parameters}
     conversions: dict[str, tuple[float, float]] = {}
     fixed: dict[str, float] = {}
@@ -65,10 +75,12 @@ def match(spec: Spec, requirement: str, backend: Backend) -> Matched:
         conversion = _conversion(f"parameter {name!r}", param.measure, offered[name].unit, backend.name)
         if param.searched and param.range:
             conversions[name] = conversion
-            for end in param.range:
+            for end in param.range if bounded else ():
                 offered[name].check(_convert(conversion, end))
         elif param.default is not None:
-            fixed[name] = offered[name].check(_convert(conversion, param.default))
+            fixed[name] = _convert(conversion, param.default)
+            if bounded:
+                offered[name].check(fixed[name])
     return Matched(spec.channels(requirement), conversions, fixed)
 
 

@@ -1,0 +1,162 @@
+"""A folder of recorded rollouts: what it offers, and one sentence for each way in which it can be wrong."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import s2r_spec as s2r
+from s2r_spec.backend import Backend, HasRecordings
+from s2r_spec.errors import UsageError
+from s2r_spec.rollouts.recorded import LogBackend
+
+TIMES = np.arange(4) / 10
+
+
+def trace(level: float, **changes) -> s2r.Trace:
+    settings = {"channels": {"vx": level + 0 * TIMES}, "units": {"vx": "m/s"}} | changes
+    return s2r.Trace(TIMES, settings["channels"], settings["units"])
+
+
+def write(folder: Path, table: str, **traces: s2r.Trace) -> str:
+    """Write a folder: ``a_npz=trace`` is the file a.npz."""
+    folder.mkdir(exist_ok=True)
+    (folder / "rollouts.csv").write_text(table)
+    for name, one in traces.items():
+        s2r.write_trace(one, folder / name.replace("_", "."))
+    return str(folder)
+
+
+TABLE = "id,vd [m/s],load [kg],seed\na,0.1,2,7\nb,0.1,2,8\nc,-0.2,2,9\n"
+
+
+@pytest.fixture
+def folder(tmp_path) -> str:
+    return write(tmp_path / "log", TABLE, a_npz=trace(1.0), b_csv=trace(2.0), c_npz=trace(3.0))
+
+
+def test_what_a_folder_offers(folder):
+    backend = s2r.load_backend(f"log:{folder}")
+    assert isinstance(backend, Backend)
+    assert isinstance(backend, HasRecordings)
+    assert backend.name == f"log:{folder}"
+    assert [(c.name, c.unit, c.width) for c in backend.channels] == [("vx", "m/s", 1)]
+    assert [(p.name, p.unit, p.low, p.high) for p in backend.parameters] == [
+        ("vd", "m/s", -0.2, 0.1),
+        ("load", "kg", 2, 2),
+    ]
+    assert backend.duration == pytest.approx(0.3)
+    assert [params for params, _ in backend.recorded()] == [
+        {"vd": 0.1, "load": 2.0},
+        {"vd": 0.1, "load": 2.0},
+        {"vd": -0.2, "load": 2.0},
+    ]
+    assert [recorded["vx"][0] for _, recorded in backend.recorded()] == [1, 2, 3]
+
+
+def test_the_seed_chooses_among_what_was_recorded_at_a_test_and_nothing_else(folder):
+    backend = LogBackend(folder)
+    levels = [backend.rollout({"vd": 0.1, "load": 2}, seed)["vx"][0] for seed in range(4)]
+    assert levels == [1, 2, 1, 2]
+    assert backend.rollout({"vd": -0.2}, 5)["vx"][0] == 3
+    with pytest.raises(
+        UsageError, match=r"no recording at vd = 0.15; it has vd = -0.2, load = 2; vd = 0.1, load = 2"
+    ):
+        backend.rollout({"vd": 0.15}, 0)
+
+
+def test_the_hash_is_of_everything_in_the_folder(folder):
+    before = LogBackend(folder).model_hash
+    assert LogBackend(folder).model_hash == before
+    s2r.write_trace(trace(1.5), Path(folder) / "a.npz")
+    other = LogBackend(folder).model_hash
+    (Path(folder) / "rollouts.csv").write_text(TABLE.replace("-0.2", "-0.1"))
+    assert len({before, other, LogBackend(folder).model_hash}) == 3
+
+
+def test_parquet_and_vectors(tmp_path):
+    pytest.importorskip("pyarrow")
+    forces = trace(1.0, channels={"f": np.ones((4, 3))}, units={"f": "N"})
+    backend = LogBackend(write(tmp_path / "log", "id,vd\na,0.1\n", a_parquet=forces))
+    assert [(c.name, c.unit, c.width) for c in backend.channels] == [("f", "N", 3)]
+
+
+GOOD = {"a_npz": trace(1.0), "b_csv": trace(2.0)}
+
+
+@pytest.mark.parametrize(
+    ("table", "traces", "sentence"),
+    [
+        ("id,vd\n", {}, "there is no recording in it; it needs a header id,<parameter>,… and rows"),
+        (
+            "name,vd\na,1\nb,2\n",
+            GOOD,
+            "rollouts.csv, line 1: the header is 'name,vd'; it must be 'id' and then",
+        ),
+        ("id,vd,vd\na,1,1\nb,2,2\n", GOOD, "line 1: the header is 'id,vd,vd'"),
+        ("id,vd\na,1\nb\n", GOOD, "rollouts.csv, line 3: 1 values, but there are 2 columns"),
+        (
+            "id,vd\na,1\n\nb,fast\n",
+            GOOD,
+            "rollouts.csv, line 4: the parameter 'vd' is 'fast', not a finite number",
+        ),
+        ("id,vd\na,1\nb,nan\n", GOOD, "line 3: the parameter 'vd' is 'nan', not a finite number"),
+        ("id,vd\na,1\nb,\n", GOOD, "line 3: the parameter 'vd' is empty"),
+        ("id,vd\na,1\na,2\nb,3\n", GOOD, "rollouts.csv, line 3: 'a' is in line 2 already"),
+        (
+            "id,vd\na,1\nb,2\nz,3\n",
+            GOOD,
+            "rollouts.csv, line 4: 'z' has no file; there must be one of z.csv, z.npz, z.parquet",
+        ),
+        (
+            "id,vd\na,1\n",
+            {"a_npz": trace(1.0), "a_csv": trace(2.0)},
+            "rollouts.csv, line 2: 'a' has several files: a.csv, a.npz",
+        ),
+        ("id,vd\na,1\n", GOOD, "b.csv has no row in rollouts.csv; to leave out a recording is selection"),
+        (
+            "id,vd\na,1\nb,2\n",
+            {"a_npz": trace(1.0), "b_csv": trace(1.0)},
+            "b.csv is the same recording as {folder}/a.npz, sample for sample; it counts only once",
+        ),
+        (
+            "id,vd\na,1\nb,2\n",
+            {"a_npz": trace(1.0), "b_csv": trace(2.0, units={})},
+            "b.csv, line 1: the channel 'vx' is in no unit, but in m/s in {folder}/a.npz; write for example vx [m/s]",
+        ),
+        (
+            "id,vd\na,1\nb,2\n",
+            {"a_npz": trace(1.0), "b_csv": trace(2.0, units={"vx": "cm/s"})},
+            "b.csv, line 1: the channel 'vx' is in cm/s, but in m/s in {folder}/a.npz",
+        ),
+        (
+            "id,vd\na,1\nb,2\n",
+            {"a_npz": trace(1.0), "b_csv": trace(2.0, channels={"vy": TIMES}, units={})},
+            "b.csv lacks the channel 'vx', which {folder}/a.npz has",
+        ),
+        (
+            "id,vd\na,1\nb,2\n",
+            {"a_npz": trace(1.0), "b_csv": trace(2.0, channels={"vx": np.ones((4, 2))})},
+            "b.csv: 'vx' has another width than in {folder}/a.npz",
+        ),
+    ],
+)
+def test_a_bad_folder_gets_one_sentence_with_file_and_line(tmp_path, table, traces, sentence):
+    folder = write(tmp_path / "log", table, **traces)
+    with pytest.raises(UsageError) as info:
+        s2r.load_backend(f"log:{folder}")
+    assert str(tmp_path) in str(info.value)
+    assert sentence.format(folder=folder) in str(info.value)
+
+
+def test_no_folder_no_table_and_a_file_that_is_no_trace(tmp_path):
+    with pytest.raises(UsageError, match=r"needs a folder: --backend log:FOLDER"):
+        s2r.load_backend("log")
+    with pytest.raises(
+        UsageError, match=r"cannot read .*nowhere/rollouts.csv: No such file or directory; it says"
+    ):
+        s2r.load_backend(f"log:{tmp_path}/nowhere")
+    folder = write(tmp_path / "log", "id,vd\na,1\n")
+    (tmp_path / "log" / "a.csv").write_text("t,vx\n0,1\n0.1,x\n")
+    with pytest.raises(UsageError, match=r"a\.csv: line 3, column 2 \(vx\) is 'x', not a number"):
+        s2r.load_backend(f"log:{folder}")
