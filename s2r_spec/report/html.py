@@ -9,6 +9,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from s2r_spec.certify.certificate import Label
 from s2r_spec.certify.check import Verdict
 from s2r_spec.errors import UsageError
 from s2r_spec.report import checked
@@ -133,6 +134,8 @@ def _pictures(run: Recomputed, name: str) -> list[Picture]:
 
 
 def _note(run: Recomputed) -> str:
+    if run.result.certificate.label is Label.REFUSED:
+        return "The certificate was refused: no band and no interval on this page is a promise."
     if run.waiting:
         return (
             f"This run is unfinished: {run.waiting} rollouts of its last batch are on disk and not counted yet. "
