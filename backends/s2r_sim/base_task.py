@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import cos, pi, remainder, sin, sqrt
+from math import cos, pi, remainder, sin
 from typing import NamedTuple
 
 import numpy as np
@@ -45,34 +45,25 @@ class Reference(NamedTuple):
         return -sin(self.yaw) * (self.x - x) + cos(self.yaw) * (self.y - y)
 
 
-class BaseTask(NamedTuple):
-    """What the base should do, in base axes.
-
-    Attributes:
-        acceleration: (6,) wanted spatial acceleration.
-        root: (6, 6) square root L of the weight of a deviation, weight = L'L.
-    """
-
-    acceleration: FloatArray
-    root: FloatArray
-
-
 def base_task(
     gains: Gains, measured: State, twist: FloatArray, reference: Reference, command: Command, ground: float
-) -> BaseTask:
-    """Return the base's task: proportional-derivative in the heading frame and in roll, pitch, yaw.
+) -> FloatArray:
+    """Return (6, 7) the base's task (L, −L a): what a deviation costs is |(L, −L a) (a_is, 1)|².
+
+    The wanted spatial acceleration a is proportional-derivative in the heading
+    frame and in roll, pitch, yaw; L'L is the weight of a deviation from it.
 
     p̈ = kp (p_des − p) + kd (v_des − v), no integral. The spatial acceleration
     is R'p̈ − ω × (R'v). The weights, too, are those of the heading frame, turned
-    into base axes by H = Ry(pitch) Rx(roll).
+    into base axes by H = Ry(pitch) Rx(roll): the linear part of L is √w H.
 
-    ``twist`` is (18,) with the base's in base axes first; ``ground`` [m] is the
+    ``twist`` is (6,) in base axes; ``ground`` [m] is the
     height of the stance feet's contact points.
     """
     x, y, z = measured.position.tolist()
     vx, vy, vz = measured.velocity.tolist()
     roll, pitch, yaw = measured.rpy.tolist()
-    ux, uy, uz, wx, wy, wz = twist[:6].tolist()
+    ux, uy, uz, wx, wy, wz = twist.tolist()
     c, s = cos(yaw), sin(yaw)
 
     kp, kd = gains.kp_linear, gains.kd_linear
@@ -83,20 +74,24 @@ def base_task(
     kp, kd = gains.kp_angular, gains.kd_angular
     turn = remainder(reference.yaw - yaw, 2.0 * pi)
     cr, sr, cp, sp = cos(roll), sin(roll), cos(pitch), sin(pitch)
-    acceleration = (
-        cp * forward - sp * up - (wy * uz - wz * uy),
-        sp * sr * forward + cr * left + cp * sr * up - (wz * ux - wx * uz),
-        sp * cr * forward - sr * left + cp * cr * up - (wx * uy - wy * ux),
-        -kp[0] * roll - kd[0] * wx,
-        -kp[1] * pitch - kd[1] * wy,
-        kp[2] * turn + kd[2] * (command.wz - wz),
-    )
-    a, b, d = (sqrt(weight) for weight in gains.weight_linear)
-    root = np.zeros((6, 6))
-    root[:3, :3] = (
-        (a * cp, a * sp * sr, a * sp * cr),
-        (0.0, b * cr, -b * sr),
-        (-d * sp, d * cp * sr, d * cp * cr),
-    )
-    root.flat[21::7] = [sqrt(weight) for weight in gains.weight_angular]
-    return BaseTask(np.array(acceleration), root)
+    ax = cp * forward - sp * up - (wy * uz - wz * uy)
+    ay = sp * sr * forward + cr * left + cp * sr * up - (wz * ux - wx * uz)
+    az = sp * cr * forward - sr * left + cp * cr * up - (wx * uy - wy * ux)
+    roll_acceleration = -kp[0] * roll - kd[0] * wx
+    pitch_acceleration = -kp[1] * pitch - kd[1] * wy
+    yaw_acceleration = kp[2] * turn + kd[2] * (command.wz - wz)
+    a, b, d = gains.root_linear
+    e, f, g = gains.root_angular
+    a_cp, a_spsr, a_spcr = a * cp, a * sp * sr, a * sp * cr
+    b_cr, b_sr = b * cr, b * sr
+    d_sp, d_cpsr, d_cpcr = d * sp, d * cp * sr, d * cp * cr
+    # fmt: off
+    return np.array((
+        (a_cp, a_spsr, a_spcr, 0.0, 0.0, 0.0, -a_cp * ax - a_spsr * ay - a_spcr * az),
+        (0.0, b_cr, -b_sr, 0.0, 0.0, 0.0, b_sr * az - b_cr * ay),
+        (-d_sp, d_cpsr, d_cpcr, 0.0, 0.0, 0.0, d_sp * ax - d_cpsr * ay - d_cpcr * az),
+        (0.0, 0.0, 0.0, e, 0.0, 0.0, -e * roll_acceleration),
+        (0.0, 0.0, 0.0, 0.0, f, 0.0, -f * pitch_acceleration),
+        (0.0, 0.0, 0.0, 0.0, 0.0, g, -g * yaw_acceleration),
+    ))
+    # fmt: on

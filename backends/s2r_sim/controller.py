@@ -14,7 +14,7 @@ from scipy.linalg.lapack import dgesv
 from s2r_sim.base_task import Command, Reference, base_task
 from s2r_sim.dynamics import RigidBody
 from s2r_sim.figures import Robot
-from s2r_sim.foot_task import FootTask, foot_task
+from s2r_sim.foot_task import foot_task
 from s2r_sim.foothold import Point
 from s2r_sim.full_qp import FullQP
 from s2r_sim.gains import Gains
@@ -81,10 +81,13 @@ class Controller:
         phase = self._schedule[memory.tick % len(self._schedule)]
         memory.tick += 1
         body.update(measured)
-        x, y, z = body.feet[0::3].tolist(), body.feet[1::3].tolist(), body.feet[2::3].tolist()
+        at = body.feet.tolist()
+        height = 0.0
         for leg in phase.standing:
-            memory.lift_off[leg] = (x[leg], y[leg], z[leg])
-        ground = sum(z[leg] for leg in phase.standing) / len(phase.standing) - self._foot_radius
+            x, y, z = at[3 * leg : 3 * leg + 3]
+            memory.lift_off[leg] = (x, y, z)
+            height += z
+        ground = height / len(phase.standing) - self._foot_radius
         memory.reference = memory.reference.advanced(measured, command)
 
         landing_height = ground + self._foot_radius - gains.touch_down_depth
@@ -92,8 +95,8 @@ class Controller:
             gains, self._gait, phase.progress, memory.lift_off, body, measured, command, landing_height
         )
         legs = in_joint_space(body, feet, self._rhs)
-        base = base_task(gains, measured, body.twist, memory.reference, command, ground)
-        solution = self._qp.solve(body, Task(base, feet.acceleration, legs[:, :7], phase.stance))
+        base = base_task(gains, measured, body.base_twist, memory.reference, command, ground)
+        solution = self._qp.solve(body, Task(base, feet[0], legs[:, :7], phase.stance))
         torque = self._feedforward(solution, phase.stance)
         if torque is None:
             return Tick(_damping(gains), phase.stance, solution)
@@ -129,16 +132,14 @@ class _Phase:
         self.kd = np.full(12, gains.kd_joint)
 
 
-def in_joint_space(body: RigidBody, feet: FootTask, rhs: FloatArray) -> FloatArray:
+def in_joint_space(body: RigidBody, feet: FloatArray, rhs: FloatArray) -> FloatArray:
     """Return (12, 9): response N (6 columns), joint accelerations e, joint steps, joint speeds.
 
-    One factorisation of the leg Jacobians serves q̈ = e − N a and both joint
-    targets. ``rhs`` (12, 9) is overwritten.
+    One factorisation of the leg Jacobians serves q̈ = N a + e and both joint
+    targets. ``feet`` is the (3, 12) of :func:`foot_task`; ``rhs`` (12, 9) is overwritten.
     """
-    rhs[:, :6] = body.base_jacobian
-    np.subtract(feet.acceleration, body.drift, out=rhs[:, 6])
-    rhs[:, 7] = feet.step
-    np.subtract(feet.velocity, body.base_jacobian @ body.twist[:6], out=rhs[:, 8])
+    np.negative(body.base_jacobian, out=rhs[:, :6])
+    np.subtract(feet.T, body.known.T, out=rhs[:, 6:])
     solved: FloatArray = dgesv(body.leg_jacobian, rhs)[2]
     return solved
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from math import cos, sin
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,20 +17,6 @@ from s2r_sim.physics import State
 FloatArray = NDArray[np.float64]
 
 
-class FootTask(NamedTuple):
-    """World axes, three numbers a foot.
-
-    Attributes:
-        acceleration: (12,) wanted [m/s²].
-        step: (12,) what is missing to the target position [m]; 0 in stance.
-        velocity: (12,) of the target [m/s]; 0 in stance.
-    """
-
-    acceleration: FloatArray
-    step: FloatArray
-    velocity: FloatArray
-
-
 def foot_task(
     gains: Gains,
     gait: Gait,
@@ -41,35 +26,41 @@ def foot_task(
     measured: State,
     command: Command,
     landing_height: float,
-) -> FootTask:
-    """Return what the four feet should do at this tick.
+) -> FloatArray:
+    """Return (3, 12) what the four feet should do at this tick, world axes, three numbers a foot.
 
+    Its rows are the wanted acceleration [m/s²], what is missing to the target
+    position [m] and the target's velocity [m/s]; the last two are 0 in stance.
     ``lift_off`` is where each foot last stood, ``landing_height`` that of the
     ball centre at touch-down [m].
     """
-    task = FootTask(-gains.stance_damping * body.feet_velocity, np.zeros(12), np.zeros(12))
+    acceleration: list[float] = []
+    step: list[float] = []
+    velocity: list[float] = []
     landing = _Landing(gains, gait, measured, command)
-    kp, kd = gains.kp_swing, gains.kd_swing
+    kp, kd, brake = gains.kp_swing, gains.kd_swing, -gains.stance_damping
+    feet, speeds, thighs = body.feet.tolist(), body.feet_velocity.tolist(), body.thighs.tolist()
     for leg, s in enumerate(progress):
+        i = 3 * leg
+        ux, uy, uz = speeds[i], speeds[i + 1], speeds[i + 2]
         if s is None:
+            acceleration += (brake * ux, brake * uy, brake * uz)
+            step += (0.0, 0.0, 0.0)
+            velocity += (0.0, 0.0, 0.0)
             continue
-        axes = slice(3 * leg, 3 * leg + 3)
-        hip_x, hip_y, _ = body.thighs[axes].tolist()
-        x, y = landing.place((hip_x, hip_y), s)
+        x, y = landing.place((thighs[i], thighs[i + 1]), s)
         (px, py, pz), (vx, vy, vz), (ax, ay, az) = swing(
             lift_off[leg], (x, y, landing_height), gains.swing_height, s, gait.swing_time
         )
-        foot_x, foot_y, foot_z = body.feet[axes].tolist()
-        ux, uy, uz = body.feet_velocity[axes].tolist()
-        dx, dy, dz = px - foot_x, py - foot_y, pz - foot_z
-        task.step[axes] = dx, dy, dz
-        task.velocity[axes] = vx, vy, vz
-        task.acceleration[axes] = (
+        dx, dy, dz = px - feet[i], py - feet[i + 1], pz - feet[i + 2]
+        acceleration += (
             ax + kd * (vx - ux) + kp * dx,
             ay + kd * (vy - uy) + kp * dy,
             az + kd * (vz - uz) + kp * dz,
         )
-    return task
+        step += (dx, dy, dz)
+        velocity += (vx, vy, vz)
+    return np.array((acceleration, step, velocity))
 
 
 class _Landing:

@@ -66,9 +66,10 @@ class FullQP:
         gains = self._gains
         P = np.zeros((30, 30), order="F")
         c = np.zeros(30)
-        weight = task.base.root.T @ task.base.root
+        root, target = task.base[:, :6], task.base[:, 6]
+        weight = root.T @ root
         P[:6, :6] = weight
-        c[:6] = -weight @ task.base.acceleration
+        c[:6] = root.T @ target
         for leg, stands in enumerate(task.stance):
             if not stands:
                 feet = slice(3 * leg, 3 * leg + 3)

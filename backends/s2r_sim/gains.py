@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
+from math import sqrt
 
 Vector3 = tuple[float, float, float]
 
@@ -67,3 +69,15 @@ class Gains:
     hold_ticks: int = 5
     """So many failed QPs in a row are bridged with the last good forces; after that, damping."""
     kd_damping: float = 3.0
+
+    @cached_property
+    def root_linear(self) -> Vector3:
+        """Square roots of the weights."""
+        a, b, c = self.weight_linear
+        return sqrt(a), sqrt(b), sqrt(c)
+
+    @cached_property
+    def root_angular(self) -> Vector3:
+        """Square roots of the weights."""
+        a, b, c = self.weight_angular
+        return sqrt(a), sqrt(b), sqrt(c)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 from s2r_sim.gains import RATE, Gains
 
@@ -26,12 +27,12 @@ class Gait:
         period = round(gains.period * RATE)
         return cls(period, round(gains.duty * period))
 
-    @property
+    @cached_property
     def stance_time(self) -> float:
         """Duration of a stance [s]."""
         return self.stance / RATE
 
-    @property
+    @cached_property
     def swing_time(self) -> float:
         """Duration of a swing [s]."""
         return (self.period - self.stance) / RATE

@@ -8,26 +8,27 @@ import numpy as np
 import piqp
 from numpy.typing import NDArray
 
-from s2r_sim.base_task import BaseTask
 from s2r_sim.dynamics import RigidBody
 from s2r_sim.gains import Gains
 
 FloatArray = NDArray[np.float64]
 Stance = tuple[bool, bool, bool, bool]
 
+_SOLVED = piqp.PIQP_SOLVED
+
 
 class Task(NamedTuple):
     """What the robot should do at this instant.
 
     Attributes:
-        base: (6,) wanted spatial acceleration of the base, base axes, and the root of its weight.
+        base: (6, 7) what a deviation of the base's spatial acceleration costs (:func:`base_task`).
         feet: (12,) wanted foot accelerations, world axes.
         legs: (12, 7) columns N and e: joint accelerations that leave the feet alone under a base
-            acceleration a, and that give ``feet`` with the base at rest: q̈ = e − N a.
+            acceleration a, and that give ``feet`` with the base at rest: q̈ = N a + e.
         stance: which feet carry load.
     """
 
-    base: BaseTask
+    base: FloatArray
     feet: FloatArray
     legs: FloatArray
     stance: Stance
@@ -94,7 +95,7 @@ class Solver:
             self._solver.setup(**fixed, **problem)
         else:
             self._solver.update(**problem)
-        if self._solver.solve() != piqp.PIQP_SOLVED:
+        if self._solver.solve() != _SOLVED:
             return None
         result = self._solver.result
         return result.x.copy(), int(result.info.iter)
