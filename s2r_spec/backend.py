@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
 from typing import Any, Protocol, Self, runtime_checkable
 
 from s2r_spec.errors import BackendError, MissingPackageError, UnknownBackendError, UsageError
@@ -109,6 +110,15 @@ class HasDuration(Protocol):
 
     def with_duration(self, seconds: float) -> Self:
         """Return the same backend with rollouts of this length."""
+        ...
+
+
+@runtime_checkable
+class HasPictures(Protocol):
+    """A backend that can draw a rollout."""
+
+    def render(self, params: Mapping[str, float], seed: int, path: str | Path) -> Trace:
+        """Run one test and draw it; a UsageError says why it cannot be drawn here."""
         ...
 
 

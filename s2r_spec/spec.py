@@ -22,6 +22,7 @@ from s2r_spec.robustness.evaluation import End, Evaluation, Interpolation, Readi
 from s2r_spec.robustness.explain import Explanation, explain
 from s2r_spec.robustness.horizon import horizon
 from s2r_spec.robustness.reading import Missing, read_param, read_params, read_signals
+from s2r_spec.robustness.tolerances import Tolerances, tolerances
 from s2r_spec.space import Axis, Space
 from s2r_spec.trace import Trace
 
@@ -266,6 +267,20 @@ class Spec:
         if not partial:
             self._long_enough(requirement, formula, reading)
         return explain(formula, reading, requirement, unit)
+
+    def tolerances(
+        self, trace: Trace, requirement: str, params: Mapping[str, float] | None = None
+    ) -> Tolerances:
+        """Return the signals that a requirement reads, with the values that it allows them and when.
+
+        A failure of the trace does not change the result.
+
+        Raises:
+            TraceError: see :meth:`robustness`.
+            UsageError: see :meth:`robustness`.
+        """
+        formula = self._formula(requirement)
+        return tolerances(formula, self._reading(trace, params, requirement, "samples", "open", "hold"))
 
     def _formula(self, requirement: str) -> f.Formula:
         if requirement not in self.formulas:

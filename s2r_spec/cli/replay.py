@@ -5,11 +5,14 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from s2r_spec.cli.common import sentences
+
+if TYPE_CHECKING:
+    from s2r_spec.rollouts.replay import Replay
 
 
 def replay(
@@ -17,6 +20,12 @@ def replay(
         str, typer.Argument(help="FOLDER#QUERY.REPLICATE, as `s2r check` prints it.", show_default=False)
     ],
     save: Annotated[Path | None, typer.Option(help="Write the whole trace here (.npz or .csv).")] = None,
+    plot: Annotated[
+        Path | None, typer.Option(help="Plot the signals against what is allowed (.svg, .png or .pdf).")
+    ] = None,
+    render: Annotated[
+        Path | None, typer.Option(help="Let the backend draw the rollout (sim: .png tiles, .gif video).")
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Run one recorded rollout again, and say whether ρ is the same."""
@@ -41,7 +50,31 @@ def replay(
             test = ", ".join(f"{name} = {value:.6g}" for name, value in result.params.items())
             print(f"{test}, seed {result.seed}: ρ = {result.rho:+.6f} {result.unit}".rstrip())
             print("the recorded ρ, bit for bit" if result.same else result.difference)
-            if save is not None:
-                print(f"trace: {save}", file=sys.stderr)
+        if save is not None:
+            print(f"trace: {save}", file=sys.stderr)
+        # The plot first: it comes also where pictures cannot be drawn.
+        if plot is not None:
+            _plot(result, plot)
+            print(f"plot: {plot}", file=sys.stderr)
+        if render is not None:
+            result.render(render)
+            print(f"picture: {render}", file=sys.stderr)
         if not result.same:
             raise typer.Exit(4)
+
+
+def _plot(result: Replay, path: Path) -> None:
+    """Plot the replayed rollout against its requirement."""
+    from s2r_spec.errors import BackendError
+    from s2r_spec.report.plot import plot
+
+    if result.trace is None:
+        raise BackendError("the rollout crashed again: there is no trace to plot")
+    spec, requirement, trace = result.spec, result.requirement, result.trace
+    test = ", ".join(f"{name} = {value:.6g}" for name, value in result.params.items())
+    plot(
+        spec.tolerances(trace, requirement, result.params),
+        spec.explain(trace, requirement, result.params, partial=True),
+        f"{result.backend.name}: {test}, seed {result.seed}",
+        path,
+    )

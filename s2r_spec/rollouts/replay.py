@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from s2r_spec.backend import Backend, HasPictures
 from s2r_spec.errors import UsageError
 from s2r_spec.rollouts.journal import SPEC_FILE, Journal
 from s2r_spec.rollouts.rig import Rig
 from s2r_spec.rollouts.runner import Done, run_task
-from s2r_spec.spec import load_spec
+from s2r_spec.spec import Spec, load_spec
 from s2r_spec.trace import Trace
 
 
@@ -23,6 +24,11 @@ class Replay:
     recorded: float
     unit: str
     trace: Trace
+    spec: Spec
+    requirement: str
+    backend: Backend
+    backend_params: dict[str, float]
+    """The test as the backend takes it: its own names and units."""
     difference: str
     """Why ρ may differ from the record; "" when it does not."""
 
@@ -30,6 +36,16 @@ class Replay:
     def same(self) -> bool:
         """Whether ρ is the recorded one, bit for bit."""
         return self.rho == self.recorded
+
+    def render(self, path: Path) -> None:
+        """Let the backend draw the rollout.
+
+        Raises:
+            UsageError: it has no pictures, or cannot draw them on this machine.
+        """
+        if not isinstance(self.backend, HasPictures):
+            raise UsageError(f"the backend {self.backend.name!r} draws no pictures; --plot needs none")
+        self.backend.render(self.backend_params, self.seed, path)
 
 
 def replay(rollout: str) -> Replay:
@@ -62,4 +78,16 @@ def replay(rollout: str) -> Replay:
         if rig.backend.model_hash != header["model_hash"]:
             before, now = header["model_hash"][:12], rig.backend.model_hash[:12]
             difference += f"; the model has changed since ({before}, now {now})"
-    return Replay(point, record.seed, rho, record.rho, spec.unit(requirement), trace, difference)
+    return Replay(
+        point,
+        record.seed,
+        rho,
+        record.rho,
+        spec.unit(requirement),
+        trace,
+        spec,
+        requirement,
+        rig.backend,
+        dict(task.params),
+        difference,
+    )

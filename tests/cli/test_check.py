@@ -229,3 +229,19 @@ def test_help_and_version(s2r):
     assert "Exit codes" in s2r("check", "--help", code=0).stdout
     assert s2r("--version", code=0).stdout.startswith("s2r ")
     assert "No such option" in s2r("check", "x.stl", "--sed", "1", code=2).stderr
+
+
+def test_replay_plots_the_signals_against_their_tolerances(s2r):
+    pytest.importorskip("matplotlib")
+    s2r("check", s2r.spec(), "-b", "toy", "-q", "--run", "r", code=0)
+    s2r("replay", "r/walking#0.0", "--plot", "again.svg", code=0)
+    assert "</svg>" in (s2r.folder / "again.svg").read_text()
+    assert "a plot ends in" in s2r("replay", "r/walking#0.0", "--plot", "again.stl", code=2).stderr
+
+
+def test_replay_plots_also_where_the_backend_draws_no_pictures(s2r):
+    pytest.importorskip("matplotlib")
+    s2r("check", s2r.spec(), "-b", "toy", "-q", "--run", "r", code=0)
+    done = s2r("replay", "r/walking#0.0", "--plot", "again.png", "--render", "again.gif", code=2)
+    assert "the backend 'toy' draws no pictures" in done.stderr
+    assert (s2r.folder / "again.png").exists()

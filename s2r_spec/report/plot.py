@@ -1,0 +1,83 @@
+"""A rollout's signals against what the requirement allows them."""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from s2r_spec.errors import UsageError, one_of
+from s2r_spec.robustness.explain import Explanation
+from s2r_spec.robustness.tolerances import Tolerances
+
+ENDINGS = (".svg", ".png", ".pdf")
+
+
+def plot(tolerances: Tolerances, explanation: Explanation, title: str, path: Path) -> None:
+    """Draw every signal that the requirement reads, its tubes, and the instant that decides ρ.
+
+    Raises:
+        UsageError: another ending, or matplotlib is not installed.
+    """
+    if path.suffix.lower() not in ENDINGS:
+        raise UsageError(f"{path.name!r}: a plot ends in {one_of(ENDINGS)}")
+    if find_spec("matplotlib") is None:
+        raise UsageError(
+            "plots need the package 'matplotlib', which is not installed; try: pip install 's2r[pictures]'"
+        )
+    # Not pyplot: it keeps figures, and looks for a screen.
+    from matplotlib.figure import Figure
+
+    count = max(1, len(tolerances.signals))
+    figure = Figure(figsize=(7.5, 1.2 + 2.4 * count), layout="constrained")
+    axes = figure.subplots(count, 1, sharex=True, squeeze=False)[:, 0]
+    for axis, label in zip(axes, tolerances.signals, strict=False):
+        _signal(axis, tolerances, label)
+    if explanation.instant is not None:
+        _instant(axes, tolerances, explanation)
+    for axis in axes[: len(tolerances.signals)]:
+        axis.legend(loc="best", fontsize="small")
+    axes[-1].set_xlabel("t [s]")
+    verdict = f"{explanation.requirement}: ρ = {explanation.rho:+.4g} {explanation.unit}".rstrip()
+    why = explanation.reason or (
+        f"decided at t = {explanation.instant:g} s by {explanation.predicate}: "
+        f"margin {explanation.margin:+.4g} {explanation.margin_unit}".rstrip()
+    )
+    # A dollar sign would begin a formula.
+    figure.suptitle(f"{title}\n{verdict}\n{why}".replace("$", r"\$"), fontsize="small")
+    figure.savefig(path, dpi=150)
+
+
+def _signal(axis: Any, tolerances: Tolerances, label: str) -> None:
+    """Draw one signal over its tubes."""
+    samples, unit = tolerances.signals[label], tolerances.units[label]
+    axis.plot(tolerances.times, samples, color="C0", label=label)
+    for name, value in tolerances.levels[label].items():
+        axis.axhline(value, color="0.3", linestyle="--", linewidth=1.0, label=name)
+    tubes = [tube for tube in tolerances.tubes if tube.signal == label]
+    ends = [end for tube in tubes for band in tube.bands for end in band if abs(end) < float("inf")]
+    low, high = min([*samples, *ends]), max([*samples, *ends])
+    room = 0.08 * (high - low) or 0.1
+    axis.set_ylim(low - room, high + room)
+    for number, tube in enumerate(tubes):
+        for start, stop in tube.bands:
+            axis.fill_between(
+                [tube.start, tube.end],
+                max(start, low - room),
+                min(stop, high + room),
+                color=f"C{number + 1}",
+                alpha=0.2,
+                linewidth=0.0,
+                label=tube.predicate.replace("$", r"\$"),
+            )
+    axis.set_ylabel(f"{label} [{unit}]" if unit else label)
+
+
+def _instant(axes: Any, tolerances: Tolerances, explanation: Explanation) -> None:
+    """Mark when ρ is decided, and the signals' values there."""
+    for axis in axes:
+        axis.axvline(explanation.instant, color="C3", linestyle=":", linewidth=1.0)
+    labels = list(tolerances.signals)
+    for seen in explanation.signals:
+        if seen.name in labels:
+            axes[labels.index(seen.name)].plot([explanation.instant], [seen.value], "o", color="C3")

@@ -1,0 +1,170 @@
+"""Where a requirement lets a signal be, and when: the bands that a plot draws around a recorded signal."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec.lang import formula as f
+from s2r_spec.robustness.evaluation import Reading
+
+FloatArray = NDArray[np.float64]
+
+_POINTWISE = (
+    f.Comparison,
+    f.Number,
+    f.SignalValue,
+    f.ParamValue,
+    f.Convert,
+    f.Arithmetic,
+    f.Elementary,
+    f.Extremum,
+    f.Norm,
+    f.Initial,
+    f.Overshoot,
+)
+"""What depends on the signal at the instant, and at the trace's first sample, alone."""
+_CANDIDATES = 2001
+
+
+@dataclass(frozen=True)
+class Tube:
+    """A predicate that must hold throughout a time window, as bands of values of its one signal.
+
+    Args:
+        signal: name of the signal, with its index if it is a vector ("u[0]").
+        predicate: as it is written.
+        start: of the window [s], inclusive.
+        end: of the window [s], at most the trace's last time.
+        bands: values allowed, from and to, in the signal's unit; ±inf where the band goes on.
+    """
+
+    signal: str
+    predicate: str
+    start: float
+    end: float
+    bands: tuple[tuple[float, float], ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Tolerances:
+    """The signals that a requirement reads, in its units, with what it allows them.
+
+    Args:
+        times: (n,) [s].
+        signals: label → (n,) samples.
+        units: label → unit.
+        levels: label → parameters in the same unit that a predicate sets beside the signal.
+        tubes: of the predicates that must hold throughout a window and look at one signal.
+    """
+
+    times: FloatArray
+    signals: Mapping[str, FloatArray]
+    units: Mapping[str, str]
+    levels: Mapping[str, Mapping[str, float]]
+    tubes: tuple[Tube, ...]
+
+
+def tolerances(formula: f.Formula, reading: Reading) -> Tolerances:
+    """Return what a formula, asked at the first sample, allows the signals of a reading."""
+    formula = reading.bound(formula)
+    signals: dict[str, FloatArray] = {}
+    units: dict[str, str] = {}
+    levels: dict[str, dict[str, float]] = {}
+    for used in (node for node in f.walk(formula) if isinstance(node, f.SignalValue)):
+        for row in range(len(reading.signals[used.name])):
+            if used.index in (None, row):
+                label = _label(used, row, reading)
+                signals[label] = reading.signals[used.name][row]
+                units[label] = _unit(used)
+                levels.setdefault(label, {})
+    tubes = []
+    for predicate, start, end in _required(formula, 0.0, 0.0):
+        nodes = list(f.walk(predicate))
+        read = {(node.name, node.index) for node in nodes if isinstance(node, f.SignalValue)}
+        if len(read) != 1 or not all(isinstance(node, _POINTWISE) for node in nodes):
+            continue
+        signal = next(node for node in nodes if isinstance(node, f.SignalValue))
+        if signal.index is None and len(reading.signals[signal.name]) > 1:
+            continue
+        label = _label(signal, signal.index or 0, reading)
+        for node in nodes:
+            if isinstance(node, f.ParamValue) and _unit(node) == units[label]:
+                levels[label][node.name] = float(reading.params[node.name].item())
+        first, last = float(reading.times[0]), float(reading.times[-1])
+        if first + start > last:
+            continue  # the rollout ended before
+        text = " ".join(predicate.span.text.split())
+        tubes.append(
+            Tube(
+                label,
+                text,
+                first + start,
+                min(first + end, last),
+                _bands(predicate, signal, reading, levels[label].values()),
+            )
+        )
+    return Tolerances(reading.times, signals, units, levels, tuple(tubes))
+
+
+def _required(formula: f.Formula, start: float, end: float) -> Iterator[tuple[f.Comparison, float, float]]:
+    """Yield the predicates that must hold at all times of a window, relative to the first sample [s].
+
+    Below a disjunction, a negation or an eventually no single predicate must hold.
+    """
+    match formula:
+        case f.Comparison():
+            yield formula, start, end
+        case f.Named() | f.Rescale():
+            yield from _required(formula.operand, start, end)
+        case f.Junction(operator="and"):
+            for operand in formula.operands:
+                yield from _required(operand, start, end)
+        case f.Temporal(operator="always", interval=interval):
+            yield from _required(formula.operand, start + interval.low, end + interval.high)
+        case _:
+            return
+
+
+def _bands(
+    predicate: f.Comparison, signal: f.SignalValue, reading: Reading, levels: Iterable[float]
+) -> tuple[tuple[float, float], ...]:
+    """Return the values of a signal at which a predicate holds, by trying many of them as if at one instant.
+
+    The trial keeps the recorded first sample, for what is measured from there.
+    """
+    row = signal.index or 0
+    recorded = reading.signals[signal.name]
+    centre, reach = _reach([*recorded[row].tolist(), *levels])
+    values = np.linspace(centre - reach, centre + reach, _CANDIDATES)
+    trial = np.repeat(recorded[:, :1], _CANDIDATES + 1, axis=1)
+    trial[row, 1:] = values
+    times = np.arange(_CANDIDATES + 1.0)
+    margins = Reading.of(times, {signal.name: trial}, reading.params, "samples", "open").robustness(predicate)
+    holds = np.concatenate(([False], margins[1:] >= 0.0, [False]))
+    edges = np.flatnonzero(np.diff(holds))
+    return tuple(
+        (
+            -math.inf if start == 0 else float(values[start]),
+            math.inf if stop == _CANDIDATES else float(values[stop - 1]),
+        )
+        for start, stop in zip(edges[::2], edges[1::2], strict=True)
+    )
+
+
+def _reach(seen: list[float]) -> tuple[float, float]:
+    """Return centre and half width of the values to try: three times the range of what is in the picture."""
+    low, high = min(seen), max(seen)
+    return (low + high) / 2, 1.5 * max(high - low, 0.1 * abs(high), 1e-3)
+
+
+def _label(node: f.SignalValue, row: int, reading: Reading) -> str:
+    return node.name if len(reading.signals[node.name]) == 1 else f"{node.name}[{row}]"
+
+
+def _unit(node: f.Value) -> str:
+    return "" if node.unit is None else node.unit.text

@@ -1,0 +1,27 @@
+"""What a plot needs, and what it says without it."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from s2r_spec.errors import UsageError
+from s2r_spec.report import plot as module
+from s2r_spec.spec import parse_spec
+from s2r_spec.trace import Trace
+
+SPEC = parse_spec("signal v {m/s}\nrequire slow: always[0 s, 1 s] (v <= 1 {m/s})\n")
+TRACE = Trace(np.linspace(0.0, 1.0, 11), {"v": np.linspace(0.0, 0.5, 11)}, {"v": "m/s"})
+
+
+def test_without_matplotlib_a_sentence_says_what_to_install(monkeypatch):
+    monkeypatch.setattr(module, "find_spec", lambda name: None)
+    with pytest.raises(UsageError, match=r"matplotlib.*pip install 's2r\[pictures\]'"):
+        module.plot(SPEC.tolerances(TRACE, "slow"), SPEC.explain(TRACE, "slow"), "toy", Path("a.svg"))
+
+
+def test_a_plot_is_written(tmp_path):
+    pytest.importorskip("matplotlib")
+    path = tmp_path / "a.png"
+    module.plot(SPEC.tolerances(TRACE, "slow"), SPEC.explain(TRACE, "slow"), "toy", path)
+    assert path.read_bytes().startswith(b"\x89PNG")
