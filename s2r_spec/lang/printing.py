@@ -168,10 +168,12 @@ def _statement(tokens: Sequence[Token], line: _Line, intervals: set[int]) -> Ite
 
 
 def _cut(tokens: Sequence[Token]) -> int:
-    """Return how many tokens make the head: up to the colon, or before ``:=``."""
+    """Return how many tokens make the head: up to the colon, or what is declared."""
     types = [token.type for token in tokens]
-    if types[0] == "LET":
+    if types[0] in ("LET", "CONST"):
         return next(i for i, kind in enumerate(types) if kind in ("ASSIGN", "EQ"))
+    if types[0] in ("SIGNAL", "PARAM"):
+        return next((i for i, kind in enumerate(types) if kind in ("UNIT", "BOOL", "EQ", "IN")), len(types))
     return types.index("COLON") + 1 if types[0] in ("REQUIRE", "CERTIFY") else len(tokens)
 
 
@@ -243,8 +245,8 @@ def _joined(head: str, body: str) -> str:
 def _aligned(lines: list[_Line]) -> Iterator[str]:
     """Yield the lines as text, each block with its columns."""
     for block in _blocks(lines):
-        for kind in ("LET", "REQUIRE", "CERTIFY"):
-            heads = [len(line.head) for line in block if line.kind == kind]
+        for kind in ("SIGNAL", "PARAM", "CONST", "LET", "REQUIRE", "CERTIFY"):
+            heads = [len(line.head) for line in block if line.kind == kind and line.body]
             for line in block:
                 if line.kind == kind and line.body:
                     line.head = line.head.ljust(max(heads))

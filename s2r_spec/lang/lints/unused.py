@@ -11,11 +11,14 @@ from s2r_spec.lang.parsing import Parsed
 
 
 def unused(parsed: Parsed, document: Document) -> Iterator[Finding]:
-    """A trace need not have an unused signal; an unused parameter widens the search for nothing."""
+    """A trace need not have an unused signal. A searched parameter is used by what makes the traces."""
     used = {node.name for node in nodes(parsed) if isinstance(node, syntax.Name)}
     used |= {node.name.text for node in nodes(parsed) if isinstance(node, syntax.Index)}
     for statement in parsed.statements:
         if isinstance(statement, syntax.Signal | syntax.Param | syntax.Const | syntax.Let):
             word = statement.name
+            param = document.params.get(word.text)
+            if param is not None and param.searched:
+                continue
             if word.text not in used:
                 yield Finding("L06", f"`{word.text}` is not used", word.span, "leave it out")
