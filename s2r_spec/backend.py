@@ -13,7 +13,7 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any, Protocol, Self, runtime_checkable
 
-from s2r_spec.errors import BackendError, MissingPackageError, UnknownBackendError, UsageError
+from s2r_spec.errors import BackendError, MissingPackageError, S2RError, UnknownBackendError, UsageError
 from s2r_spec.trace import Trace
 
 GROUP = "s2r.backends"
@@ -212,7 +212,13 @@ def load_backend(name: str) -> Backend:
         BackendError: what the entry point makes is not a backend.
     """
     kind, colon, argument = name.partition(":")
-    backend = _factory(kind)(argument) if colon else _factory(kind)()
+    factory = _factory(kind)
+    try:
+        backend = factory(argument) if colon else factory()
+    except S2RError:
+        raise
+    except Exception as error:
+        raise BackendError(f"backend {name!r} cannot be made: {type(error).__name__}: {error}") from error
     if not isinstance(backend, Backend):
         lacking = [word for word in _REQUIRED if not hasattr(backend, word)]
         raise BackendError(f"backend {name!r} ({type(backend).__name__}) lacks {', '.join(lacking)}")

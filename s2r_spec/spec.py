@@ -120,6 +120,7 @@ class Spec:
         interpolation: Interpolation = "samples",
         until: Witness = "open",
         partial: bool = False,
+        only: str | None = None,
     ) -> dict[str, float]:
         """Return requirement → ρ at the trace's first time, in the unit :meth:`unit`.
 
@@ -133,6 +134,7 @@ class Spec:
             interpolation: see :meth:`evaluate`.
             until: see :meth:`evaluate`.
             partial: evaluate a trace that is shorter than the horizon on what there is.
+            only: evaluate this requirement alone; the trace needs no more than that one reads.
 
         Raises:
             TraceError: a channel is missing, has NaN or an unfit unit, a time bound does
@@ -140,11 +142,12 @@ class Spec:
             UsageError: a parameter is missing or unknown, or the trace failed and no value is
                 declared for that.
         """
+        names = tuple(self.formulas) if only is None else (only,)
         if trace.failure is not None:
-            return {name: self._fallen(name, trace.failure) for name in self.formulas}
-        reading = self._reading(trace, params, None, interpolation, until, "error")
+            return {name: self._fallen(name, trace.failure) for name in names}
+        reading = self._reading(trace, params, only, interpolation, until, "error")
         result = {}
-        for name in self.formulas:
+        for name in names:
             formula = reading.bound(self.formulas[name])
             if not partial:
                 self._long_enough(name, formula, reading)

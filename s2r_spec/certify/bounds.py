@@ -58,7 +58,7 @@ class Bounds:
     @property
     def empty(self) -> bool:
         """Whether bounds of the first row contradict each other: an assumption is false, or luck was as bad as δ."""
-        return bool((self.lower[0] > self.upper[0]).any())
+        return bool((self.lower[0] > self.upper[0]).any() or self.best[0] > self.maximum[0])
 
     def add(self, vector: FloatArray) -> int:
         """Return the index of a (dim,) vector of the box among the points; a new one has its cell's bounds."""

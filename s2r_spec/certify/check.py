@@ -24,8 +24,8 @@ from s2r_spec.certify.kernels import Kernel
 from s2r_spec.certify.recorded import fixed_design, observe
 from s2r_spec.certify.search import Search
 from s2r_spec.errors import UsageError, one_of
-from s2r_spec.rollouts.journal import SPEC_FILE, Journal, Record
-from s2r_spec.rollouts.rig import Rig
+from s2r_spec.rollouts.journal import Journal, Record
+from s2r_spec.rollouts.rig import Rig, spec_files
 from s2r_spec.rollouts.runner import ExecutorFactory, Runner, process_pool
 from s2r_spec.spec import CertifySettings, Spec
 
@@ -216,10 +216,10 @@ def check_with(
     }
     if design is not None:
         provenance["recorded"] = list(design.notes)
-    if resume and folder.exists():
+    if resume and Journal.begun(folder):
         journal = Journal.resume(folder, provenance)
     else:
-        journal = Journal.create(folder, provenance, {SPEC_FILE: spec.text})
+        journal = Journal.create(folder, provenance, spec_files(spec))
     if design is not None:
         observe(search, design, rig, journal, observer)
     else:
@@ -324,7 +324,7 @@ def distance(spec: Spec, left: Mapping[str, float], right: Mapping[str, float]) 
 
 
 def _judge(certificate: Certificate, lower: float, upper: float) -> tuple[Verdict, str]:
-    if certificate.label is Label.REFUSED:
+    if certificate.label in (Label.REFUSED, Label.MODEL_BASED):
         return Verdict.UNKNOWN, f"no certificate: {certificate.reason}"
     if lower >= 0:
         return Verdict.HOLDS, "the worst expected robustness is not negative"

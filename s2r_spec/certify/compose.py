@@ -67,13 +67,15 @@ def compose(simulated: Search, gap: Search) -> Composition:
     tolerance = TOLERANCE * max(simulated.epsilon, gap.epsilon)
     value, worst, hidden = maximum(simulated, roughness, upper, tolerance)
     low, high = gap.range
+    # Maximising −Δ, so that Δ lies in [−high, −low].
+    paper = -simulated.range[1] - max(high, -low)
     return Composition(
-        lower=-value,
+        # Both hold, so that the larger does: cells may cost the sum more than they cost its parts.
+        lower=max(-value, paper),
         delta=min(1.0, simulated.delta + gap.delta),
         worst=simulated.space.point(worst),
         discretisation=hidden,
-        # Maximising −Δ, so that Δ lies in [−high, −low].
-        paper_lower=-simulated.range[1] - max(high, -low),
+        paper_lower=paper,
         gap=(-high, -low),
     )
 

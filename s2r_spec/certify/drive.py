@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
@@ -10,7 +11,7 @@ import numpy as np
 
 from s2r_spec.certify.certificate import Certificate
 from s2r_spec.certify.search import Query, Search
-from s2r_spec.errors import BackendError
+from s2r_spec.errors import BackendError, S2RError
 from s2r_spec.rollouts.journal import Journal, Record
 from s2r_spec.rollouts.rig import Rig
 from s2r_spec.rollouts.runner import Runner
@@ -93,7 +94,15 @@ class Rollouts:
                     observer.rollout(before)
         for done in self.runner.run(tasks):
             key, point = (done.task.query, done.task.replicate), points[done.task.query]
-            rho, failure = self.rig.score(point, done)
+            try:
+                rho, failure = self.rig.score(point, done)
+                if not math.isfinite(rho):
+                    raise BackendError(f"its ρ is {rho}")
+            except S2RError as error:
+                kept = self.journal.keep(key, done.trace)
+                raise BackendError(
+                    f"rollout {key[0]}.{key[1]} at {point} cannot be scored: {error}; its trace is kept in {kept}"
+                ) from error
             record = Record(
                 *key, point, done.task.seed, rho, failure, trace=None, seconds=round(done.seconds, 4)
             )

@@ -21,4 +21,4 @@ def sequential_floor(R: float, epsilon: float, delta: float) -> float:
 
 def minimax(R: float, epsilon: float, delta: float) -> float:
     """Return (2 z_{1−δ} R/ε)²: an interval of fixed width ε at one known point, known Gaussian noise."""
-    return (2 * NormalDist().inv_cdf(1 - delta) * R / epsilon) ** 2
+    return (2 * -NormalDist().inv_cdf(delta) * R / epsilon) ** 2

@@ -31,8 +31,8 @@ from s2r_spec.certify.compose import Composition, compose
 from s2r_spec.certify.drive import Observer, Pairs, Rollouts, drive
 from s2r_spec.certify.search import Search
 from s2r_spec.errors import UsageError
-from s2r_spec.rollouts.journal import SPEC_FILE, Journal
-from s2r_spec.rollouts.rig import Rig
+from s2r_spec.rollouts.journal import Journal
+from s2r_spec.rollouts.rig import Rig, spec_files
 from s2r_spec.rollouts.runner import ExecutorFactory, Runner, process_pool
 from s2r_spec.rollouts.seeds import Stream
 from s2r_spec.spec import Spec
@@ -112,6 +112,12 @@ class CertifyResult:
     simulated: CheckResult
     gap: GapResult
     composition: Composition
+
+    @property
+    def refused(self) -> bool:
+        """Whether one of the searches has no certificate, so that nothing is promised."""
+        labels = {self.simulated.certificate.label, self.gap.certificate.label}
+        return bool(labels & {Label.REFUSED, Label.MODEL_BASED})
 
 
 def gap_search(
@@ -205,8 +211,8 @@ def gap_with(
         place = folder / side
         journals[side] = (
             Journal.resume(place, header)
-            if resume and place.exists()
-            else Journal.create(place, header, {SPEC_FILE: spec.text})
+            if resume and Journal.begun(place)
+            else Journal.create(place, header, spec_files(spec))
         )
     with Runner(executor or process_pool(2)) as runner:
         pairs = Pairs(

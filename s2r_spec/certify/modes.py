@@ -15,6 +15,9 @@ from s2r_spec.certify.posterior import Conditioned
 FloatArray = NDArray[np.float64]
 
 
+LARGEST = 1e10
+
+
 @dataclass(frozen=True)
 class Bound:
     """|J(z) − μ_a(z)| ≤ width_a v_a(z) for each dual scale a and each norm bound, in units of R."""
@@ -41,8 +44,10 @@ class Mode:
     def bound(self, data: Conditioned, rollouts: int, norms: FloatArray, delta: float) -> Bound:
         """Return the bound from conditioned data for (rungs,) norm bounds, in units of R."""
         radius = self.radius(data, delta)
-        quadratic = data.evidence(self._dual).quadratic
-        return Bound(self._dual, confidence.width(norms, self._dual, radius, quadratic), radius)
+        # Any set of dual scales is valid. Beyond this one, rounding of order a·rollouts·1e-16 would
+        # no longer be small beside a posterior variance.
+        dual = self._dual[self._dual * rollouts <= max(LARGEST, float(self._dual[0]) * rollouts)]
+        return Bound(dual, confidence.width(norms, dual, radius, data.evidence(dual).quadratic), radius)
 
     def radius(self, data: Conditioned, delta: float) -> float:
         """Return r_n of the data-fit set."""

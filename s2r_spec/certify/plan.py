@@ -75,6 +75,7 @@ def plan(
         most: rollouts after which a search to ε is given up.
         seed: of the simulation.
     """
+    Search(space, kernel=kernel, B=B, R=R, delta=delta, epsilon=epsilon, mode=mode)  # refuses bad settings
 
     def simulated(run: int, share: float, budget: int, target: float) -> Certificate:
         rng = np.random.default_rng([seed, run])
@@ -99,7 +100,7 @@ def plan(
     reachable = []
     for budget in budgets:
         # The width wanted is 0.3 of the best that Gaussian noise allows: the budget ends the search, not ε.
-        target = 0.3 * 2 * NormalDist().inv_cdf(1 - min(delta, 0.3)) * R / math.sqrt(budget)
+        target = 0.3 * 2 * -NormalDist().inv_cdf(min(delta, 0.3)) * R / math.sqrt(budget)
         widths = [simulated(run, FLAT, budget, target).epsilon for run in range(runs)]
         reachable.append((budget, median(widths)))
     return Plan(

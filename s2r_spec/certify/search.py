@@ -31,6 +31,9 @@ from s2r_spec.space import Space
 
 FloatArray = NDArray[np.float64]
 
+# Beyond it the bound's own arithmetic, of order (B/R)² times the rollouts, is lost in rounding.
+MOST_PRECISE = 1e5
+MOST_PARAMETERS = 8
 LADDER = (1.0, 2.0, 4.0, 8.0)
 # A cell is split while it hides more than this share of the interval that is left.
 TOLERANCE = 0.05
@@ -97,6 +100,21 @@ class Search:
         _positive(B=B, R=R, epsilon=epsilon, batch=batch, spread=spread)
         if not 0 < delta < 1:
             raise UsageError(f"delta = {delta:g}; it is a probability and must lie strictly between 0 and 1")
+        if epsilon >= 2 * B:
+            raise UsageError(
+                f"epsilon = {epsilon:g} asks for no more than B = {B:g} says without any rollout; it must be below 2B"
+            )
+        if B / R > MOST_PRECISE:
+            raise UsageError(
+                f"R = {R:g} is too small beside B = {B:g}: double precision carries ratios up to {MOST_PRECISE:g}; "
+                f"declare a larger R"
+            )
+        if spread != int(spread) or spread < 1 or seed < 0:
+            raise UsageError(f"spread = {spread} and seed = {seed} must be whole numbers, at least 1 and 0")
+        if self.space.dim > MOST_PARAMETERS:
+            raise UsageError(
+                f"the test space has {self.space.dim} parameters; a certified search takes at most {MOST_PARAMETERS}"
+            )
         if mode not in MODES:
             raise UsageError(f"no mode {mode!r}; there are: {one_of(MODES)}")
         if engine not in ENGINES:
@@ -166,6 +184,7 @@ class Search:
         """
         if query.index not in self._open or query.index in self._told:
             raise UsageError(f"query {query.index} is not open: it was told before, or never asked")
+        query = self._open[query.index][0]
         values = _numbers(outcomes, f"query {query.index} at {query.point}")
         if len(values) > query.replicates:
             raise UsageError(f"query {query.index} asked for {query.replicates} outcomes, not {len(values)}")
@@ -264,12 +283,21 @@ class Search:
         gram = self.kernel.gram(points, points)
         norm = confidence.smallest_norm(gram, samples.counts, samples.means, self._bound.radius)
         self._B_low = max(self._B_low, norm)
+        if np.isnan(self._bound.widths[0]).any():  # no function of norm ≤ B fits, by however little
+            self._B_low = max(self._B_low, float(np.nextafter(self._norms[0], np.inf)) * (1 + 1e-9))
 
     # -- the answer --------------------------------------------------------------------------
 
     def band(self, points: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return (n,) lower and upper bounds of J at (n, dim) points, all at once with probability ≥ 1 − δ."""
         where = np.atleast_2d(np.asarray(points, dtype=np.float64))
+        if (
+            where.shape[1] != self.space.dim
+            or not ((where >= self.space.lower) & (where <= self.space.upper)).all()
+        ):
+            raise UsageError(
+                f"the band is known at points of shape (n, {self.space.dim}) within the test space only"
+            )
         lower, upper = self._bounds.at(where, self._data, self._bound)
         return lower[0] * self.R, upper[0] * self.R
 

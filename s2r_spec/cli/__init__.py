@@ -11,7 +11,7 @@ import traceback
 
 import typer
 
-from s2r_spec.cli import backends, certify, check, fmt, gap, lint, monitor, plan, replay, report
+from s2r_spec.cli import backends, certify, check, common, fmt, gap, lint, monitor, plan, replay, report
 
 EXIT_CODES = "Exit codes: 0 holds, 1 violated, 2 usage or spec error, 3 unknown, 4 backend or internal error."
 
@@ -48,9 +48,17 @@ def _root(
 
 def main() -> None:
     """Run the command line; whatever is not foreseen is a bug, and exits with 4."""
+    as_json = "--json" in sys.argv
     try:
         app()
+    except SystemExit as end:
+        # What the parser of the command line refuses is said on stderr only.
+        if as_json and end.code == 2 and not common.error_was_printed():
+            common.print_error(2, "the command line is not understood: see stderr")
+        raise
     except Exception:
         traceback.print_exc()
         print("error: this is a bug in s2r; what was recorded is on disk", file=sys.stderr)
+        if as_json:
+            common.print_error(4, "a bug in s2r: see stderr")
         sys.exit(4)

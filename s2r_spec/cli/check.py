@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from s2r_spec.cli.common import cores, new_or_old, sentences
+from s2r_spec.cli.common import cores, interrupted, new_or_old, sentences
 from s2r_spec.cli.output import AsJson, Format, Output, emit, save, settle, writable
 
 
@@ -28,6 +28,9 @@ def check(
     workers: Annotated[
         int, typer.Option(min=1, help="Parallel rollouts; the numbers do not depend on it.")
     ] = cores(),
+    mode: Annotated[
+        str, typer.Option(help="Confidence set: rigorous, rigorous-simple or paper.")
+    ] = "rigorous",
     engine: Annotated[str, typer.Option(help="Gaussian process: spectral or gpytorch.")] = "spectral",
     run: Annotated[
         Path | None, typer.Option(help="Folder for the rollouts.", show_default="s2r-runs/…")
@@ -60,6 +63,9 @@ def check(
         names = requirement or [name for name in parsed.requirements if name in parsed.certify]
         if not names:
             raise UsageError(f"{parsed.name} has no certify line, so there is nothing to certify")
+        names = list(dict.fromkeys(names))
+        for name in names:  # a wrong one is said before the first one has run
+            checking.search_for(parsed, name, seed=seed, budget=budget, mode=mode, engine=engine)
         folder = new_or_old(run, resume, f"{spec.stem}-{backend}", seed)
         errors = Console(stderr=True, highlight=False)
         results = []
@@ -79,6 +85,7 @@ def check(
                             requirement=name,
                             seed=seed,
                             budget=budget,
+                            mode=mode,
                             engine=engine,
                             executor=process_pool(workers),
                             resume=resume is not None,
@@ -86,7 +93,7 @@ def check(
                         )
                     )
             except KeyboardInterrupt:
-                errors.print(f"interrupted; go on with --resume {folder}", markup=False, soft_wrap=True)
+                interrupted(folder)
                 raise
         report = checked.report([(parsed, result) for result in results])
         emit(report, form, output)

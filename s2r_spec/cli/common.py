@@ -14,6 +14,8 @@ import typer
 
 from s2r_spec.errors import S2RError, UsageError
 
+_said = False
+
 
 @contextmanager
 def sentences(as_json: bool = False) -> Iterator[None]:
@@ -23,13 +25,20 @@ def sentences(as_json: bool = False) -> Iterator[None]:
     except S2RError as error:
         print(f"error: {error}" if not str(error).startswith("error") else str(error), file=sys.stderr)
         if as_json:
-            print(
-                json.dumps(
-                    {"schema": "s2r.error/1", "exit_code": error.exit_code, "error": str(error)},
-                    allow_nan=False,
-                )
-            )
+            print_error(error.exit_code, str(error))
         raise typer.Exit(error.exit_code) from error
+
+
+def print_error(exit_code: int, sentence: str) -> None:
+    """Print an error as the one JSON object on stdout."""
+    global _said
+    _said = True
+    print(json.dumps({"schema": "s2r.error/1", "exit_code": exit_code, "error": sentence}, allow_nan=False))
+
+
+def error_was_printed() -> bool:
+    """Return whether this process printed an error as JSON."""
+    return _said
 
 
 def cores() -> int:
@@ -51,3 +60,8 @@ def new_or_old(run: Path | None, resume: Path | None, name: str, seed: int) -> P
     return (
         resume or run or Path("s2r-runs") / f"{stamp}-{name.replace(':', '-').replace('/', '-')}-seed{seed}"
     )
+
+
+def interrupted(folder: Path) -> None:
+    """Say how an interrupted run goes on."""
+    print(f"interrupted; go on with --resume {folder}", file=sys.stderr)

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from s2r_spec.cli.common import cores, new_or_old, sentences
+from s2r_spec.cli.common import cores, interrupted, new_or_old, sentences
 
 
 def gap(
@@ -49,19 +49,23 @@ def gap(
         errors = Console(stderr=True, highlight=False)
         if not quiet:
             errors.print(f"run {folder}, seed {seed}, {workers} workers", markup=False, soft_wrap=True)
-        with Live(errors, quiet, symbol="Δ") as live:
-            result = bound(
-                parsed,
-                sim,
-                real,
-                folder,
-                requirement=requirement,
-                seed=seed,
-                budget=budget,
-                executor=process_pool(workers),
-                resume=resume is not None,
-                observer=live,
-            )
+        try:
+            with Live(errors, quiet, symbol="Δ") as live:
+                result = bound(
+                    parsed,
+                    sim,
+                    real,
+                    folder,
+                    requirement=requirement,
+                    seed=seed,
+                    budget=budget,
+                    executor=process_pool(workers),
+                    resume=resume is not None,
+                    observer=live,
+                )
+        except KeyboardInterrupt:
+            interrupted(folder)
+            raise
         if as_json:
             print(json.dumps(gapform.gap_json(result), allow_nan=False, indent=2, ensure_ascii=False))
         else:

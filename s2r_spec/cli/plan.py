@@ -26,7 +26,7 @@ def plan(
     lengthscale: Annotated[float, typer.Option(help="As a share of each range.")] = 0.4,
     mode: Annotated[str, typer.Option(help="rigorous, rigorous-simple or paper.")] = "rigorous",
     budget: Annotated[
-        list[int] | None, typer.Option(help="What ε do so many rollouts reach? (may be repeated)")
+        list[int] | None, typer.Option(min=8, help="What ε do so many rollouts reach? (may be repeated)")
     ] = None,
     backend: Annotated[
         str | None, typer.Option("--backend", "-b", help="Give times, from its declared cost.")

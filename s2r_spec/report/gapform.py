@@ -6,6 +6,9 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
+from rich.markup import escape
+
+from s2r_spec.certify.certificate import Label
 from s2r_spec.certify.gap import CertifyResult, GapResult
 from s2r_spec.report.checked import test_words
 from s2r_spec.report.checked import to_json as check_json
@@ -22,7 +25,7 @@ def gap_json(result: GapResult) -> dict[str, Any]:
             "upper": result.upper,
             "unit": result.unit,
             "epsilon": result.certificate.epsilon,
-            "delta": result.certificate.delta,
+            "delta": None if result.certificate.label is Label.REFUSED else result.certificate.delta,
         },
         "band": {"low": result.low, "high": result.high, "unit": result.unit},
         "label": result.certificate.label.value,
@@ -46,7 +49,7 @@ def certify_json(result: CertifyResult) -> dict[str, Any]:
         "exit_code": result.verdict.exit_code,
         "verdict": result.verdict.value,
         "reason": result.reason,
-        "promise": asdict(result.composition),
+        "promise": None if result.refused else asdict(result.composition),
         "simulation": check_json(result.simulated),
         "gap": gap_json(result.gap),
     }
@@ -54,33 +57,44 @@ def certify_json(result: CertifyResult) -> dict[str, Any]:
 
 def gap_text(result: GapResult, units: Mapping[str, str]) -> str:
     """Return rich markup for the gap."""
-    return "\n".join([_headline(result), *_gap_lines(result, units), *_assumptions(result.assumptions)])
+    return escape(
+        "\n".join([_headline(result), *_gap_lines(result, units), *_assumptions(result.assumptions)])
+    )
 
 
 def certify_text(result: CertifyResult, units: Mapping[str, str]) -> str:
     """Return rich markup for the promise, with what it is made of."""
     simulated, gap, promise = result.simulated, result.gap, result.composition
     unit = f" {gap.unit}" if gap.unit else ""
-    lines = [
-        f"{simulated.requirement}  [{COLOURS[result.verdict]}]{result.verdict.name}[/]  "
-        f"({gap.provenance['spec']}: {_sides(gap)})",
-        f"  {result.reason}",
-        "",
-        f"  worst expected ρ of {gap.provenance['real']['backend']}  ≥ {promise.lower:+.4f}{unit}, "
-        f"with probability ≥ 1 − {promise.delta:g}",
+    head = (
+        f"{escape(simulated.requirement)}  [{COLOURS[result.verdict]}]{result.verdict.name}[/]  "
+        f"{escape(f'({_spec(gap)}: {_sides(gap)})')}"
+    )
+    real = gap.provenance["real"]["backend"]
+    bound = [
+        f"  worst expected ρ of {real}  ≥ {promise.lower:+.4f}{unit}, with probability ≥ 1 − {promise.delta:g}",
         f"  worst test        {test_words(promise.worst, units)}",
         f"  as the paper adds {promise.paper_lower:+.4f}{unit} (worst case of each search, wherever it is)",
+    ]
+    lines = [
+        f"  {result.reason}",
         "",
-        f"  in simulation     worst expected ρ in \\[{simulated.lower:+.4f}, {simulated.upper:+.4f}]{unit}, "
+        *(["  nothing is promised of the real machine"] if result.refused else bound),
+        "",
+        f"  in simulation     worst expected ρ in [{simulated.lower:+.4f}, {simulated.upper:+.4f}]{unit}, "
         f"{simulated.certificate.rollouts} rollouts, {simulated.certificate.label.value}",
         *_gap_lines(gap, units),
         *_assumptions((*simulated.assumptions[:-1], *gap.assumptions)),
     ]
-    return "\n".join(lines)
+    return head + "\n" + escape("\n".join(lines))
 
 
 def _headline(result: GapResult) -> str:
-    return f"{result.requirement}  gap  ({result.provenance['spec']}: {_sides(result)})"
+    return f"{result.requirement}  gap  ({_spec(result)}: {_sides(result)})"
+
+
+def _spec(result: GapResult) -> str:
+    return str(result.provenance["spec"])
 
 
 def _sides(result: GapResult) -> str:
@@ -92,9 +106,12 @@ def _gap_lines(result: GapResult, units: Mapping[str, str]) -> list[str]:
     certificate = result.certificate
     failures = ", ".join(f"{count} × {word}" for word, count in sorted(result.failures.items())) or "no falls"
     reason = f" ({certificate.reason})" if certificate.reason else ""
+    sure = (
+        f", with probability ≥ 1 − {certificate.delta:g}; anywhere in [{result.low:+.4f}, {result.high:+.4f}]"
+    )
+    computed = "" if certificate.label is not Label.REFUSED else " was computed, and is no promise"
     return [
-        f"  worst expected Δ  in \\[{result.lower:+.4f}, {result.upper:+.4f}]{unit}, "
-        f"with probability ≥ 1 − {certificate.delta:g}; anywhere in \\[{result.low:+.4f}, {result.high:+.4f}]",
+        f"  worst expected Δ  in [{result.lower:+.4f}, {result.upper:+.4f}]{unit}{computed or sure}",
         f"  worst gap at      {test_words(result.worst.params, units)}: mean Δ {result.worst.mean:+.4f}{unit}, "
         f"mean |Δ| {result.worst.absolute:.4f} over {result.worst.pairs} pairs",
         f"  largest mean |Δ|  {result.absolute:.4f}{unit} at a tested point (the paper's measure; an estimate)",

@@ -70,21 +70,35 @@ class Journal:
         Raises:
             JournalError: the folder holds a run already, or cannot be written.
         """
-        path = folder / FILE
-        if path.exists():
+        if cls.begun(folder):
             raise JournalError(
                 f"{folder} holds a run already; go on with --resume {folder}, or choose another folder"
             )
+        path = folder / FILE
         try:
             (folder / "traces").mkdir(parents=True, exist_ok=True)
+            _hold(folder)
             for name, text in texts.items():
+                (folder / name).parent.mkdir(parents=True, exist_ok=True)
                 (folder / name).write_text(text, encoding="utf-8", newline="")
                 _sync(folder / name)
-            _append(path, {"schema": SCHEMA} | dict(header))
+            # Whole or not at all: a run that was killed while it began is no run.
+            path.unlink(missing_ok=True)
+            _append(path.with_suffix(".new"), {"schema": SCHEMA} | dict(header))
+            path.with_suffix(".new").replace(path)
             _sync_folder(folder)
         except OSError as error:
             raise JournalError(f"cannot write the run to {folder}: {error.strerror or error}") from error
         return cls(folder, header, {}, "")
+
+    @staticmethod
+    def begun(folder: Path) -> bool:
+        """Return whether the folder holds a journal with at least its first line."""
+        try:
+            with (folder / FILE).open("rb") as file:
+                return file.readline().endswith(b"\n")
+        except OSError:
+            return False
 
     @classmethod
     def read(cls, folder: Path) -> Journal:
@@ -114,6 +128,15 @@ class Journal:
                 record = Record(**line)
             except TypeError as error:
                 raise JournalError(f"{path}:{number}: not a rollout record: {error}") from error
+            if not (isinstance(record.rho, float | int) and isinstance(record.params, dict)):
+                raise JournalError(
+                    f"{path}:{number}: not a rollout record: ρ must be a number, params an object"
+                )
+            if (record.query, record.replicate) in records:
+                raise JournalError(
+                    f"{path}:{number}: rollout {record.query}.{record.replicate} is there twice; "
+                    f"two processes must have written to this run"
+                )
             records[record.query, record.replicate] = record
         header = {key: value for key, value in lines[0].items() if key != "schema"}
         return cls(folder, header, records, note)
@@ -126,6 +149,10 @@ class Journal:
             JournalError: as :meth:`read`; or a field of the header differs, which is named with both values.
         """
         journal = cls.read(folder)
+        try:
+            _hold(folder)
+        except OSError as error:
+            raise JournalError(f"cannot write to {folder}: {error.strerror or error}") from error
         asked = json.loads(json.dumps(dict(header)))
         for key in sorted(asked.keys() | journal.header.keys()):
             recorded, now = journal.header.get(key), asked.get(key)
@@ -153,6 +180,15 @@ class Journal:
         """Return every rollout, ordered by query and replicate."""
         return [self._records[key] for key in sorted(self._records)]
 
+    def keep(self, key: tuple[int, int], trace: Trace | None) -> Path:
+        """Write a trace that cannot be scored beside the journal, and return where."""
+        path = self.folder / "unscored" / f"{key[0]:05d}.{key[1]:04d}.npz"
+        if trace is not None:
+            path.parent.mkdir(exist_ok=True)
+            logs.write(trace, path)
+            _sync(path)
+        return path
+
     def append(self, record: Record, trace: Trace | None) -> Record:
         """Write the trace, then the line; both are on disk when this returns.
 
@@ -177,6 +213,33 @@ class Journal:
             ) from error
         self._records[record.query, record.replicate] = record
         return record
+
+
+# Folders that this process writes to, by their locks; the system lets go of them when it ends.
+_held: dict[Path, int] = {}
+
+
+def _hold(folder: Path) -> None:
+    """Hold a run's folder for this process until it ends: two writers would mix their rollouts.
+
+    Raises:
+        JournalError: another process holds it.
+    """
+    try:
+        import fcntl
+    except ImportError:  # not a POSIX system: nothing to hold it with
+        return
+    if folder.resolve() in _held:
+        return
+    handle = os.open(folder / "lock", os.O_CREAT | os.O_RDWR, 0o644)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        os.close(handle)
+        raise JournalError(
+            f"{folder} is being written by another process; wait for it, or stop it"
+        ) from error
+    _held[folder.resolve()] = handle
 
 
 def _parse(path: Path, number: int, line: bytes) -> dict[str, Any]:

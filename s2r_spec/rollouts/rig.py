@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Self
 
 from s2r_spec.backend import Backend
 from s2r_spec.errors import UsageError
+from s2r_spec.rollouts.journal import SPEC_FILE
 from s2r_spec.rollouts.match import match
 from s2r_spec.rollouts.runner import Done, Task, open_backend
 from s2r_spec.spec import Spec
@@ -16,6 +18,16 @@ from s2r_spec.trace import Trace
 
 Measure = Callable[[Trace, Mapping[str, float]], float]
 """A number from a trace and its test: positive if the test was passed, and by how much."""
+
+
+def spec_files(spec: Spec) -> dict[str, str]:
+    """Return name → text of the spec and of what it imports, as they are kept beside a journal."""
+    home = os.path.dirname(spec.name)
+    imported = {os.path.relpath(name, home or "."): text for name, text in spec.imported.items()}
+    # What is imported from above the spec's own folder is not kept: it would be written outside the run's.
+    return {SPEC_FILE: spec.text} | {
+        name: text for name, text in imported.items() if not name.startswith("..")
+    }
 
 
 @dataclass(frozen=True)
@@ -58,7 +70,7 @@ class Rig:
         matched = match(spec, requirement, backend)
 
         def robustness(trace: Trace, point: Mapping[str, float]) -> float:
-            return spec.robustness(trace, params=point)[requirement]
+            return spec.robustness(trace, params=point, only=requirement)[requirement]
 
         return cls(name, backend, robustness, settings.fall, matched.to_backend, matched.channels)
 

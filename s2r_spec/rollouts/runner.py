@@ -7,6 +7,7 @@ breaks its pool three times is recorded as a crash, the others are unharmed.
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ProcessPoolExecutor, wait
@@ -72,17 +73,30 @@ def open_backend(name: str, duration: float | None) -> Backend:
 
 
 def run_task(task: Task) -> tuple[Trace, float]:
-    """Run one rollout in this process; return its trace and the seconds it took."""
+    """Run one rollout in this process; return its trace and the seconds it took.
+
+    Raises:
+        BackendError: whatever the rollout raised, SystemExit included, in one sentence: the
+            original may not survive the way between processes, and must not end s2r.
+    """
     start = perf_counter()
-    backend = open_backend(task.backend, task.duration)
+    where = f"at {dict(task.params)}, seed {task.seed}"
     try:
-        trace = backend.rollout(task.params, task.seed)
-    except S2RError:
-        raise
-    except Exception as error:
+        trace = open_backend(task.backend, task.duration).rollout(task.params, task.seed)
+    except S2RError as error:
+        raise BackendError(f"backend {task.backend!r}: {error} {where}") from None
+    except BaseException as error:
         raise BackendError(
-            f"backend {task.backend!r} raised {type(error).__name__}: {error} at {dict(task.params)}, seed {task.seed}"
-        ) from error
+            f"backend {task.backend!r} raised {type(error).__name__}: {error} {where}"
+        ) from None
+    if not isinstance(trace, Trace):
+        raise BackendError(f"backend {task.backend!r} returned a {type(trace).__name__} and no Trace {where}")
+    try:
+        json.dumps(dict(trace.meta))
+    except TypeError as error:
+        raise BackendError(
+            f"backend {task.backend!r}: the trace's meta cannot be written: {error} {where}"
+        ) from None
     if task.channels is not None:
         trace = trace.only(task.channels)
     return trace, perf_counter() - start
@@ -153,8 +167,7 @@ class Runner:
 
     def _attempt(self, tasks: Iterable[Task]) -> Iterator[tuple[Task, Done | BrokenExecutor]]:
         if self._pool is None:
-            with _one_thread():
-                self._pool = self._factory()
+            self._pool = self._start()
         waiting: dict[Future[tuple[Trace, float]], Task] = {}
         broken = False
         for task in tasks:
@@ -167,6 +180,7 @@ class Runner:
         try:
             while waiting:
                 finished, _ = wait(waiting, return_when=FIRST_COMPLETED)
+                failed: S2RError | None = None
                 for future in finished:
                     task = waiting.pop(future)
                     try:
@@ -174,13 +188,31 @@ class Runner:
                     except BrokenExecutor as error:
                         broken = True
                         yield task, error
+                    except S2RError as error:
+                        failed = error
                     else:
                         yield task, Done(task, trace, seconds)
+                if failed is not None:  # only now: what finished beside it is recorded first
+                    raise failed
         finally:
             for future in waiting:
                 future.cancel()
             if broken:
                 self._close()
+
+    def _start(self) -> Executor:
+        """Make a pool and see that it works, so that a pool that cannot start is not taken for a crash."""
+        with _one_thread():
+            pool = self._factory()
+            try:
+                pool.submit(os.getpid).result()
+            except BrokenExecutor as error:
+                pool.shutdown(wait=True)
+                raise BackendError(
+                    "worker processes cannot start; a script that calls s2r must do so below "
+                    "`if __name__ == '__main__':`, and be a file"
+                ) from error
+        return pool
 
     def _close(self) -> None:
         if self._pool is not None:

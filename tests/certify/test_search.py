@@ -4,7 +4,7 @@ import pytest
 from s2r_spec.certify import confidence
 from s2r_spec.certify.certificate import Label
 from s2r_spec.certify.kernels import Kernel
-from s2r_spec.certify.search import Search
+from s2r_spec.certify.search import Query, Search
 from s2r_spec.errors import UsageError
 from s2r_spec.space import Space
 from tests.certify.rkhs import RandomFunction, run
@@ -146,6 +146,10 @@ class TestRefusals:
         ({"delta": 1}, "delta = 1; it is a probability"),
         ({"mode": "magic"}, "no mode 'magic'; there are: "),
         ({"engine": "magic"}, "no engine 'magic'; there are: gpytorch, spectral"),
+        ({"epsilon": 3}, "epsilon = 3 asks for no more than B = 1.5 says without any rollout"),
+        ({"R": 1e-9}, "R = 1e-09 is too small beside B = 1.5: double precision carries ratios up to 100000"),
+        ({"seed": -1}, "spread = 4 and seed = -1 must be whole numbers"),
+        ({"spread": 0.5}, r"spread = 0\.5 and seed = 0 must be whole numbers"),
         ({"budget": 2}, "budget = 2; the first batch alone takes 8 rollouts"),
     ],
 )
@@ -185,3 +189,35 @@ def test_two_dimensions():
     truth = function(space.grid((101, 101))).max()
     assert certificate.label is Label.CERTIFIED
     assert certificate.lower <= truth <= certificate.upper
+
+
+def test_the_band_is_known_within_the_space_only():
+    search = Search(LINE, **USUAL)
+    for outside in ([[-0.3]], [[5.0]], [[0.0, 0.0]]):
+        with pytest.raises(UsageError, match=r"shape \(n, 1\) within the test space only"):
+            search.band(outside)
+
+
+def test_a_forged_query_does_not_change_what_was_asked():
+    search = Search(LINE, **USUAL)
+    asked = search.ask()[0]
+    with pytest.raises(UsageError, match="asked for 2 outcomes, not 50"):
+        search.tell(Query(asked.index, asked.point, 50), np.zeros(50))
+
+
+@pytest.mark.parametrize("R", [1e-3, 2e-5])
+def test_small_noise_costs_no_digits_that_matter(R):
+    """The largest ratio B/R that is admitted: bounds hold at every step, and never contradict each other."""
+    kernel = Kernel("rbf", 0.2)
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        function = RandomFunction(kernel, LINE, 0.45, rng)
+        search = Search(LINE, kernel=kernel, B=1.5, R=R, delta=0.1, epsilon=20 * R, seed=seed, budget=300)
+        truth = function(LINE.grid((4001,))).max()
+        while not search.done:
+            for query in search.ask():
+                mean = function(search.space.vector(query.point))[0]
+                search.tell(query, mean + R * rng.normal(size=query.replicates))
+            certificate = search.certificate()
+            assert certificate.lower <= truth <= certificate.upper
+            assert "contradict" not in certificate.reason

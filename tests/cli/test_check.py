@@ -1,3 +1,4 @@
+import json
 import os
 import signal
 import subprocess
@@ -112,7 +113,7 @@ def test_a_fall_counts_as_the_declared_value(s2r):
     done = s2r("check", s2r.spec(), "-b", "toy:fall", "-q", code=None)
     # A cliff of −0.5 in a run with R = 0.02: either the interval shows it, or R or B is refuted. Never "holds".
     assert done.returncode in (1, 3)
-    assert "× fall" in done.stdout
+    assert "× fell [/leg]" in done.stdout
 
 
 def test_a_worker_that_dies_counts_as_a_crash(s2r):
@@ -245,3 +246,75 @@ def test_replay_plots_also_where_the_backend_draws_no_pictures(s2r):
     done = s2r("replay", "r/walking#0.0", "--plot", "again.png", "--render", "again.gif", code=2)
     assert "the backend 'toy' draws no pictures" in done.stderr
     assert (s2r.folder / "again.png").exists()
+
+
+@pytest.mark.parametrize(
+    ("habit", "sentence"),
+    [
+        ("exit", "raised SystemExit: 0 at {'vd'"),
+        ("missing", "needs the package 'gyroscope', which is not installed"),
+        ("dict", "returned a dict and no Trace at {'vd'"),
+    ],
+)
+def test_whatever_a_rollout_does_it_is_never_data_and_never_success(s2r, habit, sentence):
+    result = s2r("check", s2r.spec(), "-b", f"toy:{habit}", "--run", "r", "--json", code=4)
+    assert sentence in result.stderr
+    assert json.loads(result.stdout)["exit_code"] == 4
+    assert (s2r.folder / "r" / "walking" / "journal.jsonl").read_text().count("\n") == 1
+
+
+def test_a_trace_that_cannot_be_scored_is_kept(s2r):
+    done = s2r("check", s2r.spec(), "-b", "toy:nan", "-q", "--run", "r", code=4)
+    assert "cannot be scored" in done.stderr
+    assert "NaN" in done.stderr
+    assert list((s2r.folder / "r" / "walking" / "unscored").glob("*.npz"))
+
+
+def test_each_requirement_reads_only_what_it_needs(s2r):
+    """Two requirements with different signals and horizons."""
+    text = SPEC.replace("LIMIT", "0.1") + (
+        "signal extra\n"
+        "require still: always[0, 3 s] (abs(extra) <= 1)\n"
+        "certify still: delta = 1e-3, epsilon = 0.5, B = 3, R = 0.1, kernel = rbf(0.2 {m/s}), fall = -1\n"
+    )
+    results = s2r.json("check", s2r.spec(text=text), "-b", "toy", "-q", code=0)["results"]
+    assert [one["verdict"] for one in results] == ["holds", "holds"]
+
+
+def test_two_processes_do_not_write_to_one_run(s2r):
+    words = ("check", s2r.spec(), "-b", "toy:slow", "-q")
+    first = subprocess.Popen(s2r.command(*words, "--run", "r"), cwd=s2r.folder, stdout=subprocess.DEVNULL)
+    journal = s2r.folder / "r" / "walking" / "journal.jsonl"
+    deadline = time.monotonic() + 60
+    while not (journal.exists() and journal.read_bytes().count(b"\n") > 2):
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    assert "is being written by another process" in s2r(*words, "--resume", "r", code=2).stderr
+    assert first.wait(100) == 0
+
+
+@pytest.mark.parametrize("left", ["", '{"schema": "s2r.jour'])
+def test_a_run_killed_while_it_began_can_be_resumed(s2r, left):
+    (s2r.folder / "r" / "walking" / "traces").mkdir(parents=True)
+    (s2r.folder / "r" / "walking" / "journal.jsonl").write_text(left)
+    assert s2r.json("check", s2r.spec(), "-b", "toy", "-q", "--resume", "r", code=0)
+
+
+def test_a_spec_with_imports_can_be_replayed(s2r):
+    (s2r.folder / "parts").mkdir()
+    (s2r.folder / "parts" / "signals.stl").write_text(SPEC.splitlines()[0] + "\n")
+    text = 'import "parts/signals.stl"\n' + "\n".join(SPEC.splitlines()[1:]) + "\n"
+    result = s2r.json("check", s2r.spec(text=text.replace("LIMIT", "0.1")), "-b", "toy", "-q", code=0)[
+        "results"
+    ][0]
+    assert s2r.json(*result["replay"].split()[1:], code=0)["same"] is True
+
+
+def test_a_wrong_name_is_said_before_anything_runs(s2r):
+    done = s2r("check", s2r.spec(), "-b", "toy", "-r", "walking", "-r", "typo", code=2)
+    assert "has no requirement 'typo'" in done.stderr
+    assert not list(s2r.folder.glob("s2r-runs/*/*/journal.jsonl"))
+
+
+def test_what_the_command_line_refuses_is_one_object_too(s2r):
+    assert s2r.json("check", "x.stl", "--seed", "-1", code=2)["schema"] == "s2r.error/1"

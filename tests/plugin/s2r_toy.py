@@ -3,7 +3,7 @@
 What it does besides is in its name, so that workers see it too: ``toy:raise``
 raises at every rollout, ``toy:die`` kills the process that runs it at speeds
 above 0.29 m/s, ``toy:fall`` falls there, ``toy:slow`` takes 20 ms, ``toy:drag``
-reaches only nine tenths of its speed.
+reaches only nine tenths of its speed; ``exit``, ``missing``, ``dict`` and ``nan`` break the contract.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import time
 import numpy as np
 
 from s2r_spec.backend import Channel, Parameter
+from s2r_spec.errors import MissingPackageError
 from s2r_spec.trace import Trace
 
 
@@ -45,6 +46,12 @@ class Toy:
         vd = params["vd"]
         if self.habit == "raise":
             raise ValueError("the gyroscope is upside down")
+        if self.habit == "exit":
+            raise SystemExit(0)
+        if self.habit == "missing":
+            raise MissingPackageError("toy", "gyroscope")
+        if self.habit == "dict":
+            return {"vx": vd}
         if self.habit == "slow":
             time.sleep(0.02)
         if self.habit == "die" and vd > 0.29:
@@ -52,9 +59,11 @@ class Toy:
         rng = np.random.default_rng(seed)
         times = np.arange(round(self.duration * 100) + 1) / 100
         bias = 0.01 * rng.normal() - 0.02 * abs(vd)
-        meta = {"failure": "fall"} if self.habit == "fall" and vd > 0.29 else {}
+        meta = {"failure": "fell [/leg]"} if self.habit == "fall" and vd > 0.29 else {}
         reach = 0.9 if self.habit == "drag" else 1.0
         vx = reach * vd * (1 - np.exp(-times / 0.1)) + bias
+        if self.habit == "nan" and vd > 0.2:
+            vx[70] = np.nan
         return Trace(times, {"vx": vx, "extra": 0 * vx}, {"vx": "m/s"}, meta)
 
 
