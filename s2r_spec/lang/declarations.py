@@ -51,7 +51,7 @@ class Param:
         return self.range is not None and self.default is None
 
 
-KernelName = Literal["rbf", "matern52"]
+KernelName = Literal["rbf", "matern32", "matern52"]
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,11 @@ from s2r_spec.lang.quantities import quantity
 from s2r_spec.lang.scope import Scope, each, fail
 from s2r_spec.lang.units import PLAIN
 
-_KERNELS: dict[str, KernelName] = {"rbf": "rbf", "matern52": "matern52"}
+_KERNELS: dict[str, KernelName] = {
+    "rbf": "rbf",
+    "matern32": "matern32",
+    "matern52": "matern52",
+}
 _KEYS = ("delta", "epsilon", "B", "R", "kernel", "fall")
 
 
