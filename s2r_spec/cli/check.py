@@ -8,12 +8,13 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from s2r_spec.cli.common import cores, interrupted, new_or_old, sentences
+from s2r_spec.cli.common import CORES, interrupted, new_or_old, sentences
+from s2r_spec.cli.options import Quiet, Resume, Run, Seed, SpecFile, Workers
 from s2r_spec.cli.output import AsJson, Format, Output, emit, save, settle, writable
 
 
 def check(
-    spec: Annotated[Path, typer.Argument(help="The specification, a .stl file.", show_default=False)],
+    spec: SpecFile,
     backend: Annotated[
         str, typer.Option("--backend", "-b", help="What makes the traces; see `s2r backends`.")
     ] = "sim",
@@ -21,28 +22,24 @@ def check(
         list[str] | None,
         typer.Option("--requirement", "-r", help="Check only this requirement (may be repeated)."),
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Fixes the whole run.")] = 0,
+    seed: Seed = 0,
     budget: Annotated[
         int | None, typer.Option(min=1, help="Most rollouts per requirement; without it, as many as ε takes.")
     ] = None,
-    workers: Annotated[
-        int, typer.Option(min=1, help="Parallel rollouts; the numbers do not depend on it.")
-    ] = cores(),
+    workers: Workers = CORES,
     mode: Annotated[
         str, typer.Option(help="Confidence set: rigorous, rigorous-simple or paper.")
     ] = "rigorous",
     engine: Annotated[str, typer.Option(help="Gaussian process: spectral or gpytorch.")] = "spectral",
-    run: Annotated[
-        Path | None, typer.Option(help="Folder for the rollouts.", show_default="s2r-runs/…")
-    ] = None,
-    resume: Annotated[Path | None, typer.Option(help="Go on with the run in this folder.")] = None,
+    run: Run = None,
+    resume: Resume = None,
     as_json: AsJson = False,
     form: Format = None,
     output: Output = None,
     page: Annotated[
         Path | None, typer.Option("--report", help="Write an HTML page with pictures here, too.")
     ] = None,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing while running.")] = False,
+    quiet: Quiet = False,
 ) -> None:
     """Certify the worst expected robustness over the spec's test space, with its probability."""
     from s2r_spec.errors import UsageError

@@ -46,6 +46,9 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
+CORES = cores()
+
+
 def new_or_old(run: Path | None, resume: Path | None, name: str, seed: int) -> Path:
     """Return the folder of a run: the one given, or a new one under ``s2r-runs``.
 

@@ -3,37 +3,38 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
-from typing import Annotated
 
 import typer
 from rich.console import Console
 
-from s2r_spec.cli.common import cores, interrupted, new_or_old, sentences
+from s2r_spec.cli.common import CORES, interrupted, new_or_old, sentences
+from s2r_spec.cli.options import (
+    AsJson,
+    OneRequirement,
+    Quiet,
+    RealBudget,
+    RealMachine,
+    Resume,
+    Run,
+    Seed,
+    Simulator,
+    SpecFile,
+    Workers,
+)
 
 
 def gap(
-    spec: Annotated[Path, typer.Argument(help="The specification, a .stl file.", show_default=False)],
-    real: Annotated[
-        str, typer.Option(help="The real machine: a robot, its logs, a twin.", show_default=False)
-    ],
-    sim: Annotated[str, typer.Option(help="The simulator.")] = "sim",
-    requirement: Annotated[
-        str | None, typer.Option("--requirement", "-r", help="If the spec has several.")
-    ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Fixes the whole run.")] = 0,
-    budget: Annotated[
-        int | None, typer.Option(min=1, help="Most real rollouts; without it, as many as ε takes.")
-    ] = None,
-    workers: Annotated[
-        int, typer.Option(min=1, help="Parallel rollouts; the numbers do not depend on it.")
-    ] = cores(),
-    run: Annotated[
-        Path | None, typer.Option(help="Folder for the rollouts.", show_default="s2r-runs/…")
-    ] = None,
-    resume: Annotated[Path | None, typer.Option(help="Go on with the run in this folder.")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout.")] = False,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing while running.")] = False,
+    spec: SpecFile,
+    real: RealMachine,
+    sim: Simulator = "sim",
+    requirement: OneRequirement = None,
+    seed: Seed = 0,
+    budget: RealBudget = None,
+    workers: Workers = CORES,
+    run: Run = None,
+    resume: Resume = None,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
 ) -> None:
     """Bound the signed gap Δ = ρ_real − ρ_sim over the spec's test space."""
     with sentences(as_json):
