@@ -6,6 +6,8 @@ added test by test, before the worst test is taken:
 
     min_d E ρ_real ≥ min_d [LCB_ρ̂(d) + LCB_Δ(d)]      with probability ≥ 1 − δ₀ − δ₁.
 
+and no larger than min_d [UCB_ρ̂(d) + UCB_Δ(d)], so that a failure can be shown, too.
+
 The paper adds the worst cases of both (Theorem 2: ρ* ≥ ρ̂ᵉ − eᵉ), which is never
 larger; it is given beside. Its (1−δ₀)(1−δ₁) needs searches that share nothing,
 the sum does not.
@@ -32,10 +34,11 @@ TOLERANCE = 0.02
 
 @dataclass(frozen=True)
 class Composition:
-    """P(worst expected real robustness ≥ lower) ≥ 1 − delta.
+    """P(lower ≤ worst expected real robustness ≤ upper) ≥ 1 − delta.
 
     Attributes:
         lower: min_d [LCB_ρ̂(d) + LCB_Δ(d)] over the whole box.
+        upper: the smallest UCB_ρ̂(d) + UCB_Δ(d) at a point.
         delta: δ₀ + δ₁.
         worst: the test where it is smallest.
         discretisation: what cells may hide, contained in ``lower``.
@@ -44,6 +47,7 @@ class Composition:
     """
 
     lower: float
+    upper: float
     delta: float
     worst: dict[str, float]
     discretisation: float
@@ -65,13 +69,14 @@ def compose(simulated: Search, gap: Search) -> Composition:
 
     roughness = _Sum(simulated, gap)
     tolerance = TOLERANCE * max(simulated.epsilon, gap.epsilon)
-    value, worst, hidden = maximum(simulated, roughness, upper, tolerance)
+    value, worst, hidden, points = maximum(simulated, roughness, upper, tolerance)
     low, high = gap.range
     # Maximising −Δ, so that Δ lies in [−high, −low].
     paper = -simulated.range[1] - max(high, -low)
     return Composition(
         # Both hold, so that the larger does: cells may cost the sum more than they cost its parts.
         lower=max(-value, paper),
+        upper=float((-simulated.band(points)[0] - gap.band(points)[0]).min()),
         delta=min(1.0, simulated.delta + gap.delta),
         worst=simulated.space.point(worst),
         discretisation=hidden,
@@ -97,8 +102,8 @@ class _Sum:
 
 def maximum(
     search: Search, roughness: _Sum, upper: Callable[[FloatArray], FloatArray], tolerance: float
-) -> tuple[float, FloatArray, float]:
-    """Return an upper bound over the box, the (dim,) point of the largest upper bound, and what cells hide.
+) -> tuple[float, FloatArray, float, FloatArray]:
+    """Return an upper bound over the box, the (dim,) point of the largest one, what cells hide, and all points.
 
     Branch and bound: cells are split while they may exceed every point by more than ``tolerance``.
     """
@@ -109,7 +114,8 @@ def maximum(
         excess = cells - values.max()
         split = np.flatnonzero((excess > tolerance) & tiling.splittable())
         if not len(split) or len(tiling.points) >= MOST_POINTS:
-            return float(cells.max()), tiling.points[int(values.argmax())], float(max(excess.max(), 0.0))
+            hidden = float(max(excess.max(), 0.0))
+            return float(cells.max()), tiling.points[int(values.argmax())], hidden, tiling.points
         known = len(tiling.points)
         tiling.split(split)
         values = np.concatenate([values, upper(tiling.points[known:])])

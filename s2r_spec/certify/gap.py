@@ -100,7 +100,7 @@ class CertifyResult:
     """Both searches and what they promise together.
 
     Attributes:
-        verdict: HOLDS if the composed lower bound is ≥ 0; else UNKNOWN (a lower bound cannot show a violation).
+        verdict: HOLDS if the composed interval is ≥ 0, VIOLATED if it is < 0, else UNKNOWN.
         reason: one sentence for the verdict.
         simulated: search 1.
         gap: search 2.
@@ -293,12 +293,12 @@ def certify(
                 composition,
             )
     if composition.lower >= 0:
-        verdict, reason = Verdict.HOLDS, "the real machine's worst expected robustness is not negative"
+        verdict, reason = Verdict.HOLDS, f"the worst expected robustness of {real} is not negative"
+    elif composition.upper < 0:
+        verdict, reason = Verdict.VIOLATED, f"the worst expected robustness of {real} is negative"
     else:
-        verdict, reason = (
-            Verdict.UNKNOWN,
-            ("the promise is negative: the real machine may fail, or the searches were too short to tell"),
-        )
+        way = "more real rollouts" if bounded.certificate.label is Label.BUDGET else "a smaller epsilon"
+        verdict, reason = Verdict.UNKNOWN, f"the interval contains 0; {way} may decide it"
     return CertifyResult(verdict, reason, checked, bounded, composition)
 
 

@@ -72,9 +72,10 @@ def certify_text(result: CertifyResult, units: Mapping[str, str]) -> str:
     )
     real = gap.provenance["real"]["backend"]
     bound = [
-        f"  worst expected ρ of {real}  ≥ {promise.lower:+.4f}{unit}, with probability ≥ 1 − {promise.delta:g}",
+        f"  worst expected ρ  in [{promise.lower:+.4f}, {promise.upper:+.4f}]{unit} for {real}, "
+        f"with probability ≥ 1 − {promise.delta:g}",
         f"  worst test        {test_words(promise.worst, units)}",
-        f"  as the paper adds {promise.paper_lower:+.4f}{unit} (worst case of each search, wherever it is)",
+        f"  as the paper adds ≥ {promise.paper_lower:+.4f}{unit} (worst case of each search, wherever it is)",
     ]
     lines = [
         f"  {result.reason}",

@@ -67,7 +67,8 @@ def test_the_promise_is_true_of_the_real_side(s2r):
         "certify", "spec.stl", "--sim", "toy", "--real", "toy:drag", "--resume", "r", "-q", code=0
     )
     promise = result["promise"]
-    assert promise["paper_lower"] <= promise["lower"] <= expected(text, "toy:drag").min()
+    truth = expected(text, "toy:drag").min()
+    assert promise["paper_lower"] <= promise["lower"] <= truth <= promise["upper"]
     assert promise["delta"] == 0.002
     assert result["simulation"]["verdict"] == "holds"
 
@@ -77,6 +78,11 @@ def test_what_simulation_promises_the_gap_may_take_back(s2r):
     assert result["simulation"]["worst_expected_robustness"]["upper"] > 0
     assert result["promise"]["lower"] < 0
     assert result["verdict"] == "unknown"
+
+
+def test_a_failure_of_the_real_side_is_shown(s2r):
+    done = s2r("certify", s2r.spec(-0.05), "--sim", "toy", "--real", "toy:drag", "-q", code=1)
+    assert "walking  VIOLATED" in done.stdout
 
 
 def test_search_1_of_certify_is_check(s2r):
