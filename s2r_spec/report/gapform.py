@@ -116,7 +116,8 @@ def _gap_lines(result: GapResult, units: Mapping[str, str]) -> list[str]:
         f"  worst gap at      {test_words(result.worst.params, units)}: mean Δ {result.worst.mean:+.4f}{unit}, "
         f"mean |Δ| {result.worst.absolute:.4f} over {result.worst.pairs} pairs",
         f"  largest mean |Δ|  {result.absolute:.4f}{unit} at a tested point (the paper's measure; an estimate)",
-        f"  effort            {certificate.rollouts} real rollouts at {certificate.points} tests, {failures}, "
+        f"  effort            {certificate.rollouts} rollouts of {result.provenance['real']['backend']} at "
+        f"{certificate.points} tests, {failures}, "
         f"{result.seconds:.0f} s",
         f"  label             {certificate.label.value}{reason}",
     ]
