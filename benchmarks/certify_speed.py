@@ -128,6 +128,20 @@ def loops(iterations: int) -> dict[str, float]:
     return times
 
 
+def plot(growth: list[dict[str, float]], path: Path) -> None:
+    """Draw how a step's cost grows with the rollouts, one line for each number of test parameters."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(6, 4), layout="constrained")
+    axes = figure.add_subplot(xlabel="rollouts", ylabel="one step [ms]", xscale="log", yscale="log")
+    for dim in sorted({int(row["dim"]) for row in growth}):
+        part = [row for row in growth if row["dim"] == dim]
+        axes.plot([row["rollouts"] for row in part], [row["step_ms"] for row in part], "o-", label=f"{dim}-D")
+    axes.legend(title="test space")
+    axes.grid(alpha=0.3)
+    figure.savefig(path, metadata={"Date": None})
+
+
 def main() -> None:
     """Run all, print the table, write the results."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -156,6 +170,12 @@ def main() -> None:
                 f"whole step with 38 scales and 4 new tests {1e3 * step:.1f} ms",
                 flush=True,
             )
+    growth = [
+        {"dim": dim, "rollouts": rollouts, "step_ms": 1e3 * our_step(dim, rollouts, 50)[0]}
+        for dim in (1, 2, 3, 4)
+        for rollouts in (50, 100, 200, 400, 800)
+    ]
+    plot(growth, options.output.with_suffix(".svg"))
     loops(2)  # imports and first calls
     whole = {str(iterations): loops(iterations) for iterations in (100, 300)}
     for count, times in whole.items():
@@ -165,7 +185,12 @@ def main() -> None:
             else ""
         )
         print(f"{count} iterations in 1-D, bounds and all: {times['s2r']:.2f} s{ratio}")
-    record = {"machine": describe("numpy", "torch", "gpytorch"), "rows": rows, "loops": whole}
+    record = {
+        "machine": describe("numpy", "torch", "gpytorch"),
+        "rows": rows,
+        "growth": growth,
+        "loops": whole,
+    }
     options.output.write_text(json.dumps(record, indent=2) + "\n")
 
 
