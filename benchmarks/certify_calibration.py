@@ -2,7 +2,9 @@
 
 Random functions of exact norm B, noise exactly at the proxy R, δ = 0.1. A run
 is wrong when the true maximum is outside the interval. The rigorous modes must
-not be wrong; each mutant breaks one thing, and must be wrong or refused. ::
+not be wrong; each mutant breaks one thing, and must be wrong in 15 % of its runs. At B = the norm
+the guard (B ≥ 2 B_low) refuses nearly every run, honest or not: a refusal
+tells nothing apart here, and only the interval is counted. ::
 
     OMP_NUM_THREADS=1 python benchmarks/certify_calibration.py          # about 15 minutes on 2 cores
 """
@@ -145,7 +147,8 @@ def main() -> int:
     }
     options.output.write_text(json.dumps(record, indent=2, ensure_ascii=False) + "\n")
     right = all(entry["wrong"] == 0 for entry in honest)
-    caught = all(entry["wrong_or_refused"] >= 0.15 * entry["runs"] for entry in wrong)  # type: ignore[operator]
+    # Refusals do not count here: at B = the norm the guard refuses every run, the honest ones too.
+    caught = all(entry["wrong"] >= 0.15 * entry["runs"] for entry in wrong)  # type: ignore[operator]
     print("as promised" if right and caught else "NOT AS PROMISED")
     return 0 if right and caught else 1
 
