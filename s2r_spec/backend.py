@@ -176,6 +176,39 @@ class HasEffects(Protocol):
         ...
 
 
+@runtime_checkable
+class HasResiduals(Protocol):
+    """A backend that can say what of a recorded motion its own model leaves unexplained.
+
+    Scalar robustness hides most effects, and feedback hides the rest in the
+    controlled channels: a weak motor is seen in the torque that was needed,
+    not in the speed that was held. A residual is zero, up to noise and
+    numerics, where the recorded motion, commands and forces agree with the
+    nominal model, whatever the controller did.
+    """
+
+    def residuals(self, trace: Trace, params: Mapping[str, float] | None = None) -> Trace:
+        """Return the residuals of a recorded trace: a pure function of trace and test, cheap beside a rollout.
+
+        Args:
+            trace: of this backend's channels; more channels are ignored, and residuals
+                that need a missing one are left out.
+            params: the test that was run, where the model depends on it (a declared
+                payload); what is missing takes the backend's default.
+
+        Returns:
+            Channels (n,) or (n, k) with units, over the trace's times or a part of
+            them; differences that a filter or a derivative cannot give at the ends
+            are cut off, not padded. ``meta["parts"]`` gives, for every channel, the
+            names of what its columns belong to, one each ("FR calf", "base", "IMU").
+
+        Raises:
+            TraceError: the trace has none of the channels that any residual needs; the
+                message lists what would be needed.
+        """
+        ...
+
+
 def installed() -> dict[str, EntryPoint]:
     """Return name → entry point of every installed backend, without importing any of them."""
     found: dict[str, EntryPoint] = {}
