@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 import s2r_spec as s2r
+from s2r_spec.certify.outward import between
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text()
@@ -18,7 +19,7 @@ def test_the_output_shown_is_the_one_that_the_committed_benchmark_got():
     shown = SAMPLE[2]
     result = json.loads((ROOT / "benchmarks" / "results" / "dense_reference.json").read_text())
     certificate = result["certificate"]
-    assert f"[{certificate['lower']:+.4f}, {certificate['upper']:+.4f}] m/s" in shown
+    assert f"{between(certificate['lower'], certificate['upper'])} m/s" in shown
     assert f"{certificate['rollouts']} rollouts at" in shown
     assert f"spec {result['spec_hash'][:12]}, model {result['model_hash'][:12]}" in shown
     assert certificate["label"] in shown

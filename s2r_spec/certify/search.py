@@ -23,6 +23,7 @@ from s2r_spec.certify.certificate import Certificate, Label, Rung
 from s2r_spec.certify.floors import sequential_floor
 from s2r_spec.certify.kernels import Kernel
 from s2r_spec.certify.modes import MODES
+from s2r_spec.certify.outward import at_least
 from s2r_spec.certify.posterior import ENGINES, Conditioned
 from s2r_spec.certify.samples import Samples
 from s2r_spec.certify.tiling import Tiling
@@ -336,7 +337,7 @@ class Search:
         B_low = self._B_low * self.R
         if self._settled() and 2 * B_low > self.B:
             return Label.REFUSED, (
-                f"B = {self.B:g} is less than twice the norm that the data already show (B_low = {B_low:.3g}); "
+                f"B = {self.B:g} is less than twice the norm that the data already show (B_low = {at_least(B_low)}); "
                 f"read the interval of a larger B in the ladder, if you can say why that B is right"
             )
         width = self._width()

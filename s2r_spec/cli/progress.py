@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from s2r_spec.certify.certificate import Certificate
+from s2r_spec.certify.outward import between, wide
 from s2r_spec.certify.search import Query
 from s2r_spec.rollouts.journal import Record
 
@@ -45,8 +46,8 @@ class Live:
     def batch(self, queries: list[Query], certificate: Certificate) -> None:
         """Show the interval so far and where the search looks next."""
         interval = (
-            f"{self._symbol} in [{-certificate.upper:+.4f}, {-certificate.lower:+.4f}] "
-            f"(ε {certificate.epsilon:.4f} > {certificate.target:g})"
+            f"{self._symbol} in {between(-certificate.upper, -certificate.lower)} "
+            f"(ε {wide(certificate.epsilon)} > {certificate.target:g})"
         )
         where = "next " + "; ".join(
             ", ".join(f"{k} {v:.3g}" for k, v in query.point.items()) for query in queries

@@ -11,6 +11,7 @@ from typing import Any
 
 from s2r_spec.certify.certificate import Label
 from s2r_spec.certify.check import CheckResult, Verdict
+from s2r_spec.certify.outward import at_least, at_most, between, down, up, wide
 from s2r_spec.report.finding import Finding, Report, Section
 from s2r_spec.spec import Spec
 
@@ -70,7 +71,7 @@ def finding(spec: Spec, result: CheckResult) -> Finding:
         else f"with probability ≥ 1 − {certificate.delta:g}"
     )
     facts = (
-        ("worst expected ρ", f"in [{result.lower:+.4f}, {result.upper:+.4f}]{unit}, {odds}"),
+        ("worst expected ρ", f"in {between(result.lower, result.upper)}{unit}, {odds}"),
         (
             "worst test",
             f"{test_words(result.worst.params, spec.space.units)}: mean ρ {result.worst.mean:+.4f}{unit} "
@@ -82,13 +83,13 @@ def finding(spec: Spec, result: CheckResult) -> Finding:
         ),
         (
             "label",
-            f"{certificate.label.value}; interval {certificate.epsilon:.4f} wide "
-            f"(asked {certificate.target:g}), of which the grid costs {certificate.discretisation:.2g}",
+            f"{certificate.label.value}; interval {wide(certificate.epsilon)} wide "
+            f"(asked {certificate.target:g}), of which the grid costs {at_most(certificate.discretisation, 2)}",
         ),
     )
     ladder = (
         *(
-            f"if B = {rung.B:g}{unit}: ρ in [{-rung.upper:+.4f}, {-rung.lower:+.4f}]{unit}"
+            f"if B = {rung.B:g}{unit}: ρ in {between(-rung.upper, -rung.lower)}{unit}"
             for rung in certificate.ladder
         ),
         refuted_words(result),
@@ -127,7 +128,7 @@ def refuted_words(result: CheckResult) -> str:
     unit = f" {result.unit}" if result.unit else ""
     e_value = math.exp(min(result.certificate.log_e_value, 700.0))
     return (
-        f"the data refute every B < {result.certificate.B_low:.3g}{unit}; "
+        f"the data refute every B < {at_least(result.certificate.B_low)}{unit}; "
         f"R is refuted at an e-value of 1/δ, now {e_value:.3g}"
     )
 
@@ -141,10 +142,10 @@ def _headline(result: CheckResult, unit: str, odds: str) -> str:
     if result.certificate.label is Label.REFUSED:
         return "no certificate"
     if result.verdict is Verdict.HOLDS:
-        return f"worst expected ρ ≥ {result.lower:+.4f}{unit}, {odds}"
+        return f"worst expected ρ ≥ {down(result.lower)}{unit}, {odds}"
     if result.verdict is Verdict.VIOLATED:
-        return f"worst expected ρ ≤ {result.upper:+.4f}{unit}, {odds}"
-    return f"worst expected ρ in [{result.lower:+.4f}, {result.upper:+.4f}]{unit}, {odds}"
+        return f"worst expected ρ ≤ {up(result.upper)}{unit}, {odds}"
+    return f"worst expected ρ in {between(result.lower, result.upper)}{unit}, {odds}"
 
 
 def _location(spec: Spec, result: CheckResult) -> dict[str, Any]:

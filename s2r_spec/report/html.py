@@ -9,6 +9,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from s2r_spec.certify import outward
 from s2r_spec.certify.certificate import Label
 from s2r_spec.certify.check import Verdict
 from s2r_spec.errors import UsageError
@@ -115,7 +116,7 @@ def ladder_bars(run: Recomputed) -> tuple[Bar, ...]:
     return tuple(
         Bar(
             label=f"B = {rung.B:g} {run.result.unit}".rstrip(),
-            words=f"[{-rung.upper:+.4f}, {-rung.lower:+.4f}] {run.result.unit}".rstrip(),
+            words=f"{outward.between(-rung.upper, -rung.lower)} {run.result.unit}".rstrip(),
             zero=place(0.0),
             left=place(-rung.upper),
             width=max(0.5, round(place(-rung.lower) - place(-rung.upper), 3)),

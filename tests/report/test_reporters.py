@@ -7,6 +7,7 @@ from xml.etree import ElementTree as ET
 import jsonschema
 import pytest
 
+from s2r_spec.certify.outward import between
 from s2r_spec.errors import UsageError
 from s2r_spec.report import REPORTERS, checked, jsonform, reporter
 
@@ -35,7 +36,7 @@ def test_the_text_is_what_the_record_says(holds):
     _, result = holds
     shown = reporter("text")(checked.report([holds]))
     assert shown.startswith("walking  HOLDS  (a spec.stl on backend toy)")
-    assert f"in [{result.lower:+.4f}, {result.upper:+.4f}] m/s, with probability ≥ 1 − 0.001" in shown
+    assert f"in {between(result.lower, result.upper)} m/s, with probability ≥ 1 − 0.001" in shown
     assert f"s2r replay {result.folder}#{result.lowest.query}.{result.lowest.replicate}" in shown
 
 

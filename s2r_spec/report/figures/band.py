@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.certify.check import Tested, tested
+from s2r_spec.certify.outward import down, up
 from s2r_spec.report.figures.canvas import (
     BAND,
     INK,
@@ -74,7 +75,7 @@ def _along(run: Recomputed, name: str) -> Picture:
     low, high = float(cut.lower.min()), float(cut.upper.max())
     alt = (
         f"Expected robustness over {cut.axis.name} from {cut.axis.low:g} to {cut.axis.high:g} {cut.axis.unit}: "
-        f"a band between {low:+.4f} and {high:+.4f} {run.result.unit}, with the means of {len(tests)} tests; "
+        f"a band between {down(low)} and {up(high)} {run.result.unit}, with the means of {len(tests)} tests; "
         f"the worst is at {run.result.worst.params[cut.axis.name]:.4g} {cut.axis.unit}"
     )
     caption = (

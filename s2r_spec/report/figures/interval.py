@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from s2r_spec.certify import outward
 from s2r_spec.certify.certificate import Label
 from s2r_spec.report.figures.canvas import BAND, INK, Picture, draw, shade_violation, with_unit
 from s2r_spec.report.recompute import Recomputed
@@ -29,7 +30,7 @@ def interval(run: Recomputed, name: str) -> Picture:
         axes.step(rollouts, upper, where="post", color=BAND, lw=1)
         axes.plot(rollouts[-1:], [result.lower], "o", color=INK, ms=5)
         axes.annotate(
-            f"{result.lower:+.4f}", (rollouts[-1], result.lower), (6, -4), textcoords="offset points"
+            outward.down(result.lower), (rollouts[-1], result.lower), (6, -4), textcoords="offset points"
         )
         room = _MARGIN * max(certificate.epsilon, 1e-12)
         axes.set_ylim(min(result.lower - room / 3, -room / 6), max(result.upper + room, room / 6))
@@ -40,12 +41,12 @@ def interval(run: Recomputed, name: str) -> Picture:
 
     alt = (
         f"The interval of the worst expected robustness against rollouts: after {rollouts[-1]} rollouts it is "
-        f"[{result.lower:+.4f}, {result.upper:+.4f}] {result.unit}".rstrip()
+        f"{outward.between(result.lower, result.upper)} {result.unit}".rstrip()
     )
     valid = "" if certificate.label is Label.REFUSED else ", valid at every moment"
     return Picture(
         "How the interval closed",
-        f"Lower and upper end after each batch{valid}; it ended {certificate.epsilon:.4f} wide, "
+        f"Lower and upper end after each batch{valid}; it ended {outward.wide(certificate.epsilon)} wide, "
         f"{certificate.target:g} was asked for.",
         alt,
         draw(name, alt, (7.2, 2.6), paint),
