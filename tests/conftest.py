@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import json
 import os
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from s2r_spec import backend
-from s2r_spec.rollouts import runner
+from s2r_spec.rollouts import journal, runner
+from s2r_spec.rollouts.journal import FILE
 
 PLUGIN = Path(__file__).parent / "plugin"
 
@@ -23,3 +26,13 @@ def toy(monkeypatch):
     yield
     for cached in (backend._factory, runner.open_backend):
         cached.cache_clear()
+
+
+def rewrite(run: Path, change: Callable[[dict], dict]) -> None:
+    """Write a run's journal again with every line changed and the checksums right: as another run would have been."""
+    lines, checksum = [], 0
+    for text in (run / FILE).read_text().splitlines():
+        kept = {key: value for key, value in json.loads(text).items() if key != "crc32"}
+        line, checksum = journal._line(change(kept), checksum)
+        lines.append(line + b"\n")
+    (run / FILE).write_bytes(b"".join(lines))

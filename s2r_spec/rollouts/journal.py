@@ -8,7 +8,10 @@ A run is a folder::
 
 Each line is flushed to the disk (fsync) before the search sees the outcome.
 A last line that a crash cut short is dropped with a note, and that rollout is
-run again; damage anywhere else is an error that names the line.
+run again; damage anywhere else is an error that names the line. Each line ends
+with a CRC-32 of itself and all before it, so that a number that was changed or
+a line that was taken out is noticed, too. It is no signature: it guards against
+accidents. Journals of schema 1 have no checksums; they are read as they are.
 """
 
 from __future__ import annotations
@@ -16,7 +19,9 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Mapping
+import re
+import zlib
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -25,9 +30,11 @@ from s2r_spec import logs
 from s2r_spec.errors import UsageError
 from s2r_spec.trace import Trace
 
-SCHEMA = "s2r.journal/1"
+SCHEMA = "s2r.journal/2"
+UNCHECKED = "s2r.journal/1"
 FILE = "journal.jsonl"
 SPEC_FILE = "spec.stl"
+_CHECKED = re.compile(rb'(?P<body>.*), "crc32": "(?P<sum>[0-9a-f]{8})"\}')
 
 
 class JournalError(UsageError):
@@ -56,12 +63,18 @@ class Journal:
     """An open journal. Make one with :meth:`create` or :meth:`resume`."""
 
     def __init__(
-        self, folder: Path, header: Mapping[str, Any], records: dict[tuple[int, int], Record], note: str
+        self,
+        folder: Path,
+        header: Mapping[str, Any],
+        records: dict[tuple[int, int], Record],
+        note: str,
+        checksum: int | None,
     ) -> None:
         self.folder = folder
         self.header = dict(header)
         self.note = note
         self._records = records
+        self._checksum = checksum  # of all lines so far; None in a journal that has none
 
     @classmethod
     def create(cls, folder: Path, header: Mapping[str, Any], texts: Mapping[str, str]) -> Journal:
@@ -84,12 +97,13 @@ class Journal:
                 _sync(folder / name)
             # Whole or not at all: a run that was killed while it began is no run.
             path.unlink(missing_ok=True)
-            _append(path.with_suffix(".new"), {"schema": SCHEMA} | dict(header))
+            line, checksum = _line({"schema": SCHEMA} | dict(header), 0)
+            _append(path.with_suffix(".new"), line)
             path.with_suffix(".new").replace(path)
             _sync_folder(folder)
         except OSError as error:
             raise JournalError(f"cannot write the run to {folder}: {error.strerror or error}") from error
-        return cls(folder, header, {}, "")
+        return cls(folder, header, {}, "", checksum)
 
     @staticmethod
     def begun(folder: Path) -> bool:
@@ -117,15 +131,15 @@ class Journal:
         note = ""
         if rest:
             note = f"{path}: the last line was cut short; it is dropped, and its rollout will be run again"
-        lines = (
-            [_parse(path, number, line) for number, line in enumerate(whole.split(b"\n"), 1)] if whole else []
-        )
-        if not lines or lines[0].get("schema") != SCHEMA:
+        texts = whole.split(b"\n") if whole else []
+        lines = [_parse(path, number, text) for number, text in enumerate(texts, 1)]
+        if not lines or lines[0].get("schema") not in (SCHEMA, UNCHECKED):
             raise JournalError(f"{path}:1: this is not a journal of schema {SCHEMA}; begin a new run")
+        checksum = None if lines[0]["schema"] == UNCHECKED else _check(path, texts)
         records: dict[tuple[int, int], Record] = {}
         for number, line in enumerate(lines[1:], 2):
             try:
-                record = Record(**line)
+                record = Record(**{key: value for key, value in line.items() if key != "crc32"})
             except TypeError as error:
                 raise JournalError(f"{path}:{number}: not a rollout record: {error}") from error
             if not (isinstance(record.rho, float | int) and isinstance(record.params, dict)):
@@ -138,8 +152,8 @@ class Journal:
                     f"two processes must have written to this run"
                 )
             records[record.query, record.replicate] = record
-        header = {key: value for key, value in lines[0].items() if key != "schema"}
-        return cls(folder, header, records, note)
+        header = {key: value for key, value in lines[0].items() if key not in ("schema", "crc32")}
+        return cls(folder, header, records, note, checksum)
 
     @classmethod
     def resume(cls, folder: Path, header: Mapping[str, Any]) -> Journal:
@@ -205,12 +219,14 @@ class Journal:
                 record = Record(**(asdict(record) | {"trace": name}))
                 logs.write(trace, self.folder / name)
                 _sync(self.folder / name)
-            _append(self.folder / FILE, asdict(record))
+            line, checksum = _line(asdict(record), self._checksum)
+            _append(self.folder / FILE, line)
         except OSError as error:
             raise JournalError(
                 f"cannot write to {self.folder}: {error.strerror or error}; what was recorded before is kept, "
                 f"go on with --resume {self.folder}"
             ) from error
+        self._checksum = checksum
         self._records[record.query, record.replicate] = record
         return record
 
@@ -254,12 +270,39 @@ def _parse(path: Path, number: int, line: bytes) -> dict[str, Any]:
     return value
 
 
-def _append(path: Path, value: Mapping[str, Any]) -> None:
-    line = json.dumps(value, allow_nan=False).encode() + b"\n"
+def _line(value: Mapping[str, Any], before: int | None) -> tuple[bytes, int | None]:
+    """Return a line of the journal and its checksum, from that of the line before; without one if that is None."""
+    body = json.dumps(value, allow_nan=False).encode()[:-1]
+    if before is None:
+        return body + b"}", None
+    checksum = zlib.crc32(body, before)
+    return body + b', "crc32": "%08x"}' % checksum, checksum
+
+
+def _check(path: Path, lines: Sequence[bytes]) -> int:
+    """Return the checksum of all lines.
+
+    Raises:
+        JournalError: a line is not as it was written.
+    """
+    checksum = 0
+    for number, line in enumerate(lines, 1):
+        match = _CHECKED.fullmatch(line)
+        if match is not None:
+            checksum = zlib.crc32(match["body"], checksum)
+        if match is None or int(match["sum"], 16) != checksum:
+            raise JournalError(
+                f"{path}:{number}: the checksum does not fit: this line was changed after it was written, or one "
+                f"before it was taken out; restore it from a copy, or begin a new run"
+            )
+    return checksum
+
+
+def _append(path: Path, line: bytes) -> None:
     start = path.stat().st_size if path.exists() else 0
     with path.open("ab") as file:
         try:
-            file.write(line)
+            file.write(line + b"\n")
             file.flush()
             os.fsync(file.fileno())
         except OSError:

@@ -7,6 +7,7 @@ import time
 import pytest
 
 from tests.cli.conftest import SPEC
+from tests.conftest import rewrite
 
 
 def without_timing(result: dict) -> dict:
@@ -211,8 +212,7 @@ def test_replay_says_what_is_wrong(s2r):
 
 def test_replay_notices_that_the_model_has_changed(s2r, monkeypatch):
     s2r("check", s2r.spec(), "-b", "toy", "-q", "--run", "r", code=0)
-    journal = s2r.folder / "r" / "walking" / "journal.jsonl"
-    journal.write_text(journal.read_text().replace('"rho": 0.0', '"rho": 0.1'))
+    rewrite(s2r.folder / "r" / "walking", lambda line: line | ({"rho": 0.123} if "rho" in line else {}))
     monkeypatch.setenv("S2R_TOY_MODEL", "toy-2")
     done = s2r("replay", "r/walking#0.0", code=4)
     assert "the model has changed since (toy-1, now toy-2)" in done.stdout

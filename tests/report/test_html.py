@@ -9,6 +9,7 @@ from s2r_spec.errors import UsageError
 from s2r_spec.report import html
 from s2r_spec.report.figures.traces import read_trace
 from s2r_spec.report.recompute import recompute, runs_in
+from tests.conftest import rewrite
 from tests.report.conftest import invented
 
 VOID = {"meta", "br", "hr", "img", "link", "input"}
@@ -132,8 +133,7 @@ def test_traces_that_are_gone_are_done_without(undecided, tmp_path):
 
 def test_a_rollout_at_another_test_is_not_told(undecided, tmp_path):
     shutil.copytree(undecided[1].folder, tmp_path / "walking")
-    journal = tmp_path / "walking" / "journal.jsonl"
-    journal.write_text(re.sub(r'"params": \{"vd": [^}]*\}', '"params": {"vd": 0.123}', journal.read_text()))
+    rewrite(tmp_path / "walking", lambda line: line | ({"params": {"vd": 0.123}} if "params" in line else {}))
     with pytest.raises(UsageError, match="the numerical libraries are others"):
         recompute(tmp_path / "walking")
 

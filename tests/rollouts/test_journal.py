@@ -61,6 +61,51 @@ def test_damage_in_the_middle_names_the_line(journal):
         Journal.resume(journal.folder, HEADER)
 
 
+def lines_of(journal):
+    return (journal.folder / FILE).read_bytes().splitlines(keepends=True)
+
+
+def test_a_number_that_was_edited_names_its_line(journal):
+    lines = lines_of(journal)
+    assert b'"rho": 0.03333333333333333,' in lines[2]
+    lines[2] = lines[2].replace(b'"rho": 0.03333333333333333,', b'"rho": 0.13333333333333333,')
+    (journal.folder / FILE).write_bytes(b"".join(lines))
+    with pytest.raises(
+        JournalError, match=r"journal.jsonl:3: the checksum does not fit: this line was changed"
+    ):
+        Journal.read(journal.folder)
+
+
+def test_every_changed_byte_of_a_line_is_noticed(journal):
+    whole = (journal.folder / FILE).read_bytes()
+    second = whole.find(b"\n") + 1
+    for place in range(second, whole.find(b"\n", second)):
+        (journal.folder / FILE).write_bytes(whole[:place] + bytes([whole[place] ^ 1]) + whole[place + 1 :])
+        with pytest.raises(JournalError, match=r"journal.jsonl:2: "):
+            Journal.read(journal.folder)
+
+
+def test_a_line_that_was_taken_out_is_missed(journal):
+    lines = lines_of(journal)
+    (journal.folder / FILE).write_bytes(b"".join(lines[:2] + lines[3:]))
+    with pytest.raises(JournalError, match=r"journal.jsonl:3: .* or one before it was taken out"):
+        Journal.resume(journal.folder, HEADER)
+
+
+def test_a_journal_from_before_checksums_is_read_and_gone_on_with(journal):
+    lines = [json.loads(line) for line in lines_of(journal)]
+    for line in lines:
+        del line["crc32"]
+    lines[0]["schema"] = "s2r.journal/1"
+    text = "".join(json.dumps(line) + "\n" for line in lines)
+    (journal.folder / FILE).write_text(text)
+    again = Journal.resume(journal.folder, HEADER)
+    assert again.records() == journal.records()
+    again.append(record(3), None)
+    assert (journal.folder / FILE).read_text().startswith(text)
+    assert len(Journal.resume(journal.folder, HEADER)) == 4
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -79,7 +124,7 @@ def test_what_is_no_journal_is_refused(tmp_path):
         Journal.read(tmp_path)
     (tmp_path / FILE).write_text(json.dumps({"schema": "other/1"}) + "\n")
     with pytest.raises(
-        JournalError, match=r"journal\.jsonl:1: this is not a journal of schema s2r.journal/1"
+        JournalError, match=r"journal\.jsonl:1: this is not a journal of schema s2r.journal/2"
     ):
         Journal.read(tmp_path)
 
