@@ -16,6 +16,11 @@ class Label(Enum):
     MODEL_BASED = "model-based (not certified)"
     RUNNING = "running (valid interval)"
 
+    @property
+    def bounds(self) -> bool:
+        """Whether the interval is a promise under the stated assumptions."""
+        return self not in (Label.REFUSED, Label.MODEL_BASED)
+
 
 @dataclass(frozen=True)
 class Rung:

@@ -21,6 +21,7 @@ from s2r_spec.backend import HasRecordings
 from s2r_spec.certify.certificate import Certificate, Label
 from s2r_spec.certify.drive import Observer, Rollouts, drive
 from s2r_spec.certify.kernels import Kernel
+from s2r_spec.certify.outward import at_most
 from s2r_spec.certify.recorded import fixed_design, observe
 from s2r_spec.certify.search import Search
 from s2r_spec.errors import UsageError, one_of
@@ -293,7 +294,7 @@ def of_recordings(result: CheckResult, notes: Sequence[str], suggestion: Mapping
     if certificate.label is Label.BUDGET:
         where = ", ".join(f"{name} = {value:.4g}" for name, value in suggestion.items())
         reason += (
-            f"; the recorded tests certify no more than an interval {certificate.epsilon:.3g} wide "
+            f"; the recorded tests certify no more than an interval {at_most(certificate.epsilon)} wide "
             f"(ε = {certificate.target:g} was asked), and a further test would tell most at {where}"
         )
     *assumptions, _ = result.assumptions
@@ -324,7 +325,7 @@ def distance(spec: Spec, left: Mapping[str, float], right: Mapping[str, float]) 
 
 
 def _judge(certificate: Certificate, lower: float, upper: float) -> tuple[Verdict, str]:
-    if certificate.label in (Label.REFUSED, Label.MODEL_BASED):
+    if not certificate.label.bounds:
         return Verdict.UNKNOWN, f"no certificate: {certificate.reason}"
     if lower >= 0:
         return Verdict.HOLDS, "the worst expected robustness is not negative"

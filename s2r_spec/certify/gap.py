@@ -102,22 +102,18 @@ class CertifyResult:
     Attributes:
         verdict: HOLDS if the composed interval is ≥ 0, VIOLATED if it is < 0, else UNKNOWN.
         reason: one sentence for the verdict.
+        real: the backend that the promise is about.
         simulated: search 1.
-        gap: search 2.
-        composition: the promise about the real machine.
+        gap: search 2; None if search 1 has no certificate, for then no rollout of the real machine is run.
+        composition: the promise about the real machine; None if one of the searches has no certificate.
     """
 
     verdict: Verdict
     reason: str
+    real: str
     simulated: CheckResult
-    gap: GapResult
-    composition: Composition
-
-    @property
-    def refused(self) -> bool:
-        """Whether one of the searches has no certificate, so that nothing is promised."""
-        labels = {self.simulated.certificate.label, self.gap.certificate.label}
-        return bool(labels & {Label.REFUSED, Label.MODEL_BASED})
+    gap: GapResult | None
+    composition: Composition | None
 
 
 def gap_search(
@@ -271,7 +267,8 @@ def certify(
 ) -> CertifyResult:
     """Run both searches and compose them into a promise about the real machine; see :func:`gap`.
 
-    ``budget`` bounds the real rollouts; the simulator runs as many as its ε takes.
+    ``budget`` bounds the real rollouts; the simulator runs as many as its ε takes. Search 2 does
+    not begin when search 1 was refused: rollouts of the real machine could not mend that.
     """
     requirement = requirement or only_requirement(spec)
     first = search_for(spec, requirement, seed=seed, budget=None, mode=mode, engine=engine)
@@ -279,19 +276,16 @@ def certify(
     checked = check_with(
         first, spec, requirement, simulated, folder / "simulation", seed, executor, resume, observer
     )
+    if not checked.certificate.label.bounds:
+        reason = f"no certificate for simulation: {checked.certificate.reason}; no rollout of {real} was run"
+        return CertifyResult(Verdict.UNKNOWN, reason, real, checked, None, None)
     bounded = gap_with(
         second, spec, requirement, simulated, real, folder / "gap", seed, executor, resume, observer
     )
+    if not bounded.certificate.label.bounds:
+        reason = f"no certificate for the gap: {bounded.certificate.reason}"
+        return CertifyResult(Verdict.UNKNOWN, reason, real, checked, bounded, None)
     composition = compose(first, second)
-    for name, certificate in (("simulation", checked.certificate), ("the gap", bounded.certificate)):
-        if certificate.label in (Label.REFUSED, Label.MODEL_BASED):
-            return CertifyResult(
-                Verdict.UNKNOWN,
-                f"no certificate for {name}: {certificate.reason}",
-                checked,
-                bounded,
-                composition,
-            )
     if composition.lower >= 0:
         verdict, reason = Verdict.HOLDS, f"the worst expected robustness of {real} is not negative"
     elif composition.upper < 0:
@@ -299,7 +293,7 @@ def certify(
     else:
         way = "more real rollouts" if bounded.certificate.label is Label.BUDGET else "a smaller epsilon"
         verdict, reason = Verdict.UNKNOWN, f"the interval contains 0; {way} may decide it"
-    return CertifyResult(verdict, reason, checked, bounded, composition)
+    return CertifyResult(verdict, reason, real, checked, bounded, composition)
 
 
 def _tested(journals: Mapping[str, Journal]) -> tuple[list[GapTested], dict[str, int]]:

@@ -10,6 +10,7 @@ from rich.markup import escape
 
 from s2r_spec.certify.certificate import Label
 from s2r_spec.certify.gap import CertifyResult, GapResult
+from s2r_spec.certify.outward import between, down
 from s2r_spec.report.checked import test_words
 from s2r_spec.report.checked import to_json as check_json
 from s2r_spec.report.text import COLOURS
@@ -49,9 +50,9 @@ def certify_json(result: CertifyResult) -> dict[str, Any]:
         "exit_code": result.verdict.exit_code,
         "verdict": result.verdict.value,
         "reason": result.reason,
-        "promise": None if result.refused else asdict(result.composition),
+        "promise": asdict(result.composition) if result.composition else None,
         "simulation": check_json(result.simulated),
-        "gap": gap_json(result.gap),
+        "gap": gap_json(result.gap) if result.gap else None,
     }
 
 
@@ -65,27 +66,30 @@ def gap_text(result: GapResult, units: Mapping[str, str]) -> str:
 def certify_text(result: CertifyResult, units: Mapping[str, str]) -> str:
     """Return rich markup for the promise, with what it is made of."""
     simulated, gap, promise = result.simulated, result.gap, result.composition
-    unit = f" {gap.unit}" if gap.unit else ""
+    unit = f" {simulated.unit}" if simulated.unit else ""
+    source = simulated.provenance
+    sides = f"({source['spec']}: {source['backend']} against {result.real})"
     head = (
         f"{escape(simulated.requirement)}  [{COLOURS[result.verdict]}]{result.verdict.name}[/]  "
-        f"{escape(f'({_spec(gap)}: {_sides(gap)})')}"
+        f"{escape(sides)}"
     )
-    real = gap.provenance["real"]["backend"]
-    bound = [
-        f"  worst expected ρ  in [{promise.lower:+.4f}, {promise.upper:+.4f}]{unit} for {real}, "
-        f"with probability ≥ 1 − {promise.delta:g}",
-        f"  worst test        {test_words(promise.worst, units)}",
-        f"  as the paper adds ≥ {promise.paper_lower:+.4f}{unit} (worst case of each search, wherever it is)",
-    ]
+    bound = ["  nothing is promised of the real machine"]
+    if promise is not None:
+        bound = [
+            f"  worst expected ρ  in {between(promise.lower, promise.upper)}{unit} for {result.real}, "
+            f"with probability ≥ 1 − {promise.delta:g}",
+            f"  worst test        {test_words(promise.worst, units)}",
+            f"  as the paper adds ≥ {down(promise.paper_lower)}{unit} (worst case of each search, wherever it is)",
+        ]
     lines = [
         f"  {result.reason}",
         "",
-        *(["  nothing is promised of the real machine"] if result.refused else bound),
+        *bound,
         "",
-        f"  in simulation     worst expected ρ in [{simulated.lower:+.4f}, {simulated.upper:+.4f}]{unit}, "
+        f"  in simulation     worst expected ρ in {between(simulated.lower, simulated.upper)}{unit}, "
         f"{simulated.certificate.rollouts} rollouts, {simulated.certificate.label.value}",
-        *_gap_lines(gap, units),
-        *_assumptions((*simulated.assumptions[:-1], *gap.assumptions)),
+        *(_gap_lines(gap, units) if gap else ["  the gap           was not searched for"]),
+        *_assumptions((*simulated.assumptions[:-1], *(gap.assumptions if gap else ()))),
     ]
     return head + "\n" + escape("\n".join(lines))
 
@@ -107,12 +111,10 @@ def _gap_lines(result: GapResult, units: Mapping[str, str]) -> list[str]:
     certificate = result.certificate
     failures = ", ".join(f"{count} × {word}" for word, count in sorted(result.failures.items())) or "no falls"
     reason = f" ({certificate.reason})" if certificate.reason else ""
-    sure = (
-        f", with probability ≥ 1 − {certificate.delta:g}; anywhere in [{result.low:+.4f}, {result.high:+.4f}]"
-    )
+    sure = f", with probability ≥ 1 − {certificate.delta:g}; anywhere in {between(result.low, result.high)}"
     computed = "" if certificate.label is not Label.REFUSED else " was computed, and is no promise"
     return [
-        f"  worst expected Δ  in [{result.lower:+.4f}, {result.upper:+.4f}]{unit}{computed or sure}",
+        f"  worst expected Δ  in {between(result.lower, result.upper)}{unit}{computed or sure}",
         f"  worst gap at      {test_words(result.worst.params, units)}: mean Δ {result.worst.mean:+.4f}{unit}, "
         f"mean |Δ| {result.worst.absolute:.4f} over {result.worst.pairs} pairs",
         f"  largest mean |Δ|  {result.absolute:.4f}{unit} at a tested point (the paper's measure; an estimate)",

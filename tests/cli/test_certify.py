@@ -85,6 +85,17 @@ def test_a_failure_of_the_real_side_is_shown(s2r):
     assert "walking  VIOLATED" in done.stdout
 
 
+def test_a_refused_simulation_costs_no_rollout_of_the_real_machine(s2r):
+    text = SPEC.replace("LIMIT", "0.1").replace("R = 0.02", "R = 0.002")
+    words = ("certify", s2r.spec(text=text), "--sim", "toy", "--real", "toy:drag", "-q")
+    done = s2r(*words, "--run", "r", code=3)
+    assert "no certificate for simulation: R = 0.002 is refuted" in done.stdout
+    assert "no rollout of toy:drag was run" in done.stdout
+    assert not (s2r.folder / "r" / "gap").exists()
+    result = s2r.json(*words, "--resume", "r", code=3)
+    assert (result["promise"], result["gap"], result["verdict"]) == (None, None, "unknown")
+
+
 def test_search_1_of_certify_is_check(s2r):
     both = s2r.json("certify", s2r.spec(0.15), "--sim", "toy", "--real", "toy", "-q", code=0)
     alone = s2r.json("check", "spec.stl", "-b", "toy", "-q", code=0)["results"][0]
