@@ -1,0 +1,172 @@
+"""The `emps` backend: what it offers, and a test turned into a trace."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import InitVar, dataclass, field, replace
+from functools import cache
+from importlib.metadata import version
+from math import ceil
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+
+from s2r_emps import residuals
+from s2r_emps.axis import simulate
+from s2r_emps.effects import CATALOGUE, world
+from s2r_emps.moves import PARAMETERS, Test, move, read_test
+from s2r_emps.noise import Noise, draw
+from s2r_emps.options import read_options, write_options
+from s2r_emps.physics import RATE, STEP, Physics
+from s2r_emps.recorded import Recorded, read_recorded
+from s2r_spec.backend import Channel, Effect, Parameter
+from s2r_spec.effects import Choice, Values, as_values, choose
+from s2r_spec.errors import UsageError
+from s2r_spec.trace import Trace
+
+_CHANNELS = (
+    Channel("q_ref", "m", "position asked for"),
+    Channel("q", "m", "position by the motor's encoder"),
+    Channel("v", "m/s", "speed that the drive feeds back: the difference of two positions over 1 ms"),
+    Channel("u", "V", "the controller's output, after saturation; 0 while the drive is off"),
+    Channel("force", "N", "that the drive believes to exert: the nominal force per volt times u"),
+)
+
+_CPU_PER_SECOND = 0.004
+"""[s] of one core per simulated second, measured on a 2-core cloud machine."""
+
+
+@dataclass(frozen=True)
+class EmpsBackend:
+    """A motor-driven prismatic axis under its cascade controller, at 1 kHz, with no friction unless it is added.
+
+    The machine is EMPS (Janot, Gautier and Brunot 2019); the controller is the one
+    on that machine. A rollout is a pure function of its parameters and its seed.
+    """
+
+    options: InitVar[str] = ""
+    """After the colon of the name: ``coulomb.force=20`` adds an effect, and ``reference=FILE.mat``
+    follows a recorded reference instead of the built-in move."""
+    duration: float = 2.5
+    noise: Noise = field(default_factory=Noise)
+    physics: Physics = field(default_factory=Physics)
+    reference: str = ""
+    """A file of the EMPS data set, or nothing."""
+    added: Choice = ()
+    """Effects; set them with :meth:`with_effects`."""
+    channels: tuple[Channel, ...] = field(default=_CHANNELS, init=False, repr=False)
+    deterministic: bool = field(default=True, init=False)
+
+    def __post_init__(self, options: str) -> None:
+        """Read the options, and put the end on the grid of ticks."""
+        reference, added = read_options(options, self.reference, self.added)
+        object.__setattr__(self, "reference", reference)
+        object.__setattr__(self, "added", added)
+        object.__setattr__(self, "duration", ceil(self.duration * RATE - 1e-9) / RATE)
+        if reference and self.duration > self._recorded.length:
+            raise UsageError(
+                f"the reference {reference} is {self._recorded.length:g} s long; "
+                f"a rollout of {self.duration:g} s is longer"
+            )
+
+    @property
+    def name(self) -> str:
+        """What ``load_backend`` makes this backend from, effects and all."""
+        return ":".join(filter(None, ("emps", write_options(self.reference, self.added))))
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The move's, or where in a recorded reference a rollout starts."""
+        if not self.reference:
+            return PARAMETERS
+        last = round(self._recorded.length - self.duration, 9)
+        return (Parameter("start", "s", 0.0, last, 0.0, "moment of the record at which the rollout begins"),)
+
+    @property
+    def cost(self) -> float:
+        """Expected time of one rollout on one core [s]."""
+        return self.duration * _CPU_PER_SECOND
+
+    @property
+    def model_hash(self) -> str:
+        """Hex digest over figures, noise, reference, NumPy's version and this package's source."""
+        digest = self._recorded.digest if self.reference else ""
+        return _digest(world(self.physics, self.added), self.noise, digest)
+
+    @property
+    def _recorded(self) -> Recorded:
+        return read_recorded(self.reference)
+
+    def effects(self) -> tuple[Effect, ...]:
+        """Return the catalogue of physics that the nominal axis leaves out."""
+        return tuple(CATALOGUE.values())
+
+    def with_effects(self, values: Values) -> Self:
+        """Return the same backend with these effects added: ``{"coulomb": {"force": 20.0}}``.
+
+        Raises:
+            UsageError: an effect or a parameter is unknown, or a value out of range.
+        """
+        return replace(self, added=choose("emps", CATALOGUE.values(), self.added, values))
+
+    def with_duration(self, seconds: float) -> Self:
+        """Return the same backend with rollouts of this length, rounded up to a whole tick."""
+        return replace(self, duration=seconds)
+
+    def rollout(self, params: Mapping[str, float], seed: int) -> Trace:
+        """Run one test; samples every 1 ms from t = 0 to ``duration`` inclusive.
+
+        Raises:
+            UsageError: a parameter is unknown or out of range.
+        """
+        values = read_test(params, self.parameters)
+        physics = world(self.physics, self.added)
+        ticks = round(self.duration * RATE) + 1
+        lead = 0
+        if self.reference:
+            asked, lead, start = self._recorded.part(values["start"], ticks)
+            on = np.ones(asked.size, dtype=np.bool_)
+            draws = draw(self.noise, seed, asked.size)
+        else:
+            test = Test(**values)
+            asked, on = move(test, ticks)
+            draws = draw(self.noise, seed, ticks)
+            start = (float(asked[0]) + draws.start, 0.0)
+            physics = replace(physics, mass=physics.mass + test.payload + draws.payload)
+        record = simulate(asked, on, start, physics, draws)
+        columns = (asked, record.q, record.v, record.u, record.force)
+        meta: dict[str, Any] = {
+            "backend": self.name,
+            "model_hash": self.model_hash,
+            "params": values,
+            "seed": seed,
+        }
+        if self.added:
+            meta["effects"] = as_values(self.added)
+        return Trace(
+            STEP * np.arange(ticks, dtype=np.float64),
+            {channel.name: column[lead:] for channel, column in zip(_CHANNELS, columns, strict=True)},
+            {channel.name: channel.unit for channel in _CHANNELS},
+            meta,
+        )
+
+    def residuals(self, trace: Trace, params: Mapping[str, float] | None = None) -> Trace:
+        """Return the force and the voltage that this model, with its effects, does not explain.
+
+        See :func:`s2r_emps.residuals.residuals`; ``params`` matter by their payload.
+        """
+        values = read_test(params or {}, self.parameters)
+        physics = world(self.physics, self.added)
+        physics = replace(physics, mass=physics.mass + values.get("payload", 0.0))
+        return residuals.residuals(trace, physics)
+
+
+@cache
+def _digest(physics: Physics, noise: Noise, reference: str) -> str:
+    """Hash the values in use, and the source: a change of a formula changes traces as much as a gain does."""
+    digest = hashlib.sha256(f"{physics!r} {noise!r} {reference} numpy {version('numpy')}".encode())
+    for path in sorted(Path(__file__).parent.glob("*.py")):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()

@@ -1,0 +1,89 @@
+"""The built-in test: out, a pause, and back, with smooth ramps of speed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import copysign, pi, sqrt
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_emps.noise import FloatArray
+from s2r_emps.physics import MIDDLE, STEP
+from s2r_spec.backend import Parameter
+from s2r_spec.errors import UsageError, did_you_mean, one_of
+
+PARAMETERS = (
+    Parameter(
+        "stroke", "m", -0.2, 0.2, 0.15, "of the move, about the middle of the axis; below 0: begins backwards"
+    ),
+    Parameter("speed", "m/s", 0.01, 0.3, 0.2, "that the move reaches, if it is long enough"),
+    Parameter("accel", "m/s^2", 0.2, 3.0, 1.5, "largest acceleration asked for"),
+    Parameter("payload", "kg", 0.0, 60.0, 0.0, "clamped to the carriage"),
+    Parameter("pause", "s", 0.0, 2.0, 0.3, "at the far end"),
+    Parameter("coast", "s", 0.0, 0.3, 0.0, "how long the drive is switched off, half-way out"),
+)
+
+WAIT = 0.1
+"""[s] of rest before the move."""
+
+
+class Test(NamedTuple):
+    """One point of the test space; fields as in ``PARAMETERS``."""
+
+    stroke: float
+    speed: float
+    accel: float
+    payload: float
+    pause: float
+    coast: float
+
+
+def read_test(params: Mapping[str, float], known: tuple[Parameter, ...] = PARAMETERS) -> dict[str, float]:
+    """Return every parameter's value; what is missing takes its default.
+
+    Raises:
+        UsageError: a name is unknown or a value is out of range.
+    """
+    names = {parameter.name: parameter for parameter in known}
+    for name in params:
+        if name not in names:
+            raise UsageError(
+                f"the backend 'emps' has no parameter {name!r}{did_you_mean(name, names)}; it has {one_of(names)}"
+            )
+    return {p.name: p.check(params.get(p.name, p.default)) for p in known}
+
+
+def move(test: Test, ticks: int) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Return (ticks,) positions asked for [m], and (ticks,) whether the drive is on."""
+    times = STEP * np.arange(ticks, dtype=np.float64) - WAIT
+    way = abs(test.stroke)
+    speed = min(test.speed, sqrt(2 * test.accel * way / pi))
+    length = one_way(way, speed, test.accel)
+    out = _travel(times, way, speed, test.accel)
+    back = _travel(times - length - test.pause, way, speed, test.accel)
+    half = times - length / 2
+    on = ~((half >= 0) & (half < test.coast - 1e-9))
+    return MIDDLE + copysign(1.0, test.stroke) * (out - back - way / 2), on
+
+
+def one_way(way: float, speed: float, accel: float) -> float:
+    """Return how long a move over ``way`` [m] takes [s]; 0 for none."""
+    return way / speed + pi * speed / (2 * accel) if way else 0.0
+
+
+def _travel(times: FloatArray, way: float, speed: float, accel: float) -> FloatArray:
+    """Return (n,) of the way gone: the speed rises and falls as half a cosine, whose steepest slope is ``accel``."""
+    if not way:
+        return np.zeros_like(times)
+    ramp = pi * speed / (2 * accel)
+    length = one_way(way, speed, accel)
+
+    def ramped(t: FloatArray) -> FloatArray:
+        t = np.clip(t, 0.0, ramp)
+        return speed * (t - ramp / pi * np.sin(pi * t / ramp)) / 2
+
+    cruise = np.clip(times - ramp, 0.0, length - 2 * ramp)
+    rest = np.clip(times - (length - ramp), 0.0, ramp)
+    return ramped(times) + speed * cruise + (speed * rest - ramped(rest))

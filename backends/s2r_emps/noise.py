@@ -1,0 +1,81 @@
+"""What differs from run to run, and how much; everything is drawn from the rollout's seed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import exp
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_emps.physics import STEP
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Standard deviations; normal."""
+
+    encoder: float = 1.7e-7
+    """[m] white; second differences of the recorded position of the real axis are 0.41 µm."""
+    disturbance: float = 1.0
+    """[N] force on the carriage; about half of what the documented model leaves of the real axis' force."""
+    disturbance_time: float = 0.1
+    """[s] over which that force forgets itself."""
+    gain: float = 0.002
+    """Share of the force per volt: the motor is not always equally warm."""
+    payload: float = 0.1
+    """[kg] of what is clamped to the carriage."""
+    start: float = 2e-5
+    """[m] of the position in which a move finds the carriage."""
+
+    @classmethod
+    def off(cls) -> Noise:
+        """Return the table of a rollout in which nothing is random."""
+        return cls(encoder=0.0, disturbance=0.0, gain=0.0, payload=0.0, start=0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Draws:
+    """The random numbers of one rollout.
+
+    Attributes:
+        gain: factor on the force per volt.
+        payload: on top of the test's [kg].
+        start: displacement at the beginning [m].
+        encoder: (ticks,) error of the measured position [m].
+        disturbance: (ticks,) force on the carriage, in its positive direction [N].
+    """
+
+    gain: float
+    payload: float
+    start: float
+    encoder: FloatArray
+    disturbance: FloatArray
+
+
+def draw(noise: Noise, seed: int, ticks: int) -> Draws:
+    """Draw a rollout's random numbers; a longer rollout starts with those of a shorter one."""
+    rng = np.random.default_rng(seed)
+    gain, payload, start = rng.normal(size=3).tolist()
+    white = rng.normal(size=(ticks, 2))
+    return Draws(
+        gain=1.0 + noise.gain * gain,
+        payload=noise.payload * payload,
+        start=noise.start * start,
+        encoder=noise.encoder * white[:, 0],
+        disturbance=noise.disturbance * _coloured(white[:, 1], noise.disturbance_time),
+    )
+
+
+def _coloured(white: FloatArray, time: float) -> FloatArray:
+    """Return (n,) of unit variance that forget themselves over ``time`` [s]: an Ornstein-Uhlenbeck process."""
+    keep = exp(-STEP / time)
+    fresh = (1.0 - keep * keep) ** 0.5
+    state = 0.0
+    values = []
+    for k, number in enumerate(white.tolist()):
+        state = number if k == 0 else keep * state + fresh * number
+        values.append(state)
+    return np.array(values)

@@ -1,0 +1,70 @@
+"""What of a recorded motion this model leaves unexplained: one force and one voltage."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from s2r_emps.laws import drive_force, dry_friction, encoder_error, resistance, smoothed
+from s2r_emps.noise import FloatArray
+from s2r_emps.physics import KP, KV, RATE, Physics
+from s2r_spec.errors import TraceError, one_of
+from s2r_spec.trace import Trace
+
+CUTOFF = 40.0
+"""[Hz] of the filter before two derivatives; the loop's own motion ends at about 20 Hz."""
+STILL = 2e-3
+"""[m/s] below which dry friction holds anything up to itself: there it explains what it can."""
+EDGE = 50
+"""Samples cut off at either end, which the filter cannot know: two periods of its cut-off."""
+
+
+def residuals(trace: Trace, physics: Physics) -> Trace:
+    """Return ``force`` [N], by inverse dynamics, and ``controller`` [V], by the control law.
+
+    ``force`` is what the model's forces lack to explain the motion, positive where
+    the carriage is pushed forwards. ``controller`` is the logged voltage less that
+    of the known law on the logged positions; it is zero where the drive is off.
+
+    Args:
+        trace: with ``q`` and ``u`` for the first, and also ``q_ref`` for the second, at 1 kHz.
+        physics: the model, with the test's payload in its mass.
+
+    Raises:
+        TraceError: a channel is missing, or the samples are too few or not 1 ms apart.
+    """
+    if not {"q", "u"} <= set(trace.channels):
+        raise TraceError(
+            f"residuals need q and u (and q_ref for the controller's), but the trace has {one_of(trace.channels)}"
+        )
+    if len(trace) <= 3 * EDGE or not np.allclose(np.diff(trace.times), 1 / RATE, rtol=0, atol=0.01 / RATE):
+        raise TraceError(f"residuals need a trace of more than {3 * EDGE} samples, 1 ms apart")
+    inner = slice(EDGE, -EDGE)
+    channels = {"force": _force(trace["q"], trace["u"], physics)[inner]}
+    units = {"force": "N"}
+    if "q_ref" in trace.channels:
+        channels["controller"] = _controller(trace, physics)[inner]
+        units["controller"] = "V"
+    parts = {"force": ["carriage"], "controller": ["controller"]}
+    return Trace(trace.times[inner], channels, units, {"parts": {name: parts[name] for name in channels}})
+
+
+def _force(seen: FloatArray, u: FloatArray, physics: Physics) -> FloatArray:
+    from scipy.signal import butter, sosfiltfilt  # here: a rollout needs no scipy
+
+    sos = butter(2, CUTOFF, fs=RATE, output="sos")
+    q = sosfiltfilt(sos, seen - encoder_error(seen, physics))
+    v = np.gradient(q, 1 / RATE)
+    force = sosfiltfilt(sos, drive_force(u, q, physics))
+    lacking = physics.mass * np.gradient(v, 1 / RATE) + resistance(q, v, physics) - force
+    brake = dry_friction(v, force, physics)
+    held = np.sign(lacking) * np.maximum(0.0, np.abs(lacking) - brake)
+    return np.asarray(np.where(np.abs(v) > STILL, lacking + np.sign(v) * brake, held))
+
+
+def _controller(trace: Trace, physics: Physics) -> FloatArray:
+    speed = np.diff(trace["q"], prepend=2 * trace["q"][0] - trace["q"][1]) * RATE
+    if physics.speed_filter:
+        speed = smoothed(speed, physics.speed_filter, float(speed[0]))
+    law = KV * (KP * (trace["q_ref"] - trace["q"]) - speed)
+    u = trace["u"]
+    return np.where(u == 0, 0.0, u - np.clip(law, -physics.voltage, physics.voltage))

@@ -1,0 +1,87 @@
+"""Choosing effects by name: what every backend with a catalogue would otherwise write for itself.
+
+A :data:`Choice` is a value: equal choices are equal and hash alike, in whatever
+order the effects were added. A backend keeps one, and asks :func:`settings` for
+the numbers when it builds its world.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+from s2r_spec.backend import Effect
+from s2r_spec.errors import UsageError, did_you_mean, one_of
+
+Values = Mapping[str, Mapping[str, float]]
+"""Effect → parameter → value."""
+Choice = tuple[tuple[str, tuple[tuple[str, float], ...]], ...]
+"""The same in a fixed order, with only what was set."""
+
+
+def choose(backend: str, catalogue: Iterable[Effect], before: Choice, values: Values) -> Choice:
+    """Return the choice with these values added; what was set before stays unless set again.
+
+    Args:
+        backend: its name, for the messages.
+        catalogue: every effect that it has.
+        before: the choice so far, ``()`` at first.
+        values: in the units of the catalogue.
+
+    Raises:
+        UsageError: an effect or a parameter is unknown, or a value out of range.
+    """
+    known = {effect.name: {p.name: p for p in effect.parameters} for effect in catalogue}
+    chosen = {name: dict(pairs) for name, pairs in before}
+    for name, numbers in values.items():
+        if name not in known:
+            raise UsageError(
+                f"the backend {backend!r} has no effect {name!r}{did_you_mean(name, known)}; it has {one_of(known)}"
+            )
+        for key, value in numbers.items():
+            if key not in known[name]:
+                raise UsageError(
+                    f"the effect {name!r} has no parameter {key!r}{did_you_mean(key, known[name])}; "
+                    f"it has {one_of(known[name])}"
+                )
+            parameter = known[name][key]
+            if not parameter.low <= value <= parameter.high:
+                unit = f" {parameter.unit}" if parameter.unit else ""
+                raise UsageError(
+                    f"{name}: {key} = {value:g}{unit} is out of range: [{parameter.low:g}, {parameter.high:g}]{unit}"
+                )
+            chosen.setdefault(name, {})[key] = float(value)
+    return tuple((name, tuple(sorted(chosen[name].items()))) for name in sorted(chosen))
+
+
+def settings(catalogue: Iterable[Effect], choice: Choice) -> dict[str, dict[str, float]]:
+    """Return effect → parameter → value of the chosen effects; a parameter that was not set is nominal."""
+    nominal = {effect.name: {p.name: p.nominal for p in effect.parameters} for effect in catalogue}
+    return {name: nominal[name] | dict(pairs) for name, pairs in choice}
+
+
+def as_values(choice: Choice) -> dict[str, dict[str, float]]:
+    """Return effect → parameter → value of what was set, and no more."""
+    return {name: dict(pairs) for name, pairs in choice}
+
+
+def read_word(word: str) -> Values | None:
+    """Return what ``coulomb.force=20`` sets, or None for a word that names no effect (``reference=a.mat``).
+
+    Raises:
+        UsageError: what follows the equals sign is no number.
+    """
+    name, _, text = word.partition("=")
+    effect, dot, parameter = name.partition(".")
+    if not dot:
+        return None
+    try:
+        return {effect: {parameter: float(text)}}
+    except ValueError:
+        raise UsageError(
+            f"{word!r}: {text!r} is not a number; write effect.parameter=value, such as {name}=1"
+        ) from None
+
+
+def words(choice: Choice) -> list[str]:
+    """Return the words that :func:`read_word` would read this choice from."""
+    return [f"{effect}.{parameter}={value!r}" for effect, values in choice for parameter, value in values]
