@@ -1,0 +1,152 @@
+"""What the lab logs of a run, as channels: those of the simulator's trace, with their units."""
+
+from __future__ import annotations
+
+from math import cos, sin, tan
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+
+from benchmarks.blind.a1.robot import Decision, own_velocity
+from benchmarks.blind.a1.sensing import coloured
+from benchmarks.blind.a1.world import RATE
+from s2r_spec.trace import Trace
+
+FloatArray = NDArray[np.float64]
+
+UNITS = {
+    "vx": "m/s", "vy": "m/s", "vz": "m/s", "wz": "rad/s", "vx_cmd": "m/s", "vy_cmd": "m/s", "wz_cmd": "rad/s",
+    "vx_est": "m/s", "vy_est": "m/s", "x": "m", "y": "m", "z": "m", "height": "m", "roll": "rad", "pitch": "rad",
+    "yaw": "rad", "omega": "rad/s", "acc_pred": "m/s^2", "qp_iterations": "", "qp_solved": "", "fallen": "",
+    "stance": "", "q": "rad", "dq": "rad/s", "tau_cmd": "N*m", "tau": "N*m", "foot_position": "m",
+    "foot_velocity": "m/s", "foot_force": "N", "contact": "",
+}  # fmt: skip
+
+NOISE = {
+    "vx": 5e-4, "vy": 5e-4, "vz": 5e-4, "wz": 2e-3, "x": 1e-4, "y": 1e-4, "z": 1e-4, "height": 1e-4, "roll": 3e-4,
+    "pitch": 3e-4, "yaw": 3e-4, "omega": 2e-3, "q": 2e-4, "dq": 5e-3, "tau_cmd": 5e-3, "tau": 2e-2,
+    "foot_position": 2e-4, "foot_velocity": 3e-3, "foot_force": 0.5,
+}  # fmt: skip
+"""Standard deviations of the lab's instruments, in each channel's unit; correlated over 4 ms."""
+
+_TOUCHES = 1.0
+"""[N] at which a contact switch closes."""
+
+
+class Log:
+    """Collects ticks, and makes a trace of them at the end."""
+
+    def __init__(self, ticks: int, command: float, slope: float, torque_limit: float) -> None:
+        self._command, self._slope = command, slope
+        self._truth = np.zeros((ticks, 36))
+        self._feet = np.zeros((ticks, 24))
+        self._motors = np.zeros((ticks, 5, 12))
+        self._rest = np.zeros((ticks, 12))
+        self._torque = np.zeros((ticks, 12))
+        self._force = np.zeros((ticks, 4, 3))
+        self._n = 0
+
+    def __len__(self) -> int:
+        return self._n
+
+    def write(
+        self, truth: FloatArray, feet: FloatArray, done: Decision, torque: FloatArray, force: FloatArray
+    ) -> None:
+        """Append a tick; ``force`` (4, 3) is in the axes of the flat ground."""
+        n = self._n
+        self._truth[n], self._feet[n], self._motors[n] = truth, feet.ravel(), done.motors
+        self._rest[n, :4], self._rest[n, 4:10] = done.stance, done.base
+        self._rest[n, 10:] = done.iterations, done.solved
+        self._torque[n], self._force[n] = torque, force
+        self._n += 1
+
+    def trace(
+        self, measured: FloatArray, force_error: FloatArray, settling: int, fallen: bool, rng: Generator
+    ) -> Trace:
+        """Return the trace; ``measured`` (ticks, 36) begins ``settling`` ticks before the command."""
+        n = self._n
+        truth, feet, rest = self._truth[:n], self._feet[:n], self._rest[:n]
+        roll, pitch, yaw = truth[:, 3:6].T
+        vx, vy, vz = truth[:, 6:9].T
+        c, s = np.cos(yaw), np.sin(yaw)
+        axes = _axes(roll, pitch, yaw)
+        spin = np.einsum("nij,nj->ni", axes, truth[:, 9:12])
+        own = self._own(measured, force_error, settling, axes)
+        q, dq, kp, kd, tau = (self._motors[:n, row] for row in range(5))
+        force = self._force[:n] @ _leaning(self._slope).T
+        values = {
+            "vx": c * vx + s * vy,
+            "vy": c * vy - s * vx,
+            "vz": vz,
+            "wz": spin[:, 2],
+            "vx_cmd": np.full(n, self._command),
+            "vy_cmd": np.zeros(n),
+            "wz_cmd": np.zeros(n),
+            "vx_est": c * own[:, 0] + s * own[:, 1],
+            "vy_est": c * own[:, 1] - s * own[:, 0],
+            "x": truth[:, 0],
+            "y": truth[:, 1],
+            "z": truth[:, 2],
+            "height": truth[:, 2] - tan(self._slope) * truth[:, 0],
+            "roll": roll,
+            "pitch": pitch,
+            "yaw": yaw,
+            "omega": truth[:, 9:12],
+            "acc_pred": _felt(rest[:, 4:10], rest[:, 11], axes, truth, c, s),
+            "qp_iterations": rest[:, 10],
+            "qp_solved": rest[:, 11],
+            "fallen": np.append(np.zeros(n - 1), float(fallen)),
+            "stance": rest[:, :4],
+            "q": truth[:, 12:24],
+            "dq": truth[:, 24:36],
+            "tau_cmd": tau + kp * (q - truth[:, 12:24]) + kd * (dq - truth[:, 24:36]),
+            "tau": self._torque[:n],
+            "foot_position": feet[:, :12],
+            "foot_velocity": feet[:, 12:],
+            "foot_force": force.reshape(n, 12),
+            "contact": (force[:, :, 2] > _TOUCHES).astype(float),
+        }
+        for name, deviation in NOISE.items():
+            width = values[name].reshape(n, -1).shape[1]
+            noise = coloured(rng, n, width, deviation, 0.004)
+            values[name] = values[name] + noise.reshape(values[name].shape)
+        meta = {"source": "twin of an A1"} | ({"failure": "fall"} if fallen else {})
+        return Trace(np.arange(n) / RATE, values, units=UNITS, meta=meta)
+
+    def _own(
+        self, measured: FloatArray, force_error: FloatArray, settling: int, axes: FloatArray
+    ) -> FloatArray:
+        """Return (n, 3) the robot's own velocity estimate; it starts afresh at the command."""
+        n = self._n
+        change = np.diff(self._truth[:n, 6:9], axis=0, prepend=self._truth[:1, 6:9]) * RATE
+        change[:, 2] += 9.81
+        force = np.einsum("nji,nj->ni", axes, change) + force_error[settling : settling + n]
+        return own_velocity(measured[settling:], force, self._rest[:n, :4])
+
+
+def _leaning(slope: float) -> FloatArray:
+    """Return (3, 3) axes of the flat ground in the world, which has it rise along x by ``slope`` [rad]."""
+    return np.array([[cos(slope), 0.0, -sin(slope)], [0.0, 1.0, 0.0], [sin(slope), 0.0, cos(slope)]])
+
+
+def _axes(roll: FloatArray, pitch: FloatArray, yaw: FloatArray) -> FloatArray:
+    """Return (n, 3, 3) base axes in the world, Rz(yaw) Ry(pitch) Rx(roll)."""
+    cr, sr, cp, sp, cy, sy = (f(a) for a in (roll, pitch, yaw) for f in (np.cos, np.sin))
+    rows = (
+        (cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr),
+        (sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr),
+        (-sp, cp * sr, cp * cr),
+    )
+    return np.moveaxis(np.array(rows), 2, 0)
+
+
+def _felt(
+    spatial: FloatArray, solved: FloatArray, axes: FloatArray, truth: FloatArray, c: FloatArray, s: FloatArray
+) -> FloatArray:
+    """Return (n, 3) the predicted acceleration of the trunk's origin, forward, left, up; 0 without a prediction."""
+    velocity = np.einsum("nji,nj->ni", axes, truth[:, 6:9])
+    classical = spatial[:, :3] + np.cross(truth[:, 9:12], velocity)
+    world = np.einsum("nij,nj->ni", axes, classical)
+    forward, left = c * world[:, 0] + s * world[:, 1], c * world[:, 1] - s * world[:, 0]
+    return np.stack((forward, left, world[:, 2]), axis=1) * solved[:, None]

@@ -1,0 +1,119 @@
+"""The blind generator beside the simulator: the same effect, the same numbers, other code.
+
+Run: OMP_NUM_THREADS=1 python benchmarks/blind/a1_compare.py [effect ...]
+
+For every effect of the catalogue, at the values shown: the gap mean ρ(nominal) − mean ρ(with it) at three speeds,
+made by the catalogue (c) and by the generator (g), each against its own nominal and without background; then
+how alike their changes of the trace are: the cosine between the two vectors of changed features, the part of the
+catalogue's change that the generator makes (by projection), and the catalogue's three strongest changes, each beside
+the generator's. Features are scaled by how much the catalogue's effects move them.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+
+ROOT = Path(__file__).parents[2]
+sys.path[:0] = [str(ROOT), str(ROOT / "backends"), str(ROOT / "benchmarks")]
+
+from a1_effects import MAGNITUDES, NAMES, features  # noqa: E402
+from a1_speed import processor  # noqa: E402
+from a1_trot import rho  # noqa: E402
+
+from benchmarks.blind.a1.effects import KNOWN  # noqa: E402
+from benchmarks.blind.a1.rollout import Runner  # noqa: E402
+from benchmarks.blind.a1.twin import Twin  # noqa: E402
+from s2r_sim import SimBackend  # noqa: E402
+from s2r_spec.trace import Trace  # noqa: E402
+
+SPEEDS = (-0.2, 0.0, 0.3)
+SEEDS = 4
+NOMINAL_SEEDS = 12
+NOTHING = [np.nan] * len(NAMES)
+ZEROS = dict.fromkeys(("x", "y", "z", "hip", "thigh", "calf", "roll", "pitch", "forward", "left"), 0.0)
+Found = tuple[np.ndarray, np.ndarray, int]
+
+
+def gathered(traces: list[list[Trace]]) -> Found:
+    """Return (speeds,) mean ρ, (speeds, features) means and the number of falls."""
+    found = [np.mean([rho(trace, vd) for trace in row]) for vd, row in zip(SPEEDS, traces, strict=True)]
+    falls = sum(trace.failure is not None for row in traces for trace in row)
+    seen = [
+        np.mean(
+            [list(features(trace).values()) for trace in row if not trace.failure] or [NOTHING],
+            axis=0,
+        )
+        for row in traces
+    ]
+    return np.array(found), np.array(seen), falls
+
+
+def simulated(name: str, values: dict[str, float], seeds: int) -> Found:
+    backend = SimBackend().with_effects({name: values} if name else {})
+    return gathered([[backend.rollout({"vd": vd}, seed) for seed in range(seeds)] for vd in SPEEDS])
+
+
+def generated(name: str, values: dict[str, float], seeds: int) -> Found:
+    twin = Twin()
+    if name:
+        KNOWN[name].apply(twin, np.random.default_rng(5), ZEROS | values)
+    runner = Runner(twin)
+    return gathered([[runner.run(vd, np.random.default_rng(seed)) for seed in range(seeds)] for vd in SPEEDS])
+
+
+def words(values: dict[str, float]) -> str:
+    return " ".join(f"{key}={value:g}" for key, value in values.items())
+
+
+def numbers(gap: np.ndarray, falls: int) -> str:
+    return " ".join(f"{value:7.3f}" for value in gap) + (f" {falls} fell" if falls else "")
+
+
+def main(names: list[str]) -> None:
+    sim, gen = simulated("", {}, NOMINAL_SEEDS), generated("", {}, NOMINAL_SEEDS)
+    print("nominal, mean ρ at " + ", ".join(f"{vd:+.1f}" for vd in SPEEDS))
+    print(f"  simulator {sim[0].round(4)}\n  generator {gen[0].round(4)}")
+    print("nominal features, generator − simulator, largest over the speeds:")
+    away = gen[1] - sim[1]
+    for k, feature in enumerate(NAMES):
+        most = np.abs(away[:, k]).argmax()
+        print(f"  {feature:14} {away[most, k]:+10.5f}  (simulator {sim[1][most, k]:+.5f})")
+    rows = []
+    for name, magnitudes in MAGNITUDES.items():
+        if names and name not in names:
+            continue
+        for values in magnitudes:
+            rows.append(
+                (
+                    name,
+                    dict(values),
+                    simulated(name, dict(values), SEEDS),
+                    generated(name, dict(values), SEEDS),
+                )
+            )
+            print(".", end="", file=sys.stderr, flush=True)
+    moved = np.array([np.nan_to_num(row[2][1] - sim[1]) for row in rows])
+    scale = np.sqrt(np.mean(moved**2, axis=(0, 1))) + 1e-12
+    print(f"\n{'effect':18} {'values':22}   {'-0.2':>7} {'0.0':>7} {'+0.3':>7}  alike  part")
+    for name, values, (rho_c, seen_c, falls_c), (rho_g, seen_g, falls_g) in rows:
+        c, g = (seen_c - sim[1]) / scale, (seen_g - gen[1]) / scale
+        norm = np.linalg.norm(c) * np.linalg.norm(g)
+        alike, part = np.sum(c * g) / norm, np.sum(c * g) / np.sum(c * c)
+        print(f"{name:18} {words(values):22} c {numbers(sim[0] - rho_c, falls_c)}  {alike:5.2f} {part:5.2f}")
+        fastest = np.abs(c).argmax(axis=0)
+        strongest = np.argsort(-np.abs(c).max(axis=0))[:3]
+        signs = ", ".join(
+            f"{NAMES[k]} {c[fastest[k], k] * scale[k]:+.4f} / {g[fastest[k], k] * scale[k]:+.4f}"
+            for k in strongest
+        )
+        print(f"{'':18} {'':22} g {numbers(gen[0] - rho_g, falls_g)}  {signs}", flush=True)
+
+
+if __name__ == "__main__":
+    print(
+        f"{processor()}, model {SimBackend().model_hash[:16]}, {SEEDS} seeds a speed, {NOMINAL_SEEDS} for the nominal"
+    )
+    main(sys.argv[1:])
