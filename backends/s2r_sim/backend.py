@@ -26,8 +26,8 @@ from s2r_spec.backend import Channel, Effect, Parameter
 from s2r_spec.errors import MissingPackageError
 from s2r_spec.trace import Trace
 
-_MODULES = ("mujoco", "pinocchio", "piqp", "scipy")
-_DISTRIBUTIONS = ("mujoco", "numpy", "pin", "piqp", "scipy")
+_MODULES = ("mujoco", "numba", "pinocchio", "piqp")
+_DISTRIBUTIONS = ("mujoco", "numba", "numpy", "pin", "piqp")
 
 _CPU_PER_SECOND = 0.13
 """[s] of one core per simulated second, measured on a 2-core cloud machine."""

@@ -8,18 +8,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_sim.gains import RATE, Gains
-from s2r_sim.physics import State
+from s2r_sim.compiled import compiled
+from s2r_sim.gains import RATE
+from s2r_sim.physics import Command, State
 
 FloatArray = NDArray[np.float64]
-
-
-class Command(NamedTuple):
-    """Commanded velocity in the heading frame: forward and left [m/s], yaw rate [rad/s]."""
-
-    vx: float = 0.0
-    vy: float = 0.0
-    wz: float = 0.0
+Vector3 = tuple[float, float, float]
 
 
 class Reference(NamedTuple):
@@ -44,9 +38,20 @@ class Reference(NamedTuple):
         """Return how far the reference lies to the left of a point [m]."""
         return -sin(self.yaw) * (self.x - x) + cos(self.yaw) * (self.y - y)
 
+    def left_to_turn(self, yaw: float) -> float:
+        """Return the shortest way to the reference's yaw [rad], left positive."""
+        return remainder(self.yaw - yaw, 2.0 * pi)
 
+
+@compiled
 def base_task(
-    gains: Gains, measured: State, twist: FloatArray, reference: Reference, command: Command, ground: float
+    measured: FloatArray,
+    twist: FloatArray,
+    across: float,
+    turn: float,
+    command: Vector3,
+    height: float,
+    gains: FloatArray,
 ) -> FloatArray:
     """Return (6, 7) the base's task (L, −L a): what a deviation costs is |(L, −L a) (a_is, 1)|².
 
@@ -57,41 +62,37 @@ def base_task(
     is R'p̈ − ω × (R'v). The weights, too, are those of the heading frame, turned
     into base axes by H = Ry(pitch) Rx(roll): the linear part of L is √w H.
 
-    ``twist`` is (6,) in base axes; ``ground`` [m] is the
-    height of the stance feet's contact points.
+    Args:
+        measured: ``State.flat``.
+        twist: (18,) or its first six, in base axes.
+        across: what is missing to the left [m].
+        turn: what is missing in yaw [rad].
+        height: what is missing upwards [m].
+        command: forward, left [m/s] and yaw rate [rad/s].
+        gains: (6, 3) kp, kd and √w of the linear part, and the same of the angular part.
     """
-    x, y, z = measured.position.tolist()
-    vx, vy, vz = measured.velocity.tolist()
-    roll, pitch, yaw = measured.rpy.tolist()
-    ux, uy, uz, wx, wy, wz = twist.tolist()
+    roll, pitch, yaw = measured[3], measured[4], measured[5]
+    vx, vy, vz = measured[6], measured[7], measured[8]
+    ux, uy, uz, wx, wy, wz = twist[0], twist[1], twist[2], twist[3], twist[4], twist[5]
     c, s = cos(yaw), sin(yaw)
+    kp, kd, root, kp_turn, kd_turn, root_turn = gains[0], gains[1], gains[2], gains[3], gains[4], gains[5]
 
-    kp, kd = gains.kp_linear, gains.kd_linear
-    forward = kd[0] * (command.vx - (c * vx + s * vy))
-    left = kp[1] * reference.left_of(x, y) + kd[1] * (command.vy - (c * vy - s * vx))
-    up = kp[2] * (gains.base_height - (z - ground)) - kd[2] * vz
-
-    kp, kd = gains.kp_angular, gains.kd_angular
-    turn = remainder(reference.yaw - yaw, 2.0 * pi)
+    forward = kd[0] * (command[0] - (c * vx + s * vy))
+    left = kp[1] * across + kd[1] * (command[1] - (c * vy - s * vx))
+    up = kp[2] * height - kd[2] * vz
     cr, sr, cp, sp = cos(roll), sin(roll), cos(pitch), sin(pitch)
     ax = cp * forward - sp * up - (wy * uz - wz * uy)
     ay = sp * sr * forward + cr * left + cp * sr * up - (wz * ux - wx * uz)
     az = sp * cr * forward - sr * left + cp * cr * up - (wx * uy - wy * ux)
-    roll_acceleration = -kp[0] * roll - kd[0] * wx
-    pitch_acceleration = -kp[1] * pitch - kd[1] * wy
-    yaw_acceleration = kp[2] * turn + kd[2] * (command.wz - wz)
-    a, b, d = gains.root_linear
-    e, f, g = gains.root_angular
-    a_cp, a_spsr, a_spcr = a * cp, a * sp * sr, a * sp * cr
-    b_cr, b_sr = b * cr, b * sr
-    d_sp, d_cpsr, d_cpcr = d * sp, d * cp * sr, d * cp * cr
-    # fmt: off
-    return np.array((
-        (a_cp, a_spsr, a_spcr, 0.0, 0.0, 0.0, -a_cp * ax - a_spsr * ay - a_spcr * az),
-        (0.0, b_cr, -b_sr, 0.0, 0.0, 0.0, b_sr * az - b_cr * ay),
-        (-d_sp, d_cpsr, d_cpcr, 0.0, 0.0, 0.0, d_sp * ax - d_cpsr * ay - d_cpcr * az),
-        (0.0, 0.0, 0.0, e, 0.0, 0.0, -e * roll_acceleration),
-        (0.0, 0.0, 0.0, 0.0, f, 0.0, -f * pitch_acceleration),
-        (0.0, 0.0, 0.0, 0.0, 0.0, g, -g * yaw_acceleration),
-    ))
-    # fmt: on
+
+    task = np.zeros((6, 7))
+    task[0, 0], task[0, 1], task[0, 2] = root[0] * cp, root[0] * sp * sr, root[0] * sp * cr
+    task[1, 1], task[1, 2] = root[1] * cr, -root[1] * sr
+    task[2, 0], task[2, 1], task[2, 2] = -root[2] * sp, root[2] * cp * sr, root[2] * cp * cr
+    for row in range(3):
+        task[row, 6] = -(task[row, 0] * ax + task[row, 1] * ay + task[row, 2] * az)
+        task[3 + row, 3 + row] = root_turn[row]
+    task[3, 6] = root_turn[0] * (kp_turn[0] * roll + kd_turn[0] * wx)
+    task[4, 6] = root_turn[1] * (kp_turn[1] * pitch + kd_turn[1] * wy)
+    task[5, 6] = -root_turn[2] * (kp_turn[2] * turn + kd_turn[2] * (command[2] - wz))
+    return task

@@ -9,18 +9,17 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.lapack import dgesv
 
-from s2r_sim.base_task import Command, Reference, base_task
+from s2r_sim.base_task import Reference, base_task
 from s2r_sim.dynamics import RigidBody
 from s2r_sim.figures import Robot
-from s2r_sim.foot_task import foot_task
-from s2r_sim.foothold import Point
+from s2r_sim.foot_task import STANDS, foot_task, note_stance
 from s2r_sim.full_qp import FullQP
 from s2r_sim.gains import Gains
 from s2r_sim.gait import Gait, Progress
-from s2r_sim.physics import MotorCommand, State
+from s2r_sim.physics import Command, MotorCommand, State
 from s2r_sim.qp import InverseDynamics, Solution, Stance, Task
+from s2r_sim.reduction import in_joint_space
 from s2r_sim.settings import Form
 from s2r_sim.stance_qp import StanceQP
 
@@ -35,7 +34,7 @@ class Memory:
 
     reference: Reference = field(default_factory=lambda: Reference(0.0, 0.0, 0.0))
     tick: int = 0
-    lift_off: list[Point] = field(default_factory=lambda: [(0.0, 0.0, 0.0)] * 4)
+    lift_off: FloatArray = field(default_factory=lambda: np.zeros((4, 3)))
     forces: FloatArray = field(default_factory=lambda: np.zeros(12))
     failed_in_a_row: int = 0
 
@@ -58,7 +57,8 @@ class Controller:
         self._foot_radius = robot.foot_radius
         self._body = RigidBody(robot, gains.rotor_inertia)
         self._qp = FORMS[form](gains, robot)
-        self._rhs = np.zeros((12, 9), order="F")
+        self._base_gains = gains.base
+        self._swing_gains, self._times = gains.swing, (self._gait.swing_time, self._gait.stance_time)
         self.memory = Memory()
 
     def restore(self, memory: Memory) -> None:
@@ -81,22 +81,34 @@ class Controller:
         phase = self._schedule[memory.tick % len(self._schedule)]
         memory.tick += 1
         body.update(measured)
-        at = body.feet.tolist()
-        height = 0.0
-        for leg in phase.standing:
-            x, y, z = at[3 * leg : 3 * leg + 3]
-            memory.lift_off[leg] = (x, y, z)
-            height += z
-        ground = height / len(phase.standing) - self._foot_radius
-        memory.reference = memory.reference.advanced(measured, command)
+        contact = note_stance(phase.progress, body.feet, memory.lift_off)
+        memory.reference = reference = memory.reference.advanced(measured, command)
+        x, y, z, _, _, yaw = measured.flat[:6].tolist()
+        ordered = (command.vx, command.vy, command.wz)
 
-        landing_height = ground + self._foot_radius - gains.touch_down_depth
         feet = foot_task(
-            gains, self._gait, phase.progress, memory.lift_off, body, measured, command, landing_height
+            phase.progress,
+            memory.lift_off,
+            body.feet,
+            body.thighs,
+            body.speeds,
+            measured.flat,
+            ordered,
+            contact - gains.touch_down_depth,
+            self._times,
+            self._swing_gains,
         )
-        legs = in_joint_space(body, feet, self._rhs)
-        base = base_task(gains, measured, body.base_twist, memory.reference, command, ground)
-        solution = self._qp.solve(body, Task(base, feet[0], legs[:, :7], phase.stance))
+        legs = in_joint_space(body.jacobian, feet, body.known)
+        base = base_task(
+            measured.flat,
+            body.twist,
+            reference.left_of(x, y),
+            reference.left_to_turn(yaw),
+            ordered,
+            gains.base_height - (z - (contact - self._foot_radius)),
+            self._base_gains,
+        )
+        solution = self._qp.solve(body, Task(base, feet[0], legs, phase.stance))
         torque = self._feedforward(solution, phase.stance)
         if torque is None:
             return Tick(_damping(gains), phase.stance, solution)
@@ -124,24 +136,11 @@ class _Phase:
     """What one tick of the gait period fixes."""
 
     def __init__(self, gains: Gains, progress: Progress) -> None:
-        self.progress = progress
         a, b, c, d = (s is None for s in progress)
         self.stance: Stance = (a, b, c, d)
-        self.standing = tuple(leg for leg in range(4) if self.stance[leg])
+        self.progress = np.array([STANDS if s is None else s for s in progress])
         self.kp = np.repeat([0.0 if stands else gains.kp_joint_swing for stands in self.stance], 3)
         self.kd = np.full(12, gains.kd_joint)
-
-
-def in_joint_space(body: RigidBody, feet: FloatArray, rhs: FloatArray) -> FloatArray:
-    """Return (12, 9): response N (6 columns), joint accelerations e, joint steps, joint speeds.
-
-    One factorisation of the leg Jacobians serves q̈ = N a + e and both joint
-    targets. ``feet`` is the (3, 12) of :func:`foot_task`; ``rhs`` (12, 9) is overwritten.
-    """
-    np.negative(body.base_jacobian, out=rhs[:, :6])
-    np.subtract(feet.T, body.known.T, out=rhs[:, 6:])
-    solved: FloatArray = dgesv(body.leg_jacobian, rhs)[2]
-    return solved
 
 
 def _damping(gains: Gains) -> MotorCommand:

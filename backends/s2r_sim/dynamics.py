@@ -2,34 +2,17 @@
 
 from __future__ import annotations
 
-from math import cos, sin
-
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from s2r_sim import pinocchio_model, rotation
+from s2r_sim import pinocchio_model
 from s2r_sim.figures import LEGS, Robot
+from s2r_sim.foot_jacobian import at_feet
 from s2r_sim.physics import State
+from s2r_sim.rotation import to_pinocchio
 
 FloatArray = NDArray[np.float64]
-
-_WORLD = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-
-# Where (x, y, z) of the feet stand in (12, 6) rows of (I, −[p]×): flat places, which number, with which sign.
-_ENTRIES = [
-    (6 * (3 * leg + row) + 3 + column, 3 * leg + axis, sign)
-    for leg in range(len(LEGS))
-    for row, column, axis, sign in (
-        (0, 1, 2, 1.0),
-        (0, 2, 1, -1.0),
-        (1, 0, 2, -1.0),
-        (1, 2, 0, 1.0),
-        (2, 0, 1, 1.0),
-        (2, 1, 0, -1.0),
-    )
-]
-_CROSS, _OF_FOOT, _SIGN = (np.array(column) for column in zip(*_ENTRIES, strict=True))
 
 
 class RigidBody:
@@ -46,36 +29,31 @@ class RigidBody:
         known: (3, 12) what the joints need not bring about: the feet's acceleration at zero joint and base
             acceleration (J̇ v), zero, and their velocity if the joints stood still.
         drift: (12,) the first row of it.
-        feet, feet_velocity: (12,) ball centres [m], [m/s].
-        thighs: (12,) thigh joint positions [m].
+        feet, thighs: (4, 3) ball centres and thigh joint positions [m].
+        speeds: (4, 3) of the ball centres [m/s].
     """
 
     def __init__(self, robot: Robot, rotor_inertia: float) -> None:
         self._model = pinocchio_model.build(robot, rotor_inertia)
         self._data = self._model.createData()
         self._q = np.zeros(19)
-        self._no_acceleration = np.zeros(18)
         feet = [self._model.getFrameId(name) for name in pinocchio_model.FEET]
-        # These are live views of Pinocchio's own memory: taking them once saves a wrapper per tick.
         thighs = [self._model.getJointId(f"{leg.name}_thigh_joint") for leg in LEGS]
-        self._foot_views = [self._data.oMf[frame].translation for frame in feet]
-        self._thigh_views = [self._data.oMi[joint].translation for joint in thighs]
-        self._world_jacobian: FloatArray = self._data.J
-        self._to_feet = np.tile(np.eye(3, 6), (4, 1))
-        self._own = np.hstack([np.ones((12, 6)), np.kron(np.eye(4), np.ones((3, 3)))])
+        # These are live views of Pinocchio's own memory: taking them once saves a wrapper per tick.
+        self._points = [self._data.oMf[frame].translation for frame in feet]
+        self._points += [self._data.oMi[joint].translation for joint in thighs]
+        self._bodies: FloatArray = self._data.J
+        self._at = np.zeros(24)
+        self.feet, self.thighs = self._at.reshape(2, 4, 3)
         self.twist = np.zeros(18)
-        self.base_twist = self.twist[:6]
         self.mass_upper: FloatArray = self._data.M
         self.bias: FloatArray = self._data.nle
         self.jacobian = np.zeros((12, 18))
         self.base_jacobian = self.jacobian[:, :6]
         self.leg_jacobian = self.jacobian[:, 6:]
         self.known = np.zeros((3, 12))
-        self.drift, self._carried = self.known[0], self.known[2]
-        self._drifts = [(frame, self.drift[3 * leg : 3 * leg + 3]) for leg, frame in enumerate(feet)]
-        self.feet = np.zeros(12)
-        self.feet_velocity = np.zeros(12)
-        self.thighs = np.zeros(12)
+        self.drift = self.known[0]
+        self.speeds = np.zeros((4, 3))
 
     @property
     def mass_matrix(self) -> FloatArray:
@@ -86,32 +64,10 @@ class RigidBody:
     def update(self, state: State) -> None:
         """Compute everything at this state."""
         model, data, q, twist = self._model, self._data, self._q, self.twist
-        roll, pitch, yaw = state.rpy.tolist()
-        q[:3] = state.position
-        q[3:7] = rotation.quaternion(roll, pitch, yaw)
-        q[7:] = state.q
-        twist[:3] = rotation.turned_back(roll, pitch, yaw, state.velocity.tolist(), sin, cos)
-        twist[3:6] = state.omega
-        twist[6:] = state.dq
-
-        pin.crba(model, data, q)
+        to_pinocchio(state.flat, q, twist)
+        # In this convention the algorithm also leaves the bodies' Jacobian behind.
+        pin.crba(model, data, q, pin.Convention.WORLD)
         pin.nonLinearEffects(model, data, q, twist)
-        pin.forwardKinematics(model, data, q, twist, self._no_acceleration)
-        pin.computeJointJacobians(model, data)
         pin.updateFramePlacements(model, data)
-        np.concatenate(self._foot_views, out=self.feet)
-        np.concatenate(self._thigh_views, out=self.thighs)
-        self._foot_jacobians()
-        np.matmul(self.jacobian, twist, out=self.feet_velocity)
-        np.matmul(self.base_jacobian, self.base_twist, out=self._carried)
-        for frame, drift in self._drifts:
-            drift[:] = pin.getFrameClassicalAcceleration(model, data, frame, _WORLD).linear
-
-    def _foot_jacobians(self) -> None:
-        """Move the bodies' common Jacobian from the world's origin to the feet, v = v₀ − [p]× ω, all in one product.
-
-        Asking Pinocchio for every foot's costs four wrappers and eight copies.
-        """
-        self._to_feet.put(_CROSS, self.feet.take(_OF_FOOT) * _SIGN)
-        np.matmul(self._to_feet, self._world_jacobian, out=self.jacobian)
-        self.jacobian *= self._own
+        np.concatenate(self._points, out=self._at)
+        at_feet(self._bodies, self.feet, twist, self.jacobian, self.speeds, self.known)

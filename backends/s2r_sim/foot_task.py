@@ -1,90 +1,151 @@
-"""The foot tasks: stance feet stay where they are, swing feet follow their polynomial."""
+"""The foot tasks: stance feet stay where they are, swing feet follow their polynomial to Raibert's foothold."""
 
 from __future__ import annotations
 
 from math import cos, sin
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_sim.base_task import Command
-from s2r_sim.dynamics import RigidBody
-from s2r_sim.foothold import Pair, Point, raibert, swing
-from s2r_sim.gains import Gains
-from s2r_sim.gait import Gait, Progress
-from s2r_sim.physics import State
+from s2r_sim.compiled import compiled
 
 FloatArray = NDArray[np.float64]
+Pair = tuple[float, float]
+Point = tuple[float, float, float]
+
+STANDS = -1.0
+"""In place of the progress of a swing."""
 
 
+class FootTarget(NamedTuple):
+    """Position [m], velocity [m/s] and acceleration [m/s²] of a swing foot, world axes."""
+
+    position: Point
+    velocity: Point
+    acceleration: Point
+
+
+@compiled
+def raibert(
+    hip: Pair, velocity: Pair, commanded: Pair, time_to_go: float, stance_time: float, gain: float
+) -> Pair:
+    """Return the foothold (x, y) [m], world axes.
+
+    ``hip + v (t_go + T_stance / 2) + k (v − v_d)``: below the hip in the middle
+    of the coming stance, shifted to brake or to push. Raibert, *Legged Robots
+    That Balance*, MIT Press 1986.
+
+    Args:
+        hip: position of the thigh joint [m].
+        velocity: of that point [m/s].
+        commanded: the velocity it should have [m/s].
+        time_to_go: until touch-down [s].
+        stance_time: duration of the coming stance [s].
+        gain: k [s].
+    """
+    ahead = time_to_go + stance_time / 2
+    return (
+        hip[0] + velocity[0] * ahead + gain * (velocity[0] - commanded[0]),
+        hip[1] + velocity[1] * ahead + gain * (velocity[1] - commanded[1]),
+    )
+
+
+@compiled
+def swing(start: Point, end: Point, height: float, s: float, duration: float) -> FootTarget:
+    """Return the target at progress ``s`` in [0, 1] of a swing that lasts ``duration`` [s].
+
+    Minimum-jerk polynomial 10 s³ − 15 s⁴ + 6 s⁵ from start to end, and in z the
+    twice continuously differentiable bump 64 s³ (1 − s)³ of the given height [m].
+    """
+    r = 1.0 - s
+    line = s * s * s * (10.0 - 15.0 * s + 6.0 * s * s)
+    d_line = 30.0 * s * s * r * r / duration
+    dd_line = 60.0 * s * r * (1.0 - 2.0 * s) / duration**2
+    bump = 64.0 * height * (s * r) ** 3
+    d_bump = 192.0 * height * (s * r) ** 2 * (1.0 - 2.0 * s) / duration
+    dd_bump = 384.0 * height * s * r * (1.0 - 5.0 * s * r) / duration**2
+    dx, dy, dz = end[0] - start[0], end[1] - start[1], end[2] - start[2]
+    return FootTarget(
+        (start[0] + dx * line, start[1] + dy * line, start[2] + dz * line + bump),
+        (dx * d_line, dy * d_line, dz * d_line + d_bump),
+        (dx * dd_line, dy * dd_line, dz * dd_line + dd_bump),
+    )
+
+
+@compiled
+def note_stance(progress: FloatArray, feet: FloatArray, lift_off: FloatArray) -> float:
+    """Note in ``lift_off`` where standing feet are, and return their mean height [m]."""
+    height, standing = 0.0, 0
+    for leg in range(4):
+        if progress[leg] == STANDS:
+            lift_off[leg] = feet[leg]
+            height += feet[leg, 2]
+            standing += 1
+    return height / standing
+
+
+@compiled
 def foot_task(
-    gains: Gains,
-    gait: Gait,
-    progress: Progress,
-    lift_off: list[Point],
-    body: RigidBody,
-    measured: State,
-    command: Command,
+    progress: FloatArray,
+    lift_off: FloatArray,
+    feet: FloatArray,
+    thighs: FloatArray,
+    speeds: FloatArray,
+    measured: FloatArray,
+    command: Point,
     landing_height: float,
+    times: Pair,
+    gains: tuple[float, float, float, float, float],
 ) -> FloatArray:
     """Return (3, 12) what the four feet should do at this tick, world axes, three numbers a foot.
 
     Its rows are the wanted acceleration [m/s²], what is missing to the target
     position [m] and the target's velocity [m/s]; the last two are 0 in stance.
-    ``lift_off`` is where each foot last stood, ``landing_height`` that of the
-    ball centre at touch-down [m].
+
+    Args:
+        progress: (4,) of each swing, in [0, 1), or ``STANDS``.
+        lift_off: (4, 3) where each foot last stood [m].
+        feet: (4, 3) where they are [m].
+        thighs: (4, 3) where the thigh joints are [m].
+        speeds: (4, 3) of the feet [m/s].
+        measured: ``State.flat``.
+        command: forward, left [m/s] and yaw rate [rad/s].
+        landing_height: of the ball centre at touch-down [m].
+        times: duration of a swing and of a stance [s].
+        gains: kp and kd of the swing, damping of the stance, swing height, foothold gain.
     """
-    acceleration: list[float] = []
-    step: list[float] = []
-    velocity: list[float] = []
-    landing = _Landing(gains, gait, measured, command)
-    kp, kd, brake = gains.kp_swing, gains.kd_swing, -gains.stance_damping
-    feet, speeds, thighs = body.feet.tolist(), body.feet_velocity.tolist(), body.thighs.tolist()
-    for leg, s in enumerate(progress):
-        i = 3 * leg
-        ux, uy, uz = speeds[i], speeds[i + 1], speeds[i + 2]
-        if s is None:
-            acceleration += (brake * ux, brake * uy, brake * uz)
-            step += (0.0, 0.0, 0.0)
-            velocity += (0.0, 0.0, 0.0)
+    kp, kd, brake, height, foothold_gain = gains
+    swing_time, stance_time = times
+    x, y, yaw, vx, vy = measured[0], measured[1], measured[5], measured[6], measured[7]
+    forward, left, turn = command
+    commanded_x = cos(yaw) * forward - sin(yaw) * left
+    commanded_y = sin(yaw) * forward + cos(yaw) * left
+    task = np.zeros((3, 12))
+    for leg in range(4):
+        s = progress[leg]
+        if s == STANDS:
+            task[0, 3 * leg : 3 * leg + 3] = -brake * speeds[leg]
             continue
-        x, y = landing.place((thighs[i], thighs[i + 1]), s)
-        (px, py, pz), (vx, vy, vz), (ax, ay, az) = swing(
-            lift_off[leg], (x, y, landing_height), gains.swing_height, s, gait.swing_time
-        )
-        dx, dy, dz = px - feet[i], py - feet[i + 1], pz - feet[i + 2]
-        acceleration += (
-            ax + kd * (vx - ux) + kp * dx,
-            ay + kd * (vy - uy) + kp * dy,
-            az + kd * (vz - uz) + kp * dz,
-        )
-        step += (dx, dy, dz)
-        velocity += (vx, vy, vz)
-    return np.array((acceleration, step, velocity))
-
-
-class _Landing:
-    """Raibert's foothold for any leg at one tick."""
-
-    def __init__(self, gains: Gains, gait: Gait, measured: State, command: Command) -> None:
-        self._gait, self._gain = gait, gains.raibert
-        self._x, self._y, _ = measured.position.tolist()
-        self._vx, self._vy, _ = measured.velocity.tolist()
-        self._turn = command.wz
-        yaw = float(measured.rpy[2])
-        c, s = cos(yaw), sin(yaw)
-        self._commanded_x = c * command.vx - s * command.vy
-        self._commanded_y = s * command.vx + c * command.vy
-
-    def place(self, hip: Pair, s: float) -> Pair:
-        """Return where a leg of this hip should land [m], at progress ``s`` of its swing."""
+        thigh_x, thigh_y = thighs[leg, 0], thighs[leg, 1]
         # The hip also moves because the base turns; the commanded rate is the less noisy one to use.
-        turn_x, turn_y = -self._turn * (hip[1] - self._y), self._turn * (hip[0] - self._x)
-        return raibert(
-            hip=hip,
-            velocity=(self._vx + turn_x, self._vy + turn_y),
-            commanded=(self._commanded_x + turn_x, self._commanded_y + turn_y),
-            time_to_go=(1.0 - s) * self._gait.swing_time,
-            stance_time=self._gait.stance_time,
-            gain=self._gain,
+        turn_x, turn_y = -turn * (thigh_y - y), turn * (thigh_x - x)
+        landing_x, landing_y = raibert(
+            (thigh_x, thigh_y),
+            (vx + turn_x, vy + turn_y),
+            (commanded_x + turn_x, commanded_y + turn_y),
+            (1.0 - s) * swing_time,
+            stance_time,
+            foothold_gain,
         )
+        start = (lift_off[leg, 0], lift_off[leg, 1], lift_off[leg, 2])
+        target = swing(start, (landing_x, landing_y, landing_height), height, s, swing_time)
+        for axis in range(3):
+            missing = target.position[axis] - feet[leg, axis]
+            speed = target.velocity[axis]
+            task[0, 3 * leg + axis] = (
+                target.acceleration[axis] + kd * (speed - speeds[leg, axis]) + kp * missing
+            )
+            task[1, 3 * leg + axis] = missing
+            task[2, 3 * leg + axis] = speed
+    return task

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from math import sqrt
+
+import numpy as np
+from numpy.typing import NDArray
 
 Vector3 = tuple[float, float, float]
 
@@ -71,13 +73,12 @@ class Gains:
     kd_damping: float = 3.0
 
     @cached_property
-    def root_linear(self) -> Vector3:
-        """Square roots of the weights."""
-        a, b, c = self.weight_linear
-        return sqrt(a), sqrt(b), sqrt(c)
+    def base(self) -> NDArray[np.float64]:
+        """(6, 3) kp, kd and the weights' square roots of the linear base task, and the same of the angular one."""
+        linear = (self.kp_linear, self.kd_linear, np.sqrt(self.weight_linear))
+        return np.array([*linear, self.kp_angular, self.kd_angular, np.sqrt(self.weight_angular)])
 
     @cached_property
-    def root_angular(self) -> Vector3:
-        """Square roots of the weights."""
-        a, b, c = self.weight_angular
-        return sqrt(a), sqrt(b), sqrt(c)
+    def swing(self) -> tuple[float, float, float, float, float]:
+        """What :func:`s2r_sim.foot_task.foot_task` takes."""
+        return self.kp_swing, self.kd_swing, self.stance_damping, self.swing_height, self.raibert

@@ -6,8 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
-from s2r_sim.base_task import Command
-from s2r_sim.physics import Physics
+from s2r_sim.physics import Command, Physics
 from s2r_spec.backend import Parameter
 from s2r_spec.errors import UsageError, did_you_mean, one_of
 

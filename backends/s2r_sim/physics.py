@@ -125,3 +125,11 @@ class MotorCommand(NamedTuple):
     kp: FloatArray
     kd: FloatArray
     tau: FloatArray
+
+
+class Command(NamedTuple):
+    """Commanded velocity in the heading frame: forward and left [m/s], yaw rate [rad/s]."""
+
+    vx: float = 0.0
+    vy: float = 0.0
+    wz: float = 0.0

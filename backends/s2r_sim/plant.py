@@ -48,9 +48,8 @@ class Plant:
         self._planes = [int(self.model.geom(name).id) for name in grounds]
         self._calves = [int(self.model.geom_bodyid[foot]) for foot in self._feet]
         # Live views of MuJoCo's own memory: asking for them at every tick would cost a wrapper each.
-        qpos, qvel = self.data.qpos, self.data.qvel
-        self._position, self._attitude, self._q = qpos[:3], qpos[3:7], qpos[7:]
-        self._twist, self._dq = qvel[:6], qvel[6:]
+        self._qpos, self._qvel = self.data.qpos, self.data.qvel
+        self._position, self._attitude, self._q = self._qpos[:3], self._qpos[3:7], self._qpos[7:]
         self._push, self._sensors = self.data.xfrc_applied[base, :3], self.data.sensordata
 
     @property
@@ -70,9 +69,7 @@ class Plant:
 
     def truth(self) -> State:
         """Return the true state."""
-        w, x, y, z = self._attitude.tolist()
-        rpy = rotation.rpy_from_wxyz(w, x, y, z)
-        return State(np.concatenate((self._position, rpy, self._twist, self._q, self._dq)))
+        return State(rotation.from_mujoco(self._qpos, self._qvel))
 
     def place(self, position: FloatArray, rpy: FloatArray, q: FloatArray) -> None:
         """Put the robot at rest in a pose, with everything else as at the start of time."""

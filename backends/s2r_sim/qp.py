@@ -23,8 +23,8 @@ class Task(NamedTuple):
     Attributes:
         base: (6, 7) what a deviation of the base's spatial acceleration costs (:func:`base_task`).
         feet: (12,) wanted foot accelerations, world axes.
-        legs: (12, 7) columns N and e: joint accelerations that leave the feet alone under a base
-            acceleration a, and that give ``feet`` with the base at rest: q̈ = N a + e.
+        legs: (12, 9), in its first columns N (6) and e (1): joint accelerations that leave the feet alone
+            under a base acceleration a, and that give ``feet`` with the base at rest: q̈ = N a + e.
         stance: which feet carry load.
     """
 
@@ -82,7 +82,7 @@ class Solver:
         self._solver = None
 
     def solve(self, fixed: dict[str, FloatArray], **problem: FloatArray) -> tuple[FloatArray, int] | None:
-        """Return (x, iterations), or None when no optimum was found.
+        """Return (x, iterations), or None when no optimum was found; the next call overwrites x.
 
         ``fixed`` never changes: it is given to PIQP once, and the rest at every call.
         """
@@ -91,11 +91,11 @@ class Solver:
             settings = self._solver.settings
             settings.verbose = False
             settings.preconditioner_iter = 0
-            settings.check_duality_gap = False
             self._solver.setup(**fixed, **problem)
+            # Both are live views of the solver's own memory.
+            self._x, self._info = self._solver.result.x, self._solver.result.info
         else:
             self._solver.update(**problem)
         if self._solver.solve() != _SOLVED:
             return None
-        result = self._solver.result
-        return result.x.copy(), int(result.info.iter)
+        return self._x, self._info.iter

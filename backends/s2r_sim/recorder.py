@@ -6,11 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_sim import terrain
-from s2r_sim.base_task import Command
 from s2r_sim.controller import Tick
 from s2r_sim.figures import LEGS
 from s2r_sim.leg_kinematics import foot_motion
-from s2r_sim.physics import State
+from s2r_sim.physics import Command, State
 from s2r_sim.rotation import turned
 from s2r_sim.settings import Settings
 

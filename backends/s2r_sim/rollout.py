@@ -10,14 +10,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_sim.base_task import Command
 from s2r_sim.controller import Controller, Memory
 from s2r_sim.figures import LEGS, Robot
 from s2r_sim.gains import RATE
 from s2r_sim.gait import Gait
 from s2r_sim.noise import Noise, draw
 from s2r_sim.parameters import Test
-from s2r_sim.physics import State
+from s2r_sim.physics import Command, State
 from s2r_sim.plant import Plant, Saved
 from s2r_sim.recorder import Recorder
 from s2r_sim.sensors import SensorMemory, Sensors

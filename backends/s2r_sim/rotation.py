@@ -1,4 +1,4 @@
-"""Attitudes: roll-pitch-yaw, rotation matrices and quaternions (scalar last unless named wxyz)."""
+"""Attitudes: roll-pitch-yaw, rotation matrices and quaternions (scalar last unless named wxyz); states with them."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from s2r_sim.compiled import compiled
 
 FloatArray = NDArray[np.float64]
 
@@ -24,6 +26,7 @@ def matrix(roll: float, pitch: float, yaw: float) -> FloatArray:
     )
 
 
+@compiled
 def quaternion(roll: float, pitch: float, yaw: float) -> tuple[float, float, float, float]:
     """Return (x, y, z, w) of the same rotation."""
     cr, sr = cos(roll / 2), sin(roll / 2)
@@ -37,6 +40,7 @@ def quaternion(roll: float, pitch: float, yaw: float) -> tuple[float, float, flo
     )
 
 
+@compiled
 def rpy_from_wxyz(w: float, x: float, y: float, z: float) -> tuple[float, float, float]:
     """Return (roll, pitch, yaw) [rad] of a unit quaternion."""
     sin_pitch = min(1.0, max(-1.0, 2.0 * (w * y - z * x)))
@@ -65,3 +69,31 @@ def turned_back(
     x, y = cos(yaw) * x + sin(yaw) * y, cos(yaw) * y - sin(yaw) * x
     x, z = cos(pitch) * x - sin(pitch) * z, sin(pitch) * x + cos(pitch) * z
     return x, cos(roll) * y + sin(roll) * z, cos(roll) * z - sin(roll) * y
+
+
+@compiled
+def from_mujoco(qpos: FloatArray, qvel: FloatArray) -> FloatArray:
+    """Return ``State.flat`` (36,) of MuJoCo's positions (19,) and velocities (18,)."""
+    flat = np.empty(36)
+    flat[:3] = qpos[:3]
+    flat[3], flat[4], flat[5] = rpy_from_wxyz(qpos[3], qpos[4], qpos[5], qpos[6])
+    flat[6:12] = qvel[:6]
+    flat[12:24] = qpos[7:]
+    flat[24:] = qvel[6:]
+    return flat
+
+
+@compiled
+def to_pinocchio(flat: FloatArray, q: FloatArray, twist: FloatArray) -> None:
+    """Write Pinocchio's configuration (19,) and velocity (18,), with the base's in base axes, of ``State.flat``."""
+    roll, pitch, yaw = flat[3], flat[4], flat[5]
+    cr, sr, cp, sp, cy, sy = cos(roll), sin(roll), cos(pitch), sin(pitch), cos(yaw), sin(yaw)
+    vx, vy, vz = flat[6], flat[7], flat[8]
+    vx, vy = cy * vx + sy * vy, cy * vy - sy * vx
+    vx, vz = cp * vx - sp * vz, sp * vx + cp * vz
+    q[:3] = flat[:3]
+    q[3], q[4], q[5], q[6] = quaternion(roll, pitch, yaw)
+    q[7:] = flat[12:24]
+    twist[0], twist[1], twist[2] = vx, cr * vy + sr * vz, cr * vz - sr * vy
+    twist[3:6] = flat[9:12]
+    twist[6:] = flat[24:]

@@ -18,68 +18,67 @@ from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.blas import dsymm
-from scipy.linalg.lapack import dgesv
 
 from s2r_sim.dynamics import RigidBody
 from s2r_sim.figures import GRAVITY, Robot
 from s2r_sim.gains import Gains
 from s2r_sim.qp import Solution, Solver, Stance, Task, pyramid
+from s2r_sim.reduction import condense, distribute
 
 FloatArray = NDArray[np.float64]
 
 
 class StanceQP:
-    """3 variables per stance foot; 4 pyramid rows each and 12 torque rows."""
+    """3 variables per stance foot; 4 pyramid rows each, and 12 torque rows where they matter.
+
+    They rarely do, and cost half as much again. So the solver is asked without
+    them first: an optimum that keeps to constraints it was not told of is the
+    optimum under them, too. Otherwise it is asked again with all of them.
+    """
 
     def __init__(self, gains: Gains, robot: Robot) -> None:
-        # (I, 0) over (N, e): base acceleration and a constant, to all accelerations.
-        self._motion = np.asfortranarray(np.eye(18, 7))
-        self._legs = self._motion[6:]
+        self._torque_limit = robot.torque_limit
         self._problems = {
             (a, b, c, d): _Problem(gains, robot, (a, b, c, d))
             for a, b, c, d in product((True, False), repeat=4)
             if a or b or c or d
         }
-        self._solvers = {feet: Solver() for feet in (1, 2, 3, 4)}
+        self._solvers = {feet: (Solver(), Solver()) for feet in (1, 2, 3, 4)}
 
     def reset(self) -> None:
         """Drop the solvers' workspaces."""
-        for solver in self._solvers.values():
-            solver.reset()
+        for solvers in self._solvers.values():
+            for solver in solvers:
+                solver.reset()
 
     def solve(self, body: RigidBody, task: Task) -> Solution | None:
         """Return the optimum, or None when the solver fails."""
         problem = self._problems[task.stance]
-        affine, contact = problem.affine, problem.contact
-        body.jacobian.take(problem.loaded, axis=0, out=contact, mode="clip")
-
-        # Rows 0-5 are the base's, 6-17 the joints': M_·b + M_·j N, and M_·j e + h in the last column.
-        self._legs[:] = task.legs
-        law = dsymm(1.0, body.mass_upper, self._motion)
-        law[:, 6] += body.bias
-        problem.rhs_forces[:] = problem.contact_base
-        np.negative(law[:6, 6], out=problem.rhs_constant)
-        problem.acceleration[:] = dgesv(law[:6, :6], problem.rhs)[2]
-        np.matmul(law[6:], problem.with_one, out=problem.torque)
-        problem.torque_forces -= problem.contact_legs
-
-        deviation = task.base @ problem.with_one
-        np.matmul(deviation.T, deviation, out=problem.cost)
-        problem.cost += problem.share
-        problem.torque_rows[:] = problem.torque_forces
-        np.subtract(problem.limits, problem.torque_constant, out=problem.torque_bounds)
-        found = self._solvers[problem.feet].solve(
-            problem.bounds, P=problem.P, c=problem.c, G=problem.G, h_l=problem.h_l, h_u=problem.h_u
+        freely, within_limits = self._solvers[problem.feet]
+        condense(
+            body.mass_upper,
+            body.bias,
+            body.jacobian,
+            task.legs,
+            task.base,
+            problem.loaded,
+            problem.share,
+            problem.law,
+            problem.acceleration,
+            problem.cost,
         )
+        found = freely.solve(problem.friction, P=problem.P, c=problem.c)
         if found is None:
             return None
-        f, iterations = found
-        forces = np.zeros(12)
-        forces[problem.loaded] = f
-        problem.forces[:] = f
-        answer = affine @ problem.forces_and_one
-        return Solution(forces, answer[7:], answer[:6], iterations)
+        solution = problem.solution(body, *found)
+        torque = solution.torque.tolist()
+        if -self._torque_limit <= min(torque) and max(torque) <= self._torque_limit:
+            return solution
+        rows = problem.with_torque_rows(body, self._torque_limit)
+        found = within_limits.solve(problem.bounds, P=problem.P, c=problem.c, **rows)
+        if found is None:
+            return None
+        return problem.solution(body, found[0], solution.iterations + found[1])
 
 
 class _Problem:
@@ -87,40 +86,40 @@ class _Problem:
 
     Attributes:
         loaded: (n,) indices of the force components.
-        contact: (n, 18) the Jacobian of the loaded feet.
-        rhs: (6, n + 1) of the laws of motion of the base.
-        affine: (19, n + 1) base accelerations, one, and torques as functions of forces and one: A, a₀; 0, 1; T, τ₀.
-        cost: (n + 1, n + 1) the quadratic cost of forces and one.
-        share: the same of the pull towards equal shares of the weight.
-        G, h_l, h_u: friction pyramids and torque limits.
+        law, acceleration, cost, share: those of :func:`condense`.
         bounds: of the vertical forces.
+        friction: the same, and the friction pyramids.
     """
 
     def __init__(self, gains: Gains, robot: Robot, stance: Stance) -> None:
         self.loaded = np.flatnonzero(np.repeat(stance, 3))
         n = len(self.loaded)
         self.feet = feet = n // 3
-        self.contact = np.empty((n, 18))
-        self.contact_base, self.contact_legs = self.contact[:, :6].T, self.contact[:, 6:].T
-        self.rhs = np.empty((6, n + 1), order="F")
-        self.rhs_forces, self.rhs_constant = self.rhs[:, :n], self.rhs[:, n]
-        self.affine = np.zeros((19, n + 1))
-        self.affine[6, n] = 1.0
-        self.acceleration, self.with_one, self.torque = self.affine[:6], self.affine[:7], self.affine[7:]
-        self.torque_forces, self.torque_constant = self.torque[:, :n], self.torque[:, n]
-        self.forces_and_one = np.ones(n + 1)
-        self.forces = self.forces_and_one[:n]
+        self.law = np.empty((18, 7))
+        self.acceleration = np.empty((7, n + 1))
         self.cost = np.empty((n + 1, n + 1))
         self.P, self.c = self.cost[:n, :n].T, self.cost[n, :n]
         self.share = gains.weight_force * np.eye(n + 1)
         self.share[n, 2:n:3] = -gains.weight_force * robot.mass * GRAVITY / feet
-        self.G = np.asfortranarray(np.vstack([np.kron(np.eye(feet), pyramid(gains)), np.zeros((12, n))]))
-        self.torque_rows = self.G[-12:]
-        both = np.tile([[-np.inf], [0.0]], len(self.G))
-        self.h_l, self.h_u = both
-        self.torque_bounds = both[:, -12:]
-        self.limits = np.tile([[-robot.torque_limit], [robot.torque_limit]], 12)
         self.bounds = {
             "x_l": np.tile([-np.inf, -np.inf, gains.min_force], feet),
             "x_u": np.tile([np.inf, np.inf, gains.max_force], feet),
+        }
+        pyramids = np.kron(np.eye(feet), pyramid(gains))
+        self.friction = {**self.bounds, "G": np.asfortranarray(pyramids), "h_u": np.zeros(4 * feet)}
+
+    def solution(self, body: RigidBody, forces: FloatArray, iterations: int) -> Solution:
+        """Return what (n,) forces on the stance feet bring about."""
+        brought = distribute(self.law, self.acceleration, body.jacobian, self.loaded, forces)
+        return Solution(brought[:12], brought[12:24], brought[24:], iterations)
+
+    def with_torque_rows(self, body: RigidBody, limit: float) -> dict[str, FloatArray]:
+        """Return the friction pyramids and |τ| ≤ limit, with τ = T f + τ₀."""
+        T = self.law[6:] @ self.acceleration
+        T[:, :-1] -= body.leg_jacobian[self.loaded].T
+        constant = T[:, -1]
+        return {
+            "G": np.asfortranarray(np.vstack([self.friction["G"], T[:, :-1]])),
+            "h_l": np.concatenate([np.full(4 * self.feet, -np.inf), -limit - constant]),
+            "h_u": np.concatenate([self.friction["h_u"], limit - constant]),
         }

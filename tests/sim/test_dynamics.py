@@ -6,8 +6,9 @@ import pinocchio as pin
 import pytest
 
 from s2r_sim import mujoco_model, pinocchio_model, rotation
+from s2r_sim.dynamics import RigidBody
 from s2r_sim.figures import A1, LEGS
-from s2r_sim.physics import Physics
+from s2r_sim.physics import Physics, State
 
 
 @pytest.fixture(scope="module")
@@ -76,3 +77,54 @@ def test_rotations_agree_with_each_other():
         x, y, z, w = rotation.quaternion(*rpy)
         np.testing.assert_allclose(pin.Quaternion(w, x, y, z).matrix(), rotation.matrix(*rpy), atol=1e-15)
         np.testing.assert_allclose(rotation.rpy_from_wxyz(w, x, y, z), rpy, atol=1e-14)
+
+
+def random_body(seed):
+    """Return the controller's picture of a robot in any state, and Pinocchio's model and data of the same."""
+    position, rpy, joints, v = random_state(seed)
+    body = RigidBody(A1, rotor_inertia=0.005)
+    body.update(State(np.concatenate([position, rpy, v[:6], joints, v[6:]])))
+    x, y, z, w = rotation.quaternion(*rpy)
+    model = pinocchio_model.build(A1, 0.005)
+    data = model.createData()
+    q = np.array([*position, x, y, z, w, *joints])
+    twist = np.concatenate([rotation.matrix(*rpy).T @ v[:3], v[3:]])
+    pin.computeAllTerms(model, data, q, twist)
+    pin.forwardKinematics(model, data, q, twist, np.zeros(18))
+    pin.updateFramePlacements(model, data)
+    return body, model, data, twist
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_feet_move_as_pinocchio_says(seed):
+    body, model, data, twist = random_body(seed)
+    axes = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+    for i, leg in enumerate(LEGS):
+        rows, frame = slice(3 * i, 3 * i + 3), model.getFrameId(f"{leg.name}_foot")
+        jacobian = pin.getFrameJacobian(model, data, frame, axes)[:3]
+        drift = pin.getFrameClassicalAcceleration(model, data, frame, axes).linear
+        np.testing.assert_allclose(body.feet[i], data.oMf[frame].translation, atol=1e-14)
+        np.testing.assert_allclose(body.thighs[i], data.oMi[3 * i + 3].translation, atol=1e-14)
+        np.testing.assert_allclose(body.jacobian[rows], jacobian, atol=1e-13)
+        np.testing.assert_allclose(body.speeds[i], jacobian @ twist, atol=1e-12)
+        np.testing.assert_allclose(body.drift[rows], drift, atol=1e-11)
+        np.testing.assert_allclose(body.known[2, rows], jacobian[:, :6] @ twist[:6], atol=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_laws_of_motion_are_pinocchios(seed):
+    body, _, data, twist = random_body(seed)
+    np.testing.assert_allclose(body.twist, twist, atol=1e-14)
+    np.testing.assert_allclose(np.triu(body.mass_upper), np.triu(data.M), atol=1e-12)
+    np.testing.assert_allclose(body.bias, data.nle, atol=1e-11)
+
+
+def test_a_state_of_mujoco_keeps_its_parts():
+    rng = np.random.default_rng(0)
+    x, y, z, w = rotation.quaternion(0.3, -0.4, 2.0)
+    qpos, qvel = rng.normal(size=19), rng.normal(size=18)
+    qpos[3:7] = w, x, y, z
+    state = State(rotation.from_mujoco(qpos, qvel))
+    np.testing.assert_allclose(state.rpy, [0.3, -0.4, 2.0], atol=1e-14)
+    assert np.concatenate([state.position, state.q]).tolist() == [*qpos[:3], *qpos[7:]]
+    assert np.concatenate([state.velocity, state.omega, state.dq]).tolist() == qvel.tolist()

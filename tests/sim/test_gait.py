@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from s2r_sim.foothold import raibert, swing
+from s2r_sim.foot_task import raibert, swing
 from s2r_sim.gains import Gains
 from s2r_sim.gait import Gait
 

@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 
 from s2r_sim import SimBackend
-from s2r_sim.base_task import Command
 from s2r_sim.controller import Controller, Memory
 from s2r_sim.figures import A1
 from s2r_sim.gains import Gains
 from s2r_sim.noise import Noise
-from s2r_sim.physics import State
+from s2r_sim.physics import Command, State
 from s2r_sim.settings import Settings
 
 QUIET = SimBackend(noise=Noise.off())

@@ -1,0 +1,64 @@
+"""How the feet move: Jacobian, velocity and drift, out of the one Jacobian of all bodies that Pinocchio gives."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_sim.compiled import compiled
+
+FloatArray = NDArray[np.float64]
+
+
+@compiled
+def add_cross(total: FloatArray, a: FloatArray, b: FloatArray) -> None:
+    """Add a × b to a (3,) total."""
+    total[0] += a[1] * b[2] - a[2] * b[1]
+    total[1] += a[2] * b[0] - a[0] * b[2]
+    total[2] += a[0] * b[1] - a[1] * b[0]
+
+
+@compiled
+def at_feet(
+    J: FloatArray,
+    feet: FloatArray,
+    twist: FloatArray,
+    jacobian: FloatArray,
+    speeds: FloatArray,
+    known: FloatArray,
+) -> None:
+    """Move the bodies' Jacobian from the world's origin to the feet, v = v₀ + ω × p, and the motion with it.
+
+    A foot's drift J̇ v is its acceleration under no acceleration of joints and
+    base. Every joint's own part s of a motion is carried along by the motion m of what
+    it sits on: spatially that makes Σ m × s, and at the foot a₀ + α × p + ω × v.
+
+    Args:
+        J: (6, 18) spatial velocity at the world's origin per twist; a body's has only its own joints' columns.
+        feet: (4, 3) where the feet are [m].
+        twist: (18,) of base and joints.
+        jacobian: (12, 18) on return that of the feet; columns of other legs are left alone.
+        speeds: (4, 3) on return those of the feet [m/s].
+        known: (3, 12) on return the drift, nothing, and the feet's velocity if the joints stood still.
+    """
+    for leg in range(4):
+        rows, foot = slice(3 * leg, 3 * leg + 3), feet[leg]
+        m, a = np.zeros(6), np.zeros(6)
+        for k in range(9):
+            column = k if k < 6 else 3 * leg + k
+            jacobian[rows, column] = J[:3, column]
+            add_cross(jacobian[rows, column], J[3:, column], foot)
+            s = J[:, column] * twist[column]
+            if k >= 6:
+                add_cross(a[:3], m[3:], s[:3])
+                add_cross(a[:3], m[:3], s[3:])
+                add_cross(a[3:], m[3:], s[3:])
+            m += s
+            if k == 5:
+                known[2, rows] = m[:3]
+                add_cross(known[2, rows], m[3:], foot)
+        speeds[leg] = m[:3]
+        add_cross(speeds[leg], m[3:], foot)
+        known[0, rows] = a[:3]
+        add_cross(known[0, rows], a[3:], foot)
+        add_cross(known[0, rows], m[3:], speeds[leg])

@@ -1,0 +1,84 @@
+"""The compiled linear algebra of one tick against NumPy's, and what compiled functions must keep to."""
+
+import importlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numba.core.dispatcher import Dispatcher
+
+import s2r_sim
+from s2r_sim.reduction import condense, distribute, in_joint_space, solve
+
+
+@pytest.mark.parametrize("n", [1, 3, 6])
+def test_elimination_solves(n):
+    rng = np.random.default_rng(n)
+    A, X = rng.normal(size=(n, n)), rng.normal(size=(n, 4))
+    A[0, 0] = 0.0 if n > 1 else 2.0  # without row pivots this would divide by zero
+    B = A @ X
+    solve(A.copy(), B)
+    np.testing.assert_allclose(B, X, atol=1e-12)
+
+
+def random_tick(loaded):
+    """Return a mass matrix, bias, foot Jacobian, foot task, known part and base task, all made up."""
+    rng = np.random.default_rng(0)
+    M = rng.normal(size=(18, 18))
+    own = np.kron(np.eye(4), np.ones((3, 3)))
+    jacobian = np.hstack([rng.normal(size=(12, 6)), own * rng.normal(size=(12, 12))])
+    return (
+        M @ M.T + np.eye(18),
+        rng.normal(size=18),
+        jacobian,
+        rng.normal(size=(3, 12)),
+        rng.normal(size=(3, 12)),
+        rng.normal(size=(6, 7)),
+        np.array(loaded),
+        rng.normal(size=(len(loaded) + 1, len(loaded) + 1)),
+    )
+
+
+@pytest.mark.parametrize("loaded", [range(3), [0, 1, 2, 9, 10, 11], range(12)])
+def test_forces_explain_all_of_the_motion(loaded):
+    mass, bias, jacobian, feet, known, base, loaded, share = random_tick(loaded)
+    n = len(loaded)
+    law, acceleration, cost = np.empty((18, 7)), np.empty((7, n + 1)), np.empty((n + 1, n + 1))
+    legs = in_joint_space(jacobian, feet, known)
+    condense(np.triu(mass), bias, jacobian, legs, base, loaded, share, law, acceleration, cost)
+    f = np.random.default_rng(1).normal(size=n)
+    everything = distribute(law, acceleration, jacobian, loaded, f)
+    forces, torque, a = everything[:12], everything[12:24], everything[24:]
+
+    assert forces[loaded].tolist() == f.tolist()
+    assert not np.delete(forces, loaded).any()
+    joints = legs[:, :6] @ a + legs[:, 6]
+    np.testing.assert_allclose(jacobian @ [*a, *joints], feet[0] - known[0], atol=1e-9)
+    np.testing.assert_allclose(jacobian[:, 6:] @ legs[:, 7:], (feet[1:] - known[1:]).T, atol=1e-9)
+    forced = np.concatenate([np.zeros(6), torque]) + jacobian.T @ forces
+    np.testing.assert_allclose(mass @ [*a, *joints] + bias, forced, atol=1e-7)
+    deviation = base @ [*a, 1.0]
+    with_one = np.array([*f, 1.0])
+    expected = deviation @ deviation + with_one @ share @ with_one
+    assert with_one @ cost @ with_one == pytest.approx(expected, rel=1e-9)
+
+
+def test_a_diverged_state_and_a_stretched_leg_raise_nothing():
+    _, _, jacobian, feet, known, *_ = random_tick(range(12))
+    assert np.isnan(in_joint_space(jacobian * np.nan, feet, known)).all()
+    jacobian[:3, 6:9] = 0.0
+    assert not np.isfinite(in_joint_space(jacobian, feet, known)[:3]).any()
+
+
+def test_compiled_functions_call_those_of_their_own_file_alone():
+    """Numba would not notice a change in another file, and go on with old machine code."""
+    calls = []
+    for path in Path(s2r_sim.__path__[0]).rglob("*.py"):
+        if "@compiled" in path.read_text():
+            module = importlib.import_module(f"s2r_sim.{path.stem}")
+            everything = {k: v for k, v in vars(module).items() if isinstance(v, Dispatcher)}
+            for caller in everything.values():
+                called = set(caller.py_func.__code__.co_names) & everything.keys()
+                calls += [(caller.__module__, everything[name].__module__) for name in called]
+    assert len(calls) >= 5
+    assert all(caller == callee for caller, callee in calls)
