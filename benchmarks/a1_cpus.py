@@ -2,7 +2,7 @@
 
 Run: OMP_NUM_THREADS=1 python benchmarks/a1_cpus.py
 
-PIQP, NumPy and OpenBLAS choose their kernels by the processor they find. Here
+PIQP, NumPy and OpenBLAS choose their kernels by the processor they find, and Numba compiles for it. Here
 each is made to choose as on an older one, on this machine; MuJoCo and
 Pinocchio have one build for all x86-64.
 """
@@ -23,11 +23,15 @@ from a1_speed import processor
 FAMILIES = {
     "this machine": ({}, ()),
     "AVX2 (Haswell)": (
-        {"OPENBLAS_CORETYPE": "Haswell", "NPY_DISABLE_CPU_FEATURES": "X86_V4"},
+        {"OPENBLAS_CORETYPE": "Haswell", "NUMBA_CPU_NAME": "haswell", "NPY_DISABLE_CPU_FEATURES": "X86_V4"},
         ("piqp.piqp_python_avx512",),
     ),
     "SSE (Nehalem)": (
-        {"OPENBLAS_CORETYPE": "Nehalem", "NPY_DISABLE_CPU_FEATURES": "X86_V3 X86_V4"},
+        {
+            "OPENBLAS_CORETYPE": "Nehalem",
+            "NUMBA_CPU_NAME": "nehalem",
+            "NPY_DISABLE_CPU_FEATURES": "X86_V3 X86_V4",
+        },
         ("piqp.piqp_python_avx512", "piqp.piqp_python_avx2"),
     ),
 }

@@ -62,7 +62,7 @@ def printed(code: str) -> set[str]:
     return set(done.stdout.split())
 
 
-HEAVY = {"torch", "gpytorch", "mujoco", "pinocchio", "piqp", "matplotlib", "scipy", "pint", "lark"}
+HEAVY = {"torch", "gpytorch", "mujoco", "pinocchio", "piqp", "numba", "matplotlib", "scipy", "pint", "lark"}
 
 
 @pytest.mark.parametrize("statement", ["import s2r_spec", "import s2r_spec.cli"])
@@ -76,4 +76,4 @@ def test_a_light_import_brings_nothing_heavy(statement):
 )
 def test_workers_and_the_language_need_neither_torch_nor_a_simulator(name):
     code = f"import {name}, sys; print(' '.join(sys.modules))"
-    assert not {"torch", "mujoco", "pinocchio"} & printed(code)
+    assert not {"torch", "mujoco", "pinocchio", "numba"} & printed(code)

@@ -29,7 +29,7 @@ from s2r_spec.trace import Trace
 _MODULES = ("mujoco", "numba", "pinocchio", "piqp")
 _DISTRIBUTIONS = ("mujoco", "numba", "numpy", "pin", "piqp")
 
-_CPU_PER_SECOND = 0.13
+_CPU_PER_SECOND = 0.08
 """[s] of one core per simulated second, measured on a 2-core cloud machine."""
 
 

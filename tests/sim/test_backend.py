@@ -39,7 +39,7 @@ def test_it_is_found_by_name_and_keeps_the_protocol():
 
 
 def test_importing_it_imports_no_physics():
-    engines = "('mujoco', 'pinocchio', 'piqp', 'scipy')"
+    engines = "('mujoco', 'numba', 'pinocchio', 'piqp', 'scipy')"
     script = f"import sys, s2r_sim; print([m for m in {engines} if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
