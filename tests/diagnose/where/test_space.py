@@ -1,0 +1,124 @@
+"""The gap over the test space: bands that hold, a worst test that is where it is, and words about thin data."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+from s2r_spec.diagnose.where.gaps import GapAt, floor, folded
+from s2r_spec.diagnose.where.space import in_space
+from s2r_spec.errors import UsageError
+from s2r_spec.space import Space
+
+LINE = Space.of({"vd": (-0.2, 0.3)}, {"vd": "m/s"})
+NOISE = 0.004
+
+
+def seen(space, gap, places, generator, real=3, simulated=4):
+    """Rollouts at places, with this gap and noise on both sides."""
+    return tuple(
+        GapAt(
+            space.point(np.atleast_1d(place)),
+            gap(np.atleast_1d(place)) + NOISE * generator.normal(size=real),
+            NOISE * generator.normal(size=simulated),
+        )
+        for place in places
+    )
+
+
+def smooth(generator):
+    """Return a random function of the line, about 0.02 large."""
+    pace, phase, size = (
+        generator.normal(0, 8, 30),
+        generator.uniform(0, 6.3, 30),
+        generator.normal(0, 0.004, 30),
+    )
+    return lambda x: float(np.cos(pace * x[0] + phase) @ size)
+
+
+def test_the_band_holds_everywhere_at_once_and_the_worst_test_is_as_sure_as_it_says():
+    generator, trials = np.random.default_rng(1), 40
+    held = found = 0
+    claimed = 0.0
+    for trial in range(trials):
+        gap = smooth(generator)
+        result = in_space(LINE, seen(LINE, gap, np.linspace(-0.2, 0.3, 10), generator), seed=trial)
+        truth = np.array([gap(place) for place in result.grid])
+        size = folded(truth, math.sqrt(2) * NOISE)
+        held += bool(((truth >= result.signed.lower) & (truth <= result.signed.upper)).all())
+        held += bool(((size >= result.absolute.lower) & (size <= result.absolute.upper)).all())
+        found += abs(result.worst["vd"] - result.grid[size.argmax(), 0]) <= 0.05 + 1e-9
+        claimed += result.near
+    assert held >= 0.9 * 2 * trials
+    assert found >= 0.75 * trials
+    # as often right as it says, give or take three deviations
+    assert found == pytest.approx(claimed, abs=3 * math.sqrt(trials * 0.25))
+
+
+def test_a_folded_normal_is_what_many_draws_say():
+    draws = np.random.default_rng(0).normal(size=200_000)
+    for mean in (-2.0, 0.0, 0.3):
+        assert folded(np.array(mean), 0.5) == pytest.approx(np.abs(mean + 0.5 * draws).mean(), abs=0.005)
+    assert folded(np.array([-1.0, 2.0]), 0.0).tolist() == [1.0, 2.0]
+
+
+def test_a_gap_at_one_end_is_found_there_and_beyond_the_tolerance_there_only():
+    generator = np.random.default_rng(2)
+    tests = seen(
+        LINE, lambda x: -0.04 * norm.cdf((x[0] - 0.15) / 0.05), np.linspace(-0.2, 0.3, 10), generator
+    )
+    result = in_space(LINE, tests, unit="m/s")
+    assert result.worst["vd"] > 0.25
+    assert result.near > 0.9
+    assert result.worst_in["vd"][0] > 0.2
+    assert floor(tests) == pytest.approx(2 * NOISE / math.sqrt(math.pi), rel=0.3)
+    assert result.tolerance == 2 * result.floor
+    at = result.grid[result.beyond, 0]
+    assert at.min() > 0.05
+    assert at.max() == 0.3
+    plain = result.to_json()
+    assert json.loads(json.dumps(plain)) == plain
+    assert plain["beyond"]["within"]["vd"] == [at.min(), 0.3]
+    assert plain["notes"] == []
+    assert plain["largest"]["low"] < 0.04 < plain["largest"]["high"]
+
+
+def test_no_gap_is_beyond_no_tolerance():
+    generator = np.random.default_rng(3)
+    result = in_space(LINE, seen(LINE, lambda x: 0.0, np.linspace(-0.2, 0.3, 10), generator))
+    assert not result.beyond.any()
+    assert result.to_json()["beyond"] == {"share": 0.0, "within": {}}
+    assert result.signed.lower.max() < 0 < result.signed.upper.min()
+
+
+@pytest.mark.parametrize("dim", [2, 3, 4])
+def test_a_corner_of_a_box(dim):
+    space = Space.of({f"p{k}": (0.0, 1.0) for k in range(dim)})
+    generator = np.random.default_rng(dim)
+    places = generator.uniform(size=(25, dim))
+    result = in_space(space, seen(space, lambda x: 0.05 * float(x[0] + x[1]), places, generator, real=1))
+    assert result.worst["p0"] > 0.7
+    assert result.worst["p1"] > 0.7
+    assert any("0 of 25 tests have three real rollouts" in note for note in result.notes)
+    assert set(result.to_json()["along"]) == set(space.names)
+    assert len(result.to_json()["along"]["p0"]["at"]) >= 5
+
+
+def test_one_rollout_at_one_test_says_so():
+    result = in_space(LINE, (GapAt({"vd": 0.1}, np.array([0.01]), np.array([0.02])),))
+    assert (
+        "the gap was measured at 1 place of a test space with 1 parameter: elsewhere it is a guess"
+        in result.notes
+    )
+    assert math.isnan(result.floor)
+    assert result.to_json()["floor"] is None
+
+
+def test_what_cannot_be_asked():
+    with pytest.raises(UsageError, match="needs one real rollout at least"):
+        in_space(LINE, ())
+    many = Space.of({f"p{k}": (0, 1) for k in range(5)})
+    with pytest.raises(UsageError, match="over one to four test parameters, and the spec has 5"):
+        in_space(many, (GapAt({}, np.zeros(1), np.zeros(1)),))
