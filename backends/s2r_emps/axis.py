@@ -39,7 +39,7 @@ def simulate(
     Args:
         reference: (ticks,) position asked for [m].
         powered: (ticks,) bool: whether the drive is on.
-        start: position [m] and speed [m/s] of the carriage at the first tick.
+        start: position by the encoder [m] and speed [m/s] at the first tick.
         physics: the axis, with the test's payload in its mass.
         draws: of at least as many ticks.
     """
@@ -48,13 +48,8 @@ def simulate(
     viscous, drag, cable, offset = p.viscous, p.drag, p.cable, p.offset
     coulomb, stribeck, per_speed, screw = p.coulomb, p.stribeck, 1 / p.stribeck_speed, p.load_friction
     dry = bool(coulomb or stribeck or screw)
-    ripple, phase, teeth, wobble, sag = (
-        p.ripple,
-        p.ripple_phase,
-        RIPPLES * TURN,
-        p.encoder_ripple,
-        p.sag / VOLTAGE,
-    )
+    ripple, phase, teeth = p.ripple, p.ripple_phase, RIPPLES * TURN
+    wobble, turned, sag = p.encoder_ripple, p.encoder_phase, p.sag / VOLTAGE
     follow = 1 - exp(-h / p.lag) if p.lag else 1.0
     smooth = 1 - exp(-h / p.speed_filter) if p.speed_filter else 1.0
     whole = int(p.delay / h + 1e-9)
@@ -63,9 +58,10 @@ def simulate(
     motor = MOTOR_SHARE * p.mass
     carriage = mass - motor
 
-    q, v = start  # of the motor, on whose shaft the encoder sits
-    ql, vl = start  # of the carriage; without play they are one
-    seen = q + wobble * sin(TURN * q) - h * v
+    seen, v = start  # of the motor, on whose shaft the encoder sits
+    q = seen - wobble * sin(TURN * seen + turned)
+    ql, vl = q, v  # of the carriage; without play they are one
+    seen -= h * v
     speed = v
     current = 0.0
     sent: list[float] = []
@@ -75,7 +71,7 @@ def simulate(
     for k, (asked, on, error, push) in enumerate(_ticks(reference, powered, draws)):
         before, seen = seen, q + error
         if wobble:
-            seen += wobble * sin_(TURN * q)
+            seen += wobble * sin_(TURN * q + turned)
         speed += smooth * ((seen - before) / h - speed)
         u = KV * (KP * (asked - seen) - speed) if on else 0.0
         u = limit if u > limit else -limit if u < -limit else u

@@ -78,8 +78,8 @@ def _speed_filter(physics: Physics, time: float) -> Physics:
     return replace(physics, speed_filter=physics.speed_filter + time)
 
 
-def _encoder_ripple(physics: Physics, amplitude: float) -> Physics:
-    return replace(physics, encoder_ripple=physics.encoder_ripple + amplitude)
+def _encoder_ripple(physics: Physics, amplitude: float, phase: float) -> Physics:
+    return replace(physics, encoder_ripple=physics.encoder_ripple + amplitude, encoder_phase=phase)
 
 
 def _backlash(physics: Physics, half_gap: float) -> Physics:
@@ -251,6 +251,7 @@ _LIST = (
             EffectParameter(
                 "amplitude", "m", low=0.0, high=1e-4, nominal=0.0, prior="half-normal, 1.5e-05 m"
             ),
+            EffectParameter("phase", "rad", low=-3.1416, high=3.1416, nominal=0.0, prior="uniform"),
         ),
         apply=_encoder_ripple,
     ),

@@ -43,7 +43,7 @@ def dry_friction(v: FloatArray, force: FloatArray, physics: Physics) -> FloatArr
 
 def encoder_error(q: FloatArray, physics: Physics) -> FloatArray:
     """Return by how much the encoder reads too much [m] at a position [m]."""
-    return np.asarray(physics.encoder_ripple * np.sin(TURN * q))
+    return np.asarray(physics.encoder_ripple * np.sin(TURN * q + physics.encoder_phase))
 
 
 def smoothed(values: FloatArray, time: float, first: float) -> FloatArray:

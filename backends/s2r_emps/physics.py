@@ -75,3 +75,5 @@ class Physics:
     """[s] time constant with which the drive smooths the speed it feeds back."""
     encoder_ripple: float = 0.0
     """[m] amplitude of the encoder's error, once a turn."""
+    encoder_phase: float = 0.0
+    """[rad] of it at q = 0."""
