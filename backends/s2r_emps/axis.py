@@ -51,6 +51,7 @@ def simulate(
     ripple, phase, teeth = p.ripple, p.ripple_phase, RIPPLES * TURN
     wobble, turned, sag = p.encoder_ripple, p.encoder_phase, p.sag / VOLTAGE
     follow = 1 - exp(-h / p.lag) if p.lag else 1.0
+    behind = p.lag / h * follow  # the current's distance from the voltage, on average over a tick
     smooth = 1 - exp(-h / p.speed_filter) if p.speed_filter else 1.0
     whole = int(p.delay / h + 1e-9)
     part = max(0.0, p.delay / h - whole)
@@ -82,10 +83,11 @@ def simulate(
             u = sent[k - whole] if k >= whole else sent[0]
             if part:
                 u += part * ((sent[k - whole - 1] if k > whole else sent[0]) - u)
-        current += follow * (u - current)
-        force = gain * current
+        if behind:
+            u, current = u + behind * (current - u), current + follow * (u - current)
+        force = gain * u
         if sag:
-            force -= force * sag * abs(current)
+            force -= force * sag * abs(u)
         if ripple:
             force += ripple * sin_(teeth * q + phase)
         resist = viscous * vl + drag * vl * abs(vl) + cable * (ql - MIDDLE) + offset - push

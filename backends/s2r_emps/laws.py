@@ -21,9 +21,11 @@ def drive_force(u: FloatArray, q: FloatArray, physics: Physics) -> FloatArray:
     A voltage is held for the tick after its sample: on average it acts half a tick later.
     """
     ticks = np.arange(u.size, dtype=np.float64)
-    current = np.interp(ticks - physics.delay / STEP - 0.5, ticks, u)
+    current = np.interp(ticks - physics.delay / STEP, ticks, u)
     if physics.lag:
-        current = smoothed(current, physics.lag, float(current[0]))
+        late = np.concatenate((current[:1], smoothed(current, physics.lag, float(current[0]))[:-1]))
+        current = current + physics.lag / STEP * (1 - exp(-STEP / physics.lag)) * (late - current)
+    current = np.interp(ticks - 0.5, ticks, current)
     force = physics.gain * current * (1 - physics.sag / VOLTAGE * np.abs(current))
     return np.asarray(force + physics.ripple * np.sin(RIPPLES * TURN * q + physics.ripple_phase))
 

@@ -1,0 +1,85 @@
+"""Make a set of blind cases of the axis: public logs, and labels apart.
+
+Run: python -m benchmarks.blind.emps.generate --cases 200 --out FOLDER [--seed N]
+
+FOLDER/public/<id>/ is a folder of recorded rollouts with its spec, for ``s2r``;
+FOLDER/sealed/<id>.json is its label, and FOLDER/sealed/<id>/ further rollouts for
+scoring. Without --seed nobody, not even the author of this file, knows the set
+before it is opened.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import secrets
+import shutil
+import sys
+from pathlib import Path
+
+import numpy as np
+
+ROOT = Path(__file__).parents[3]
+sys.path[:0] = [str(ROOT), str(ROOT / "backends")]
+
+from benchmarks.blind.emps.cases import KINDS, MIX, SPEC, Case, CaseKind, Rollouts, plan, realise  # noqa: E402
+from s2r_spec import logs  # noqa: E402
+from s2r_spec.spec import load_spec  # noqa: E402
+
+BUDGETS = (20, 30, 60)
+BATCH = 10
+"""Cases that run side by side."""
+
+
+def kinds_of(rng: np.random.Generator, count: int) -> list[CaseKind]:
+    """Return the kinds of so many cases in the mixture's shares, shuffled."""
+    ends = np.round(np.cumsum([MIX[kind] for kind in KINDS]) * count).astype(int)
+    each = np.diff(ends, prepend=0)
+    kinds = [kind for kind, number in zip(KINDS, each, strict=True) for _ in range(number)]
+    return [kinds[int(k)] for k in rng.permutation(count)]
+
+
+def write_folder(rollouts: Rollouts, folder: Path) -> None:
+    """Write rollouts as ``log:FOLDER`` reads them."""
+    folder.mkdir(parents=True)
+    units = load_spec(SPEC).space.units
+    with (folder / "rollouts.csv").open("w", newline="") as stream:
+        table = csv.writer(stream, lineterminator="\n")
+        table.writerow(["id", *(f"{name} [{unit}]" for name, unit in units.items())])
+        for k, (test, trace) in enumerate(rollouts):
+            logs.write(trace, folder / f"run-{k:02d}.npz")
+            table.writerow([f"run-{k:02d}", *(test[name] for name in units)])
+
+
+def write_case(case: Case, name: str, out: Path) -> None:
+    """Write what is public and what is not."""
+    write_folder(case.rollouts, out / "public" / name)
+    shutil.copy(SPEC, out / "public" / name / "spec.stl")
+    if case.held_out:
+        write_folder(case.held_out, out / "sealed" / name)
+    (out / "sealed").mkdir(exist_ok=True)
+    (out / "sealed" / f"{name}.json").write_text(json.dumps({"id": name, **case.label}, indent=1) + "\n")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--cases", type=int, default=200)
+    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--seed", type=int, help="for a set that can be made again; without it, a fresh one")
+    parser.add_argument("--held-out", type=int, default=20, help="further rollouts a case, for scoring")
+    arguments = parser.parse_args()
+    if arguments.out.exists() and any(arguments.out.iterdir()):
+        parser.error(f"{arguments.out} is not empty; a set goes into a folder of its own")
+    rng = np.random.default_rng(secrets.randbits(128) if arguments.seed is None else arguments.seed)
+    kinds = kinds_of(rng, arguments.cases)
+    for first in range(0, len(kinds), BATCH):
+        batch = kinds[first : first + BATCH]
+        plans = [plan(rng, kind, int(rng.choice(BUDGETS)), arguments.held_out) for kind in batch]
+        for case in realise(plans):
+            write_case(case, rng.bytes(6).hex(), arguments.out)
+        print(f"{min(first + BATCH, len(kinds))} of {len(kinds)} cases", file=sys.stderr)
+
+
+if __name__ == "__main__":
+    main()
