@@ -1,0 +1,186 @@
+"""What of a recorded motion the nominal robot leaves unexplained: inverse dynamics, motors, sensors, feet.
+
+The motion between two samples is put through the laws of motion (Pinocchio's
+recursive Newton–Euler algorithm; Featherstone, *Rigid Body Dynamics Algorithms*,
+2008, §5.3) and what it took is compared with what was recorded:
+
+    base wrench    Mq̈ + h − Σ Jᵀf − push            on the base's six rows
+    joint torque   Mq̈ + h − Jᵀf − τ + friction      on the joints' twelve
+
+A motor that is weak, a gear that rubs, a payload, a push: each shows on the
+rows on which it acts, whatever the controller made of it. Accelerations are
+differences of recorded velocities; all residuals are averaged over :data:`WINDOW`
+with Hann weights, which keep the gait (2.5 Hz) and drop the noise. This file
+decides no trace, and is left out of the model's hash.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import convolve
+
+from s2r_sim import terrain
+from s2r_sim.figures import LEGS
+from s2r_sim.parameters import read_test
+from s2r_sim.recorded_motion import Motion
+from s2r_sim.settings import Settings
+from s2r_spec.errors import TraceError, one_of
+from s2r_spec.trace import Trace
+
+FloatArray = NDArray[np.float64]
+
+WINDOW = 0.03
+"""[s] of the Hann weights over what was differentiated."""
+
+_POSE = ("x", "y", "z", "roll", "pitch", "yaw")
+_MOTION = (*_POSE, "vx", "vy", "vz", "omega", "q", "dq")
+_FEET = tuple(leg.name for leg in LEGS)
+_JOINTS = tuple(f"{leg} {part}" for leg in _FEET for part in ("hip", "thigh", "calf"))
+_BASE = ("base",) * 3
+
+
+@dataclass(frozen=True)
+class _Residual:
+    """One residual: its unit, the channels it needs, what its columns belong to."""
+
+    name: str
+    unit: str
+    needs: tuple[str, ...]
+    parts: tuple[str, ...]
+    of: Callable[[Motion], FloatArray]
+
+
+def residuals(trace: Trace, settings: Settings, params: Mapping[str, float] | None = None) -> Trace:
+    """Return the residuals; see :meth:`s2r_spec.backend.HasResiduals.residuals`.
+
+    The world is that of ``settings.physics`` with the test's slope, payload and push.
+    """
+    test = read_test(params or {})
+    possible = [one for one in RESIDUALS if all(name in trace.channels for name in one.needs)]
+    if not possible:
+        raise TraceError(
+            f"no residual can be computed from the channels {one_of(trace.channels)}; the fewest are needed for "
+            f"{_FEWEST.name!r}: {', '.join(_FEWEST.needs)}"
+        )
+    window = _weights(trace.times)
+    if len(trace) < len(window) + 1:
+        raise TraceError(
+            f"residuals need {len(window) + 1} samples or more, and the trace has {len(trace)}; "
+            f"they are averaged over {WINDOW:g} s"
+        )
+    motion = Motion(trace, settings, test)
+    half = len(window) // 2
+    return Trace(
+        (trace.times[:-1] + motion.dt / 2)[half : len(motion.dt) - half],
+        {one.name: convolve(one.of(motion), window[:, np.newaxis], mode="valid") for one in possible},
+        units={one.name: one.unit for one in possible},
+        meta={"parts": {one.name: one.parts for one in possible}},
+    )
+
+
+def _joint_torque(motion: Motion) -> FloatArray:
+    _, ground = motion.forces
+    left: FloatArray = motion.needed[:, 6:] + motion.friction - ground - motion.at("tau")
+    return left
+
+
+def _base_wrench(motion: Motion) -> FloatArray:
+    ground, _ = motion.forces
+    left: FloatArray = motion.needed[:, :6] - ground
+    left[:, :3] -= motion.push
+    return left
+
+
+def _motor(motion: Motion) -> FloatArray:
+    """What motors report, less what the law asks for: at the tick's middle, as the joints have moved since."""
+    gains, trace = motion.gains, motion.trace
+    swings = 1.0 - np.repeat(motion.at("stance"), 3, axis=1)
+    moved = motion.mid("q") - motion.at("q")
+    turned = motion.mid("dq") - motion.at("dq")
+    asked = motion.at("tau_cmd") - gains.kp_joint_swing * swings * moved - gains.kd_joint * turned
+    limit = motion.robot.torque_limit
+    left: FloatArray = trace["tau"][:-1] - np.clip(asked, -limit, limit)
+    return left
+
+
+def _acceleration(motion: Motion) -> FloatArray:
+    """What the QP predicts, less what happened; forward, left, up."""
+    x, y, z = motion.rate(motion.velocity).T
+    yaw = motion.mid("yaw")
+    c, s = np.cos(yaw), np.sin(yaw)
+    left: FloatArray = motion.at("acc_pred") - np.column_stack((c * x + s * y, c * y - s * x, z))
+    return left
+
+
+def _estimate(motion: Motion) -> FloatArray:
+    return np.column_stack([motion.at(f"{name}_est") - motion.at(name) for name in ("vx", "vy")])
+
+
+def _slip(motion: Motion) -> FloatArray:
+    x, y, _ = np.moveaxis(motion.contact_speed, -1, 0)
+    yaw = motion.mid("yaw")[:, None]
+    c, s = np.cos(yaw), np.sin(yaw)
+    return np.hstack((motion.touches * (c * x + s * y), motion.touches * (c * y - s * x)))
+
+
+def _sinking(motion: Motion) -> FloatArray:
+    """How far balls are below the nominal ground where they touch it; negative above."""
+    x, _, z = np.moveaxis(motion.mid("foot_position").reshape(-1, 4, 3), -1, 0)
+    slope = terrain.mean_height(motion.physics, 1.0)
+    below: FloatArray = motion.robot.foot_radius - (z - slope * x) * motion.normal[2]
+    return motion.touches * below
+
+
+def _timing(motion: Motion) -> FloatArray:
+    left: FloatArray = motion.at("contact") - motion.at("stance")
+    return left
+
+
+def _joint_speed(motion: Motion) -> FloatArray:
+    left: FloatArray = motion.rate(motion.trace["q"]) - motion.mid("dq")
+    return left
+
+
+def _foot_place(motion: Motion) -> FloatArray:
+    place, _, _ = motion.feet
+    base = np.column_stack([motion.mid(name) for name in ("x", "y", "z")])
+    turned = np.einsum("nij,nkj->nki", motion.attitude.as_matrix(), place) + base[:, None]
+    left: FloatArray = motion.mid("foot_position") - turned.reshape(-1, 12)
+    return left
+
+
+_WITH_FORCE = (*_MOTION, "foot_force")
+_ON_GROUND = (*_MOTION, "contact")
+_EACH_AXIS = tuple(f"{foot} foot" for foot in _FEET for _ in range(3))
+_EACH_FOOT = tuple(f"{foot} foot" for foot in _FEET)
+
+RESIDUALS = (
+    _Residual("joint_torque", "N*m", (*_WITH_FORCE, "tau"), _JOINTS, _joint_torque),
+    _Residual("base_force", "N", _WITH_FORCE, _BASE, lambda motion: _base_wrench(motion)[:, :3]),
+    _Residual("base_torque", "N*m", _WITH_FORCE, _BASE, lambda motion: _base_wrench(motion)[:, 3:]),
+    _Residual("motor", "N*m", ("q", "dq", "tau", "tau_cmd", "stance"), _JOINTS, _motor),
+    _Residual("acceleration", "m/s^2", ("acc_pred", "vx", "vy", "vz", "yaw"), _BASE, _acceleration),
+    _Residual("velocity_estimate", "m/s", ("vx_est", "vy_est", "vx", "vy"), ("IMU and legs",) * 2, _estimate),
+    _Residual("slip", "m/s", _ON_GROUND, _EACH_FOOT * 2, _slip),
+    _Residual("sinking", "m", ("foot_position", "contact"), _EACH_FOOT, _sinking),
+    _Residual("contact_timing", "", ("contact", "stance"), _EACH_FOOT, _timing),
+    _Residual(
+        "joint_speed", "rad/s", ("q", "dq"), tuple(f"{name} encoder" for name in _JOINTS), _joint_speed
+    ),
+    _Residual("foot_place", "m", (*_POSE, "q", "foot_position"), _EACH_AXIS, _foot_place),
+)
+"""``slip`` is forward, then left, both of the feet that touch; ``contact_timing`` is +1 where a foot touches
+while the gait has it in the air, −1 where it misses the ground."""
+_FEWEST = min(RESIDUALS, key=lambda one: len(one.needs))
+
+
+def _weights(times: FloatArray) -> FloatArray:
+    """Return Hann weights of an odd number, three at least, that add up to 1."""
+    period = float(np.median(np.diff(times))) if times.size > 1 else WINDOW
+    weights: FloatArray = np.hanning(2 * max(1, round(WINDOW / period / 2)) + 3)[1:-1]
+    weights /= weights.sum()
+    return weights

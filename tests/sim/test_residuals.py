@@ -1,0 +1,136 @@
+"""Residuals: next to nothing in the nominal simulator, and every family of effects where it acts."""
+
+import ast
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import s2r_sim
+from s2r_sim import SimBackend
+from s2r_spec.backend import HasResiduals
+from s2r_spec.errors import TraceError
+from s2r_spec.trace import Trace
+
+SIM = SimBackend(duration=0.8)
+# Twice what a nominal rollout shows at vd = 0.3 m/s, mean absolute value over time and columns, in the channels' units.
+NOMINAL = {
+    "joint_torque": 0.09, "base_force": 0.3, "base_torque": 0.1, "motor": 0.003, "acceleration": 0.3,
+    "velocity_estimate": 0.004, "slip": 0.005, "sinking": 0.0006, "contact_timing": 0.1,
+    "joint_speed": 0.06, "foot_place": 1e-6,
+}  # fmt: skip
+
+
+def size(values):
+    """Not the mean square: an impact in the middle of a tick leaves a spike."""
+    return float(np.mean(np.abs(values)))
+
+
+@pytest.fixture(scope="module")
+def nominal():
+    return SIM.residuals(SIM.rollout({"vd": 0.3}, seed=1), {"vd": 0.3})
+
+
+def of(effects, params=None, known=None):
+    params = {"vd": 0.3} | (params or {})
+    return SIM.residuals(SIM.with_effects(effects).rollout(params, seed=1), known or {"vd": 0.3})
+
+
+@pytest.mark.parametrize(("vd", "seed"), [(0.3, 0), (-0.2, 5), (0.0, 9)])
+def test_the_nominal_simulator_leaves_next_to_nothing(vd, seed):
+    assert isinstance(SIM, HasResiduals)
+    found = SIM.residuals(SIM.rollout({"vd": vd}, seed), {"vd": vd})
+    assert {
+        name: size(values) for name, values in found.channels.items() if size(values) > NOMINAL[name]
+    } == {}
+    assert found.channels.keys() == NOMINAL.keys() == found.units.keys()
+    for name, parts in found.meta["parts"].items():
+        assert len(parts) == found[name].shape[1]
+
+
+@pytest.mark.parametrize(
+    ("effect", "values", "shows", "quiet"),
+    [
+        ("motor_strength", {"factor": 0.85}, ("motor", "acceleration"), ("joint_torque", "base_force")),
+        ("latency", {"delay": 0.004}, ("motor",), ("joint_torque", "base_force", "velocity_estimate")),
+        ("torque_constant", {"factor": 0.85}, ("joint_torque",), ("motor", "base_force")),
+        ("dry_friction", {"torque": 0.5}, ("joint_torque",), ("motor", "base_force")),
+        ("armature", {"inertia": 0.01}, ("joint_torque",), ("motor", "base_force", "slip")),
+        ("payload", {"mass": 1.0}, ("base_force",), ("motor", "joint_torque", "velocity_estimate")),
+        ("com_offset", {"x": 0.02}, ("base_torque",), ("motor", "joint_torque")),
+        ("foot_drag", {"coefficient": 15.0}, ("base_force", "joint_torque"), ("motor",)),
+        ("soft_ground", {"sink": 0.01}, ("sinking",), ("motor", "base_force", "joint_torque")),
+        ("shear_creep", {"stiffness": 0.02}, ("slip",), ("motor", "base_force", "joint_torque")),
+        ("velocity_bias", {"forward": 0.05}, ("velocity_estimate",), ("motor", "joint_torque", "base_force")),
+        ("encoder_offset", {"thigh": 0.02}, ("motor",), ("joint_torque", "base_force")),
+        ("attitude_bias", {"pitch": 2.0}, ("acceleration",), ("motor", "joint_torque")),
+    ],
+)  # fmt: skip
+def test_every_effect_shows_where_it_acts_and_not_elsewhere(nominal, effect, values, shows, quiet):
+    found = of({effect: values})
+    for name in shows:
+        assert size(found[name]) > 2 * size(nominal[name]), name
+    for name in quiet:
+        assert size(found[name]) < 1.5 * size(nominal[name]), name
+
+
+def test_a_payload_weighs_what_it_weighs():
+    x, y, z = of({"payload": {"mass": 1.0}})["base_force"].mean(axis=0)
+    assert z == pytest.approx(-9.81, abs=0.2)
+    assert abs(x) < 0.5
+    assert abs(y) < 0.5
+
+
+def test_a_hidden_push_shows_in_its_window_and_a_declared_one_does_not(nominal):
+    push = {"push": 3.0, "push_time": 0.4, "push_towards": 0.0}
+    found = of({}, push)
+    ahead = found["base_force"][:, 0]
+    inside = (found.times >= 0.4 - 0.015) & (found.times <= 0.45 + 0.015)
+    assert np.sum(ahead[inside]) / 500 == pytest.approx(3.0, rel=0.05)
+    assert size(ahead[~inside]) < 2 * size(nominal["base_force"][:, 0])
+    known = of({}, push, {"vd": 0.3} | push)["base_force"][:, 0]
+    assert size(known) < 2 * size(nominal["base_force"][:, 0])
+
+
+def test_a_declared_payload_and_slope_leave_little(nominal):
+    world = {"vd": 0.3, "payload": 2.0, "slope": 4.0}
+    known, hidden = of({}, world, world), of({}, world)
+    assert size(known["base_force"]) < size(hidden["base_force"]) / 10
+    assert size(known["sinking"]) < 2 * size(nominal["sinking"]) < size(hidden["sinking"]) / 5
+
+
+def test_what_cannot_be_computed_is_left_out_and_nothing_at_all_is_said():
+    trace = SIM.rollout({"vd": 0.1}, seed=0)
+    assert SIM.residuals(trace.only(["vx", "vy", "vx_est", "vy_est"])).channels.keys() == {
+        "velocity_estimate"
+    }
+    with pytest.raises(
+        TraceError, match=r"no residual can be computed from the channels vx; .* needed for '"
+    ):
+        SIM.residuals(trace.only(["vx"]))
+    short = Trace(trace.times[:5], {name: values[:5] for name, values in trace.channels.items()})
+    with pytest.raises(TraceError, match=r"residuals need \d+ samples or more, and the trace has 5"):
+        SIM.residuals(short)
+
+
+def test_it_is_cheap_and_pure():
+    trace = SIM.rollout({"vd": 0.1}, seed=0)
+    first, spent = SIM.residuals(trace), []
+    for _ in range(5):
+        begin = time.process_time()
+        again = SIM.residuals(trace)
+        spent.append(time.process_time() - begin)
+    assert min(spent) < 0.5 * SIM.cost
+    assert all(first[name].tobytes() == again[name].tobytes() for name in first.channels)
+
+
+def test_what_looks_on_decides_no_trace():
+    package = Path(s2r_sim.__file__).parent
+    for path in package.rglob("*.py"):
+        imported = {
+            node.module
+            for node in ast.walk(ast.parse(path.read_text()))
+            if isinstance(node, ast.ImportFrom) and node.module
+        }
+        assert "s2r_sim.residuals" not in imported or path.name == "backend.py"
