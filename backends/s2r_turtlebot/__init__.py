@@ -2,16 +2,17 @@
 
 Example 1 of Akella, Ubellacker and Ames, and the smallest complete backend: copy
 it to begin your own. From top to bottom: the figures, the controller, the robot,
-and what a backend declares before anything runs.
+and what a backend declares before anything runs. ``effects.py`` adds what can be wrong.
 """
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from math import ceil, cos, exp, hypot, sin, tanh
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 
@@ -25,22 +26,22 @@ class Figures:
 
     start: tuple[float, float] = (-0.8, 0.0)
     goal: tuple[float, float] = (0.8, 0.0)
-    step: float = 0.02
-    """Control period."""
-    speed: float = 0.4
-    """Cruising speed [m/s]."""
-    reach: float = 0.15
-    """Distance to the goal within which the robot slows down."""
-    ahead: float = 0.05
-    """The controller steers a point this far in front of the axle, which can move in any direction."""
-    keep: float = 0.3
-    """Distance that this point keeps from the obstacle's centre."""
-    decay: float = 3.0
-    """The barrier may shrink by at most this share of itself per second [1/s]."""
-    swirl: float = 1.0
-    """Share of the cruising speed that goes round the obstacle, close to it."""
-    slip: float = 0.1
-    """Standard deviation of each wheel speed's relative error, averaged over one second."""
+    step: float = 0.02  # control period
+    speed: float = 0.4  # cruising speed [m/s]
+    reach: float = 0.15  # distance to the goal within which the robot slows down
+    ahead: float = 0.05  # a point this far in front of the axle is steered: it can move in any direction
+    keep: float = 0.3  # distance that this point keeps from the obstacle's centre
+    decay: float = 3.0  # the barrier may shrink by at most this share of itself per second [1/s]
+    swirl: float = 1.0  # share of the cruising speed that goes round the obstacle, close to it
+    slip: float = 0.1  # standard deviation of a wheel speed's relative error, averaged over one second
+
+
+Body = Callable[..., tuple[float, ...]]
+
+
+def ideal(*values: float) -> tuple[float, ...]:
+    """Return what came: a robot that sees where it is, and drives as it is told. See effects.py."""
+    return values
 
 
 def steer(x: float, y: float, ox: float, oy: float, figures: Figures) -> tuple[float, float]:
@@ -66,22 +67,41 @@ def steer(x: float, y: float, ox: float, oy: float, figures: Figures) -> tuple[f
     return ux + lacking * dx, uy + lacking * dy
 
 
-def drive(ox: float, oy: float, ticks: int, seed: int, figures: Figures) -> np.ndarray:
+def drive(
+    ox: float, oy: float, ticks: int, seed: int, figures: Figures, look: Body = ideal, wheels: Body = ideal
+) -> np.ndarray:
     """Return (ticks + 1, 5) of x, y, heading, v and w: a unicycle whose two speeds err at every tick."""
     # White noise: the error of one tick is larger than that of a second, by the square root of their ratio.
     errors = np.random.default_rng(seed).normal(scale=figures.slip / figures.step**0.5, size=(ticks, 2))
     (x, y), heading = figures.start, 0.0
     rows = [(x, y, heading, 0.0, 0.0)]
     for forward, turning in errors.tolist():
-        c, s = cos(heading), sin(heading)
-        ux, uy = steer(x + figures.ahead * c, y + figures.ahead * s, ox, oy, figures)
+        seen_x, seen_y, seen_heading = look(x, y, heading)
+        c, s = cos(seen_heading), sin(seen_heading)
+        ux, uy = steer(seen_x + figures.ahead * c, seen_y + figures.ahead * s, ox, oy, figures)
         v, w = c * ux + s * uy, (c * uy - s * ux) / figures.ahead
+        went, turned = wheels(v, w)
         # The two errors of a differential drive: both wheels too fast, or one faster than the other.
-        x += figures.step * v * (1 + forward) * c
-        y += figures.step * v * (1 + forward) * s
-        heading += figures.step * (w + turning)
+        x += figures.step * went * (1 + forward) * cos(heading)
+        y += figures.step * went * (1 + forward) * sin(heading)
+        heading += figures.step * (turned + turning)
         rows.append((x, y, heading, v, w))
     return np.array(rows)
+
+
+CHANNELS = (
+    Channel("x", "m", "position of the middle of the axle"),
+    Channel("y", "m", "position, to the left"),
+    Channel("heading", "rad", "0 towards +x, not wrapped"),
+    Channel("v", "m/s", "commanded forward speed, before slip"),
+    Channel("w", "rad/s", "commanded turning rate, before slip"),
+    Channel("d_goal", "m", "distance to the goal"),
+    Channel("d_obs", "m", "distance to the centre of the obstacle"),
+)
+PARAMETERS = (
+    Parameter("ox", "m", -0.4, 0.4, 0.0, "obstacle's centre, along the way"),
+    Parameter("oy", "m", -1.0, 1.0, 1.0, "obstacle's centre, to the left of it"),
+)
 
 
 @dataclass(frozen=True)
@@ -96,27 +116,8 @@ class TurtlebotBackend:
     figures: Figures = field(default_factory=Figures)
     name: str = field(default="turtlebot", init=False)
     deterministic: bool = field(default=True, init=False)
-    channels: tuple[Channel, ...] = field(
-        default=(
-            Channel("x", "m", "position of the middle of the axle"),
-            Channel("y", "m", "position, to the left"),
-            Channel("heading", "rad", "0 towards +x, not wrapped"),
-            Channel("v", "m/s", "commanded forward speed, before slip"),
-            Channel("w", "rad/s", "commanded turning rate, before slip"),
-            Channel("d_goal", "m", "distance to the goal"),
-            Channel("d_obs", "m", "distance to the centre of the obstacle"),
-        ),
-        init=False,
-        repr=False,
-    )
-    parameters: tuple[Parameter, ...] = field(
-        default=(
-            Parameter("ox", "m", -0.4, 0.4, 0.0, "obstacle's centre, along the way"),
-            Parameter("oy", "m", -1.0, 1.0, 1.0, "obstacle's centre, to the left of it"),
-        ),
-        init=False,
-        repr=False,
-    )
+    channels: tuple[Channel, ...] = field(default=CHANNELS, init=False, repr=False)
+    parameters: tuple[Parameter, ...] = field(default=PARAMETERS, init=False, repr=False)
 
     @property
     def cost(self) -> float:
@@ -126,22 +127,24 @@ class TurtlebotBackend:
     @property
     def model_hash(self) -> str:
         """Hash of the figures and of this file."""
-        source = Path(__file__).read_bytes()
-        return hashlib.sha256(repr(self.figures).encode() + source).hexdigest()
+        return hashlib.sha256(repr(self.figures).encode() + Path(__file__).read_bytes()).hexdigest()
 
-    def with_duration(self, seconds: float) -> TurtlebotBackend:
+    def with_duration(self, seconds: float) -> Self:
         """Return the same robot with rollouts of this length."""
         return replace(self, duration=seconds)
+
+    def _body(self) -> tuple[Body, Body]:
+        """Return how this robot looks and drives, fresh for every rollout."""
+        return ideal, ideal
 
     def rollout(self, params: Mapping[str, float], seed: int) -> Trace:
         """Drive once; parameters that are not given have their defaults."""
         ox, oy = (p.check(params.get(p.name, p.default)) for p in self.parameters)
         step = self.figures.step
         ticks = ceil(self.duration / step - 1e-9)
-        x, y, heading, v, w = drive(ox, oy, ticks, seed, self.figures).T
+        x, y, heading, v, w = drive(ox, oy, ticks, seed, self.figures, *self._body()).T
         to_goal = np.hypot(x - self.figures.goal[0], y - self.figures.goal[1])
         columns = (x, y, heading, v, w, to_goal, np.hypot(x - ox, y - oy))
         units = {channel.name: channel.unit for channel in self.channels}
-        return Trace(
-            step * np.arange(ticks + 1, dtype=np.float64), dict(zip(units, columns, strict=True)), units
-        )
+        times = step * np.arange(ticks + 1, dtype=np.float64)
+        return Trace(times, dict(zip(units, columns, strict=True)), units)

@@ -91,5 +91,7 @@ def test_s2r_check_from_end_to_end(tmp_path):
 
 
 def test_the_tutorial_plug_in_stays_short():
-    lines = sum(path.read_text().count("\n") for path in (ROOT / "backends" / "s2r_turtlebot").rglob("*.py"))
-    assert lines <= 150
+    folder = ROOT / "backends" / "s2r_turtlebot"
+    assert {path.name for path in folder.rglob("*.py")} == {"__init__.py", "effects.py"}
+    assert (folder / "__init__.py").read_text().count("\n") <= 150
+    assert "effects import" not in (folder / "__init__.py").read_text()  # complete without them

@@ -1,0 +1,210 @@
+"""The same robot with what can be wrong about it: a catalogue of effects for ``s2r diagnose``.
+
+An effect is a small function that changes what the robot sees, or what its
+wheels make of a command. Each starts afresh in every rollout, so it may remember.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from math import exp
+from pathlib import Path
+from typing import Self
+
+from s2r_spec.backend import Effect, EffectParameter
+from s2r_spec.effects import Choice, Values, choose, read_word, settings, words
+from s2r_spec.errors import UsageError
+from s2r_turtlebot import Body, Figures, TurtlebotBackend, ideal
+
+_AXLE = 0.16
+"""[m] between the wheels."""
+
+
+@dataclass(frozen=True)
+class BodyEffect(Effect):
+    """An effect of this robot; ``make(figures, **values)`` returns a fresh body part.
+
+    ``order`` is where it acts: 0 on the pose that is seen, from 1 on along the way of
+    a command to the ground. Effects act in this order, whichever was added first.
+    """
+
+    order: int
+    make: Callable[..., Body]
+
+
+def _position(figures: Figures, left: float) -> Body:
+    return lambda x, y, heading: (x, y + left, heading)
+
+
+def _heading(figures: Figures, angle: float) -> Body:
+    return lambda x, y, heading: (x, y, heading + angle)
+
+
+def _latency(figures: Figures, delay: float) -> Body:
+    sent: list[tuple[float, float]] = []
+    whole, part = divmod(delay / figures.step, 1)
+
+    def body(v: float, w: float) -> tuple[float, float]:
+        sent.append((v, w))
+        (v0, w0), (v1, w1) = (sent[max(0, len(sent) - 1 - int(whole) - k)] for k in (0, 1))
+        return v0 + part * (v1 - v0), w0 + part * (w1 - w0)
+
+    return body
+
+
+def _lag(figures: Figures, time: float) -> Body:
+    keep = exp(-figures.step / time) if time else 0.0
+    state = [0.0, 0.0]
+
+    def body(v: float, w: float) -> tuple[float, float]:
+        if keep:
+            state[:] = v + keep * (state[0] - v), w + keep * (state[1] - w)
+            return state[0], state[1]
+        return v, w
+
+    return body
+
+
+def _speed_limit(figures: Figures, speed: float) -> Body:
+    def body(v: float, w: float) -> tuple[float, float]:
+        fastest = abs(v) + abs(w) * _AXLE / 2
+        part = min(1.0, speed / fastest) if fastest else 1.0
+        return part * v, part * w
+
+    return body
+
+
+def _wheel_radius(figures: Figures, factor: float) -> Body:
+    return lambda v, w: (factor * v, factor * w)
+
+
+def _uneven_wheels(figures: Figures, share: float) -> Body:
+    return lambda v, w: (v + share * w * _AXLE / 2, w + share * v * 2 / _AXLE)
+
+
+def _axle_length(figures: Figures, factor: float) -> Body:
+    return lambda v, w: (v, w / factor)
+
+
+def _turning_slip(figures: Figures, coefficient: float) -> Body:
+    return lambda v, w: (v, w / (1 + coefficient * abs(v)))
+
+
+def _number(
+    name: str, unit: str, low: float, high: float, nominal: float, prior: str
+) -> tuple[EffectParameter]:
+    return (EffectParameter(name, unit, low, high, nominal, prior),)
+
+
+CATALOGUE = (
+    BodyEffect(
+        "position_bias", "sensing", "The robot believes that it is this much farther to the left.",
+        _number("left", "m", -0.2, 0.2, 0.0, "normal, 0.04 m"), 0, _position,
+    ),
+    BodyEffect(
+        "heading_bias", "sensing", "The robot believes that it points this much farther to the left.",
+        _number("angle", "rad", -0.5, 0.5, 0.0, "normal, 0.1 rad"), 0, _heading,
+    ),
+    BodyEffect(
+        "latency", "timing", "Commands reach the wheels this much later.",
+        _number("delay", "s", 0.0, 0.3, 0.0, "half-normal, 0.06 s"), 1, _latency,
+    ),
+    BodyEffect(
+        "speed_limit", "actuation", "No wheel turns faster than this; both are slowed down alike.",
+        _number("speed", "m/s", 0.1, 1.0, 1.0, "1 minus half-normal, 0.3 m/s"), 2, _speed_limit,
+    ),
+    BodyEffect(
+        "motor_lag", "actuation", "The speed of the wheels follows the command with this time constant.",
+        _number("time", "s", 0.0, 0.5, 0.0, "half-normal, 0.1 s"), 3, _lag,
+    ),
+    BodyEffect(
+        "wheel_radius", "geometry", "Both wheels are larger than drawn by this factor, so that it drives faster.",
+        _number("factor", "", 0.7, 1.3, 1.0, "normal around 1, standard deviation 0.1"), 4, _wheel_radius,
+    ),
+    BodyEffect(
+        "uneven_wheels", "geometry", "The right wheel goes this part farther, and the left one as much less.",
+        _number("share", "", -0.1, 0.1, 0.0, "normal, 0.02"), 5, _uneven_wheels,
+    ),
+    BodyEffect(
+        "axle_length", "geometry", "The axle is longer than drawn by this factor, so that it turns less.",
+        _number("factor", "", 0.5, 1.6, 1.0, "normal around 1, standard deviation 0.15"), 6, _axle_length,
+    ),
+    BodyEffect(
+        "turning_slip", "contact", "The faster it drives, the less it turns: the wheels slide sideways.",
+        _number("coefficient", "s/m", 0.0, 4.0, 0.0, "half-normal, 0.8 s/m"), 7, _turning_slip,
+    ),
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class WearableTurtlebot(TurtlebotBackend):
+    """The turtlebot with effects, none at first; set them with :meth:`with_effects`."""
+
+    added: Choice = ()
+
+    def __post_init__(self) -> None:
+        """Say in the name what was added."""
+        object.__setattr__(self, "name", ":".join(filter(None, ("turtlebot", ",".join(words(self.added))))))
+
+    @property
+    def model_hash(self) -> str:
+        """Hash of the robot without effects, of what was added, and of this file."""
+        source = Path(__file__).read_bytes()
+        return hashlib.sha256(f"{super().model_hash} {self._changes()!r}".encode() + source).hexdigest()
+
+    def effects(self) -> tuple[Effect, ...]:
+        """Return the catalogue."""
+        return CATALOGUE
+
+    def with_effects(self, values: Values) -> Self:
+        """Return the same robot with these effects added: ``{"latency": {"delay": 0.1}}``.
+
+        Raises:
+            UsageError: an effect or a parameter is unknown, or a value out of range.
+        """
+        return replace(self, added=choose("turtlebot", CATALOGUE, self.added, values))
+
+    def _changes(self) -> list[tuple[BodyEffect, dict[str, float]]]:
+        """Return the effects that are not nominal, in the order in which they act."""
+        chosen = settings(CATALOGUE, self.added)
+        nominal = {effect.name: {p.name: p.nominal for p in effect.parameters} for effect in CATALOGUE}
+        changed = (e for e in CATALOGUE if chosen.get(e.name, nominal[e.name]) != nominal[e.name])
+        return [(effect, chosen[effect.name]) for effect in changed]
+
+    def _body(self) -> tuple[Body, Body]:
+        changes = [(e.order, e.make(self.figures, **values)) for e, values in self._changes()]
+        look = [body for order, body in changes if order == 0]
+        wheels = [body for order, body in changes if order > 0]
+        return _chain(look), _chain(wheels)
+
+
+def turtlebot(options: str = "") -> WearableTurtlebot:
+    """Return what is behind the name ``turtlebot``; ``turtlebot:latency.delay=0.1`` adds an effect.
+
+    Raises:
+        UsageError: as :meth:`WearableTurtlebot.with_effects`, or a word that sets no effect.
+    """
+    robot = WearableTurtlebot()
+    for word in filter(None, options.split(",")):
+        values = read_word(word)
+        if values is None:
+            raise UsageError(
+                f"the backend 'turtlebot' has no option {word!r}; "
+                f"it has every parameter of every effect (latency.delay=0.1)"
+            )
+        robot = robot.with_effects(values)
+    return robot
+
+
+def _chain(parts: list[Body]) -> Body:
+    if not parts:
+        return ideal
+
+    def body(*values: float) -> tuple[float, ...]:
+        for part in parts:
+            values = part(*values)
+        return values
+
+    return body

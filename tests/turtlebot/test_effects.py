@@ -1,0 +1,118 @@
+"""Effects of the turtlebot: they compose in any order, do nothing at nominal, and do what they say."""
+
+import random
+
+import numpy as np
+import pytest
+
+import s2r_spec as s2r
+from s2r_spec.backend import Backend, HasEffects
+from s2r_spec.errors import UsageError
+from s2r_turtlebot import TurtlebotBackend
+from s2r_turtlebot.effects import CATALOGUE, WearableTurtlebot, turtlebot
+
+ROBOT = turtlebot()
+ROUND = {"ox": 0.0, "oy": 0.1}
+"""A test in which the robot turns."""
+
+
+def between(effect, part):
+    """Return values on the way from nominal to the end of the range that is farther away."""
+    return {
+        p.name: p.nominal + part * (max(p.low, p.high, key=lambda end: abs(end - p.nominal)) - p.nominal)
+        for p in effect.parameters
+    }
+
+
+def same(a, b):
+    return all(a[name].tobytes() == b[name].tobytes() for name in a.channels)
+
+
+def test_behind_the_name_is_the_tutorial_robot_with_a_catalogue():
+    assert s2r.load_backend("turtlebot") == ROBOT
+    assert isinstance(ROBOT, Backend)
+    assert isinstance(ROBOT, HasEffects)
+    assert ROBOT.effects() is CATALOGUE
+    assert len(CATALOGUE) == 9
+    assert same(ROBOT.rollout(ROUND, 3), TurtlebotBackend().rollout(ROUND, 3))
+    for effect in CATALOGUE:
+        assert effect.physics.endswith(".")
+        assert all(p.low <= p.nominal <= p.high and p.prior for p in effect.parameters)
+
+
+def test_all_effects_at_nominal_change_no_bit():
+    added = ROBOT.with_effects({e.name: {p.name: p.nominal for p in e.parameters} for e in CATALOGUE})
+    assert same(ROBOT.rollout(ROUND, 4), added.rollout(ROUND, 4))
+    assert added.model_hash == ROBOT.model_hash
+
+
+@pytest.mark.parametrize("effect", CATALOGUE, ids=lambda effect: effect.name)
+def test_every_effect_changes_the_trace_and_the_hash_and_vanishes_with_its_size(effect):
+    nominal = ROBOT.rollout(ROUND, 4)
+    gone = [
+        np.abs(
+            ROBOT.with_effects({effect.name: between(effect, part)}).rollout(ROUND, 4)["y"] - nominal["y"]
+        ).max()
+        for part in (0.9, 1e-6)
+    ]
+    assert gone[0] > 1e-3
+    assert gone[1] < 1e-4
+    assert ROBOT.with_effects({effect.name: between(effect, 0.9)}).model_hash != ROBOT.model_hash
+
+
+def test_order_is_irrelevant():
+    effects = list(CATALOGUE)
+    traces = []
+    for _ in range(2):
+        random.Random(1).shuffle(effects)
+        robot = ROBOT
+        for effect in effects:
+            robot = robot.with_effects({effect.name: between(effect, 0.2)})
+        traces.append(robot.rollout(ROUND, 2))
+        effects.reverse()
+    assert same(*traces)
+
+
+def test_a_rollout_forgets_the_one_before():
+    late = ROBOT.with_effects({"latency": {"delay": 0.1}, "motor_lag": {"time": 0.1}})
+    first = late.rollout(ROUND, 2)
+    late.rollout({"ox": 0.2, "oy": 0.0}, 3)
+    assert same(first, late.rollout(ROUND, 2))
+
+
+def test_the_name_says_what_was_added():
+    worn = ROBOT.with_effects({"latency": {"delay": 0.1}})
+    assert worn.name == "turtlebot:latency.delay=0.1"
+    assert turtlebot("latency.delay=0.1") == worn
+    assert worn.with_duration(2.0) == WearableTurtlebot(duration=2.0, added=worn.added)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ("fast", r"the backend 'turtlebot' has no option 'fast'; it has every parameter of every effect"),
+        ("latncy.delay=1", r"the backend 'turtlebot' has no effect 'latncy'; did you mean 'latency'\?"),
+        ("latency.delay=1", r"latency: delay = 1 s is out of range: \[0, 0.3\] s"),
+    ],
+)
+def test_a_bad_option_gets_a_sentence(options, message):
+    with pytest.raises(UsageError, match=message):
+        turtlebot(options)
+
+
+def test_larger_wheels_arrive_earlier():
+    def arrival(robot):
+        return np.argmax(robot.rollout({}, 0)["d_goal"] < 0.25)
+
+    assert arrival(ROBOT.with_effects({"wheel_radius": {"factor": 1.2}})) < 0.9 * arrival(ROBOT)
+
+
+def test_a_command_arrives_after_the_delay():
+    late = ROBOT.with_effects({"latency": {"delay": 0.05}})  # two and a half ticks
+    part = late._body()[1]
+    assert [part(float(k), 0.0)[0] for k in range(5)] == pytest.approx([0.0, 0.0, 0.0, 0.5, 1.5])
+
+
+def test_whoever_believes_to_be_on_the_left_drives_on_the_right():
+    trace = ROBOT.with_effects({"position_bias": {"left": 0.1}}).rollout({}, 0)
+    assert trace["y"][-1] == pytest.approx(ROBOT.rollout({}, 0)["y"][-1] - 0.1, abs=0.01)
