@@ -209,6 +209,19 @@ class HasResiduals(Protocol):
         ...
 
 
+@runtime_checkable
+class HasVariants(Protocol):
+    """A simulator that can compute the same physics otherwise.
+
+    Another time step, contact model or noise level is nobody's cause of a gap:
+    a diagnosis believes no difference that is as large as theirs.
+    """
+
+    def variants(self) -> Mapping[str, Backend]:
+        """Return name → the same simulator with one idealisation exchanged for another as good."""
+        ...
+
+
 def installed() -> dict[str, EntryPoint]:
     """Return name → entry point of every installed backend, without importing any of them."""
     found: dict[str, EntryPoint] = {}

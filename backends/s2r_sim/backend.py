@@ -29,8 +29,8 @@ from s2r_spec.trace import Trace
 _MODULES = ("mujoco", "numba", "pinocchio", "piqp")
 _DISTRIBUTIONS = ("mujoco", "numba", "numpy", "pin", "piqp")
 
-_ONLOOKERS = frozenset({"recorded_motion.py", "residuals.py"})
-"""Source that looks at traces and decides none."""
+_ONLOOKERS = frozenset({"pictures.py", "recorded_motion.py", "residuals.py", "variants.py"})
+"""Source that decides no trace of this backend."""
 
 _CPU_PER_SECOND = 0.08
 """[s] of one core per simulated second, measured on a 2-core cloud machine."""
@@ -101,6 +101,15 @@ class SimBackend:
             UsageError: an effect or a parameter is unknown, or a value out of range.
         """
         return replace(self, added=choose(self.added, values))
+
+    def variants(self) -> dict[str, Self]:
+        """Return the same physics computed otherwise: a step, a contact, a noise that is as good as ours."""
+        from s2r_sim.variants import variants
+
+        return {
+            name: replace(self, settings=settings, noise=noise)
+            for name, (settings, noise) in variants(self.settings, self.noise).items()
+        }
 
     def with_duration(self, seconds: float) -> Self:
         """Return the same backend with rollouts of this length, rounded up to a whole control tick."""

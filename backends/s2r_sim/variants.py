@@ -1,0 +1,56 @@
+"""The same robot, computed or idealised otherwise: what of a trace is the simulator's doing.
+
+Each is as good a model of an A1 on a floor as the nominal one, and nobody's cause
+of a gap. A diagnosis believes no difference that is as large as theirs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+
+from s2r_sim.figures import Inertia, Robot
+from s2r_sim.noise import Noise
+from s2r_sim.settings import Settings
+
+MASS_ERROR = 0.015
+"""A link's mass is known to about so much of itself."""
+
+
+def variants(settings: Settings, noise: Noise) -> dict[str, tuple[Settings, Noise]]:
+    """Return name → settings and noise with one idealisation exchanged for another."""
+    p = settings.physics
+    physics = {
+        "half the step": replace(p, timestep=p.timestep / 2),
+        "fewer solver iterations": replace(p, iterations=max(p.iterations // 4, 1)),
+        "softer friction": replace(p, impratio=p.impratio / 5),
+        "softer ground": replace(p, sink=p.sink + 0.0015),
+        "more torsion": replace(p, torsion=3.0 * p.torsion),
+        "joints that rub less": replace(p, damping=0.2 * p.damping, dry_friction=0.2 * p.dry_friction),
+    }
+    found = {name: (replace(settings, physics=changed), noise) for name, changed in physics.items()}
+    found["lighter legs, heavier trunk"] = (replace(settings, robot=_shifted(settings.robot)), noise)
+    found["twice the sensor noise"] = (settings, _louder(noise))
+    return found
+
+
+def _shifted(robot: Robot) -> Robot:
+    return replace(
+        robot,
+        trunk=_scaled(robot.trunk, 1.0 + MASS_ERROR),
+        thigh=_scaled(robot.thigh, 1.0 - MASS_ERROR),
+        calf=_scaled(robot.calf, 1.0 - MASS_ERROR),
+    )
+
+
+def _scaled(inertia: Inertia, factor: float) -> Inertia:
+    moments = {name: getattr(inertia, name) * factor for name in ("mass", "xx", "yy", "zz", "xy", "xz", "yz")}
+    return replace(inertia, **moments)
+
+
+def _louder(noise: Noise) -> Noise:
+    spread = {
+        f.name: 2.0 * getattr(noise, f.name)
+        for f in fields(noise)
+        if not f.name.startswith(("initial", "gait"))
+    }
+    return replace(noise, **spread)
