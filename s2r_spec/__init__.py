@@ -14,6 +14,7 @@ from s2r_spec.certify.compose import Composition, compose
 from s2r_spec.certify.kernels import Kernel
 from s2r_spec.certify.measure import check_measure
 from s2r_spec.certify.search import Query, Search
+from s2r_spec.diagnose import Diagnosis, diagnose
 from s2r_spec.errors import S2RError
 from s2r_spec.logs import read as read_trace
 from s2r_spec.logs import write as write_trace
@@ -28,6 +29,7 @@ __all__ = [
     "Channel",
     "CheckResult",
     "Composition",
+    "Diagnosis",
     "Effect",
     "EffectParameter",
     "Evaluation",
@@ -45,6 +47,7 @@ __all__ = [
     "check",
     "check_measure",
     "compose",
+    "diagnose",
     "load_backend",
     "load_spec",
     "parse_spec",

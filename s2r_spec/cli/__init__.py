@@ -1,4 +1,4 @@
-"""The command line: ``s2r check``, ``gap``, ``certify``, ``plan``, ``replay``, ``monitor`` and their helpers.
+"""The command line: ``s2r check``, ``gap``, ``certify``, ``diagnose``, ``monitor`` and their helpers.
 
 One file a command, no mathematics. Exit codes: 0 holds, 1 violated, 2 usage or
 spec error, 3 unknown, 4 backend or internal error, 130 interrupted.
@@ -11,7 +11,21 @@ import traceback
 
 import typer
 
-from s2r_spec.cli import backends, certify, check, common, fmt, gap, lint, monitor, plan, replay, report
+from s2r_spec.cli import (
+    backends,
+    blind,
+    certify,
+    check,
+    common,
+    diagnose,
+    fmt,
+    gap,
+    lint,
+    monitor,
+    plan,
+    replay,
+    report,
+)
 
 EXIT_CODES = "Exit codes: 0 holds, 1 violated, 2 usage or spec error, 3 unknown, 4 backend or internal error."
 
@@ -26,6 +40,8 @@ app = typer.Typer(
 app.command(epilog=EXIT_CODES)(check.check)
 app.command()(gap.gap)
 app.command(epilog=EXIT_CODES)(certify.certify)
+app.command()(diagnose.diagnose)
+app.add_typer(blind.app, name="blind")
 app.command()(plan.plan)
 app.command()(replay.replay)
 app.command(epilog=EXIT_CODES)(report.report)

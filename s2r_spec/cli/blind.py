@@ -1,0 +1,103 @@
+"""``s2r blind seal|freeze|open|score``: is the diagnosis right on causes that it was not told?"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from s2r_spec.cli.common import CORES, sentences
+from s2r_spec.cli.options import AsJson, Quiet, Seed, Simulator, Workers
+
+app = typer.Typer(
+    help="Seal labels, freeze the diagnosis, open, and score: checked on causes that it was not told.",
+    no_args_is_help=True,
+)
+
+Public = Annotated[
+    Path, typer.Argument(help="Folder with one folder of rollouts a case.", show_default=False)
+]
+Keys = Annotated[Path, typer.Option(help="Folder for labels and salts; keep it away from the diagnosis.")]
+Answers = Annotated[Path, typer.Option(help="Folder of the answers.")]
+
+
+@app.command()
+def seal(
+    public: Public, labels: Annotated[Path, typer.Option(help="Folder with <id>.json a case.")], keys: Keys
+) -> None:
+    """Commit to every label with a salted hash beside its data, and take the label away."""
+    with sentences():
+        from s2r_spec.blind.seal import seal as commit
+
+        print(f"{commit(public, labels, keys)} labels sealed; salts and labels are in {keys}")
+
+
+@app.command()
+def freeze(
+    public: Public,
+    answers: Answers,
+    sim: Simulator = "sim",
+    seed: Seed = 0,
+    workers: Workers = CORES,
+    quiet: Quiet = False,
+) -> None:
+    """Diagnose every case of a sealed set, and fix the answers by one hash. What is there already is kept."""
+    with sentences():
+        from s2r_spec.blind.freeze import freeze as fix
+        from s2r_spec.cli.stages import Stages
+        from s2r_spec.diagnose import diagnose
+        from s2r_spec.rollouts.recorded import LogBackend
+        from s2r_spec.rollouts.runner import process_pool
+        from s2r_spec.spec import load_spec
+
+        errors = Console(stderr=True, highlight=False)
+        with Stages(errors, quiet) as stages:
+
+            def answer(case: Path) -> dict[str, object]:
+                spec = load_spec(case / "spec.stl")
+                return diagnose(
+                    spec,
+                    sim,
+                    LogBackend(str(case)),
+                    seed=seed,
+                    executor=process_pool(workers),
+                    progress=stages,
+                ).to_json()
+
+            digest = fix(public, answers, answer, lambda name, done, of: stages("cases", done, of))
+        print(f"frozen: {answers}, manifest {digest}; commit it before opening")
+
+
+@app.command(name="open")
+def open_(public: Public, keys: Keys, answers: Answers) -> None:
+    """Hold answers, data and labels against what was frozen and sealed, and open the labels, once."""
+    with sentences():
+        from s2r_spec.blind.unseal import unseal
+
+        print(f"{len(unseal(public, keys, answers))} labels opened into {answers}")
+
+
+@app.command()
+def score(answers: Answers, as_json: AsJson = False) -> None:
+    """Score frozen answers against the opened labels."""
+    with sentences(as_json):
+        from s2r_spec.blind.score import load
+        from s2r_spec.blind.score import score as rate
+
+        found = rate(load(answers))
+        if as_json:
+            print(json.dumps(found, indent=2, ensure_ascii=False, allow_nan=False))
+            return
+        for name, value in found.items():
+            if isinstance(value, dict) and "hits" in value:
+                share = "-" if value["rate"] is None else f"{value['rate']:.3f}"
+                print(
+                    f"{name:40} {share:>6}  [{value['low']:.3f}, {value['high']:.3f}]  {value['hits']} of {value['of']}"
+                )
+            elif not isinstance(value, dict):
+                print(f"{name:40} {'-' if value is None else value:>6}")
+            elif name.startswith("shrink"):
+                print(f"{name:40} {value}")

@@ -1,0 +1,139 @@
+"""Real rollouts for a diagnosis: from a folder of recordings, or asked of a machine, each on disk before the next."""
+
+from __future__ import annotations
+
+import csv
+import os
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from s2r_spec import logs
+from s2r_spec.backend import Backend, HasDuration, HasRecordings, load_backend
+from s2r_spec.diagnose.simulate import Bench
+from s2r_spec.errors import UsageError
+from s2r_spec.rollouts.match import match
+from s2r_spec.rollouts.seeds import Stream, rollout_seed
+from s2r_spec.trace import Trace
+
+Rollout = tuple[dict[str, float], Trace]
+Rollouts = Sequence[tuple[Mapping[str, float], Trace]]
+
+BUDGET = 30
+"""Real rollouts that are asked of a machine when nobody says how many."""
+FEWEST = 6
+DISTINCT = 0.6
+"""Part of the budget that goes to distinct tests; the rest repeats the first of them."""
+
+
+def real_rollouts(
+    bench: Bench,
+    real: Rollouts | Backend | str,
+    budget: int | None,
+    seed: int,
+    folder: Path | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> list[Rollout]:
+    """Return (test in the spec's units, trace) of every real rollout.
+
+    Raises:
+        UsageError: a rollout does not say its test, or there are fewer than six.
+    """
+    names = bench.spec.space.names
+    if isinstance(real, str):
+        real = load_backend(real)
+    if isinstance(real, HasRecordings) and isinstance(real, Backend):
+        matched = match(bench.spec, bench.requirement, real)
+        pairs = [(matched.to_spec(r.params), r.trace) for r in real.recordings]
+        found = [(dict(test), trace) for test, trace in pairs if test is not None]
+    elif isinstance(real, Backend):
+        found = ask(bench, real, BUDGET if budget is None else budget, seed, folder, progress)
+    else:
+        found = [({n: float(v) for n, v in params.items()}, trace) for params, trace in _items(real)]
+    for test, _ in found:
+        if missing := [name for name in names if name not in test]:
+            raise UsageError(
+                f"a real rollout does not say its {missing[0]!r}; every test parameter is needed"
+            )
+    found = [({name: test[name] for name in names}, trace) for test, trace in found][:budget]
+    if len(found) < FEWEST:
+        raise UsageError(
+            f"{len(found)} real rollouts are too few to tell a cause from scatter; {FEWEST} are the least"
+        )
+    return found
+
+
+def _items(real: Iterable[Any]) -> Iterable[tuple[Mapping[str, float], Trace]]:
+    for item in real:
+        if not (isinstance(item, tuple | list) and len(item) == 2 and isinstance(item[1], Trace)):
+            raise UsageError(f"real rollouts are (params, Trace) pairs, not {type(item).__name__}")
+        yield item[0], item[1]
+
+
+def plan(bench: Bench, budget: int, seed: int) -> list[tuple[int, dict[str, float]]]:
+    """Return (place, test) of each rollout: tests that fill the space evenly, the first of them three times."""
+    from scipy.stats import qmc
+
+    space = bench.spec.space
+    distinct = max(min(FEWEST, budget), round(budget * DISTINCT)) if space.dim else 1
+    points = np.zeros((distinct, 0))
+    if space.dim:
+        power = max(distinct - 1, 1).bit_length()
+        points = qmc.Sobol(space.dim, scramble=True, rng=seed).random_base2(power)[:distinct]
+    values = space.lower + points * (space.upper - space.lower) if space.dim else points
+    tests = [dict(zip(space.names, (float(v) for v in row), strict=True)) for row in values]
+    places = [i if i < distinct else (i - distinct) // 2 % distinct for i in range(budget)]
+    return [(place, tests[place]) for place in places]
+
+
+def ask(
+    bench: Bench,
+    machine: Backend,
+    budget: int,
+    seed: int,
+    folder: Path | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> list[Rollout]:
+    """Run the planned tests on a machine; what the folder already holds is not run again.
+
+    The folder has the form that ``log:FOLDER`` reads.
+    """
+    if isinstance(machine, HasDuration):
+        machine = machine.with_duration(bench.backend.duration)
+    matched = match(bench.spec, bench.requirement, machine)
+    out: list[Rollout] = []
+    for i, (place, test) in enumerate(plan(bench, budget, seed)):
+        params = matched.to_backend(test)
+        name = f"{i:04d}"
+        kept = None if folder is None else folder / f"{name}.npz"
+        if kept is not None and kept.exists():
+            trace = logs.read(kept)
+        else:
+            trace = machine.rollout(params, rollout_seed(seed, place, i, Stream.GAP_REAL))
+            if folder is not None and kept is not None:
+                _keep(folder, kept, name, params, {p.name: p.unit for p in machine.parameters}, trace)
+        out.append((test, trace))
+        if progress is not None:
+            progress(i + 1, budget)
+    return out
+
+
+def _keep(
+    folder: Path, path: Path, name: str, params: Mapping[str, float], units: Mapping[str, str], trace: Trace
+) -> None:
+    """Put a rollout on disk: the trace first, then its row, so that a row always has its trace."""
+    folder.mkdir(parents=True, exist_ok=True)
+    part = path.with_name(f".{path.name}.part.npz")
+    logs.write(trace, part)
+    part.replace(path)
+    table = folder / "rollouts.csv"
+    new = not table.exists()
+    with table.open("a", newline="", encoding="utf-8") as stream:
+        writer = csv.writer(stream)
+        if new:
+            writer.writerow(["id", *(f"{n} [{units[n]}]" if units.get(n) else n for n in params)])
+        writer.writerow([name, *(repr(float(v)) for v in params.values())])
+        stream.flush()
+        os.fsync(stream.fileno())

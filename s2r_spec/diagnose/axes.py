@@ -1,0 +1,145 @@
+"""The catalogue as lines through the nominal simulator: one a parameter of an effect."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+
+from s2r_spec.backend import Effect, EffectParameter
+
+STEPS = (0.25, 0.5, 1.0)
+"""Values of a line, as parts of its typical high value; the last is the end of the range, if that is further."""
+_SCALE = re.compile(r"(?:deviation |normal[^,]*, *)(?P<scale>\d+(?:\.\d+)?(?:[eE][-+]?\d+)?)")
+
+Values = Mapping[str, Mapping[str, float]]
+
+
+@dataclass(frozen=True)
+class Line:
+    """One parameter of one effect, varied while the effect's others stay put.
+
+    Attributes:
+        effect: its name.
+        parameter: its name.
+        family: of the effect.
+        unit: of the parameter.
+        nominal: the value that does nothing.
+        values: what is simulated, without the nominal one, rising.
+        typical: a distance from nominal that is large, but not rare, in the coordinate that is stepped.
+        low: end of the parameter's range.
+        high: the other end.
+        logarithmic: whether that coordinate is the parameter's logarithm.
+        base: other parameters of the effect that are held off nominal, so that this one acts at all.
+    """
+
+    effect: str
+    parameter: str
+    family: str
+    unit: str
+    nominal: float
+    values: tuple[float, ...]
+    typical: float
+    low: float
+    high: float
+    logarithmic: bool = False
+    base: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def name(self) -> str:
+        """``payload.mass``."""
+        return f"{self.effect}.{self.parameter}"
+
+    def coordinate(self, value: float) -> float:
+        """Return the distance of a value from nominal, as a part of the typical one."""
+        far = math.log(value / self.nominal) if self.logarithmic else value - self.nominal
+        return far / self.typical
+
+    def value(self, coordinate: float) -> float:
+        """Return the value at this coordinate."""
+        far = coordinate * self.typical
+        value = self.nominal * math.exp(far) if self.logarithmic else self.nominal + far
+        return min(max(value, self.low), self.high)
+
+    def at_typical(self) -> float:
+        """Return the value that is typically high, on the upper side if there is one."""
+        return self.value(1.0 if self.values[-1] > self.nominal else -1.0)
+
+    def at(self, value: float) -> dict[str, dict[str, float]]:
+        """Return what :meth:`HasEffects.with_effects` takes."""
+        return {self.effect: {**self.base, self.parameter: float(value)}}
+
+
+def coordinate(parameter: EffectParameter) -> tuple[Callable[[float], float], Callable[[float], float]]:
+    """Return the map to the coordinate in which the parameter is stepped, and the way back.
+
+    That is the logarithm for a prior that says so ("log-uniform"), else the number itself.
+    """
+    if parameter.prior.startswith("log") and parameter.low > 0:
+        return math.log, math.exp
+    return float, float
+
+
+def scale_of(parameter: EffectParameter) -> float:
+    """Return the scale of the parameter's prior: its standard deviation where the text has one, else a third.
+
+    In the coordinate of :func:`coordinate`. "half-normal, 0.4 N*m*s/rad" and "normal around 1, standard deviation 0.15"
+    are read; any other text counts as a third of the longer side of the range.
+    """
+    to, _ = coordinate(parameter)
+    reach = max(abs(to(end) - to(parameter.nominal)) for end in (parameter.low, parameter.high))
+    match = _SCALE.search(parameter.prior)
+    scale = float(match["scale"]) if match else 0.0
+    return scale if 0 < scale < reach else reach / 3.0
+
+
+def line(effect: Effect, parameter: EffectParameter, base: Mapping[str, float] | None = None) -> Line:
+    """Return the line of one parameter, with values on both sides of nominal where the range has two."""
+    to, back = coordinate(parameter)
+    middle = to(parameter.nominal)
+    values: list[float] = []
+    typical = 0.0
+    for end in (parameter.low, parameter.high):
+        side = to(end) - middle
+        if side == 0.0:
+            continue
+        reach = min(2.0 * scale_of(parameter), abs(side))
+        typical = max(typical, reach)
+        parts = [*STEPS, min(abs(side) / reach, 2.0)] if abs(side) > 1.3 * reach else STEPS
+        steps = [back(middle + math.copysign(part * reach, side)) for part in parts]
+        values += [min(max(value, parameter.low), parameter.high) for value in steps]
+    return Line(
+        effect.name,
+        parameter.name,
+        effect.family,
+        parameter.unit,
+        parameter.nominal,
+        tuple(sorted(values)),
+        typical,
+        parameter.low,
+        parameter.high,
+        to is math.log,
+        dict(base or {}),
+    )
+
+
+def lines(effects: Iterable[Effect], acts: Mapping[str, frozenset[str]] | None = None) -> tuple[Line, ...]:
+    """Return every line of a catalogue.
+
+    Args:
+        effects: the catalogue.
+        acts: effect → parameters that change something while the effect's others are nominal, when
+            that was tried; the rest of its parameters are varied with the first of these off nominal.
+    """
+    out = []
+    for effect in effects:
+        able = (acts or {}).get(effect.name, frozenset(p.name for p in effect.parameters))
+        first = next((p for p in effect.parameters if p.name in able), None)
+        for parameter in effect.parameters:
+            if parameter.name in able:
+                out.append(line(effect, parameter))
+            elif first is not None:
+                held = line(effect, first).at_typical()
+                out.append(line(effect, parameter, {first.name: held}))
+    return tuple(out)

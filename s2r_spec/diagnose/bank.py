@@ -1,0 +1,299 @@
+"""The bank: what every effect of the catalogue does, simulated once and kept on disk."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Callable
+from concurrent.futures import Executor
+from dataclasses import asdict, dataclass, replace
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec.backend import Backend, Effect, HasEffects, HasVariants
+from s2r_spec.diagnose.axes import Line, lines
+from s2r_spec.diagnose.axes import line as line_of
+from s2r_spec.diagnose.design import grid
+from s2r_spec.diagnose.features import Block, Features
+from s2r_spec.diagnose.simulate import Bench, Job, Test, run_jobs
+from s2r_spec.errors import UsageError
+
+FloatArray = NDArray[np.float64]
+
+VERSION = 1
+NOMINAL_SEEDS = 12
+EFFECT_SEEDS = 1
+"""Common random numbers make one rollout enough: it is compared with the nominal one of the same seed."""
+VARIANT_SEEDS = 2
+PAIR_TESTS = 3
+"""Tests, spread over the space, at which pairs are simulated together, once each."""
+
+
+@dataclass(frozen=True)
+class Bank:
+    """ρ and features of the nominal simulator and of every effect, over the test space.
+
+    Column 0 of the last axis is ρ, the others are the features.
+
+    Attributes:
+        tests: m of them.
+        nominal: (m, seeds, 1 + p).
+        lines: of the catalogue.
+        changes: per line (values, m, 1 + p): mean change from nominal, of the same seeds.
+        pairs: lines that were simulated together, at their typical values.
+        pair_tests: places in ``tests`` where that was done.
+        variants: (variants, m, 1 + p): mean change when the same physics is computed otherwise.
+        interactions: (pairs, pair tests, 1 + p): what is left when both single changes are taken off.
+    """
+
+    features: Features
+    tests: tuple[Test, ...]
+    nominal: FloatArray
+    lines: tuple[Line, ...]
+    changes: tuple[FloatArray, ...]
+    pairs: tuple[tuple[int, int], ...]
+    pair_tests: tuple[int, ...]
+    interactions: FloatArray
+    variants: FloatArray
+    rollouts: int
+
+
+def catalogue_of(backend: Backend) -> tuple[Effect, ...]:
+    """Return what the backend can add to itself.
+
+    Raises:
+        UsageError: nothing, so no cause can be named.
+    """
+    if not isinstance(backend, HasEffects) or not backend.effects():
+        raise UsageError(
+            f"the backend {backend.name!r} declares no effects, so no cause can be named; "
+            f"docs/how-to/effects.md says how to write them"
+        )
+    return tuple(backend.effects())
+
+
+def key(bench: Bench) -> str:
+    """Return the hash by which a bank is found on disk: of model, spec, catalogue and this format."""
+    effects = catalogue_of(bench.backend)
+    what = {
+        "version": VERSION,
+        "backend": bench.backend.name,
+        "model": bench.backend.model_hash,
+        "spec": bench.spec.hash,
+        "requirement": bench.requirement,
+        "duration": bench.backend.duration,
+        "effects": [
+            (e.name, [(p.name, p.low, p.high, p.nominal, p.prior) for p in e.parameters]) for e in effects
+        ],
+        "variants": sorted(bench.backend.variants()) if isinstance(bench.backend, HasVariants) else [],
+        "source": _source(),
+    }
+    return hashlib.sha256(json.dumps(what, sort_keys=True).encode()).hexdigest()
+
+
+def _source() -> str:
+    """Return a hash of the modules that decide what a bank holds."""
+    folder = Path(__file__).parent
+    digest = hashlib.sha256()
+    for name in ("axes.py", "bank.py", "design.py", "features.py", "simulate.py"):
+        digest.update((folder / name).read_bytes())
+    return digest.hexdigest()
+
+
+def cache_folder() -> Path:
+    """Return where banks are kept: ``$S2R_CACHE``, else the user's cache folder."""
+    if given := os.environ.get("S2R_CACHE"):
+        return Path(given)
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "s2r"
+
+
+def bank(
+    bench: Bench,
+    executor: Callable[[], Executor] | None = None,
+    progress: Callable[[int, int], None] | None = None,
+    folder: Path | None = None,
+) -> Bank:
+    """Return the bank of a simulator, from disk if it is there.
+
+    Raises:
+        UsageError: the backend declares no effects.
+    """
+    root = (folder or cache_folder()) / "banks"
+    path = root / f"{key(bench)}.npz"
+    if path.exists():
+        return load(path)
+    made = simulate(bench, executor, progress)
+    root.mkdir(parents=True, exist_ok=True)
+    part = path.with_suffix(f".{os.getpid()}.part.npz")
+    save(made, part)
+    part.replace(path)
+    return made
+
+
+def simulate(
+    bench: Bench,
+    executor: Callable[[], Executor] | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Bank:
+    """Simulate every line of the catalogue over the test space, with common random numbers."""
+    tests = tuple(grid(bench.spec.space))
+    middle = tests[len(tests) // 2]
+    traces = [
+        bench.seen(bench.run({}, test, seed), test) for seed, test in enumerate((tests[0], middle, tests[-1]))
+    ]
+    bench = replace(bench, features=Features.of_nominal(traces, bench.backend.duration))
+    catalogue = catalogue_of(bench.backend)
+    acts = {effect.name: _able(bench, effect, middle) for effect in catalogue}
+    found = lines(catalogue, acts)
+
+    runs = tuple((test, seed) for test in tests for seed in range(EFFECT_SEEDS))
+    jobs = [Job({}, tuple((test, seed) for seed in range(NOMINAL_SEEDS))) for test in tests]
+    jobs += [Job(line.at(value), runs) for line in found for value in line.values]
+    pairs, pair_tests = _pairs(found), _pair_tests(len(tests))
+    both = tuple((tests[place], 0) for place in pair_tests)
+    jobs += [
+        Job(found[i].at(found[i].at_typical()) | found[j].at(found[j].at_typical()), both) for i, j in pairs
+    ]
+    others = tuple(bench.backend.variants()) if isinstance(bench.backend, HasVariants) else ()
+    several = tuple((test, seed) for test in tests for seed in range(VARIANT_SEEDS))
+    jobs += [Job({}, several, name) for name in others]
+    rows = run_jobs(bench, jobs, executor, progress)
+
+    m = len(tests)
+    nominal = np.stack(rows[:m])
+    same = nominal[:, :EFFECT_SEEDS]
+    changes, at = [], m
+    for line in found:
+        block = np.stack(rows[at : at + len(line.values)]).reshape(len(line.values), m, EFFECT_SEEDS, -1)
+        changes.append(_mean_change(block, same))
+        at += len(line.values)
+    interactions = np.zeros((len(pairs), len(pair_tests), nominal.shape[-1]))
+    for number, (i, j) in enumerate(pairs):
+        together = rows[at + number] - nominal[list(pair_tests), 0]
+        alone = sum(_typical(found[k], changes[k])[list(pair_tests)] for k in (i, j))
+        interactions[number] = together - alone
+    at += len(pairs)
+    computed = [
+        _mean_change(block.reshape(m, VARIANT_SEEDS, -1)[None], nominal[:, :VARIANT_SEEDS])[0]
+        for block in rows[at:]
+    ]
+    return Bank(
+        bench.features,  # type: ignore[arg-type]
+        tests,
+        nominal,
+        found,
+        tuple(changes),
+        pairs,
+        pair_tests,
+        interactions,
+        np.array(computed).reshape(len(computed), m, nominal.shape[-1]),
+        sum(len(job.runs) for job in jobs) + len(traces),
+    )
+
+
+def _able(bench: Bench, effect: Effect, test: Test) -> frozenset[str]:
+    """Return the parameters that change something while the effect's others are nominal.
+
+    The place of a payload does nothing while its mass is nothing.
+    """
+    names = frozenset(p.name for p in effect.parameters)
+    if len(names) == 1:
+        return names
+    nominal = bench.measure(bench.run({}, test, 0), test)
+    able = set()
+    for parameter in effect.parameters:
+        alone = line_of(effect, parameter)
+        changed = bench.measure(bench.run(alone.at(alone.at_typical()), test, 0), test)
+        if not np.array_equal(changed, nominal, equal_nan=True):
+            able.add(parameter.name)
+    return frozenset(able)
+
+
+def _mean_change(rows: FloatArray, nominal: FloatArray) -> FloatArray:
+    """Return (values, m, 1 + p) mean differences of (values, m, seeds, 1 + p) from (m, seeds, 1 + p).
+
+    Where every rollout fell before a feature could be read it is NaN.
+    """
+    difference = rows - nominal
+    counts = np.isfinite(difference).sum(axis=2)
+    total = np.where(np.isfinite(difference), difference, 0.0).sum(axis=2)
+    return np.where(counts > 0, total / np.maximum(counts, 1), np.nan)
+
+
+def _typical(found: Line, change: FloatArray) -> FloatArray:
+    """Return (m, 1 + p): the change at the line's typical value, which is one of its values."""
+    typical: FloatArray = change[int(np.argmin(np.abs(np.array(found.values) - found.at_typical())))]
+    return typical
+
+
+def _pairs(found: tuple[Line, ...]) -> tuple[tuple[int, int], ...]:
+    """Return the pairs that are simulated together: the first lines of any two effects."""
+    first: dict[str, int] = {}
+    for number, one in enumerate(found):
+        first.setdefault(one.effect, number)
+    return tuple(combinations(first.values(), 2))
+
+
+def _pair_tests(count: int) -> tuple[int, ...]:
+    return tuple(sorted({int(i) for i in np.linspace(0, count - 1, min(PAIR_TESTS, count)).round()}))
+
+
+def save(made: Bank, path: Path) -> None:
+    """Write a bank as one NPZ file."""
+    f = made.features
+    text = json.dumps(
+        {
+            "version": VERSION,
+            "duration": f.duration,
+            "blocks": [asdict(b) for b in f.blocks],
+            "flags": dict(f.flags),
+            "products": f.products,
+            "tests": [dict(t) for t in made.tests],
+            "lines": [asdict(one) for one in made.lines],
+            "pairs": made.pairs,
+            "pair_tests": made.pair_tests,
+            "rollouts": made.rollouts,
+        }
+    )
+    changes = {f"change{i}": change for i, change in enumerate(made.changes)}
+    np.savez(
+        path,
+        text=np.array(text),
+        scale=f.scale,
+        reference=f.reference,
+        nominal=made.nominal,
+        interactions=made.interactions,
+        variants=made.variants,
+        **changes,  # type: ignore[arg-type]
+    )
+
+
+def load(path: Path) -> Bank:
+    """Read what :func:`save` wrote."""
+    with np.load(path) as arrays:
+        text = json.loads(str(arrays["text"]))
+        features = Features(
+            text["duration"],
+            tuple(Block(**b) for b in text["blocks"]),
+            arrays["scale"],
+            arrays["reference"],
+            text["flags"],
+            tuple((a, b) for a, b in text["products"]),
+        )
+        found = tuple(Line(**(one | {"values": tuple(one["values"])})) for one in text["lines"])
+        return Bank(
+            features,
+            tuple(text["tests"]),
+            arrays["nominal"],
+            found,
+            tuple(arrays[f"change{i}"] for i in range(len(found))),
+            tuple((i, j) for i, j in text["pairs"]),
+            tuple(text["pair_tests"]),
+            arrays["interactions"],
+            arrays["variants"],
+            text["rollouts"],
+        )

@@ -1,0 +1,175 @@
+"""The answer of a diagnosis: where the gap lies, which effect causes it, how far it shrinks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any
+
+from s2r_spec.diagnose.estimate import Estimate
+from s2r_spec.diagnose.how_far import HowFar
+from s2r_spec.diagnose.isolability import Isolability
+
+SCHEMA = "s2r/diagnosis/1"
+
+
+class Verdict(Enum):
+    """What the diagnosis says, in the user's words."""
+
+    NONE = "no material gap"
+    NAMED = "named"
+    CONFOUNDED = "confounded"
+    UNKNOWN = "none of these"
+
+
+@dataclass(frozen=True)
+class NextTest:
+    """The test that would best separate what cannot be told apart yet.
+
+    Attributes:
+        params: of the test, in the spec's units; with a ``protocol`` also parameters of the backend.
+        protocol: what to do differently, in words; "" for nothing.
+        separates: effects.
+        sigma: by how many standard deviations one such test would.
+    """
+
+    params: Mapping[str, float]
+    protocol: str
+    separates: tuple[str, ...]
+    sigma: float
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the fields."""
+        return {
+            "params": dict(self.params),
+            "protocol": self.protocol,
+            "separates": list(self.separates),
+            "sigma": round(self.sigma, 2),
+        }
+
+
+@dataclass(frozen=True)
+class Which:
+    """Which effects, with probabilities.
+
+    Attributes:
+        none: P(no effect of the catalogue is material).
+        unknown: P(the cause is not in the catalogue).
+        singles: effect → P(it alone).
+        pairs: two effects → P(these two).
+        triples: three effects → P(these three).
+        answer: the effects named; () for none or unknown.
+        confounded: what the data cannot tell from the answer, the answer included.
+        estimates: parameters of the answer.
+        nearest_family: family of the likeliest effect, also when none of them is it.
+        isolability: known before any real test.
+        next_test: see there; None when the answer is sure.
+    """
+
+    none: float
+    unknown: float
+    singles: Mapping[str, float]
+    pairs: Mapping[tuple[str, ...], float]
+    triples: Mapping[tuple[str, ...], float]
+    answer: tuple[str, ...]
+    confounded: tuple[str, ...]
+    estimates: tuple[Estimate, ...]
+    nearest_family: str
+    isolability: Isolability
+    next_test: NextTest | None
+
+    @property
+    def membership(self) -> dict[str, float]:
+        """Return effect → probability that it is among the causes, likeliest first."""
+        sets: dict[tuple[str, ...], float] = {(name,): p for name, p in self.singles.items()}
+        sets.update(self.pairs)
+        sets.update(self.triples)
+        total = dict.fromkeys(self.singles, 0.0)
+        for names, p in sets.items():
+            for name in names:
+                total[name] += p
+        return dict(sorted(total.items(), key=lambda item: -item[1]))
+
+    @property
+    def ranked(self) -> list[tuple[tuple[str, ...], float]]:
+        """Return every answer with its probability, likeliest first: sets of effects, ("none",), ("unknown",)."""
+        answers: dict[tuple[str, ...], float] = {("none",): self.none, ("unknown",): self.unknown}
+        answers |= {(name,): p for name, p in self.singles.items()}
+        answers.update(self.pairs)
+        answers.update(self.triples)
+        return sorted(answers.items(), key=lambda item: -item[1])
+
+    def to_json(self) -> dict[str, Any]:
+        """Return a JSON object; pairs and triples below one in a thousand are summed up in ``others``."""
+        rounded = {name: round(p, 6) for name, p in self.singles.items()}
+        several: dict[tuple[str, ...], float] = {}
+        several.update(self.pairs)
+        several.update(self.triples)
+        shown = {names: p for names, p in several.items() if p >= 1e-3}
+        return {
+            "posterior": {"none": round(self.none, 6), "unknown": round(self.unknown, 6), **rounded},
+            "pairs": [
+                {"effects": list(names), "probability": round(p, 6)}
+                for names, p in sorted(shown.items(), key=lambda item: -item[1])
+            ],
+            "others": round(sum(several.values()) - sum(shown.values()), 6),
+            "membership": {name: round(p, 6) for name, p in self.membership.items()},
+            "answer": list(self.answer),
+            "set": list(self.confounded),
+            "parameters": _parameters(self.estimates),
+            "nearest_family": self.nearest_family,
+            "isolability": self.isolability.to_json(),
+            "next_test": None if self.next_test is None else self.next_test.to_json(),
+        }
+
+
+def _parameters(estimates: tuple[Estimate, ...]) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for e in estimates:
+        found.setdefault(e.effect, {})[e.parameter] = {
+            "estimate": e.value,
+            "low": e.low,
+            "high": e.high,
+            "unit": e.unit,
+        }
+    return found
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """A whole diagnosis.
+
+    Attributes:
+        verdict: in one word.
+        reason: in one sentence.
+        where: the gap over tests, time, formula and body; None when it was not asked for.
+        which: see there.
+        how_far: None with fewer than three held-out tests.
+        patch: effects and values to add to the simulator; empty when none is named.
+        provenance: version, seed, hashes.
+        assumptions: what the answer rests on.
+    """
+
+    verdict: Verdict
+    reason: str
+    where: Any
+    which: Which
+    how_far: HowFar | None
+    patch: Mapping[str, Mapping[str, float]]
+    provenance: Mapping[str, Any]
+    assumptions: tuple[str, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """Return one JSON object."""
+        return {
+            "schema": SCHEMA,
+            **self.provenance,
+            "verdict": self.verdict.value,
+            "reason": self.reason,
+            "which": self.which.to_json(),
+            "where": None if self.where is None else self.where.to_json(),
+            "how_far": None if self.how_far is None else self.how_far.to_json(),
+            "patch": {name: dict(values) for name, values in self.patch.items()},
+            "assumptions": list(self.assumptions),
+        }

@@ -1,0 +1,266 @@
+"""From a trace to a feature vector: what of a rollout the diagnosis compares.
+
+The same for every robot: the channels alone decide what is computed. Means over
+windows of time say where a channel is, the scatter within short blocks says how
+it ripples, means over the samples at which a binary channel (stance) is 0 and 1
+say in which phase, and products of channels of the same width (a torque residual
+with a joint speed) tell laws apart that agree on average.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations, pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec.backend import Backend, HasResiduals
+from s2r_spec.errors import TraceError, UsageError
+from s2r_spec.trace import Trace
+
+FloatArray = NDArray[np.float64]
+
+WINDOWS = (0.0, 0.1, 0.2, 0.35, 0.55, 0.775, 1.0)
+"""Edges of the windows, as parts of a rollout: finer where the command has just changed."""
+BLOCKS = 60
+"""Ripple is the scatter within blocks of this part of a rollout."""
+TWINS = 0.2
+"""Two channels are one quantity measured twice when the nominal difference has less than this part of their rms."""
+NOTHING = 0.05
+"""A difference of two channels counts as nothing below this part of how much the channels vary, and a
+residual below this part of how much any channel of its unit varies."""
+FLOOR = 0.1
+"""Ripple below this part of a column's scale counts as none."""
+MANY = 6
+"""All products of channels are taken among at most so many of one width; past it, those with residuals."""
+
+
+@dataclass(frozen=True)
+class Block:
+    """Columns that are taken from one channel, or from the difference of two."""
+
+    name: str
+    source: str
+    minus: str | None
+    width: int
+    residual: bool
+    """Whether the nominal model says that it should be (nearly) nothing."""
+
+
+@dataclass(frozen=True)
+class Feature:
+    """One number of the feature vector, in words."""
+
+    block: str
+    column: int
+    statistic: str
+    """``mean``, ``ripple``, ``spread``, ``when STANCE=1``, ``times dq``, ``times sign dq`` or ``survived``."""
+    window: tuple[float, float]
+    """Begin and end [s]."""
+
+
+@dataclass(frozen=True)
+class Features:
+    """What is computed from every trace, fixed once from nominal rollouts.
+
+    Attributes:
+        duration: of a rollout [s].
+        blocks: channels and differences.
+        scale: (columns,) rms of each column over the nominal rollouts; 1 where that is nothing.
+        reference: (columns,) how much the quantity itself varies, in ``scale``, where the column is a
+            difference or a residual of it; 0 for a channel.
+        flags: binary channels → width.
+        products: pairs of block names whose columns are multiplied.
+    """
+
+    duration: float
+    blocks: tuple[Block, ...]
+    scale: FloatArray
+    reference: FloatArray
+    flags: Mapping[str, int]
+    products: tuple[tuple[str, str], ...]
+
+    @classmethod
+    def of_nominal(cls, traces: Sequence[Trace], duration: float) -> Features:
+        """Choose from traces that :func:`with_residuals` returned."""
+        names = [n for n in traces[0].channels if all(n in t.channels for t in traces)]
+        stacked = {n: np.concatenate([_columns(t, n) for t in traces]) for n in names}
+        flags = {n: x.shape[1] for n, x in stacked.items() if np.isin(x, (0.0, 1.0)).all() and np.ptp(x) > 0}
+        blocks = [
+            Block(n, n, None, x.shape[1], n.startswith(RESIDUAL))
+            for n, x in stacked.items()
+            if np.isfinite(x).all()
+        ]
+        units = traces[0].units
+        least: dict[str, FloatArray] = {}
+        kept = {b.name: stacked[b.name] for b in blocks}
+        for a, b in combinations([n for n in kept if n not in flags and not n.startswith(RESIDUAL)], 2):
+            if kept[a].shape[1] == kept[b].shape[1] and units.get(a, "") == units.get(b, "") != "":
+                difference = kept[a] - kept[b]
+                if _rms(difference) < TWINS * min(_rms(kept[a]), _rms(kept[b])):
+                    name = f"{a} - {b}"
+                    blocks.append(Block(name, a, b, difference.shape[1], True))
+                    stacked[name] = difference
+                    least[name] = NOTHING * np.minimum(kept[a].std(axis=0), kept[b].std(axis=0))
+        spreads: dict[str, float] = {}
+        for n, x in kept.items():
+            if n not in flags and not n.startswith(RESIDUAL):
+                for spread in x.std(axis=0):
+                    if spread > 1e-9:
+                        unit = units.get(n, "")
+                        spreads[unit] = min(spreads.get(unit, np.inf), float(spread))
+        for block in blocks:
+            if block.source.startswith(RESIDUAL) and (unit := units.get(block.source, "")) in spreads:
+                least[block.name] = np.full(block.width, NOTHING * spreads[unit])
+        scale = np.concatenate([np.sqrt((stacked[b.name] ** 2).mean(axis=0)) for b in blocks])
+        own = np.concatenate([np.full(b.width, _rms(stacked[b.name])) for b in blocks])
+        # A column that is nothing is measured in the scale of its channel.
+        scale = np.where(scale > 1e-9 * own, scale, np.where(own > 1e-12, own, 1.0))
+        nothing = np.concatenate([least.get(b.name, np.zeros(b.width)) for b in blocks])
+        scale = np.maximum(scale, nothing)
+        return cls(duration, tuple(blocks), scale, nothing / NOTHING / scale, flags, _products(blocks, flags))
+
+    def names(self) -> tuple[Feature, ...]:
+        """Return what each entry of :meth:`vector` is."""
+        edges = self.duration * np.array(WINDOWS)
+        whole = (0.0, self.duration)
+        half = self.duration / 2
+        columns = [(b, i) for b in self.blocks for i in range(b.width)]
+        out = [
+            Feature(b.name, i, "mean", (float(low), float(high)))
+            for low, high in pairwise(edges)
+            for b, i in columns
+        ]
+        for window in ((0.0, half), (half, self.duration)):
+            out += [Feature(b.name, i, "ripple", window) for b, i in columns]
+        out += [Feature(b.name, i, "spread", whole) for b, i in columns]
+        for flag, width in self.flags.items():
+            for b in self.blocks:
+                if _in_phase(b, flag, width):
+                    out += [
+                        Feature(b.name, i, f"when {flag}={v}", whole) for v in (1, 0) for i in range(b.width)
+                    ]
+        for a, s in self.products:
+            width = self._width(a)
+            out += [Feature(a, i, f"times {s}", whole) for i in range(width)]
+            out += [Feature(a, i, f"times sign {s}", whole) for i in range(width)]
+        out.append(Feature("", 0, "survived", whole))
+        return tuple(out)
+
+    def referred(self, feature: Feature) -> float:
+        """Return ``reference`` of a feature's column."""
+        place = {b.name: part.start for b, part in zip(self.blocks, self._slices(), strict=True)}
+        return float(self.reference[place[feature.block] + feature.column])
+
+    def vector(self, trace: Trace) -> FloatArray:
+        """Return (p,) features; NaN where the trace ended before, or lacks the channel."""
+        times = trace.times - trace.times[0]
+        x = np.concatenate([self._block(trace, b) for b in self.blocks], axis=1) / self.scale
+        end = times[-1] + (times[-1] / max(len(times) - 1, 1))
+        out = []
+        edges = self.duration * np.array(WINDOWS)
+        for low, high in pairwise(edges):
+            inside = (times >= low - 1e-9) & (times < high - 1e-9)
+            # A window of which less than half was recorded says nothing.
+            out.append(x[inside].mean(axis=0) if inside.any() and end > (low + high) / 2 else _none(x))
+        block = np.minimum((times / (self.duration / BLOCKS) + 1e-9).astype(int), BLOCKS - 1)
+        starts = np.flatnonzero(np.diff(block, prepend=-1))
+        counts = np.diff(np.append(starts, len(times)))[:, None]
+        means = np.add.reduceat(x, starts) / counts
+        squares = np.maximum(np.add.reduceat(x**2, starts) / counts - means**2, 0.0)
+        late = block[starts] >= BLOCKS // 2
+        for part in (~late, late):
+            ripple = np.sqrt(squares[part].mean(axis=0)) if part.any() else _none(x)
+            out.append(np.log(ripple + FLOOR))
+        out.append(np.log(x.std(axis=0) + FLOOR))
+        place = dict(zip((b.name for b in self.blocks), self._slices(), strict=True))
+        for flag, width in self.flags.items():
+            f = _columns(trace, flag) if flag in trace.channels else np.full((len(times), width), np.nan)
+            for b in self.blocks:
+                if _in_phase(b, flag, width):
+                    weight = np.repeat(f, b.width // width, axis=1)
+                    for w in (weight, 1.0 - weight):
+                        total = w.sum(axis=0)
+                        sums = (w * x[:, place[b.name]]).sum(axis=0)
+                        out.append(np.where(total > 0, sums / np.where(total > 0, total, 1.0), np.nan))
+        for a, s in self.products:
+            left, right = x[:, place[a]], x[:, place[s]]
+            out.append((left * right).mean(axis=0))
+            out.append((left * np.sign(right)).mean(axis=0))
+        out.append(np.array([min(1.0, end / self.duration)]))
+        return np.concatenate(out)
+
+    def _block(self, trace: Trace, block: Block) -> FloatArray:
+        if block.source not in trace.channels or (
+            block.minus is not None and block.minus not in trace.channels
+        ):
+            return np.full((len(trace), block.width), np.nan)
+        x = _columns(trace, block.source)
+        if x.shape[1] != block.width:
+            raise UsageError(
+                f"channel {block.source!r} has width {x.shape[1]}, not {block.width} as the simulator's"
+            )
+        return x if block.minus is None else x - _columns(trace, block.minus)
+
+    def _width(self, name: str) -> int:
+        return next(b.width for b in self.blocks if b.name == name)
+
+    def _slices(self) -> list[slice]:
+        ends = np.cumsum([b.width for b in self.blocks])
+        return [slice(int(e) - b.width, int(e)) for e, b in zip(ends, self.blocks, strict=True)]
+
+
+RESIDUAL = "residual."
+"""Prefix of channels that the backend's own model computes."""
+
+
+def with_residuals(trace: Trace, backend: Backend, params: Mapping[str, float]) -> Trace:
+    """Return the trace with the backend's residuals beside its channels, on the trace's times.
+
+    ``params`` are the test in the backend's own units. A trace from which no residual
+    can be computed (a log of few channels, a fall at once) stays as it is.
+    """
+    if not isinstance(backend, HasResiduals):
+        return trace
+    try:
+        found = backend.residuals(trace, params)
+    except TraceError:
+        return trace
+    nearest = np.clip(np.searchsorted(found.times, trace.times - 1e-9), 0, len(found) - 1)
+    extra = {f"{RESIDUAL}{name}": values[nearest] for name, values in found.channels.items()}
+    units = {f"{RESIDUAL}{name}": unit for name, unit in found.units.items()}
+    return Trace(trace.times, dict(trace.channels) | extra, dict(trace.units) | units, trace.meta)
+
+
+def _columns(trace: Trace, name: str) -> FloatArray:
+    values = trace.channels[name]
+    return values[:, None] if values.ndim == 1 else values
+
+
+def _rms(x: FloatArray) -> float:
+    return float(np.sqrt((x**2).mean()))
+
+
+def _none(x: FloatArray) -> FloatArray:
+    return np.full(x.shape[1], np.nan)
+
+
+def _in_phase(block: Block, flag: str, width: int) -> bool:
+    return (
+        block.source != flag
+        and block.minus != flag
+        and block.width % width == 0
+        and (width > 1 or block.width == 1)
+    )
+
+
+def _products(blocks: Sequence[Block], flags: Mapping[str, int]) -> tuple[tuple[str, str], ...]:
+    plain = [b for b in blocks if not b.residual and b.name not in flags]
+    pairs = [(r.name, s.name) for r in blocks if r.residual for s in plain if s.width == r.width]
+    for width in sorted({b.width for b in plain}):
+        alike = [b.name for b in plain if b.width == width]
+        if len(alike) <= MANY:
+            pairs += list(combinations(alike, 2))
+    return tuple(pairs)

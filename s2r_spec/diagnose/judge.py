@@ -1,0 +1,348 @@
+"""The judge: evidence and a trained network, weighed on practice cases so that a probability means what it says."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec.diagnose.design import unit_box
+from s2r_spec.diagnose.evidence import Design, Evidence, Layout, evidence
+from s2r_spec.diagnose.logs import logsumexp
+from s2r_spec.diagnose.practice import Case, Practice
+from s2r_spec.diagnose.signatures import Signatures
+from s2r_spec.space import Space
+
+FloatArray = NDArray[np.float64]
+
+CASES = 16000
+"""Practice cases that the network learns from."""
+JUDGED = 700
+"""Further ones, on which its vote is weighed against the evidence."""
+ABSENT = 500
+"""Of these, so many again with their true effect taken out of the catalogue."""
+STRANGE = 250
+"""Practice cases of an effect that no line has."""
+HIDDEN = (256, 128)
+TREES = 300
+FUNCTIONS = 3
+"""Functions of the test that the network sees."""
+FALSE_ALARMS = 0.05
+"""Known effects that may be called unknown."""
+PRIOR_UNKNOWN = 0.15
+TRIPLES_OF = 6
+"""Pairs that a third effect is tried with."""
+
+
+@dataclass(frozen=True)
+class Weights:
+    """What was fitted on practice cases.
+
+    A set A of effects scores  log evidence / temperature + trust · log P_network(A) − penalty[|A|].
+    """
+
+    temperature: float
+    trust: float
+    penalty: tuple[float, float, float, float]
+
+
+@dataclass(frozen=True)
+class Sets:
+    """Sets of effects with a probability each; they sum to 1."""
+
+    members: tuple[tuple[int, ...], ...]
+    probability: FloatArray
+
+    def ranked(self) -> list[tuple[tuple[int, ...], float]]:
+        """Return the sets, most probable first."""
+        order = np.argsort(-self.probability)
+        return [(self.members[i], float(self.probability[i])) for i in order]
+
+
+@dataclass(frozen=True)
+class Judge:
+    """Everything learnt from practice cases.
+
+    Attributes:
+        effects: names, in the order of the places used everywhere.
+        network: P(effect k is in the set).
+        weights: see there.
+        stranger: P(the cause is not in the catalogue).
+        threshold: of that, above which an alarm is given.
+        practice: how it did on practice cases that it did not see.
+    """
+
+    effects: tuple[str, ...]
+    network: Any
+    weights: Weights
+    stranger: Any
+    threshold: float
+    practice: dict[str, float]
+
+    def memberships(self, description: FloatArray) -> FloatArray:
+        """Return (n, K) probabilities that an effect is among the causes, by the network alone."""
+        return np.asarray(self.network.predict_proba(description), dtype=np.float64)
+
+    def sets(self, found: Evidence, triples: Sequence[tuple[tuple[int, ...], float]], p: FloatArray) -> Sets:
+        """Return the probability of every set, given that the catalogue has the causes."""
+        members, logs = _sets(found, triples)
+        score = _score(members, logs, p, self.weights)
+        return Sets(members, np.exp(score - logsumexp(score)))
+
+    def unknown(self, found: Evidence, p: FloatArray) -> float:
+        """Return the probability that the cause is not in the catalogue, by the traces alone."""
+        return float(self.stranger.predict_proba(_strangeness(found, p)[None])[0, 1])
+
+
+def describe(coefficients: FloatArray) -> FloatArray:
+    """Return what the network sees of coefficients (q, k): a few functions of the test, large values eased."""
+    seen = np.zeros((FUNCTIONS, coefficients.shape[1]))
+    rows = coefficients[:FUNCTIONS]
+    seen[: len(rows)] = np.arcsinh(rows / 2.0)
+    return seen.ravel()
+
+
+def _strangeness(found: Evidence, p: FloatArray) -> FloatArray:
+    best = np.sort(found.single)[::-1]
+    return np.array(
+        [
+            np.log(found.energy),
+            *found.left[1:],
+            *np.log(found.misfit),
+            found.left[2] / found.left[1],
+            found.left[3] / found.left[2],
+            np.arcsinh(found.single.max() - found.none),
+            np.arcsinh(found.pair.max() - found.single.max()) if len(best) > 1 else 0.0,
+            np.arcsinh(best[0] - best[1]) if len(best) > 1 else 0.0,
+            np.sort(p)[-1],
+            np.sort(p)[-2] if len(p) > 1 else 0.0,
+            float(p.sum()),
+        ]
+    )
+
+
+def triples(design: Design, z: FloatArray, found: Evidence) -> list[tuple[tuple[int, ...], float]]:
+    """Return the best sets of three with about their log evidence: each of the best pairs, and one more."""
+    c = design.candidates
+    count = len(c.effects)
+    if count < 3:
+        return []
+    exponent = round(0.5 * np.log2(max(found.energy, 1e-12))) - 3
+    level = design.level(exponent)
+    y = z * level.root
+    gain1 = level.mu @ y - 0.5 * np.diag(level.gram)
+    ordered = sorted(combinations(range(count), 2), key=lambda ij: -found.pair[ij])
+    sizes = np.diff(np.append(c.starts, len(c.effect)))
+    out: dict[tuple[int, ...], float] = {}
+    for i, j in ordered[:TRIPLES_OF]:
+        a, b = found.best_pair[i, j]
+        gain3 = gain1 - level.gram[a] - level.gram[b]
+        top = np.maximum.reduceat(gain3, c.starts)
+        # The price of a third effect: about as much as its grid averages away.
+        for k in range(count):
+            if k not in (i, j):
+                key = tuple(sorted((i, j, k)))
+                out[key] = max(out.get(key, -np.inf), float(found.pair[i, j] + top[k] - np.log(sizes[k])))
+    return sorted(out.items(), key=lambda item: -item[1])[: 3 * TRIPLES_OF]
+
+
+def _sets(
+    found: Evidence, triples: Sequence[tuple[tuple[int, ...], float]]
+) -> tuple[tuple[tuple[int, ...], ...], FloatArray]:
+    count = len(found.single)
+    pairs = list(combinations(range(count), 2))
+    members = ((), *((k,) for k in range(count)), *pairs, *(t for t, _ in triples))
+    logs = np.array([found.none, *found.single, *(found.pair[p] for p in pairs), *(s for _, s in triples)])
+    return members, logs
+
+
+def _score(members: tuple[tuple[int, ...], ...], logs: FloatArray, p: FloatArray, w: Weights) -> FloatArray:
+    vote, size = _votes(members, p)
+    found: FloatArray = (logs - logs.max()) / w.temperature + w.trust * vote - np.array(w.penalty)[size]
+    return found
+
+
+def _votes(members: tuple[tuple[int, ...], ...], p: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:
+    """Return log P(set) of independent memberships, up to a constant, and the sets' sizes."""
+    p = np.clip(p, 0.005, 0.995)
+    odds = np.log(p / (1.0 - p))
+    return np.array([sum(odds[k] for k in a) for a in members]), np.array([len(a) for a in members])
+
+
+def _padded(row: NDArray[Any], width: int, fill: float) -> FloatArray:
+    return np.concatenate([row, np.full(width - len(row), fill)])
+
+
+@dataclass(frozen=True)
+class _Solved:
+    case: Case
+    z: FloatArray
+    size: float
+    found: Evidence
+    triples: list[tuple[tuple[int, ...], float]]
+    p: FloatArray
+
+
+def train(
+    signatures: Signatures,
+    space: Space,
+    inflation: float = 1.0,
+    seed: int = 0,
+    cases: int = CASES,
+    judged: int = JUDGED,
+    progress: Callable[[int, int], None] | None = None,
+) -> Judge:
+    """Learn from practice cases alone; see :mod:`s2r_spec.diagnose.practice`."""
+    from sklearn.ensemble import ExtraTreesClassifier
+    from sklearn.neural_network import MLPClassifier
+
+    rng = np.random.default_rng(seed)
+    known = unit_box(space, signatures.bank.tests)
+    practice = Practice(signatures)
+    effects = practice.effects
+
+    def points() -> FloatArray:
+        return rng.uniform(-1.0, 1.0, size=(int(rng.choice([15, 20, 30, 45])), space.dim))
+
+    layouts = [Layout.of(signatures, known, points(), inflation) for _ in range(16)]
+    x = np.zeros((cases, FUNCTIONS * signatures.size))
+    y = np.zeros((cases, len(effects)), dtype=int)
+    for i in range(cases):
+        case = practice.draw(rng, layouts[i % len(layouts)])
+        x[i] = describe(case.coefficients)
+        y[i, list(case.effects)] = 1
+        if progress is not None and i % 500 == 0:
+            progress(i, 2 * cases)
+    network = MLPClassifier(
+        HIDDEN,
+        alpha=1e-3,
+        batch_size=128,
+        early_stopping=True,
+        n_iter_no_change=4,
+        max_iter=40,
+        random_state=seed,
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # that it was still improving when it was stopped
+        network.fit(x, y)
+
+    designs = [Design.of(signatures, known, points(), inflation) for _ in range(4)]
+    solved: list[_Solved] = []
+    for i in range(judged + STRANGE):
+        design = designs[i % len(designs)]
+        solved.append(_solve(rng, design, practice, network, stranger=i >= judged))
+        if progress is not None and i % 50 == 0:
+            progress(cases + cases * i // (judged + STRANGE + ABSENT), 2 * cases)
+    usual, strangers = solved[:judged], solved[judged:]
+    weights = _fit(usual)
+
+    strange = [_strangeness(s.found, s.p) for s in solved]
+    label = [0] * judged + [1] * len(strangers)
+    able = [i for i, s in enumerate(usual) if s.case.effects and s.size > 1.0]
+    for i in rng.permutation(able)[:ABSENT]:
+        s = usual[i]
+        gone = int(rng.choice(s.case.effects))
+        found = evidence(designs[i % len(designs)], s.z, without=gone)
+        q = s.p.copy()
+        q[gone] = 0.0
+        strange.append(_strangeness(_dropped(found, gone), q))
+        label.append(1)
+    s_x, s_y = np.array(strange), np.array(label)
+    weight = np.where(s_y == 1, PRIOR_UNKNOWN / (s_y == 1).mean(), (1 - PRIOR_UNKNOWN) / (s_y == 0).mean())
+
+    def detector() -> Any:
+        return ExtraTreesClassifier(TREES, min_samples_leaf=4, max_features=None, random_state=seed, n_jobs=1)
+
+    # Each half is judged by trees that saw the other: the threshold never sees a vote on a seen case.
+    out = np.zeros(len(s_y))
+    fold = rng.permutation(len(s_y)) % 2 == 0
+    for part in (fold, ~fold):
+        fitted = detector().fit(s_x[~part], s_y[~part], sample_weight=weight[~part])
+        out[part] = fitted.predict_proba(s_x[part])[:, 1]
+    threshold = float(np.quantile(out[s_y == 0], 1.0 - FALSE_ALARMS))
+    return Judge(
+        effects,
+        network,
+        weights,
+        detector().fit(s_x, s_y, sample_weight=weight),
+        threshold,
+        _practice(usual, weights, out, s_y, threshold),
+    )
+
+
+def _solve(
+    rng: np.random.Generator, design: Design, practice: Practice, network: Any, stranger: bool
+) -> _Solved:
+    case = practice.draw(rng, design.layout, stranger)
+    z = design.data(case.coefficients)
+    found = evidence(design, z)
+    size = float(np.sqrt((design.data(case.alone) ** 2 / design.spectrum).mean()))
+    p = np.asarray(network.predict_proba(describe(case.coefficients)[None])[0], dtype=np.float64)
+    return _Solved(case, z, size, found, triples(design, z, found), p)
+
+
+def _dropped(found: Evidence, gone: int) -> Evidence:
+    """Return the evidence with an effect's own entries made harmless."""
+    floor = float(np.delete(found.single, gone).min()) if len(found.single) > 1 else found.none
+    single = np.where(np.isfinite(found.single), found.single, floor)
+    single[gone] = floor
+    pair = found.pair.copy()
+    pair[gone, :] = pair[:, gone] = -np.inf
+    return replace(found, single=single, pair=pair)
+
+
+def _fit(solved: Sequence[_Solved]) -> Weights:
+    """Return the weights with the best log score."""
+    from scipy.optimize import minimize
+
+    prepared = []
+    for s in solved:
+        members, logs = _sets(s.found, s.triples)
+        if s.case.effects in members:
+            prepared.append((logs - logs.max(), *_votes(members, s.p), members.index(s.case.effects)))
+    width = max(len(row[0]) for row in prepared)
+    logs = np.stack([_padded(row[0], width, -1e9) for row in prepared])
+    vote = np.stack([_padded(row[1], width, 0.0) for row in prepared])
+    size = np.stack([_padded(row[2], width, 0) for row in prepared]).astype(int)
+    true = np.array([row[3] for row in prepared])
+    rows = np.arange(len(true))
+
+    def loss(free: FloatArray) -> float:
+        t, w = np.exp(free[0]), np.exp(free[1])
+        score = logs / t + w * vote - np.concatenate([[0.0], free[2:]])[size]
+        peak = score.max(axis=1)
+        total = peak + np.log(np.exp(score - peak[:, None]).sum(axis=1))
+        return float((total - score[rows, true]).mean())
+
+    best = minimize(
+        loss, np.array([2.0, -0.7, 0.0, 2.0, 4.0]), method="Nelder-Mead", options={"maxiter": 250}
+    )
+    t, w, *penalty = best.x
+    return Weights(float(np.exp(t)), float(np.exp(w)), (0.0, *(float(v) for v in penalty)))  # type: ignore[arg-type]
+
+
+def _practice(
+    solved: Sequence[_Solved], weights: Weights, out: FloatArray, label: NDArray[Any], threshold: float
+) -> dict[str, float]:
+    """Return how often practice cases that the network did not see were answered rightly."""
+    hits: dict[str, list[bool]] = {"single": [], "pair": [], "triple": [], "none": [], "sure": []}
+    for s in solved:
+        members, logs = _sets(s.found, s.triples)
+        score = _score(members, logs, s.p, weights)
+        first = int(np.argmax(score))
+        right = members[first] == s.case.effects
+        kind = ("none", "single", "pair", "triple")[len(s.case.effects)]
+        if kind == "none" or s.size > 2.0:
+            hits[kind].append(right)
+        if np.exp(score[first] - logsumexp(score)) >= 0.9:
+            hits["sure"].append(right)
+    rates = {name: float(np.mean(values)) for name, values in hits.items() if values}
+    return rates | {
+        "unknown detected": float((out[label == 1] > threshold).mean()),
+        "sure share": len(hits["sure"]) / len(solved),
+    }

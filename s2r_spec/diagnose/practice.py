@@ -1,0 +1,189 @@
+"""Cases made from the bank, on which the diagnosis learns how far to trust itself.
+
+A case is one, two or three effects of random size, or none, with what a real
+machine adds: laws of another form, a little of every other effect, numerics that
+differ, more scatter than the simulator has. No real data and no label enter.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec.diagnose.evidence import BACKGROUND, GROUND, Layout
+from s2r_spec.diagnose.signatures import Curve, Signatures
+
+FloatArray = NDArray[np.float64]
+
+KINDS = {0: 0.1, 1: 0.45, 2: 0.33, 3: 0.12}
+"""Number of effects → how often."""
+FORM = 0.15
+"""Form error of an effect's signature, as a part of it."""
+SMALLEST = 0.15
+"""Effects are drawn log-uniformly from this part of their typical size to the end of their range."""
+OTHERS = 4
+"""Signatures of other effects that are mixed into the form error of one."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """One practice case.
+
+    Attributes:
+        coefficients: (q, k) of the functions of the test.
+        effects: places of the effects in the list of effects.
+        alone: (q, k) what they do, without background, numerics and scatter.
+    """
+
+    coefficients: FloatArray
+    effects: tuple[int, ...]
+    alone: FloatArray
+
+
+class Practice:
+    """Draws cases from one bank."""
+
+    def __init__(self, signatures: Signatures) -> None:
+        self._curves = signatures.curves
+        self._numerics = signatures.numerics
+        self.effects = tuple(dict.fromkeys(c.line.effect for c in signatures.curves))
+        self._lines = [
+            [i for i, c in enumerate(signatures.curves) if c.line.effect == name] for name in self.effects
+        ]
+        self._root = np.linalg.cholesky(signatures.noise + 1e-9 * np.eye(signatures.size))
+        sides = [[s for s in (-1, 1) if (c.coordinates * s > 0).any()] for c in signatures.curves]
+        self._sides = sides
+        self._ends = [
+            {s: float((c.coordinates * s).max()) for s in of}
+            for c, of in zip(self._curves, sides, strict=True)
+        ]
+        # (lines, 2, m, k): change per unit of coordinate, near nominal, below and above.
+        self._slopes = np.stack([_slopes(c) for c in signatures.curves])
+        self._knots = [_knots(c) for c in signatures.curves]
+        self._interactions = self._typical_interactions(signatures)
+
+    def draw(self, rng: np.random.Generator, layout: Layout, stranger: bool = False) -> Case:
+        """Draw one case; a ``stranger`` is an effect that no line has."""
+        m, k = self._curves[0].change.shape[1:]
+        trend = np.linspace(-1.0, 1.0, m)
+        if stranger:
+            chosen: list[int] = []
+            total = self._strange(rng, trend)
+        else:
+            count = min(int(rng.choice(list(KINDS), p=list(KINDS.values()))), len(self.effects))
+            chosen = sorted(int(i) for i in rng.choice(len(self.effects), size=count, replace=False))
+            total = np.zeros((m, k))
+            sizes: dict[int, float] = {}
+            for effect in chosen:
+                for i in self._some(rng, self._lines[effect]):
+                    coordinate = self._coordinate(rng, i)
+                    sizes[effect] = max(sizes.get(effect, 0.0), abs(coordinate))
+                    total += self._altered(rng, i, coordinate, trend)
+            for place, a in enumerate(chosen):
+                for b in chosen[place + 1 :]:
+                    if (a, b) in self._interactions:
+                        total += (
+                            min(sizes[a] * sizes[b], 1.5) * rng.uniform(0.5, 1.2) * self._interactions[a, b]
+                        )
+        alone = layout.through @ total
+        for change in self._numerics:
+            total = total + rng.normal() * change
+        total = total + self._background(rng) + GROUND * rng.uniform(0.3, 1.5) * rng.normal(size=(1, k))
+        spread = layout.root * np.sqrt(rng.uniform(1.0, 3.0))
+        scatter = spread @ rng.normal(size=(len(spread), k)) @ self._root.T
+        return Case(layout.through @ total + scatter, tuple(chosen), alone)
+
+    def _background(self, rng: np.random.Generator) -> FloatArray:
+        """Return (m, k): a little of everything."""
+        amount = BACKGROUND * rng.uniform(0.5, 3.0) * rng.normal(size=len(self._curves))
+        total: FloatArray = np.zeros(self._slopes.shape[2:])
+        for i, a in enumerate(amount):
+            side = int(np.sign(a)) if int(np.sign(a)) in self._sides[i] else self._sides[i][0]
+            total += abs(a) * side * self._slopes[i, (side + 1) // 2]
+        return total
+
+    @staticmethod
+    def _some(rng: np.random.Generator, mine: list[int]) -> list[int]:
+        """Return one line of an effect, or sometimes all of them."""
+        if len(mine) == 1 or rng.random() < 0.6:
+            return [int(rng.choice(mine))]
+        return mine
+
+    def _coordinate(self, rng: np.random.Generator, line: int) -> float:
+        side = int(rng.choice(self._sides[line]))
+        end = self._ends[line][side]
+        return side * SMALLEST * (end / SMALLEST) ** float(rng.random()) if end > SMALLEST else side * end
+
+    def _altered(
+        self, rng: np.random.Generator, line: int, coordinate: float, trend: FloatArray
+    ) -> FloatArray:
+        """Return (m, k): an effect as a machine would have it, of much the same but not the same law."""
+        wandering = 1.0 + 0.5 * FORM * rng.normal() + 0.5 * FORM * rng.normal() * trend
+        change = change_at(self._knots[line], coordinate * wandering)
+        strength = FORM * rng.uniform(0.3, 1.5)
+        # The error is in what the effect touches, and a little in what others touch.
+        own = change * (1.0 + strength * rng.normal(size=(1, change.shape[1])))
+        return own + 0.5 * strength * _length(change) * self._mixture(rng, OTHERS, trend)
+
+    def _mixture(self, rng: np.random.Generator, count: int, trend: FloatArray) -> FloatArray:
+        """Return (m, k) of about unit length: random signatures and a random direction."""
+        m, k = self._curves[0].change.shape[1:]
+        total = (
+            rng.normal(size=(1, k)) / np.sqrt(k) + 0.5 * rng.normal(size=(1, k)) / np.sqrt(k) * trend[:, None]
+        )
+        for i in rng.choice(len(self._curves), size=min(count, len(self._curves)), replace=False):
+            other = self._curves[i].change[int(rng.integers(len(self._curves[i].coordinates)))]
+            total = total + 0.5 * rng.normal() * other / max(_length(other), 1e-9)
+        return np.broadcast_to(total, (m, k))
+
+    def _strange(self, rng: np.random.Generator, trend: FloatArray) -> FloatArray:
+        """Return (m, k): a signature that is torn from several, each component by itself."""
+        like = int(rng.integers(len(self._curves)))
+        size = _length(change_at(self._knots[like], np.full(len(trend), self._coordinate(rng, like))))
+        mixed = self._mixture(rng, 6, trend) * (
+            1.0 + 0.7 * rng.normal(size=(1, self._curves[0].change.shape[2]))
+        )
+        return size * mixed / max(_length(mixed), 1e-9)
+
+    def _typical_interactions(self, signatures: Signatures) -> dict[tuple[int, int], FloatArray]:
+        """Return pair of effects → (m, k) of what two typical ones do beyond the sum."""
+        bank = signatures.bank
+        out = {}
+        for (i, j), block in zip(bank.pairs, signatures.interactions, strict=True):
+            a, b = (self.effects.index(bank.lines[x].effect) for x in (i, j))
+            nearest = np.abs(np.arange(len(bank.tests))[:, None] - np.array(bank.pair_tests)).argmin(axis=1)
+            out[min(a, b), max(a, b)] = block[nearest]
+        return out
+
+
+def _length(change: FloatArray) -> float:
+    return float(np.sqrt((change**2).sum(axis=1).mean()))
+
+
+def _knots(curve: Curve) -> tuple[FloatArray, FloatArray]:
+    at = np.append(curve.coordinates, 0.0)
+    values = np.concatenate([curve.change, np.zeros_like(curve.change[:1])])
+    order = np.argsort(at)
+    return at[order], values[order]
+
+
+def _slopes(curve: Curve) -> FloatArray:
+    out = np.zeros((2, *curve.change.shape[1:]))
+    for place, side in enumerate((-1, 1)):
+        mine = np.flatnonzero(curve.coordinates * side > 0)
+        if len(mine):
+            near = mine[np.abs(curve.coordinates[mine]).argmin()]
+            out[place] = curve.change[near] / curve.coordinates[near]
+    return out
+
+
+def change_at(knots: tuple[FloatArray, FloatArray], coordinate: FloatArray) -> FloatArray:
+    """Return (m, k) change of a line at coordinates (m,), by linear interpolation with 0 at nominal."""
+    at, values = knots
+    high = np.clip(np.searchsorted(at, coordinate), 1, len(at) - 1)
+    part = np.clip((coordinate - at[high - 1]) / (at[high] - at[high - 1]), 0.0, 1.0)[:, None]
+    tests = np.arange(values.shape[1])
+    found: FloatArray = values[high - 1, tests] * (1.0 - part) + values[high, tests] * part
+    return found

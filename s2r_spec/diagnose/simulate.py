@@ -1,0 +1,177 @@
+"""Rollouts for the diagnosis: many effects, many tests, reduced to numbers where they are made."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import BrokenExecutor, Executor, as_completed
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec.backend import Backend, HasEffects, HasVariants
+from s2r_spec.diagnose.axes import Values
+from s2r_spec.diagnose.features import Features, with_residuals
+from s2r_spec.errors import BackendError, UsageError
+from s2r_spec.rollouts.match import Matched
+from s2r_spec.spec import Spec
+from s2r_spec.trace import Trace
+
+FloatArray = NDArray[np.float64]
+Test = Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Bench:
+    """A simulator with a spec set up on it: all that a worker needs.
+
+    Attributes:
+        backend: nominal.
+        spec: with the requirement.
+        requirement: its name.
+        matched: how the spec's tests become the backend's.
+        features: what is computed from a trace; None for ρ alone.
+    """
+
+    backend: Backend
+    spec: Spec
+    requirement: str
+    matched: Matched
+    features: Features | None = None
+
+    def with_effects(self, values: Values) -> Backend:
+        """Return the backend with these effects; the same one for none."""
+        if not values:
+            return self.backend
+        if not isinstance(self.backend, HasEffects):
+            raise UsageError(
+                f"the backend {self.backend.name!r} declares no effects, so none can be found in its gap; "
+                f"see docs/how-to/effects.md"
+            )
+        patched: Backend = self.backend.with_effects(values)
+        return patched
+
+    def with_variant(self, name: str) -> Backend:
+        """Return the same simulator, computed otherwise."""
+        assert isinstance(self.backend, HasVariants)
+        return self.backend.variants()[name]
+
+    def run(self, values: Values, test: Test, seed: int) -> Trace:
+        """Run one test with these effects added."""
+        return self.with_effects(values).rollout(self.matched.to_backend(test), seed)
+
+    def rho(self, trace: Trace, test: Test) -> float:
+        """Return ρ; a trace that failed has the value that the spec declares for it."""
+        return float(self.spec.robustness(trace, params=dict(test), only=self.requirement)[self.requirement])
+
+    def seen(self, trace: Trace, test: Test) -> Trace:
+        """Return the trace with the residuals of the nominal model beside its channels."""
+        return with_residuals(trace, self.backend, self.matched.to_backend(test))
+
+    def measure(self, trace: Trace, test: Test) -> FloatArray:
+        """Return (p + 1,): ρ, then the features."""
+        rho = self.rho(trace, test)
+        if self.features is None:
+            return np.array([rho])
+        return np.concatenate([[rho], self.features.vector(self.seen(trace, test))])
+
+
+@dataclass(frozen=True)
+class Job:
+    """Rollouts of one modified simulator."""
+
+    values: Values
+    runs: tuple[tuple[Test, int], ...]
+    """(test, seed) each."""
+    variant: str = ""
+    """Of the simulator, where it is not the simulator itself that runs."""
+
+
+def run_job(bench: Bench, job: Job) -> FloatArray:
+    """Return (runs, p + 1) of :meth:`Bench.measure`.
+
+    Raises:
+        BackendError: the backend raised; the sentence names the effects and the test.
+    """
+    backend = bench.with_variant(job.variant) if job.variant else bench.with_effects(job.values)
+    rows = []
+    for test, seed in job.runs:
+        try:
+            rows.append(bench.measure(backend.rollout(bench.matched.to_backend(test), seed), test))
+        except Exception as error:
+            raise BackendError(
+                f"backend {bench.backend.name!r} with {dict(job.values)}, at {dict(test)}, seed {seed}: {error}"
+            ) from None
+    return np.array(rows)
+
+
+def _run_pickled(bench: bytes, job: Job) -> FloatArray:
+    """In a worker: the bench is unpickled once, and known by its bytes."""
+    return run_job(_unpickled(bench), job)
+
+
+_KNOWN: dict[bytes, Bench] = {}
+
+
+def _unpickled(bench: bytes) -> Bench:
+    if bench not in _KNOWN:
+        _KNOWN.clear()
+        _KNOWN[bench] = pickle.loads(bench)
+    return _KNOWN[bench]
+
+
+def run_jobs(
+    bench: Bench,
+    jobs: Sequence[Job],
+    executor: Callable[[], Executor] | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> list[FloatArray]:
+    """Return :func:`run_job` of each job, in their order.
+
+    Args:
+        bench: see there.
+        jobs: see there.
+        executor: makes a pool; None runs everything in this process.
+        progress: is told how many jobs are done, and of how many.
+
+    Raises:
+        BackendError: a rollout raised, or a worker died.
+    """
+    results: dict[int, FloatArray] = {}
+    for index, rows in _outcomes(bench, jobs, executor):
+        results[index] = rows
+        if progress is not None:
+            progress(len(results), len(jobs))
+    return [results[index] for index in range(len(jobs))]
+
+
+def _outcomes(
+    bench: Bench, jobs: Sequence[Job], executor: Callable[[], Executor] | None
+) -> Iterator[tuple[int, FloatArray]]:
+    pickled = None if executor is None else _pickled(bench)
+    if executor is None or pickled is None or len(jobs) < 2:
+        for index, job in enumerate(jobs):
+            yield index, run_job(bench, job)
+        return
+    with executor() as pool:
+        futures = {pool.submit(_run_pickled, pickled, job): index for index, job in enumerate(jobs)}
+        try:
+            for future in as_completed(futures):
+                yield futures[future], future.result()
+        except BrokenExecutor:
+            raise BackendError(
+                f"a worker died while it simulated effects on backend {bench.backend.name!r}; "
+                f"run it again with --workers 1 to see the test that kills it"
+            ) from None
+        finally:
+            for future in futures:
+                future.cancel()
+
+
+def _pickled(bench: Bench) -> bytes | None:
+    """Return the bench as bytes; None for a backend that only lives in this process."""
+    try:
+        return pickle.dumps(bench)
+    except Exception:
+        return None

@@ -1,0 +1,42 @@
+import json
+
+import pytest
+
+from tests.conftest import PLUGIN
+
+
+@pytest.fixture
+def cart(s2r, tmp_path, monkeypatch, tmp_path_factory):
+    monkeypatch.setenv("S2R_CACHE", str(tmp_path_factory.getbasetemp() / "cart-cache"))
+    text = (PLUGIN / "s2r_cart.py").read_text().split('SPEC = """')[1].split('"""')[0]
+    (tmp_path / "cart.stl").write_text(text)
+    return s2r
+
+
+def test_a_cause_is_named_applied_and_used(cart):
+    words = ("diagnose", "cart.stl", "--sim", "cart", "--real", "cart:real.coulomb=1.5", "--budget", 24, "-q")
+    done = cart(*words, "--workers", 1, "--run", "run", "--apply", "patched.json", code=0)
+    assert done.stdout.startswith("NAMED  coulomb explains the data best")
+    assert "use it as --sim patched:patched.json" in done.stderr
+    found = json.loads((cart.folder / "run" / "diagnosis.json").read_text())
+    assert found["which"]["answer"] == ["coulomb"]
+    assert json.loads((cart.folder / "patched.json").read_text())["effects"] == found["patch"]
+    gap = (
+        "gap",
+        "cart.stl",
+        "--sim",
+        "patched:patched.json",
+        "--real",
+        "cart:real.coulomb=1.5",
+        "--budget",
+        30,
+    )
+    cart(*gap, "--workers", 1, "-q", "--run", "gap")
+
+
+def test_a_missing_patch_is_a_sentence(s2r):
+    done = s2r("check", s2r.spec(), "--backend", "patched:none.json", code=2)
+    assert "cannot read none.json" in done.stderr
+    (s2r.folder / "odd.json").write_text("{}")
+    done = s2r("check", s2r.spec(), "--backend", "patched:odd.json", code=2)
+    assert "is no patched simulator" in done.stderr

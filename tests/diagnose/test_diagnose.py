@@ -1,0 +1,131 @@
+"""The cart's gap: named causes, none, several, and one that the catalogue lacks."""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from s2r_cart import SPEC, Cart, real
+
+import s2r_spec as s2r
+from s2r_spec.diagnose.diagnosis import Verdict
+
+pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
+
+
+def rollouts(effects, case, n=30, extra=None):
+    rng = np.random.default_rng(case)
+    tests = [{"vd": rng.uniform(0.2, 1), "acc": rng.uniform(1, 4)} for _ in range(n)]
+    return [(test, real(test, 1000 * case + i, effects, extra=extra)) for i, test in enumerate(tests)]
+
+
+@pytest.fixture(scope="module")
+def find(cache):
+    spec = s2r.parse_spec(SPEC)
+
+    def diagnosed(effects, case, extra=None, **more):
+        return s2r.diagnose(spec, Cart(), rollouts(effects, case, extra=extra), cache=cache, **more)
+
+    return diagnosed
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("coulomb", 1.5), ("viscous", 2.0), ("tilt", -1.4), ("delay", 0.04), ("speed_scale", 0.85)],
+)
+def test_an_effect_is_named_sized_and_closes_the_gap(find, name, value):
+    found = find({name: value}, case=11)
+    assert found.which.ranked[0][0] == (name,), found.reason
+    assert found.verdict in (Verdict.NAMED, Verdict.CONFOUNDED)
+    estimate = found.which.estimates[0]
+    assert estimate.effect == name
+    nominal = {"speed_scale": 1.0}.get(name, 0.0)
+    assert abs(estimate.value - value) < 0.35 * abs(value - nominal)
+    assert found.how_far.after.mean < found.how_far.before.mean
+    assert found.patch[name]
+
+
+def test_two_effects_are_named_together(find):
+    found = find({"coulomb": 1.2, "speed_scale": 0.85}, case=12)
+    assert set(found.which.answer) == {"coulomb", "speed_scale"}, found.which.ranked[:4]
+    assert set(found.patch) == {"coulomb", "speed_scale"}
+
+
+def test_a_machine_with_a_little_of_everything_has_no_material_gap(find):
+    found = find({}, case=13)
+    assert found.verdict is Verdict.NONE, found.which.ranked[:4]
+    assert found.which.answer == ()
+    assert found.patch == {}
+
+
+def test_a_cause_that_the_catalogue_lacks_is_none_of_these(find):
+    found = find({}, case=14, extra="gust")
+    assert found.verdict is Verdict.UNKNOWN, found.which.ranked[:4]
+    assert found.which.answer == ()
+    assert found.which.unknown > 0.3
+    assert found.which.nearest_family
+
+
+def test_effects_that_look_alike_are_known_before_any_real_test(find):
+    isolable = find({"coulomb": 1.5}, case=11).which.isolability
+    names = isolable.effects
+    sigma = isolable.sigma
+    alike = sigma[names.index("payload"), names.index("motor")]
+    apart = sigma[names.index("tilt"), names.index("delay")]
+    assert alike < 0.5 * apart
+    assert np.all(np.diag(sigma) == 0)
+
+
+def test_the_answer_is_a_distribution_and_repeatable(find):
+    first, second = (find({"coulomb": 1.5}, case=11).to_json() for _ in range(2))
+    assert first == second
+    which = first["which"]
+    total = sum(which["posterior"].values()) + sum(p["probability"] for p in which["pairs"]) + which["others"]
+    assert total == pytest.approx(1.0, abs=1e-4)
+    json.dumps(first, allow_nan=False)
+
+
+def test_channels_that_the_log_lacks_are_done_without(find, cache):
+    spec = s2r.parse_spec(SPEC)
+    short = [(test, trace.only(["v", "v_ref"])) for test, trace in rollouts({"tilt": 1.4}, 15)]
+    found = s2r.diagnose(spec, Cart(), short, cache=cache)
+    assert found.which.ranked[0][0] == ("tilt",)
+
+
+def test_a_simulator_without_effects_is_told_what_to_do():
+    class Bare(Cart):
+        effects = None
+
+    spec = s2r.parse_spec(SPEC)
+    bare = Bare()
+    object.__setattr__(bare, "effects", lambda: ())
+    with pytest.raises(s2r.S2RError, match="declares no effects"):
+        s2r.diagnose(spec, bare, rollouts({}, 1))
+
+
+def test_too_few_rollouts_are_refused(cache):
+    with pytest.raises(s2r.S2RError, match="6 are the least"):
+        s2r.diagnose(s2r.parse_spec(SPEC), Cart(), rollouts({}, 1, n=4), cache=cache)
+
+
+def test_rollouts_asked_of_a_machine_are_kept_and_not_asked_again(tmp_path, cache, toy):
+    spec = s2r.parse_spec(SPEC)
+    machine = s2r.load_backend("cart:real.coulomb=1.5")
+    first = s2r.diagnose(spec, Cart(), machine, 20, cache=cache, folder=tmp_path / "real")
+    assert len(list((tmp_path / "real").glob("*.npz"))) == 20
+    recorded = s2r.load_backend(f"log:{tmp_path / 'real'}")
+    assert len(recorded.recordings) == 20
+
+    class Broken(type(machine)):
+        def rollout(self, params, seed):
+            raise AssertionError("asked again")
+
+    again = s2r.diagnose(spec, Cart(), Broken(machine.truth), 20, cache=cache, folder=tmp_path / "real")
+    assert again.to_json() == first.to_json()
+
+
+def test_the_diagnosis_cannot_see_a_label():
+    code = "import s2r_spec.diagnose.run, sys; print(' '.join(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert not [name for name in done.stdout.split() if name.startswith(("s2r_spec.blind", "benchmarks"))]
