@@ -14,6 +14,7 @@ LAYERS = [
     {"__main__"},
     {"cli"},
     {"report"},
+    {"blind"},
     {"diagnose"},
     {"certify"},
     {"rollouts"},

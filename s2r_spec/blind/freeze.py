@@ -1,0 +1,90 @@
+"""Freeze answers: one JSON a case, and a manifest over answers, data, commitments and code."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Mapping
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from s2r_spec.blind.hashes import of_folder, read_json, write_json
+from s2r_spec.blind.seal import cases
+from s2r_spec.errors import UsageError
+
+MANIFEST = "manifest.json"
+
+Diagnose = Callable[[Path], Mapping[str, Any]]
+"""From the folder of a case to its answer."""
+
+
+def freeze(
+    public: Path, answers: Path, diagnose: Diagnose, progress: Callable[[str, int, int], None] | None = None
+) -> str:
+    """Diagnose every case and write the manifest; return its hash. Answers that are there are kept.
+
+    Raises:
+        UsageError: the answers are frozen already, or a case is not sealed.
+    """
+    manifest = answers / MANIFEST
+    if manifest.exists():
+        raise UsageError(f"{manifest} exists: these answers are frozen; a new version needs a new set")
+    ids = cases(public)
+    for name in ids:
+        if not (public / f"{name}.commit").exists():
+            raise UsageError(f"{public / name} is not sealed; run s2r blind seal first")
+    answers.mkdir(parents=True, exist_ok=True)
+    for number, name in enumerate(ids):
+        path = answers / f"{name}.json"
+        if not path.exists():
+            write_json(path, diagnose(public / name))
+        if progress is not None:
+            progress(name, number + 1, len(ids))
+    write_json(
+        manifest,
+        {
+            "schema": "s2r/blind-manifest/1",
+            "frozen": datetime.now(UTC).isoformat(timespec="seconds"),
+            "code": code_hash(),
+            "answers": {name: _digest(answers / f"{name}.json") for name in ids},
+            "data": {name: of_folder(public / name) for name in ids},
+            "commitments": {name: (public / f"{name}.commit").read_text().strip() for name in ids},
+        },
+    )
+    return _digest(manifest)
+
+
+def check(public: Path, answers: Path) -> dict[str, Any]:
+    """Return the manifest, after holding answers, data and commitments against it.
+
+    Raises:
+        UsageError: something differs from what was frozen; the sentence says what.
+    """
+    manifest = read_json(answers / MANIFEST)
+    ids = cases(public)
+    if sorted(manifest["answers"]) != ids:
+        raise UsageError(f"{public} holds other cases than were frozen in {answers / MANIFEST}")
+    for name in ids:
+        if _digest(answers / f"{name}.json") != manifest["answers"][name]:
+            raise UsageError(f"{answers / name}.json is not the answer that was frozen")
+        if of_folder(public / name) != manifest["data"][name]:
+            raise UsageError(f"{public / name} is not the data that was frozen")
+        if (public / f"{name}.commit").read_text().strip() != manifest["commitments"][name]:
+            raise UsageError(f"{public / name}.commit is not the commitment that was frozen")
+    return manifest
+
+
+def code_hash() -> str:
+    """Return the hash of s2r's own source."""
+    root = Path(__file__).parents[1]
+    digest = hashlib.sha256()
+    for path in sorted(root.rglob("*.py")):
+        digest.update(f"{path.relative_to(root).as_posix()}\0".encode() + path.read_bytes())
+    return digest.hexdigest()
+
+
+def _digest(path: Path) -> str:
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError as error:
+        raise UsageError(f"cannot read {path}: {error.strerror or error}") from None

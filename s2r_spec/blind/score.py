@@ -1,0 +1,205 @@
+"""Score frozen answers against opened labels; every rate with its 95 % interval (Wilson)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from s2r_spec.blind.hashes import read_json
+from s2r_spec.blind.unseal import OPENED
+
+SURE = 0.9
+SMALLEST = 1e-3
+"""No probability counts as less in the log score."""
+
+
+@dataclass(frozen=True)
+class Rate:
+    """So many of so many."""
+
+    hits: int
+    of: int
+
+    @property
+    def value(self) -> float:
+        """Return the share; NaN of none."""
+        return self.hits / self.of if self.of else math.nan
+
+    def interval(self, z: float = 1.96) -> tuple[float, float]:
+        """Return the 95 % Wilson interval."""
+        if not self.of:
+            return 0.0, 1.0
+        n, p = self.of, self.value
+        middle = (p + z * z / (2 * n)) / (1 + z * z / n)
+        half = z * math.sqrt(p * (1 - p) / n + z * z / (4 * n * n)) / (1 + z * z / n)
+        return max(0.0, middle - half), min(1.0, middle + half)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return share, counts and interval."""
+        low, high = self.interval()
+        return {
+            "rate": None if not self.of else round(self.value, 4),
+            "hits": self.hits,
+            "of": self.of,
+            "low": round(low, 4),
+            "high": round(high, 4),
+        }
+
+
+Answers = Sequence[tuple[Mapping[str, Any], Mapping[str, Any]]]
+"""(label, answer) of each case."""
+
+
+def load(answers: Path) -> list[tuple[dict[str, Any], dict[str, Any]]]:
+    """Return (label, answer) of every case of an opened set."""
+    labels = read_json(answers / OPENED)["labels"]
+    return [(label, read_json(answers / f"{name}.json")) for name, label in sorted(labels.items())]
+
+
+def ranked(answer: Mapping[str, Any]) -> list[tuple[frozenset[str], float]]:
+    """Return every answer with its probability, likeliest first; {"none"} and {"unknown"} among them."""
+    which = answer["which"]
+    found = [(frozenset([name]), float(p)) for name, p in which["posterior"].items()]
+    found += [(frozenset(pair["effects"]), float(pair["probability"])) for pair in which["pairs"]]
+    return sorted(found, key=lambda item: -item[1])
+
+
+def truth(label: Mapping[str, Any]) -> frozenset[str]:
+    """Return what the answer should have been."""
+    if label["kind"] == "null":
+        return frozenset(["none"])
+    return frozenset(["unknown"]) if label["kind"] == "unknown" else frozenset(label["effects"])
+
+
+def score(cases: Answers) -> dict[str, Any]:
+    """Return every score of a set of cases."""
+    known = [(label, a) for label, a in cases if label["kind"] in ("single", "pair", "triple")]
+    single = [(label, a) for label, a in cases if label["kind"] == "single"]
+    pair = [(label, a) for label, a in cases if label["kind"] == "pair"]
+    unknown = [(label, a) for label, a in cases if label["kind"] == "unknown"]
+    null = [(label, a) for label, a in cases if label["kind"] == "null"]
+    material = [(label, a) for label, a in unknown if _material(a)]
+    sure = [(label, a) for label, a in cases if ranked(a)[0][1] >= SURE]
+    rates = {
+        "top-1, single effects": _rate(single, lambda label, a: ranked(a)[0][0] == truth(label)),
+        "top-1 among named effects, single": _rate(single, lambda label, a: _named(a)[0] == truth(label)),
+        "top-2, single effects": _rate(
+            single, lambda label, a: truth(label) in [s for s, _ in ranked(a)[:2]]
+        ),
+        "most probable member, single": _rate(single, lambda label, a: {_members(a)[0]} == set(truth(label))),
+        "in the answered set, single": _rate(single, lambda label, a: truth(label) <= set(a["which"]["set"])),
+        "exact pair first": _rate(pair, lambda label, a: _named(a)[0] == truth(label)),
+        "one of the pair first": _rate(pair, lambda label, a: bool(_named(a)[0] & truth(label))),
+        "two likeliest members are the pair": _rate(
+            pair, lambda label, a: set(_members(a)[:2]) == truth(label)
+        ),
+        "unknown with a material gap detected": _rate(
+            material, lambda label, a: a["verdict"] == "none of these"
+        ),
+        "unknown detected, all": _rate(unknown, lambda label, a: a["verdict"] == "none of these"),
+        "known effects called unknown": _rate(known, lambda label, a: a["verdict"] == "none of these"),
+        "null called anything else": _rate(null, lambda label, a: a["verdict"] != "no material gap"),
+        "right where sure": _rate(sure, lambda label, a: ranked(a)[0][0] == truth(label)),
+        "sure": Rate(len(sure), len(cases)),
+        "true value in its 90 % interval": _coverage(single),
+    }
+    relatives = [(label, a) for label, a in unknown if label.get("relative_of")]
+    rates["nearest is the relative"] = _rate(
+        relatives, lambda label, a: label["relative_of"] in [n for s, _ in _named(a)[1][:2] for n in s]
+    )
+    out: dict[str, Any] = {name: rate.to_json() for name, rate in rates.items()}
+    out["set size, single (mean)"] = _mean([max(1, len(a["which"]["set"])) for _, a in single])
+    out["log score"] = _mean([-math.log(max(_probability(label, a), SMALLEST)) for label, a in cases])
+    out["Brier score"] = _mean([_brier(label, a) for label, a in cases])
+    out["calibration error"] = _calibration(cases)
+    out |= _shrink(single, "single") | _shrink(pair, "pair")
+    out["cases"] = len(cases)
+    out["confusion"] = _confusion(single)
+    return out
+
+
+def _rate(cases: Answers, right: Any) -> Rate:
+    return Rate(sum(bool(right(label, a)) for label, a in cases), len(cases))
+
+
+def _named(answer: Mapping[str, Any]) -> tuple[frozenset[str], list[tuple[frozenset[str], float]]]:
+    """Return the likeliest set of effects, none and unknown set aside, and all of them ranked."""
+    found = [(s, p) for s, p in ranked(answer) if not s & {"none", "unknown"}]
+    return found[0][0], found
+
+
+def _members(answer: Mapping[str, Any]) -> list[str]:
+    membership = answer["which"]["membership"]
+    return sorted(membership, key=lambda name: -membership[name])
+
+
+def _material(answer: Mapping[str, Any]) -> bool:
+    return bool(answer["how_far"] and answer["how_far"]["material"])
+
+
+def _probability(label: Mapping[str, Any], answer: Mapping[str, Any]) -> float:
+    return dict(ranked(answer)).get(truth(label), 0.0)
+
+
+def _brier(label: Mapping[str, Any], answer: Mapping[str, Any]) -> float:
+    found = dict(ranked(answer))
+    true = truth(label)
+    return sum(p * p for s, p in found.items() if s != true) + (1.0 - found.get(true, 0.0)) ** 2
+
+
+def _calibration(cases: Answers) -> float | None:
+    """Return the expected calibration error of the first answer, in ten bins."""
+    bins: dict[int, list[tuple[float, bool]]] = {}
+    for label, a in cases:
+        first, p = ranked(a)[0]
+        bins.setdefault(min(int(10 * p), 9), []).append((p, first == truth(label)))
+    total = sum(abs(sum(p for p, _ in b) - sum(r for _, r in b)) for b in bins.values())
+    return round(total / len(cases), 4) if cases else None
+
+
+def _coverage(cases: Answers) -> Rate:
+    hits = of = 0
+    for label, a in cases:
+        for effect, values in label["effects"].items():
+            for parameter, value in values.items():
+                found = a["which"]["parameters"].get(effect, {}).get(parameter)
+                if found is not None and isinstance(value, int | float):
+                    of += 1
+                    hits += found["low"] <= value <= found["high"]
+    return Rate(hits, of)
+
+
+def _shrink(cases: Answers, kind: str) -> dict[str, Any]:
+    """Return how much of the held-out gap above its floor the patch closed, over cases with a material gap."""
+    far = [a["how_far"] for _, a in cases if _material(a) and a["how_far"]["after"]]
+    if not far:
+        return {}
+    above = sum(f["before"]["mean"] - f["floor"] for f in far)
+    closed = sum(f["before"]["mean"] - f["after"]["mean"] for f in far)
+    shares = sorted(f["share"]["estimate"] for f in far if f["share"])
+    oracle = [f["oracle_share"] for f in far if f["oracle_share"] is not None]
+    return {
+        f"shrink, {kind}": {
+            "cases": len(far),
+            "ratio of sums": round(closed / above, 4),
+            "median share": round(shares[len(shares) // 2], 4) if shares else None,
+            "mean share of oracle": _mean(oracle),
+        }
+    }
+
+
+def _confusion(cases: Answers) -> dict[str, dict[str, int]]:
+    """Return true effect → first answer → count."""
+    out: dict[str, dict[str, int]] = {}
+    for label, a in cases:
+        row = out.setdefault("+".join(sorted(truth(label))), {})
+        said = "+".join(sorted(ranked(a)[0][0]))
+        row[said] = row.get(said, 0) + 1
+    return out
+
+
+def _mean(values: Sequence[float]) -> float | None:
+    return round(sum(values) / len(values), 4) if values else None

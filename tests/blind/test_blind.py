@@ -1,0 +1,125 @@
+"""A set is sealed, answered, opened and scored; any change in between is found."""
+
+import json
+
+import pytest
+
+from s2r_spec.blind.freeze import freeze
+from s2r_spec.blind.score import Rate, load, score
+from s2r_spec.blind.seal import seal
+from s2r_spec.blind.unseal import unseal
+from s2r_spec.errors import UsageError
+
+LABELS = {
+    "case-a": {"kind": "single", "effects": {"drag": {"coefficient": 2.0}}},
+    "case-b": {"kind": "unknown", "effects": {"gust": {}}, "relative_of": "drag"},
+    "case-c": {"kind": "null", "effects": {}},
+}
+
+
+def answered(verdict, first, p=0.95):
+    rest = {"none": 0.0, "unknown": 0.0, "drag": 0.0, "mass": 0.0}
+    posterior = rest | {"mass": 1 - p} | {first: p}
+    return {
+        "verdict": verdict,
+        "which": {
+            "posterior": posterior,
+            "pairs": [],
+            "membership": {k: v for k, v in posterior.items() if k not in ("none", "unknown")},
+            "set": [first],
+            "parameters": {"drag": {"coefficient": {"estimate": 2.1, "low": 1.8, "high": 2.4, "unit": ""}}},
+        },
+        "how_far": None,
+    }
+
+
+ANSWERS = {
+    "case-a": answered("named", "drag"),
+    "case-b": answered("none of these", "unknown"),
+    "case-c": answered("named", "mass"),
+}
+
+
+@pytest.fixture
+def sealed(tmp_path):
+    public, labels = tmp_path / "public", tmp_path / "labels"
+    labels.mkdir()
+    for name, label in LABELS.items():
+        (public / name).mkdir(parents=True)
+        (public / name / "rollouts.csv").write_text("id,vd\nr,0.1\n")
+        (labels / f"{name}.json").write_text(json.dumps(label))
+    assert seal(public, labels, tmp_path / "keys") == 3
+    return tmp_path
+
+
+def frozen(sealed):
+    return freeze(sealed / "public", sealed / "answers", lambda case: ANSWERS[case.name])
+
+
+def test_a_set_is_sealed_frozen_opened_and_scored(sealed):
+    assert not list((sealed / "labels").iterdir())
+    assert len(frozen(sealed)) == 64
+    assert unseal(sealed / "public", sealed / "keys", sealed / "answers") == LABELS
+    found = score(load(sealed / "answers"))
+    assert found["top-1, single effects"]["hits"] == 1
+    assert found["unknown detected, all"]["rate"] == 1.0
+    assert found["null called anything else"]["rate"] == 1.0
+    assert found["true value in its 90 % interval"]["hits"] == 1
+    assert found["right where sure"] | {"low": 0, "high": 0} == {
+        "rate": 0.6667, "hits": 2, "of": 3, "low": 0, "high": 0,
+    }  # fmt: skip
+
+
+def test_no_label_is_in_the_public_folder(sealed):
+    text = b"".join(p.read_bytes() for p in (sealed / "public").rglob("*") if p.is_file())
+    assert b"drag" not in text
+    assert b"gust" not in text
+
+
+@pytest.mark.parametrize(
+    ("what", "sentence"),
+    [
+        ("answers/case-a.json", "is not the answer that was frozen"),
+        ("public/case-a/rollouts.csv", "is not the data that was frozen"),
+        ("public/case-a.commit", "is not the commitment that was frozen"),
+    ],
+)
+def test_a_change_after_freezing_is_found(sealed, what, sentence):
+    frozen(sealed)
+    path = sealed / what
+    path.write_text(path.read_text() + " ")
+    if path.suffix == ".commit":
+        path.write_text("0" * 64)
+    with pytest.raises(UsageError, match=sentence):
+        unseal(sealed / "public", sealed / "keys", sealed / "answers")
+
+
+def test_a_changed_label_does_not_match_its_commitment(sealed):
+    frozen(sealed)
+    path = sealed / "keys" / "case-a.json"
+    path.write_text(path.read_text().replace("drag", "mass"))
+    with pytest.raises(UsageError, match="is not the label that"):
+        unseal(sealed / "public", sealed / "keys", sealed / "answers")
+
+
+def test_answers_are_frozen_and_a_set_is_opened_only_once(sealed):
+    frozen(sealed)
+    with pytest.raises(UsageError, match="these answers are frozen"):
+        frozen(sealed)
+    unseal(sealed / "public", sealed / "keys", sealed / "answers")
+    with pytest.raises(UsageError, match="one opening a set"):
+        unseal(sealed / "public", sealed / "keys", sealed / "answers")
+
+
+def test_a_set_without_its_labels_is_not_sealed(tmp_path):
+    (tmp_path / "public" / "x").mkdir(parents=True)
+    (tmp_path / "labels").mkdir()
+    with pytest.raises(UsageError, match="folder but no label"):
+        seal(tmp_path / "public", tmp_path / "labels", tmp_path / "keys")
+
+
+def test_wilson_interval():
+    low, high = Rate(0, 200).interval()
+    assert low == 0
+    assert high == pytest.approx(0.0188, abs=1e-4)
+    assert Rate(0, 0).interval() == (0.0, 1.0)
