@@ -22,7 +22,7 @@ from s2r_spec.certify.certificate import Certificate, Label
 from s2r_spec.certify.drive import Observer, Rollouts, drive
 from s2r_spec.certify.kernels import Kernel
 from s2r_spec.certify.outward import at_most
-from s2r_spec.certify.recorded import fixed_design, observe
+from s2r_spec.certify.recorded import Recorded, fixed_design, left_open, observe
 from s2r_spec.certify.search import Search
 from s2r_spec.errors import UsageError, one_of
 from s2r_spec.rollouts.journal import Journal, Record
@@ -222,14 +222,14 @@ def check_with(
     else:
         journal = Journal.create(folder, provenance, spec_files(spec))
     if design is not None:
-        observe(search, design, rig, journal, observer)
+        observe(search, design, Recorded(design, rig, journal), observer)
     else:
         with Runner(executor or process_pool(2)) as runner:
             drive(search, Rollouts(rig, seed, journal, runner), observer)
     result = conclude(
         spec, requirement, rig.fall, search.certificate(), journal, provenance, perf_counter() - start
     )
-    return result if design is None else of_recordings(result, design.notes, search.suggestion)
+    return result if design is None else of_recordings(result, design.notes, search)
 
 
 def only_requirement(spec: Spec) -> str:
@@ -280,25 +280,26 @@ def conclude(
     )
 
 
-def of_recordings(result: CheckResult, notes: Sequence[str], suggestion: Mapping[str, float]) -> CheckResult:
+def of_recordings(result: CheckResult, notes: Sequence[str], search: Search) -> CheckResult:
     """Say what a result of recordings rests on, and what the recorded tests cannot certify.
 
     Args:
         result: from :func:`conclude`.
         notes: of the :class:`Design`.
-        suggestion: where a further test would tell most.
+        search: that was told them.
     """
     certificate, reason = result.certificate, result.reason
     if result.verdict is Verdict.UNKNOWN and certificate.label is not Label.REFUSED:
         reason = f"the interval contains 0 after {certificate.rollouts} recorded rollouts"
     if certificate.label is Label.BUDGET:
-        where = ", ".join(f"{name} = {value:.4g}" for name, value in suggestion.items())
+        where = ", ".join(f"{name} = {value:.4g}" for name, value in search.suggestion.items())
         reason += (
             f"; the recorded tests certify no more than an interval {at_most(certificate.epsilon)} wide "
             f"(ε = {certificate.target:g} was asked), and a further test would tell most at {where}"
         )
     *assumptions, _ = result.assumptions
     about = "the statement is about the machine as it was when it was recorded"
+    notes = [*notes, *left_open(search, "E ρ")]
     return replace(result, reason=reason, assumptions=(*assumptions, about, *notes))
 
 

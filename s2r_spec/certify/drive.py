@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 
@@ -119,15 +119,20 @@ class Rollouts:
 
 @dataclass(frozen=True)
 class Pairs:
-    """A simulated and a real rollout for each replicate; the outcome is −Δ = ρ_sim − ρ_real."""
+    """A simulated and a real rollout for each replicate; the outcome is −Δ = ρ_sim − ρ_real.
 
-    simulated: Rollouts
-    real: Rollouts
+    The observer is told of the rollouts of the side that is ``watched``.
+    """
+
+    simulated: Experiment
+    real: Experiment
+    watched: Literal["real", "simulated"] = "real"
 
     def outcomes(self, queries: Sequence[Query], observer: Observer) -> dict[int, list[float]]:
         """Run both sides, the real one first: what it costs must be recorded whatever the simulator does."""
-        real = self.real.outcomes(queries, observer)
-        simulated = self.simulated.outcomes(queries, Silent())
+        watched = {self.watched: observer}
+        real = self.real.outcomes(queries, watched.get("real", Silent()))
+        simulated = self.simulated.outcomes(queries, watched.get("simulated", Silent()))
         return {index: [r - s for r, s in zip(real[index], simulated[index], strict=True)] for index in real}
 
 

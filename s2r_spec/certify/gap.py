@@ -28,17 +28,16 @@ from s2r_spec.certify.check import (
     search_for,
 )
 from s2r_spec.certify.compose import Composition, compose
-from s2r_spec.certify.drive import Observer, Pairs, Rollouts, drive
+from s2r_spec.certify.drive import Experiment, Observer, Pairs, Rollouts, drive
+from s2r_spec.certify.recorded import Recorded, left_open, observe
 from s2r_spec.certify.search import Search
+from s2r_spec.certify.sides import SIMULATED_PER_REAL, Sides
 from s2r_spec.errors import UsageError
 from s2r_spec.rollouts.journal import Journal
-from s2r_spec.rollouts.rig import Rig, spec_files
+from s2r_spec.rollouts.rig import spec_files
 from s2r_spec.rollouts.runner import ExecutorFactory, Runner, process_pool
 from s2r_spec.rollouts.seeds import Stream
 from s2r_spec.spec import Spec
-
-# Simulated rollouts averaged against each real one: a quarter fewer real rollouts than with one.
-SIMULATED_PER_REAL = 2
 
 
 @dataclass(frozen=True)
@@ -117,12 +116,19 @@ class CertifyResult:
 
 
 def gap_search(
-    spec: Spec, requirement: str, *, seed: int, budget: int | None, mode: str, engine: str
+    spec: Spec,
+    requirement: str,
+    *,
+    seed: int,
+    budget: int | None,
+    mode: str,
+    engine: str,
+    per_real: int = SIMULATED_PER_REAL,
 ) -> Search:
     """Build search 2 from the spec's certify line.
 
     The noise of Δ has proxy R·sqrt(1 + 1/k), if R is the real machine's too and k
-    simulated rollouts are averaged; B, ε, δ and the kernel are those of search 1.
+    (``per_real``) simulated rollouts are averaged; B, ε, δ and the kernel are those of search 1.
     """
     return search_for(
         spec,
@@ -131,7 +137,7 @@ def gap_search(
         budget=budget,
         mode=mode,
         engine=engine,
-        noise=math.sqrt(1 + 1 / SIMULATED_PER_REAL),
+        noise=math.sqrt(1 + 1 / per_real),
     )
 
 
@@ -155,7 +161,9 @@ def gap(
     Args:
         spec: with a test space and a certify line.
         simulated: the backend that stands for the simulator.
-        real: the backend that stands for the real machine: a robot, its logs, a twin.
+        real: the backend that stands for the real machine: a robot, its logs, a twin. Of logs every
+            recording inside the test space counts once, and the simulator is run at the same tests
+            (or its own logs are read); the search then chooses no test.
         folder: of the journals and traces of both sides.
         requirement: may be left out when the spec has one.
         seed: of the whole run.
@@ -171,16 +179,18 @@ def gap(
         BackendError: a rollout raised; all that came before is in the journals.
     """
     requirement = requirement or only_requirement(spec)
-    search = gap_search(spec, requirement, seed=seed, budget=budget, mode=mode, engine=engine)
-    return gap_with(search, spec, requirement, simulated, real, folder, seed, executor, resume, observer)
+    sides = Sides.of(spec, requirement, simulated, real, budget)
+    search = gap_search(
+        spec, requirement, seed=seed, budget=budget, mode=mode, engine=engine, per_real=sides.per_real
+    )
+    return gap_with(search, spec, requirement, sides, folder, seed, executor, resume, observer)
 
 
 def gap_with(
     search: Search,
     spec: Spec,
     requirement: str,
-    simulated: str,
-    real: str,
+    sides: Sides,
     folder: Path,
     seed: int,
     executor: ExecutorFactory | None,
@@ -189,18 +199,20 @@ def gap_with(
 ) -> GapResult:
     """Run a search for the gap to its end; see :func:`gap`."""
     start = perf_counter()
-    rigs = {"sim": Rig.for_spec(spec, requirement, simulated), "real": Rig.for_spec(spec, requirement, real)}
+    rigs = {"sim": sides.sim, "real": sides.real}
     provenance: dict[str, Any] = {
         "s2r": version("s2r"),
         "spec": Path(spec.name).name,
         "spec_hash": spec.hash,
         "requirement": requirement,
         "seed": seed,
-        "simulated_per_real": SIMULATED_PER_REAL,
+        "simulated_per_real": sides.per_real,
         "settings": search.certificate().settings,
     }
     for side, rig in rigs.items():
         provenance[side] = {"backend": rig.name, "model_hash": rig.backend.model_hash}
+    if sides.recorded is not None:
+        provenance["recorded"] = list(sides.notes)
     journals = {}
     for side, rig in rigs.items():
         header = provenance | {"side": side, "backend": rig.name, "duration": rig.backend.duration}
@@ -211,11 +223,17 @@ def gap_with(
             else Journal.create(place, header, spec_files(spec))
         )
     with Runner(executor or process_pool(2)) as runner:
-        pairs = Pairs(
-            Rollouts(rigs["sim"], seed, journals["sim"], runner, Stream.GAP_SIM, SIMULATED_PER_REAL),
-            Rollouts(rigs["real"], seed, journals["real"], runner, Stream.GAP_REAL),
+        simulated: Experiment = Rollouts(
+            rigs["sim"], seed, journals["sim"], runner, Stream.GAP_SIM, SIMULATED_PER_REAL
         )
-        drive(search, pairs, observer)
+        if sides.recorded is None:
+            real = Rollouts(rigs["real"], seed, journals["real"], runner, Stream.GAP_REAL)
+            drive(search, Pairs(simulated, real), observer)
+        else:
+            if sides.simulated is not None:
+                simulated = Recorded(sides.simulated, rigs["sim"], journals["sim"], SIMULATED_PER_REAL)
+            recorded = Recorded(sides.recorded, rigs["real"], journals["real"])
+            observe(search, sides.recorded, Pairs(simulated, recorded, watched="simulated"), observer)
     tested, failures = _tested(journals)
     certificate = search.certificate()
     unit = rho_unit(spec, requirement)
@@ -226,12 +244,16 @@ def gap_with(
             for text in certificate.assumptions
         ),
         f"the real machine's ρ is R-sub-Gaussian with the spec's R, like the simulator's; each Δ is one real rollout "
-        f"minus the mean of {SIMULATED_PER_REAL} simulated ones",
+        f"minus the mean of {SIMULATED_PER_REAL if sides.per_real > 1 else 'one or two'} simulated ones",
         f"a rollout that falls or crashes counts as ρ = {rigs['real'].fall:g} {unit}".rstrip()
         + " on both sides",
     )
-    if real.startswith("twin"):
-        assumptions += (f"{real} is a twin: a simulator that stands in for hardware, not hardware",)
+    if sides.recorded is not None:
+        assumptions += (*sides.notes, *left_open(search, "E Δ"))
+    if sides.real.name.startswith("twin"):
+        assumptions += (
+            f"{sides.real.name} is a twin: a simulator that stands in for hardware, not hardware",
+        )
     return GapResult(
         requirement=requirement,
         lower=-certificate.upper,
@@ -271,17 +293,18 @@ def certify(
     not begin when search 1 was refused: rollouts of the real machine could not mend that.
     """
     requirement = requirement or only_requirement(spec)
+    sides = Sides.of(spec, requirement, simulated, real, budget)
     first = search_for(spec, requirement, seed=seed, budget=None, mode=mode, engine=engine)
-    second = gap_search(spec, requirement, seed=seed, budget=budget, mode=mode, engine=engine)
+    second = gap_search(
+        spec, requirement, seed=seed, budget=budget, mode=mode, engine=engine, per_real=sides.per_real
+    )
     checked = check_with(
         first, spec, requirement, simulated, folder / "simulation", seed, executor, resume, observer
     )
     if not checked.certificate.label.bounds:
         reason = f"no certificate for simulation: {checked.certificate.reason}; no rollout of {real} was run"
         return CertifyResult(Verdict.UNKNOWN, reason, real, checked, None, None)
-    bounded = gap_with(
-        second, spec, requirement, simulated, real, folder / "gap", seed, executor, resume, observer
-    )
+    bounded = gap_with(second, spec, requirement, sides, folder / "gap", seed, executor, resume, observer)
     if not bounded.certificate.label.bounds:
         reason = f"no certificate for the gap: {bounded.certificate.reason}"
         return CertifyResult(Verdict.UNKNOWN, reason, real, checked, bounded, None)
@@ -292,6 +315,9 @@ def certify(
         verdict, reason = Verdict.VIOLATED, f"the worst expected robustness of {real} is negative"
     else:
         way = "more real rollouts" if bounded.certificate.label is Label.BUDGET else "a smaller epsilon"
+        if sides.recorded is not None:
+            where = ", ".join(f"{name} = {value:.4g}" for name, value in second.suggestion.items())
+            way = f"a further recorded test, best at {where},"
         verdict, reason = Verdict.UNKNOWN, f"the interval contains 0; {way} may decide it"
     return CertifyResult(verdict, reason, real, checked, bounded, composition)
 

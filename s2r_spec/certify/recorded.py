@@ -1,13 +1,16 @@
-"""A check on recordings: the tests were fixed before, so the search is told them and asks for none."""
+"""Searches on recordings: the tests were fixed before, so that a search is told them and asks for none."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from s2r_spec.backend import Backend, Recording
-from s2r_spec.certify.drive import Observer
-from s2r_spec.certify.search import Search
+from s2r_spec.certify.drive import Experiment, Observer, Silent
+from s2r_spec.certify.outward import wide
+from s2r_spec.certify.search import Query, Search
 from s2r_spec.errors import TraceError, UsageError
 from s2r_spec.rollouts.journal import Journal, Record
 from s2r_spec.rollouts.match import Matched, match
@@ -17,6 +20,8 @@ from s2r_spec.spec import Spec
 
 # A conversion of units may put the end of a range this share of its width outside of it.
 ROUNDING = 1e-9
+# Points for each parameter at which the band is compared with ε, by the number of parameters.
+FINE = {1: 501, 2: 41, 3: 15}
 
 
 @dataclass(frozen=True)
@@ -30,6 +35,11 @@ class Design:
 
     tests: tuple[tuple[dict[str, float], tuple[Recording, ...]], ...]
     notes: tuple[str, ...]
+
+    @property
+    def queries(self) -> list[Query]:
+        """The tests as queries: one outcome for each recording."""
+        return [Query(index, point, len(group)) for index, (point, group) in enumerate(self.tests)]
 
 
 def fixed_design(spec: Spec, requirement: str, backend: Backend, recordings: Sequence[Recording]) -> Design:
@@ -62,8 +72,6 @@ def fixed_design(spec: Spec, requirement: str, backend: Backend, recordings: Seq
             f"{len(outside)} of {len(recordings)} recordings are of tests outside the spec's test space and are "
             f"not used ({', '.join(outside[:3])}{', …' if len(outside) > 3 else ''})"
         )
-    if all(len(group) == 1 for _, group in tests):
-        notes.append("no test was recorded twice, so that nothing here could have refuted R")
     units = {channel.name: channel.unit for channel in backend.channels}
     notes += [
         f"the channel {name!r} of {recordings[0].source} has no unit; its numbers are read as {unit}"
@@ -73,30 +81,86 @@ def fixed_design(spec: Spec, requirement: str, backend: Backend, recordings: Seq
     return Design(tests, tuple(notes))
 
 
-def observe(
-    search: Search, design: Design, rig: Rig, journal: Journal, observer: Observer | None = None
-) -> None:
-    """Judge every recording, put ρ into the journal, and tell the search −ρ of all of them at once.
+@dataclass(frozen=True)
+class Recorded:
+    """An experiment whose outcomes were recorded before it was asked for them.
 
-    Raises:
-        TraceError: a recording cannot be judged; the message names its file.
+    Attributes:
+        design: test *i* answers query *i*.
+        rig: what turns a recording into ρ.
+        journal: where every ρ goes first.
+        each: recordings per replicate; the outcome is their mean, and the last one may be of fewer.
     """
-    outcomes = []
-    for index, (point, recordings) in enumerate(design.tests):
-        records = []
-        for replicate, recording in enumerate(recordings):
+
+    design: Design
+    rig: Rig
+    journal: Journal
+    each: int = 1
+
+    def outcomes(self, queries: Sequence[Query], observer: Observer) -> dict[int, list[float]]:
+        """Judge the recordings; see :class:`s2r_spec.certify.drive.Experiment`.
+
+        Raises:
+            TraceError: a recording cannot be judged; the message names its file.
+        """
+        return {query.index: self._outcomes(query, observer) for query in queries}
+
+    def _outcomes(self, query: Query, observer: Observer) -> list[float]:
+        point, recordings = self.design.tests[query.index]
+        groups: list[list[float]] = [[] for _ in range(query.replicates)]
+        for number, recording in enumerate(recordings):
+            # One for each replicate first, so that none is left without.
+            place, replicate = divmod(number, query.replicates)
+            key = query.index, replicate * self.each + place
             # The seed is what makes the backend give this recording again.
-            task = rig.task(index, replicate, point, seed=replicate)
+            task = self.rig.task(*key, point, seed=number)
             try:
-                rho, failure = rig.score(point, Done(task, recording.trace, 0.0))
+                rho, failure = self.rig.score(point, Done(task, recording.trace, 0.0))
             except TraceError as error:
                 raise TraceError(f"{recording.source}: {error}") from None
-            record = Record(index, replicate, point, replicate, rho, failure, trace=None, seconds=0.0)
-            records.append(journal.get(index, replicate) or journal.append(record, None))
-            if observer is not None:
-                observer.rollout(records[-1])
-        outcomes.append((point, [-record.rho for record in records]))
-    search.observe(outcomes, final=True)
+            record = Record(*key, point, number, rho, failure, trace=None, seconds=0.0)
+            record = self.journal.get(*key) or self.journal.append(record, None)
+            observer.rollout(record)
+            groups[replicate].append(-record.rho)
+        return [float(np.mean(group)) for group in groups]
+
+
+def observe(search: Search, design: Design, experiment: Experiment, observer: Observer | None = None) -> None:
+    """Tell a search the outcomes of all tests of a design at once; it is done then."""
+    outcomes = experiment.outcomes(design.queries, observer or Silent())
+    search.observe([(query.point, outcomes[query.index]) for query in design.queries], final=True)
+
+
+def left_open(search: Search, what: str) -> list[str]:
+    """Return what the tests that a search was told cannot certify, each in one sentence.
+
+    Args:
+        search: done.
+        what: it bounds: "E ρ" or "E Δ".
+    """
+    notes, space = [], search.space
+    if not search.degrees:
+        notes.append("no test was recorded twice, so that nothing here could have refuted R")
+    points = space.grid((FINE.get(space.dim, 7),) * space.dim)
+    lower, upper = search.band(points)
+    widths = upper - lower
+    if (widths > search.epsilon).any():
+        lengths = search.kernel.lengthscales(space.dim)
+        far = np.abs((points[:, None] - search.tested[None]) / lengths).max(axis=2).min(axis=1)
+        # Where nothing is near, the band is as wide as B makes it: of the widest places the farthest is named.
+        widest = np.lexsort((far, widths))[-1]
+        unit = f" {search.unit}" if search.unit else ""
+        where = ", ".join(
+            f"{axis.name} = {value:.4g} {axis.unit}".rstrip()
+            for axis, value in zip(space.axes, points[widest], strict=True)
+        )
+        share = wide(100 * float(np.mean(widths > search.epsilon)), 0)
+        notes.append(
+            f"the recorded tests leave the band of {what} wider than ε = {search.epsilon:g}{unit} over {share} % of "
+            f"the test space; it is widest at {where}, {wide(widths[widest])}{unit}, "
+            f"{far[widest]:.2g} lengthscales from the nearest recorded test"
+        )
+    return notes
 
 
 def _point(spec: Spec, matched: Matched, recording: Recording) -> dict[str, float] | None:

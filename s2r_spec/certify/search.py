@@ -308,6 +308,16 @@ class Search:
         return float(self._bounds.minimum[0]) * self.R, float(self._bounds.maximum[0]) * self.R
 
     @property
+    def degrees(self) -> int:
+        """How many outcomes repeat a test, beyond the first of each: what the e-test of R lives on."""
+        return self._degrees
+
+    @property
+    def tested(self) -> FloatArray:
+        """(u, dim) points of which outcomes were told."""
+        return self._tiling.points[self._samples.at]
+
+    @property
     def suggestion(self) -> dict[str, float]:
         """The point of the largest upper bound, where a further test would tell most."""
         return self.space.point(self._tiling.points[int(self._bounds.upper[0].argmax())])

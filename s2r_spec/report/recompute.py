@@ -79,7 +79,7 @@ def recompute(folder: Path) -> Recomputed:
         sum(record.seconds for record in records),
     )
     if "recorded" in header:
-        result = of_recordings(result, header["recorded"], search.suggestion)
+        result = of_recordings(result, header["recorded"], search)
     return Recomputed(spec, result, search, tuple(history), tuple(records), len(records) - told)
 
 
