@@ -1,0 +1,142 @@
+"""What decides ρ of either trace, and the bounds on Δρ that follow.
+
+Let c_s and c_r be the predicate and sample that decide ρ of the simulated and of the
+real trace, and v the margin. Where ρ is a minimum of margins, and of nothing else,
+
+    v_real(c_r) − v_sim(c_r) ≤ Δρ ≤ v_real(c_s) − v_sim(c_s),
+
+because ρ_real = v_real(c_r) and ρ_sim ≤ v_sim(c_r), and the other way round; where it
+is a maximum of margins the two sides change places.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
+
+from s2r_spec.diagnose.where.path import Path
+from s2r_spec.lang import formula as f
+from s2r_spec.robustness.deciding import Step
+
+Kind = Literal["either", "min", "max", "mixed"]
+
+
+@dataclass(frozen=True)
+class Critical:
+    """What decides ρ of one trace.
+
+    Attributes:
+        predicate: as it is written.
+        name: of the innermost named sub-formula it is in; "" for none.
+        line: where it is written.
+        time: when it is asked [s].
+        simulated: ± its margin on the simulated trace, in the unit of ρ.
+        real: ± its margin on the real trace.
+    """
+
+    predicate: str
+    name: str
+    line: int
+    time: float
+    simulated: float
+    real: float
+
+    def __str__(self) -> str:
+        within = f" in `{self.name}`" if self.name else ""
+        return f"`{self.predicate}`{within} at {self.time:.3g} s"
+
+
+@dataclass(frozen=True)
+class Switch:
+    """What decides ρ in simulation and on the real machine.
+
+    Attributes:
+        simulated: what decides ρ of the simulated trace.
+        real: what decides ρ of the real one.
+        bounds: (low, high) on Δρ; None where ρ is neither a minimum nor a maximum of margins.
+    """
+
+    simulated: Critical
+    real: Critical
+    bounds: tuple[float, float] | None
+
+    @property
+    def switches(self) -> bool:
+        """Whether another predicate decides."""
+        return (self.simulated.predicate, self.simulated.line) != (self.real.predicate, self.real.line)
+
+    def __str__(self) -> str:
+        if self.switches:
+            return f"the critical predicate switches from {self.simulated} to {self.real}"
+        return f"the critical predicate is {self.simulated} in simulation and {self.real} on the real machine"
+
+    def to_json(self) -> dict[str, Any]:
+        """Return plain data for JSON."""
+        return {
+            "simulated": asdict(self.simulated),
+            "real": asdict(self.real),
+            "switches": self.switches,
+            "bounds": None if self.bounds is None else list(self.bounds),
+        }
+
+
+def switch(path: Path) -> Switch | None:
+    """Return what decides at both ends of a path; None if ρ rests on no predicate there."""
+    start, end = path.start, path.end
+    if not all(isinstance(point.steps[-1].node, f.Comparison) for point in (start, end)):
+        return None
+
+    def critical(steps: tuple[Step, ...]) -> Critical:
+        last = steps[-1]
+        named = next((s.node.name for s in reversed(steps) if isinstance(s.node, f.Named)), "")
+        return Critical(
+            " ".join(last.node.span.text.split()),
+            named,
+            last.node.span.line,
+            float(path.pair.times[last.sample]),
+            path.value(last, start.algebra),
+            path.value(last, end.algebra),
+        )
+
+    simulated, real = critical(start.steps), critical(end.steps)
+    changes = real.real - real.simulated, simulated.real - simulated.simulated
+    match kind(path.pair.formula):
+        case "mixed":
+            bounds = None
+        case "max":
+            bounds = changes[1], changes[0]
+        case _:
+            bounds = changes
+    return Switch(simulated, real, bounds)
+
+
+def kind(formula: f.Formula, negated: bool = False) -> Kind:
+    """Return what ρ of a formula (of its negation) is of margins: a minimum, a maximum, both mixed, or just one."""
+    least: Kind = "max" if negated else "min"
+    most: Kind = "min" if negated else "max"
+    match formula:
+        case f.Named() | f.Rescale() | f.Step():
+            return kind(formula.operand, negated)
+        case f.Not():
+            return kind(formula.operand, not negated)
+        case f.Junction():
+            over = least if formula.operator == "and" else most
+            return _joined(over, *(kind(operand, negated) for operand in formula.operands))
+        case f.Implication():
+            if formula.operator == "<->":
+                return "mixed"
+            return _joined(most, kind(formula.left, not negated), kind(formula.right, negated))
+        case f.Temporal():
+            over = least if formula.operator in ("always", "historically") else most
+            return _joined(over, kind(formula.operand, negated))
+        case f.Edge():
+            inner = kind(formula.operand)
+            return least if inner == "either" else "mixed"
+        case f.Until():
+            return "mixed"
+        case _:
+            return "either"
+
+
+def _joined(over: Kind, *parts: Kind) -> Kind:
+    return over if all(part in ("either", over) for part in parts) else "mixed"

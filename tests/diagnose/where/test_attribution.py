@@ -1,0 +1,179 @@
+"""Attribution adds up to Δρ, on random formulas and on real ones, and the sandwich holds."""
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from s2r_spec.diagnose.where.attribution import attribute
+from s2r_spec.diagnose.where.critical import kind
+from s2r_spec.errors import TraceError
+from s2r_spec.spec import load_spec, parse_spec
+from s2r_spec.trace import Trace
+from tests.robustness.drawing import cases
+
+SPECS = Path(__file__).parents[3] / "specs"
+
+
+@st.composite
+def pairs(draw):
+    """A random formula and two traces of it."""
+    case = draw(st.one_of(cases("regular"), cases("irregular")))
+    sample = st.lists(
+        st.integers(-6, 6).map(lambda v: v / 4), min_size=len(case.ticks), max_size=len(case.ticks)
+    )
+    times = case.start + np.array(case.ticks) * float(case.period)
+    other = Trace(times, {"x": draw(sample), "y": draw(sample)})
+    return case, Trace(times, {"x": case.x, "y": case.y}), other
+
+
+@settings(max_examples=60, deadline=None)
+@given(pair=pairs())
+def test_parts_add_up_and_the_sandwich_holds(pair):
+    case, real, simulated = pair
+    spec = parse_spec(case.text)
+    try:
+        found = attribute(spec, "it", real, simulated, {"p": case.param})
+    except TraceError:
+        assume(False)
+    assume(math.isfinite(found.delta))
+    total = sum(float(values.sum()) for values in found.credit.values())
+    assert total + found.ended == pytest.approx(found.delta, abs=1e-9)
+    assert abs(found.error) <= 1e-9
+    assert found.parts[0].amount == pytest.approx(found.delta, abs=1e-9)
+    predicates = sum(part.amount for part in found.parts if part.predicate)
+    assert predicates == pytest.approx(found.delta, abs=1e-9)
+    json.dumps(found.to_json(), allow_nan=False)
+    if found.switch is not None:
+        if kind(spec.formulas["it"]) == "mixed":
+            assert found.switch.bounds is None
+        else:
+            low, high = found.switch.bounds
+            assert low - 1e-9 <= found.delta <= high + 1e-9
+
+
+TIMES = np.arange(751) / 500
+
+
+def walk(generator, speed=0.3, shape=0.0):
+    noise = np.convolve(generator.normal(size=790), np.ones(40) / 40, "valid") * 0.05
+    return Trace(TIMES, {"vx": speed * (1 - np.exp(-TIMES / 0.1)) + noise + shape}, {"vx": "m/s"})
+
+
+def test_the_a1s_spec_sums_to_rounding_and_names_what_switches():
+    spec, generator = load_spec(SPECS / "a1_velocity.stl"), np.random.default_rng(0)
+    dip = np.where((TIMES >= 0.9) & (TIMES <= 1.1), -0.08, 0.0)
+    start = np.where((TIMES > 0.35) & (TIMES < 0.45), 0.025, 0.0)  # where the simulated rollout is tightest
+    found = attribute(
+        spec, "walking", walk(generator, shape=start + dip), walk(generator, shape=start), {"vd": 0.3}
+    )
+    assert found.delta < -0.03
+    assert abs(found.error) < 1e-12
+    assert found.ended == 0.0
+    assert found.within(0.9, 1.1) / found.delta > 0.8
+    assert [(part.name, part.depth) for part in found.parts if part.name] == [("rises", 1), ("settles", 1)]
+    rises, settles = (part.amount for part in found.parts if part.name)
+    assert rises + settles == pytest.approx(found.delta, abs=1e-12)
+    assert settles / found.delta > 0.8
+    text = spec.text
+    assert [text[slice(*part.span)] for part in found.parts if part.predicate] == [
+        "overshoot(vx, vd) <= tol_o", "abs(vx - vd) <= tol_s",
+    ]  # fmt: skip
+    low, high = found.switch.bounds
+    assert low <= found.delta <= high
+    assert found.switch.switches
+    assert str(found.switch).startswith(
+        "the critical predicate switches from `overshoot(vx, vd) <= tol_o` in `rises`"
+    )
+    assert "to `abs(vx - vd) <= tol_s` in `settles` at 1." in str(found.switch) or "at 0.9" in str(
+        found.switch
+    )
+
+
+def test_a_fall_is_cut_and_what_it_costs_beyond_stands_by_itself():
+    spec, generator = load_spec(SPECS / "a1_velocity.stl"), np.random.default_rng(1)
+    whole = walk(generator)
+    fallen = Trace(TIMES[:400], {"vx": whole["vx"][:400] - 0.02}, {"vx": "m/s"}, {"failure": "fall"})
+    found = attribute(spec, "walking", fallen, whole, {"vd": 0.3})
+    assert found.delta == pytest.approx(-0.5 - spec.robustness(whole, {"vd": 0.3})["walking"])
+    assert found.reason == "the real rollout ended with 'fall' at 0.798 s"
+    assert found.times.size == 400
+    shown = float(found.over_time.sum())
+    assert shown + found.ended == pytest.approx(found.delta, abs=1e-12)
+    assert abs(shown) < 0.03 < abs(found.ended)
+
+
+def test_other_rates_and_other_clocks():
+    spec, generator = load_spec(SPECS / "a1_velocity.stl"), np.random.default_rng(2)
+    real, simulated = walk(generator, shape=-0.01), walk(generator)
+    slow = Trace(TIMES[::5] + 100.0, {"vx": 100 * real["vx"][::5]}, {"vx": "cm/s"})
+    found = attribute(spec, "walking", slow, simulated, {"vd": 0.3})
+    assert found.times[0] == 100.0
+    assert float(found.over_time.sum()) + found.ended == pytest.approx(found.delta, abs=1e-12)
+    assert abs(found.ended) < 0.01
+
+
+def test_booleans_jump_at_once_and_are_credited():
+    spec = load_spec(SPECS / "no_slip.stl")
+    times = np.arange(100) / 100
+    contact = (np.arange(100) % 40 < 20).astype(float)
+    late = np.roll(contact, 8)
+    generator = np.random.default_rng(3)
+    feet = [
+        np.column_stack([0.3 * (1 - c) + 0.01 * generator.normal(size=100)] * 3) for c in (contact, contact)
+    ]
+    units = {"vfoot": "m/s"}
+    real = Trace(times, {"contact": late, "vfoot": feet[0]}, units)
+    simulated = Trace(times, {"contact": contact, "vfoot": feet[1]}, units)
+    found = attribute(spec, "no_slip", real, simulated, {})
+    assert set(found.credit) == {"contact", "vfoot[0]", "vfoot[1]", "vfoot[2]"}
+    assert found.delta < -0.02
+    assert float(found.over_time.sum()) == pytest.approx(found.delta, abs=1e-12)
+    assert found.credit["contact"].sum() / found.delta > 0.8
+    assert found.jumps == pytest.approx(found.credit["contact"].sum(), abs=1e-12)
+
+
+def test_curved_predicates_to_rounding():
+    spec = parse_spec(
+        "signal u[2] signal x\n"
+        "require it: always (norm(u) * x <= 2 and sqrt(abs(x)) + x^2 <= 3) or eventually (x >= 3 * u[0])"
+    )
+    generator = np.random.default_rng(4)
+    for _ in range(5):
+        real, simulated = (
+            Trace(np.arange(20.0), {"u": generator.normal(size=(20, 2)), "x": generator.normal(size=20)})
+            for _ in range(2)
+        )
+        found = attribute(spec, "it", real, simulated, {})
+        assert abs(found.error) < 1e-9
+        assert found.switch.bounds is None
+
+
+def test_an_infinite_rho_is_left_alone():
+    spec = parse_spec("signal x require it: eventually[5, 6] x > 0")
+    trace = Trace(np.arange(3.0), {"x": [1.0, 2.0, 3.0]})
+    found = attribute(spec, "it", trace, trace, {})
+    assert math.isnan(found.delta)
+    assert found.over_time.tolist() == [0.0, 0.0, 0.0]
+    assert found.switch is None
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("x > 0", "either"),
+        ("always (x > 0 and not eventually x < 3)", "min"),
+        ("eventually (x > 0 or not historically x < 3)", "max"),
+        ("x > 0 -> eventually x > 1", "max"),
+        ("always (x > 0 -> x > 1)", "mixed"),
+        ("rise(x > 0)", "min"),
+        ("x > 0 until x > 1", "mixed"),
+        ("not (x > 0 <-> x > 1)", "mixed"),
+    ],
+)
+def test_what_kind_of_extremum_rho_is(text, expected):
+    assert kind(parse_spec(f"signal x require it: {text}").formulas["it"]) == expected
