@@ -78,7 +78,7 @@ def test_against_torch(comparison, seed, sample):
     assume(spec.channels())
     found, _ = gradient(spec, signals, np.arange(5.0), sample, 0.37)
     tensors = {name: torch.tensor(signals[name][0], requires_grad=True) for name in ("x", "y")}
-    rho = spec.robustness_tensor(tensors, "it", {"p": torch.tensor(0.37)}, period=1.0)
+    rho = spec.robustness_tensor(tensors, "it", {"p": torch.tensor(0.37, dtype=torch.float64)}, period=1.0)
     torch.broadcast_to(rho, (5,))[sample].backward()
     for name, tensor in tensors.items():
         if tensor.grad is not None:
