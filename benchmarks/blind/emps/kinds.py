@@ -69,7 +69,7 @@ def _kind(name: str, high: float, made: Make, signed: bool = False) -> Kind:
 _KNOWN = (
     _kind("viscous", 400.0, plain("viscous", "coefficient")),
     _kind("coulomb", 50.0, plain("coulomb", "force")),
-    Kind("stribeck", 25.0, 75.0, _stribeck),
+    Kind("stribeck", 30.0, 75.0, _stribeck),
     _kind("quadratic_drag", 2500.0, plain("quadratic", "coefficient")),
     _kind("load_friction", 0.25, plain("load_friction", "coefficient")),
     _kind("offset", 35.0, plain("offset", "force"), signed=True),
@@ -123,9 +123,9 @@ UNLIKE: tuple[Kind, ...] = (
     Kind("flexible_payload", 6.0, 30.0, _flexible),
     Kind("bump", 15.0, 70.0, _placed("bump", "force"), where=_at(0.01)),
     Kind("sticking_spot", 15.0, 70.0, _placed("sticking", "force"), where=_at(0.008)),
-    Kind("gust", 12.0, 60.0, _timed("gust", "force"), signed=True, where=_for(0.35)),
+    Kind("gust", 25.0, 100.0, _timed("gust", "force"), signed=True, where=_for(0.35)),
     Kind("late_brake", 10.0, 50.0, _timed("brake", "force"), where=_for(2.5)),
-    Kind("outages", 0.004, 0.02, plain("outages", "probability")),
+    Kind("outages", 0.002, 0.01, plain("outages", "probability")),
     Kind("lost_counts", 2e-5, 1e-4, _placed("slipped", "distance"), where=_at(0.005)),
 )
 """Structurally different from everything in the catalogue."""

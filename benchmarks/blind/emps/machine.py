@@ -87,7 +87,7 @@ class Machine:
     """[kg] of the carriage that hang on a spring of ``frequency``."""
     frequency: float = 10.0
     outages: float = 0.0
-    """Probability with which the controller stops for 8 ms at a tick; its last output holds."""
+    """Probability with which the controller stops for 20 ms at a tick; its last output holds."""
     slipped: float = 0.0
     """[m] that the encoder loses whenever it passes ``place`` forwards."""
 
@@ -131,4 +131,4 @@ def arrivals(rng: np.random.Generator, ticks: int, machine: Machine) -> NDArray[
 def missing(rng: np.random.Generator, ticks: int, machine: Machine) -> NDArray[np.bool_]:
     """Return (ticks,) whether the controller is out."""
     begun = rng.random(ticks) < machine.outages
-    return np.asarray(np.convolve(begun, np.ones(8))[:ticks] > 0)
+    return np.asarray(np.convolve(begun, np.ones(20))[:ticks] > 0)

@@ -1,0 +1,66 @@
+"""The simulator beside the real Go2 in the air; only where the recording and MuJoCo are at hand."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import s2r_spec as s2r
+from benchmarks.real.go2_inair import CATALOGUE, GIVEN, SPEC, Go2InAir, recorded, segments
+from s2r_spec.backend import Backend, HasDuration, HasEffects, HasResiduals
+from s2r_spec.errors import TraceError, UsageError
+
+pytest.importorskip("mujoco")
+DATA = Path(__file__).parents[2] / "shared" / "data" / "go2_inair"
+pytestmark = pytest.mark.skipif(not DATA.exists(), reason="the Go2 recording is not beside the checkout")
+ROBOT = Go2InAir(DATA, duration=1.0)
+
+
+def some(effect, part=0.5):
+    return {p.name: p.nominal + part * (p.high - p.nominal) for p in effect.parameters}
+
+
+def test_it_is_a_backend_with_effects_and_residuals():
+    for protocol in (Backend, HasDuration, HasEffects, HasResiduals):
+        assert isinstance(ROBOT, protocol)
+    trace = ROBOT.rollout({"start": 3.0}, 0)
+    assert dict(trace.units) == {channel.name: channel.unit for channel in ROBOT.channels}
+    assert all(trace[channel.name].shape == (201, channel.width) for channel in ROBOT.channels)
+    np.testing.assert_array_equal(trace["q_ref"], recorded(DATA)[0][600:801])
+    with pytest.raises(UsageError, match=r"start = 23 s is outside what the backend can do: \[0, 22.485\] s"):
+        ROBOT.rollout({"start": 23.0}, 0)
+
+
+def test_nominal_effects_change_no_bit_and_others_change_the_trace():
+    nominal = {e.name: {p.name: p.nominal for p in e.parameters} for e in CATALOGUE}
+    plain = ROBOT.rollout({"start": 3.0}, 0)
+    assert np.array_equal(plain["q"], ROBOT.with_effects(nominal).rollout({"start": 3.0}, 0)["q"])
+    for effect in CATALOGUE:
+        worn = ROBOT.with_effects({effect.name: some(effect)})
+        assert worn.model_hash != ROBOT.model_hash
+        assert np.abs(worn.rollout({"start": 3.0}, 0)["q"] - plain["q"]).max() > 0.001
+
+
+@pytest.mark.parametrize(
+    "name", ["armature", "viscous_friction", "motor_strength", "delay", "encoder_offset"]
+)
+def test_the_residual_torque_is_small_in_the_right_model_and_large_in_the_nominal_one(name):
+    effect = next(effect for effect in CATALOGUE if effect.name == name)
+    worn = ROBOT.with_effects({name: some(effect)})
+    trace = worn.rollout({"start": 4.0}, 0)
+    left, before = (np.sqrt(np.mean(robot.residuals(trace)["torque"] ** 2)) for robot in (worn, ROBOT))
+    assert left < 0.25 * before
+    with pytest.raises(TraceError, match="residuals need q and q_ref"):
+        ROBOT.residuals(trace.only(["q"]))
+
+
+def test_the_recording_in_segments_is_read_by_its_spec_and_nearer_to_joints_with_friction():
+    spec, real = s2r.load_spec(SPEC), segments(DATA)
+    assert len(real) == 11
+    robot = Go2InAir(DATA)
+    errors = []
+    for model in (robot, robot.with_effects(GIVEN)):
+        runs = [(model.rollout(params, 0), trace) for params, trace in real[1:8:3]]
+        errors.append(np.mean([np.mean((run["q"] - trace["q"]) ** 2) for run, trace in runs]))
+    assert errors[1] < 0.5 * errors[0]
+    assert all(0 < spec.robustness(trace, params)["follows"] < 0.6 for params, trace in real)
