@@ -50,7 +50,7 @@ def test_the_generator_takes_nothing_of_the_simulator_but_the_system_under_test(
         modules = imported(path)
         of_sim = {name for name in modules if name.split(".")[0] == "s2r_sim"}
         assert of_sim <= (SHARED if path.name == "robot.py" else set()), path
-        assert {name for name in modules if name.split(".")[0] == "s2r_spec"} <= {"s2r_spec.trace"}, path
+        assert {name for name in modules if name.split(".")[0] == "s2r_spec"} <= {"s2r_spec.spec", "s2r_spec.trace"}, path
         if path.name == "robot.py":
             assert modules["s2r_sim.physics"] == {"State"}
             assert modules["s2r_sim.estimator"] == {"replay"}
@@ -143,6 +143,7 @@ def test_a_case_on_disk_can_be_read_and_says_nothing_of_its_label(tmp_path):
     case = cases.make_case(np.random.default_rng(5), "single", budget=2, held_out=1)
     (effect,) = case.label["effects"]
     assert effect in CATALOGUE
+    assert case.label["moved"] > 0.0
     write_case(tmp_path, "0123", case)
     folder = tmp_path / "public" / "0123"
     recordings = LogBackend(str(folder)).recorded()

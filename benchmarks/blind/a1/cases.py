@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
+from functools import cache
 from math import log
+from pathlib import Path
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -14,8 +16,10 @@ from benchmarks.blind.a1.effects import KNOWN, NEAR, UNLIKE, Kind
 from benchmarks.blind.a1.model import made
 from benchmarks.blind.a1.rollout import Runner
 from benchmarks.blind.a1.twin import Twin
+from s2r_spec.spec import Spec, load_spec
 from s2r_spec.trace import Trace
 
+SPEC = Path(__file__).parents[3] / "specs" / "a1_velocity.stl"
 VERSION = "a1/1"
 """Of this generator; it goes into every label."""
 
@@ -26,6 +30,8 @@ BACKGROUND = 0.05
 """Of its largest size: how much there is of every effect that the case is not about."""
 RANGE = (-0.2, 0.3)
 """[m/s] the test space of specs/a1_velocity.stl."""
+_PROBES = 6
+"""Commands at which a label's ``moved`` is measured."""
 _SHRINK, _TRIES = 0.75, 4
 """Where probes fall, sizes are multiplied by this, and so often at most."""
 
@@ -66,6 +72,8 @@ def make_case(rng: Generator, kind: CaseKind, budget: int, held_out: int = 0) ->
         "relative_of": kinds[0].relative_of if kinds else None,
         "generator": VERSION,
     }
+    if kinds:
+        label["moved"] = moved(runner, Runner(twin_of([], {}, seed, without=size)[0]), seed)
     windows = [each.window(effects[each.name]) for each in kinds if each.window]
     if windows:
         label["where"] = {"window": list(windows[0])}
@@ -76,6 +84,25 @@ def run(runner: Runner, vd: float, rng: Generator) -> tuple[dict[str, float], Tr
     """Return one rollout and its parameters."""
     vd = round(vd, 4)
     return {"vd": vd}, runner.run(vd, np.random.default_rng(int(rng.integers(2**62))))
+
+
+def moved(runner: Runner, without: Runner, seed: int) -> float:
+    """Return how far the effects of a case move ρ, mean |Δρ| over the test space, run by run under the same noise."""
+    low, high = RANGE
+    away = []
+    for k, vd in enumerate(np.linspace(low, high, _PROBES).tolist()):
+        pair = [each.run(vd, np.random.default_rng([seed, 9, k])) for each in (runner, without)]
+        away.append(abs(_rho(pair[0], vd) - _rho(pair[1], vd)))
+    return round(float(np.mean(away)), 5)
+
+
+def _rho(trace: Trace, vd: float) -> float:
+    return _spec().robustness(trace, {"vd": vd})["walking"]
+
+
+@cache
+def _spec() -> Spec:
+    return load_spec(SPEC)
 
 
 def chosen(rng: Generator, kind: CaseKind) -> list[Kind]:
@@ -91,14 +118,21 @@ def chosen(rng: Generator, kind: CaseKind) -> list[Kind]:
 
 
 def twin_of(
-    kinds: list[Kind], size: Mapping[str, float], seed: int, background: float = BACKGROUND
+    kinds: list[Kind],
+    size: Mapping[str, float],
+    seed: int,
+    background: float = BACKGROUND,
+    without: Collection[str] = (),
 ) -> tuple[Twin, dict[str, dict[str, float]]]:
-    """Return a robot with these sizes of effects, a little of every other one, and the label's values."""
+    """Return a robot with these sizes of effects, a little of every other one, and the label's values.
+
+    Of the effects ``without`` there is nothing at all: the same robot with other ``kinds`` differs in these alone.
+    """
     rng = np.random.default_rng([seed, 7])
     twin = Twin(build=made(rng) if background else Twin().build)
     for kind in KNOWN.values():
         amount, draws = background * kind.high * abs(rng.normal()), np.random.default_rng(rng.integers(2**62))
-        if amount and kind.name not in size:
+        if amount and kind.name not in {*size, *without}:
             kind.apply(twin, draws, kind.values(draws, amount))
     effects = {}
     for kind in kinds:

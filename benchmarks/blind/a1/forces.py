@@ -18,6 +18,8 @@ _USUAL_SPEED = 3.0
 """[rad/s] at which a viscous coefficient is what it says."""
 _STOP, _STOP_DAMPING = 300.0, 2.0
 """[N m/rad], [N m s/rad] of the joints' ends."""
+_CREEP_FORCE = 10.0
+"""[N]"""
 _EDGE = 0.006
 """[m] over which grass thins out."""
 _GROWS = 0.2
@@ -149,25 +151,25 @@ def _foot(w, s, foot, elapsed, dt, sites, twists, centre, masses_at, body, groun
     hold = near * (w.drag[foot] + w.drag_square[foot] * fast + w.drag_coulomb[foot] / (fast + 0.05))
     gx, gy, gz = -hold * vx, -hold * vy, -hold * vz
 
-    # On the ground: at the lowest point of the ball.
+    # On the ground: at the lowest point of the ball, if it is hard.
     norm = sqrt(1.0 + along * along + across * across)
     nx, ny, nz = -along / norm, -across / norm, 1.0 / norm
     depth = w.radius - (z - height) * nz - s.yield_[foot]
     fx = fy = fz = 0.0
-    px, py, pz = -w.radius * nx, -w.radius * ny, -w.radius * nz
+    # Soil holds the ball over all of the depth that it has sunk, and so by half of that higher.
+    arm = w.radius - 0.5 * min(s.yield_[foot], w.radius)
+    px, py, pz = -arm * nx, -arm * ny, -arm * nz
     normal = 0.0
     if depth > 0.0:
         cx, cy, cz = vx + wy * pz - wz * py, vy + wz * px - wx * pz, vz + wx * py - wy * px
         closing = -(cx * nx + cy * ny + cz * nz)
         normal = w.hertz * depth * sqrt(depth) * max(0.0, 1.0 + w.dissipation * closing)
         tx, ty, tz = cx + closing * nx, cy + closing * ny, cz + closing * nz
-        keep = 1.0 - dt / w.creep_time
-        sx, sy, sz = (
-            s.shear[foot, 0] * keep + tx * dt,
-            s.shear[foot, 1] * keep + ty * dt,
-            s.shear[foot, 2] * keep + tz * dt,
-        )
         k, c = w.tangent_stiffness, w.tangent_damping
+        sx, sy, sz = s.shear[foot, 0], s.shear[foot, 1], s.shear[foot, 2]
+        hurry = sqrt(k * sqrt(sx * sx + sy * sy + sz * sz) / _CREEP_FORCE)
+        keep = 1.0 / (1.0 + dt / w.creep_time * hurry)
+        sx, sy, sz = sx * keep + tx * dt, sy * keep + ty * dt, sz * keep + tz * dt
         fx, fy, fz = -k * sx - c * tx, -k * sy - c * ty, -k * sz - c * tz
         slip = sqrt(tx * tx + ty * ty + tz * tz)
         most = w.mu * (1.0 + w.mu_rest * exp(-slip / 0.05)) * normal

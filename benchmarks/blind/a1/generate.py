@@ -24,10 +24,9 @@ import numpy as np
 ROOT = Path(__file__).parents[3]
 sys.path[:0] = [str(ROOT), str(ROOT / "backends")]
 
-from benchmarks.blind.a1.cases import MIX, Case, CaseKind, make_case  # noqa: E402
+from benchmarks.blind.a1.cases import MIX, SPEC, Case, CaseKind, make_case  # noqa: E402
 from s2r_spec.trace import Trace  # noqa: E402
 
-SPEC = ROOT / "specs" / "a1_velocity.stl"
 BUDGETS = (20, 30, 60)
 HELD_OUT = 10
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import cos, sin, tan
+from math import cos, floor, log2, sin, tan
 
 import numpy as np
 from numpy.random import Generator
@@ -26,9 +26,12 @@ UNITS = {
 NOISE = {
     "vx": 5e-4, "vy": 5e-4, "vz": 5e-4, "wz": 2e-3, "x": 1e-4, "y": 1e-4, "z": 1e-4, "height": 1e-4, "roll": 3e-4,
     "pitch": 3e-4, "yaw": 3e-4, "omega": 2e-3, "q": 2e-4, "dq": 5e-3, "tau_cmd": 5e-3, "tau": 2e-2,
-    "foot_position": 2e-4, "foot_velocity": 3e-3, "foot_force": 0.5,
+    "foot_position": 2e-4, "foot_velocity": 1e-3, "foot_force": 0.5,
 }  # fmt: skip
-"""Standard deviations of the lab's instruments, in each channel's unit; correlated over 4 ms."""
+"""Standard deviations of the lab's instruments, in each channel's unit; correlated over 4 ms.
+
+They resolve about a quarter of that: a power of two, which 32-bit floats hold exactly.
+"""
 
 _TOUCHES = 1.0
 """[N] at which a contact switch closes."""
@@ -110,7 +113,8 @@ class Log:
         for name, deviation in NOISE.items():
             width = values[name].reshape(n, -1).shape[1]
             noise = coloured(rng, n, width, deviation, 0.004)
-            values[name] = values[name] + noise.reshape(values[name].shape)
+            step = 2.0 ** floor(log2(deviation / 4.0))
+            values[name] = step * np.round((values[name] + noise.reshape(values[name].shape)) / step)
         meta = {"source": "twin of an A1"} | ({"failure": "fall"} if fallen else {})
         return Trace(np.arange(n) / RATE, values, units=UNITS, meta=meta)
 

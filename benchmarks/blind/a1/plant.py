@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from benchmarks.blind.a1 import model
 from benchmarks.blind.a1.forces import act
 from benchmarks.blind.a1.robot import A1, BASE_HEIGHT, LEGS
-from benchmarks.blind.a1.world import GRID, STEP, STEPS, Record, fresh
+from benchmarks.blind.a1.world import GRID, QUEUE, STEP, STEPS, Record, fresh
 
 FloatArray = NDArray[np.float64]
 
@@ -82,11 +82,7 @@ class Plant:
 
     def send(self, motors: FloatArray, delay: float) -> None:
         """Give the drives a motor law, (5, 12), that reaches them after a delay [s]."""
-        state = self.state[0]
-        place = int(state["sent"]) % len(state["due"])
-        state["queue"][place] = motors
-        state["due"][place] = state["clock"] + delay
-        state["sent"] += 1
+        _queue(self.state, motors, delay)
 
     def run(self, elapsed: float, shove: FloatArray | None = None) -> None:
         """Run the physics for one control tick, ``elapsed`` [s] after the command.
@@ -102,10 +98,13 @@ class Plant:
             step2(self._model, data)
             step1(self._model, data)
 
-    def look(self, truth: FloatArray, feet: FloatArray) -> None:
-        """Write (36,) the true state, and (8, 3) positions and velocities of the feet, world axes."""
+    def look(self, truth: FloatArray, rotors: FloatArray, feet: FloatArray) -> None:
+        """Write (36,) the true state, (24,) what ideal encoders read, and (8, 3) place and speed of the feet.
+
+        Positions, velocities and attitude are those in the world, in which the ground is tilted.
+        """
         qpos, qvel, sites, twists, centre, _, shanks = self._bodies
-        _observe(float(self.world["slope"][0]), qpos, qvel, sites, twists, centre, shanks, truth, feet)
+        _observe(self.world, self.state, qpos, qvel, sites, twists, centre, shanks, truth, rotors, feet)
 
     @property
     def ground_force(self) -> FloatArray:
@@ -120,7 +119,22 @@ class Plant:
 
 
 @numba.njit(cache=True)
-def _observe(lean, qpos, qvel, sites, twists, centre, shanks, truth, feet):  # type: ignore[no-untyped-def]
+def _queue(state, motors, delay):  # type: ignore[no-untyped-def]
+    s = state[0]
+    place = s.sent % QUEUE
+    for row in range(5):
+        for joint in range(12):
+            s.queue[place, row, joint] = motors[row, joint]
+    s.due[place] = s.clock + delay
+    s.sent += 1
+
+
+@numba.njit(cache=True)
+def _observe(world, state, qpos, qvel, sites, twists, centre, shanks, truth, rotors, feet):  # type: ignore[no-untyped-def]
+    lean = world[0].slope
+    for joint in range(12):
+        rotors[joint] = state[0].angle[joint] + world[0].encoder_offset[joint]
+        rotors[12 + joint] = state[0].speed[joint]
     c, s = cos(lean), sin(lean)
     half_c, half_s = cos(lean / 2), -sin(lean / 2)
     w, x, y, z = qpos[3], qpos[4], qpos[5], qpos[6]

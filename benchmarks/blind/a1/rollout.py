@@ -39,7 +39,7 @@ class Runner:
         self._twin = twin
         self._plant = Plant(twin.build, twin.world)
         self._brain = Brain()
-        self._truth, self._feet = np.zeros(36), np.zeros((8, 3))
+        self._truth, self._rotors, self._feet = np.zeros(36), np.zeros(24), np.zeros((8, 3))
 
     @cached_property
     def _warm(self) -> list[_Warm]:
@@ -61,15 +61,13 @@ class Runner:
 
     def _measure(self, errors: Errors, tick: int) -> FloatArray:
         """Return (36,) what the controller is given; the truth stays in ``self._truth``."""
-        plant, truth = self._plant, self._truth
-        plant.look(truth, self._feet)
-        state, measured = plant.state[0], truth.copy()
-        measured[12:24] = state["angle"] + plant.world["encoder_offset"][0]
-        measured[24:36] = state["speed"]
-        scale, (forward, left), yaw = errors.scale[tick], errors.bias[tick], truth[5]
-        measured[6] = scale * measured[6] + cos(yaw) * forward - sin(yaw) * left
-        measured[7] = scale * measured[7] + sin(yaw) * forward + cos(yaw) * left
-        measured += errors.added[tick]
+        truth = self._truth
+        self._plant.look(truth, self._rotors, self._feet)
+        measured = errors.added[tick] + truth
+        measured[12:] += self._rotors - truth[12:]
+        scale, (forward, left), yaw = errors.scale[tick], errors.bias[tick].tolist(), float(truth[5])
+        measured[6] += (scale - 1.0) * truth[6] + cos(yaw) * forward - sin(yaw) * left
+        measured[7] += (scale - 1.0) * truth[7] + sin(yaw) * forward + cos(yaw) * left
         return measured
 
     def run(self, command: float, rng: Generator, duration: float = 1.5) -> Trace:
@@ -96,6 +94,8 @@ class Runner:
             now = SETTLING + tick
             seen.append(self._measure(errors, now))
             fallen = tick >= 0 and plant.has_fallen(self._truth)
+            if fallen and len(log) and not np.isfinite(self._truth).all():
+                break  # the last sample that means anything is that before
             done = brain.tick(seen[max(0, now - stale[now])], command if tick >= 0 else 0.0)
             if not twin.timing.lost(elapsed):
                 plant.send(done.motors, late[now])

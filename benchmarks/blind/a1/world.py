@@ -67,7 +67,7 @@ WORLD = np.dtype(
         ("mu", "f8"),
         ("mu_rest", "f8"),  # part by which friction is higher at rest
         ("twist", "f8"),  # m, torsional friction
-        ("creep_time", "f8"),  # s, in which a held foot's shear relaxes; inf: never
+        ("creep_time", "f8"),  # s, in which a held foot's shear relaxes under 10 N; inf: never
         ("soil_stiffness", "f8"),  # N/m^1.2; inf: hard ground
         ("soil_viscosity", "f8"),  # N s/m
         ("drag", "f8", _L),  # N s/m, on a low foot

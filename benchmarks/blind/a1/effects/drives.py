@@ -60,7 +60,7 @@ def _constant(twin: Twin, rng: Generator, values: Values) -> None:
 
 DRIVES = (
     Kind("motor_strength", 0.06, 0.45, lambda rng, size: {"factor": 1.0 - size}, _weak),
-    Kind("strength_decay", 0.04, 0.25, lambda rng, size: {"rate": size}, _sag),
+    Kind("strength_decay", 0.05, 0.25, lambda rng, size: {"rate": size}, _sag),
     Kind("torque_speed_line", 0.7, 0.78, lambda rng, size: {"voltage": 1.0 - size}, _slow),
     Kind("latency", 0.002, 0.014, lambda rng, size: {"delay": size}, _late),
     Kind("dry_friction", 0.1, 1.2, lambda rng, size: {"torque": size}, _rub),

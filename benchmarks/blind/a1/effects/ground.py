@@ -11,10 +11,10 @@ from benchmarks.blind.a1.twin import Twin
 
 _LOAD = 70.0
 """[N] on a standing foot, half the robot's weight."""
-_SINKAGE = 0.35
+_SINKAGE = 0.85
 """Depth that a standing foot reaches, as a part of the catalogue's ``sink``; from ``a1_compare.py``."""
-_CREEP = 0.3
-"""[s] in which shear relaxes at a tenth of the catalogue's stiffness; likewise."""
+_CREEP = 0.0033
+"""[s] in which shear under 10 N relaxes at a tenth of the catalogue's stiffness; likewise."""
 
 
 def _slippery(twin: Twin, rng: Generator, values: Values) -> None:
@@ -35,7 +35,7 @@ def _grass(twin: Twin, rng: Generator, values: Values) -> None:
 
 
 def _creep(twin: Twin, rng: Generator, values: Values) -> None:
-    """A Maxwell element: a spring that forgets."""
+    """A Maxwell element, a spring that forgets, and the sooner the more it is pulled."""
     if values["stiffness"] < 1.0:
         twin.world["creep_time"] = _CREEP * 9.0 / (1.0 / values["stiffness"] - 1.0)
 
@@ -54,7 +54,7 @@ GROUND = (
     Kind("ground_friction", 1.3, 2.0, lambda rng, size: {"factor": exp(-size)}, _slippery),
     Kind("soft_ground", 0.003, 0.03, lambda rng, size: {"sink": size}, _soft),
     Kind("foot_drag", 1.5, 16.0, lambda rng, size: {"coefficient": size}, _grass),
-    Kind("shear_creep", 1.0, 2.0, lambda rng, size: {"stiffness": 10.0**-size}, _creep),
-    Kind("slope", 0.8, 5.0, lambda rng, size: {"angle": sign(rng) * size}, _tilt),
-    Kind("roughness", 0.0015, 0.01, lambda rng, size: {"height": size}, _rough),
+    Kind("shear_creep", 1.3, 2.0, lambda rng, size: {"stiffness": 10.0**-size}, _creep),
+    Kind("slope", 1.2, 5.0, lambda rng, size: {"angle": sign(rng) * size}, _tilt),
+    Kind("roughness", 0.002, 0.01, lambda rng, size: {"height": size}, _rough),
 )

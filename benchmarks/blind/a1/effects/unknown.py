@@ -9,6 +9,7 @@ import numpy as np
 from numpy.random import Generator
 
 from benchmarks.blind.a1.effects.kind import Kind, Values, sign
+from benchmarks.blind.a1.robot import A1
 from benchmarks.blind.a1.twin import Twin
 
 _PARTS = ("hip", "thigh", "calf")
@@ -56,6 +57,9 @@ def _tether(twin: Twin, rng: Generator, values: Values) -> None:
 
 
 def _slosh(twin: Twin, rng: Generator, values: Values) -> None:
+    """A part of the trunk's own mass swings on springs: the weight stays what it was."""
+    *links, trunk = twin.build.masses
+    twin.build = replace(twin.build, masses=(*links, trunk - values["mass"] / A1.base.mass))
     twin.world["slosh_mass"], twin.world["slosh_rate"] = values["mass"], 2.0 * pi * values["frequency"]
     twin.world["slosh_damping"], twin.world["slosh_height"] = 0.08, 0.1
 
@@ -110,42 +114,42 @@ def _lag(twin: Twin, rng: Generator, values: Values) -> None:
 
 
 UNLIKE = (
-    Kind("weak_leg", 0.12, 0.5, lambda rng, size: {"leg": _leg(rng), "factor": 1.0 - size}, _weak_leg),
-    Kind("dragging_foot", 6.0, 25.0, lambda rng, size: {"leg": _leg(rng), "force": size}, _dragging_foot),
+    Kind("weak_leg", 0.2, 0.5, lambda rng, size: {"leg": _leg(rng), "factor": 1.0 - size}, _weak_leg),
+    Kind("dragging_foot", 8.0, 25.0, lambda rng, size: {"leg": _leg(rng), "force": size}, _dragging_foot),
     Kind(
-        "gust", 8.0, 40.0, _gust_values, _gust, window=lambda v: (v["start"], v["start"] + v["duration"])
+        "gust", 6.0, 25.0, _gust_values, _gust, window=lambda v: (v["start"], v["start"] + v["duration"])
     ),
     Kind(
-        "tether", 40.0, 300.0,
+        "tether", 20.0, 150.0,
         lambda rng, size: {"stiffness": size, "slack": rng.uniform(-0.05, 0.05)}, _tether,
     ),
     Kind(
-        "sloshing_load", 0.5, 2.5,
+        "sloshing", 1.0, 3.0,
         lambda rng, size: {"mass": size, "frequency": rng.uniform(1.0, 2.5)}, _slosh,
     ),
     Kind(
-        "lost_commands", 0.008, 0.03, lambda rng, size: {"for": size, "every": rng.uniform(0.08, 0.2)}, _gaps
+        "lost_commands", 0.015, 0.045, lambda rng, size: {"for": size, "every": rng.uniform(0.08, 0.2)}, _gaps
     ),
-    Kind("cogging", 0.5, 3.0, lambda rng, size: {"torque": size}, _cogs),
+    Kind("cogging", 0.8, 2.5, lambda rng, size: {"torque": size}, _cogs),
     Kind(
-        "bump", 0.008, 0.025, lambda rng, size: {"height": size, "x": rng.uniform(-0.3, 0.4)}, _bump
+        "bump", 0.01, 0.03, lambda rng, size: {"height": size, "x": rng.uniform(-0.3, 0.4)}, _bump
     ),
 )  # fmt: skip
 
 NEAR = (
-    Kind("square_drag", 2.0, 16.0, lambda rng, size: {"coefficient": size}, _square, "foot_drag"),
+    Kind("square_drag", 3.0, 16.0, lambda rng, size: {"coefficient": size}, _square, "foot_drag"),
     Kind(
-        "one_joint_rubs", 0.4, 2.0,
+        "one_joint_rubs", 0.8, 2.5,
         lambda rng, size: {"part": float(rng.integers(3)), "torque": size}, _one_joint_rubs, "dry_friction",
     ),
-    Kind("leg_load", 0.15, 0.8, lambda rng, size: {"leg": _leg(rng), "mass": size}, _leg_load, "payload"),
-    Kind("velocity_drift", 0.02, 0.1, lambda rng, size: {"rate": sign(rng) * size}, _drift, "velocity_bias"),
+    Kind("leg_load", 0.3, 0.9, lambda rng, size: {"leg": _leg(rng), "mass": size}, _leg_load, "payload"),
+    Kind("velocity_drift", 0.025, 0.1, lambda rng, size: {"rate": sign(rng) * size}, _drift, "velocity_bias"),
     Kind(
-        "one_encoder", 0.03, 0.12,
+        "one_encoder", 0.05, 0.12,
         lambda rng, size: {"leg": _leg(rng), "part": float(rng.integers(1, 3)), "angle": sign(rng) * size},
         _one_encoder, "encoder_offset",
     ),
-    Kind("cross_slope", 1.5, 6.0, lambda rng, size: {"angle": sign(rng) * size}, _cross_slope, "slope"),
-    Kind("stale_picture", 0.004, 0.016, lambda rng, size: {"most": size}, _stale, "latency"),
-    Kind("current_lag", 0.002, 0.012, lambda rng, size: {"time": size}, _lag, "latency"),
+    Kind("cross_slope", 1.2, 3.5, lambda rng, size: {"angle": sign(rng) * size}, _cross_slope, "slope"),
+    Kind("stale_picture", 0.008, 0.02, lambda rng, size: {"most": size}, _stale, "latency"),
+    Kind("current_lag", 0.004, 0.015, lambda rng, size: {"time": size}, _lag, "latency"),
 )  # fmt: skip
