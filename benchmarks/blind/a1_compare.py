@@ -7,6 +7,9 @@ made by the catalogue (c) and by the generator (g), each against its own nominal
 how alike their changes of the trace are: the cosine between the two vectors of changed features, the part of the
 catalogue's change that the generator makes (by projection), and the catalogue's three strongest changes, each beside
 the generator's. Features are scaled by how much the catalogue's effects move them.
+
+Below it what the generator's other effects do to ρ at their smallest and largest, and the gap between the simulator
+and robots that have nothing but background: what a diagnosis must not take for an effect.
 """
 
 from __future__ import annotations
@@ -23,7 +26,8 @@ from a1_effects import MAGNITUDES, NAMES, features  # noqa: E402
 from a1_speed import processor  # noqa: E402
 from a1_trot import rho  # noqa: E402
 
-from benchmarks.blind.a1.effects import KNOWN  # noqa: E402
+from benchmarks.blind.a1.cases import twin_of  # noqa: E402
+from benchmarks.blind.a1.effects import KNOWN, UNKNOWN  # noqa: E402
 from benchmarks.blind.a1.rollout import Runner  # noqa: E402
 from benchmarks.blind.a1.twin import Twin  # noqa: E402
 from s2r_sim import SimBackend  # noqa: E402
@@ -32,6 +36,7 @@ from s2r_spec.trace import Trace  # noqa: E402
 SPEEDS = (-0.2, 0.0, 0.3)
 SEEDS = 3
 NOMINAL_SEEDS = 10
+ROBOTS = 10
 LARGE = {"torque_speed_line": 2, "shear_creep": 2}
 """Which of the magnitudes of ``a1_effects.py`` is shown, if not the middle one: these hardly show at that."""
 NOTHING = [np.nan] * len(NAMES)
@@ -64,6 +69,33 @@ def generated(name: str, values: dict[str, float], seeds: int) -> Found:
         KNOWN[name].apply(twin, np.random.default_rng(5), ZEROS | values)
     runner = Runner(twin)
     return gathered([[runner.run(vd, np.random.default_rng(seed)) for seed in range(seeds)] for vd in SPEEDS])
+
+
+def unknowns(nominal: np.ndarray) -> None:
+    print(
+        "\neffects that the catalogue does not have, generator alone: gap at the smallest and the largest size"
+    )
+    for kind in UNKNOWN.values():
+        for size in (kind.low, kind.high):
+            twin, effects = twin_of([kind], {kind.name: size}, seed=1, background=0.0)
+            runner = Runner(twin)
+            rows = [[runner.run(vd, np.random.default_rng(seed)) for seed in range(2)] for vd in SPEEDS]
+            found, _, falls = gathered(rows)
+            print(
+                f"{kind.name:18} {words(effects[kind.name]):46} {numbers(nominal - found, falls)}", flush=True
+            )
+
+
+def robots(simulator: np.ndarray) -> None:
+    print(f"\n{ROBOTS} robots with nothing but background: simulator − robot, mean ρ of 2 runs")
+    gaps = []
+    for seed in range(ROBOTS):
+        runner = Runner(twin_of([], {}, seed)[0])
+        rows = [[runner.run(vd, np.random.default_rng([seed, k])) for k in range(2)] for vd in SPEEDS]
+        found, _, falls = gathered(rows)
+        gaps.append(simulator - found)
+        print(f"  {numbers(gaps[-1], falls)}", flush=True)
+    print(f"  mean |gap| {np.abs(gaps).mean():.4f}, largest {np.abs(gaps).max():.4f} m/s")
 
 
 def words(values: dict[str, float]) -> str:
@@ -105,6 +137,9 @@ def main(names: list[str]) -> None:
             for k in strongest
         )
         print(f"{'':18} {'':22} g {numbers(gen[0] - rho_g, falls_g)}  {signs}", flush=True)
+    if not names:
+        unknowns(gen[0])
+        robots(sim[0])
 
 
 if __name__ == "__main__":

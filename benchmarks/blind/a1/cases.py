@@ -30,7 +30,7 @@ BACKGROUND = 0.05
 """Of its largest size: how much there is of every effect that the case is not about."""
 RANGE = (-0.2, 0.3)
 """[m/s] the test space of specs/a1_velocity.stl."""
-_PROBES = 6
+_PROBES = 5
 """Commands at which a label's ``moved`` is measured."""
 _SHRINK, _TRIES = 0.75, 4
 """Where probes fall, sizes are multiplied by this, and so often at most."""
