@@ -50,7 +50,10 @@ def test_the_generator_takes_nothing_of_the_simulator_but_the_system_under_test(
         modules = imported(path)
         of_sim = {name for name in modules if name.split(".")[0] == "s2r_sim"}
         assert of_sim <= (SHARED if path.name == "robot.py" else set()), path
-        assert {name for name in modules if name.split(".")[0] == "s2r_spec"} <= {"s2r_spec.spec", "s2r_spec.trace"}, path
+        assert {name for name in modules if name.split(".")[0] == "s2r_spec"} <= {
+            "s2r_spec.spec",
+            "s2r_spec.trace",
+        }, path
         if path.name == "robot.py":
             assert modules["s2r_sim.physics"] == {"State"}
             assert modules["s2r_sim.estimator"] == {"replay"}

@@ -165,7 +165,8 @@ def _foot(w, s, foot, elapsed, dt, sites, twists, centre, masses_at, body, groun
         closing = -(cx * nx + cy * ny + cz * nz)
         normal = w.hertz * depth * sqrt(depth) * max(0.0, 1.0 + w.dissipation * closing)
         tx, ty, tz = cx + closing * nx, cy + closing * ny, cz + closing * nz
-        k, c = w.tangent_stiffness, w.tangent_damping
+        k = w.tangent_stiffness
+        c = w.tangent_damping / (1.0 + w.tangent_damping / k / w.creep_time)
         sx, sy, sz = s.shear[foot, 0], s.shear[foot, 1], s.shear[foot, 2]
         hurry = sqrt(k * sqrt(sx * sx + sy * sy + sz * sz) / _CREEP_FORCE)
         keep = 1.0 / (1.0 + dt / w.creep_time * hurry)
@@ -183,9 +184,14 @@ def _foot(w, s, foot, elapsed, dt, sites, twists, centre, masses_at, body, groun
     else:
         s.shear[foot, 0] = s.shear[foot, 1] = s.shear[foot, 2] = 0.0
     if w.soil_stiffness < inf:
-        # Soil under the foot: a spring and a damper side by side, in series with the rubber; implicit in the spring.
+        # Soil under the foot: a spring and a damper side by side, in series with the rubber; implicit in both springs.
+        # It gives way at once, and comes back slowly.
         sunk, part = s.yield_[foot], dt / w.soil_viscosity
-        s.yield_[foot] = (sunk + part * normal) / (1.0 + part * w.soil_stiffness * sunk**0.2)
+        rubber = 1.5 * normal / depth if depth > 0.0 else 0.0
+        soil = w.soil_stiffness * sunk**0.2
+        if normal < soil * sunk:
+            part /= w.soil_return
+        s.yield_[foot] = (sunk + part * (normal + rubber * sunk)) / (1.0 + part * (soil + rubber))
     s.ground_force[foot, 0], s.ground_force[foot, 1], s.ground_force[foot, 2] = fx, fy, fz
 
     dx, dy, dz = x - masses_at[body, 0], y - masses_at[body, 1], z - masses_at[body, 2]

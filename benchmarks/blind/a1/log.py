@@ -9,7 +9,7 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from benchmarks.blind.a1.robot import Decision, own_velocity
-from benchmarks.blind.a1.sensing import coloured
+from benchmarks.blind.a1.sensing import Errors, coloured
 from benchmarks.blind.a1.world import RATE
 from s2r_spec.trace import Trace
 
@@ -65,9 +65,9 @@ class Log:
         self._n += 1
 
     def trace(
-        self, measured: FloatArray, force_error: FloatArray, settling: int, fallen: bool, rng: Generator
+        self, measured: FloatArray, errors: Errors, settling: int, fallen: bool, rng: Generator
     ) -> Trace:
-        """Return the trace; ``measured`` (ticks, 36) begins ``settling`` ticks before the command."""
+        """Return the trace; ``measured`` (ticks, 36) and errors begin ``settling`` ticks before the command."""
         n = self._n
         truth, feet, rest = self._truth[:n], self._feet[:n], self._rest[:n]
         roll, pitch, yaw = truth[:, 3:6].T
@@ -75,7 +75,9 @@ class Log:
         c, s = np.cos(yaw), np.sin(yaw)
         axes = _axes(roll, pitch, yaw)
         spin = np.einsum("nij,nj->ni", axes, truth[:, 9:12])
-        own = self._own(measured, force_error, settling, axes)
+        now = slice(settling, settling + n)
+        own = self._own(measured[now], errors.force[now], axes)
+        scale, bias = errors.scale[now], errors.bias[now]
         q, dq, kp, kd, tau = (self._motors[:n, row] for row in range(5))
         force = self._force[:n] @ _leaning(self._slope).T
         values = {
@@ -86,8 +88,8 @@ class Log:
             "vx_cmd": np.full(n, self._command),
             "vy_cmd": np.zeros(n),
             "wz_cmd": np.zeros(n),
-            "vx_est": c * own[:, 0] + s * own[:, 1],
-            "vy_est": c * own[:, 1] - s * own[:, 0],
+            "vx_est": scale * (c * own[:, 0] + s * own[:, 1]) + bias[:, 0],
+            "vy_est": scale * (c * own[:, 1] - s * own[:, 0]) + bias[:, 1],
             "x": truth[:, 0],
             "y": truth[:, 1],
             "z": truth[:, 2],
@@ -118,15 +120,13 @@ class Log:
         meta = {"source": "twin of an A1"} | ({"failure": "fall"} if fallen else {})
         return Trace(np.arange(n) / RATE, values, units=UNITS, meta=meta)
 
-    def _own(
-        self, measured: FloatArray, force_error: FloatArray, settling: int, axes: FloatArray
-    ) -> FloatArray:
+    def _own(self, measured: FloatArray, force_error: FloatArray, axes: FloatArray) -> FloatArray:
         """Return (n, 3) the robot's own velocity estimate; it starts afresh at the command."""
         n = self._n
         change = np.diff(self._truth[:n, 6:9], axis=0, prepend=self._truth[:1, 6:9]) * RATE
         change[:, 2] += 9.81
-        force = np.einsum("nji,nj->ni", axes, change) + force_error[settling : settling + n]
-        return own_velocity(measured[settling:], force, self._rest[:n, :4])
+        force = np.einsum("nji,nj->ni", axes, change) + force_error
+        return own_velocity(measured, force, self._rest[:n, :4])
 
 
 def _leaning(slope: float) -> FloatArray:

@@ -104,7 +104,7 @@ class Runner:
                 self._write(log, done)
                 if fallen:
                     break
-        return log.trace(np.array(seen[: SETTLING + len(log)]), errors.force, SETTLING, fallen, rng)
+        return log.trace(np.array(seen[: SETTLING + len(log)]), errors, SETTLING, fallen, rng)
 
     def _write(self, log: Log, done: Decision) -> None:
         plant = self._plant

@@ -55,7 +55,7 @@ class Errors:
     Attributes:
         added: (ticks, 36) to the true state with rotors in place of joints; the velocity's own part comes first.
         scale: (ticks,) of the fed-back velocity.
-        bias: (ticks, 2) of it, forward and left [m/s].
+        bias: (ticks, 2) of it, forward and left [m/s]; scale and bias are also in the robot's own estimate.
         force: (ticks, 3) of the accelerometer [m/s^2].
     """
 

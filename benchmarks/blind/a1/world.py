@@ -69,7 +69,8 @@ WORLD = np.dtype(
         ("twist", "f8"),  # m, torsional friction
         ("creep_time", "f8"),  # s, in which a held foot's shear relaxes under 10 N; inf: never
         ("soil_stiffness", "f8"),  # N/m^1.2; inf: hard ground
-        ("soil_viscosity", "f8"),  # N s/m
+        ("soil_viscosity", "f8"),  # N s/m, as it gives way
+        ("soil_return", "f8"),  # so many times more as it comes back
         ("drag", "f8", _L),  # N s/m, on a low foot
         ("drag_square", "f8", _L),  # N s^2/m^2
         ("drag_coulomb", "f8", _L),  # N, on a low foot

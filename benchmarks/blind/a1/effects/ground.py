@@ -22,7 +22,7 @@ def _slippery(twin: Twin, rng: Generator, values: Values) -> None:
 
 
 def _soft(twin: Twin, rng: Generator, values: Values) -> None:
-    """Bekker's law under every foot, F = k z^1.2, with a damper beside it and the foot's rubber in series."""
+    """Bekker's law under every foot, F = k z^1.2, in series with the rubber; soil comes back slowly."""
     if values["sink"] > 0.0:
         twin.world["soil_stiffness"] = _LOAD / (_SINKAGE * values["sink"]) ** 1.2
 
