@@ -7,20 +7,26 @@ trace = s2r.load_backend("sim").rollout({"vd": 0.3}, seed=0)
 spec.robustness(trace, params={"vd": 0.3})
 """
 
-from s2r_spec.backend import Backend, Channel, Effect, EffectParameter, Parameter, load_backend
-from s2r_spec.certify.certificate import Certificate, Label
-from s2r_spec.certify.check import CheckResult, Verdict, check
-from s2r_spec.certify.compose import Composition, compose
-from s2r_spec.certify.kernels import Kernel
-from s2r_spec.certify.measure import check_measure
-from s2r_spec.certify.search import Query, Search
-from s2r_spec.diagnose import Diagnosis, diagnose
-from s2r_spec.errors import S2RError
-from s2r_spec.logs import read as read_trace
-from s2r_spec.logs import write as write_trace
-from s2r_spec.space import Axis, Space
-from s2r_spec.spec import Evaluation, Explanation, Spec, load_spec, parse_spec
-from s2r_spec.trace import Trace
+import sys
+from importlib import import_module
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from s2r_spec.backend import Backend, Channel, Effect, EffectParameter, Parameter, load_backend
+    from s2r_spec.certify.certificate import Certificate, Label
+    from s2r_spec.certify.check import CheckResult, Verdict, check
+    from s2r_spec.certify.compose import Composition, compose
+    from s2r_spec.certify.kernels import Kernel
+    from s2r_spec.certify.measure import check_measure
+    from s2r_spec.certify.search import Query, Search
+    from s2r_spec.diagnose import Diagnosis, diagnose
+    from s2r_spec.errors import S2RError
+    from s2r_spec.logs import read as read_trace
+    from s2r_spec.logs import write as write_trace
+    from s2r_spec.space import Axis, Space
+    from s2r_spec.spec import Evaluation, Explanation, Spec, load_spec, parse_spec
+    from s2r_spec.trace import Trace
 
 __all__ = [
     "Axis",
@@ -54,3 +60,48 @@ __all__ = [
     "read_trace",
     "write_trace",
 ]
+
+# Where each name is found when it is first asked for: the help and every worker process import this package,
+# and need next to none of it.
+_HOMES = {
+    "backend": ("Backend", "Channel", "Effect", "EffectParameter", "Parameter", "load_backend"),
+    "certify.certificate": ("Certificate", "Label"),
+    "certify.check": ("CheckResult", "Verdict", "check"),
+    "certify.compose": ("Composition", "compose"),
+    "certify.kernels": ("Kernel",),
+    "certify.measure": ("check_measure",),
+    "certify.search": ("Query", "Search"),
+    "diagnose": ("Diagnosis", "diagnose"),
+    "errors": ("S2RError",),
+    "logs": ("read_trace", "write_trace"),
+    "space": ("Axis", "Space"),
+    "spec": ("Evaluation", "Explanation", "Spec", "load_spec", "parse_spec"),
+    "trace": ("Trace",),
+}
+_RENAMED = {"read_trace": "read", "write_trace": "write"}
+_HOME = {name: home for home, names in _HOMES.items() for name in names}
+
+
+class _Package(ModuleType):
+    """Keeps s2r.diagnose the function: the package of that name would take its place as soon as it is imported."""
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if not (name in _HOME and isinstance(value, ModuleType)):
+            super().__setattr__(name, value)
+
+
+sys.modules[__name__].__class__ = _Package
+
+
+def __getattr__(name: str) -> Any:
+    """Import what is asked for."""
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    found = getattr(import_module(f"{__name__}.{_HOME[name]}"), _RENAMED.get(name, name))
+    globals()[name] = found
+    return found
+
+
+def __dir__() -> list[str]:
+    """Return the public names, imported yet or not."""
+    return sorted(__all__)

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+import s2r_spec as s2r
+
 PACKAGE = Path(__file__).parents[1] / "s2r_spec"
 
 # A module may import those on its own line and below.
@@ -63,7 +65,19 @@ def printed(code: str) -> set[str]:
     return set(done.stdout.split())
 
 
-HEAVY = {"torch", "gpytorch", "mujoco", "pinocchio", "piqp", "numba", "matplotlib", "scipy", "pint", "lark"}
+HEAVY = {
+    "numpy",
+    "torch",
+    "gpytorch",
+    "mujoco",
+    "pinocchio",
+    "piqp",
+    "numba",
+    "matplotlib",
+    "scipy",
+    "pint",
+    "lark",
+}
 
 
 @pytest.mark.parametrize("statement", ["import s2r_spec", "import s2r_spec.cli"])
@@ -78,3 +92,16 @@ def test_a_light_import_brings_nothing_heavy(statement):
 def test_workers_and_the_language_need_neither_torch_nor_a_simulator(name):
     code = f"import {name}, sys; print(' '.join(sys.modules))"
     assert not {"torch", "mujoco", "pinocchio", "numba"} & printed(code)
+
+
+def test_every_public_name_is_found_where_it_is_said_to_be():
+    assert sorted(s2r._HOME) == sorted(s2r.__all__)
+    for name in s2r.__all__:
+        assert getattr(s2r, name) is not None
+    with pytest.raises(AttributeError, match="has no attribute 'chekc'"):
+        s2r.chekc  # noqa: B018
+
+
+def test_a_worker_loads_next_to_nothing_before_its_backend():
+    code = "import s2r_spec.rollouts.child, sys; print(' '.join(sys.modules))"
+    assert not {"numpy", "rich", "s2r_spec.spec"} & printed(code)

@@ -7,7 +7,6 @@ from typing import Annotated
 
 import typer
 
-from s2r_spec import backend as registry
 from s2r_spec.cli.common import sentences
 
 
@@ -17,6 +16,8 @@ def backends(
 ) -> None:
     """List the installed backends, or what one of them offers."""
     with sentences(as_json):
+        from s2r_spec import backend as registry
+
         if name is None:
             found = {key: point.value for key, point in registry.installed().items()}
             if as_json:
