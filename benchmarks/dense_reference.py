@@ -20,7 +20,8 @@ import numpy as np
 from machine import describe
 
 import s2r_spec as s2r
-from s2r_spec.rollouts.runner import Runner, Task, process_pool
+from s2r_spec.rollouts.pools import process_pool
+from s2r_spec.rollouts.runner import Runner, Task
 from s2r_spec.rollouts.seeds import rollout_seed
 
 ROOT = Path(__file__).parents[1]

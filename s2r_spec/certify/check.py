@@ -19,15 +19,16 @@ import numpy as np
 
 from s2r_spec.backend import HasRecordings
 from s2r_spec.certify.certificate import Certificate, Label
-from s2r_spec.certify.drive import Observer, Rollouts, drive
+from s2r_spec.certify.drive import Observer, Phase, Rollouts, drive
 from s2r_spec.certify.kernels import Kernel
 from s2r_spec.certify.outward import at_most
 from s2r_spec.certify.recorded import Recorded, fixed_design, left_open, observe
 from s2r_spec.certify.search import Search
 from s2r_spec.errors import UsageError, one_of
 from s2r_spec.rollouts.journal import Journal, Record
+from s2r_spec.rollouts.pools import ExecutorFactory, process_pool
 from s2r_spec.rollouts.rig import Rig, spec_files
-from s2r_spec.rollouts.runner import ExecutorFactory, Runner, process_pool
+from s2r_spec.rollouts.runner import Runner
 from s2r_spec.spec import CertifySettings, Spec
 
 
@@ -158,6 +159,7 @@ def check(
     mode: str = "rigorous",
     engine: str = "spectral",
     executor: ExecutorFactory | None = None,
+    timeout: float | None = None,
     resume: bool = False,
     observer: Observer | None = None,
 ) -> CheckResult:
@@ -173,6 +175,8 @@ def check(
         mode: of the confidence set, see :class:`Search`.
         engine: of the Gaussian process, see :class:`Search`.
         executor: makes the pool; two local processes by default.
+        timeout: a rollout that takes longer is ended, and counts as a crash [s]; ``inf`` for never, None for
+            :func:`s2r_spec.rollouts.rig.default_timeout`.
         resume: go on with the run in ``folder``.
         observer: is told of batches and rollouts.
 
@@ -182,7 +186,7 @@ def check(
     """
     requirement = requirement or only_requirement(spec)
     search = search_for(spec, requirement, seed=seed, budget=budget, mode=mode, engine=engine)
-    return check_with(search, spec, requirement, backend, folder, seed, executor, resume, observer)
+    return check_with(search, spec, requirement, backend, folder, seed, executor, timeout, resume, observer)
 
 
 def check_with(
@@ -193,6 +197,7 @@ def check_with(
     folder: Path,
     seed: int,
     executor: ExecutorFactory | None,
+    timeout: float | None,
     resume: bool,
     observer: Observer | None,
 ) -> CheckResult:
@@ -221,10 +226,13 @@ def check_with(
         journal = Journal.resume(folder, provenance)
     else:
         journal = Journal.create(folder, provenance, spec_files(spec))
+    if observer is not None:
+        unit = rho_unit(spec, requirement)
+        observer.begin(Phase("ρ", unit, backend, spec.space.units, search.budget))
     if design is not None:
         observe(search, design, Recorded(design, rig, journal), observer)
     else:
-        with Runner(executor or process_pool(2)) as runner:
+        with Runner(executor or process_pool(2), timeout) as runner:
             drive(search, Rollouts(rig, seed, journal, runner), observer)
     result = conclude(
         spec, requirement, rig.fall, search.certificate(), journal, provenance, perf_counter() - start

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal, Protocol
 
@@ -18,26 +18,70 @@ from s2r_spec.rollouts.runner import Runner
 from s2r_spec.rollouts.seeds import Stream, rollout_seed
 
 
+@dataclass(frozen=True)
+class Phase:
+    """What a search is after.
+
+    Attributes:
+        symbol: of what is bounded, "ρ" or "Δ".
+        unit: of it.
+        backend: whose rollouts are counted.
+        units: of the test parameters.
+        budget: most rollouts, if there is one.
+    """
+
+    symbol: str
+    unit: str
+    backend: str
+    units: Mapping[str, str]
+    budget: int | None
+
+
 class Observer(Protocol):
     """Is told how a search goes."""
+
+    def begin(self, phase: Phase) -> None:
+        """Say that a search begins."""
+        ...
 
     def batch(self, queries: list[Query], certificate: Certificate) -> None:
         """Say that a batch begins; the certificate is of what came before it."""
         ...
 
-    def rollout(self, record: Record) -> None:
-        """Say that one rollout is on disk."""
+    def rollout(self, record: Record, new: bool = True) -> None:
+        """Say that one rollout is on disk; a resumed run tells again those that are not new."""
+        ...
+
+    def crash(self, record: Record) -> None:
+        """Say that a rollout left no trace: its worker died, or hung and was ended."""
         ...
 
 
 class Silent:
     """An observer that says nothing."""
 
+    def begin(self, phase: Phase) -> None:
+        """Do nothing."""
+
     def batch(self, queries: list[Query], certificate: Certificate) -> None:
         """Do nothing."""
 
-    def rollout(self, record: Record) -> None:
+    def rollout(self, record: Record, new: bool = True) -> None:
         """Do nothing."""
+
+    def crash(self, record: Record) -> None:
+        """Do nothing."""
+
+
+@dataclass(frozen=True)
+class OnlyCrashes(Silent):
+    """Passes crashes on, and nothing else."""
+
+    observer: Observer
+
+    def crash(self, record: Record) -> None:
+        """Pass it on."""
+        self.observer.crash(record)
 
 
 class Experiment(Protocol):
@@ -91,7 +135,7 @@ class Rollouts:
                     )
                 else:
                     records[key] = before
-                    observer.rollout(before)
+                    observer.rollout(before, new=False)
         for done in self.runner.run(tasks):
             key, point = (done.task.query, done.task.replicate), points[done.task.query]
             try:
@@ -108,6 +152,8 @@ class Rollouts:
             )
             records[key] = self.journal.append(record, done.trace)
             observer.rollout(records[key])
+            if done.trace is None:
+                observer.crash(records[key])
         return {
             query.index: [
                 float(np.mean([-records[query.index, r * self.each + i].rho for i in range(self.each)]))
@@ -131,8 +177,9 @@ class Pairs:
     def outcomes(self, queries: Sequence[Query], observer: Observer) -> dict[int, list[float]]:
         """Run both sides, the real one first: what it costs must be recorded whatever the simulator does."""
         watched = {self.watched: observer}
-        real = self.real.outcomes(queries, watched.get("real", Silent()))
-        simulated = self.simulated.outcomes(queries, watched.get("simulated", Silent()))
+        others = OnlyCrashes(observer)
+        real = self.real.outcomes(queries, watched.get("real", others))
+        simulated = self.simulated.outcomes(queries, watched.get("simulated", others))
         return {index: [r - s for r, s in zip(real[index], simulated[index], strict=True)] for index in real}
 
 

@@ -1,4 +1,4 @@
-"""Search 2: how much worse than simulated can the real machine be, and what that leaves to promise.
+"""Search 2: how much worse than simulated can the real machine be.
 
 The gap is sampled signed, Δ(d) = ρ_real − ρ_sim, from independent rollouts of both
 sides. E|Δ|, which the paper bounds, is not zero even for two identical noisy
@@ -8,7 +8,8 @@ systems (2s/√π for noise of deviation s); it is given beside, as an estimate.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -17,27 +18,27 @@ from typing import Any
 
 import numpy as np
 
-from s2r_spec.certify.certificate import Certificate, Label
+from s2r_spec.certify.certificate import Certificate
 from s2r_spec.certify.check import (
-    CheckResult,
-    Verdict,
-    check_with,
     distance,
     only_requirement,
     rho_unit,
     search_for,
 )
-from s2r_spec.certify.compose import Composition, compose
-from s2r_spec.certify.drive import Experiment, Observer, Pairs, Rollouts, drive
+from s2r_spec.certify.drive import Experiment, Observer, Pairs, Phase, Rollouts, drive
 from s2r_spec.certify.recorded import Recorded, left_open, observe
 from s2r_spec.certify.search import Search
 from s2r_spec.certify.sides import SIMULATED_PER_REAL, Sides
 from s2r_spec.errors import UsageError
 from s2r_spec.rollouts.journal import Journal
+from s2r_spec.rollouts.pools import ExecutorFactory, process_pool
 from s2r_spec.rollouts.rig import spec_files
-from s2r_spec.rollouts.runner import ExecutorFactory, Runner, process_pool
+from s2r_spec.rollouts.runner import Runner
 from s2r_spec.rollouts.seeds import Stream
 from s2r_spec.spec import Spec
+
+# The folders of both sides' journals.
+SIDES = ("sim", "real")
 
 
 @dataclass(frozen=True)
@@ -53,6 +54,24 @@ class GapTested:
 
 
 @dataclass(frozen=True)
+class Pair:
+    """A real rollout and the mean ρ of the simulated ones that it is held against."""
+
+    query: int
+    replicate: int
+    params: dict[str, float]
+    real: float
+    simulated: float
+    failure: str | None
+    """Of the real rollout."""
+
+    @property
+    def gap(self) -> float:
+        """Δ = ρ_real − ρ_sim."""
+        return self.real - self.simulated
+
+
+@dataclass(frozen=True)
 class GapResult:
     """With probability ≥ 1 − δ, E Δ lies in [low, high] at every test, and its minimum in [lower, upper].
 
@@ -65,6 +84,7 @@ class GapResult:
         unit: of ρ.
         worst: the tested point nearest to the one that shows the most negative gap.
         tested: every tested point.
+        lowest: the pair of the most negative Δ.
         failures: of real rollouts, by word.
         assumptions: each in one sentence.
         certificate: of the search, which maximises −Δ.
@@ -81,6 +101,7 @@ class GapResult:
     unit: str
     worst: GapTested
     tested: tuple[GapTested, ...]
+    lowest: Pair
     failures: dict[str, int]
     assumptions: tuple[str, ...]
     certificate: Certificate
@@ -92,27 +113,6 @@ class GapResult:
     def absolute(self) -> float:
         """The largest mean |Δ| at a tested point: an estimate for comparison with the paper, no bound."""
         return max(test.absolute for test in self.tested)
-
-
-@dataclass(frozen=True)
-class CertifyResult:
-    """Both searches and what they promise together.
-
-    Attributes:
-        verdict: HOLDS if the composed interval is ≥ 0, VIOLATED if it is < 0, else UNKNOWN.
-        reason: one sentence for the verdict.
-        real: the backend that the promise is about.
-        simulated: search 1.
-        gap: search 2; None if search 1 has no certificate, for then no rollout of the real machine is run.
-        composition: the promise about the real machine; None if one of the searches has no certificate.
-    """
-
-    verdict: Verdict
-    reason: str
-    real: str
-    simulated: CheckResult
-    gap: GapResult | None
-    composition: Composition | None
 
 
 def gap_search(
@@ -153,6 +153,7 @@ def gap(
     mode: str = "rigorous",
     engine: str = "spectral",
     executor: ExecutorFactory | None = None,
+    timeout: float | None = None,
     resume: bool = False,
     observer: Observer | None = None,
 ) -> GapResult:
@@ -171,6 +172,7 @@ def gap(
         mode: of the confidence set.
         engine: of the Gaussian process.
         executor: makes the pool; two local processes by default.
+        timeout: see :func:`s2r_spec.certify.check.check`.
         resume: go on with the run in ``folder``.
         observer: is told of batches and real rollouts.
 
@@ -183,7 +185,7 @@ def gap(
     search = gap_search(
         spec, requirement, seed=seed, budget=budget, mode=mode, engine=engine, per_real=sides.per_real
     )
-    return gap_with(search, spec, requirement, sides, folder, seed, executor, resume, observer)
+    return gap_with(search, spec, requirement, sides, folder, seed, executor, timeout, resume, observer)
 
 
 def gap_with(
@@ -194,6 +196,7 @@ def gap_with(
     folder: Path,
     seed: int,
     executor: ExecutorFactory | None,
+    timeout: float | None,
     resume: bool,
     observer: Observer | None,
 ) -> GapResult:
@@ -222,7 +225,11 @@ def gap_with(
             if resume and Journal.begun(place)
             else Journal.create(place, header, spec_files(spec))
         )
-    with Runner(executor or process_pool(2)) as runner:
+    if observer is not None:
+        unit = rho_unit(spec, requirement)
+        counted = sides.real.name if sides.recorded is None else sides.sim.name
+        observer.begin(Phase("Δ", unit, counted, spec.space.units, search.budget))
+    with Runner(executor or process_pool(2), timeout) as runner:
         simulated: Experiment = Rollouts(
             rigs["sim"], seed, journals["sim"], runner, Stream.GAP_SIM, SIMULATED_PER_REAL
         )
@@ -234,7 +241,25 @@ def gap_with(
                 simulated = Recorded(sides.simulated, rigs["sim"], journals["sim"], SIMULATED_PER_REAL)
             recorded = Recorded(sides.recorded, rigs["real"], journals["real"])
             observe(search, sides.recorded, Pairs(simulated, recorded, watched="simulated"), observer)
-    tested, failures = _tested(journals)
+    return conclude_gap(spec, search, journals, provenance, folder, perf_counter() - start)
+
+
+def conclude_gap(
+    spec: Spec,
+    search: Search,
+    journals: Mapping[str, Journal],
+    provenance: dict[str, Any],
+    folder: Path,
+    seconds: float,
+) -> GapResult:
+    """Return what a search that was told every pair of the journals (of both ``SIDES``) means."""
+    requirement, real = provenance["requirement"], provenance["real"]["backend"]
+    per_real = provenance["simulated_per_real"]
+    fall = spec.certify[requirement].fall
+    found = pairs_of(journals, per_real)
+    if not found:
+        raise UsageError("no pair of rollouts was run: the budget is smaller than the first batch")
+    tested = _tested(found)
     certificate = search.certificate()
     unit = rho_unit(spec, requirement)
     lowest, highest = search.range
@@ -244,16 +269,13 @@ def gap_with(
             for text in certificate.assumptions
         ),
         f"the real machine's ρ is R-sub-Gaussian with the spec's R, like the simulator's; each Δ is one real rollout "
-        f"minus the mean of {SIMULATED_PER_REAL if sides.per_real > 1 else 'one or two'} simulated ones",
-        f"a rollout that falls or crashes counts as ρ = {rigs['real'].fall:g} {unit}".rstrip()
-        + " on both sides",
+        f"minus the mean of {SIMULATED_PER_REAL if per_real > 1 else 'one or two'} simulated ones",
+        f"a rollout that falls or crashes counts as ρ = {fall:g} {unit}".rstrip() + " on both sides",
     )
-    if sides.recorded is not None:
-        assumptions += (*sides.notes, *left_open(search, "E Δ"))
-    if sides.real.name.startswith("twin"):
-        assumptions += (
-            f"{sides.real.name} is a twin: a simulator that stands in for hardware, not hardware",
-        )
+    if "recorded" in provenance:
+        assumptions += (*provenance["recorded"], *left_open(search, "E Δ"))
+    if real.startswith("twin"):
+        assumptions += (f"{real} is a twin: a simulator that stands in for hardware, not hardware",)
     return GapResult(
         requirement=requirement,
         lower=-certificate.upper,
@@ -263,89 +285,47 @@ def gap_with(
         unit=unit,
         worst=min(tested, key=lambda test: distance(spec, test.params, certificate.worst)),
         tested=tuple(tested),
-        failures=failures,
+        lowest=min(found, key=lambda pair: pair.gap),
+        failures=dict(Counter(pair.failure for pair in found if pair.failure is not None)),
         assumptions=assumptions,
         certificate=certificate,
         provenance=provenance,
         folder=folder,
-        seconds=perf_counter() - start,
+        seconds=seconds,
     )
 
 
-def certify(
-    spec: Spec,
-    simulated: str,
-    real: str,
-    folder: Path,
-    *,
-    requirement: str | None = None,
-    seed: int = 0,
-    budget: int | None = None,
-    mode: str = "rigorous",
-    engine: str = "spectral",
-    executor: ExecutorFactory | None = None,
-    resume: bool = False,
-    observer: Observer | None = None,
-) -> CertifyResult:
-    """Run both searches and compose them into a promise about the real machine; see :func:`gap`.
-
-    ``budget`` bounds the real rollouts; the simulator runs as many as its ε takes. Search 2 does
-    not begin when search 1 was refused: rollouts of the real machine could not mend that.
-    """
-    requirement = requirement or only_requirement(spec)
-    sides = Sides.of(spec, requirement, simulated, real, budget)
-    first = search_for(spec, requirement, seed=seed, budget=None, mode=mode, engine=engine)
-    second = gap_search(
-        spec, requirement, seed=seed, budget=budget, mode=mode, engine=engine, per_real=sides.per_real
-    )
-    checked = check_with(
-        first, spec, requirement, simulated, folder / "simulation", seed, executor, resume, observer
-    )
-    if not checked.certificate.label.bounds:
-        reason = f"no certificate for simulation: {checked.certificate.reason}; no rollout of {real} was run"
-        return CertifyResult(Verdict.UNKNOWN, reason, real, checked, None, None)
-    bounded = gap_with(second, spec, requirement, sides, folder / "gap", seed, executor, resume, observer)
-    if not bounded.certificate.label.bounds:
-        reason = f"no certificate for the gap: {bounded.certificate.reason}"
-        return CertifyResult(Verdict.UNKNOWN, reason, real, checked, bounded, None)
-    composition = compose(first, second)
-    if composition.lower >= 0:
-        verdict, reason = Verdict.HOLDS, f"the worst expected robustness of {real} is not negative"
-    elif composition.upper < 0:
-        verdict, reason = Verdict.VIOLATED, f"the worst expected robustness of {real} is negative"
-    else:
-        way = "more real rollouts" if bounded.certificate.label is Label.BUDGET else "a smaller epsilon"
-        if sides.recorded is not None:
-            where = ", ".join(f"{name} = {value:.4g}" for name, value in second.suggestion.items())
-            way = f"a further recorded test, best at {where},"
-        verdict, reason = Verdict.UNKNOWN, f"the interval contains 0; {way} may decide it"
-    return CertifyResult(verdict, reason, real, checked, bounded, composition)
-
-
-def _tested(journals: Mapping[str, Journal]) -> tuple[list[GapTested], dict[str, int]]:
-    """Group pairs by test point, and count failures of the real side."""
+def pairs_of(journals: Mapping[str, Journal], per_real: int) -> list[Pair]:
+    """Return the pairs of two journals (of both ``SIDES``) that have all simulated rollouts of theirs."""
     simulated: dict[tuple[int, int], list[float]] = {}
     for record in journals["sim"].records():
         key = record.query, record.replicate // SIMULATED_PER_REAL
         simulated.setdefault(key, []).append(record.rho)
-    groups: dict[tuple[float, ...], list[float]] = {}
-    names: list[str] = []
-    failures: dict[str, int] = {}
-    for record in journals["real"].records():
-        names = list(record.params)
-        delta = record.rho - float(np.mean(simulated[record.query, record.replicate]))
-        groups.setdefault(tuple(record.params.values()), []).append(delta)
-        if record.failure is not None:
-            failures[record.failure] = failures.get(record.failure, 0) + 1
-    tested = [
-        GapTested(
-            dict(zip(names, point, strict=True)),
-            len(deltas),
-            float(np.mean(deltas)),
-            float(np.mean(np.abs(deltas))),
+    return [
+        Pair(
+            record.query,
+            record.replicate,
+            record.params,
+            record.rho,
+            float(np.mean(simulated[record.query, record.replicate])),
+            record.failure,
         )
-        for point, deltas in groups.items()
+        for record in journals["real"].records()
+        if len(simulated.get((record.query, record.replicate), ())) >= per_real
     ]
-    if not tested:
-        raise UsageError("no pair of rollouts was run: the budget is smaller than the first batch")
-    return tested, failures
+
+
+def _tested(pairs: Sequence[Pair]) -> list[GapTested]:
+    """Group pairs by test point."""
+    groups: dict[tuple[float, ...], list[Pair]] = {}
+    for pair in pairs:
+        groups.setdefault(tuple(pair.params.values()), []).append(pair)
+    return [
+        GapTested(
+            group[0].params,
+            len(group),
+            float(np.mean([pair.gap for pair in group])),
+            float(np.mean([abs(pair.gap) for pair in group])),
+        )
+        for group in groups.values()
+    ]

@@ -9,8 +9,9 @@ from s2r_spec.certify.certificate import Certificate
 from s2r_spec.certify.drive import Observer, Rollouts, drive
 from s2r_spec.certify.search import Search
 from s2r_spec.rollouts.journal import Journal
+from s2r_spec.rollouts.pools import ExecutorFactory, process_pool
 from s2r_spec.rollouts.rig import Measure, Rig
-from s2r_spec.rollouts.runner import ExecutorFactory, Runner, open_backend, process_pool
+from s2r_spec.rollouts.runner import Runner, open_backend
 
 
 def check_measure(

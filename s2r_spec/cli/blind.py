@@ -9,8 +9,8 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from s2r_spec.cli.common import CORES, sentences
-from s2r_spec.cli.options import AsJson, Quiet, Seed, Simulator, Workers
+from s2r_spec.cli.common import pool, sentences
+from s2r_spec.cli.options import AsJson, Quiet, Scheduler, Seed, Simulator, Workers
 
 app = typer.Typer(
     help="Seal labels, freeze the diagnosis, open, and score: checked on causes that it was not told.",
@@ -41,7 +41,8 @@ def freeze(
     answers: Answers,
     sim: Simulator = "sim",
     seed: Seed = 0,
-    workers: Workers = CORES,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
     quiet: Quiet = False,
 ) -> None:
     """Diagnose every case of a sealed set, and fix the answers by one hash. What is there already is kept."""
@@ -50,9 +51,9 @@ def freeze(
         from s2r_spec.cli.stages import Stages
         from s2r_spec.diagnose import diagnose
         from s2r_spec.rollouts.recorded import LogBackend
-        from s2r_spec.rollouts.runner import process_pool
         from s2r_spec.spec import load_spec
 
+        executor, _ = pool(workers, scheduler)
         errors = Console(stderr=True, highlight=False)
         with Stages(errors, quiet) as stages:
 
@@ -63,7 +64,7 @@ def freeze(
                     sim,
                     LogBackend(str(case)),
                     seed=seed,
-                    executor=process_pool(workers),
+                    executor=executor,
                     progress=stages,
                 ).to_json()
 

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
 from rich.console import Console
 
-from s2r_spec.cli.common import CORES, interrupted, new_or_old, sentences
-from s2r_spec.cli.options import Quiet, Resume, Run, Seed, SpecFile, Workers
-from s2r_spec.cli.output import AsJson, Format, Output, emit, save, settle, writable
+from s2r_spec.cli.common import interrupted, new_or_old, pool, seconds, sentences
+from s2r_spec.cli.options import Quiet, Resume, Run, Scheduler, Seed, SpecFile, Timeout, Workers
+from s2r_spec.cli.output import AsJson, Format, Output, Page, emit, pageable, save, settle
 
 
 def check(
@@ -26,7 +25,9 @@ def check(
     budget: Annotated[
         int | None, typer.Option(min=1, help="Most rollouts per requirement; without it, as many as ε takes.")
     ] = None,
-    workers: Workers = CORES,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
+    timeout: Timeout = None,
     mode: Annotated[
         str, typer.Option(help="Confidence set: rigorous, rigorous-simple or paper.")
     ] = "rigorous",
@@ -36,9 +37,7 @@ def check(
     as_json: AsJson = False,
     form: Format = None,
     output: Output = None,
-    page: Annotated[
-        Path | None, typer.Option("--report", help="Write an HTML page with pictures here, too.")
-    ] = None,
+    page: Page = None,
     quiet: Quiet = False,
 ) -> None:
     """Certify the worst expected robustness over the spec's test space, with its probability."""
@@ -49,13 +48,10 @@ def check(
         from s2r_spec.certify import check as checking
         from s2r_spec.cli.progress import Live
         from s2r_spec.report import checked, html
-        from s2r_spec.rollouts.runner import process_pool
         from s2r_spec.spec import load_spec
 
         form = settle(form, as_json, output)
-        if page is not None:
-            writable(page)
-            html.require_packages()
+        pageable(page)
         parsed = load_spec(spec)
         names = requirement or [name for name in parsed.requirements if name in parsed.certify]
         if not names:
@@ -63,15 +59,14 @@ def check(
         names = list(dict.fromkeys(names))
         for name in names:  # a wrong one is said before the first one has run
             checking.search_for(parsed, name, seed=seed, budget=budget, mode=mode, engine=engine)
+        executor, machines = pool(workers, scheduler)
         folder = new_or_old(run, resume, f"{spec.stem}-{backend}", seed)
         errors = Console(stderr=True, highlight=False)
         results = []
         for name in names:
             place = folder / name
             if not quiet:
-                errors.print(
-                    f"{name}: run {place}, seed {seed}, {workers} workers", markup=False, soft_wrap=True
-                )
+                errors.print(f"{name}: run {place}, seed {seed}, {machines}", markup=False, soft_wrap=True)
             try:
                 with Live(errors, quiet) as live:
                     results.append(
@@ -84,7 +79,8 @@ def check(
                             budget=budget,
                             mode=mode,
                             engine=engine,
-                            executor=process_pool(workers),
+                            executor=executor,
+                            timeout=seconds(timeout),
                             resume=resume is not None,
                             observer=live,
                         )

@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import datetime
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import typer
 
 from s2r_spec.errors import S2RError, UsageError
+
+if TYPE_CHECKING:
+    from s2r_spec.rollouts.pools import ExecutorFactory
 
 _said = False
 
@@ -46,7 +51,27 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-CORES = cores()
+def pool(workers: int | None, scheduler: str | None) -> tuple[ExecutorFactory, str]:
+    """Return the factory of the pool that runs the rollouts, and what to call it.
+
+    Raises:
+        UsageError: both are given, or Dask is not installed.
+    """
+    from s2r_spec.rollouts.pools import dask_pool, process_pool
+
+    if scheduler is None:
+        count = workers or cores()
+        return process_pool(count), f"{count} worker{'s' if count > 1 else ''}"
+    if workers is not None:
+        raise UsageError(
+            "--workers is for this machine, --scheduler has workers of its own: give one of them"
+        )
+    return dask_pool(scheduler), f"scheduler {scheduler}"
+
+
+def seconds(timeout: float | None) -> float | None:
+    """Return the time-out of a rollout as the library takes it."""
+    return math.inf if timeout == 0 else timeout
 
 
 def new_or_old(run: Path | None, resume: Path | None, name: str, seed: int) -> Path:

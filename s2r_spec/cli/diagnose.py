@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from s2r_spec.cli.common import CORES, interrupted, new_or_old, sentences
+from s2r_spec.cli.common import interrupted, new_or_old, pool, sentences
 from s2r_spec.cli.options import (
     AsJson,
     OneRequirement,
@@ -17,6 +17,7 @@ from s2r_spec.cli.options import (
     RealMachine,
     Resume,
     Run,
+    Scheduler,
     Seed,
     Simulator,
     SpecFile,
@@ -37,7 +38,8 @@ def diagnose(
     requirement: OneRequirement = None,
     seed: Seed = 0,
     budget: Budget = None,
-    workers: Workers = CORES,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
     run: Run = None,
     resume: Resume = None,
     apply: Apply = None,
@@ -50,14 +52,14 @@ def diagnose(
         from s2r_spec.diagnose import diagnose as find
         from s2r_spec.report import diagnosed
         from s2r_spec.rollouts import patched
-        from s2r_spec.rollouts.runner import process_pool
         from s2r_spec.spec import load_spec
 
         parsed = load_spec(spec)
+        executor, machines = pool(workers, scheduler)
         folder = new_or_old(run, resume, f"diagnose-{spec.stem}-{sim}-{Path(real).name}", seed)
         errors = Console(stderr=True, highlight=False)
         if not quiet:
-            errors.print(f"run {folder}, seed {seed}, {workers} workers", markup=False, soft_wrap=True)
+            errors.print(f"run {folder}, seed {seed}, {machines}", markup=False, soft_wrap=True)
         try:
             with Stages(errors, quiet) as stages:
                 found = find(
@@ -67,7 +69,7 @@ def diagnose(
                     budget,
                     requirement=requirement,
                     seed=seed,
-                    executor=process_pool(workers),
+                    executor=executor,
                     progress=stages,
                     folder=folder / "real",
                 )

@@ -17,7 +17,28 @@ Seed = Annotated[int, typer.Option(min=0, help="Fixes the whole run.")]
 RealBudget = Annotated[
     int | None, typer.Option(min=1, help="Most real rollouts; without it, as many as ε takes.")
 ]
-Workers = Annotated[int, typer.Option(min=1, help="Parallel rollouts; the numbers do not depend on it.")]
+Workers = Annotated[
+    int | None,
+    typer.Option(
+        min=1,
+        help="Parallel rollouts; the numbers do not depend on it.",
+        show_default="the cores of this machine",
+    ),
+]
+Scheduler = Annotated[
+    str | None,
+    typer.Option(
+        help="Run rollouts on the workers of this Dask scheduler, tcp://HOST:PORT.", show_default=False
+    ),
+]
+Timeout = Annotated[
+    float | None,
+    typer.Option(
+        min=0,
+        help="End a rollout that takes longer than so many seconds; it counts as a crash. 0: never.",
+        show_default="60 s and 100 times what the backend declares; never for one that is not repeatable",
+    ),
+]
 Run = Annotated[Path | None, typer.Option(help="Folder for the rollouts.", show_default="s2r-runs/…")]
 Resume = Annotated[Path | None, typer.Option(help="Go on with the run in this folder.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout.")]

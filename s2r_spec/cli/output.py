@@ -18,6 +18,10 @@ Format = Annotated[
 Output = Annotated[
     Path | None, typer.Option("--output", "-o", help="Write the report here and not to stdout.")
 ]
+Page = Annotated[
+    Path | None,
+    typer.Option("--report", help="Write an HTML page with pictures here, too.", show_default=False),
+]
 AsJson = Annotated[bool, typer.Option("--json", help="The same as --format json: one object on stdout.")]
 
 
@@ -36,6 +40,19 @@ def settle(chosen: str | None, as_json: bool, output: Path | None) -> str:
     reporter(name)
     writable(output)
     return name
+
+
+def pageable(page: Path | None) -> None:
+    """Say before anything runs that a page cannot be made or written.
+
+    Raises:
+        UsageError: a package is missing, or there is nowhere to write to.
+    """
+    from s2r_spec.report import html
+
+    if page is not None:
+        writable(page)
+        html.require_packages()
 
 
 def writable(path: Path | None) -> None:

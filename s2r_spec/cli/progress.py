@@ -1,65 +1,197 @@
-"""What a check says while it runs, on stderr: a live line on a terminal, one quiet line a batch elsewhere."""
+"""What a search says while it runs, on stderr: a live view on a terminal, one quiet line a batch elsewhere."""
 
 from __future__ import annotations
 
+import math
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from time import monotonic
 from types import TracebackType
 from typing import Self
 
-from rich.console import Console
-from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+from rich.console import Console, RenderableType
+from rich.live import Live as Screen
+from rich.progress_bar import ProgressBar
+from rich.table import Table
+from rich.text import Text
 
 from s2r_spec.certify.certificate import Certificate
+from s2r_spec.certify.drive import Phase
 from s2r_spec.certify.outward import between, wide
 from s2r_spec.certify.search import Query
 from s2r_spec.rollouts.journal import Record
 
+_LAST = 24
+_BLOCKS = "▁▂▃▄▅▆▇█"
+
+
+@dataclass
+class State:
+    """How far a search is.
+
+    Attributes:
+        phase: what it is after; None before it began.
+        certificate: of the batches so far.
+        queries: of the batch that runs.
+        rollouts: on disk, those of an earlier process included.
+        here: of them, run by this process.
+        since: when this process began with the first one [s].
+        last: ρ of the latest ones.
+    """
+
+    phase: Phase | None = None
+    certificate: Certificate | None = None
+    queries: Sequence[Query] = ()
+    rollouts: int = 0
+    here: int = 0
+    since: float = 0.0
+    last: deque[float] = field(default_factory=lambda: deque(maxlen=_LAST))
+
+    def left(self) -> int | None:
+        """Return about how many rollouts are left, or None before anything is known."""
+        certificate, phase = self.certificate, self.phase
+        if certificate is None or phase is None or not certificate.rollouts:
+            return phase.budget if phase is not None else None
+        # The width of the interval falls about as one over the square root of the rollouts.
+        likely = math.ceil(certificate.rollouts * (certificate.epsilon / certificate.target) ** 2)
+        return max(0, min(likely, phase.budget or likely) - self.rollouts)
+
+    def seconds_left(self, now: float) -> float | None:
+        """Return about how long that takes, at the pace of this process so far."""
+        left = self.left()
+        if left is None or self.here < 2 or now <= self.since:
+            return None
+        return left * (now - self.since) / self.here
+
 
 class Live:
-    """Shows rollouts done, the interval against ε, where the search looks, and the last ρ."""
+    """Shows rollouts done and left, the interval against ε, where the search looks, and the last ρ."""
 
-    def __init__(self, console: Console, quiet: bool, symbol: str = "ρ") -> None:
-        self._quiet, self._symbol = quiet, symbol
-        self._console = console
-        self._progress = Progress(
-            SpinnerColumn(),
-            TextColumn("{task.completed:.0f} rollouts"),
-            BarColumn(20),
-            TextColumn("{task.fields[interval]}"),
-            TextColumn("{task.fields[where]}"),
-            TextColumn("{task.fields[last]}"),
-            TimeElapsedColumn(),
-            console=console,
-            transient=True,
-            disable=quiet or not console.is_terminal,
-        )
-        self._task = self._progress.add_task("check", total=None, interval="", where="", last="")
+    def __init__(self, console: Console, quiet: bool, clock: Callable[[], float] = monotonic) -> None:
+        self._console, self._quiet, self._clock = console, quiet, clock
+        self._state = State(since=clock())
+        self._screen: Screen | None = None
+        if console.is_terminal and not quiet:
+            self._screen = Screen(
+                console=console, get_renderable=self.view, transient=True, refresh_per_second=4
+            )
 
     def __enter__(self) -> Self:
-        self._progress.start()
+        if self._screen is not None:
+            self._screen.start()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None
     ) -> None:
-        self._progress.stop()
+        if self._screen is not None:
+            self._screen.stop()
+
+    def begin(self, phase: Phase) -> None:
+        """Begin with another search."""
+        self._state = State(phase=phase, since=self._clock())
 
     def batch(self, queries: list[Query], certificate: Certificate) -> None:
         """Show the interval so far and where the search looks next."""
-        interval = (
-            f"{self._symbol} in {between(-certificate.upper, -certificate.lower)} "
-            f"(ε {wide(certificate.epsilon)} > {certificate.target:g})"
-        )
-        where = "next " + "; ".join(
-            ", ".join(f"{k} {v:.3g}" for k, v in query.point.items()) for query in queries
-        )
-        # The width of the interval falls about as one over the square root of the rollouts.
-        likely = int(certificate.rollouts * (certificate.epsilon / certificate.target) ** 2)
-        self._progress.update(self._task, total=likely or None, interval=interval, where=where)
-        if not self._quiet and not self._console.is_terminal:
+        self._state.certificate, self._state.queries = certificate, queries
+        if self._screen is None and not self._quiet:
+            words = [
+                f"{certificate.rollouts} rollouts",
+                _interval(self._state),
+                f"next {_next(self._state)}",
+                *_left(self._state, self._clock()),
+            ]
+            self._console.print(", ".join(words), markup=False, soft_wrap=True)
+
+    def rollout(self, record: Record, new: bool = True) -> None:
+        """Count a rollout that is on disk."""
+        state = self._state
+        state.rollouts += 1
+        state.here += new
+        if not state.here:
+            state.since = self._clock()
+        state.last.append(record.rho)
+
+    def crash(self, record: Record) -> None:
+        """Say at once that a rollout left no trace."""
+        if not self._quiet:
+            phase = self._state.phase
+            test = _test(record.params, phase.units if phase is not None else {})
             self._console.print(
-                f"{certificate.rollouts} rollouts, {interval}, {where}", markup=False, soft_wrap=True
+                f"rollout {record.query}.{record.replicate} at {test}: {record.failure}; "
+                f"it counts as ρ = {record.rho:g}, as the spec declares",
+                markup=False,
+                soft_wrap=True,
             )
 
-    def rollout(self, record: Record) -> None:
-        """Count a rollout that is on disk."""
-        self._progress.update(self._task, advance=1, last=f"last ρ {record.rho:+.4f}")
+    def view(self) -> RenderableType:
+        """Return the picture of this moment."""
+        state, now = self._state, self._clock()
+        table = Table.grid(padding=(0, 2))
+        table.add_column(style="dim", no_wrap=True)
+        table.add_column(overflow="fold")
+        if state.phase is None:
+            table.add_row("starting", "")
+            return table
+        left = state.left()
+        total = None if left is None else state.rollouts + left
+        bar = ProgressBar(total=total, completed=state.rollouts, width=24, pulse=total is None)
+        done = Table.grid(padding=(0, 2))
+        done.add_row(
+            bar,
+            f"{state.rollouts} of {state.phase.backend}",
+            *_left(state, now),
+            f"{now - state.since:.0f} s so far",
+        )
+        table.add_row("rollouts", done)
+        if state.certificate is not None:
+            table.add_row("interval", Text(_interval(state)))
+            table.add_row("next", Text(_next(state)))
+        if state.last:
+            lowest = f"lowest of the last {len(state.last)} {min(state.last):+.4f}"
+            words = f"{_spark(state.last)}  {state.last[-1]:+.4f}, {lowest}"
+            table.add_row("last ρ", Text(words))
+        return table
+
+
+def _interval(state: State) -> str:
+    certificate, phase = state.certificate, state.phase
+    assert certificate is not None
+    symbol, unit = (phase.symbol, f" {phase.unit}" if phase.unit else "") if phase is not None else ("ρ", "")
+    return (
+        f"{symbol} in {between(-certificate.upper, -certificate.lower)}{unit} "
+        f"(ε {wide(certificate.epsilon)} > {certificate.target:g})"
+    )
+
+
+def _next(state: State) -> str:
+    units = state.phase.units if state.phase is not None else {}
+    return "; ".join(f"{_test(query.point, units)} ({query.replicates}×)" for query in state.queries)
+
+
+def _left(state: State, now: float) -> list[str]:
+    left, seconds = state.left(), state.seconds_left(now)
+    if left is None:
+        return []
+    words = f"about {left} left"
+    if seconds is not None:
+        words += f" ({_duration(seconds)})"
+    return [words]
+
+
+def _duration(seconds: float) -> str:
+    if seconds < 100:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 100 * 60 else f"{seconds / 3600:.1f} h"
+
+
+def _test(params: Mapping[str, float], units: Mapping[str, str]) -> str:
+    return ", ".join(f"{name} = {value:.3g} {units.get(name, '')}".rstrip() for name, value in params.items())
+
+
+def _spark(values: Sequence[float]) -> str:
+    """Return one block a value, as high as it is among them."""
+    low, high = min(values), max(values)
+    steps = len(_BLOCKS) - 1
+    return "".join(_BLOCKS[round(steps * (value - low) / ((high - low) or 1.0))] for value in values)

@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from s2r_spec.cli.common import sentences
 from s2r_spec.cli.output import AsJson, Output, emit, save, settle, writable
 
+if TYPE_CHECKING:
+    from s2r_spec.report.finding import Report
+    from s2r_spec.report.parts import Run
+
+NAME = "s2r report"
+
 
 def report(
     run: Annotated[
         Path,
-        typer.Argument(help="Folder of a run, finished or not, as `s2r check` names it.", show_default=False),
+        typer.Argument(help="Folder of a run, finished or not, as its command named it.", show_default=False),
     ],
     form: Annotated[
         str | None,
@@ -25,8 +31,8 @@ def report(
 ) -> None:
     """Compute the certificate of a run again from its rollouts, and report it; a page lands in the run's folder."""
     with sentences(as_json or form == "json"):
-        from s2r_spec.report import checked, html
-        from s2r_spec.report.recompute import recompute, runs_in
+        from s2r_spec.report import html
+        from s2r_spec.report.recompute import Kind, kind
 
         page = not as_json and form in (None, "html")
         if page:
@@ -34,8 +40,7 @@ def report(
             writable(output)
         else:
             form = settle(form, as_json, output)
-        runs = [recompute(folder) for folder in runs_in(run)]
-        found = checked.report([(one.spec, one.result) for one in runs], "s2r report")
+        runs, found = {Kind.CHECK: _checks, Kind.GAP: _gap, Kind.CERTIFY: _certify}[kind(run)](run)
         if page:
             path = output or run / "report.html"
             save(html.render(runs), path)
@@ -43,3 +48,27 @@ def report(
         else:
             emit(found, form or "text", output)
         raise typer.Exit(found.exit_code)
+
+
+def _checks(folder: Path) -> tuple[list[Run], Report]:
+    from s2r_spec.report import checked
+    from s2r_spec.report.recompute import recompute, runs_in
+
+    runs = [recompute(one) for one in runs_in(folder)]
+    return [*runs], checked.report([(one.spec, one.result) for one in runs], NAME)
+
+
+def _gap(folder: Path) -> tuple[list[Run], Report]:
+    from s2r_spec.report import gapped
+    from s2r_spec.report.recompute import recompute_gap
+
+    run = recompute_gap(folder)
+    return [run], gapped.report(run.spec, run.result, NAME)
+
+
+def _certify(folder: Path) -> tuple[list[Run], Report]:
+    from s2r_spec.report import certified
+    from s2r_spec.report.recompute import recompute_certify
+
+    run = recompute_certify(folder)
+    return [run], certified.report(run.spec, run.result, NAME)

@@ -9,7 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from s2r_spec.certify.certificate import Label
+from s2r_spec.certify.certificate import Certificate, Label
 from s2r_spec.certify.check import CheckResult, Verdict
 from s2r_spec.certify.outward import at_least, at_most, between, down, up, wide
 from s2r_spec.report.finding import Finding, Report, Section
@@ -26,7 +26,7 @@ def report(pairs: Sequence[tuple[Spec, CheckResult]], command: str = "s2r check"
         "schema": SCHEMA,
         "exit_code": code,
         "results": [to_json(result) for _, result in pairs],
-        "locations": {result.requirement: _location(spec, result) for spec, result in pairs},
+        "locations": {result.requirement: location(spec, result.requirement) for spec, result in pairs},
     }
     return Report(command, tuple(finding(*pair) for pair in pairs), code, record)
 
@@ -65,11 +65,7 @@ def finding(spec: Spec, result: CheckResult) -> Finding:
     certificate, source = result.certificate, result.provenance
     unit = f" {result.unit}" if result.unit else ""
     failures = ", ".join(f"{count} × {word}" for word, count in sorted(result.failures.items())) or "no falls"
-    odds = (
-        "which is no certificate"
-        if certificate.label is Label.REFUSED
-        else f"with probability ≥ 1 − {certificate.delta:g}"
-    )
+    odds = odds_words(certificate)
     facts = (
         ("worst expected ρ", f"in {between(result.lower, result.upper)}{unit}, {odds}"),
         (
@@ -87,16 +83,10 @@ def finding(spec: Spec, result: CheckResult) -> Finding:
             f"(asked {certificate.target:g}), of which the grid costs {at_most(certificate.discretisation, 2)}",
         ),
     )
-    ladder = (
-        *(
-            f"if B = {rung.B:g}{unit}: ρ in {between(-rung.upper, -rung.lower)}{unit}"
-            for rung in certificate.ladder
-        ),
-        refuted_words(result),
-    )
     return Finding(
         name=result.requirement,
         verdict=result.verdict,
+        word=result.verdict.name,
         refused=certificate.label is Label.REFUSED,
         about=f"{source['spec']} on backend {source['backend']}",
         reason=result.reason,
@@ -104,7 +94,7 @@ def finding(spec: Spec, result: CheckResult) -> Finding:
         facts=facts,
         sections=(
             Section("This assumes", result.assumptions),
-            Section("How much hangs on B (all rows hold at once)", ladder),
+            Section("How much hangs on B (all rows hold at once)", ladder(result)),
         ),
         provenance=(
             f"seed {source['seed']}, s2r {source['s2r']}, spec {source['spec_hash'][:12]}, "
@@ -113,7 +103,7 @@ def finding(spec: Spec, result: CheckResult) -> Finding:
         again=f"lowest ρ ({result.lowest.rho:+.4f}{unit})",
         replay=replay_line(result),
         file=Path(spec.name),
-        line=_line(spec, result),
+        line=location(spec, result.requirement)["line"],
         seconds=result.seconds,
     )
 
@@ -123,13 +113,31 @@ def test_words(params: Mapping[str, float], units: Mapping[str, str]) -> str:
     return ", ".join(f"{name} = {value:.4g} {units.get(name, '')}".rstrip() for name, value in params.items())
 
 
-def refuted_words(result: CheckResult) -> str:
-    """Return what the data say against B and R."""
+def odds_words(certificate: Certificate) -> str:
+    """Return how sure a bound is."""
+    if not certificate.label.bounds:
+        return "which is no certificate"
+    return f"with probability ≥ 1 − {certificate.delta:g}"
+
+
+def ladder(result: CheckResult) -> tuple[str, ...]:
+    """Return what would be known if the norm were larger."""
     unit = f" {result.unit}" if result.unit else ""
-    e_value = math.exp(min(result.certificate.log_e_value, 700.0))
     return (
-        f"the data refute every B < {at_least(result.certificate.B_low)}{unit}; "
-        f"R is refuted at an e-value of 1/δ, now {e_value:.3g}"
+        *(
+            f"if B = {rung.B:g}{unit}: ρ in {between(-rung.upper, -rung.lower)}{unit}"
+            for rung in result.certificate.ladder
+        ),
+        refuted_words(result.certificate, result.unit),
+    )
+
+
+def refuted_words(certificate: Certificate, unit: str) -> str:
+    """Return what the data say against B and R."""
+    e_value = math.exp(min(certificate.log_e_value, 700.0))
+    return (
+        f"the data refute every B < {at_least(certificate.B_low)} {unit}".rstrip()
+        + f"; R is refuted at an e-value of 1/δ, now {e_value:.3g}"
     )
 
 
@@ -148,9 +156,6 @@ def _headline(result: CheckResult, unit: str, odds: str) -> str:
     return f"worst expected ρ in {between(result.lower, result.upper)}{unit}, {odds}"
 
 
-def _location(spec: Spec, result: CheckResult) -> dict[str, Any]:
-    return {"file": spec.name, "line": _line(spec, result)}
-
-
-def _line(spec: Spec, result: CheckResult) -> int:
-    return spec.formulas[result.requirement].span.line
+def location(spec: Spec, requirement: str) -> dict[str, Any]:
+    """Return where a requirement is written."""
+    return {"file": spec.name, "line": spec.formulas[requirement].span.line}

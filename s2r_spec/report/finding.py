@@ -1,7 +1,7 @@
 """What a reporter needs to know: one finding for each requirement, whichever command found it.
 
-A command turns its own result record into findings (:mod:`s2r_spec.report.checked`
-for ``s2r check``); every reporter works on findings alone.
+A command turns its own result record into findings (:mod:`s2r_spec.report.checked` for ``s2r check``,
+``gapped`` and ``certified`` for the other two); every reporter works on findings alone.
 """
 
 from __future__ import annotations
@@ -28,7 +28,8 @@ class Finding:
 
     Attributes:
         name: of the requirement.
-        verdict: holds, violated or unknown.
+        verdict: holds, violated or unknown; of a gap, whether it is bounded as closely as was asked.
+        word: for it, to be read first.
         refused: whether it is unknown because the certificate was refused.
         about: what was looked at, "a1_velocity.stl on backend sim".
         reason: one sentence for the verdict.
@@ -45,6 +46,7 @@ class Finding:
 
     name: str
     verdict: Verdict
+    word: str
     refused: bool
     about: str
     reason: str

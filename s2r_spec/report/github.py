@@ -16,7 +16,7 @@ def _line(finding: Finding) -> str:
     properties = {
         "file": finding.file.as_posix(),
         "line": str(finding.line),
-        "title": f"{finding.name} {finding.verdict.name}",
+        "title": f"{finding.name} {finding.word}",
     }
     where = ",".join(f"{name}={_property(value)}" for name, value in properties.items())
     message = f"{finding.reason}: {finding.headline}\nagain: {finding.replay}"

@@ -14,7 +14,7 @@ def render(report: Report) -> str:
     """Return a table of verdicts, then what each of them rests on."""
     head = ["| requirement | verdict | bound |", "| --- | --- | --- |"]
     rows = [
-        f"| {_cell(one.name)} | {SIGNS[one.verdict]} **{one.verdict.name}** | {_cell(one.headline)} |"
+        f"| {_cell(one.name)} | {SIGNS[one.verdict]} **{_cell(one.word)}** | {_cell(one.headline)} |"
         for one in report.findings
     ]
     return "\n".join([f"### {_cell(report.command)}", "", *head, *rows, *map(_details, report.findings)])

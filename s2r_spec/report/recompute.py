@@ -1,12 +1,17 @@
-"""A check again from its folder alone: the search is told the journal, nothing is run."""
+"""A result again from its folder alone: the searches are told the journals, nothing is run."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from enum import Enum
 from pathlib import Path
+from typing import Any
 
 from s2r_spec.certify.certificate import Certificate
 from s2r_spec.certify.check import CheckResult, conclude, of_recordings, search_for
+from s2r_spec.certify.gap import SIDES, GapResult, Pair, conclude_gap, gap_search, pairs_of
+from s2r_spec.certify.promise import CertifyResult, promise, refused
 from s2r_spec.certify.search import Query, Search
 from s2r_spec.errors import UsageError
 from s2r_spec.rollouts.journal import FILE, SPEC_FILE, Journal, Record
@@ -34,8 +39,57 @@ class Recomputed:
     waiting: int
 
 
+@dataclass(frozen=True)
+class RecomputedGap:
+    """A gap with all that its pictures need; see :class:`Recomputed`.
+
+    ``pairs`` are those that the search was told.
+    """
+
+    spec: Spec
+    result: GapResult
+    search: Search
+    history: tuple[Certificate, ...]
+    pairs: tuple[Pair, ...]
+    simulated: tuple[Record, ...]
+    real: tuple[Record, ...]
+    waiting: int
+
+
+@dataclass(frozen=True)
+class RecomputedCertify:
+    """A promise with all that its pictures need; no gap if the simulation was refused."""
+
+    spec: Spec
+    result: CertifyResult
+    simulated: Recomputed
+    gap: RecomputedGap | None
+
+
+class Kind(Enum):
+    """What a folder holds; the value is the command that made it."""
+
+    CHECK = "s2r check"
+    GAP = "s2r gap"
+    CERTIFY = "s2r certify"
+
+
+def kind(folder: Path) -> Kind:
+    """Return which command made a run.
+
+    Raises:
+        UsageError: no rollout of any run is in the folder.
+    """
+    if all((folder / side / FILE).exists() for side in SIDES):
+        return Kind.GAP
+    if (folder / "simulation" / FILE).exists() and (folder / "gap" / "real" / FILE).exists():
+        return Kind.CERTIFY
+    runs_in(folder)
+    return Kind.CHECK
+
+
 def runs_in(folder: Path) -> list[Path]:
-    """Return the folders of the single requirements' runs: this one, or those in it.
+    """Return the folders of the single requirements' checks: this one, or those in it.
 
     Raises:
         UsageError: there is none.
@@ -57,11 +111,11 @@ def recompute(folder: Path) -> Recomputed:
     """
     journal = Journal.read(folder)
     if "side" in journal.header:
-        raise UsageError(f"{folder} is one side of a gap; s2r report draws runs of s2r check")
+        raise UsageError(f"{folder} is one side of a gap; give the folder that both sides are in")
     if not len(journal):
         raise UsageError(f"{folder} has no rollouts yet, so there is nothing to report")
     spec, header = load_spec(folder / SPEC_FILE), journal.header
-    search, history = _search(spec, journal)
+    search, history = _replay(spec, journal)
     told = search.certificate().rollouts
     # With what it was told as its budget the search knows that it is over, and so refuses what a check
     # would have refused; of a run that goes on it says what it would have said had it ended here.
@@ -83,32 +137,113 @@ def recompute(folder: Path) -> Recomputed:
     return Recomputed(spec, result, search, tuple(history), tuple(records), len(records) - told)
 
 
-def _search(spec: Spec, journal: Journal) -> tuple[Search, list[Certificate]]:
+def recompute_gap(folder: Path) -> RecomputedGap:
+    """Compute the bound of a finished or unfinished gap again; see :func:`recompute`."""
+    journals = {side: Journal.read(folder / side) for side in SIDES}
+    header = journals["real"].header
+    spec = load_spec(folder / "real" / SPEC_FILE)
+    per_real = header["simulated_per_real"]
+    search = gap_search(spec, header["requirement"], budget=None, per_real=per_real, **_settings(header))
+    _same_settings(search, header, folder)
+    every = {(pair.query, pair.replicate): pair for pair in pairs_of(journals, per_real)}
+    if not every:
+        raise UsageError(f"{folder} has no pair of rollouts yet, so there is nothing to report")
+
+    def outcomes(query: Query) -> list[float]:
+        keys = [(query.index, replicate) for replicate in range(query.replicates)]
+        found = [every[key] for key in keys if key in every]
+        for pair in found:
+            _asked(query, pair.query, pair.replicate, pair.params, folder)
+        return [pair.simulated - pair.real for pair in found]
+
+    if "recorded" in header:
+        tests: dict[int, tuple[dict[str, float], list[float]]] = {}
+        for pair in every.values():
+            tests.setdefault(pair.query, (pair.params, []))[1].append(pair.simulated - pair.real)
+        search.observe(tests.values(), final=True)
+        history = [search.certificate()]
+    else:
+        history = _tell(search, outcomes)
+    search.budget = told = search.certificate().rollouts
+    provenance = {key: value for key, value in header.items() if key not in ("side", "backend", "duration")}
+    seconds = sum(record.seconds for journal in journals.values() for record in journal.records())
+    result = conclude_gap(spec, search, journals, provenance, folder, seconds)
+    return RecomputedGap(
+        spec,
+        result,
+        search,
+        tuple(history),
+        tuple(every.values()),
+        tuple(journals["sim"].records()),
+        tuple(journals["real"].records()),
+        len(journals["real"]) - told,
+    )
+
+
+def recompute_certify(folder: Path, real: str | None = None) -> RecomputedCertify:
+    """Compute a promise again; see :func:`recompute`.
+
+    Args:
+        folder: of both searches.
+        real: the real machine, for a run whose second search did not begin.
+    """
+    simulated = recompute(folder / "simulation")
+    if real is not None and not simulated.result.certificate.label.bounds:
+        return RecomputedCertify(simulated.spec, refused(simulated.result, real), simulated, None)
+    gap = recompute_gap(folder / "gap")
+    result = promise(simulated.search, gap.search, simulated.result, gap.result)
+    return RecomputedCertify(simulated.spec, result, simulated, gap)
+
+
+def _replay(spec: Spec, journal: Journal) -> tuple[Search, list[Certificate]]:
     """Tell a new search every whole batch of the journal; return it and its certificate after each."""
     header = journal.header
-    search = search_for(
-        spec,
-        header["requirement"],
-        seed=header["seed"],
-        budget=None,
-        mode=header["settings"]["mode"],
-        engine=header["settings"]["engine"],
-    )
-    if search.certificate().settings != header["settings"]:
-        raise UsageError(f"{journal.folder} was run by s2r {header['s2r']} with settings that this one lacks")
+    search = search_for(spec, header["requirement"], budget=None, **_settings(header))
+    _same_settings(search, header, journal.folder)
     if "recorded" in header:
         search.observe(_recorded(journal), final=True)
         return search, [search.certificate()]
+
+    def outcomes(query: Query) -> list[float]:
+        found = [journal.get(query.index, replicate) for replicate in range(query.replicates)]
+        records = [record for record in found if record is not None]
+        for record in records:
+            _asked(query, record.query, record.replicate, record.params, journal.folder)
+        return [-record.rho for record in records]
+
+    return search, _tell(search, outcomes)
+
+
+def _tell(search: Search, outcomes: Callable[[Query], list[float]]) -> list[Certificate]:
+    """Tell a search every batch whose outcomes are all there; return its certificate after each."""
     history: list[Certificate] = []
     while not search.done:
         queries = search.ask()
-        outcomes = [_outcomes(query, journal) for query in queries]
-        if any(len(values) < query.replicates for query, values in zip(queries, outcomes, strict=True)):
+        found = [outcomes(query) for query in queries]
+        if any(len(values) < query.replicates for query, values in zip(queries, found, strict=True)):
             break
-        for query, values in zip(queries, outcomes, strict=True):
+        for query, values in zip(queries, found, strict=True):
             search.tell(query, values)
         history.append(search.certificate())
-    return search, history
+    return history
+
+
+def _settings(header: Mapping[str, Any]) -> dict[str, Any]:
+    settings = header["settings"]
+    return {"seed": header["seed"], "mode": settings["mode"], "engine": settings["engine"]}
+
+
+def _same_settings(search: Search, header: Mapping[str, Any], folder: Path) -> None:
+    if search.certificate().settings != header["settings"]:
+        raise UsageError(f"{folder} was run by s2r {header['s2r']} with settings that this one lacks")
+
+
+def _asked(query: Query, index: int, replicate: int, params: Mapping[str, float], folder: Path) -> None:
+    if dict(params) != query.point:
+        raise UsageError(
+            f"rollout {index}.{replicate} of {folder} was run at {dict(params)}, now the search asks for "
+            f"{query.point}: the numerical libraries are others than those of the run"
+        )
 
 
 def _recorded(journal: Journal) -> list[tuple[dict[str, float], list[float]]]:
@@ -117,16 +252,3 @@ def _recorded(journal: Journal) -> list[tuple[dict[str, float], list[float]]]:
     for record in journal.records():
         groups.setdefault(record.query, (record.params, []))[1].append(-record.rho)
     return list(groups.values())
-
-
-def _outcomes(query: Query, journal: Journal) -> list[float]:
-    """Return −ρ of the rollouts that answer a query, as far as they are on disk."""
-    found = [journal.get(query.index, replicate) for replicate in range(query.replicates)]
-    records = [record for record in found if record is not None]
-    for record in records:
-        if record.params != query.point:
-            raise UsageError(
-                f"rollout {record.query}.{record.replicate} of {journal.folder} was run at {record.params}, now the "
-                f"search asks for {query.point}: the numerical libraries are others than those of the run"
-            )
-    return [-record.rho for record in records]

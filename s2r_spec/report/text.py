@@ -19,7 +19,7 @@ def render(report: Report) -> str:
 def markup(report: Report) -> str:
     """Return the same as rich markup, for a terminal."""
     return "\n\n".join(
-        f"{escape(one.name)}  [{COLOURS[one.verdict]}]{one.verdict.name}[/]  ({escape(one.about)})\n"
+        f"{escape(one.name)}  [{COLOURS[one.verdict]}]{one.word}[/]  ({escape(one.about)})\n"
         f"{escape(body(one))}"
         for one in report.findings
     )

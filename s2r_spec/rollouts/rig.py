@@ -30,6 +30,14 @@ def spec_files(spec: Spec) -> dict[str, str]:
     }
 
 
+def default_timeout(backend: Backend) -> float:
+    """Return how long a rollout may take [s] when nobody says: a program far more than it declares.
+
+    What does not repeat for the same seed may be a robot, which waits for people as long as they take.
+    """
+    return 60.0 + 100.0 * backend.cost if backend.deterministic else math.inf
+
+
 @dataclass(frozen=True)
 class Rig:
     """A measure, set up on one backend.
@@ -86,6 +94,8 @@ class Rig:
             # A simulator gives the same trace again for the same seed, so only what
             # the measure reads is kept; what cannot be repeated is kept whole.
             channels=self.channels if self.backend.deterministic else None,
+            model_hash=self.backend.model_hash,
+            timeout=default_timeout(self.backend),
         )
 
     def score(self, point: Mapping[str, float], done: Done) -> tuple[float, str | None]:
@@ -95,7 +105,7 @@ class Rig:
         dropped, and never judged by the trace that it cut short.
         """
         if done.trace is None:
-            return self.fall, f"crash: {done.crash}"
+            return self.fall, done.failure or "crash"
         if done.trace.failure is not None:
             return self.fall, done.trace.failure
         return float(self.measure(done.trace, point)), None

@@ -1,32 +1,34 @@
 """Run rollouts on any `concurrent.futures.Executor`, and survive its workers.
 
-A pool whose worker died fails every rollout in flight with it. So the runner
-takes a factory, makes a new pool, and runs the suspects one at a time: one that
-breaks its pool three times is recorded as a crash, the others are unharmed.
+In the pools of :mod:`s2r_spec.rollouts.pools` a worker that dies takes only its own rollout
+along. Other pools may fail every rollout in flight with it. So the runner takes a factory,
+makes a new pool, and runs the suspects one at a time: one that breaks its worker three times
+is recorded as a crash, the others are unharmed.
 """
 
 from __future__ import annotations
 
 import json
+import math
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ProcessPoolExecutor, wait
-from contextlib import contextmanager
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
+from dataclasses import dataclass, replace
 from functools import cache
-from multiprocessing import get_context, parent_process
-from threading import Thread
+from socket import gethostname
 from time import perf_counter
 from types import TracebackType
 from typing import Self
 
 from s2r_spec.backend import Backend, HasDuration, load_backend
 from s2r_spec.errors import BackendError, S2RError
+from s2r_spec.rollouts.child import TimeLimitError, WorkerDiedError, limit
+from s2r_spec.rollouts.pools import ExecutorFactory
 from s2r_spec.trace import Trace
 
 STRIKES = 3
-
-ExecutorFactory = Callable[[], Executor]
+# What loading a backend may take on top of a rollout [s]: a cold disk, a licence server.
+OPENING = 60.0
 
 
 @dataclass(frozen=True)
@@ -41,16 +43,20 @@ class Task:
     duration: float | None = None
     channels: tuple[str, ...] | None = None
     """Channels to bring back; None for all of them."""
+    model_hash: str | None = None
+    """What the worker's backend must be; None for any."""
+    timeout: float = math.inf
+    """A rollout that takes longer is ended [s]."""
 
 
 @dataclass(frozen=True)
 class Done:
-    """What came of a task: a trace, or a crash of the worker that ran it."""
+    """What came of a task: a trace, or why there is none, as in "crash: the worker died 3 times"."""
 
     task: Task
     trace: Trace | None
     seconds: float
-    crash: str | None = None
+    failure: str | None = None
 
 
 @cache
@@ -79,10 +85,14 @@ def run_task(task: Task) -> tuple[Trace, float]:
         BackendError: whatever the rollout raised, SystemExit included, in one sentence: the
             original may not survive the way between processes, and must not end s2r.
     """
-    start = perf_counter()
     where = f"at {dict(task.params)}, seed {task.seed}"
+    limit(task.timeout + OPENING)
     try:
-        trace = open_backend(task.backend, task.duration).rollout(task.params, task.seed)
+        backend = _open(task)
+        limit(task.timeout)
+        start = perf_counter()
+        trace = backend.rollout(task.params, task.seed)
+        seconds = perf_counter() - start
     except S2RError as error:
         raise BackendError(f"backend {task.backend!r}: {error} {where}") from None
     except BaseException as error:
@@ -99,39 +109,30 @@ def run_task(task: Task) -> tuple[Trace, float]:
         ) from None
     if task.channels is not None:
         trace = trace.only(task.channels)
-    return trace, perf_counter() - start
+    return trace, seconds
 
 
-def process_pool(workers: int) -> ExecutorFactory:
-    """Return a factory of pools of fresh (spawned) processes, one thread each.
-
-    Spawned, because a forked copy of a process that has run torch or a
-    simulator may hang; one thread each, because the rollouts are the parallelism.
-    """
-
-    def make() -> Executor:
-        return ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=_follow_parent)
-
-    return make
-
-
-def _follow_parent() -> None:
-    """End this worker when its parent is gone; after a kill -9 it would wait for work for ever."""
-    parent = parent_process()
-    if parent is not None:
-
-        def watch() -> None:
-            parent.join()
-            os._exit(1)
-
-        Thread(target=watch, daemon=True).start()
+def _open(task: Task) -> Backend:
+    """Return a task's backend, and see that it is the one that the run was begun with."""
+    backend = open_backend(task.backend, task.duration)
+    if task.model_hash is not None and backend.model_hash != task.model_hash:
+        raise BackendError(
+            f"the worker on {gethostname()} has another model ({backend.model_hash[:12]}) than the run was begun with "
+            f"({task.model_hash[:12]}); install the same versions on both machines, or resume where it was begun;"
+        )
+    return backend
 
 
 class Runner:
-    """Runs tasks on a pool, and makes a new pool when one breaks. A context manager."""
+    """Runs tasks on a pool, and makes a new pool when one breaks. A context manager.
 
-    def __init__(self, factory: ExecutorFactory) -> None:
-        self._factory = factory
+    Args:
+        factory: of the pool.
+        timeout: a rollout that takes longer is ended [s], ``inf`` for never; None for what each task says.
+    """
+
+    def __init__(self, factory: ExecutorFactory, timeout: float | None = None) -> None:
+        self._factory, self._timeout = factory, timeout
         self._pool: Executor | None = None
 
     def __enter__(self) -> Self:
@@ -148,6 +149,8 @@ class Runner:
         Raises:
             S2RError: a rollout raised. What arrived before was yielded; what is in flight is abandoned.
         """
+        if self._timeout is not None:
+            tasks = [replace(task, timeout=self._timeout) for task in tasks]
         suspects: list[Task] = []
         for task, outcome in self._attempt(tasks):
             if isinstance(outcome, BrokenExecutor):
@@ -163,7 +166,7 @@ class Runner:
             for _, outcome in self._attempt([task]):
                 if isinstance(outcome, Done):
                     return outcome
-        return Done(task, None, 0.0, crash=f"the worker died {STRIKES} times")
+        return Done(task, None, 0.0, f"crash: the worker died {STRIKES} times")
 
     def _attempt(self, tasks: Iterable[Task]) -> Iterator[tuple[Task, Done | BrokenExecutor]]:
         if self._pool is None:
@@ -172,8 +175,7 @@ class Runner:
         broken = False
         for task in tasks:
             try:
-                with _one_thread():
-                    waiting[self._pool.submit(run_task, task)] = task
+                waiting[self._pool.submit(run_task, task)] = task
             except BrokenExecutor as error:
                 broken = True
                 yield task, error
@@ -186,8 +188,10 @@ class Runner:
                     try:
                         trace, seconds = future.result()
                     except BrokenExecutor as error:
-                        broken = True
+                        broken = broken or not isinstance(error, WorkerDiedError)
                         yield task, error
+                    except TimeLimitError as error:
+                        yield task, _ended(task, error)
                     except S2RError as error:
                         failed = error
                     else:
@@ -202,16 +206,15 @@ class Runner:
 
     def _start(self) -> Executor:
         """Make a pool and see that it works, so that a pool that cannot start is not taken for a crash."""
-        with _one_thread():
-            pool = self._factory()
-            try:
-                pool.submit(os.getpid).result()
-            except BrokenExecutor as error:
-                pool.shutdown(wait=True)
-                raise BackendError(
-                    "worker processes cannot start; a script that calls s2r must do so below "
-                    "`if __name__ == '__main__':`, and be a file"
-                ) from error
+        pool = self._factory()
+        try:
+            pool.submit(os.getpid).result()
+        except BrokenExecutor as error:
+            pool.shutdown(wait=True)
+            raise BackendError("worker processes cannot start: what they printed above says why") from error
+        except S2RError:
+            pool.shutdown(wait=True)
+            raise
         return pool
 
     def _close(self) -> None:
@@ -221,17 +224,13 @@ class Runner:
             self._pool = None
 
 
-@contextmanager
-def _one_thread() -> Iterator[None]:
-    """Hand OMP_NUM_THREADS=1 to the processes started meanwhile, which read it when they import numpy."""
-    names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-    before = {name: os.environ.get(name) for name in names}
-    os.environ.update(dict.fromkeys(names, "1"))
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value
+def _ended(task: Task, error: TimeLimitError) -> Done:
+    """Return what is recorded of a rollout that was ended.
+
+    Raises:
+        BackendError: it was the backend that did not even open, which says nothing of the rollout.
+    """
+    seconds = error.args[0]
+    if seconds > task.timeout:
+        raise BackendError(f"backend {task.backend!r} did not open within {seconds:g} s") from None
+    return Done(task, None, seconds, f"crash: no answer within {seconds:g} s")

@@ -39,7 +39,7 @@ class CommandLine:
             cwd=self.folder,
             capture_output=True,
             text=True,
-            timeout=120,
+            timeout=600,  # no more than a safety net: the machine may be busy
             env=os.environ | {"COLUMNS": "100"},
         )
         assert code is None or done.returncode == code, done.stderr + done.stdout

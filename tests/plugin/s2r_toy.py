@@ -2,12 +2,14 @@
 
 What it does besides is in its name, so that workers see it too: ``toy:raise``
 raises at every rollout, ``toy:die`` kills the process that runs it at speeds
-above 0.29 m/s, ``toy:fall`` falls there, ``toy:slow`` takes 20 ms, ``toy:drag``
-reaches only nine tenths of its speed; ``exit``, ``missing``, ``dict`` and ``nan`` break the contract.
+above 0.29 m/s, ``toy:fall`` falls there, ``toy:hang`` never answers there,
+``toy:slow`` takes 20 ms, ``toy:drag`` reaches only nine tenths of its speed;
+``exit``, ``missing``, ``dict`` and ``nan`` break the contract.
 """
 
 from __future__ import annotations
 
+import ctypes
 import os
 import signal
 import time
@@ -56,6 +58,8 @@ class Toy:
             time.sleep(0.02)
         if self.habit == "die" and vd > 0.29:
             os.kill(os.getpid(), signal.SIGSEGV)
+        if self.habit == "hang" and vd > 0.29:
+            ctypes.PyDLL(None).sleep(1000)  # and holds the interpreter's lock meanwhile
         rng = np.random.default_rng(seed)
         times = np.arange(round(self.duration * 100) + 1) / 100
         bias = 0.01 * rng.normal() - 0.02 * abs(vd)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 
 import s2r_spec as s2r
 from s2r_spec import backend
+from s2r_spec.certify.promise import certify as certify_both
 from s2r_spec.report.recompute import Recomputed, recompute
 from s2r_spec.rollouts import runner
 from s2r_spec.rollouts.journal import SPEC_FILE, Journal, Record
@@ -24,26 +26,69 @@ certify walking: delta = 1e-3, epsilon = 0.05, B = 0.5, R = DEVIATION, kernel = 
 """
 
 
+@contextmanager
+def plugin():
+    """Offer the toy's backends in this process."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(PLUGIN))
+        for cached in (backend._factory, runner.open_backend):
+            cached.cache_clear()
+        yield
+    for cached in (backend._factory, runner.open_backend):
+        cached.cache_clear()
+
+
+def one_thread() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(1)
+
+
+def spec_of(limit: float, deviation: float = 0.02, epsilon: float = 0.05) -> s2r.Spec:
+    text = (
+        SPEC.replace("LIMIT", str(limit)).replace("DEVIATION", str(deviation)).replace("0.05,", f"{epsilon},")
+    )
+    return s2r.parse_spec(text, "specs/a spec.stl")
+
+
 @pytest.fixture(scope="session")
 def check(tmp_path_factory):
     """Check the toy backend in this process; a report needs no backend any more."""
 
     def run(limit: float, budget: int | None = None, deviation: float = 0.02, backend_name: str = "toy"):
         folder = tmp_path_factory.mktemp("run") / "walking"
-        text = SPEC.replace("LIMIT", str(limit)).replace("DEVIATION", str(deviation))
-        spec = s2r.parse_spec(text, "specs/a spec.stl")
-        with pytest.MonkeyPatch.context() as patch:
-            patch.syspath_prepend(str(PLUGIN))
-            for cached in (backend._factory, runner.open_backend):
-                cached.cache_clear()
-            result = s2r.check(
-                spec, backend_name, folder, budget=budget, executor=lambda: ThreadPoolExecutor(1)
-            )
-        for cached in (backend._factory, runner.open_backend):
-            cached.cache_clear()
-        return spec, result
+        spec = spec_of(limit, deviation)
+        with plugin():
+            return spec, s2r.check(spec, backend_name, folder, budget=budget, executor=one_thread)
 
     return run
+
+
+@pytest.fixture(scope="session")
+def certify(tmp_path_factory):
+    """Certify one toy against another in this process."""
+
+    def run(limit: float, budget: int | None = None, deviation: float = 0.02, real: str = "toy:drag"):
+        folder = tmp_path_factory.mktemp("run") / "both"
+        spec = spec_of(limit, deviation, epsilon=0.1)
+        with plugin():
+            return spec, certify_both(spec, "toy", real, folder, budget=budget, executor=one_thread), folder
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def promised(certify):
+    return certify(0.15)
+
+
+@pytest.fixture(scope="session")
+def unpromised(certify):
+    """Few rollouts of a real machine that falls at the end of the test space."""
+    return certify(0.06, budget=16, real="toy:fall")
+
+
+@pytest.fixture(scope="session")
+def refused_in_simulation(certify):
+    return certify(0.1, deviation=0.001)
 
 
 @pytest.fixture(scope="session")

@@ -5,9 +5,9 @@ from html.parser import HTMLParser
 
 import pytest
 
+from s2r_spec import logs
 from s2r_spec.errors import UsageError
 from s2r_spec.report import html
-from s2r_spec.report.figures.traces import read_trace
 from s2r_spec.report.recompute import recompute, runs_in
 from tests.conftest import rewrite
 from tests.report.conftest import invented
@@ -101,7 +101,7 @@ def test_the_verdict_and_the_bound_come_first(runs):
 
 def test_the_critical_instant_is_told(runs):
     record = runs[1].result.lowest
-    reason = runs[1].spec.explain(read_trace(runs[1], record), "walking", record.params)
+    reason = runs[1].spec.explain(logs.read(runs[1].result.folder / record.trace), "walking", record.params)
     assert (
         f"Decided at t = {reason.instant:g} s by abs(vx - vd) <= -0.05 {{m/s}}"
         in Page(html.render(runs[1:2])).text

@@ -3,7 +3,8 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 
 from s2r_spec.errors import BackendError
-from s2r_spec.rollouts.runner import Runner, Task, open_backend, process_pool
+from s2r_spec.rollouts.pools import process_pool
+from s2r_spec.rollouts.runner import Runner, Task, open_backend
 from s2r_spec.rollouts.seeds import rollout_seed
 
 pytestmark = pytest.mark.usefixtures("toy")
@@ -31,21 +32,6 @@ def test_any_number_of_workers_and_any_executor_give_the_same_traces():
             == two[query].trace["vx"].tobytes()
             == threads[query].trace["vx"].tobytes()
         )
-
-
-def test_a_worker_that_dies_takes_nobody_with_it():
-    found = traces(process_pool(2), tasks("toy:die", [-0.1, 0.3, 0.0, 0.1, 0.2]))
-    assert sorted(found) == [0, 1, 2, 3, 4]
-    assert found[1].trace is None
-    assert found[1].crash == "the worker died 3 times"
-    assert all(found[i].trace is not None for i in (0, 2, 3, 4))
-
-
-def test_a_rollout_that_raises_is_named_with_its_test_and_seed():
-    with pytest.raises(
-        BackendError, match=r"'toy:raise' raised ValueError: the gyroscope .* at \{'vd': 0.1\}, seed \d+"
-    ):
-        traces(process_pool(1), tasks("toy:raise", [0.1]))
 
 
 def test_only_the_channels_asked_for_come_back():

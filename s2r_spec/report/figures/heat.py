@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from s2r_spec.certify.check import tested
 from s2r_spec.report.figures.canvas import INK, PAPER, Picture, draw, with_unit
-from s2r_spec.report.recompute import Recomputed
+from s2r_spec.report.figures.field import Field
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -14,17 +13,17 @@ if TYPE_CHECKING:
 _SIDE = 61
 
 
-def heat(run: Recomputed, name: str) -> Picture:
-    """Draw both sides of the band on one scale, white at ρ = 0."""
-    across, up = run.spec.space.axes
-    lower, upper = run.search.band(run.spec.space.grid((_SIDE, _SIDE)))  # of −ρ
+def heat(field: Field, name: str) -> Picture:
+    """Draw both sides of the band on one scale, white at 0."""
+    across, up = field.space.axes
+    lower, upper = field.bounds(field.space.grid((_SIDE, _SIDE)))
     sides = {
-        "at least (lower bound of E ρ)": -upper.reshape(_SIDE, _SIDE).T,
-        "at most (upper bound of E ρ)": -lower.reshape(_SIDE, _SIDE).T,
+        f"at least (lower bound of E {field.symbol})": lower.reshape(_SIDE, _SIDE).T,
+        f"at most (upper bound of E {field.symbol})": upper.reshape(_SIDE, _SIDE).T,
     }
-    tests, worst = tested(run.records), run.result.worst
+    tests, mark = field.tests, field.mark
     # Where nothing was tried the bounds are as wide as ±B; the scale is that of what was seen.
-    scale = max(abs(run.result.lower), abs(run.result.upper), *(abs(test.mean) for test in tests)) or 1.0
+    scale = max(abs(field.lower), abs(field.upper), *(abs(test.mean) for test in tests)) or 1.0
     pixel = across.width / (_SIDE - 1) / 2, up.width / (_SIDE - 1) / 2
     extent = (across.low - pixel[0], across.high + pixel[0], up.low - pixel[1], up.high + pixel[1])
 
@@ -51,8 +50,8 @@ def heat(run: Recomputed, name: str) -> Picture:
                 lw=0,
             )
             axes.plot(
-                worst.params[across.name],
-                worst.params[up.name],
+                mark[across.name],
+                mark[up.name],
                 "v",
                 color=PAPER,
                 mec=INK,
@@ -64,18 +63,17 @@ def heat(run: Recomputed, name: str) -> Picture:
             axes.set_xlabel(with_unit(across.name, across.unit))
         both[0].set_ylabel(with_unit(up.name, up.unit))
         bar = figure.colorbar(image, ax=both.tolist(), extend="both", pad=0.01)
-        bar.set_label(with_unit("ρ", run.result.unit))
+        bar.set_label(with_unit(field.symbol, field.unit))
         if bar.solids is not None:
             bar.solids.set_rasterized(True)  # 256 little paths otherwise
 
     alt = (
-        f"Two maps over {across.name} and {up.name}: lower and upper bound of the expected robustness, with "
-        f"{len(tests)} tests; the worst is at {across.name} = {worst.params[across.name]:.4g} {across.unit}, "
-        f"{up.name} = {worst.params[up.name]:.4g} {up.unit}"
+        f"Two maps over {across.name} and {up.name}: lower and upper bound of the {field.name}, with "
+        f"{len(tests)} tests; the {field.pointed} is at {across.name} = {mark[across.name]:.4g} {across.unit}, "
+        f"{up.name} = {mark[up.name]:.4g} {up.unit}"
     )
     caption = (
-        "Expected ρ lies between the two maps at every test at once. Blue is met, red is violated, the black "
-        "line is 0. Dots are tests, the triangle is the worst one; where there are few, the search already "
-        "knew that the worst is elsewhere."
-    )
-    return Picture("Where it is tight over the test space", caption, alt, draw(name, alt, (7.2, 3.4), paint))
+        f"{field.name.capitalize()} {field.symbol} lies between the two maps at every test at once. Blue is above 0, "
+        f"red below, the black line is 0. Dots are tests, the triangle is the {field.pointed}. {field.remark}"
+    ).strip()
+    return Picture(field.title, caption, alt, draw(name, alt, (7.2, 3.4), paint))

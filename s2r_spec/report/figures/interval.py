@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from s2r_spec.certify import outward
-from s2r_spec.certify.certificate import Label
+from s2r_spec.certify.certificate import Certificate
+from s2r_spec.certify.outward import between, down, wide
 from s2r_spec.report.figures.canvas import BAND, INK, Picture, draw, shade_violation, with_unit
-from s2r_spec.report.recompute import Recomputed
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -16,38 +16,45 @@ if TYPE_CHECKING:
 _MARGIN = 2.5
 
 
-def interval(run: Recomputed, name: str) -> Picture:
-    """Draw the interval of the worst expected ρ after each batch."""
-    result, certificate = run.result, run.result.certificate
-    rollouts = [entry.rollouts for entry in run.history]
-    lower = [-entry.upper for entry in run.history]
-    upper = [-entry.lower for entry in run.history]
+def interval(
+    history: Sequence[Certificate], what: str, unit: str, title: str, name: str, counted: str = "rollouts"
+) -> Picture:
+    """Draw an interval after each batch.
+
+    Args:
+        history: certificates of a search that maximises the negative, the last one as it ended.
+        what: is bounded: "worst expected ρ".
+        unit: of it.
+        title: of the picture.
+        name: of the figure in the page.
+        counted: what the rollouts are called.
+    """
+    last = history[-1]
+    rollouts = [entry.rollouts for entry in history]
+    lower = [-entry.upper for entry in history]
+    upper = [-entry.lower for entry in history]
 
     def paint(figure: Figure) -> None:
         axes = figure.add_subplot()
         axes.fill_between(rollouts, lower, upper, step="post", color=BAND, alpha=0.25, lw=0)
         axes.step(rollouts, lower, where="post", color=BAND, lw=2)
         axes.step(rollouts, upper, where="post", color=BAND, lw=1)
-        axes.plot(rollouts[-1:], [result.lower], "o", color=INK, ms=5)
-        axes.annotate(
-            outward.down(result.lower), (rollouts[-1], result.lower), (6, -4), textcoords="offset points"
-        )
-        room = _MARGIN * max(certificate.epsilon, 1e-12)
-        axes.set_ylim(min(result.lower - room / 3, -room / 6), max(result.upper + room, room / 6))
+        axes.plot(rollouts[-1:], lower[-1:], "o", color=INK, ms=5)
+        axes.annotate(down(lower[-1]), (rollouts[-1], lower[-1]), (6, -4), textcoords="offset points")
+        room = _MARGIN * max(last.epsilon, 1e-12)
+        axes.set_ylim(min(lower[-1] - room / 3, -room / 6), max(upper[-1] + room, room / 6))
         axes.set_xlim(rollouts[0], rollouts[-1] * 1.12)
-        axes.set_xlabel("rollouts")
-        axes.set_ylabel(with_unit("worst expected ρ", result.unit))
+        axes.set_xlabel(counted)
+        axes.set_ylabel(with_unit(what, unit))
         shade_violation(axes)
 
     alt = (
-        f"The interval of the worst expected robustness against rollouts: after {rollouts[-1]} rollouts it is "
-        f"{outward.between(result.lower, result.upper)} {result.unit}".rstrip()
+        f"The interval of the {what} against {counted}: after {rollouts[-1]} it is "
+        f"{between(lower[-1], upper[-1])} {unit}".rstrip()
     )
-    valid = "" if certificate.label is Label.REFUSED else ", valid at every moment"
-    return Picture(
-        "How the interval closed",
-        f"Lower and upper end after each batch{valid}; it ended {outward.wide(certificate.epsilon)} wide, "
-        f"{certificate.target:g} was asked for.",
-        alt,
-        draw(name, alt, (7.2, 2.6), paint),
+    valid = ", valid at every moment" if last.label.bounds else ""
+    caption = (
+        f"Lower and upper end after each batch{valid}; it ended {wide(last.epsilon)} wide, "
+        f"{last.target:g} was asked for."
     )
+    return Picture(title, caption, alt, draw(name, alt, (7.2, 2.6), paint))

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,11 +13,12 @@ from numpy.typing import NDArray
 from s2r_spec import logs
 from s2r_spec.errors import S2RError
 from s2r_spec.report.checked import test_words
-from s2r_spec.report.figures.canvas import BAD, INK, MUTED, Picture, draw, with_unit
+from s2r_spec.report.figures.canvas import BAD, BAND, INK, MUTED, Picture, draw, with_unit
 from s2r_spec.report.figures.tolerance import Margins, held, margins, reads
-from s2r_spec.report.recompute import Recomputed
 from s2r_spec.rollouts.journal import Record
-from s2r_spec.spec import Explanation
+from s2r_spec.rollouts.rig import Rig
+from s2r_spec.rollouts.runner import run_task
+from s2r_spec.spec import Explanation, Spec
 from s2r_spec.trace import Trace
 
 if TYPE_CHECKING:
@@ -31,6 +34,29 @@ _VALUES = 121
 
 
 @dataclass(frozen=True)
+class Runs:
+    """The rollouts of one journal, and what they are judged by.
+
+    Attributes:
+        spec: as the run keeps it.
+        requirement: its name.
+        unit: of ρ.
+        folder: of the journal.
+        records: every rollout in it.
+        called: what made them: "sim", "twin:lab".
+        model_hash: of it, at that time.
+    """
+
+    spec: Spec
+    requirement: str
+    unit: str
+    folder: Path
+    records: tuple[Record, ...]
+    called: str
+    model_hash: str
+
+
+@dataclass(frozen=True)
 class _Panel:
     """One signal, or one component of it."""
 
@@ -38,37 +64,65 @@ class _Panel:
     times: FloatArray
     samples: FloatArray
     others: tuple[tuple[FloatArray, FloatArray], ...]
+    beside: tuple[tuple[FloatArray, FloatArray], ...]
     limits: tuple[Margins, ...]
 
 
-def worst_records(run: Recomputed) -> list[Record]:
+def worst_records(runs: Runs) -> list[Record]:
     """Return the rollout of the lowest ρ at each of the lowest tests, lowest first."""
     chosen: dict[tuple[float, ...], Record] = {}
-    for record in sorted(run.records, key=lambda record: (record.rho, record.query, record.replicate)):
+    for record in sorted(runs.records, key=lambda record: (record.rho, record.query, record.replicate)):
         chosen.setdefault(tuple(record.params.values()), record)
     return list(chosen.values())[:_MOST_TRACES]
 
 
-def trace_picture(run: Recomputed, record: Record, name: str) -> Picture:
+def trace_picture(runs: Runs, record: Record, name: str) -> Picture:
     """Draw one rollout over time, with others at the same test behind it."""
-    unit = f" {run.result.unit}" if run.result.unit else ""
-    test = test_words(record.params, run.spec.space.units)
-    title = f"Rollout {record.query}.{record.replicate}: ρ = {record.rho:+.4f}{unit} at {test}"
-    trace = read_trace(run, record)
+    test = test_words(record.params, runs.spec.space.units)
+    title = f"Rollout {record.query}.{record.replicate}: ρ = {_number(record.rho, runs.unit)} at {test}"
+    return _picture(runs, record, title, (), name)
+
+
+def pair_picture(
+    real: Runs, record: Record, simulated: Runs, against: Sequence[Record], name: str
+) -> Picture:
+    """Draw a real rollout, and the simulated ones that it was held against beside it."""
+    test = test_words(record.params, real.spec.space.units)
+    mean = float(np.mean([other.rho for other in against]))
+    title = (
+        f"Pair {record.query}.{record.replicate} at {test}: ρ = {_number(mean, real.unit)} in {simulated.called}, "
+        f"{_number(record.rho, real.unit)} in {real.called}, Δ = {_number(record.rho - mean, real.unit)}"
+    )
+    beside = [found for other in against if (found := read_trace(simulated, other)) is not None]
+    return _picture(real, record, title, tuple(beside), name, simulated.called)
+
+
+def _picture(
+    runs: Runs, record: Record, title: str, beside: tuple[Trace, ...], name: str, other: str = ""
+) -> Picture:
+    trace = read_trace(runs, record)
     if trace is None:
         why = record.failure or "its trace is not on disk"
         return Picture(title, f"There is nothing to draw: {why}.", "", "")
-    reason = _explained(run, trace, record)
-    panels = _panels(run, trace, record)
+    reason = _explained(runs, trace, record)
+    panels = _panels(runs, trace, record, beside)
 
     def paint(figure: Figure) -> None:
         rows = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
         for axes, panel in zip(rows, panels, strict=True):
             _paint(axes, panel, reason)
+        if beside:
+            lines = [
+                rows[0].plot([], [], color=INK, lw=1.6, label=runs.called)[0],
+                rows[0].plot([], [], color=BAND, lw=1.6, ls=(0, (5, 2)), label=other)[0],
+            ]
+            rows[0].legend(handles=lines, loc="upper left", ncols=2, borderaxespad=0, bbox_to_anchor=(0, 1.2))
         rows[-1].set_xlabel("time [s]")
 
     signals = ", ".join(panel.label for panel in panels)
-    alt = f"{signals} over time in the rollout with ρ = {record.rho:+.4f}{unit}"
+    alt = f"{signals} over time in the rollout with ρ = {_number(record.rho, runs.unit)}"
+    if beside:
+        alt += f", beside {len(beside)} of {other} at the same test"
     fell = f" It ended with a {record.failure}, which counts as the declared ρ." if record.failure else ""
     caption = f"{_words(reason)}{fell} Shaded red is what the requirement forbids" + (
         ", thin lines are other rollouts at this test." if panels[0].others else "."
@@ -76,19 +130,28 @@ def trace_picture(run: Recomputed, record: Record, name: str) -> Picture:
     return Picture(title, caption, alt, draw(name, alt, (7.2, 0.7 + 1.9 * len(panels)), paint))
 
 
-def read_trace(run: Recomputed, record: Record) -> Trace | None:
+def read_trace(runs: Runs, record: Record) -> Trace | None:
     """Return the trace of a rollout, or None if there is none."""
-    if record.trace is None:
-        return None
     try:
-        return logs.read(run.result.folder / record.trace)
+        if record.trace is not None:
+            return logs.read(runs.folder / record.trace)
+        if record.failure is None and runs.called.startswith("log:"):
+            # A recording is not copied into the run; it is drawn if it is where it was, and what it was.
+            rig = Rig.for_spec(runs.spec, runs.requirement, runs.called)
+            task = rig.task(record.query, record.replicate, record.params, record.seed)
+            return run_task(replace(task, model_hash=runs.model_hash))[0]
     except S2RError:
-        return None  # somebody tidied up: a report can do without
+        pass  # somebody tidied up: a report can do without
+    return None
 
 
-def _explained(run: Recomputed, trace: Trace, record: Record) -> Explanation | None:
+def _number(rho: float, unit: str) -> str:
+    return f"{rho:+.4f} {unit}".rstrip()
+
+
+def _explained(runs: Runs, trace: Trace, record: Record) -> Explanation | None:
     try:
-        return run.spec.explain(trace, run.result.requirement, record.params)
+        return runs.spec.explain(trace, runs.requirement, record.params)
     except S2RError:
         return None
 
@@ -100,33 +163,37 @@ def _words(reason: Explanation | None) -> str:
     return f"Decided at t = {reason.instant:g} s by {reason.predicate} (margin {margin})."
 
 
-def _panels(run: Recomputed, trace: Trace, record: Record) -> list[_Panel]:
-    same = [other for other in run.records if other.params == record.params and other is not record][
-        :_MOST_SIBLINGS
-    ]
-    others = [found for other in same if (found := read_trace(run, other)) is not None]
+def _panels(runs: Runs, trace: Trace, record: Record, beside: tuple[Trace, ...]) -> list[_Panel]:
+    same = [other for other in runs.records if other.params == record.params and other is not record]
+    others = [found for other in same[:_MOST_SIBLINGS] if (found := read_trace(runs, other)) is not None]
     panels = []
-    for name in run.spec.channels(run.result.requirement):
+    for name in runs.spec.channels(runs.requirement):
         columns = range(trace[name].shape[1]) if trace[name].ndim == 2 else [None]
         for column in columns:
-            panels.append(_panel(run, trace, others, record, name, column))
+            panels.append(_panel(runs, trace, others, beside, record, name, column))
     return panels[:_MOST_PANELS]
 
 
 def _panel(
-    run: Recomputed, trace: Trace, others: list[Trace], record: Record, name: str, column: int | None
+    runs: Runs,
+    trace: Trace,
+    others: Sequence[Trace],
+    beside: Sequence[Trace],
+    record: Record,
+    name: str,
+    column: int | None,
 ) -> _Panel:
     def samples(one: Trace) -> FloatArray:
         return one[name] if column is None else one[name][:, column]
 
-    unit = trace.units.get(name, run.spec.signals[name].unit)
+    unit = trace.units.get(name, runs.spec.signals[name].unit)
     own = samples(trace)
     low, high = float(own.min()), float(own.max())
     span = (high - low) or abs(high) or 1.0
     values = np.linspace(low - 2 * span, high + 2 * span, _VALUES)
     limits = [
-        margins(run.spec, trace, record.params, must, name, column, values)
-        for must in held(run.spec.formulas[run.result.requirement])
+        margins(runs.spec, trace, record.params, must, name, column, values)
+        for must in held(runs.spec.formulas[runs.requirement])
         if reads(must.predicate, name, column)
     ]
     return _Panel(
@@ -134,6 +201,7 @@ def _panel(
         trace.times,
         own,
         tuple((one.times, samples(one)) for one in others),
+        tuple((one.times, samples(one)) for one in beside),
         tuple(limit for limit in limits if limit is not None),
     )
 
@@ -153,14 +221,17 @@ def _paint(axes: Axes, panel: _Panel, reason: Explanation | None) -> None:
             edges += [float(limit.values[rows[0]]), float(limit.values[rows[-1] + 1])]
     for times, samples in panel.others:
         axes.plot(times, samples, color=MUTED, lw=0.6, alpha=0.6)
+    for times, samples in panel.beside:
+        axes.plot(times, samples, color=BAND, lw=1.6, ls=(0, (5, 2)))
     axes.plot(panel.times, panel.samples, color=INK, lw=1.6)
     if reason is not None and reason.instant is not None:
         axes.axvline(reason.instant, color=BAD, lw=1, ls=(0, (4, 3)))
         at = float(np.interp(reason.instant, panel.times, panel.samples))
         axes.plot(reason.instant, at, "o", color="none", mec=BAD, mew=2, ms=9)
+    drawn = (panel.samples, *(samples for _, samples in (*panel.others, *panel.beside)))
     seen = [
         *edges,
-        *(float(end(s)) for s in (panel.samples, *(o[1] for o in panel.others)) for end in (np.min, np.max)),
+        *(float(end(samples)) for samples in drawn for end in (np.min, np.max)),
     ]
     room = 0.15 * (max(seen) - min(seen) or 1.0)
     axes.set_ylim(min(seen) - room, max(seen) + room)

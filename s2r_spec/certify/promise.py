@@ -1,0 +1,102 @@
+"""Both searches, and what they promise of the real machine together."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from s2r_spec.certify.certificate import Label
+from s2r_spec.certify.check import CheckResult, Verdict, check_with, only_requirement, search_for
+from s2r_spec.certify.compose import Composition, compose
+from s2r_spec.certify.drive import Observer
+from s2r_spec.certify.gap import GapResult, gap_search, gap_with
+from s2r_spec.certify.search import Search
+from s2r_spec.certify.sides import Sides
+from s2r_spec.rollouts.pools import ExecutorFactory
+from s2r_spec.spec import Spec
+
+
+@dataclass(frozen=True)
+class CertifyResult:
+    """Both searches and what they promise together.
+
+    Attributes:
+        verdict: HOLDS if the composed interval is ≥ 0, VIOLATED if it is < 0, else UNKNOWN.
+        reason: one sentence for the verdict.
+        real: the backend that the promise is about.
+        simulated: search 1.
+        gap: search 2; None if search 1 has no certificate, for then no rollout of the real machine is run.
+        composition: the promise about the real machine; None if one of the searches has no certificate.
+    """
+
+    verdict: Verdict
+    reason: str
+    real: str
+    simulated: CheckResult
+    gap: GapResult | None
+    composition: Composition | None
+
+
+def certify(
+    spec: Spec,
+    simulated: str,
+    real: str,
+    folder: Path,
+    *,
+    requirement: str | None = None,
+    seed: int = 0,
+    budget: int | None = None,
+    mode: str = "rigorous",
+    engine: str = "spectral",
+    executor: ExecutorFactory | None = None,
+    timeout: float | None = None,
+    resume: bool = False,
+    observer: Observer | None = None,
+) -> CertifyResult:
+    """Run both searches and compose them into a promise about the real machine; see :func:`gap`.
+
+    ``budget`` bounds the real rollouts; the simulator runs as many as its ε takes. Search 2 does
+    not begin when search 1 was refused: rollouts of the real machine could not mend that.
+    """
+    requirement = requirement or only_requirement(spec)
+    sides = Sides.of(spec, requirement, simulated, real, budget)
+    first = search_for(spec, requirement, seed=seed, budget=None, mode=mode, engine=engine)
+    second = gap_search(
+        spec, requirement, seed=seed, budget=budget, mode=mode, engine=engine, per_real=sides.per_real
+    )
+    checked = check_with(
+        first, spec, requirement, simulated, folder / "simulation", seed, executor, timeout, resume, observer
+    )
+    if not checked.certificate.label.bounds:
+        return refused(checked, real)
+    bounded = gap_with(
+        second, spec, requirement, sides, folder / "gap", seed, executor, timeout, resume, observer
+    )
+    return promise(first, second, checked, bounded)
+
+
+def refused(checked: CheckResult, real: str) -> CertifyResult:
+    """Return what there is when search 1 has no certificate."""
+    reason = f"no certificate for simulation: {checked.certificate.reason}; no rollout of {real} was run"
+    return CertifyResult(Verdict.UNKNOWN, reason, real, checked, None, None)
+
+
+def promise(first: Search, second: Search, checked: CheckResult, bounded: GapResult) -> CertifyResult:
+    """Return what two searches promise of the real machine, whose results are these."""
+    real = bounded.provenance["real"]["backend"]
+    for name, certificate in (("simulation", checked.certificate), ("the gap", bounded.certificate)):
+        if not certificate.label.bounds:
+            reason = f"no certificate for {name}: {certificate.reason}"
+            return CertifyResult(Verdict.UNKNOWN, reason, real, checked, bounded, None)
+    composition = compose(first, second)
+    if composition.lower >= 0:
+        verdict, reason = Verdict.HOLDS, f"the worst expected robustness of {real} is not negative"
+    elif composition.upper < 0:
+        verdict, reason = Verdict.VIOLATED, f"the worst expected robustness of {real} is negative"
+    else:
+        way = "more real rollouts" if bounded.certificate.label is Label.BUDGET else "a smaller epsilon"
+        if "recorded" in bounded.provenance:
+            where = ", ".join(f"{name} = {value:.4g}" for name, value in second.suggestion.items())
+            way = f"a further recorded test, best at {where},"
+        verdict, reason = Verdict.UNKNOWN, f"the interval contains 0; {way} may decide it"
+    return CertifyResult(verdict, reason, real, checked, bounded, composition)

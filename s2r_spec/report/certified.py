@@ -1,0 +1,133 @@
+"""The result of ``s2r certify`` as a finding, and as one JSON object."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from s2r_spec.certify.check import Verdict
+from s2r_spec.certify.outward import between, down, up
+from s2r_spec.certify.promise import CertifyResult
+from s2r_spec.report import checked, gapped
+from s2r_spec.report.checked import location, test_words
+from s2r_spec.report.finding import Finding, Report, Section
+from s2r_spec.spec import Spec
+
+SCHEMA = "s2r.certify/1"
+
+
+def report(spec: Spec, result: CertifyResult, command: str = "s2r certify") -> Report:
+    """Return what every reporter renders."""
+    code = result.verdict.exit_code
+    record = {"schema": SCHEMA, "exit_code": code} | to_json(result)
+    where = {"location": location(spec, result.simulated.requirement)}
+    return Report(command, (finding(spec, result),), code, record | where)
+
+
+def to_json(result: CertifyResult) -> dict[str, Any]:
+    """Return the record of both searches and the promise as plain JSON values."""
+    return {
+        "verdict": result.verdict.value,
+        "reason": result.reason,
+        "real": result.real,
+        "promise": asdict(result.composition) if result.composition else None,
+        "simulation": checked.to_json(result.simulated),
+        "gap": gapped.to_json(result.gap) if result.gap else None,
+    }
+
+
+def finding(spec: Spec, result: CertifyResult) -> Finding:
+    """Say the promise in words, with what it is made of."""
+    simulated, gap = result.simulated, result.gap
+    source = simulated.provenance
+    model = f"{source['backend']} {source['model_hash'][:12]}"
+    if gap is not None:
+        model += f", {result.real} {gap.provenance['real']['model_hash'][:12]}"
+    unit = f" {simulated.unit}" if simulated.unit else ""
+    return Finding(
+        name=simulated.requirement,
+        verdict=result.verdict,
+        word=result.verdict.name,
+        refused=result.composition is None,
+        about=f"{source['spec']}: {source['backend']} against {result.real}",
+        reason=result.reason,
+        headline=_headline(result),
+        facts=_facts(spec, result),
+        sections=(
+            Section("This assumes", _assumptions(result)),
+            Section("How much hangs on B (all rows hold at once)", _ladder(result)),
+        ),
+        provenance=f"seed {source['seed']}, s2r {source['s2r']}, spec {source['spec_hash'][:12]}, {model}",
+        again=(
+            f"lowest Δ ({gap.lowest.gap:+.4f}{unit}), its real side"
+            if gap
+            else f"lowest ρ ({simulated.lowest.rho:+.4f}{unit})"
+        ),
+        replay=gapped.replay_line(gap) if gap else checked.replay_line(simulated),
+        file=Path(spec.name),
+        line=location(spec, simulated.requirement)["line"],
+        seconds=simulated.seconds + (gap.seconds if gap else 0.0),
+    )
+
+
+def _headline(result: CertifyResult) -> str:
+    promise = result.composition
+    if promise is None:
+        return f"nothing is promised of {result.real}"
+    unit = f" {result.simulated.unit}" if result.simulated.unit else ""
+    bound = {
+        Verdict.HOLDS: f"≥ {down(promise.lower)}{unit}",
+        Verdict.VIOLATED: f"≤ {up(promise.upper)}{unit}",
+        Verdict.UNKNOWN: f"in {between(promise.lower, promise.upper)}{unit}",
+    }[result.verdict]
+    return f"worst expected ρ of {result.real} {bound}, with probability ≥ 1 − {promise.delta:g}"
+
+
+def _facts(spec: Spec, result: CertifyResult) -> tuple[tuple[str, str], ...]:
+    simulated, gap, promise = result.simulated, result.gap, result.composition
+    unit = f" {simulated.unit}" if simulated.unit else ""
+    bound: tuple[tuple[str, str], ...] = (("worst expected ρ", "nothing is promised of the real machine"),)
+    if promise is not None:
+        bound = (
+            (
+                "worst expected ρ",
+                f"in {between(promise.lower, promise.upper)}{unit} for {result.real}, "
+                f"with probability ≥ 1 − {promise.delta:g}",
+            ),
+            ("worst test", test_words(promise.worst, spec.space.units)),
+            (
+                "as the paper adds",
+                f"≥ {down(promise.paper_lower)}{unit} (worst case of each search, wherever it is)",
+            ),
+        )
+    return (
+        *bound,
+        (
+            "in simulation",
+            f"worst expected ρ in {between(simulated.lower, simulated.upper)}{unit}, "
+            f"{simulated.certificate.rollouts} rollouts, {simulated.certificate.label.value}",
+        ),
+        *(gapped.facts(gap, spec.space.units) if gap else (("the gap", "was not searched for"),)),
+    )
+
+
+def _assumptions(result: CertifyResult) -> tuple[str, ...]:
+    # The last one of the simulation says that the real machine is another search's: this one's.
+    both = (*result.simulated.assumptions[:-1], *(result.gap.assumptions if result.gap else ()))
+    return tuple(dict.fromkeys(both))
+
+
+def _ladder(result: CertifyResult) -> tuple[str, ...]:
+    simulated, gap = result.simulated, result.gap
+    unit = f" {simulated.unit}" if simulated.unit else ""
+    rows = [f"in simulation, {row}" for row in checked.ladder(simulated)]
+    if gap is None:
+        return tuple(rows)
+    rows += [f"the gap, {row}" for row in gapped.ladder(gap)]
+    if result.composition is not None:
+        rows += [
+            f"both, added as the paper does: if B = {left.B:g}{unit}: ρ ≥ {down(-left.upper - right.upper)}{unit}"
+            for left, right in zip(simulated.certificate.ladder, gap.certificate.ladder, strict=True)
+        ]
+    return tuple(rows)

@@ -1,0 +1,51 @@
+"""What a picture of a band is drawn from, whatever the band bounds: ρ in simulation, the gap, or the promise."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec.certify.check import Tested
+from s2r_spec.space import Space
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Field:
+    """An expected value over the test space.
+
+    Attributes:
+        space: the test space.
+        bounds: from (n, dim) points to its (n,) lower and upper bounds, which hold at all points at once.
+        tests: what was tried.
+        mark: a test to point at, the others being cut through it.
+        height: where to point at [unit].
+        pointed: what is there, "worst test".
+        lower: bound of the worst expected value.
+        upper: bound of the same.
+        symbol: "ρ" or "Δ".
+        name: "expected robustness".
+        unit: of the value.
+        title: of the picture.
+        dots: what one dot is: "means over a test's rollouts".
+        remark: one more sentence under the picture, or "".
+    """
+
+    space: Space
+    bounds: Callable[[FloatArray], tuple[FloatArray, FloatArray]]
+    tests: tuple[Tested, ...]
+    mark: Mapping[str, float]
+    height: float
+    pointed: str
+    lower: float
+    upper: float
+    symbol: str
+    name: str
+    unit: str
+    title: str
+    dots: str
+    remark: str

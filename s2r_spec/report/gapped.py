@@ -1,0 +1,159 @@
+"""The result of ``s2r gap`` as a finding, and as one JSON object."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from s2r_spec.certify.certificate import Label
+from s2r_spec.certify.check import Verdict
+from s2r_spec.certify.gap import GapResult
+from s2r_spec.certify.outward import between, down
+from s2r_spec.report.checked import location, odds_words, refuted_words, test_words
+from s2r_spec.report.finding import Finding, Report, Section
+from s2r_spec.spec import Spec
+
+SCHEMA = "s2r.gap/1"
+# A gap is no requirement: it is bounded as closely as was asked for, or it is not.
+WORDS = {
+    Label.CERTIFIED: "BOUNDED",
+    Label.BUDGET: "BOUNDED, wider than asked",
+    Label.RUNNING: "BOUNDED, wider than asked",
+    Label.REFUSED: "NO BOUND",
+    Label.MODEL_BASED: "NO BOUND",
+}
+
+
+def report(spec: Spec, result: GapResult, command: str = "s2r gap") -> Report:
+    """Return what every reporter renders."""
+    one = finding(spec, result)
+    record = {"schema": SCHEMA, "exit_code": one.verdict.exit_code} | to_json(result)
+    return Report(
+        command, (one,), one.verdict.exit_code, record | {"location": location(spec, result.requirement)}
+    )
+
+
+def to_json(result: GapResult) -> dict[str, Any]:
+    """Return the record of a gap as plain JSON values."""
+    certificate = result.certificate
+    return {
+        "requirement": result.requirement,
+        "worst_expected_gap": {
+            "lower": result.lower,
+            "upper": result.upper,
+            "unit": result.unit,
+            "epsilon": certificate.epsilon,
+            "delta": certificate.delta if certificate.label.bounds else None,
+        },
+        "band": {"low": result.low, "high": result.high, "unit": result.unit},
+        "label": certificate.label.value,
+        "reason": certificate.reason,
+        "worst": asdict(result.worst),
+        "lowest": asdict(result.lowest) | {"gap": result.lowest.gap},
+        "largest_mean_absolute_gap": result.absolute,
+        "failures": result.failures,
+        "assumptions": list(result.assumptions),
+        "tested": [asdict(test) for test in result.tested],
+        "search": {"objective": "-delta"} | certificate.to_json(),
+        "provenance": result.provenance,
+        "folder": str(result.folder),
+        "replay": replay_line(result),
+        "seconds": round(result.seconds, 3),
+    }
+
+
+def finding(spec: Spec, result: GapResult) -> Finding:
+    """Say a gap in words."""
+    certificate, source = result.certificate, result.provenance
+    unit = f" {result.unit}" if result.unit else ""
+    bound = f"worst expected Δ ≥ {down(result.lower)}{unit}, {odds_words(certificate)}"
+    return Finding(
+        name=result.requirement,
+        verdict=Verdict.HOLDS if certificate.label is Label.CERTIFIED else Verdict.UNKNOWN,
+        word=WORDS[certificate.label],
+        refused=certificate.label is Label.REFUSED,
+        about=about(result),
+        reason=_reason(result),
+        headline=bound if certificate.label.bounds else "no bound",
+        facts=facts(result, spec.space.units),
+        sections=(
+            Section("This assumes", result.assumptions),
+            Section("How much hangs on B (all rows hold at once)", ladder(result)),
+        ),
+        provenance=(
+            f"seed {source['seed']}, s2r {source['s2r']}, spec {source['spec_hash'][:12]}, "
+            f"sim {source['sim']['model_hash'][:12]}, real {source['real']['model_hash'][:12]}"
+        ),
+        again=f"lowest Δ ({result.lowest.gap:+.4f}{unit}), its real side",
+        replay=replay_line(result),
+        file=Path(spec.name),
+        line=location(spec, result.requirement)["line"],
+        seconds=result.seconds,
+    )
+
+
+def about(result: GapResult) -> str:
+    """Return what was held against what: ``a1_velocity.stl: sim against twin:lab``."""
+    source = result.provenance
+    return f"{source['spec']}: {source['sim']['backend']} against {source['real']['backend']}"
+
+
+def facts(result: GapResult, units: Mapping[str, str]) -> tuple[tuple[str, str], ...]:
+    """Return the rows of a gap."""
+    unit = f" {result.unit}" if result.unit else ""
+    certificate = result.certificate
+    failures = ", ".join(f"{count} × {word}" for word, count in sorted(result.failures.items())) or "no falls"
+    reason = f" ({certificate.reason})" if certificate.reason else ""
+    sure = f", {odds_words(certificate)}; anywhere in {between(result.low, result.high)}"
+    computed = "" if certificate.label.bounds else " was computed, and is no promise"
+    return (
+        ("worst expected Δ", f"in {between(result.lower, result.upper)}{unit}{computed or sure}"),
+        (
+            "worst gap at",
+            f"{test_words(result.worst.params, units)}: mean Δ {result.worst.mean:+.4f}{unit}, "
+            f"mean |Δ| {result.worst.absolute:.4f} over {result.worst.pairs} pairs",
+        ),
+        (
+            "largest mean |Δ|",
+            f"{result.absolute:.4f}{unit} at a tested point (the paper's measure; an estimate)",
+        ),
+        (
+            "effort",
+            f"{certificate.rollouts} rollouts of {result.provenance['real']['backend']} at "
+            f"{certificate.points} tests, {failures}, {result.seconds:.0f} s",
+        ),
+        (
+            "label",
+            f"{certificate.label.value}{reason}",
+        ),
+    )
+
+
+def ladder(result: GapResult) -> tuple[str, ...]:
+    """Return what would be known if the norm of the gap were larger."""
+    unit = f" {result.unit}" if result.unit else ""
+    return (
+        *(
+            f"if B = {rung.B:g}{unit}: Δ in {between(-rung.upper, -rung.lower)}{unit}"
+            for rung in result.certificate.ladder
+        ),
+        refuted_words(result.certificate, result.unit),
+    )
+
+
+def replay_line(result: GapResult) -> str:
+    """Return the command that runs the real rollout of the lowest Δ again."""
+    return f"s2r replay {shlex.quote(str(result.folder / 'real'))}#{result.lowest.query}.{result.lowest.replicate}"
+
+
+def _reason(result: GapResult) -> str:
+    certificate = result.certificate
+    if not certificate.label.bounds:
+        return f"no certificate: {certificate.reason}"
+    if certificate.label is Label.CERTIFIED:
+        return "the gap is bounded as closely as was asked for"
+    real = result.provenance["real"]["backend"]
+    return f"the bound holds, but is wider than asked; more rollouts of {real} narrow it"

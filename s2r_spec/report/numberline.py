@@ -1,0 +1,51 @@
+"""Intervals beside each other on one number line."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from s2r_spec.certify.outward import between
+
+
+@dataclass(frozen=True)
+class Bar:
+    """An interval on a number line that has 0 on it; places in percent of the line."""
+
+    label: str
+    words: str
+    zero: float
+    left: float
+    width: float
+
+
+@dataclass(frozen=True)
+class Bars:
+    """Intervals on one number line."""
+
+    title: str
+    intro: str
+    rows: tuple[Bar, ...]
+    note: str
+
+
+def bars(intervals: Sequence[tuple[str, float, float]], unit: str) -> tuple[Bar, ...]:
+    """Return (label, lower, upper) intervals on one number line."""
+    ends = [0.0, *(end for _, *both in intervals for end in both)]
+    low, high = min(ends), max(ends)
+    room = 0.06 * (high - low or 1.0)
+    low, high = low - room, high + room
+
+    def place(value: float) -> float:
+        return round(100 * (value - low) / (high - low), 3)
+
+    return tuple(
+        Bar(
+            label=label,
+            words=f"{between(lower, upper)} {unit}".rstrip(),
+            zero=place(0.0),
+            left=place(lower),
+            width=max(0.5, round(place(upper) - place(lower), 3)),
+        )
+        for label, lower, upper in intervals
+    )

@@ -1,0 +1,330 @@
+"""What the page says of one result: words, pictures and number lines, for each command."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import singledispatch
+from typing import Any
+
+from s2r_spec.certify.certificate import Certificate
+from s2r_spec.certify.check import Tested, Verdict, tested
+from s2r_spec.certify.compose import Composition
+from s2r_spec.certify.gap import Pair
+from s2r_spec.certify.search import Search
+from s2r_spec.certify.sides import SIMULATED_PER_REAL
+from s2r_spec.report import certified, checked, gapped
+from s2r_spec.report.figures.band import band
+from s2r_spec.report.figures.canvas import Picture
+from s2r_spec.report.figures.field import Field, FloatArray
+from s2r_spec.report.figures.interval import interval
+from s2r_spec.report.figures.traces import Runs, pair_picture, trace_picture, worst_records
+from s2r_spec.report.finding import Finding
+from s2r_spec.report.numberline import Bars, bars
+from s2r_spec.report.recompute import Recomputed, RecomputedCertify, RecomputedGap
+from s2r_spec.rollouts.journal import Record
+
+Run = Recomputed | RecomputedGap | RecomputedCertify
+SIGNS = {Verdict.HOLDS: "✓", Verdict.VIOLATED: "✗", Verdict.UNKNOWN: "?"}
+_SPARED = "Where the search knew that the worst is elsewhere it saved its rollouts, and the band stays wide."
+_HANGS = "How much hangs on B"
+
+
+@dataclass(frozen=True)
+class Part:
+    """What the page says of one requirement."""
+
+    command: str
+    finding: Finding
+    sign: str
+    note: str
+    bars: tuple[Bars, ...]
+    pictures: tuple[Picture, ...]
+    settings: tuple[tuple[str, str], ...]
+    spec_text: str
+    version: str
+
+
+@singledispatch
+def part(run: Run, name: str) -> Part:
+    """Return what the page says of a run; ``name`` tells its pictures from those of others."""
+    raise TypeError(run)
+
+
+@part.register
+def _check(run: Recomputed, name: str) -> Part:
+    result = run.result
+    ladder = _ladder("worst expected ρ", result.certificate, result.unit)
+    return Part(
+        "s2r check",
+        checked.finding(run.spec, result),
+        SIGNS[result.verdict],
+        _note(result.certificate, run.waiting),
+        (ladder,),
+        (*_check_pictures(run, name), *_worst_traces(run, name)),
+        _settings(result.provenance),
+        run.spec.text,
+        result.provenance["s2r"],
+    )
+
+
+@part.register
+def _gap(run: RecomputedGap, name: str) -> Part:
+    result = run.result
+    finding = gapped.finding(run.spec, result)
+    ladder = _ladder("worst expected Δ", result.certificate, result.unit)
+    return Part(
+        "s2r gap",
+        finding,
+        SIGNS[finding.verdict],
+        _note(result.certificate, run.waiting),
+        (ladder,),
+        (*_gap_pictures(run, name), *_worst_pairs(run, name)),
+        _settings(result.provenance),
+        run.spec.text,
+        result.provenance["s2r"],
+    )
+
+
+@part.register
+def _certify(run: RecomputedCertify, name: str) -> Part:
+    result, gap, promise = run.result, run.gap, run.result.composition
+    simulated, unit = run.simulated.result, run.simulated.result.unit
+    bars = [_ladder("worst expected ρ in simulation", simulated.certificate, unit)]
+    pictures: list[Picture] = []
+    settings = _settings(simulated.provenance, "simulation: ")
+    note = _note(simulated.certificate, run.simulated.waiting)
+    if gap is not None:
+        bars.append(_ladder("worst expected Δ", gap.result.certificate, unit))
+        settings += _settings(gap.result.provenance, "gap: ")
+        note = note or _note(gap.result.certificate, gap.waiting)
+    if gap is not None and promise is not None:
+        bars.insert(0, _makings(run, promise))
+        pictures.append(band(_promised(run, gap, promise), f"{name}-promise"))
+    if gap is not None:
+        pictures += [*_gap_pictures(gap, f"{name}-gap"), *_worst_pairs(gap, f"{name}-gap")]
+    pictures += _check_pictures(run.simulated, f"{name}-simulation")
+    if gap is None:
+        pictures += _worst_traces(run.simulated, name)
+    return Part(
+        "s2r certify",
+        certified.finding(run.spec, result),
+        SIGNS[result.verdict],
+        note,
+        tuple(bars),
+        tuple(pictures),
+        settings,
+        run.spec.text,
+        simulated.provenance["s2r"],
+    )
+
+
+# -- pictures ------------------------------------------------------------------------------------
+
+
+def _check_pictures(run: Recomputed, name: str) -> list[Picture]:
+    if not run.history:
+        return []
+    result = run.result
+    field = Field(
+        space=run.spec.space,
+        bounds=_negative(run.search),
+        tests=tuple(tested(run.records)),
+        mark=result.worst.params,
+        height=result.worst.mean,
+        pointed="worst test",
+        lower=result.lower,
+        upper=result.upper,
+        symbol="ρ",
+        name="expected robustness",
+        unit=result.unit,
+        title=f"Where it is tight over the test space, in {result.provenance['backend']}",
+        dots="means over a test's rollouts",
+        remark=_SPARED,
+    )
+    history = (*run.history[:-1], result.certificate)
+    closed = interval(history, "worst expected ρ", result.unit, "How the interval closed", f"{name}-interval")
+    return [band(field, f"{name}-band"), closed]
+
+
+def _worst_traces(run: Recomputed, name: str) -> list[Picture]:
+    if not run.history:
+        return []
+    result = run.result
+    source = result.provenance
+    made = source["backend"], source["model_hash"]
+    runs = Runs(run.spec, result.requirement, result.unit, result.folder, run.records, *made)
+    return [trace_picture(runs, record, f"{name}-trace{i}") for i, record in enumerate(worst_records(runs))]
+
+
+def _gap_pictures(run: RecomputedGap, name: str) -> list[Picture]:
+    if not run.history:
+        return []
+    result = run.result
+    field = Field(
+        space=run.spec.space,
+        bounds=_negative(run.search),
+        tests=tuple(_tested_pairs(run.pairs)),
+        mark=result.worst.params,
+        height=result.worst.mean,
+        pointed="worst test",
+        lower=result.lower,
+        upper=result.upper,
+        symbol="Δ",
+        name="expected gap",
+        unit=result.unit,
+        title="How far simulator and real machine are apart",
+        dots="means over a test's pairs",
+        remark=f"Below 0 the real machine does worse than simulated. {_SPARED}",
+    )
+    history = (*run.history[:-1], result.certificate)
+    counted = f"rollouts of {result.provenance['real']['backend']}"
+    title = "How the bound on the gap closed"
+    closed = interval(history, "worst expected Δ", result.unit, title, f"{name}-interval", counted)
+    return [band(field, f"{name}-band"), closed]
+
+
+def _worst_pairs(run: RecomputedGap, name: str) -> list[Picture]:
+    """Draw the pair of the most negative Δ, both sides inside what the requirement allows."""
+    if not run.history:
+        return []
+    result = run.result
+
+    def side(called: str, records: tuple[Record, ...]) -> Runs:
+        source = result.provenance[called]
+        folder = result.folder / called
+        return Runs(
+            run.spec,
+            result.requirement,
+            result.unit,
+            folder,
+            records,
+            source["backend"],
+            source["model_hash"],
+        )
+
+    lowest = result.lowest
+    real, simulated = side("real", run.real), side("sim", run.simulated)
+    record = next(one for one in run.real if (one.query, one.replicate) == (lowest.query, lowest.replicate))
+    against = [
+        one
+        for one in run.simulated
+        if (one.query, one.replicate // SIMULATED_PER_REAL) == (lowest.query, lowest.replicate)
+    ]
+    return [pair_picture(real, record, simulated, against, f"{name}-pair")]
+
+
+def _promised(run: RecomputedCertify, gap: RecomputedGap, promise: Composition) -> Field:
+    """Return the sum of both bands: what is promised of the real machine at each test."""
+    tests = tuple(tested(gap.real))
+    sides = _negative(run.simulated.search), _negative(gap.search)
+
+    def bounds(points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        (low, high), (lower, upper) = (side(points) for side in sides)
+        return low + lower, high + upper
+
+    return Field(
+        space=run.spec.space,
+        bounds=bounds,
+        tests=tests,
+        mark=promise.worst,
+        height=promise.lower,
+        pointed="lowest bound",
+        lower=promise.lower,
+        upper=promise.upper,
+        symbol="ρ",
+        name="expected robustness",
+        unit=run.simulated.result.unit,
+        title=f"What is promised of {run.result.real}, test by test",
+        dots="means over a test's real rollouts",
+        remark="The band is that of the simulation and that of the gap, added.",
+    )
+
+
+def _negative(search: Search) -> Callable[[FloatArray], tuple[FloatArray, FloatArray]]:
+    """Return bounds of what a search minimises by maximising its negative."""
+
+    def bounds(points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        lower, upper = search.band(points)
+        return -upper, -lower
+
+    return bounds
+
+
+def _tested_pairs(pairs: Sequence[Pair]) -> list[Tested]:
+    """Group pairs by test point; a rollout is then a pair, and ρ is Δ."""
+    groups: dict[tuple[float, ...], list[Pair]] = {}
+    for pair in pairs:
+        groups.setdefault(tuple(pair.params.values()), []).append(pair)
+    return [
+        Tested(
+            group[0].params,
+            len(group),
+            sum(pair.gap for pair in group) / len(group),
+            min(pair.gap for pair in group),
+            max(pair.gap for pair in group),
+        )
+        for group in groups.values()
+    ]
+
+
+# -- number lines --------------------------------------------------------------------------------
+
+
+def _ladder(what: str, certificate: Certificate, unit: str) -> Bars:
+    return Bars(
+        f"{_HANGS}: {what}",
+        f"The {what} if the norm is at most so large; all rows hold at once, the red mark is 0.",
+        bars(
+            [(f"B = {rung.B:g} {unit}".rstrip(), -rung.upper, -rung.lower) for rung in certificate.ladder],
+            unit,
+        ),
+        checked.refuted_words(certificate, unit),
+    )
+
+
+def _makings(run: RecomputedCertify, promise: Composition) -> Bars:
+    simulated, gap = run.result.simulated, run.result.gap
+    assert gap is not None  # where there is a promise, there is a gap
+    rows = [
+        ("worst ρ in simulation", simulated.lower, simulated.upper),
+        ("Δ anywhere", gap.low, gap.high),
+        (f"promised of {run.result.real}", promise.lower, promise.upper),
+        ("as the paper adds", promise.paper_lower, promise.upper),
+    ]
+    return Bars(
+        "What the promise is made of",
+        "Intervals of expected values; the red mark is 0.",
+        bars(rows, simulated.unit),
+        "The promise adds both bounds test by test; the paper adds the worst case of each search, wherever it is, "
+        "and gives a lower end only.",
+    )
+
+
+# -- words ---------------------------------------------------------------------------------------
+
+
+def _note(certificate: Certificate, waiting: int) -> str:
+    if not certificate.label.bounds:
+        return "The certificate was refused: no band and no interval on this page is a promise."
+    if waiting:
+        return (
+            f"This run is unfinished: {waiting} rollouts of its last batch are on disk and not counted yet. "
+            f"What is shown is valid as it stands."
+        )
+    return ""
+
+
+def _settings(source: Mapping[str, Any], prefix: str = "") -> tuple[tuple[str, str], ...]:
+    flat = {**{key: value for key, value in source.items() if key != "settings"}, **source["settings"]}
+    return tuple((prefix + key, _plain(value)) for key, value in flat.items())
+
+
+def _plain(value: object) -> str:
+    if isinstance(value, float):
+        return f"{value:g}"
+    if isinstance(value, list):
+        return ", ".join(map(_plain, value)) or "none"
+    if isinstance(value, Mapping):
+        return ", ".join(f"{key} {_plain(one)}" for key, one in value.items())
+    return str(value)

@@ -1,0 +1,118 @@
+"""What is said while a search runs."""
+
+from dataclasses import replace
+from io import StringIO
+
+import pytest
+from rich.console import Console
+
+import s2r_spec as s2r
+from s2r_spec.certify.drive import Phase
+from s2r_spec.certify.kernels import Kernel
+from s2r_spec.certify.search import Query
+from s2r_spec.cli.progress import Live
+from s2r_spec.rollouts.journal import Record
+
+PHASE = Phase("ρ", "m/s", "toy", {"vd": "m/s"}, None)
+SEARCH = s2r.Search({"vd": (-0.2, 0.3)}, kernel=Kernel("rbf", 0.2), B=0.5, R=0.02, delta=1e-3, epsilon=0.05)
+CERTIFICATE = replace(SEARCH.certificate(), lower=-0.2, upper=-0.1, rollouts=100)
+QUERIES = [Query(7, {"vd": 0.3}, 12), Query(8, {"vd": -0.1}, 3)]
+
+
+class Clock:
+    now = 0.0
+
+    def __call__(self):
+        return self.now
+
+
+def record(rho, failure=None):
+    return Record(7, 0, {"vd": 0.3}, 1, rho, failure, None, 0.1)
+
+
+@pytest.fixture
+def clock():
+    return Clock()
+
+
+def live(clock, terminal, quiet=False):
+    console = Console(file=StringIO(), force_terminal=terminal, width=120, color_system=None)
+    return Live(console, quiet, clock), console
+
+
+def shown(view, console):
+    with console.capture() as capture:
+        console.print(view)
+    return " ".join(capture.get().split())
+
+
+def run(one, clock, old=0):
+    """100 rollouts in 50 s, of which some were on disk before."""
+    one.begin(PHASE)
+    for i in range(100):
+        clock.now += 0.5 * (i >= old)
+        one.rollout(record(0.1 + 0.001 * i), new=i >= old)
+    one.batch(QUERIES, CERTIFICATE)
+
+
+def test_the_view_says_what_a_person_in_a_lab_asks(clock):
+    one, console = live(clock, terminal=True)
+    assert "starting" in shown(one.view(), console)
+    run(one, clock)
+    words = shown(one.view(), console)
+    # The interval is twice as wide as asked, so that four times the rollouts are likely.
+    assert "100 of toy" in words
+    assert "about 300 left (2 min)" in words
+    assert "50 s so far" in words
+    assert "interval ρ in [+0.1000, +0.2000] m/s (ε 0.1000 > 0.05)" in words
+    assert "next vd = 0.3 m/s (12×); vd = -0.1 m/s (3×)" in words
+    assert "+0.1990, lowest of the last 24 +0.1760" in words
+    assert "▁" in words
+    assert "█" in words
+
+
+def test_a_budget_bounds_what_is_left(clock):
+    one, console = live(clock, terminal=True)
+    run(one, clock)
+    one._state.phase = replace(PHASE, budget=140)
+    assert "about 40 left (20 s)" in shown(one.view(), console)
+
+
+def test_what_an_earlier_process_did_tells_no_pace(clock):
+    one, console = live(clock, terminal=True)
+    run(one, clock, old=90)
+    assert "about 300 left (2 min)" in shown(one.view(), console)
+    one, console = live(clock, terminal=True)
+    run(one, clock, old=100)
+    assert "about 300 left 0 s so far" in shown(one.view(), console)
+
+
+def test_elsewhere_one_line_a_batch(clock):
+    one, console = live(clock, terminal=False)
+    run(one, clock)
+    assert console.file.getvalue() == (
+        "100 rollouts, ρ in [+0.1000, +0.2000] m/s (ε 0.1000 > 0.05), next vd = 0.3 m/s (12×); vd = -0.1 m/s (3×), "
+        "about 300 left (2 min)\n"
+    )
+
+
+def test_a_crash_is_said_at_once_unless_nothing_is(clock):
+    for quiet in (False, True):
+        one, console = live(clock, terminal=False, quiet=quiet)
+        with one:
+            one.begin(PHASE)
+            one.rollout(record(-0.5, "crash: no answer within 5 s"))
+            one.crash(record(-0.5, "crash: no answer within 5 s"))
+        said = console.file.getvalue()
+        sentence = "rollout 7.0 at vd = 0.3 m/s: crash: no answer within 5 s; it counts as ρ = -0.5, "
+        sentence += "as the spec declares"
+        assert said == ("" if quiet else sentence + "\n")
+
+
+def test_the_second_search_of_certify_begins_anew(clock):
+    one, console = live(clock, terminal=True)
+    run(one, clock)
+    one.begin(replace(PHASE, symbol="Δ", backend="toy:drag", budget=40))
+    words = shown(one.view(), console)
+    assert "0 of toy:drag about 40 left 0 s so far" in words
+    assert "last ρ" not in words

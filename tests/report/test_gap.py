@@ -1,0 +1,194 @@
+"""Reports of s2r gap and s2r certify: from memory, and again from the folder alone."""
+
+import json
+import re
+import shutil
+from dataclasses import replace
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import jsonschema
+import pytest
+
+from s2r_spec.certify.check import Verdict
+from s2r_spec.certify.gap import gap as bound
+from s2r_spec.certify.outward import between, down
+from s2r_spec.errors import UsageError
+from s2r_spec.report import REPORTERS, certified, gapped, html, jsonform, reporter
+from s2r_spec.report.numberline import bars
+from s2r_spec.report.recompute import Kind, kind, recompute_certify, recompute_gap
+from s2r_spec.rollouts.runner import open_backend
+from tests.certify.logs import record_from
+from tests.report.conftest import one_thread, plugin, spec_of
+from tests.report.test_html import Page
+from tests.report.test_reporters import NASTY
+
+
+def without_clock(result):
+    """Drop the seconds, of all parts."""
+    if result is None:
+        return None
+    kept = replace(result, seconds=0.0) if hasattr(result, "seconds") else result
+    if hasattr(result, "simulated"):
+        kept = replace(kept, simulated=without_clock(result.simulated), gap=without_clock(result.gap))
+    return kept
+
+
+def test_a_promise_recomputed_from_its_folder_is_the_promise(promised, unpromised, refused_in_simulation):
+    for _, result, folder in (promised, unpromised, refused_in_simulation):
+        again = recompute_certify(folder, result.real)
+        assert without_clock(again.result) == without_clock(result)
+    assert without_clock(recompute_gap(promised[2] / "gap").result) == without_clock(promised[1].gap)
+
+
+def test_what_kind_of_run_a_folder_holds(promised, holds, tmp_path):
+    folder = promised[2]
+    assert kind(folder) is Kind.CERTIFY
+    assert kind(folder / "gap") is Kind.GAP
+    assert kind(folder / "simulation") is kind(holds[1].folder.parent) is Kind.CHECK
+    with pytest.raises(UsageError, match="no run in"):
+        kind(tmp_path)
+
+
+def test_json_is_what_the_schema_says(promised, unpromised, refused_in_simulation):
+    for spec, result, _ in (promised, unpromised, refused_in_simulation):
+        found = json.loads(reporter("json")(certified.report(spec, result)))
+        jsonschema.validate(found, jsonform.schema("s2r.certify/1"))
+        if result.gap is not None:
+            found = json.loads(reporter("json")(gapped.report(spec, result.gap)))
+            jsonschema.validate(found, jsonform.schema("s2r.gap/1"))
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda one: one.pop("promise"),
+        lambda one: one["promise"].update(lower="low"),
+        lambda one: one["gap"].update(extra=1),
+        lambda one: one["gap"]["search"].update(objective="-rho"),
+        lambda one: one["simulation"]["search"]["ladder"].clear(),
+    ],
+)
+def test_the_schema_notices_a_damaged_object(promised, damage):
+    spec, result, _ = promised
+    found = json.loads(reporter("json")(certified.report(spec, result)))
+    damage(found)
+    with pytest.raises(jsonschema.ValidationError):
+        jsonschema.validate(found, jsonform.schema("s2r.certify/1"))
+
+
+def test_every_format_tells_the_verdict_and_the_bound(promised):
+    spec, result, _ = promised
+    bound = f"≥ {down(result.composition.lower)} m/s, with probability ≥ 1 − 0.002"
+    for name, render in REPORTERS.items():
+        shown = render(certified.report(spec, result))
+        assert "walking" in shown
+        assert name in ("json", "text", "junit") or bound in shown, name
+    text = reporter("text")(certified.report(spec, result))
+    assert text.startswith("walking  HOLDS  (a spec.stl: toy against toy:drag)")
+    promise = result.composition
+    assert (
+        f"in {between(promise.lower, promise.upper)} m/s for toy:drag, with probability ≥ 1 − 0.002" in text
+    )
+    assert "both, added as the paper does: if B = 4 m/s: ρ ≥ " in text
+
+
+def test_a_gap_is_bounded_and_neither_holds_nor_fails(promised, unpromised):
+    spec = promised[0]
+    close, wide = (gapped.report(spec, one.gap) for one in (promised[1], unpromised[1]))
+    assert (close.exit_code, wide.exit_code) == (0, 3)
+    assert "walking  BOUNDED  (" in reporter("text")(close)
+    case = ET.fromstring(reporter("junit")(close)).find("testsuite/testcase")
+    assert [child.tag for child in case] == ["system-out"]
+    assert "::notice" in reporter("github")(close)
+    assert wide.findings[0].verdict is Verdict.UNKNOWN
+    assert wide.findings[0].word != "UNKNOWN"
+
+
+def test_the_page_of_a_promise(promised):
+    text = html.render([recompute_certify(promised[2])])
+    page = Page(text)
+    assert not page.fetched
+    assert "://" not in text.replace("http://www.w3.org/1999/xlink", "")
+    assert len(text.encode()) < 1_000_000
+    assert re.search(
+        r"^.{0,130}✓ HOLDS worst expected ρ of toy:drag ≥ \+0\.\d+ m/s, with probability", page.text
+    )
+    # Promise, gap, its interval, the worst pair, simulation, its interval.
+    assert len(page.pictures) == 6
+    assert "What the promise is made of" in page.text
+    assert "as the paper adds" in page.text
+    lowest = promised[1].gap.lowest
+    assert f"Pair {lowest.query}.{lowest.replicate} at vd" in page.text
+    assert f"Δ = {lowest.gap:+.4f} m/s" in page.text
+
+
+def test_the_page_of_a_gap_and_of_a_refusal(promised, refused_in_simulation):
+    page = Page(html.render([recompute_gap(promised[2] / "gap")]))
+    assert re.search(r"^.{0,130}✓ BOUNDED worst expected Δ ≥ -0\.\d+ m/s, with probability", page.text)
+    assert len(page.pictures) == 3
+    _, result, folder = refused_in_simulation
+    page = Page(html.render([recompute_certify(folder, result.real)]))
+    assert "nothing is promised of toy:drag" in page.text
+    assert "no band and no interval on this page is a promise" in page.text
+
+
+def test_a_fall_of_the_real_side_is_told(unpromised):
+    spec, result, folder = unpromised
+    assert result.gap.failures
+    assert "fell [/leg]" in reporter("text")(certified.report(spec, result))
+    page = Page(html.render([recompute_certify(folder)])).text
+    assert "It ended with a fell [/leg]" in page
+    assert "UNKNOWN" in page
+
+
+def test_a_gap_that_was_cut_off_is_reported_as_far_as_it_is_whole(promised, tmp_path):
+    folder = tmp_path / "gap"
+    shutil.copytree(promised[2] / "gap", folder)
+    journal = folder / "sim" / "journal.jsonl"
+    lines = journal.read_text().splitlines(keepends=True)
+    journal.write_text("".join(lines[:-3]))
+    run = recompute_gap(folder)
+    assert run.waiting > 0
+    assert run.history[-1].rollouts + run.waiting == len(run.real)
+    assert f"unfinished: {run.waiting} rollouts" in html.render([run])
+    journal.write_text(lines[0])
+    with pytest.raises(UsageError, match="has no pair of rollouts yet"):
+        recompute_gap(folder)
+
+
+def test_recordings_are_drawn_where_they_lie(tmp_path):
+    with plugin():
+        log = record_from("toy:drag", [vd / 10 for vd in range(-2, 4)] * 2, tmp_path / "night")
+        result = bound(spec_of(0.15), "toy", log, tmp_path / "gap", executor=one_thread)
+        run = recompute_gap(tmp_path / "gap")
+        assert without_clock(run.result) == without_clock(result)
+        page = Page(html.render([run]))
+        assert len(page.pictures) == 3
+        assert "beside 2 of toy at the same test" in page.pictures[2]
+        shutil.rmtree(tmp_path / "night")
+        open_backend.cache_clear()
+        page = Page(html.render([run]))
+    assert len(page.pictures) == 2
+    assert "its trace is not on disk" in page.text
+    jsonschema.validate(
+        json.loads(reporter("json")(gapped.report(run.spec, result))), jsonform.schema("s2r.gap/1")
+    )
+
+
+def test_nothing_in_a_name_is_markup(promised):
+    spec, result, _ = promised
+    gap = replace(result.gap, folder=Path(f"runs/{NASTY}"))
+    nasty = replace(result, reason=NASTY, real=NASTY, gap=gap)
+    for name, render in REPORTERS.items():
+        assert "漢字🤖" in render(certified.report(spec, nasty)), name
+    assert len(reporter("github")(certified.report(spec, nasty)).splitlines()) == 1
+    assert certified.finding(spec, nasty).replay.count("'") == 2  # fit for a shell
+
+
+def test_bars_share_one_line_with_0_on_it():
+    first, second = bars([("a", -1.0, 1.0), ("b", 1.0, 3.0)], "m")
+    assert first.zero == second.zero
+    assert first.left < first.zero < first.left + first.width
+    assert second.left == pytest.approx(first.left + first.width)
+    assert second.words == "[+1.0000, +3.0000] m"

@@ -1,0 +1,213 @@
+"""The same rollouts on processes of this machine and on a Dask cluster, with workers that die, hang and raise."""
+
+import os
+import signal
+from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from contextlib import contextmanager
+from dataclasses import replace
+from multiprocessing import get_context
+
+import pytest
+
+from s2r_spec.backend import load_backend
+from s2r_spec.errors import BackendError, UsageError
+from s2r_spec.rollouts import child, pools, runner
+from s2r_spec.rollouts.pools import dask_pool, process_pool
+from s2r_spec.rollouts.rig import default_timeout
+from s2r_spec.rollouts.runner import Runner, Task, run_task
+from s2r_spec.rollouts.seeds import rollout_seed
+from tests.conftest import PLUGIN
+
+pytestmark = pytest.mark.usefixtures("toy")
+
+HARMLESS = [-0.1, 0.0, 0.1, 0.2]
+
+
+@contextmanager
+def dask_cluster(workers):
+    distributed = pytest.importorskip("distributed", reason="the extra [dask] is not installed")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PYTHONPATH", str(PLUGIN), prepend=os.pathsep)
+        # What another program's cluster logs is not what is tested here.
+        quiet = {"n_workers": workers, "threads_per_worker": 2, "dashboard_address": None, "silence_logs": 50}
+        with distributed.LocalCluster(**quiet) as cluster:
+            yield cluster
+
+
+@pytest.fixture(scope="module")
+def cluster():
+    with dask_cluster(2) as found:
+        yield found
+
+
+@pytest.fixture(params=["processes", "dask"])
+def engine(request):
+    """A factory of pools, and what tells the process ids of its workers."""
+    if request.param == "processes":
+        return process_pool(2), lambda: [one._process.pid for one in child._children]
+    cluster = request.getfixturevalue("cluster")
+    return dask_pool(cluster.scheduler_address), lambda: [
+        nanny.process.pid for nanny in cluster.workers.values()
+    ]
+
+
+def tasks(backend, speeds, **more):
+    return [
+        Task(i, 0, backend, {"vd": speed}, rollout_seed(0, i, 0), **more) for i, speed in enumerate(speeds)
+    ]
+
+
+def outcomes(factory, jobs, **more):
+    with Runner(factory, **more) as runner:
+        return {done.task.query: done for done in runner.run(jobs)}
+
+
+def numbers(found):
+    return {query: done.trace["vx"].tobytes() for query, done in found.items() if done.trace is not None}
+
+
+class Stub(Executor):
+    """A pool that starts, and then has one answer to everything."""
+
+    def __init__(self, answer):
+        self.answer = answer
+
+    def submit(self, function, *arguments):
+        found = Future()
+        if function is os.getpid:
+            found.set_result(1)
+        else:
+            found.set_exception(self.answer)
+        return found
+
+
+def here(jobs):
+    return {task.query: run_task(task)[0]["vx"].tobytes() for task in jobs}
+
+
+def test_the_numbers_do_not_depend_on_the_engine(engine):
+    jobs = tasks("toy", HARMLESS * 3)
+    assert numbers(outcomes(engine[0], jobs)) == here(jobs)
+
+
+def test_a_worker_that_segfaults_takes_nobody_with_it(engine):
+    jobs = tasks("toy:die", [*HARMLESS, 0.3])
+    found = outcomes(engine[0], jobs)
+    assert found[4].failure == "crash: the worker died 3 times"
+    assert numbers(found) == here(jobs[:4])
+
+
+def test_a_rollout_that_hangs_is_ended_and_takes_nobody_with_it(engine):
+    jobs = tasks("toy:hang", [0.3, *HARMLESS])
+    found = outcomes(engine[0], jobs, timeout=2)
+    assert found[0].failure == "crash: no answer within 2 s"
+    assert found[0].seconds == 2
+    assert numbers(found) == here(jobs[1:])
+
+
+def test_a_worker_that_is_killed_loses_nothing(engine):
+    factory, workers = engine
+    jobs = tasks("toy:slow", HARMLESS * 5)
+    found = {}
+    with Runner(factory) as runner:
+        for done in runner.run(jobs):
+            if not found:
+                os.kill(workers()[0], signal.SIGKILL)
+            found[done.task.query] = done
+    assert numbers(found) == here(jobs)
+
+
+def test_a_rollout_that_raises_arrives_as_a_sentence(engine):
+    with pytest.raises(
+        BackendError, match=r"'toy:raise' raised ValueError: the gyroscope .* at \{'vd': 0.1\}, seed"
+    ):
+        outcomes(engine[0], tasks("toy:raise", [0.1]))
+
+
+def test_another_model_on_the_worker_is_refused(engine):
+    jobs = [replace(task, model_hash="toy-0") for task in tasks("toy", HARMLESS)]
+    with pytest.raises(
+        BackendError, match=r"has another model \(toy-1\) than the run was begun with \(toy-0\)"
+    ):
+        outcomes(engine[0], jobs)
+
+
+def test_a_backend_that_does_not_open_is_no_rollout():
+    task = tasks("toy", [0.1], timeout=0.5)[0]
+    pool = Stub(child.TimeLimitError(60.5))
+    with pytest.raises(BackendError, match=r"backend 'toy' did not open within 60\.5 s"):
+        outcomes(lambda: pool, [task])
+
+
+def test_a_pool_of_somebody_elses_works_too(monkeypatch):
+    """It breaks as a whole, so that every rollout in flight is a suspect."""
+    monkeypatch.setattr(runner, "STRIKES", 1)
+    jobs = tasks("toy:die", [0.1, 0.3])
+    found = outcomes(lambda: ProcessPoolExecutor(1, mp_context=get_context("spawn")), jobs)
+    assert found[1].failure == "crash: the worker died 1 times"
+    assert numbers(found) == here(jobs[:1])
+
+
+def test_leaving_early_ends_what_is_running():
+    with Runner(process_pool(2)) as runner:
+        for _ in runner.run(tasks("toy:hang", [0.1, 0.3, 0.3])):
+            break
+    assert not child._children
+
+
+class Lost:
+    """What a worker cannot unpickle."""
+
+    def __reduce__(self):
+        return __import__, ("a_package_that_nobody_has",)
+
+
+def test_one_child_after_another_thing():
+    pool = pools.ProcessPool(1)
+    try:
+        assert pool.submit(os.write, 1, b"printed by a worker\n").result() == 20
+        assert pool.submit(print, "again, and not between the answers").result() is None
+        with pytest.raises(
+            BackendError, match="cannot run this: ModuleNotFoundError: No module named 'a_package"
+        ):
+            pool.submit(print, Lost()).result()
+        with pytest.raises(BackendError, match="UnknownBackendError: no backend 'tay'"):
+            pool.submit(load_backend, "tay").result()
+        with pytest.raises(child.WorkerDiedError):
+            pool.submit(os._exit, 1).result()
+        assert pool.submit(abs, -1).result() == 1
+    finally:
+        pool.shutdown()
+
+
+def test_a_scheduler_that_is_not_there(monkeypatch):
+    pytest.importorskip("distributed", reason="the extra [dask] is not installed")
+    monkeypatch.setattr(pools, "ANSWER", 0.3)
+    with pytest.raises(BackendError, match="no Dask scheduler answers at tcp://"):
+        dask_pool("tcp://127.0.0.1:1")()
+    with pytest.raises(UsageError, match="somewhere is not an address, for example tcp://"):
+        dask_pool("somewhere")
+
+
+def test_without_the_extra_one_sentence_says_what_to_install(monkeypatch):
+    monkeypatch.setattr(pools, "find_spec", lambda name: None)
+    with pytest.raises(UsageError, match=r"--scheduler needs distributed.*pip install 's2r\[dask\]'"):
+        dask_pool("tcp://127.0.0.1:1")
+
+
+def test_a_program_has_a_generous_time_and_a_robot_any():
+    toy = load_backend("toy")
+    assert default_timeout(toy) == pytest.approx(60.01)
+    toy.deterministic = False
+    assert default_timeout(toy) == float("inf")
+
+
+def test_a_scheduler_that_goes_away(cluster, monkeypatch):
+    monkeypatch.setattr(pools, "ANSWER", 2.0)
+    address = cluster.scheduler_address
+    with Runner(dask_pool(address), timeout=60) as one:
+        answers = one.run(tasks("toy:slow", HARMLESS * 50))
+        next(answers)
+        cluster.close()
+        with pytest.raises(BackendError, match=f"the Dask scheduler at {address} is gone"):
+            list(answers)
