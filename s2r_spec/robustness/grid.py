@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
 
@@ -11,10 +12,11 @@ from numpy.typing import NDArray
 
 from s2r_spec.errors import TraceError
 from s2r_spec.lang.formula import Interval
-from s2r_spec.robustness.kernels import until, window_min
+from s2r_spec.robustness.kernels import until, window_max, window_min
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
+Window = Callable[[FloatArray, int, int | None], FloatArray]
 
 JITTER = 1e-2
 """Sample times this close to a grid, in periods, are on it."""
@@ -75,8 +77,15 @@ class Grid:
 
     def always(self, x: FloatArray, interval: Interval, past: bool) -> FloatArray:
         """Return (…, n): the least of x in t + interval (t − interval if ``past``)."""
+        return self._over(window_min, x, interval, past)
+
+    def eventually(self, x: FloatArray, interval: Interval, past: bool) -> FloatArray:
+        """Return (…, n): the greatest of x in t + interval (t − interval if ``past``)."""
+        return self._over(window_max, x, interval, past)
+
+    def _over(self, window: Window, x: FloatArray, interval: Interval, past: bool) -> FloatArray:
         low, high = self.window(interval)
-        return _backward(window_min(_backward(x), low, high)) if past else window_min(x, low, high)
+        return _backward(window(_backward(x), low, high)) if past else window(x, low, high)
 
     def until(self, left: FloatArray, right: FloatArray, interval: Interval, past: bool) -> FloatArray:
         """Return (…, n): see :func:`s2r_spec.robustness.kernels.until`; ``past`` makes it since."""

@@ -2,7 +2,8 @@
 
 Every function takes arrays of shape (…, n), last axis time, any batch axes
 before it, and returns a new array of that shape; no input is changed. There
-is no loop over samples: a window of w samples costs log₂ w passes. A window
+is no loop over samples: a window of w samples costs log₂ w passes, each over a
+piece of the trace that stays in the processor's cache. A window
 that reaches past the last sample is cut there; one that lies wholly past it
 is empty, with least value +inf and greatest −inf. NaN spreads to every
 instant whose window contains it.
@@ -13,8 +14,15 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from s2r_spec.robustness.pieces import pieces
+
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
+
+PIECE = 1 << 16
+"""How many samples are worked on at once: half a megabyte, what a processor's second cache holds."""
+RUN = 1 << 12
+"""The same for an until without an end, where fewer samples take fewer passes."""
 
 
 def shift(x: FloatArray, steps: int, fill: float) -> FloatArray:
@@ -39,23 +47,32 @@ def window_min(x: FloatArray, low: int, high: int | None) -> FloatArray:
     Returns:
         (…, n).
     """
-    n = x.shape[-1]
-    if high is None or high - low >= n - 1:
-        y = np.minimum.accumulate(x[..., ::-1], axis=-1)[..., ::-1]
-        return shift(y, low, np.inf)
-    y = x.copy()
-    width, size = high - low + 1, 1  # y[t] is the least of `size` samples from t on
-    while size < width:
-        # two blocks of one size cover the next one; they may overlap, a minimum does not mind
-        step = min(size, width - size)
-        y[..., : n - step] = np.minimum(y[..., : n - step], y[..., step:])
-        size += step
-    return shift(y, low, np.inf) if low else y
+    return _window(np.minimum, np.inf, x, low, high)
 
 
 def window_max(x: FloatArray, low: int, high: int | None) -> FloatArray:
     """Return y with y[t] = max of x[t + low … t + high]; see :func:`window_min`."""
-    return np.negative(window_min(np.negative(x), low, high))
+    return _window(np.maximum, -np.inf, x, low, high)
+
+
+def _window(fold: np.ufunc, empty: float, x: FloatArray, low: int, high: int | None) -> FloatArray:
+    n = x.shape[-1]
+    if high is None or high - low >= n - 1:
+        return shift(fold.accumulate(x[..., ::-1], axis=-1)[..., ::-1], low, empty)
+    y, width = np.empty(x.shape), high - low + 1
+    source, result = x.reshape(-1, n), y.reshape(-1, n)
+    for piece in pieces(result.shape, width - 1, 2, PIECE):
+        block, spare = piece.room
+        piece.read(source, block, low, empty)
+        size, m = 1, block.size  # block[t] is the least of `size` samples from t on
+        while size < width:
+            # two blocks of one size cover the next one; they may overlap, a minimum does not mind
+            step = min(size, width - size)
+            size, m = size + step, m - step
+            fold(block[:m], block[step : step + m], out=spare[:m])
+            block, spare = spare, block
+        piece.write(block, result)
+    return y
 
 
 def until(left: FloatArray, right: FloatArray, low: int, high: int | None) -> FloatArray:
@@ -67,6 +84,8 @@ def until(left: FloatArray, right: FloatArray, low: int, high: int | None) -> Fl
     value v of later witnesses into max(right[s], min(left[s], v)): a clamp. Two
     clamps in a row are a clamp, (p, q)∘(p', q') = (min(p, p'), max(q, min(p, q'))),
     so that of a whole window is built by doubling, exactly and for any batch.
+    Blocks may overlap: a witness that counts twice asks no less of ``left`` the
+    second time.
 
     Args:
         left: (…, n) robustness of the condition that holds before the witness.
@@ -77,34 +96,49 @@ def until(left: FloatArray, right: FloatArray, low: int, high: int | None) -> Fl
     Returns:
         (…, n).
     """
-    left, right = np.broadcast_arrays(left, right)
-    n = left.shape[-1]
+    if left.shape != right.shape:
+        left, right = np.broadcast_arrays(left, right)
     if low > 0:
         rest = until(left, right, 0, None if high is None else high - low)
         return np.minimum(window_min(left, 0, low - 1), shift(rest, low, -np.inf))
-    count = n if high is None else min(high + 1, n)
-    block_p, block_q = left.copy(), right.copy()  # clamps of `size` samples from t on
-    p, q = np.full_like(block_p, np.inf), np.full_like(block_q, -np.inf)  # clamp of `done` samples: none yet
-    size, done = 1, 0
-    while count:
-        if count & 1:
-            _compose(p, q, block_p, block_q, done)
-            done += size
-        count >>= 1
-        if count:
-            _compose(block_p, block_q, block_p.copy(), block_q.copy(), size)
-            size *= 2
-    return q
+    n, y = left.shape[-1], np.empty(left.shape)
+    left, right, result = left.reshape(-1, n), right.reshape(-1, n), y.reshape(-1, n)
+    if high is None or high >= n - 1:
+        _until_the_end(left, right, result)
+        return y
+    for piece in pieces(result.shape, high, 3, PIECE):
+        p, q, spare = piece.room
+        piece.read(left, p, 0, np.inf)
+        piece.read(right, q, 0, -np.inf)
+        _clamp(p, q, spare, high + 1)
+        piece.write(q, result)
+    return y
 
 
-def _compose(p: FloatArray, q: FloatArray, next_p: FloatArray, next_q: FloatArray, step: int) -> None:
-    """Let the clamp at t be followed by the next one at t + step, in place; past the end there is none."""
-    n = p.shape[-1]
-    if step >= n:
-        return
-    head, tail = (..., slice(0, n - step)), (..., slice(step, None))
-    q[head] = np.maximum(q[head], np.minimum(p[head], next_q[tail]))
-    p[head] = np.minimum(p[head], next_p[tail])
+def _until_the_end(left: FloatArray, right: FloatArray, y: FloatArray) -> None:
+    """Write :func:`until` with all the rest for a window into y, (k, n) each, from the last piece on."""
+    after = np.full(len(y), -np.inf)
+    for piece in pieces(y.shape, None, 3, RUN):
+        p, q, spare = piece.room
+        piece.read(left, p, 0, np.inf)
+        piece.read(right, q, 0, -np.inf)
+        # what later pieces offer counts as one more witness
+        piece.view(q)[:, piece.end - piece.start] = after[piece.rows]
+        _clamp(p, q, spare, piece.end - piece.start + 1)
+        piece.write(q, y)
+        after[piece.rows] = y[piece.rows, piece.start]
+
+
+def _clamp(p: FloatArray, q: FloatArray, spare: FloatArray, width: int) -> None:
+    """Make q[t] that of the clamp of ``width`` samples from t on, as far as there are as many."""
+    size, m = 1, q.size
+    while size < width:
+        step = min(size, width - size)
+        size, m = size + step, m - step
+        np.minimum(p[:m], q[step : step + m], out=spare[:m])
+        np.maximum(q[:m], spare[:m], out=q[:m])
+        np.minimum(p[:m], p[step : step + m], out=spare[:m])
+        p, spare = spare, p
 
 
 def range_min(x: FloatArray, first: IntArray, last: IntArray) -> FloatArray:

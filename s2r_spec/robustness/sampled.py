@@ -33,6 +33,10 @@ class Clock(Times, Protocol):
         """Return (…, n): the least of x in the window of each sample, +inf if it is empty."""
         ...
 
+    def eventually(self, x: FloatArray, interval: f.Interval, past: bool) -> FloatArray:
+        """Return (…, n): the greatest of x in the window of each sample, −inf if it is empty."""
+        ...
+
     def until(self, left: FloatArray, right: FloatArray, interval: f.Interval, past: bool) -> FloatArray:
         """Return (…, n): see :func:`s2r_spec.robustness.kernels.until`."""
         ...
@@ -112,7 +116,7 @@ class SampledAlgebra:
 
     def eventually(self, x: FloatArray, interval: f.Interval, past: bool) -> FloatArray:
         """Return the greatest over the window."""
-        return np.negative(self.samples.clock.always(np.negative(x), interval, past))
+        return self.samples.clock.eventually(x, interval, past)
 
     def until(self, left: FloatArray, right: FloatArray, interval: f.Interval, past: bool) -> FloatArray:
         """Return the robustness of the best witness."""

@@ -85,6 +85,10 @@ class Ticks:
         """Return (…, n): the least of x in the window of each sample."""
         return range_min(x, *self.windows(interval, past))
 
+    def eventually(self, x: FloatArray, interval: Interval, past: bool) -> FloatArray:
+        """Return (…, n): the greatest of x in the window of each sample."""
+        return np.negative(range_min(np.negative(x), *self.windows(interval, past)))
+
     def until(self, left: FloatArray, right: FloatArray, interval: Interval, past: bool) -> FloatArray:
         """Return (…, n): see :func:`s2r_spec.robustness.kernels.until`; ``past`` makes it since."""
         first, last = self.windows(interval, past)

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from s2r_spec.robustness import kernels
 from s2r_spec.robustness.kernels import shift, until, window_max, window_min
 
 RNG = np.random.default_rng(0)
@@ -56,3 +57,19 @@ def test_shift() -> None:
     assert shift(x, 1, 9).tolist() == [2, 3, 9]
     assert shift(x, -2, 9).tolist() == [9, 9, 1]
     assert shift(x, 7, 9).tolist() == shift(x, -7, 9).tolist() == [9, 9, 9]
+
+
+@pytest.mark.parametrize("n", [1, 5, 8, 9, 31, 64])
+@pytest.mark.parametrize("rows", [(), (1,), (2, 3)])
+def test_small_pieces_give_the_same_as_one(n: int, rows: tuple[int, ...], monkeypatch) -> None:
+    left, right = RNG.normal(size=(2, *rows, n))
+    windows = [(0, 0), (0, 2), (3, 9), (1, 40), (2, None)]
+
+    def every() -> list[np.ndarray]:
+        functions = (lambda a, b: window_min(left, a, b)), (lambda a, b: until(left, right, a, b))
+        return [function(*window) for function in functions for window in windows]
+
+    whole = every()
+    monkeypatch.setattr(kernels, "PIECE", 7)
+    monkeypatch.setattr(kernels, "RUN", 3)
+    np.testing.assert_equal(every(), whole)
