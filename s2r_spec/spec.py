@@ -16,7 +16,7 @@ from s2r_spec.lang import formula as f
 from s2r_spec.lang.declarations import CertifySettings, KernelChoice, Param, Signal
 from s2r_spec.lang.diagnostics import Diagnostic, SpecError
 from s2r_spec.lang.files import read_text
-from s2r_spec.robustness.binding import param_times
+from s2r_spec.robustness.binding import names
 from s2r_spec.robustness.evaluate import Witness
 from s2r_spec.robustness.evaluation import End, Evaluation, Interpolation, Reading, evaluate
 from s2r_spec.robustness.explain import Explanation, explain
@@ -100,7 +100,7 @@ class Spec:
 
     def channels(self, requirement: str | None = None) -> tuple[str, ...]:
         """Return the names of the signals that a requirement (or any) uses, in declared order."""
-        used = {node.name for node in self._nodes(requirement) if isinstance(node, f.SignalValue | f.Flag)}
+        used = {name for formula in self._chosen(requirement) for name in names(formula).signals}
         return tuple(name for name in self.signals if name in used)
 
     def horizon(self, requirement: str | None = None) -> float:
@@ -296,9 +296,6 @@ class Spec:
     def _chosen(self, requirement: str | None) -> Sequence[f.Formula]:
         return tuple(self.formulas.values()) if requirement is None else (self._formula(requirement),)
 
-    def _nodes(self, requirement: str | None) -> list[f.Node]:
-        return [node for formula in self._chosen(requirement) for node in f.walk(formula)]
-
     def _reading(
         self,
         trace: Trace,
@@ -311,9 +308,7 @@ class Spec:
         _choice("interpolation", interpolation, ("samples", "hold", "linear"))
         _choice("until", until, ("open", "closed"))
         _choice("nan", nan, ("error", "hold"))
-        nodes = self._nodes(requirement)
-        used = {node.name for node in nodes if isinstance(node, f.ParamValue)}
-        used = used.union(*map(param_times, nodes))
+        used = {name for formula in self._chosen(requirement) for name in names(formula).params}
         numbers = read_params(self.params, used, params or {})
         signals = read_signals([self.signals[name] for name in self.channels(requirement)], trace, nan)
         return Reading.of(trace.times, signals, numbers, interpolation, until)

@@ -1,21 +1,36 @@
-"""Time bounds that are parameters, given their values."""
+"""The names that a formula reads, and time bounds that are parameters, given their values."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any, TypeVar, cast
 
 from s2r_spec.errors import UsageError
 from s2r_spec.lang import formula as f
+from s2r_spec.robustness.once import once
 
 N = TypeVar("N", bound=f.Node)
 
 
-def param_times(node: f.Node) -> set[str]:
-    """Return the parameters that are ends of a node's interval."""
-    interval = getattr(node, "interval", None)
-    return {end.name for end in interval.param_times} if isinstance(interval, f.Interval) else set()
+@dataclass(frozen=True)
+class Names:
+    """What a formula reads: signals, parameters, and parameters that are time bounds (these are in both)."""
+
+    signals: frozenset[str]
+    params: frozenset[str]
+    times: frozenset[str]
+
+
+@once
+def names(formula: f.Formula) -> Names:
+    """Return the names that a formula reads."""
+    nodes = list(f.walk(formula))
+    signals = (node.name for node in nodes if isinstance(node, f.SignalValue | f.Flag))
+    params = (node.name for node in nodes if isinstance(node, f.ParamValue))
+    within = (node.interval for node in nodes if isinstance(node, f.Temporal | f.Until))
+    times = frozenset(end.name for interval in within for end in interval.param_times)
+    return Names(frozenset(signals), times.union(params), times)
 
 
 def bound(formula: f.Formula, params: Mapping[str, float]) -> f.Formula:
@@ -24,7 +39,7 @@ def bound(formula: f.Formula, params: Mapping[str, float]) -> f.Formula:
     Raises:
         UsageError: an interval is negative, or ends before it begins, with these values.
     """
-    if not any(param_times(node) for node in f.walk(formula)):
+    if not names(formula).times:
         return formula
     done: dict[int, f.Node] = {}
 

@@ -122,7 +122,8 @@ class Reading:
         """Return (n,): ρ at every sample."""
         found = self.walk()(formula)
         if self.interpolation == "samples":
-            return np.array(np.broadcast_to(found, self.times.shape))
+            own: FloatArray = found if found.flags.writeable else found.copy()
+            return own
         values: FloatArray = found.values(self.times - self.times[0], self.snap)
         return values
 
@@ -135,10 +136,12 @@ class Reading:
     def complete(self, formula: f.Formula) -> BoolArray:
         """Return (n,): where every bounded window of the formula lies within the trace."""
         if self.grid:
-            return np.arange(self.grid.count) < self.grid.count - samples_needed(formula, self.grid)
+            decided = np.zeros(self.grid.count, dtype=np.bool_)
+            decided[: max(0, self.grid.count - samples_needed(formula, self.grid))] = True
+            return decided
         slack = self.clock.snap if isinstance(self.clock, Ticks) else self.snap
-        decided: BoolArray = self.times + self.needs(formula) <= self.times[-1] + slack
-        return decided
+        within: BoolArray = self.times + self.needs(formula) <= self.times[-1] + slack
+        return within
 
     def held(self, formula: f.Formula) -> Reading:
         """Return a reading that goes on for as long as the formula looks, each signal as it was last.

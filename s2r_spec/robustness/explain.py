@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness.deciding import descend
+from s2r_spec.robustness.evaluate import Walk
 from s2r_spec.robustness.evaluation import Reading
 from s2r_spec.robustness.responsible import responsible
 from s2r_spec.robustness.sampled import SampledAlgebra, Samples
@@ -119,7 +120,7 @@ class Explanation:
 def explain(formula: f.Formula, reading: Reading, requirement: str, unit: str) -> Explanation:
     """Explain ρ of a formula at the first sample, conditions asked at the samples."""
     algebra = SampledAlgebra(Samples(reading.clock, reading.signals, reading.params, reading.until))
-    walk = algebra.walk
+    walk = Walk(algebra, reading.until)
     rho = float(walk(formula)[0])
     steps = list(descend(formula, walk, reading.clock))
     parts = tuple(

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,23 +51,29 @@ class Grid:
         if count == 1:
             return cls(1, None)
         mean = float(times[-1] - times[0]) / (count - 1)
-        off = times - times[0] - mean * np.arange(count)
-        jitter = float(np.abs(off).max()) / mean
+        off = times - times[0]
+        off -= mean * np.arange(count)
+        jitter = max(float(off.max()), -float(off.min())) / mean
         if jitter > JITTER:
             return None
-        rounding = 4 * np.finfo(np.float64).eps * float(np.abs(times).max())
+        rounding = 4 * sys.float_info.epsilon * max(abs(float(times[0])), abs(float(times[-1])))
         slack = 2 * (jitter * mean + rounding) / (count - 1)
-        return cls(count, _simplest(Fraction(mean - slack), Fraction(mean + slack)), jitter)
+        return cls(count, _simplest(mean - slack, mean + slack), jitter)
 
     @property
     def times(self) -> FloatArray:
         """(n,) times after the first sample [s]."""
-        return np.arange(self.count, dtype=np.float64) * self.seconds(1)
+        return np.arange(self.count, dtype=np.float64) * self.step
 
     @property
     def snap(self) -> float:
         """Times closer than this are the same [s]."""
-        return SNAP * self.seconds(1)
+        return SNAP * self.step
+
+    @cached_property
+    def step(self) -> float:
+        """The period [s]; 0 for a single sample."""
+        return float(self.period) if self.period is not None else 0.0
 
     def windows(self, interval: Interval, past: bool) -> tuple[IntArray, IntArray]:
         """Return (first, last), each (n,): the samples in the window of each one; empty if last < first."""
@@ -105,26 +113,26 @@ class Grid:
         if self.period is None:
             # a single sample: now is in the interval, or everything in it is past the end
             return (0, 0) if interval.low == 0 and interval.low_closed else (1, 1)
-        low = self._index(interval.low, interval, self.period) + (not interval.low_closed)
+        low = self._index(interval.low, interval) + (not interval.low_closed)
         if math.isinf(interval.high):
             return low, None
-        high = self._index(interval.high, interval, self.period) - (not interval.high_closed)
+        high = self._index(interval.high, interval) - (not interval.high_closed)
         if high < low:
             raise TraceError(
                 f"no sample lies in `{interval.span.text}` ({interval.span.place}): "
-                f"the sample period is {self.seconds(1):g} s"
+                f"the sample period is {self.step:g} s"
             )
         return low, high
 
-    def _index(self, time: float, interval: Interval, period: Fraction) -> int:
+    def _index(self, time: float, interval: Interval) -> int:
         """Return the number of periods in ``time`` [s], an end of ``interval``."""
-        periods = time / float(period)
+        periods = time / self.step
         nearest = round(periods)
         if abs(periods - nearest) > SNAP:
             below, above = self.seconds(math.floor(periods)), self.seconds(math.ceil(periods))
             raise TraceError(
                 f"the time {time:g} s in `{interval.span.text}` ({interval.span.place}) "
-                f"is not a multiple of the sample period, {self.seconds(1):g} s; "
+                f"is not a multiple of the sample period, {self.step:g} s; "
                 f"the nearest multiples are {below:g} s and {above:g} s"
             )
         return nearest
@@ -138,11 +146,17 @@ def _backward(x: FloatArray) -> FloatArray:
     return x[..., ::-1]
 
 
-def _simplest(low: Fraction, high: Fraction) -> Fraction:
+def _simplest(low: float, high: float) -> Fraction:
     """Return the fraction with the least denominator in [low, high], 0 < low (Stern–Brocot)."""
-    whole = math.floor(low)
-    if whole == low:
-        return Fraction(whole)
-    if whole + 1 <= high:
-        return Fraction(whole + 1)
-    return whole + 1 / _simplest(1 / (high - whole), 1 / (low - whole))
+    return Fraction(*_between(*low.as_integer_ratio(), *high.as_integer_ratio()))
+
+
+def _between(a: int, b: int, c: int, d: int) -> tuple[int, int]:
+    """Return numerator and denominator of the simplest fraction from a/b to c/d."""
+    whole, rest = divmod(a, b)
+    if not rest:
+        return whole, 1
+    if (whole + 1) * d <= c:
+        return whole + 1, 1
+    below, above = _between(d, c - whole * d, b, rest)
+    return whole * below + above, below

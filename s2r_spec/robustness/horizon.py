@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from fractions import Fraction
 
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness.grid import Grid
+from s2r_spec.robustness.once import once
 
 Ends = Callable[[f.Interval], tuple[float, float]]
 
 
+@once
 def horizon(formula: f.Formula) -> float:
     """Return the time after an instant that decides the formula there [s]; inf if it is the whole rest.
 
@@ -25,6 +28,12 @@ def samples_needed(formula: f.Formula, grid: Grid) -> int:
     An unbounded window needs its first sample only: it means the rest of the
     trace, however long. An open end does not need the sample on it.
     """
+    return _samples(formula, grid.period)
+
+
+@once
+def _samples(formula: f.Formula, period: Fraction | None) -> int:
+    grid = Grid(1, period)
 
     def ends(interval: f.Interval) -> tuple[float, float]:
         low, high = grid.window(interval)

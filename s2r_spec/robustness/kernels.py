@@ -3,10 +3,10 @@
 Every function takes arrays of shape (…, n), last axis time, any batch axes
 before it, and returns a new array of that shape; no input is changed. There
 is no loop over samples: a window of w samples costs log₂ w passes, each over a
-piece of the trace that stays in the processor's cache. A window
-that reaches past the last sample is cut there; one that lies wholly past it
-is empty, with least value +inf and greatest −inf. NaN spreads to every
-instant whose window contains it.
+piece of the trace that stays in the processor's cache. A window that reaches
+past the last sample is cut there; one that lies wholly past it is empty, with
+least value +inf and greatest −inf. NaN spreads to every instant whose window
+contains it.
 """
 
 from __future__ import annotations
@@ -131,14 +131,17 @@ def _until_the_end(left: FloatArray, right: FloatArray, y: FloatArray) -> None:
 
 def _clamp(p: FloatArray, q: FloatArray, spare: FloatArray, width: int) -> None:
     """Make q[t] that of the clamp of ``width`` samples from t on, as far as there are as many."""
-    size, m = 1, q.size
+    size = 1
     while size < width:
         step = min(size, width - size)
-        size, m = size + step, m - step
-        np.minimum(p[:m], q[step : step + m], out=spare[:m])
-        np.maximum(q[:m], spare[:m], out=q[:m])
-        np.minimum(p[:m], p[step : step + m], out=spare[:m])
-        p, spare = spare, p
+        size += step
+        ahead_p, ahead_q = p[step:], q[step:]
+        m = ahead_q.size
+        p, q, later = p[:m], q[:m], spare[:m]
+        np.minimum(p, ahead_q, out=later)
+        np.maximum(q, later, out=q)
+        np.minimum(p, ahead_p, out=later)
+        p, spare = later, p
 
 
 def range_min(x: FloatArray, first: IntArray, last: IntArray) -> FloatArray:

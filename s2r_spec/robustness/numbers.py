@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from typing import Protocol
 
@@ -45,7 +46,7 @@ class Numbers:
         signals: name → (…, width, n), in the declared unit.
         params: name → (…, 1, 1), in the declared unit.
         clock: the sample times.
-        formula: what evaluates the conditions in ``if``, ``duration`` and ``count``, to (…, n).
+        conditions: makes what evaluates the conditions in ``if``, ``duration`` and ``count``, to (…, n).
     """
 
     def __init__(
@@ -53,31 +54,39 @@ class Numbers:
         signals: Mapping[str, FloatArray],
         params: Mapping[str, FloatArray],
         clock: Times,
-        formula: Callable[[f.Formula], FloatArray],
+        conditions: Callable[[], Callable[[f.Formula], FloatArray]],
     ) -> None:
         self.signals = signals
         self.params = params
         self.clock = clock
-        self.formula = formula
+        # never the walk that these numbers are part of: a circle of references keeps
+        # samples in memory until the garbage collector runs
+        self.conditions = conditions
+        self.formula: Callable[[f.Formula], FloatArray] | None = None
         self.done: dict[int, FloatArray] = {}
 
     def __call__(self, node: f.Value) -> FloatArray:
         """Return (…, width, n) or (…, width, 1); NaN where there is no value."""
         if id(node) not in self.done:
-            # a result without a value is reported with its predicate, in margin
-            with np.errstate(all="ignore"):
-                self.done[id(node)] = self._value(node)
+            self.done[id(node)] = self._value(node)
         return self.done[id(node)]
 
     def _value(self, node: f.Value) -> FloatArray:
         match node:
             case f.Number():
-                return np.full((1, 1), node.value)
+                return np.array([[node.value]])
             case f.SignalValue():
                 signal = self.signals[node.name]
                 return signal if node.index is None else signal[..., node.index : node.index + 1, :]
             case f.ParamValue():
                 return self.params[node.name]
+            case _:
+                # a result without a value is reported with its predicate, in margin
+                with np.errstate(all="ignore"):
+                    return self._computed(node)
+
+    def _computed(self, node: f.Value) -> FloatArray:
+        match node:
             case f.Initial():
                 return self(node.operand)[..., :1]
             case f.Overshoot():
@@ -106,6 +115,8 @@ class Numbers:
 
     def holds(self, node: f.Formula) -> NDArray[np.bool_]:
         """Return (…, 1, n): where a condition holds."""
+        if self.formula is None:
+            self.formula = self.conditions()
         return np.asarray(self.formula(node) >= 0)[..., np.newaxis, :]
 
     def _history(self, node: f.Value) -> FloatArray:
@@ -153,8 +164,10 @@ def margin(node: f.Comparison, numbers: Numbers, clock: Times) -> FloatArray:
                 result = -np.abs(left - right)
             case "!=":
                 result = np.abs(left - right)
-    result = np.broadcast_to(result, (*result.shape[:-1], clock.count))
-    if np.isnan(result).any():
+        least = np.minimum.reduce(result, axis=None, initial=np.inf)  # NaN if there is any
+    if result.shape[-1] != clock.count:
+        result = np.broadcast_to(result, (*result.shape[:-1], clock.count))
+    if math.isnan(least):
         sample = int(np.argwhere(np.isnan(result))[0][-1])
         raise no_value(node, f"sample {sample}, {clock.seconds(sample):g} s after the first")
     return result

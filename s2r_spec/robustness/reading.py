@@ -47,8 +47,8 @@ def _read(signal: Signal, trace: Trace, missing: Missing) -> FloatArray:
     samples = channel.T if channel.ndim == 2 else channel[np.newaxis, :]
     if missing == "hold":
         samples = _last_known(samples)
-    if (absent := np.isnan(samples)).any():
-        index = int(np.argmax(absent.any(axis=0)))
+    if math.isnan(np.minimum.reduce(samples, axis=None)):  # of all of them if of any
+        index = int(np.argmax(np.isnan(samples).any(axis=0)))
         raise TraceError(
             f"channel {signal.name!r} is NaN at sample {index}, t = {trace.times[index]:g} s; "
             f"a missing sample has no robustness"

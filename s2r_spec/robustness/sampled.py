@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Protocol
 
 import numpy as np
@@ -66,7 +67,7 @@ def walk_samples(samples: Samples) -> Walk[FloatArray]:
     The walk raises TraceError if a time bound does not fit the sample times, or a
     predicate has no value (0/0, √−1).
     """
-    return SampledAlgebra(samples).walk
+    return Walk(SampledAlgebra(samples), samples.until)
 
 
 def robustness(formula: f.Formula, samples: Samples) -> FloatArray:
@@ -79,8 +80,7 @@ class SampledAlgebra:
 
     def __init__(self, samples: Samples) -> None:
         self.samples = samples
-        self.walk = Walk(self, samples.until)
-        self.numbers = Numbers(samples.signals, samples.params, samples.clock, self.walk)
+        self.numbers = Numbers(samples.signals, samples.params, samples.clock, partial(walk_samples, samples))
 
     def truth(self, value: bool) -> FloatArray:
         """Return (n,) infinities."""

@@ -18,7 +18,7 @@ import numpy as np
 from s2r_spec.errors import UsageError, one_of
 from s2r_spec.lang import formula as f
 from s2r_spec.lang.declarations import Param, Signal
-from s2r_spec.robustness.binding import param_times
+from s2r_spec.robustness.binding import names
 from s2r_spec.robustness.evaluate import Walk, Witness
 from s2r_spec.robustness.grid import Grid
 from s2r_spec.robustness.tensor_values import TensorValues
@@ -73,11 +73,11 @@ def evaluate_tensors(
         read[channel.name] = tensor if channel.vector else tensor.unsqueeze(-2)
     if not read:
         raise UsageError("this requirement reads no signal, so there is nothing to differentiate")
-    if any(param_times(node) for node in f.walk(formula)):
+    if names(formula).times:
         raise UsageError("a time bound that is a parameter has no gradient; make it a constant")
     like = next(iter(read.values()))
     numbers: dict[str, Tensor] = {}
-    for name in {node.name for node in f.walk(formula) if isinstance(node, f.ParamValue)}:
+    for name in names(formula).params:
         number = given.get(name, declared[name].default)
         if number is None:
             raise UsageError(f"the parameter {name!r} has no value: give params={{{name!r}: …}}")

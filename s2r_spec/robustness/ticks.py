@@ -11,6 +11,7 @@ from s2r_spec.errors import TraceError
 from s2r_spec.lang.formula import Interval
 from s2r_spec.robustness.grid import Grid
 from s2r_spec.robustness.kernels import range_min, range_until
+from s2r_spec.robustness.once import once
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
@@ -99,6 +100,10 @@ class Ticks:
         return mirrored[..., ::-1]
 
 
+@once
 def clock_of(times: FloatArray) -> Grid | Ticks:
-    """Return the grid that (n,) increasing times [s] lie on, or the times as they are."""
+    """Return the grid that (n,) increasing times [s] lie on, or the times as they are.
+
+    They must not change, as those of a trace do not: the clock of an array is found once.
+    """
     return Grid.of(times) or Ticks.of(times)

@@ -1,6 +1,8 @@
 """What an evaluation reports besides ρ, and continuous time worked out by hand."""
 
+import gc
 import math
+import weakref
 
 import numpy as np
 import pytest
@@ -123,3 +125,17 @@ def test_one_sample_is_a_trace(interpolation) -> None:
         Trace([7], {"x": [3], "y": [1]}), "it", interpolation=interpolation
     )
     assert found.values.tolist() == [3]
+
+
+def test_no_circle_keeps_the_samples_in_memory() -> None:
+    spec = parse_spec("signal x require it: always[0, 1] (if(x > 0, x, count(x > 1)) <= 3)")
+    trace = Trace(np.arange(9.0), {"x": np.ones(9)})
+    samples = weakref.ref(trace.channels["x"])
+    gc.disable()
+    try:
+        spec.robustness(trace, partial=True)
+        spec.robustness_signal(trace, "it", interpolation="linear")
+        del trace
+        assert samples() is None
+    finally:
+        gc.enable()
