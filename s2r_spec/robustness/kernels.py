@@ -61,7 +61,7 @@ def _window(fold: np.ufunc, empty: float, x: FloatArray, low: int, high: int | N
         return shift(fold.accumulate(x[..., ::-1], axis=-1)[..., ::-1], low, empty)
     y, width = np.empty(x.shape), high - low + 1
     source, result = x.reshape(-1, n), y.reshape(-1, n)
-    for piece in pieces(result.shape, width - 1, 2, PIECE):
+    for piece in pieces(result.shape, width - 1, [np.empty] * 2, PIECE):
         block, spare = piece.room
         piece.read(source, block, low, empty)
         size, m = 1, block.size  # block[t] is the least of `size` samples from t on
@@ -106,7 +106,7 @@ def until(left: FloatArray, right: FloatArray, low: int, high: int | None) -> Fl
     if high is None or high >= n - 1:
         _until_the_end(left, right, result)
         return y
-    for piece in pieces(result.shape, high, 3, PIECE):
+    for piece in pieces(result.shape, high, [np.empty] * 3, PIECE):
         p, q, spare = piece.room
         piece.read(left, p, 0, np.inf)
         piece.read(right, q, 0, -np.inf)
@@ -118,7 +118,7 @@ def until(left: FloatArray, right: FloatArray, low: int, high: int | None) -> Fl
 def _until_the_end(left: FloatArray, right: FloatArray, y: FloatArray) -> None:
     """Write :func:`until` with all the rest for a window into y, (k, n) each, from the last piece on."""
     after = np.full(len(y), -np.inf)
-    for piece in pieces(y.shape, None, 3, RUN):
+    for piece in pieces(y.shape, None, [np.empty] * 3, RUN):
         p, q, spare = piece.room
         piece.read(left, p, 0, np.inf)
         piece.read(right, q, 0, -np.inf)

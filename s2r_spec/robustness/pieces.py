@@ -7,17 +7,15 @@ but only in that room, which nobody reads.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any, Generic, TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
-
-FloatArray = NDArray[np.float64]
+A = TypeVar("A")  # of numpy or of torch
 
 
 @dataclass(slots=True)
-class Piece:
+class Piece(Generic[A]):
     """Samples ``start`` to ``end`` of some ``rows`` of a (k, n) batch, and flat arrays to work in.
 
     Each array of ``room`` has ``start`` to ``end`` and the samples ahead for row
@@ -27,14 +25,15 @@ class Piece:
     rows: slice
     start: int
     end: int
-    room: list[FloatArray]
+    room: list[A]
     count: int
 
-    def view(self, flat: FloatArray) -> FloatArray:
+    def view(self, flat: A) -> Any:
         """Return (rows, end − start + ahead): one of the arrays, row by row."""
-        return flat.reshape(self.count, -1)
+        array: Any = flat
+        return array.reshape(self.count, -1)
 
-    def read(self, x: FloatArray, flat: FloatArray, low: int, fill: float) -> None:
+    def read(self, x: Any, flat: A, low: int, fill: float) -> None:
         """Copy the samples from ``start + low`` on out of (k, n), with ``fill`` past the end."""
         part = self.view(flat)
         first = self.start + low
@@ -42,25 +41,27 @@ class Piece:
         part[:, : there.shape[1]] = there
         part[:, there.shape[1] :] = fill
 
-    def write(self, flat: FloatArray, y: FloatArray) -> None:
+    def write(self, flat: A, y: Any) -> None:
         """Copy what stands at ``start`` to ``end`` into (k, n)."""
         y[self.rows, self.start : self.end] = self.view(flat)[:, : self.end - self.start]
 
 
-def pieces(shape: tuple[int, ...], ahead: int | None, count: int, size: int) -> Iterator[Piece]:
+def pieces(
+    shape: tuple[int, ...], ahead: int | None, make: Sequence[Callable[[int], A]], size: int
+) -> Iterator[Piece[A]]:
     """Yield the pieces of a (k, n) batch.
 
     Args:
         shape: (k, n).
         ahead: how many samples after a piece its windows reach; None for one more than
             the piece has itself, and the last piece first.
-        count: how many arrays to work in are needed.
+        make: for each array to work in, what makes it of a length.
         size: about how many samples each of them is to have.
     """
     k, n = shape
     length = min(n, size if ahead is None else max(size, 2 * ahead))
     rows = min(k, max(1, size // length))
-    room = np.empty((count, rows * (2 * length if ahead is None else length + ahead)))
+    room: list[Any] = [empty(rows * (2 * length if ahead is None else length + ahead)) for empty in make]
     for row in range(0, k, rows):
         here = min(rows, k - row)
         starts = range(0, n, length)

@@ -1,17 +1,16 @@
 """Robustness on torch tensors: the same numbers, with gradients.
 
 On a regular grid, as in :mod:`s2r_spec.robustness.sampled`: numbers are
-(…, width, n), conditions (…, n), any batch axes first. Windows and untils are
-built by doubling out of minimum and maximum alone, so that autograd gives a
-sub-gradient. With a temperature T > 0 both are smooth: min is
-−T·ln Σ exp(−x/T), which is below it by at most T·ln of their number.
+(…, width, n), conditions (…, n), any batch axes first. The gradient is an exact
+sub-gradient (:mod:`s2r_spec.robustness.tensor_windows`), or with a temperature
+that of the smooth minimum (:mod:`s2r_spec.robustness.smooth`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from fractions import Fraction
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -21,12 +20,14 @@ from s2r_spec.lang.declarations import Param, Signal
 from s2r_spec.robustness.binding import names
 from s2r_spec.robustness.evaluate import Walk, Witness
 from s2r_spec.robustness.grid import Grid
+from s2r_spec.robustness.smooth import Smooth, shift
 from s2r_spec.robustness.tensor_values import TensorValues
 
 if TYPE_CHECKING:
     from torch import Tensor
 
 _INF = float("inf")
+Window = Callable[["Tensor", int, "int | None"], "Tensor"]
 
 
 def walk_tensors(
@@ -86,6 +87,26 @@ def evaluate_tensors(
     return walk_tensors(grid, read, numbers, until, temperature)(formula)
 
 
+class Windows(Protocol):
+    """Minimum, windows and until, exact or smooth."""
+
+    def least(self, x: Tensor, y: Tensor, /) -> Tensor:
+        """Return the smaller of both."""
+        ...
+
+    def window_min(self, x: Tensor, low: int, high: int | None) -> Tensor:
+        """Return (…, n); see :func:`s2r_spec.robustness.kernels.window_min`."""
+        ...
+
+    def window_max(self, x: Tensor, low: int, high: int | None) -> Tensor:
+        """Return (…, n); see :func:`s2r_spec.robustness.kernels.window_max`."""
+        ...
+
+    def until(self, left: Tensor, right: Tensor, high: int | None) -> Tensor:
+        """Return (…, n): :func:`s2r_spec.robustness.kernels.until` with the first witness now."""
+        ...
+
+
 class TensorAlgebra:
     """Robustness signals as tensors (…, n)."""
 
@@ -98,8 +119,11 @@ class TensorAlgebra:
     ) -> None:
         import torch
 
+        from s2r_spec.robustness import tensor_windows
+
         self.torch = torch
-        self.grid, self.temperature = grid, temperature
+        self.grid = grid
+        self.windows: Windows = Smooth(temperature) if temperature else tensor_windows
         self.value = TensorValues(signals, params)
 
     def truth(self, value: bool) -> Tensor:
@@ -135,14 +159,7 @@ class TensorAlgebra:
 
     def least(self, x: Tensor, y: Tensor) -> Tensor:
         """Return the smaller of both, smoothly if there is a temperature."""
-        if not self.temperature:
-            return self.torch.minimum(x, y)
-        # the smooth minimum of infinities has no gradient: there the exact one is taken
-        wild = self.torch.isinf(x) | self.torch.isinf(y)
-        t = self.temperature
-        tame = [self.torch.where(wild, 0.0, side) for side in (x, y)]
-        smooth = -t * self.torch.logaddexp(-tame[0] / t, -tame[1] / t)
-        return self.torch.where(wild, self.torch.minimum(x, y), smooth)
+        return self.windows.least(x, y)
 
     def greatest(self, x: Tensor, y: Tensor) -> Tensor:
         """Return the greater of both."""
@@ -150,15 +167,16 @@ class TensorAlgebra:
 
     def always(self, x: Tensor, interval: f.Interval, past: bool) -> Tensor:
         """Return the least over the window."""
-        low, high = self.grid.window(interval)
-        x = x.expand(*x.shape[:-1], self.grid.count)
-        if past:
-            return self._window(x.flip(-1), low, high).flip(-1)
-        return self._window(x, low, high)
+        return self._over(self.windows.window_min, x, interval, past)
 
     def eventually(self, x: Tensor, interval: f.Interval, past: bool) -> Tensor:
         """Return the greatest over the window."""
-        return -self.always(-x, interval, past)
+        return self._over(self.windows.window_max, x, interval, past)
+
+    def _over(self, window: Window, x: Tensor, interval: f.Interval, past: bool) -> Tensor:
+        low, high = self.grid.window(interval)
+        x = x.expand(*x.shape[:-1], self.grid.count)
+        return window(x.flip(-1), low, high).flip(-1) if past else window(x, low, high)
 
     def until(self, left: Tensor, right: Tensor, interval: f.Interval, past: bool) -> Tensor:
         """Return the robustness of the best witness."""
@@ -173,72 +191,16 @@ class TensorAlgebra:
         """Return the neighbouring sample's x."""
         x = x.expand(*x.shape[:-1], self.grid.count)
         if node.operator == "next":
-            return self._shift(x, 1, -_INF)
-        return self._shift(x.flip(-1), 1, -_INF).flip(-1)
+            return shift(x, 1, -_INF)
+        return shift(x.flip(-1), 1, -_INF).flip(-1)
 
     def rise(self, x: Tensor) -> Tensor:
         """Return min(x, −x one sample before)."""
         x = x.expand(*x.shape[:-1], self.grid.count)
-        return self.least(x, -self._shift(x.flip(-1), 1, _INF).flip(-1))
-
-    def _shift(self, x: Tensor, steps: int, fill: float) -> Tensor:
-        steps = min(steps, x.shape[-1])
-        tail = x.new_full((*x.shape[:-1], steps), fill)
-        return self.torch.cat((x[..., steps:], tail), -1)
-
-    def _window(self, x: Tensor, low: int, high: int | None) -> Tensor:
-        """As :func:`s2r_spec.robustness.kernels.window_min`, in blocks that do not overlap."""
-        n = x.shape[-1]
-        (y,) = self._blocks((x,), n if high is None else min(high - low + 1, n), self._joined)
-        return self._shift(y, low, _INF)
-
-    def _joined(self, here: tuple[Tensor, ...], there: tuple[Tensor, ...]) -> tuple[Tensor, ...]:
-        return (self.least(here[0], there[0]),)
+        return self.least(x, -shift(x.flip(-1), 1, _INF).flip(-1))
 
     def _until(self, left: Tensor, right: Tensor, low: int, high: int | None) -> Tensor:
-        """As :func:`s2r_spec.robustness.kernels.until`."""
-        if low > 0:
-            rest = self._until(left, right, 0, None if high is None else high - low)
-            return self.least(self._window(left, 0, low - 1), self._shift(rest, low, -_INF))
-        n = left.shape[-1]
-        _, q = self._blocks((left, right), n if high is None else min(high + 1, n), self._clamped)
-        return q
-
-    def _clamped(self, here: tuple[Tensor, ...], there: tuple[Tensor, ...]) -> tuple[Tensor, ...]:
-        (p, q), (next_p, next_q) = here, there
-        return self.least(p, next_p), self.greatest(q, self.least(p, next_q))
-
-    def _blocks(
-        self,
-        block: tuple[Tensor, ...],
-        count: int,
-        join: Callable[[tuple[Tensor, ...], tuple[Tensor, ...]], tuple[Tensor, ...]],
-    ) -> tuple[Tensor, ...]:
-        """Join ``count`` consecutive samples from each one on, as far as there are any, by doubling."""
-        result: tuple[Tensor, ...] | None = None
-        size, done = 1, 0
-        while True:
-            if count & 1:
-                result = block if result is None else self._after(result, block, done, join)
-                done += size
-            count >>= 1
-            if not count:
-                assert result is not None
-                return result
-            block = self._after(block, block, size, join)
-            size *= 2
-
-    def _after(
-        self,
-        here: tuple[Tensor, ...],
-        there: tuple[Tensor, ...],
-        steps: int,
-        join: Callable[[tuple[Tensor, ...], tuple[Tensor, ...]], tuple[Tensor, ...]],
-    ) -> tuple[Tensor, ...]:
-        n = here[0].shape[-1]
-        if steps >= n:
-            return here
-        joined = join(tuple(x[..., : n - steps] for x in here), tuple(x[..., steps:] for x in there))
-        return tuple(
-            self.torch.cat((new, old[..., n - steps :]), -1) for new, old in zip(joined, here, strict=True)
-        )
+        if low == 0:
+            return self.windows.until(left, right, high)
+        rest = self.windows.until(left, right, None if high is None else high - low)
+        return self.least(self.windows.window_min(left, 0, low - 1), shift(rest, low, -_INF))

@@ -6,6 +6,7 @@ import torch
 from hypothesis import given, settings
 
 from s2r_spec.errors import UsageError
+from s2r_spec.robustness import kernels, tensor_windows
 from s2r_spec.spec import parse_spec
 from tests.robustness.definitions import evaluated
 from tests.robustness.drawing import Case, cases
@@ -62,6 +63,49 @@ def test_a_cold_minimum_is_the_exact_one(text: str) -> None:
     # 40 numbers at most meet in a minimum, in at most 6 levels
     for t, found in zip((1e-2, 1e-4), smooth, strict=True):
         assert torch.allclose(found, exact, atol=6 * t * np.log(40))
+
+
+WINDOWS = [(0, 0), (0, 2), (3, 9), (1, 40), (0, None), (2, None), (70, 80)]
+
+
+@pytest.mark.parametrize("rows", [(), (2, 3)])
+@pytest.mark.parametrize("pieces", [7, 1 << 14])
+def test_windows_in_pieces_and_their_gradients(rows: tuple[int, ...], pieces: int, monkeypatch) -> None:
+    monkeypatch.setattr(tensor_windows, "PIECE", pieces)
+    monkeypatch.setattr(tensor_windows, "RUN", min(pieces, 3))
+    left, right = np.random.default_rng(0).normal(size=(2, *rows, 31))
+    tensors = [torch.tensor(side).requires_grad_() for side in (left, right)]
+    for low, high in WINDOWS:
+        for mine, theirs in (
+            (tensor_windows.window_min, kernels.window_min),
+            (tensor_windows.window_max, kernels.window_max),
+        ):
+            agrees(mine(tensors[0], low, high), theirs(left, low, high), tensors[:1])
+        if low == 0:
+            agrees(tensor_windows.until(*tensors, high), kernels.until(left, right, 0, high), tensors)
+
+
+def agrees(found: torch.Tensor, expected: np.ndarray, sources: list[torch.Tensor]) -> None:
+    """Each value is one sample, so that all the gradient of it goes to one sample of that value."""
+    np.testing.assert_array_equal(found.detach().numpy(), expected)
+    for t in range(found.shape[-1]):
+        grads = torch.autograd.grad(found[..., t].sum(), sources, retain_graph=True)
+        once, both = torch.cat(grads, -1), torch.cat(sources, -1)
+        finite = torch.isfinite(found[..., t])
+        assert (once.sum(-1) == finite).all()
+        assert ((once == 0) | (both == found[..., t : t + 1])).all()
+
+
+def test_of_equal_samples_the_earliest_has_the_gradient_whole() -> None:
+    x = torch.tensor([2.0, 1.0, 1.0, 3.0], requires_grad=True)
+    tensor_windows.window_min(x, 0, 2).sum().backward()
+    assert x.grad.tolist() == [0, 2, 1, 1]
+
+
+def test_nan_is_passed_on() -> None:
+    x = torch.tensor([1.0, float("nan"), 2.0, 3.0], requires_grad=True)
+    assert tensor_windows.window_max(x, 0, 1).isnan().tolist() == [True, True, False, False]
+    assert tensor_windows.until(x, -x, 1).isnan().tolist() == [True, True, False, False]
 
 
 def test_a_batch_of_vectors_and_parameters() -> None:
