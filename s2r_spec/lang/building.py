@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, cast
+from typing import Any, Literal, cast
 
 from lark import Token, Tree
 
@@ -31,7 +31,7 @@ class _Builder:
         if isinstance(tree, Token):
             return self.word(tree)
         make: Callable[[Span, list[_Child]], Any] = getattr(self, f"_{tree.data}")
-        return make(Span(self.source, tree.meta.start_pos, tree.meta.end_pos), tree.children)
+        return make(span_of(self.source, _end(tree, 0), _end(tree, -1)), tree.children)
 
     def word(self, token: Token) -> syntax.Word:
         """Return a token's text and place; a unit or a file comes without what is around it."""
@@ -205,3 +205,10 @@ class _Builder:
     def _bound(self, span: Span, children: list[_Child]) -> syntax.Bound:
         unit = self.maybe(children[1:], "NAME")
         return syntax.Bound(span=span, value=self.node(children[0]), unit=unit)
+
+
+def _end(tree: _Child, side: Literal[0, -1]) -> Token:
+    """Return the first or the last token of a tree; no rule is empty, and no token is left out of one."""
+    while isinstance(tree, Tree):
+        tree = tree.children[side]
+    return tree

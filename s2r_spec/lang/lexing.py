@@ -40,7 +40,7 @@ ALIASES = {name: (kind, word) for kind, table in (("TEMPORAL", _TEMPORAL), ("UNT
 def grammar() -> Lark:
     """Return the parser of one statement; it is built on first use."""
     text = files("s2r_spec.lang").joinpath("stl.lark").read_text(encoding="utf-8")
-    return Lark(text, start="statement", parser="lalr", lexer="basic", propagate_positions=True)
+    return Lark(text, start="statement", parser="lalr", lexer="basic")
 
 
 @dataclass(frozen=True)
@@ -56,11 +56,12 @@ class Lexed:
     stray: tuple[Token, ...]
 
 
-def span_of(source: Source, token: Token) -> Span:
-    """Return where a token stands."""
-    assert token.start_pos is not None
-    assert token.end_pos is not None
-    return Span(source, token.start_pos, token.end_pos)
+def span_of(source: Source, first: Token, last: Token | None = None) -> Span:
+    """Return where a token stands, or all from one to another."""
+    last = last or first
+    assert first.start_pos is not None
+    assert last.end_pos is not None
+    return Span(source, first.start_pos, last.end_pos)
 
 
 def lex(source: Source, outside: Set[str] = frozenset()) -> Lexed:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import fields
 
 from s2r_spec.lang import syntax
 from s2r_spec.lang.diagnostics import Diagnostic
@@ -21,7 +20,6 @@ def chained_until(parsed: Parsed) -> Iterator[Diagnostic]:
             yield Diagnostic(
                 "E11", f"`{second.text}` after `{first}` could be read in two ways", second, fix=fix
             )
-        for item in fields(node):
-            held = getattr(node, item.name)
+        for held in vars(node).values():
             parts = held if isinstance(held, tuple) else (held,)
             stack += [part for part in parts if isinstance(part, syntax.Node)]
