@@ -25,7 +25,16 @@ if TYPE_CHECKING:
     from s2r_spec.logs import read as read_trace
     from s2r_spec.logs import write as write_trace
     from s2r_spec.space import Axis, Space
-    from s2r_spec.spec import Evaluation, Explanation, Spec, load_spec, parse_spec
+    from s2r_spec.spec import (
+        Evaluation,
+        Explanation,
+        Monitor,
+        RobustInterval,
+        RobustnessStream,
+        Spec,
+        load_spec,
+        parse_spec,
+    )
     from s2r_spec.trace import Trace
 
 __all__ = [
@@ -42,8 +51,11 @@ __all__ = [
     "Explanation",
     "Kernel",
     "Label",
+    "Monitor",
     "Parameter",
     "Query",
+    "RobustInterval",
+    "RobustnessStream",
     "S2RError",
     "Search",
     "Space",
@@ -75,7 +87,16 @@ _HOMES = {
     "errors": ("S2RError",),
     "logs": ("read_trace", "write_trace"),
     "space": ("Axis", "Space"),
-    "spec": ("Evaluation", "Explanation", "Spec", "load_spec", "parse_spec"),
+    "spec": (
+        "Evaluation",
+        "Explanation",
+        "Monitor",
+        "RobustInterval",
+        "RobustnessStream",
+        "Spec",
+        "load_spec",
+        "parse_spec",
+    ),
     "trace": ("Trace",),
 }
 _RENAMED = {"read_trace": "read", "write_trace": "write"}

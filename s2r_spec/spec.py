@@ -16,11 +16,12 @@ from s2r_spec.lang import formula as f
 from s2r_spec.lang.declarations import CertifySettings, KernelChoice, Param, Signal
 from s2r_spec.lang.diagnostics import Diagnostic, SpecError
 from s2r_spec.lang.files import read_text
-from s2r_spec.robustness.binding import names
+from s2r_spec.robustness.binding import bound, names
 from s2r_spec.robustness.evaluate import Witness
 from s2r_spec.robustness.evaluation import End, Evaluation, Interpolation, Reading, evaluate
 from s2r_spec.robustness.explain import Explanation, explain
 from s2r_spec.robustness.horizon import horizon
+from s2r_spec.robustness.online.monitor import Followed, Monitor, RobustInterval, RobustnessStream
 from s2r_spec.robustness.reading import Missing, read_param, read_params, read_signals
 from s2r_spec.robustness.tolerances import Tolerances, tolerances
 from s2r_spec.space import Axis, Space
@@ -35,7 +36,10 @@ __all__ = [
     "Evaluation",
     "Explanation",
     "KernelChoice",
+    "Monitor",
     "Param",
+    "RobustInterval",
+    "RobustnessStream",
     "Signal",
     "Spec",
     "SpecError",
@@ -237,6 +241,54 @@ class Spec:
             formula, channels, self.params, signals, params or {}, period, until, temperature
         )
 
+    def monitor(
+        self,
+        params: Mapping[str, float] | None = None,
+        requirement: str | None = None,
+        *,
+        period: float | None = None,
+        until: Witness = "open",
+        nan: Missing = "error",
+        ranges: bool = True,
+    ) -> Monitor:
+        """Return what follows a trace sample by sample: the interval in which ρ at its first time will be.
+
+        Conditions are asked at the samples. Work and memory do not grow with the trace.
+
+        Args:
+            params: see :meth:`robustness`.
+            requirement: the one to follow; without it all.
+            period: time from one sample to the next [s], within 2 %: windows count samples, as in
+                a recorded trace on a regular grid. Without it a window holds the samples that lie in it by
+                time, as in one that is not regular.
+            until: see :meth:`evaluate`.
+            nan: see :meth:`evaluate`.
+            ranges: whether signals stay in their declared ranges; a sample outside is an error then.
+
+        Raises:
+            UsageError: an operator over the whole rest of the trace is asked for at more than the
+                first instant, a time bound is no multiple of the period, or see :meth:`robustness`.
+        """
+        return Monitor(self._followed(params, requirement, period, until, nan, ranges))
+
+    def robustness_stream(
+        self,
+        params: Mapping[str, float] | None = None,
+        requirement: str | None = None,
+        *,
+        period: float | None = None,
+        until: Witness = "open",
+        nan: Missing = "error",
+    ) -> RobustnessStream:
+        """Return what computes ρ at every sample of a trace that goes on, each as soon as it is decided.
+
+        All it returns is, in order, :meth:`robustness_signal` of the whole trace. A
+        sample costs a constant time on average, whatever the lengths of windows.
+
+        Args and errors are those of :meth:`monitor`; here no operator may look at the whole rest.
+        """
+        return RobustnessStream(self._followed(params, requirement, period, until, nan, False))
+
     def explain(
         self,
         trace: Trace,
@@ -308,10 +360,31 @@ class Spec:
         _choice("interpolation", interpolation, ("samples", "hold", "linear"))
         _choice("until", until, ("open", "closed"))
         _choice("nan", nan, ("error", "hold"))
-        used = {name for formula in self._chosen(requirement) for name in names(formula).params}
-        numbers = read_params(self.params, used, params or {})
+        numbers = self._numbers(params, requirement)
         signals = read_signals([self.signals[name] for name in self.channels(requirement)], trace, nan)
         return Reading.of(trace.times, signals, numbers, interpolation, until)
+
+    def _numbers(self, params: Mapping[str, float] | None, requirement: str | None) -> dict[str, FloatArray]:
+        """Return name → (1, 1) of the parameters that a requirement (or any) uses."""
+        used = {name for formula in self._chosen(requirement) for name in names(formula).params}
+        return read_params(self.params, used, params or {})
+
+    def _followed(
+        self,
+        params: Mapping[str, float] | None,
+        requirement: str | None,
+        period: float | None,
+        until: Witness,
+        nan: Missing,
+        ranges: bool,
+    ) -> Followed:
+        _choice("until", until, ("open", "closed"))
+        _choice("nan", nan, ("error", "hold"))
+        numbers = {name: value.item() for name, value in self._numbers(params, requirement).items()}
+        wanted = self.requirements if requirement is None else (requirement,)
+        formulas = {name: bound(self._formula(name), numbers) for name in wanted}
+        signals = [self.signals[name] for name in self.channels(requirement)]
+        return Followed(formulas, signals, numbers, period, until, nan, ranges)
 
     def _long_enough(self, requirement: str, formula: f.Formula, reading: Reading) -> None:
         if reading.complete(formula)[0]:

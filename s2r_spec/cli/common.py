@@ -6,7 +6,7 @@ import json
 import math
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from datetime import datetime
 from pathlib import Path
@@ -19,7 +19,16 @@ from s2r_spec.errors import S2RError, UsageError
 if TYPE_CHECKING:
     from s2r_spec.rollouts.pools import ExecutorFactory
 
+CODES = {"holds": 0, "violated": 1, "unknown": 3}
+COLOURS = {"holds": "bold green", "violated": "bold red", "unknown": "bold yellow"}
+
 _said = False
+
+
+def worst(verdicts: Iterable[str]) -> str:
+    """Return the verdict of several together, as the exit codes are ranked: 1 > 3 > 0."""
+    found = set(verdicts)
+    return next(verdict for verdict in ("violated", "unknown", "holds") if verdict in found)
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""``s2r monitor``: ρ of recorded traces, with the reason."""
+"""``s2r monitor``: ρ of recorded traces, with the reason; or of one that is being recorded."""
 
 from __future__ import annotations
 
@@ -10,19 +10,20 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
-from s2r_spec.cli.common import sentences
+from s2r_spec.cli.common import CODES, COLOURS, sentences, worst
+from s2r_spec.cli.online import Settings, follow
 
 if TYPE_CHECKING:
     from s2r_spec.spec import Spec
     from s2r_spec.trace import Trace
 
-_COLOURS = {"holds": "bold green", "violated": "bold red", "unknown": "bold yellow"}
-_CODES = {"holds": 0, "violated": 1, "unknown": 3}
-
 
 def monitor(
     spec: Annotated[Path, typer.Argument(help="The specification, a .stl file.", show_default=False)],
-    traces: Annotated[list[Path], typer.Argument(help="Recorded traces.", show_default=False)],
+    traces: Annotated[
+        list[Path],
+        typer.Argument(help="Recorded traces; with --online one, or - for CSV rows.", show_default=False),
+    ],
     params: Annotated[
         list[str] | None,
         typer.Option("--param", "-p", help="A test parameter: vd=0.3, or 'vd=30 cm/s' (may be repeated)."),
@@ -37,7 +38,20 @@ def monitor(
     partial: Annotated[
         bool, typer.Option("--partial", help="Evaluate a trace that is too short on what there is.")
     ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout.")] = False,
+    online: Annotated[
+        bool,
+        typer.Option("--online", help="Sample by sample: say what ρ can still become when that changes."),
+    ] = False,
+    period: Annotated[
+        float | None,
+        typer.Option(help="With --online: seconds from one sample to the next.", show_default="as they come"),
+    ] = None,
+    ranges: Annotated[
+        bool, typer.Option(help="With --online: signals stay in their declared ranges.")
+    ] = True,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print one JSON object on stdout; with --online one a line.")
+    ] = False,
 ) -> None:
     """Evaluate every requirement on recorded traces: ρ, verdict, and what decides it."""
     with sentences(as_json):
@@ -47,26 +61,40 @@ def monitor(
 
         parsed = load_spec(spec)
         values = parsed.read_params(params or [])
-        names: dict[str, str] = {}
-        for text in columns or []:
-            name, _, names[name] = text.partition("=")
-            if not names[name]:
-                raise UsageError("--map is written name=column, for example --map vx=velocity.x")
+        names = _columns(columns or [])
+        if online:
+            if len(traces) != 1:
+                raise UsageError("--online follows one trace: give one file, or - for rows that come in")
+            chosen = tuple(requirement or parsed.requirements)
+            settings = Settings(values, names, chosen, period, ranges, partial, as_json)
+            raise typer.Exit(follow(parsed, traces[0], settings))
+        if period is not None or not ranges:
+            raise UsageError("--period and --no-ranges are for --online")
         results: list[dict[str, Any]] = [
             {"trace": str(path), "requirements": [
                 _judged(parsed, trace, name, values, partial) for name in requirement or parsed.requirements
             ]}
             for path in traces for trace in [read(path, names)]
         ]  # fmt: skip
-        verdicts = {one["verdict"] for result in results for one in result["requirements"]}
-        # the worst first, as the exit codes are ranked: 1 > 3 > 0
-        code = _CODES[next(verdict for verdict in ("violated", "unknown", "holds") if verdict in verdicts)]
+        code = CODES[worst(one["verdict"] for result in results for one in result["requirements"])]
         if as_json:
             record = {"schema": "s2r.monitor/1", "exit_code": code, "spec": parsed.name, "hash": parsed.hash}
             print(json.dumps(record | {"params": values, "results": results}, allow_nan=False))
         else:
             _print(results)
         raise typer.Exit(code)
+
+
+def _columns(texts: list[str]) -> dict[str, str]:
+    """Return channel → column of texts like ``vx=velocity.x``."""
+    from s2r_spec.errors import UsageError
+
+    names: dict[str, str] = {}
+    for text in texts:
+        name, _, names[name] = text.partition("=")
+        if not names[name]:
+            raise UsageError("--map is written name=column, for example --map vx=velocity.x")
+    return names
 
 
 def _judged(
@@ -92,5 +120,5 @@ def _print(results: list[dict[str, Any]]) -> None:
         console.print(Text(result["trace"], style="bold"))
         for one in result["requirements"]:
             text = Text(one["text"])
-            text.highlight_words([f" {one['verdict']}:"], style=_COLOURS[one["verdict"]])
+            text.highlight_words([f" {one['verdict']}:"], style=COLOURS[one["verdict"]])
             console.print(text)

@@ -10,13 +10,13 @@ from __future__ import annotations
 import csv
 import json
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.errors import TraceError
 from s2r_spec.trace import Trace
@@ -70,13 +70,68 @@ def _table(rows: Iterator[list[str]], meta: dict[str, Any], skipped: int) -> Tra
         if row:
             values.append(_numbers(row, columns, reader.line_num + skipped))
     table = np.array(values, dtype=np.float64).reshape(len(values), len(columns))
+    places, units = _places(columns)
+    channels = {name: table[:, place] for name, place in places.items()}
+    return Trace(table[:, _time(columns)], channels, units, meta)
+
+
+@dataclass(frozen=True)
+class Rows:
+    """A table that is read row by row, as it is written.
+
+    Args:
+        units: channel → unit, for those that have one.
+        meta: what the first line says, as in :class:`Trace`.
+        samples: (time [s], channel → number, or list of them for a vector).
+    """
+
+    units: Mapping[str, str]
+    meta: Mapping[str, Any]
+    samples: Iterator[tuple[float, dict[str, Any]]]
+
+
+def follow(lines: Iterable[str]) -> Rows:
+    """Read the header of a table now, and each row when it is asked for.
+
+    Raises:
+        TraceError: as for a file, also while rows are read.
+    """
+    source = iter(lines)
+    first = next(source, "").removeprefix("\ufeff")
+    meta = _meta(first)
+    skipped = 0 if meta is None else 1
+    rows = csv.reader(source if skipped else chain([first], source), strict=True)
+    header = next(rows, None)
+    if not header:
+        raise TraceError("the file is empty; its first line names the columns")
+    columns = [_column(text, number) for number, text in enumerate(header, 1)]
+    time, (places, units) = _time(columns), _places(columns)
+
+    def samples() -> Iterator[tuple[float, dict[str, Any]]]:
+        try:
+            for row in filter(None, rows):
+                numbers = _numbers(row, columns, rows.line_num + skipped)
+                yield (
+                    numbers[time],
+                    {
+                        name: numbers[place] if isinstance(place, int) else [numbers[i] for i in place]
+                        for name, place in places.items()
+                    },
+                )
+        except csv.Error as error:
+            raise TraceError(f"this is not comma-separated text: {error}") from None
+
+    return Rows(units, meta or {}, samples())
+
+
+def _time(columns: Sequence[_Column]) -> int:
+    """Return the number of the column that holds the times."""
     times = [number for number, column in enumerate(columns) if (column.name, column.index) == (_TIME, None)]
     if len(times) != 1:
         raise TraceError(f"{len(times)} columns are called {_TIME!r}; one holds the times in seconds")
     if columns[times[0]].unit not in (None, "s"):
         raise TraceError(f"the times are in {columns[times[0]].unit!r}; they must be in seconds")
-    channels, units = _channels(columns, table)
-    return Trace(table[:, times[0]], channels, units, meta)
+    return times[0]
 
 
 def _column(text: str, number: int) -> _Column:
@@ -107,10 +162,8 @@ def _number(text: str, column: _Column, line: int, number: int) -> float:
         raise TraceError(f"line {line}, column {number} ({column.name}) {what}") from None
 
 
-def _channels(
-    columns: Sequence[_Column], table: NDArray[np.float64]
-) -> tuple[dict[str, Any], dict[str, str]]:
-    """Put the numbered components of a name together, in order."""
+def _places(columns: Sequence[_Column]) -> tuple[dict[str, int | list[int]], dict[str, str]]:
+    """Return the column of each channel, or those of its components in order; and the units."""
     found: dict[str, dict[int | None, int]] = {}
     units: dict[str, str] = {}
     for number, column in enumerate(columns):
@@ -126,17 +179,17 @@ def _channels(
         parts[column.index] = number
         if column.unit is not None:
             units[column.name] = column.unit
-    channels: dict[str, Any] = {}
+    places: dict[str, int | list[int]] = {}
     for name, parts in found.items():
         if None in parts and len(parts) == 1:
-            channels[name] = table[:, parts[None]]
+            places[name] = parts[None]
         elif set(parts) == set(range(len(parts))):
-            channels[name] = table[:, [parts[index] for index in range(len(parts))]]
+            places[name] = [parts[index] for index in range(len(parts))]
         else:
             raise TraceError(
                 f"the components of {name!r} are not numbered {name}[0] to {name}[{len(parts) - 1}]"
             )
-    return channels, units
+    return places, units
 
 
 def write(trace: Trace, path: Path) -> None:

@@ -53,10 +53,7 @@ def _read(signal: Signal, trace: Trace, missing: Missing) -> FloatArray:
             f"channel {signal.name!r} is NaN at sample {index}, t = {trace.times[index]:g} s; "
             f"a missing sample has no robustness"
         )
-    unit = trace.units.get(signal.name)
-    if unit is None or unit == signal.unit:
-        return samples
-    factor, offset = _conversion(signal, unit)
+    factor, offset = conversion(signal, trace.units.get(signal.name))
     return samples if (factor, offset) == (1.0, 0.0) else factor * samples + offset
 
 
@@ -66,7 +63,14 @@ def _last_known(samples: FloatArray) -> FloatArray:
     return np.take_along_axis(samples, known, axis=1)
 
 
-def _conversion(signal: Signal, unit: str) -> tuple[float, float]:
+def conversion(signal: Signal, unit: str | None) -> tuple[float, float]:
+    """Return (a, b): a sample x in ``unit`` is a·x + b in the declared one; None is the declared one.
+
+    Raises:
+        TraceError: it is no unit, or does not fit.
+    """
+    if unit is None or unit == signal.unit:
+        return 1.0, 0.0
     try:
         found = parse_unit(unit)
     except UnknownUnitError:

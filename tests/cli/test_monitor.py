@@ -1,4 +1,5 @@
 import json
+import subprocess
 
 import numpy as np
 import pytest
@@ -100,3 +101,73 @@ def test_lint_points_and_fixes(s2r):
     assert "warning[L06]: `y` is not used" in s2r("lint", name, "--fix", code=1).stdout
     assert "require a: (always x > 0) and x == 1" in (s2r.folder / name).read_text()
     s2r("lint", s2r.spec(), code=0)
+
+
+ROWS = "t,vx [m/s]\n0,0.3\n0.5,0.28\n1,0.15\n1.5,0.3\n"
+SAID = (
+    "t = 0 s  walking unknown: ρ in [-inf, +0.1] m/s\n"
+    "t = 0.5 s  walking unknown: ρ in [-inf, +0.08] m/s\n"
+    "t = 1 s  walking violated: ρ in [-inf, -0.05] m/s\n"
+    "t = 1.5 s  walking violated: ρ = -0.05 m/s\n"
+    "walking violated: ρ = -0.05 m/s\n"
+)
+
+
+def follow(s2r, *words: str, rows: str = ROWS) -> subprocess.CompletedProcess[str]:
+    command = s2r.command("monitor", "--online", "spec.stl", *words)
+    return subprocess.run(command, cwd=s2r.folder, input=rows, capture_output=True, text=True, timeout=120)
+
+
+def test_online_says_when_something_changes(s2r, spec):
+    (s2r.folder / "walk.csv").write_text(ROWS)
+    assert s2r("monitor", "--online", spec, "walk.csv", "-p", "vd=0.3", code=1).stdout == SAID
+    done = follow(s2r, "-", "-p", "vd=0.3")
+    assert (done.stdout, done.returncode) == (SAID, 1)
+
+
+def test_online_as_json_lines(s2r, spec):
+    rows = (
+        ROWS.replace("vx [m/s]", "v [cm/s]").replace("0.3", "30").replace("0.28", "28").replace("0.15", "30")
+    )
+    done = follow(s2r, "-", "-p", "vd=0.3", "--map", "vx=v", "--json", "--period", "0.5", rows=rows)
+    *changes, last = map(json.loads, done.stdout.splitlines())
+    assert [(one["time"], one["verdict"]) for one in changes] == [
+        (0, "unknown"), (0.5, "unknown"), (1.5, "holds"),
+    ]  # fmt: skip
+    assert (changes[1]["lower"], changes[1]["upper"]) == ("-inf", pytest.approx(0.08))
+    assert (last["exit_code"], done.returncode) == (0, 0)
+    assert last["requirements"][0]["verdict"] == "holds"
+    assert last["requirements"][0]["lower"] == last["requirements"][0]["upper"] == pytest.approx(0.08)
+
+
+def test_online_of_a_trace_that_ends_too_early(s2r, spec):
+    short = "".join(ROWS.splitlines(keepends=True)[:3])
+    done = follow(s2r, "-", "-p", "vd=0.3", rows=short)
+    assert done.returncode == 3
+    assert done.stdout.endswith(
+        "walking unknown: ρ in [-inf, +0.08] m/s (it looks 1.5 s ahead, and the trace ends before)\n"
+    )
+    assert follow(s2r, "-", "-p", "vd=0.3", "--partial", rows=short).returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("words", "rows", "sentence"),
+    [
+        (["-"], "t,vx\n0,fast\n", "line 2, column 2 (vx) is 'fast', not a number"),
+        (["-"], "", "the file is empty; its first line names the columns"),
+        (["-"], "t,vx\n", "there is no sample; a trace has one at least"),
+        (["-"], "t,vx\n0,1\n0,1\n", "times must increase strictly, but sample 1 is at 0 s after 0 s"),
+        (["-"], "t,v\n0,1\n", "the sample has no channel 'vx'; did you mean 'v'? it has v"),
+        (["-"], "t,vx [kg]\n0,1\n", "channel 'vx' is in kg, which does not convert to m/s of the spec"),
+        (["-", "-"], "", "--online follows one trace: give one file, or - for rows that come in"),
+    ],
+)
+def test_online_refuses_in_one_sentence(s2r, spec, words, rows, sentence):
+    done = follow(s2r, *words, "-p", "vd=0.3", rows=rows)
+    assert (done.returncode, done.stderr) == (2, f"error: {sentence}\n")
+
+
+def test_online_of_a_fall_is_what_the_spec_says(s2r, spec):
+    done = follow(s2r, "-", "-p", "vd=0.3", rows='# s2r {"meta": {"failure": "fall"}}\nt,vx\n0,0.3\n')
+    assert (done.stdout.splitlines()[-1], done.returncode) == ("walking violated: ρ = -0.5 m/s", 1)
+    assert "are for --online" in s2r("monitor", spec, "x.csv", "--period", "1", code=2).stderr

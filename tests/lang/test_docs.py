@@ -20,6 +20,12 @@ def test_examples_are_specifications(text: str) -> None:
     assert parse_spec(text).requirements
 
 
+def test_the_example_prints_what_it_says(capsys) -> None:
+    code, printed = re.search(r"```python\n(.*?)```\n\n```\n(.*?)```", TEXT, re.DOTALL).groups()
+    exec(code, {})
+    assert capsys.readouterr().out == printed
+
+
 def test_every_code_is_listed() -> None:
     assert dict(re.findall(r"^\| ([EL]\d\d) \| (.*) \|$", TEXT, re.MULTILINE)) == ERRORS | LINTS
 

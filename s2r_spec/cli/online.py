@@ -1,0 +1,205 @@
+"""``s2r monitor --online``: what ρ can still become, sample by sample."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from rich.console import Console
+from rich.text import Text
+
+from s2r_spec.cli.common import CODES, COLOURS, worst
+
+if TYPE_CHECKING:
+    from s2r_spec.robustness.online.monitor import RobustInterval
+    from s2r_spec.spec import Spec
+
+SCHEMA = {"schema": "s2r.online/1"}
+Sample = tuple[float, Mapping[str, Any]]
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What was asked for.
+
+    Args:
+        params: parameter → value.
+        names: channel → what the input calls it, for those that differ.
+        requirements: those to follow.
+        period: time from one sample to the next [s]; None to take it from a file, if it has one.
+        ranges: whether signals stay in their declared ranges.
+        partial: whether a trace that ends too early is evaluated on what there is.
+        as_json: whether to print JSON.
+    """
+
+    params: dict[str, float]
+    names: dict[str, str]
+    requirements: tuple[str, ...]
+    period: float | None
+    ranges: bool
+    partial: bool
+    as_json: bool
+
+
+@dataclass(frozen=True)
+class _Input:
+    """Samples as they come, in the units of the input.
+
+    Args:
+        units: channel → unit.
+        meta: of the trace; see :class:`s2r_spec.trace.Trace`.
+        samples: (time [s], channel → sample).
+        period: that of the regular grid the samples are known to lie on, or None.
+    """
+
+    units: Mapping[str, str]
+    meta: Mapping[str, Any]
+    samples: Iterator[Sample]
+    period: float | None
+
+
+def follow(spec: Spec, source: Path, settings: Settings) -> int:
+    """Follow a file, or standard input if it is ``-``, to its end; return the exit code.
+
+    Prints a line whenever an interval or a verdict changes, and the result at the end.
+    """
+    given = _rows(settings.names) if str(source) == "-" else _file(source, settings.names)
+    period = given.period if settings.period is None else settings.period
+    monitors = {
+        name: spec.monitor(settings.params, name, period=period, ranges=settings.ranges)
+        for name in settings.requirements
+    }
+    scales = _scales(spec, settings.requirements, given.units)
+    shown: dict[str, RobustInterval] = {}
+    last: float | None = None
+    for last, sample in given.samples:
+        for name, monitor in monitors.items():
+            (interval,) = monitor.update(last, _converted(sample, scales)).values()
+            if interval != shown.get(name) and (name in shown or interval.bounded):
+                shown[name] = interval
+                _changed(spec, name, last, interval, settings.as_json)
+    ended: dict[str, RobustInterval] = {}
+    for name, monitor in monitors.items():
+        failed = _fallen(spec, name, given.meta)
+        ended |= {name: failed} if failed else monitor.finish(partial=settings.partial)
+    return _print_end(spec, settings, ended)
+
+
+def _rows(names: Mapping[str, str]) -> _Input:
+    """Read a table from standard input, each row as it is written."""
+    from s2r_spec.logs.csv_format import follow as rows_of
+
+    rows = rows_of(sys.stdin)
+    taken = set(names.values())
+
+    def renamed(row: Mapping[str, Any]) -> dict[str, Any]:
+        kept = {name: value for name, value in row.items() if name not in taken}
+        return kept | {name: row[column] for name, column in names.items() if column in row}
+
+    return _Input(renamed(rows.units), rows.meta, ((time, renamed(row)) for time, row in rows.samples), None)
+
+
+def _file(path: Path, names: Mapping[str, str]) -> _Input:
+    """Read a recorded trace, and hand it out sample by sample."""
+    from s2r_spec.logs import read
+    from s2r_spec.robustness.grid import Grid
+
+    trace = read(path, names)
+    grid = Grid.of(trace.times)
+    samples = (
+        (float(time), {name: channel[k] for name, channel in trace.channels.items()})
+        for k, time in enumerate(trace.times)
+    )
+    regular = grid is not None and grid.period is not None
+    return _Input(trace.units, trace.meta, samples, grid.seconds(1) if grid and regular else None)
+
+
+def _scales(
+    spec: Spec, requirements: Iterable[str], units: Mapping[str, str]
+) -> dict[str, tuple[float, float]]:
+    """Return channel → (a, b), where a sample x of the input is a·x + b in the declared unit."""
+    from s2r_spec.robustness.reading import conversion
+
+    names = {name for requirement in requirements for name in spec.channels(requirement)}
+    found = {name: conversion(spec.signals[name], units.get(name)) for name in names}
+    return {name: scale for name, scale in found.items() if scale != (1.0, 0.0)}
+
+
+def _converted(sample: Mapping[str, Any], scales: Mapping[str, tuple[float, float]]) -> Mapping[str, Any]:
+    if not scales:
+        return sample
+    found = dict(sample)
+    for name, (factor, offset) in scales.items():
+        if name in found:
+            value = found[name]
+            vector = hasattr(value, "__len__")
+            found[name] = [factor * x + offset for x in value] if vector else factor * value + offset
+    return found
+
+
+def _fallen(spec: Spec, requirement: str, meta: Mapping[str, Any]) -> RobustInterval | None:
+    """Return what the spec declares for a trace that ended in a failure, if this one did."""
+    from s2r_spec.robustness.online.monitor import RobustInterval
+    from s2r_spec.trace import Trace
+
+    trace = Trace(np.zeros(1), {}, meta=meta)
+    if trace.failure is None:
+        return None
+    rho = spec.robustness(trace, only=requirement)[requirement]
+    return RobustInterval(rho, rho)
+
+
+def _plain(interval: RobustInterval) -> dict[str, Any]:
+    """Return the interval for JSON, which has no infinity."""
+    ends = {"lower": interval.lower, "upper": interval.upper}
+    return {"verdict": interval.verdict} | {
+        key: end if math.isfinite(end) else str(end) for key, end in ends.items()
+    }
+
+
+def _changed(spec: Spec, name: str, time: float, interval: RobustInterval, as_json: bool) -> None:
+    if as_json:
+        _say(SCHEMA | {"time": time, "requirement": name, "unit": spec.unit(name)} | _plain(interval))
+    else:
+        _write(f"t = {time:g} s  {name} {interval.verdict}: {_words(interval, spec.unit(name))}", interval)
+
+
+def _print_end(spec: Spec, settings: Settings, ended: Mapping[str, RobustInterval]) -> int:
+    code = CODES[worst(interval.verdict for interval in ended.values())]
+    if settings.as_json:
+        results = [
+            {"requirement": name, "unit": spec.unit(name)} | _plain(one) for name, one in ended.items()
+        ]
+        about = {"exit_code": code, "spec": spec.name, "hash": spec.hash, "params": settings.params}
+        _say(SCHEMA | about | {"requirements": results})
+    else:
+        for name, interval in ended.items():
+            more = (
+                ""
+                if interval.decided
+                else f" (it looks {spec.horizon(name):g} s ahead, and the trace ends before)"
+            )
+            _write(f"{name} {interval.verdict}: {_words(interval, spec.unit(name))}{more}", interval)
+    return code
+
+
+def _words(interval: RobustInterval, unit: str) -> str:
+    if interval.decided:
+        return f"ρ = {interval.lower:+.6g} {unit}".rstrip()
+    return f"ρ in [{interval.lower:+.6g}, {interval.upper:+.6g}] {unit}".rstrip()
+
+
+def _say(record: Mapping[str, Any]) -> None:
+    print(json.dumps(record, allow_nan=False, ensure_ascii=False), flush=True)
+
+
+def _write(line: str, interval: RobustInterval) -> None:
+    text = Text(line)
+    text.highlight_words([f" {interval.verdict}:"], style=COLOURS[interval.verdict])
+    Console(highlight=False, soft_wrap=True).print(text)

@@ -1,0 +1,146 @@
+"""From a formula to the terms that follow it: one more algebra for the walk over its nodes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+from s2r_spec.errors import TraceError
+from s2r_spec.lang import formula as f
+from s2r_spec.robustness.evaluate import Walk, Witness
+from s2r_spec.robustness.numbers import no_value
+from s2r_spec.robustness.online.clock import Clock
+from s2r_spec.robustness.online.spans import Span, Spans
+from s2r_spec.robustness.online.tape import Tape
+from s2r_spec.robustness.online.terms import Leaf, Least, Negative, Rise, Scaled, Step, Term
+from s2r_spec.robustness.online.timed import Always, Until
+from s2r_spec.robustness.online.values import Component, Number, Values
+
+INFINITE: Span = (-math.inf, math.inf)
+
+
+class OnlineAlgebra:
+    """Robustness signals that grow with the trace.
+
+    Args:
+        clock: of the trace.
+        signals: name → a tape for each component.
+        ranges: name → what a signal's samples lie in, for those of which that is known.
+        params: name → value.
+        roots: the formulas.
+        until: see :class:`s2r_spec.robustness.evaluate.Walk`.
+    """
+
+    def __init__(
+        self,
+        clock: Clock,
+        signals: Mapping[str, Sequence[Tape]],
+        ranges: Mapping[str, Span],
+        params: Mapping[str, float],
+        roots: Sequence[f.Formula],
+        until: Witness,
+    ) -> None:
+        self.clock = clock
+        self.signals = signals
+        self.ranges = ranges
+        self.params = params
+        self.walk = Walk[Term](self, until)
+        self.values = Values(clock, signals, params, roots, self._followed)
+        self.terms: list[Term] = []  # what a term is made of comes before it
+        self.predicates: list[tuple[Leaf, f.Comparison]] = []
+        timed = (node for root in roots for node in f.walk(root) if isinstance(node, f.Temporal | f.Until))
+        self.places = {id(node.interval.span): node.span for node in timed}
+
+    def foresee(self) -> None:
+        """Compute what every term can become, from what is known of the signals by now."""
+        spans = Spans(self.ranges, self.params, self.values.settled)
+        for leaf, node in self.predicates:
+            leaf.ahead = spans.margin(node)
+        for term in self.terms:
+            term.foresee()
+
+    def _followed(self, node: f.Formula) -> Term:
+        term = self.walk(node)
+        term.follow()
+        return term
+
+    def _made(self, term: Term) -> Term:
+        self.terms.append(term)
+        return term
+
+    def _leaf(self, margin: Component, number: Number, ahead: Span) -> Leaf:
+        leaf = Leaf(self.clock, Number((margin,), number.sources))
+        leaf.ahead = ahead
+        return leaf
+
+    def truth(self, value: bool) -> Term:
+        """See :class:`s2r_spec.robustness.evaluate.Algebra`, as for all below."""
+        rho = math.inf if value else -math.inf
+        return self._leaf(lambda k: rho, Number(()), (rho, rho))
+
+    def flag(self, node: f.Flag) -> Term:
+        """Return an infinity at each instant."""
+        (tape,) = self.signals[node.name]
+        return self._leaf(
+            lambda k: math.inf if tape.value(k) > 0 else -math.inf, Number((), (tape,)), INFINITE
+        )
+
+    def margin(self, node: f.Comparison) -> Term:
+        """Return by how much the comparison holds."""
+        left, right = self.values(node.left), self.values(node.right)
+        (x,), (y,) = left.parts, right.parts
+        difference: Component = (
+            (lambda k: y(k) - x(k)) if node.operator[0] == "<" else (lambda k: x(k) - y(k))
+        )
+        sign = {"==": -1.0, "!=": 1.0}.get(node.operator)
+
+        def margin(k: int) -> float:
+            rho = difference(k) if sign is None else sign * abs(difference(k))
+            if rho != rho:
+                raise self._no_value(node, k)
+            return rho
+
+        leaf = self._leaf(margin, Number((), (*left.sources, *right.sources)), INFINITE)
+        self.predicates.append((leaf, node))
+        return leaf
+
+    def _no_value(self, node: f.Comparison, k: int) -> TraceError:
+        return no_value(node, f"sample {k}, {self.clock.seconds(k):g} s after the first")
+
+    def negative(self, x: Term) -> Term:
+        """Return −x."""
+        return x.operand if type(x) is Negative else self._made(Negative(self.clock, x))
+
+    def scaled(self, x: Term, factor: float) -> Term:
+        """Return factor · x."""
+        return self._made(Scaled(self.clock, x, factor))
+
+    def least(self, x: Term, y: Term) -> Term:
+        """Return the smaller of both."""
+        return self._made(Least(self.clock, x, y))
+
+    def greatest(self, x: Term, y: Term) -> Term:
+        """Return the greater of both."""
+        return self.negative(self.least(self.negative(x), self.negative(y)))
+
+    def always(self, x: Term, interval: f.Interval, past: bool) -> Term:
+        """Return the least over the window."""
+        reach, place = self.clock.reach(interval, past), self.places[id(interval.span)]
+        return self._made(Always(self.clock, x, reach, past, place))
+
+    def eventually(self, x: Term, interval: f.Interval, past: bool) -> Term:
+        """Return the greatest over the window."""
+        return self.negative(self.always(self.negative(x), interval, past))
+
+    def until(self, left: Term, right: Term, interval: f.Interval, past: bool) -> Term:
+        """Return the robustness of the best witness."""
+        reach, place = self.clock.reach(interval, past), self.places[id(interval.span)]
+        return self._made(Until(self.clock, left, right, reach, past, place))
+
+    def step(self, x: Term, node: f.Step) -> Term:
+        """Return the neighbouring sample's x."""
+        return self._made(Step(self.clock, x, node.operator == "next"))
+
+    def rise(self, x: Term) -> Term:
+        """Return min(x, −x one sample before)."""
+        return self._made(Rise(self.clock, x))

@@ -1,0 +1,194 @@
+"""The time of a trace that goes on: where its samples are, and which lie in a window."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec.errors import TraceError, UsageError
+from s2r_spec.lang.formula import Interval
+from s2r_spec.robustness import grid, ticks
+from s2r_spec.robustness.grid import Grid
+from s2r_spec.robustness.online.tape import Tape
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.intp]
+
+
+class Stream(Protocol):
+    """Something that settles more of its values as samples come."""
+
+    def advance(self) -> None:
+        """Settle whatever the samples so far decide."""
+        ...
+
+
+@dataclass(frozen=True)
+class Reach:
+    """A window relative to an instant, in positions; negative in the past.
+
+    Args:
+        low: its start.
+        high: its end; inf for the rest of the trace.
+        low_closed: whether a sample at its start lies in it.
+        high_closed: whether a sample at its end lies in it.
+        interval: what was written.
+    """
+
+    low: float
+    high: float
+    low_closed: bool
+    high_closed: bool
+    interval: Interval
+
+    def before(self, position: float, at: float, snap: float) -> bool:
+        """Whether a position lies before the window of the instant ``at``."""
+        start = at + self.low
+        return position < start - snap if self.low_closed else position <= start + snap
+
+    def after(self, position: float, at: float, snap: float) -> bool:
+        """Whether a position lies after the window of the instant ``at``."""
+        stop = at + self.high
+        return position > stop + snap if self.high_closed else position >= stop - snap
+
+    def samples(self, positions: FloatArray, at: FloatArray, snap: float) -> tuple[IntArray, IntArray]:
+        """Return (first, last), each (m,): which of (n,) positions lie in the window of each of (m,) instants.
+
+        The window is empty where last < first.
+        """
+        start, stop = at + self.low, at + self.high
+        first = (
+            np.searchsorted(positions, start - snap, "left")
+            if self.low_closed
+            else np.searchsorted(positions, start + snap, "right")
+        )
+        last = (
+            np.searchsorted(positions, stop + snap, "right")
+            if self.high_closed
+            else np.searchsorted(positions, stop - snap, "left")
+        )
+        return first, last - 1
+
+
+class Clock:
+    """Sample times so far, as positions on an axis on which windows are measured.
+
+    With a period an instant's position is its number, and windows count samples, as
+    on a :class:`~s2r_spec.robustness.grid.Grid`; without one it is the time since the
+    first sample [s], as on :class:`~s2r_spec.robustness.ticks.Ticks`.
+
+    Args:
+        period: time from one sample to the next [s], or None.
+
+    Raises:
+        UsageError: the period is not positive.
+    """
+
+    def __init__(self, period: float | None) -> None:
+        if period is not None and not (period > 0 and math.isfinite(period)):
+            raise UsageError(f"period={period} is not a positive number of seconds")
+        # 0.1 is meant as 1/10, as in the times of a recorded trace
+        self.period = None if period is None else Fraction(period).limit_denominator(10**9)
+        self.step = 0.0 if self.period is None else float(self.period)
+        self.positions = Tape()
+        self.now = -1  # the last instant seen
+        self.latest = 0.0  # its position
+        self.round = 0  # how often anything changed
+        self.ended = False
+        self.start = self.time = 0.0
+        self.shortest, self.longest = math.inf, 0.0
+        self.snap = 0.5 if self.period else 0.0
+        self.streams: list[Stream] = []
+
+    def tick(self, time: float) -> None:
+        """Take the time of the next sample [s].
+
+        Raises:
+            TraceError: it is not finite, not after the last one, or not a period after it.
+        """
+        if not math.isfinite(time):
+            raise TraceError(
+                f"time stamp {self.now + 1} is {time}; every time must be a finite number of seconds"
+            )
+        if self.now < 0:
+            self.start = time
+        else:
+            self._check_step(time)
+        self.time = time
+        self.now += 1
+        self.round += 1
+        if self.period is None:
+            self.latest = time - self.start
+            rounding = 8 * float(np.finfo(np.float64).eps) * (abs(time) + self.latest)
+            shortest = self.shortest if self.now else 0.0
+            self.snap = min(ticks.SNAP * shortest + rounding, shortest / 4)
+        else:
+            self.latest = float(self.now)
+        self.positions.append(self.latest)
+
+    def finish(self) -> None:
+        """There is no other sample."""
+        self.ended = True
+        self.round += 1
+
+    def _check_step(self, time: float) -> None:
+        step = time - self.time
+        if step <= 0:
+            raise TraceError(
+                f"times must increase strictly, but sample {self.now + 1} is at {time:g} s "
+                f"after {self.time:g} s"
+            )
+        # each of two samples may be off by the jitter of a recorded trace
+        if self.period is not None and abs(step - self.step) > 2 * grid.JITTER * self.step:
+            raise TraceError(
+                f"sample {self.now + 1} at {time:g} s comes {step:g} s after the one before, but the period is "
+                f"{self.step:g} s; without a period, windows hold the samples that lie in them by time"
+            )
+        self.shortest, self.longest = min(self.shortest, step), max(self.longest, step)
+
+    @property
+    def slack(self) -> float:
+        """Times closer than this are the same [s]."""
+        return self.snap if self.period is None else grid.SNAP * self.step
+
+    def seconds(self, k: int) -> float:
+        """Return the time of an instant after the first [s]."""
+        return self.positions.value(k) if self.period is None else k * self.step
+
+    def reach(self, interval: Interval, past: bool) -> Reach:
+        """Return the window of an interval.
+
+        Raises:
+            TraceError: see :meth:`Grid.window`.
+        """
+        low, high = interval.low, interval.high
+        closed = (interval.low_closed, interval.high_closed)
+        if self.period is not None:
+            first, last = Grid(2, self.period).window(interval)
+            low, high, closed = float(first), math.inf if last is None else float(last), (True, True)
+        if past:
+            return Reach(-high, -low, closed[1], closed[0], interval)
+        return Reach(low, high, *closed, interval)
+
+    def closed(self, reach: Reach, at: float) -> bool:
+        """Whether no sample to come can lie in the window of the instant at this position."""
+        return self.ended or self.latest >= at + reach.high - self.snap
+
+    def check_empty(self, reach: Reach, k: int, at: float) -> None:
+        """Let the window of an instant be empty only if it reaches past an end of the trace.
+
+        Raises:
+            TraceError: it lies within the trace, between two samples.
+        """
+        if at + reach.low < -self.snap or at + reach.high > self.latest + self.snap:
+            return
+        span = reach.interval.span
+        raise TraceError(
+            f"no sample lies in `{span.text}` ({span.place}) of sample {k}, "
+            f"{at if self.period is None else k * self.step:g} s after the first"
+        )

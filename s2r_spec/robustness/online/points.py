@@ -1,0 +1,305 @@
+"""Robustness at one instant, as an interval that only shrinks.
+
+Where a formula asks for an operator at the first instant only, nothing has to be
+settled for later ones: the least so far is enough, however long the window is.
+What is in the window and not settled yet is looked at with the bounds of
+:meth:`~s2r_spec.robustness.online.terms.Term.bound`.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+
+import numpy as np
+
+from s2r_spec.robustness.online.clock import Clock
+from s2r_spec.robustness.online.spans import Span
+from s2r_spec.robustness.online.tape import lesser
+from s2r_spec.robustness.online.terms import LOWER, UPPER, Least, Negative, Rise, Scaled, Step, Term
+from s2r_spec.robustness.online.timed import Always, Clamp, Timed, Until, followed_by
+
+OFTEN = 1024
+"""So many unsettled instants are looked at for every sample; h of them only for every (h / OFTEN)-th one."""
+
+
+class Points:
+    """Makes the points of terms, each once."""
+
+    def __init__(self) -> None:
+        self.done: dict[tuple[int, int], Point] = {}
+
+    def __call__(self, term: Term, k: int) -> Point:
+        """Return ρ at one instant; to be asked for before the first sample."""
+        key = (id(term), k)
+        if key not in self.done:
+            self.done[key] = self._point(term, k)
+        return self.done[key]
+
+    def _point(self, term: Term, k: int) -> Point:
+        match term:
+            case Scaled():
+                return Multiple(term.clock, self(term.operand, k), term.factor)
+            case Negative():
+                return Multiple(term.clock, self(term.operand, k), -1.0)
+            case Least():
+                return Smaller(term.clock, self(term.left, k), self(term.right, k))
+            case Step():
+                near = k + term.shift
+                return Never(term.clock) if near < 0 else Beside(term.clock, self(term.operand, near), near)
+            case Rise():
+                if k == 0:
+                    return Never(term.clock)
+                before = Multiple(term.clock, self(term.operand, k - 1), -1.0)
+                return Smaller(term.clock, self(term.operand, k), before)
+            case Always(past=False):
+                return AlwaysAt(term, k)
+            case Until(past=False):
+                return UntilAt(term, k)
+            case _:
+                return Settling(term, k)
+
+
+class Point(ABC):
+    """ρ of a formula at one instant: in [lower, upper], whatever is still to come."""
+
+    def __init__(self, clock: Clock) -> None:
+        self.clock = clock
+        self.lower, self.upper = -math.inf, math.inf
+        self.settled = False
+        self._round = -1
+
+    def refresh(self) -> None:
+        """Take the samples so far into account."""
+        if self.settled or self._round == self.clock.round:
+            return
+        self._round = self.clock.round
+        (low, high), self.settled = self.found()
+        if not self.settled:
+            # what was true before still is, also if not everything was looked at again
+            low, high = max(self.lower, low), min(self.upper, high)
+        self.lower, self.upper = low, high
+
+    @abstractmethod
+    def found(self) -> tuple[Span, bool]:
+        """Return bounds, and whether they are final."""
+
+
+class Never(Point):
+    """−inf."""
+
+    def found(self) -> tuple[Span, bool]:
+        """See :class:`Point`."""
+        return (-math.inf, -math.inf), True
+
+
+class Beside(Point):
+    """The operand at the sample beside; −inf if the trace has none."""
+
+    def __init__(self, clock: Clock, operand: Point, k: int) -> None:
+        super().__init__(clock)
+        self.operand, self.k = operand, k
+
+    def found(self) -> tuple[Span, bool]:
+        """See :class:`Point`."""
+        there = self.k <= self.clock.now
+        if self.clock.ended and not there:
+            return (-math.inf, -math.inf), True
+        self.operand.refresh()
+        return (self.operand.lower, self.operand.upper), self.operand.settled and there
+
+
+class Settling(Point):
+    """A term that is followed."""
+
+    def __init__(self, term: Term, k: int) -> None:
+        super().__init__(term.clock)
+        self.term, self.k = term, k
+        term.follow()
+        term.keep(lambda: term.end if self.settled else k)
+
+    def found(self) -> tuple[Span, bool]:
+        """See :class:`Point`."""
+        term, k = self.term, self.k
+        if k < term.end:
+            value = term.value(k)
+            return (value, value), True
+        if k > self.clock.now:
+            return term.ahead, False
+        return (float(term.bound(k, k, LOWER)[0]), float(term.bound(k, k, UPPER)[0])), False
+
+
+class Multiple(Point):
+    """factor · x."""
+
+    def __init__(self, clock: Clock, operand: Point, factor: float) -> None:
+        super().__init__(clock)
+        self.operand, self.factor = operand, factor
+
+    def found(self) -> tuple[Span, bool]:
+        """See :class:`Point`."""
+        self.operand.refresh()
+        ends = self.factor * self.operand.lower, self.factor * self.operand.upper
+        return (ends if self.factor > 0 else ends[::-1]), self.operand.settled
+
+
+class Smaller(Point):
+    """The smaller of x and y."""
+
+    def __init__(self, clock: Clock, left: Point, right: Point) -> None:
+        super().__init__(clock)
+        self.left, self.right = left, right
+
+    def found(self) -> tuple[Span, bool]:
+        """See :class:`Point`."""
+        left, right = self.left, self.right
+        left.refresh()
+        right.refresh()
+        span = min(left.lower, right.lower), min(left.upper, right.upper)
+        return span, left.settled and right.settled
+
+
+class Window(Point):
+    """An operator whose window is that of one instant.
+
+    Args:
+        term: the operator.
+        k: the instant.
+        operands: what it is made of; they are followed.
+    """
+
+    def __init__(self, term: Timed, k: int, *operands: Term) -> None:
+        super().__init__(term.clock)
+        self.term, self.k, self.operands = term, k, operands
+        self.at = 0.0  # position of the instant
+        self.new = k  # the first instant that was not taken
+        self.taken = 0  # how many of them lie in the window
+        self.waiting = False  # whether some of the window was seen and not taken
+        self.looked = -1  # when unsettled instants were looked at last
+        for operand in operands:
+            operand.follow()
+            operand.keep(self._oldest)
+        self.clock.positions.keep(self._oldest)
+
+    def _oldest(self) -> int:
+        return max(operand.end for operand in self.operands) if self.settled else self.new
+
+    def found(self) -> tuple[Span, bool]:
+        """See :class:`Point`."""
+        clock, reach = self.clock, self.term.reach
+        if self.k > clock.now:
+            return self.term.ahead, False
+        position, snap = clock.positions.value, clock.snap
+        if self.new == self.k:
+            self.at = position(self.k)
+        end = min(operand.end for operand in self.operands)
+        while self.new < end and not reach.after(position(self.new), self.at, snap):
+            self.take(self.new, not reach.before(position(self.new), self.at, snap))
+            self.new += 1
+        self.waiting = self.new <= clock.now and not reach.after(position(self.new), self.at, snap)
+        closed = clock.closed(reach, self.at)
+        if closed and not self.waiting:
+            if not self.taken:
+                clock.check_empty(reach, self.k, self.at)
+            value = self.value()
+            return (value, value), True
+        if not self.waiting or self._looks_away():
+            return self.bounds(None, not closed or self.waiting), False
+        self.looked = clock.now
+        return self.bounds(self._unsettled(), not closed), False
+
+    def _looks_away(self) -> bool:
+        """Whether unsettled instants count like those to come this time, so that each sample costs a constant."""
+        return self.clock.now - self.looked < (self.clock.now - self.new + 1) // OFTEN
+
+    def _unsettled(self) -> tuple[int, int, int]:
+        """Return (first, begin, last): instants that were seen and not taken, and where the window begins."""
+        clock, new = self.clock, self.new
+        positions = clock.positions.values(new, clock.now + 1)
+        begin, end = self.term.reach.samples(positions, np.array([self.at]), clock.snap)
+        return new, new + int(begin[0]), new + int(end[0])
+
+    @abstractmethod
+    def take(self, k: int, inside: bool) -> None:
+        """Take the settled values of an instant before the window or ``inside``."""
+
+    @abstractmethod
+    def value(self) -> float:
+        """Return ρ of all that was taken."""
+
+    @abstractmethod
+    def bounds(self, unsettled: tuple[int, int, int] | None, more: bool) -> Span:
+        """Return bounds of ρ with unsettled instants, and with ``more`` of which nothing is known."""
+
+
+class AlwaysAt(Window):
+    """The least of x in the window."""
+
+    def __init__(self, term: Always, k: int) -> None:
+        super().__init__(term, k, term.operand)
+        self.operand = term.operand
+        self.least = math.inf
+
+    def take(self, k: int, inside: bool) -> None:
+        """See :class:`Window`."""
+        if inside:
+            self.taken += 1
+            self.least = lesser(self.least, self.operand.value(k))
+
+    def value(self) -> float:
+        """See :class:`Window`."""
+        return self.least
+
+    def bounds(self, unsettled: tuple[int, int, int] | None, more: bool) -> Span:
+        """See :class:`Window`."""
+        ends = [self.least, self.least]
+        for side in (LOWER, UPPER):
+            # nothing unsettled is below what instants to come may be
+            if unsettled is not None and not (more and side == LOWER):
+                new, begin, last = unsettled
+                if (first := max(new, begin)) <= last:
+                    ends[side] = min(ends[side], float(self.operand.bound(first, last, side).min()))
+            if more:
+                ends[side] = min(ends[side], self.operand.ahead[side])
+        return ends[LOWER], ends[UPPER]
+
+
+class UntilAt(Window):
+    """The best witness in the window."""
+
+    def __init__(self, term: Until, k: int) -> None:
+        super().__init__(term, k, term.left, term.right)
+        self.until = term
+        self.clamp: Clamp = (math.inf, -math.inf)
+
+    def take(self, k: int, inside: bool) -> None:
+        """See :class:`Window`."""
+        self.taken += inside
+        right = self.until.right.value(k) if inside else -math.inf
+        self.clamp = followed_by(self.clamp, (self.until.left.value(k), right))
+
+    def value(self) -> float:
+        """See :class:`Window`."""
+        return self.clamp[1]
+
+    def bounds(self, unsettled: tuple[int, int, int] | None, more: bool) -> Span:
+        """See :class:`Window`."""
+        return self._bound(unsettled, more, LOWER), self._bound(unsettled, more, UPPER)
+
+    def _bound(self, unsettled: tuple[int, int, int] | None, more: bool, side: int) -> float:
+        until = self.until
+        p, q = self.clamp
+        if unsettled is not None:
+            new, begin, last = unsettled
+            left, right = until.left.bound(new, last, side), until.right.bound(new, last, side)
+            guards = np.minimum.accumulate(np.concatenate(([p], left)))
+            offers = np.minimum(guards[:-1], right)[max(begin - new, 0) :]
+            p, q = float(guards[-1]), max(q, float(offers.max(initial=-math.inf)))
+        if more:
+            # an instant that was not looked at counts like one to come: it may matter, or not
+            waits = until.waits(np.array([self.at]), side)[0] or (
+                side == LOWER and unsettled is None and self.waiting
+            )
+            guard = min(p, until.left.ahead[side]) if waits else p
+            q = max(q, min(guard, until.right.ahead[side]))
+        return q

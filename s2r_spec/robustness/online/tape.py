@@ -1,0 +1,123 @@
+"""Memory that forgets: the last values of something, and windows that move over them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Generic, Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+Reader = Callable[[], int]
+T = TypeVar("T")
+
+
+class Source(Protocol):
+    """Something that has a value at the instants 0, 1, 2, …, known in this order."""
+
+    @property
+    def end(self) -> int:
+        """How many instants have their value."""
+        ...
+
+    def keep(self, reader: Reader) -> None:
+        """Promise a reader the values from the instant on that it returns, whenever it is asked."""
+        ...
+
+
+class Tape:
+    """Numbers of consecutive instants; those that no reader wants any more are forgotten.
+
+    Appending costs a constant time on average: what is kept moves only when
+    as much as is kept has been appended.
+    """
+
+    def __init__(self) -> None:
+        self.end = 0
+        self.base = 0  # the instant of data[0]
+        self.data = np.empty(64)
+        self.readers: list[Reader] = []
+
+    def keep(self, reader: Reader) -> None:
+        """See :class:`Source`."""
+        self.readers.append(reader)
+
+    def append(self, value: float) -> None:
+        """Add the value of the next instant."""
+        if self.end - self.base == self.data.size:
+            self._forget()
+        self.data[self.end - self.base] = value
+        self.end += 1
+
+    def value(self, k: int) -> float:
+        """Return the value of an instant."""
+        assert self.base <= k < self.end, "a reader asks for what it did not keep"
+        return self.data.item(k - self.base)
+
+    def values(self, first: int, stop: int) -> FloatArray:
+        """Return (stop − first,): a view of the values of the instants first … stop − 1."""
+        assert self.base <= first, "a reader asks for what it did not keep"
+        return self.data[first - self.base : stop - self.base]
+
+    def _forget(self) -> None:
+        first = min((reader() for reader in self.readers), default=self.end)
+        kept = self.values(min(max(first, self.base), self.end), self.end)
+        self.base = self.end - kept.size
+        size = self.data.size if 2 * kept.size <= self.data.size else 2 * self.data.size
+        data = np.empty(size)
+        data[: kept.size] = kept
+        self.data = data
+
+
+class Sliding(Generic[T]):
+    """A queue that knows the combination of all it holds, for any associative operation.
+
+    Two stacks: what leaves was combined with all that came after it when its
+    half of the queue was turned over, once for each element. The time for
+    an element is constant on average, whatever the queue's length.
+
+    Args:
+        combine: (older, newer) → both together; associative.
+        neutral: what changes nothing, and the combination of an empty queue.
+        forgets: whether elements leave; if not, none is kept.
+    """
+
+    def __init__(self, combine: Callable[[T, T], T], neutral: T, forgets: bool = True) -> None:
+        self.combine = combine
+        self.neutral = neutral
+        self.forgets = forgets
+        self.front: list[T] = []  # of each old element and all newer ones in front; the oldest is last
+        self.back: list[T] = []
+        self.back_all = neutral
+
+    def push(self, element: T) -> None:
+        """Add the newest element."""
+        self.back_all = self.combine(self.back_all, element)
+        if self.forgets:
+            self.back.append(element)
+
+    def pop(self) -> None:
+        """Remove the oldest element."""
+        if not self.front:
+            total = self.neutral
+            while self.back:
+                total = self.combine(self.back.pop(), total)
+                self.front.append(total)
+            self.back_all = self.neutral
+        self.front.pop()
+
+    @property
+    def total(self) -> T:
+        """The combination of all elements, oldest first."""
+        return self.combine(self.front[-1], self.back_all) if self.front else self.back_all
+
+
+def lesser(x: float, y: float) -> float:
+    """Return the smaller number; NaN if one is."""
+    return x if x < y or x != x else y
+
+
+def greater(x: float, y: float) -> float:
+    """Return the greater number; NaN if one is."""
+    return x if x > y or x != x else y

@@ -1,0 +1,309 @@
+"""Robustness signals that grow: what is settled so far, and bounds on what is not.
+
+A term is one operator. Followed, it settles its value at the instants 0, 1, 2, …
+in this order, each as soon as the samples decide it, in constant time on average.
+Where it is not settled, :meth:`Term.bound` says what it can still become, from the
+bounds of what it is made of. If only one instant matters, :mod:`points` goes
+without following it.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec.robustness.online.clock import Clock
+from s2r_spec.robustness.online.spans import ANY, Span
+from s2r_spec.robustness.online.tape import Reader, Tape, lesser
+from s2r_spec.robustness.online.values import Component, Number
+
+FloatArray = NDArray[np.float64]
+LOWER, UPPER = 0, 1
+"""Which bound is meant: an index of a span."""
+
+
+class Term(ABC):
+    """The robustness of a formula at every instant."""
+
+    def __init__(self, clock: Clock) -> None:
+        self.clock = clock
+        self.ahead: Span = ANY  # contains ρ at every instant
+        self._bounds: dict[tuple[int, int, int], FloatArray] = {}
+        self._bounds_at = -1
+
+    @property
+    @abstractmethod
+    def end(self) -> int:
+        """How many instants are settled."""
+
+    @abstractmethod
+    def follow(self) -> None:
+        """Begin to settle values, before the first sample."""
+
+    @abstractmethod
+    def keep(self, reader: Reader) -> None:
+        """See :class:`~s2r_spec.robustness.online.tape.Source`."""
+
+    @abstractmethod
+    def value(self, k: int) -> float:
+        """Return ρ at a settled instant."""
+
+    @abstractmethod
+    def foresee(self) -> None:
+        """Compute :attr:`ahead` from that of the operands."""
+
+    @abstractmethod
+    def _bound(self, first: int, last: int, side: int) -> FloatArray:
+        """See :meth:`bound`."""
+
+    def bound(self, first: int, last: int, side: int) -> FloatArray:
+        """Return (last − first + 1,): the lower or upper bound of ρ at instants that were seen."""
+        if self._bounds_at != self.clock.now:
+            self._bounds.clear()
+            self._bounds_at = self.clock.now
+        key = (first, last, side)
+        if key not in self._bounds:
+            self._bounds[key] = self._bound(first, last, side)
+        return self._bounds[key]
+
+
+class Stored(Term):
+    """A term that writes its values down."""
+
+    def __init__(self, clock: Clock) -> None:
+        super().__init__(clock)
+        self.tape = Tape()
+        self.followed = False
+
+    @property
+    def end(self) -> int:
+        """See :class:`Term`."""
+        return self.tape.end
+
+    def follow(self) -> None:
+        """See :class:`Term`."""
+        if not self.followed:
+            self.followed = True
+            self._prepare()
+            self.clock.streams.append(self)
+
+    def keep(self, reader: Reader) -> None:
+        """See :class:`Term`."""
+        self.tape.readers.append(reader)
+
+    def value(self, k: int) -> float:
+        """See :class:`Term`."""
+        return self.tape.value(k)
+
+    def next(self) -> int:
+        """Return the first instant that is not settled."""
+        return self.tape.end
+
+    def _bound(self, first: int, last: int, side: int) -> FloatArray:
+        end = self.tape.end
+        if first >= end:
+            return self._pending(first, last, side)
+        settled = self.tape.values(first, min(last + 1, end))
+        if last < end:
+            return settled
+        return np.concatenate((settled, self._pending(end, last, side)))
+
+    @abstractmethod
+    def advance(self) -> None:
+        """Settle whatever the samples so far decide."""
+
+    @abstractmethod
+    def _prepare(self) -> None:
+        """Follow the operands, and say what is read of them."""
+
+    @abstractmethod
+    def _pending(self, first: int, last: int, side: int) -> FloatArray:
+        """Return bounds at instants none of which is settled."""
+
+
+class Leaf(Stored):
+    """A predicate, a boolean signal, or a constant: nothing that looks ahead by itself."""
+
+    def __init__(self, clock: Clock, number: Number) -> None:
+        super().__init__(clock)
+        self.number = number
+        self.margin: Component = number.parts[0]
+
+    def _prepare(self) -> None:
+        self.number.keep(self.next)
+        self.clock.positions.keep(self.next)  # to say when a predicate has no value
+
+    def advance(self) -> None:
+        """See :class:`Stored`."""
+        for k in range(self.tape.end, self.number.end(self.clock)):
+            self.tape.append(self.margin(k))
+
+    def foresee(self) -> None:
+        """Whoever made it knows."""
+
+    def _pending(self, first: int, last: int, side: int) -> FloatArray:
+        return np.full(last - first + 1, self.ahead[side])
+
+
+class Negative(Term):
+    """−x."""
+
+    def __init__(self, clock: Clock, operand: Term) -> None:
+        super().__init__(clock)
+        self.operand = operand
+
+    @property
+    def end(self) -> int:
+        """See :class:`Term`."""
+        return self.operand.end
+
+    def follow(self) -> None:
+        """See :class:`Term`."""
+        self.operand.follow()
+
+    def keep(self, reader: Reader) -> None:
+        """See :class:`Term`."""
+        self.operand.keep(reader)
+
+    def value(self, k: int) -> float:
+        """See :class:`Term`."""
+        return -self.operand.value(k)
+
+    def foresee(self) -> None:
+        """See :class:`Term`."""
+        low, high = self.operand.ahead
+        self.ahead = -high, -low
+
+    def _bound(self, first: int, last: int, side: int) -> FloatArray:
+        return -self.operand.bound(first, last, 1 - side)
+
+
+class Scaled(Negative):
+    """factor · x, factor > 0."""
+
+    def __init__(self, clock: Clock, operand: Term, factor: float) -> None:
+        super().__init__(clock, operand)
+        self.factor = factor
+
+    def value(self, k: int) -> float:
+        """See :class:`Term`."""
+        return self.factor * self.operand.value(k)
+
+    def foresee(self) -> None:
+        """See :class:`Term`."""
+        low, high = self.operand.ahead
+        self.ahead = self.factor * low, self.factor * high
+
+    def _bound(self, first: int, last: int, side: int) -> FloatArray:
+        return self.factor * self.operand.bound(first, last, side)
+
+
+class Least(Stored):
+    """The smaller of x and y."""
+
+    def __init__(self, clock: Clock, left: Term, right: Term) -> None:
+        super().__init__(clock)
+        self.left, self.right = left, right
+
+    def _prepare(self) -> None:
+        for operand in (self.left, self.right):
+            operand.follow()
+            operand.keep(self.next)
+
+    def advance(self) -> None:
+        """See :class:`Stored`."""
+        for k in range(self.tape.end, min(self.left.end, self.right.end)):
+            self.tape.append(lesser(self.left.value(k), self.right.value(k)))
+
+    def foresee(self) -> None:
+        """See :class:`Term`."""
+        (a, b), (c, d) = self.left.ahead, self.right.ahead
+        self.ahead = min(a, c), min(b, d)
+
+    def _pending(self, first: int, last: int, side: int) -> FloatArray:
+        return np.minimum(self.left.bound(first, last, side), self.right.bound(first, last, side))
+
+
+class Step(Term):
+    """The operand at the next (or previous) sample, −inf where there is none."""
+
+    def __init__(self, clock: Clock, operand: Term, later: bool) -> None:
+        super().__init__(clock)
+        self.operand = operand
+        self.shift = 1 if later else -1
+
+    @property
+    def end(self) -> int:
+        """See :class:`Term`."""
+        clock = self.clock
+        if self.shift < 0:
+            return min(self.operand.end, clock.now) + 1
+        return (
+            clock.now + 1
+            if clock.ended and self.operand.end == clock.now + 1
+            else max(self.operand.end - 1, 0)
+        )
+
+    def follow(self) -> None:
+        """See :class:`Term`."""
+        self.operand.follow()
+
+    def keep(self, reader: Reader) -> None:
+        """See :class:`Term`."""
+        self.operand.keep(lambda: reader() + self.shift)
+
+    def value(self, k: int) -> float:
+        """See :class:`Term`."""
+        return self.operand.value(k + self.shift) if 0 <= k + self.shift <= self.clock.now else -math.inf
+
+    def foresee(self) -> None:
+        """See :class:`Term`."""
+        low, high = self.operand.ahead
+        self.ahead = (-math.inf if self.shift < 0 else low), high
+
+    def _bound(self, first: int, last: int, side: int) -> FloatArray:
+        begin, stop = max(first + self.shift, 0), min(last + self.shift, self.clock.now)
+        inner = self.operand.bound(begin, stop, side) if begin <= stop else np.empty(0)
+        before = [-math.inf] * (begin - first - self.shift)
+        return np.concatenate((before, inner, [self.operand.ahead[side]] * (last + self.shift - stop)))
+
+
+class Rise(Term):
+    """min(x now, −x one sample before); −inf at the first sample."""
+
+    def __init__(self, clock: Clock, operand: Term) -> None:
+        super().__init__(clock)
+        self.operand = operand
+
+    @property
+    def end(self) -> int:
+        """See :class:`Term`."""
+        return min(max(self.operand.end, 1), self.clock.now + 1)
+
+    def follow(self) -> None:
+        """See :class:`Term`."""
+        self.operand.follow()
+
+    def keep(self, reader: Reader) -> None:
+        """See :class:`Term`."""
+        self.operand.keep(lambda: reader() - 1)
+
+    def value(self, k: int) -> float:
+        """See :class:`Term`."""
+        return lesser(self.operand.value(k), -self.operand.value(k - 1)) if k else -math.inf
+
+    def foresee(self) -> None:
+        """See :class:`Term`."""
+        low, high = self.operand.ahead
+        self.ahead = -math.inf, min(high, -low)
+
+    def _bound(self, first: int, last: int, side: int) -> FloatArray:
+        begin = max(first, 1)
+        never = [-math.inf] * (begin - first)
+        if begin > last:
+            return np.array(never)
+        now, before = self.operand.bound(begin, last, side), self.operand.bound(begin - 1, last - 1, 1 - side)
+        return np.concatenate((never, np.minimum(now, -before)))

@@ -1,0 +1,235 @@
+"""Terms with a window: always and until, and their mirror images in the past."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec.errors import UsageError
+from s2r_spec.lang.source import Span as Place
+from s2r_spec.robustness.kernels import range_min, range_until, until
+from s2r_spec.robustness.online.clock import Clock, Reach
+from s2r_spec.robustness.online.tape import Sliding, lesser
+from s2r_spec.robustness.online.terms import LOWER, UPPER, Stored, Term
+
+FloatArray = NDArray[np.float64]
+
+
+class Timed(Stored):
+    """An operator with a window.
+
+    Args:
+        clock: of the trace.
+        reach: its window.
+        past: whether it looks back.
+        place: where it is written.
+    """
+
+    def __init__(self, clock: Clock, reach: Reach, past: bool, place: Place) -> None:
+        super().__init__(clock)
+        self.reach, self.past, self.place = reach, past, place
+        self.first = 0  # the oldest instant in the window of the last settled one
+        self.new = 0  # the first instant that has not come into a window
+        self._known = (-1, 0, 0), (np.empty(0, np.intp), np.empty(0, np.intp))  # windows, for either bound
+
+    def _prepare(self) -> None:
+        if self.reach.high == math.inf:
+            raise UsageError(
+                f"`{' '.join(self.place.text.split())}` ({self.place.place}) looks at the whole rest of the trace "
+                f"from every instant, which no monitor with bounded memory can; give it a time bound"
+            )
+        self.clock.positions.keep(self.oldest)
+
+    def oldest(self) -> int:
+        """Return the first instant that is needed of what it is made of."""
+        return min(self.new if self.reach.low == -math.inf else self.first, self.tape.end)
+
+    def _windows(self, first: int, last: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Return the first and the last instant in the windows of some instants.
+
+        A window that samples to come can lie in ends with the instant after the newest one.
+        """
+        clock, base = self.clock, self.oldest()
+        key = (clock.now, first, last)
+        if self._known[0] != key:
+            positions = clock.positions.values(base, clock.now + 1)
+            at = positions[first - base : last + 1 - base]
+            begin, end = self.reach.samples(positions, at, clock.snap)
+            if not clock.ended:
+                end[at + self.reach.high - clock.snap > clock.latest] = positions.size
+            self._known = key, (begin + base, end + base)
+        return self._known[1]
+
+
+class Always(Timed):
+    """The least of x in the window; +inf where it is empty."""
+
+    def __init__(self, clock: Clock, operand: Term, reach: Reach, past: bool, place: Place) -> None:
+        super().__init__(clock, reach, past, place)
+        self.operand = operand
+        self.least = Sliding(lesser, math.inf, forgets=reach.low > -math.inf)
+
+    def _prepare(self) -> None:
+        super()._prepare()
+        self.operand.follow()
+        self.operand.keep(self.oldest)
+
+    def advance(self) -> None:
+        """See :class:`Stored`."""
+        clock, reach, operand = self.clock, self.reach, self.operand
+        position, snap, end = clock.positions.value, clock.snap, operand.end
+        while self.tape.end <= clock.now:
+            k = self.tape.end
+            at = position(k)
+            while self.new <= clock.now and not reach.after(position(self.new), at, snap):
+                if self.new >= end:
+                    return
+                self.least.push(operand.value(self.new))
+                self.new += 1
+            if not clock.closed(reach, at):
+                return
+            if reach.low > -math.inf:
+                while self.first < self.new and reach.before(position(self.first), at, snap):
+                    self.least.pop()
+                    self.first += 1
+                if self.first == self.new:
+                    clock.check_empty(reach, k, at)
+            self.tape.append(self.least.total)
+
+    def foresee(self) -> None:
+        """See :class:`Term`."""
+        low, high = self.operand.ahead
+        # a window of the past may lie before the first sample, and be empty
+        empty = self.past and not (self.reach.high == 0 and self.reach.high_closed)
+        self.ahead = low, (math.inf if empty else high)
+
+    def _pending(self, first: int, last: int, side: int) -> FloatArray:
+        if self.reach.low == -math.inf:
+            return np.full(last - first + 1, self.ahead[side])
+        begin, end = self._windows(first, last)
+        base, stop = int(begin[0]), min(int(end.max()), self.clock.now)
+        seen = self.operand.bound(base, stop, side) if base <= stop else np.empty(0)
+        values = np.append(seen, self.operand.ahead[side])
+        if end[0] == end[-1] >= begin[-1]:  # windows that are still open all end with the newest instant
+            rest = np.minimum.accumulate(values[: end[0] - base + 1][::-1])[::-1]
+            return rest[begin - base]
+        return range_min(values, begin - base, end - base)
+
+
+Clamp = tuple[float, float]
+"""(p, q): what makes max(q, min(p, v)) of the robustness v that later witnesses offer."""
+
+
+def followed_by(first: Clamp, then: Clamp) -> Clamp:
+    """Return the clamp of two in a row; see :func:`s2r_spec.robustness.kernels.until`."""
+    p, q = first
+    return lesser(p, then[0]), max(q, lesser(p, then[1]))
+
+
+class Until(Timed):
+    """The robustness of the best witness; −inf where the window is empty."""
+
+    def __init__(self, clock: Clock, left: Term, right: Term, reach: Reach, past: bool, place: Place) -> None:
+        super().__init__(clock, reach, past, place)
+        self.left, self.right = left, right
+        self.witnesses = Sliding[Clamp](
+            (lambda older, newer: followed_by(newer, older)) if past else followed_by,
+            (math.inf, -math.inf),
+            forgets=reach.low > -math.inf,
+        )
+        self.guard = Sliding(lesser, math.inf)  # left between an instant and its window
+        self.guarded = 0  # the first instant that has not come into the guard
+
+    def _prepare(self) -> None:
+        super()._prepare()
+        for operand in (self.left, self.right):
+            operand.follow()
+            operand.keep(self.oldest)
+
+    def advance(self) -> None:
+        """See :class:`Stored`."""
+        position = self.clock.positions.value
+        while (k := self.tape.end) <= self.clock.now and self._settle(k, position(k)):
+            if self.first == self.new:
+                self.clock.check_empty(self.reach, k, position(k))
+            self.tape.append(lesser(self.guard.total, self.witnesses.total[1]))
+
+    def _settle(self, k: int, at: float) -> bool:
+        """Move the window to an instant; whether all of it is there."""
+        clock, reach, left, right = self.clock, self.reach, self.left, self.right
+        position, snap = clock.positions.value, clock.snap
+        if self.past:
+            if left.end <= k:
+                return False
+            while self.guarded <= k:
+                self.guard.push(left.value(self.guarded))
+                self.guarded += 1
+        end = min(left.end, right.end)
+        while self.new <= clock.now and not reach.after(position(self.new), at, snap):
+            if self.new >= end:
+                return False
+            if self.past:
+                self.guard.pop()
+            self.witnesses.push((left.value(self.new), right.value(self.new)))
+            self.new += 1
+        if not clock.closed(reach, at):
+            return False
+        while (
+            reach.low > -math.inf and self.first < self.new and reach.before(position(self.first), at, snap)
+        ):
+            self.witnesses.pop()
+            if not self.past:
+                self.guard.push(left.value(self.first))
+            self.first += 1
+        while not self.past and self.guarded < min(k, self.first):
+            self.guard.pop()
+            self.guarded += 1
+        return True
+
+    def foresee(self) -> None:
+        """See :class:`Term`."""
+        left, right, reach = self.left.ahead, self.right.ahead, self.reach
+        now = (reach.high == 0 and reach.high_closed) if self.past else (reach.low == 0 and reach.low_closed)
+        low, high = right if now else (min(left[LOWER], right[LOWER]), min(left[UPPER], right[UPPER]))
+        # a window of the past may lie before the first sample, and be empty
+        empty = self.past and not (reach.high == 0 and reach.high_closed)
+        self.ahead = (-math.inf if empty else low), high
+
+    def waits(self, at: FloatArray, side: int) -> NDArray[np.bool_]:
+        """Return (m,): whether ``left`` counts at instants to come, before the windows of (m,) instants begin.
+
+        Without a period it is not known whether there will be any: no bound relies on it then.
+        """
+        latest = self.clock.latest
+        if self.clock.period is not None:
+            return at + self.reach.low > latest + 1
+        begin, _ = self.reach.samples(np.array([latest]), at, self.clock.snap)
+        return np.asarray((begin > 0) & (side == LOWER))
+
+    def _pending(self, first: int, last: int, side: int) -> FloatArray:
+        if self.reach.low == -math.inf:
+            return np.full(last - first + 1, self.ahead[side])
+        if self.past:
+            return self._pending_since(first, last, side)
+        now = self.clock.now
+        begin, end = (np.append(ends, now + 1) - first for ends in self._windows(first, now))
+        left = np.append(self.left.bound(first, now, side), math.inf)
+        right = np.append(self.right.bound(first, now, side), self.right.ahead[side])
+        at = self.clock.positions.values(first, now + 1)
+        if (
+            self.reach.low == 0 and begin[0] == 0 and end[0] == end[-1]
+        ):  # any later instant may be the witness
+            return until(left, right, 0, None)[: last - first + 1]
+        found = range_until(left, right, begin, end)[:-1]
+        found = np.where(self.waits(at, side), np.minimum(found, self.left.ahead[side]), found)
+        return found[: last - first + 1]
+
+    def _pending_since(self, first: int, last: int, side: int) -> FloatArray:
+        base = min(int(self._windows(first, last)[0][0]), first)
+        begin, end = (ends - base for ends in self._windows(base, last))
+        left, right = (operand.bound(base, last, side)[::-1] for operand in (self.left, self.right))
+        newest = last - base
+        found = range_until(left, right, newest - end[::-1], newest - begin[::-1])
+        return found[::-1][first - base :]
