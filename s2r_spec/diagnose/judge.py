@@ -20,14 +20,14 @@ from s2r_spec.space import Space
 
 FloatArray = NDArray[np.float64]
 
-CASES = 16000
-"""Practice cases that the network learns from."""
-JUDGED = 700
-"""Further ones, on which its vote is weighed against the evidence."""
-ABSENT = 500
-"""Of these, so many again with their true effect taken out of the catalogue."""
-STRANGE = 250
-"""Practice cases of an effect that no line has."""
+CASES = 750
+"""Practice cases that the network learns from, per effect of the catalogue."""
+JUDGED = 35
+"""Further ones per effect, on which its vote is weighed against the evidence."""
+ABSENT = 0.6
+"""Part of these that is judged again with a true effect taken out of the catalogue."""
+STRANGE = 0.3
+"""As many more, as a part of these, are of an effect that no line has."""
 HIDDEN = (256, 128)
 TREES = 300
 FUNCTIONS = 3
@@ -193,8 +193,6 @@ def train(
     space: Space,
     inflation: float = 1.0,
     seed: int = 0,
-    cases: int = CASES,
-    judged: int = JUDGED,
     progress: Callable[[int, int], None] | None = None,
 ) -> Judge:
     """Learn from practice cases alone; see :mod:`s2r_spec.diagnose.practice`."""
@@ -205,6 +203,8 @@ def train(
     known = unit_box(space, signatures.bank.tests)
     practice = Practice(signatures)
     effects = practice.effects
+    cases, judged = CASES * len(effects), JUDGED * len(effects)
+    strange_ones, absent = round(STRANGE * judged), round(ABSENT * judged)
 
     def points() -> FloatArray:
         return rng.uniform(-1.0, 1.0, size=(int(rng.choice([15, 20, 30, 45])), space.dim))
@@ -233,18 +233,18 @@ def train(
 
     designs = [Design.of(signatures, known, points(), inflation) for _ in range(4)]
     solved: list[_Solved] = []
-    for i in range(judged + STRANGE):
+    for i in range(judged + strange_ones):
         design = designs[i % len(designs)]
         solved.append(_solve(rng, design, practice, network, stranger=i >= judged))
         if progress is not None and i % 50 == 0:
-            progress(cases + cases * i // (judged + STRANGE + ABSENT), 2 * cases)
+            progress(cases + cases * i // (judged + strange_ones + absent), 2 * cases)
     usual, strangers = solved[:judged], solved[judged:]
     weights = _fit(usual)
 
     strange = [_strangeness(s.found, s.p) for s in solved]
     label = [0] * judged + [1] * len(strangers)
     able = [i for i, s in enumerate(usual) if s.case.effects and s.size > 1.0]
-    for i in rng.permutation(able)[:ABSENT]:
+    for i in rng.permutation(able)[:absent]:
         s = usual[i]
         gone = int(rng.choice(s.case.effects))
         found = evidence(designs[i % len(designs)], s.z, without=gone)
