@@ -1,0 +1,136 @@
+"""A blind check of the diagnosis, in two steps with a commit between them.
+
+    python benchmarks/blind/check.py freeze emps --cases 120 --folder /tmp/blind
+    git add benchmarks/blind/results && git commit          # the manifest, before anything is opened
+    python benchmarks/blind/check.py open emps --folder /tmp/blind
+
+The first makes twins with withheld causes (another code path than the catalogue's,
+seeded by the operating system), seals their labels, diagnoses every case and keeps
+the manifest of the answers in ``results/<set>_manifest.json``. The second holds
+everything against the manifest, opens the labels and keeps the scores and every
+case's answer in ``results/<set>_scores.json``. Nothing here was measured on a robot.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+RESULTS = Path(__file__).parent / "results"
+SETS = {"emps": ("benchmarks.blind.emps.generate", "emps"), "a1": ("benchmarks.blind.a1.generate", "sim")}
+
+
+def run(*words: object) -> str:
+    done = subprocess.run(
+        [sys.executable, "-m", *map(str, words)], cwd=ROOT, check=True, stdout=subprocess.PIPE, text=True
+    )
+    return done.stdout.strip()
+
+
+def freeze(name: str, cases: int, folder: Path, workers: int) -> None:
+    generator, simulator = SETS[name]
+    made = folder / name
+    if not made.exists():
+        print(run(generator, "--cases", cases, "--out", made))
+    if not list((made / "public").glob("*.commit")):
+        sealing = (
+            "blind",
+            "seal",
+            made / "public",
+            "--labels",
+            made / "sealed",
+            "--keys",
+            folder / f"{name}-keys",
+        )
+        print(run("s2r_spec", *sealing))
+    answers = folder / f"{name}-answers"
+    begin = time.perf_counter()
+    freezing = (
+        "blind",
+        "freeze",
+        made / "public",
+        "--answers",
+        answers,
+        "--sim",
+        simulator,
+        "--workers",
+        workers,
+    )
+    print(run("s2r_spec", *freezing))
+    print(f"{time.perf_counter() - begin:.0f} s, bank and practice included where they were not on disk")
+    RESULTS.mkdir(exist_ok=True)
+    shutil.copy(answers / "manifest.json", RESULTS / f"{name}_manifest.json")
+
+
+def open_(name: str, folder: Path) -> None:
+    answers = folder / f"{name}-answers"
+    opening = (
+        "blind",
+        "open",
+        folder / name / "public",
+        "--keys",
+        folder / f"{name}-keys",
+        "--answers",
+        answers,
+    )
+    print(run("s2r_spec", *opening))
+    scores = json.loads(run("s2r_spec", "blind", "score", answers, "--json"))
+    opened = json.loads((answers / "opened.json").read_text())
+    cases = {}
+    for case, label in opened["labels"].items():
+        answer = json.loads((answers / f"{case}.json").read_text())
+        which = answer["which"]
+        cases[case] = {
+            "label": label,
+            "verdict": answer["verdict"],
+            "answer": which["answer"],
+            "set": which["set"],
+            "posterior": {k: p for k, p in which["posterior"].items() if p >= 0.05},
+            "pairs": which["pairs"][:3],
+            "parameters": which["parameters"],
+            "how_far": answer["how_far"],
+            "rollouts": answer["rollouts"],
+        }
+    machine = next(
+        (
+            line.split(":")[1].strip()
+            for line in Path("/proc/cpuinfo").read_text().splitlines()
+            if "model name" in line
+        ),
+        "unknown",
+    )
+    kept = {
+        "machine": machine,
+        "frozen": opened["frozen"],
+        "opened": opened["opened"],
+        "scores": scores,
+        "cases": cases,
+    }
+    (RESULTS / f"{name}_scores.json").write_text(json.dumps(kept, indent=1, ensure_ascii=False) + "\n")
+    print(run("s2r_spec", "blind", "score", answers))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("step", choices=("freeze", "open"))
+    parser.add_argument("set", choices=tuple(SETS))
+    parser.add_argument("--cases", type=int, default=200)
+    parser.add_argument("--folder", type=Path, required=True)
+    parser.add_argument("--workers", type=int, default=1)
+    given = parser.parse_args()
+    if given.step == "freeze":
+        freeze(given.set, given.cases, given.folder.resolve(), given.workers)
+    else:
+        open_(given.set, given.folder.resolve())
+
+
+if __name__ == "__main__":
+    main()
