@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,6 +56,8 @@ class Fit:
     estimates: tuple[Estimate, ...]
     values: dict[str, dict[str, float]]
     left: float
+    at: dict[int, float] = field(default_factory=dict)
+    """Line of the catalogue → coordinate."""
 
 
 def fit(design: Design, z: FloatArray, effects: Sequence[int], temperature: float) -> Fit:
@@ -106,7 +108,16 @@ def fit(design: Design, z: FloatArray, effects: Sequence[int], temperature: floa
         values.setdefault(line.effect, {}).update(
             {**line.base, **values.get(line.effect, {}), line.parameter: value}
         )
-    return Fit(tuple(found), values, cost / total)
+    return Fit(tuple(found), values, cost / total, at)
+
+
+def signature(design: Design, fitted: Fit) -> FloatArray:
+    """Return (D,): what the bank says of a fit, each effect by itself."""
+    plain = np.ones(len(design.spectrum))
+    total = np.zeros(len(design.spectrum))
+    for line, value in fitted.at.items():
+        total += _along(_knots(design, line, plain), value)
+    return total
 
 
 def _cost(

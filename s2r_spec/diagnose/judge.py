@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 from typing import Any
 
@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.diagnose.design import unit_box
+from s2r_spec.diagnose.estimate import Fit
 from s2r_spec.diagnose.evidence import Design, Evidence, Layout, evidence
 from s2r_spec.diagnose.logs import logsumexp
 from s2r_spec.diagnose.practice import Case, Practice
@@ -57,6 +58,8 @@ class Sets:
 
     members: tuple[tuple[int, ...], ...]
     probability: FloatArray
+    fits: dict[tuple[int, ...], Fit] = field(default_factory=dict)
+    """Of the sets that were simulated as a whole."""
 
     def ranked(self) -> list[tuple[tuple[int, ...], float]]:
         """Return the sets, most probable first."""

@@ -27,6 +27,7 @@ from s2r_spec.diagnose.how_far import HowFar, how_far
 from s2r_spec.diagnose.isolability import isolability
 from s2r_spec.diagnose.judge import Judge, Sets, describe, train, triples
 from s2r_spec.diagnose.next_test import next_test
+from s2r_spec.diagnose.refine import refine
 from s2r_spec.diagnose.signatures import Signatures
 from s2r_spec.diagnose.simulate import Bench, Job, Test, run_jobs
 from s2r_spec.rollouts.match import match
@@ -42,6 +43,12 @@ HELD_OUT = 0.3
 SHOTS = 3
 """Simulated rollouts per held-out test, before and after."""
 SURE = 0.9
+RESIMULATED = 3
+"""Likeliest sets that are simulated as a whole."""
+LEAST = 0.05
+"""Least prior probability of a set that re-simulation ends at."""
+SHARPNESS = 3.0
+"""A set that leaves half the misfit of another is 2³ times as likely."""
 IMITATED = 0.3
 """An unknown cause is so much less likely once a patch has closed the held-out gap."""
 
@@ -215,15 +222,18 @@ def _answer(
 ) -> Diagnosis:
     effects = state.judge.effects
     ranked = state.sets.ranked()
-    named = next(members for members, _ in ranked if members)
-    fitted = fit(state.design, state.z, named, state.judge.weights.temperature)
     first_none = not ranked[0][0]
+    if not first_none:
+        state = replace(state, sets=_together(bench, state, tell))
+        ranked = state.sets.ranked()
+    named = next(members for members, _ in ranked if members)
+    fitted = state.sets.fits.get(named) or fit(state.design, state.z, named, state.judge.weights.temperature)
     far = _how_far(bench, state, held, {} if first_none else fitted.values, seed, executor, tell)
 
     unknown = state.unknown
     alarm = unknown > state.judge.threshold and not first_none
     open_gap = far is not None and far.open
-    if far is not None and not far.material and state.sets.probability[0] > 0.05:
+    if far is not None and not far.material and dict(state.sets.ranked()).get((), 0.0) > 0.05:
         # Nothing material to explain, and no sure sign of an effect in the traces.
         first_none, alarm = True, False
     if far is not None and far.closed:
@@ -285,6 +295,32 @@ def _answer(
         },
         assumptions=ASSUMPTIONS,
     )
+
+
+def _together(bench: Bench, state: _State, tell: Progress) -> Sets:
+    """Return the sets with the likeliest of them simulated as a whole, and weighed again by what they leave."""
+    sets = state.sets
+    likely = [members for members, p in sets.ranked() if members][:RESIMULATED]
+    found = refine(
+        bench,
+        state.design,
+        state.z,
+        likely,
+        state.judge.weights.temperature,
+        lambda i, n: tell("simulating sets", i, n),
+    )
+    p = dict(sets.ranked())
+    moved = sum(p.get(one.members, 0.0) for one in found)
+    # The set that the simulator itself ends at is never out of the question.
+    weight = {one.members: max(p.get(one.members, 0.0), LEAST) / one.misfit**SHARPNESS for one in found}
+    total = sum(weight.values())
+    moved = max(moved, LEAST)
+    rest = {members: q for members, q in p.items() if members not in weight}
+    scale = (1.0 - moved) / max(sum(rest.values()), 1e-12)
+    merged = {members: q * scale for members, q in rest.items()}
+    merged |= {members: moved * w / total for members, w in weight.items()}
+    members = tuple(merged)
+    return Sets(members, np.array([merged[m] for m in members]), {one.members: one.fitted for one in found})
 
 
 ASSUMPTIONS = (

@@ -48,7 +48,7 @@ def _causes(which: Which) -> list[str]:
         for e in which.estimates:
             value = f"{e.value:.4g} {e.unit}".rstrip()
             lines.append(f"  {f'{e.effect}.{e.parameter}':42} {value}  [{e.low:.4g}, {e.high:.4g}]")
-    if len(which.confounded) > 1:
+    if set(which.confounded) > set(which.answer) != set():
         lines += ["", f"  these data cannot tell apart: {', '.join(which.confounded)}"]
     return lines
 
