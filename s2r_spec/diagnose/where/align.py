@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.lang import formula as f
-from s2r_spec.robustness.binding import bound, param_times
+from s2r_spec.robustness.binding import bound, names
+from s2r_spec.robustness.evaluate import Walk
 from s2r_spec.robustness.grid import Grid
 from s2r_spec.robustness.reading import read_params, read_signals
 from s2r_spec.robustness.sampled import SampledAlgebra, Samples
@@ -27,6 +28,16 @@ FloatArray = NDArray[np.float64]
 
 SAME = 1e-6
 """[s] Sample times closer than this are the same."""
+
+
+class Evaluated:
+    """Formulas and numbers on some signals: each is evaluated once."""
+
+    def __init__(self, samples: Samples) -> None:
+        self.samples = samples
+        algebra = SampledAlgebra(samples)
+        self.numbers = algebra.numbers
+        self.walk = Walk(algebra, samples.until)
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,9 +68,9 @@ class Aligned:
     ended: float
     reason: str
 
-    def algebra(self, signals: Mapping[str, FloatArray]) -> SampledAlgebra:
+    def algebra(self, signals: Mapping[str, FloatArray]) -> Evaluated:
         """Return what evaluates formulas and numbers on some signals of these times."""
-        return SampledAlgebra(Samples(self.clock, signals, self.params))
+        return Evaluated(Samples(self.clock, signals, self.params))
 
     def rho(self, signals: Mapping[str, FloatArray]) -> float:
         """Return ρ of signals on these times, windows cut at the end."""
@@ -79,9 +90,7 @@ def align(
         spec.robustness(trace, params, partial=True, only=requirement)[requirement]
         for trace in (simulated, real)
     ]
-    nodes = list(f.walk(spec.formulas[requirement]))
-    used = {node.name for node in nodes if isinstance(node, f.ParamValue)}.union(*map(param_times, nodes))
-    numbers = read_params(spec.params, used, params)
+    numbers = read_params(spec.params, names(spec.formulas[requirement]).params, params)
     declared = [spec.signals[name] for name in spec.channels(requirement)]
     last = min(trace.duration for trace in (simulated, real))
     times = (real.times - real.times[0])[real.times - real.times[0] <= last + SAME]

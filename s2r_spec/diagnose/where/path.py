@@ -21,11 +21,10 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.diagnose.where.align import Aligned
+from s2r_spec.diagnose.where.align import Aligned, Evaluated
 from s2r_spec.diagnose.where.gradient import margin_gradient
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness.deciding import Step, descend
-from s2r_spec.robustness.sampled import SampledAlgebra
 
 FloatArray = NDArray[np.float64]
 
@@ -64,7 +63,7 @@ class _Point:
 
     at: float
     late: bool
-    algebra: SampledAlgebra
+    algebra: Evaluated
     steps: tuple[Step, ...]
     rho: float
 
@@ -75,7 +74,7 @@ class Path:
 
     pair: Aligned
     _points: dict[tuple[float, bool], _Point] = field(default_factory=dict)
-    _algebras: dict[tuple[float, bool], SampledAlgebra] = field(default_factory=dict)
+    _algebras: dict[tuple[float, bool], Evaluated] = field(default_factory=dict)
 
     @property
     def start(self) -> _Point:
@@ -108,7 +107,7 @@ class Path:
             for name, other in pair.simulated.items()
         }
 
-    def _algebra(self, at: float, late: bool) -> SampledAlgebra:
+    def _algebra(self, at: float, late: bool) -> Evaluated:
         if (at, late) not in self._algebras:
             self._algebras[at, late] = self.pair.algebra(self._signals(at, late))
         return self._algebras[at, late]
@@ -121,7 +120,7 @@ class Path:
             self._points[at, late] = _Point(at, late, algebra, steps, rho)
         return self._points[at, late]
 
-    def value(self, step: Step, algebra: SampledAlgebra) -> float:
+    def value(self, step: Step, algebra: Evaluated) -> float:
         """Return factor · margin of a predicate at its sample."""
         assert isinstance(step.node, f.Comparison)
         margin = np.broadcast_to(algebra.walk(step.node), self.pair.times.shape)

@@ -7,6 +7,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from s2r_spec.diagnose.where.gradient import margin_gradient
+from s2r_spec.robustness.evaluate import Walk
 from s2r_spec.robustness.sampled import SampledAlgebra, Samples
 from s2r_spec.robustness.ticks import clock_of
 from s2r_spec.spec import parse_spec
@@ -34,7 +35,7 @@ def gradient(spec, signals, times, sample, p):
 
     def margin(given):
         algebra = SampledAlgebra(Samples(clock, given, {"p": np.full((1, 1), p)}))
-        return float(np.broadcast_to(algebra.walk(node), times.size)[sample]), algebra
+        return float(np.broadcast_to(Walk(algebra)(node), times.size)[sample]), algebra
 
     _, algebra = margin(signals)
     return margin_gradient(node, algebra.numbers, sample), lambda given: margin(given)[0]
