@@ -79,7 +79,8 @@ def open_(name: str, folder: Path) -> None:
         "--answers",
         answers,
     )
-    print(run("s2r_spec", *opening))
+    if not (answers / "opened.json").exists():
+        print(run("s2r_spec", *opening))
     scores = json.loads(run("s2r_spec", "blind", "score", answers, "--json"))
     opened = json.loads((answers / "opened.json").read_text())
     cases = {}

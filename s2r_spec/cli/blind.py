@@ -82,7 +82,10 @@ def open_(public: Public, keys: Keys, answers: Answers) -> None:
 
 
 @app.command()
-def score(answers: Answers, as_json: AsJson = False) -> None:
+def score(
+    answers: Annotated[Path, typer.Argument(help="Folder of the answers.", show_default=False)],
+    as_json: AsJson = False,
+) -> None:
     """Score frozen answers against the opened labels."""
     with sentences(as_json):
         from s2r_spec.blind.score import load

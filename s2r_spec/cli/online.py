@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 from rich.console import Console
 from rich.text import Text
 
@@ -145,6 +144,8 @@ def _converted(sample: Mapping[str, Any], scales: Mapping[str, tuple[float, floa
 
 def _fallen(spec: Spec, requirement: str, meta: Mapping[str, Any]) -> RobustInterval | None:
     """Return what the spec declares for a trace that ended in a failure, if this one did."""
+    import numpy as np
+
     from s2r_spec.robustness.online.monitor import RobustInterval
     from s2r_spec.trace import Trace
 

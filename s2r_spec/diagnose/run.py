@@ -49,8 +49,8 @@ LEAST = 0.05
 """Least prior probability of a set that re-simulation ends at."""
 SHARPNESS = 3.0
 """A set that leaves half the misfit of another is 2³ times as likely."""
-IMITATED = 0.3
-"""An unknown cause is so much less likely once a patch has closed the held-out gap."""
+IMITATED = 0.1
+"""An unknown cause is so much less likely once a patch has closed the held-out gap, or if there is none."""
 
 
 def diagnose(
@@ -232,13 +232,13 @@ def _answer(
 
     unknown = state.unknown
     alarm = unknown > state.judge.threshold and not first_none
-    open_gap = far is not None and far.open
-    if far is not None and not far.material and dict(state.sets.ranked()).get((), 0.0) > 0.05:
-        # Nothing material to explain, and no sure sign of an effect in the traces.
-        first_none, alarm = True, False
-    if far is not None and far.closed:
-        # Whatever is odd about the traces, what was named explains the gap that was asked about.
+    # A material gap with nothing to name for it is as open as one that its patch leaves.
+    open_gap = far is not None and (far.open or (first_none and far.material))
+    if far is not None and (far.closed or not far.material):
+        # Odd traces alone are no unknown cause of a gap that is explained, or that is not there:
+        # every machine differs from its simulator in ways that nobody asked about.
         alarm, unknown = False, unknown * IMITATED
+        first_none = first_none or not far.material
     if open_gap:
         # The patch does not close the gap that it should explain: at least as likely unknown as not.
         unknown = max(unknown, 0.5 + 0.5 * unknown)
@@ -455,7 +455,8 @@ def _reason(verdict: Verdict, which: Which, far: HowFar | None, named: tuple[str
         else ""
     )
     if verdict is Verdict.NONE:
-        return "what differs is no more than a few percent of every effect of the catalogue would explain"
+        seen = "" if which.ranked[0][0] == ("none",) else f"; the traces do differ, most as with {words}"
+        return f"the gap is no more than a few percent of every effect of the catalogue would make it{seen}"
     if verdict is Verdict.UNKNOWN:
         return f"no effect of the catalogue explains the data; the nearest is {words} ({which.nearest_family}){closes}"
     if verdict is Verdict.CONFOUNDED:
