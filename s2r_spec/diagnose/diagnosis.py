@@ -10,6 +10,7 @@ from typing import Any
 from s2r_spec.diagnose.estimate import Estimate
 from s2r_spec.diagnose.how_far import HowFar
 from s2r_spec.diagnose.isolability import Isolability
+from s2r_spec.diagnose.where.found import Where
 
 SCHEMA = "s2r/diagnosis/1"
 
@@ -153,7 +154,7 @@ class Diagnosis:
 
     verdict: Verdict
     reason: str
-    where: Any
+    where: Where | None
     which: Which
     how_far: HowFar | None
     patch: Mapping[str, Mapping[str, float]]

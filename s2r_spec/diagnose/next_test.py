@@ -56,7 +56,7 @@ def next_test(
         sigma = float(np.sqrt(max(difference @ np.linalg.solve(v, difference), 0.0)))
         if best is None or sigma > best.sigma:
             best = NextTest({**test, **extra}, words, tuple(name for name, _ in rivals[:2]), sigma)
-    return best
+    return best if best is not None and best.sigma > 1.0 else None
 
 
 def _rows(

@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from importlib.metadata import version
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +31,9 @@ from s2r_spec.diagnose.next_test import next_test
 from s2r_spec.diagnose.refine import refine
 from s2r_spec.diagnose.signatures import Signatures
 from s2r_spec.diagnose.simulate import Bench, Job, Test, run_jobs
+from s2r_spec.diagnose.where.found import Where
+from s2r_spec.diagnose.where.found import where as find_where
+from s2r_spec.errors import UsageError
 from s2r_spec.rollouts.match import match
 from s2r_spec.rollouts.seeds import Stream, rollout_seed
 from s2r_spec.spec import Spec
@@ -85,8 +89,13 @@ def diagnose(
         where: also say where the gap lies in tests, time, formula and body.
 
     Raises:
-        UsageError: the simulator declares no effects, or the rollouts do not fit the spec.
+        UsageError: scikit-learn is not installed, the simulator declares no effects, or the
+            rollouts do not fit the spec.
     """
+    if find_spec("sklearn") is None:
+        raise UsageError(
+            "a diagnosis needs scikit-learn, which is not installed: pip install 's2r[diagnose]'"
+        )
     name = spec.requirements[0] if requirement is None else requirement
     bench = _bench(spec, name, sim)
     tell = progress or (lambda stage, done, of: None)
@@ -441,8 +450,15 @@ def _next(bench: Bench, state: _State, ranked: list[tuple[tuple[int, ...], float
     return next_test(bench, state.signatures, rivals, protocols=True)
 
 
-def _where(bench: Bench, rollouts: list[tuple[dict[str, float], Trace]], seed: int, tell: Progress) -> Any:
-    return None
+def _where(bench: Bench, rollouts: list[tuple[dict[str, float], Trace]], seed: int, tell: Progress) -> Where:
+    """Compare every real rollout with one of the nominal simulator at its test."""
+    real, simulated = [], []
+    for number, (test, trace) in enumerate(rollouts):
+        other = bench.run({}, test, rollout_seed(seed, number, 0, Stream.CHECK))
+        real.append((trace, bench.rho(trace, test)))
+        simulated.append((other, bench.rho(other, test)))
+        tell("where", number + 1, len(rollouts))
+    return find_where(bench.spec, bench.requirement, [test for test, _ in rollouts], real, simulated, seed)
 
 
 def _reason(verdict: Verdict, which: Which, far: HowFar | None, named: tuple[str, ...]) -> str:

@@ -6,6 +6,7 @@ from rich.markup import escape
 
 from s2r_spec.diagnose.diagnosis import Diagnosis, NextTest, Verdict, Which
 from s2r_spec.diagnose.how_far import Gap, HowFar
+from s2r_spec.diagnose.where.found import Where
 
 COLOURS = {
     Verdict.NONE: "bold green",
@@ -27,6 +28,8 @@ def markup(found: Diagnosis) -> str:
 def body(found: Diagnosis) -> str:
     """Return all but the first line, as plain text."""
     lines = ["", *_causes(found.which)]
+    if found.where is not None:
+        lines += ["", *_where(found.where)]
     if found.how_far is not None:
         lines += ["", *_shrinks(found.how_far)]
     if found.which.next_test is not None:
@@ -50,6 +53,23 @@ def _causes(which: Which) -> list[str]:
             lines.append(f"  {f'{e.effect}.{e.parameter}':42} {value}  [{e.low:.4g}, {e.high:.4g}]")
     if set(which.confounded) > set(which.answer) != set():
         lines += ["", f"  these data cannot tell apart: {', '.join(which.confounded)}"]
+    return lines
+
+
+def _where(where: Where) -> list[str]:
+    unit = where.pair.unit
+    test = ", ".join(f"{name} = {value:.3g}" for name, value in where.test.items())
+    lines = [f"  where: worst of the tests that were run, {test}: Δρ {where.pair.delta:+.4f} {unit}".rstrip()]
+    window = max(where.windows(), key=lambda w: abs(w["delta"]))
+    if where.pair.delta:
+        part = round(100 * window["delta"] / where.pair.delta)
+        lines.append(f"    {part} % of it from {window['begin']:.2f} to {window['end']:.2f} s")
+    credit = {name: float(values.sum()) for name, values in where.pair.credit.items()}
+    if credit:
+        name = max(credit, key=lambda n: abs(credit[n]))
+        lines.append(f"    most of it in {name} ({credit[name]:+.4f} {unit})")
+    if where.pair.switch is not None:
+        lines.append(f"    {where.pair.switch}")
     return lines
 
 
