@@ -78,7 +78,12 @@ class HowFar:
     @property
     def closed(self) -> bool:
         """Whether a material gap is (nearly) gone after the patch."""
-        return self.material and self.share is not None and self.share[0] >= GONE
+        return self.material and self.gone
+
+    @property
+    def gone(self) -> bool:
+        """Whether the patch closes (nearly) all of the gap, however small that was."""
+        return self.share is not None and self.share[0] >= GONE
 
     @property
     def open(self) -> bool:

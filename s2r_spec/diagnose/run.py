@@ -247,7 +247,8 @@ def _answer(
         # Odd traces alone are no unknown cause of a gap that is explained, or that is not there:
         # every machine differs from its simulator in ways that nobody asked about.
         alarm, unknown = False, unknown * IMITATED
-        first_none = first_none or not far.material
+        # Below what a little of everything makes, only a sure name is a name, or one that closes the gap.
+        first_none = first_none or not (far.material or far.gone or ranked[0][1] >= SURE)
     if open_gap:
         # The patch does not close the gap that it should explain: at least as likely unknown as not.
         unknown = max(unknown, 0.5 + 0.5 * unknown)
