@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from s2r_spec.errors import S2RError
     from s2r_spec.logs import read as read_trace
     from s2r_spec.logs import write as write_trace
+    from s2r_spec.robustness.profiles import profile
     from s2r_spec.space import Axis, Space
     from s2r_spec.spec import (
         Evaluation,
@@ -69,6 +70,7 @@ __all__ = [
     "load_backend",
     "load_spec",
     "parse_spec",
+    "profile",
     "read_trace",
     "write_trace",
 ]
@@ -86,6 +88,7 @@ _HOMES = {
     "diagnose": ("Diagnosis", "diagnose"),
     "errors": ("S2RError",),
     "logs": ("read_trace", "write_trace"),
+    "robustness.profiles": ("profile",),
     "space": ("Axis", "Space"),
     "spec": (
         "Evaluation",

@@ -14,6 +14,7 @@ from s2r_spec.cli.common import CODES, COLOURS, sentences, worst
 from s2r_spec.cli.online import Settings, follow
 
 if TYPE_CHECKING:
+    from s2r_spec.robustness.profiles import Profile
     from s2r_spec.spec import Spec
     from s2r_spec.trace import Trace
 
@@ -49,6 +50,9 @@ def monitor(
     ranges: Annotated[
         bool, typer.Option(help="With --online: signals stay in their declared ranges.")
     ] = True,
+    like: Annotated[
+        str, typer.Option("--profile", help="Read formulas as another tool does: breach, rtamt-dense, …")
+    ] = "s2r",
     as_json: Annotated[
         bool, typer.Option("--json", help="Print one JSON object on stdout; with --online one a line.")
     ] = False,
@@ -57,12 +61,16 @@ def monitor(
     with sentences(as_json):
         from s2r_spec.errors import UsageError
         from s2r_spec.logs import read
+        from s2r_spec.robustness.profiles import profile
         from s2r_spec.spec import load_spec
 
         parsed = load_spec(spec)
         values = parsed.read_params(params or [])
         names = _columns(columns or [])
+        conventions = profile(like)
         if online:
+            if like != "s2r":
+                raise UsageError("--profile is for recorded traces; --online asks at the samples")
             if len(traces) != 1:
                 raise UsageError("--online follows one trace: give one file, or - for rows that come in")
             chosen = tuple(requirement or parsed.requirements)
@@ -72,14 +80,17 @@ def monitor(
             raise UsageError("--period and --no-ranges are for --online")
         results: list[dict[str, Any]] = [
             {"trace": str(path), "requirements": [
-                _judged(parsed, trace, name, values, partial) for name in requirement or parsed.requirements
+                _judged(parsed, trace, name, values, partial, like, conventions)
+                for name in requirement or parsed.requirements
             ]}
             for path in traces for trace in [read(path, names)]
         ]  # fmt: skip
         code = CODES[worst(one["verdict"] for result in results for one in result["requirements"])]
         if as_json:
             record = {"schema": "s2r.monitor/1", "exit_code": code, "spec": parsed.name, "hash": parsed.hash}
-            print(json.dumps(record | {"params": values, "results": results}, allow_nan=False))
+            print(
+                json.dumps(record | {"profile": like, "params": values, "results": results}, allow_nan=False)
+            )
         else:
             _print(results)
         raise typer.Exit(code)
@@ -98,18 +109,35 @@ def _columns(texts: list[str]) -> dict[str, str]:
 
 
 def _judged(
-    spec: Spec, trace: Trace, requirement: str, params: dict[str, float], partial: bool
+    spec: Spec,
+    trace: Trace,
+    requirement: str,
+    params: dict[str, float],
+    partial: bool,
+    like: str,
+    conventions: Profile,
 ) -> dict[str, Any]:
     """Return the explanation of one requirement as plain data, with a verdict and a text."""
-    if trace.failure is None and not partial:
-        found = spec.evaluate(trace, requirement, params)
-        if not found.complete[0]:
+    from s2r_spec.robustness.explain import Explanation
+
+    if trace.failure is None:
+        if partial and conventions["end"] != "hold":
+            conventions = {**conventions, "end": "clip"}
+        found = spec.evaluate(trace, requirement, params, **conventions)
+        if not (found.complete[0] or partial or conventions["end"] == "hold"):
             text = (
                 f"{requirement} unknown: it looks {found.horizon:g} s ahead, but the trace lasts "
                 f"{trace.duration:g} s (--partial evaluates what there is)"
             )
             return {"requirement": requirement, "verdict": "unknown", "text": text}
-    reason = spec.explain(trace, requirement, params, partial=True)
+        why = ""
+        if conventions["interpolation"] != "samples":
+            why = f"it is asked at every instant, as {like} does: no one sample decides it"
+        elif not found.complete[0] and conventions["end"] == "hold":
+            why = f"it looks past the last sample, which lasts on, as in {like}"
+        reason = Explanation(requirement, found.value, found.unit, reason=why)
+    if trace.failure is not None or not reason.reason:
+        reason = spec.explain(trace, requirement, params, until=conventions["until"], partial=True)
     verdict = "holds" if reason.rho >= 0 else "violated"
     return {"verdict": verdict, "text": str(reason), **reason.to_json()}
 

@@ -66,6 +66,26 @@ def test_a_fall_is_what_the_spec_says_it_is(s2r, spec):
     assert "because the trace ended with 'fall'" in done.stdout
 
 
+def test_as_another_tool_reads_it(s2r):
+    (s2r.folder / "spec.stl").write_text(
+        "signal vx\nsignal y\n"
+        "require crossed: always (vx > 1 or y > 1)\nrequire ahead: always[0.5, 3] vx > 0\n"
+    )
+    write(Trace([0, 1, 2], {"vx": [3, 0.5, 1], "y": [0.5, 3, 3]}), s2r.folder / "it.csv")
+    it = ("monitor", "spec.stl", "it.csv", "--profile")
+    assert s2r(*it, "breach", code=0).stdout == (
+        "it.csv\ncrossed holds: ρ = +0.75\n"
+        "  because it is asked at every instant, as breach does: no one sample decides it\n"
+        "ahead holds: ρ = +0.5\n"
+        "  because it is asked at every instant, as breach does: no one sample decides it\n"
+    )
+    assert "ahead unknown" in s2r(*it, "moonlight", code=3).stdout
+    found = s2r.json(*it, "stlcgpp", "-r", "crossed", code=0)
+    assert (found["profile"], found["results"][0]["requirements"][0]["rho"]) == ("stlcgpp", 2)
+    assert "the profiles are breach, moonlight" in s2r(*it, "matlab", code=2).stderr
+    assert "--profile is for recorded traces" in s2r(*it, "breach", "--online", code=2).stderr
+
+
 @pytest.mark.parametrize(
     ("param", "message"),
     [

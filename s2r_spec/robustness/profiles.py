@@ -1,0 +1,45 @@
+"""The conventions of other tools by name, for who has numbers of one and wants the same from here."""
+
+from __future__ import annotations
+
+from typing import TypedDict
+
+from s2r_spec.errors import UsageError, one_of, suggest
+from s2r_spec.robustness.evaluate import Witness
+from s2r_spec.robustness.evaluation import End, Interpolation
+
+
+class Profile(TypedDict):
+    """What the same formula means in a tool; the keywords of :meth:`s2r_spec.spec.Spec.evaluate`."""
+
+    interpolation: Interpolation
+    until: Witness
+    end: End
+
+
+PROFILES: dict[str, Profile] = {
+    "breach": {"interpolation": "linear", "until": "closed", "end": "hold"},
+    "moonlight": {"interpolation": "hold", "until": "open", "end": "nan"},
+    "rtamt": {"interpolation": "samples", "until": "open", "end": "clip"},
+    "rtamt-dense": {"interpolation": "hold", "until": "closed", "end": "hold"},
+    "s2r": {"interpolation": "samples", "until": "open", "end": "clip"},
+    "stlcgpp": {"interpolation": "samples", "until": "closed", "end": "hold"},
+    "stlrom": {"interpolation": "linear", "until": "closed", "end": "hold"},
+    "tidystl": {"interpolation": "samples", "until": "closed", "end": "hold"},
+}
+"""Those of RTAMT, STLRom, stlcgpp and tidystl are held against the tools by benchmarks/language_conventions.py."""
+
+
+def profile(name: str) -> Profile:
+    """Return the keywords with which a trace is evaluated as a tool does it.
+
+    ``spec.evaluate(trace, "walking", **profile("breach"))``
+
+    Raises:
+        UsageError: no profile has this name.
+    """
+    if name not in PROFILES:
+        raise UsageError(
+            f"there is no profile {name!r}{suggest(name, PROFILES)} the profiles are {one_of(PROFILES)}"
+        )
+    return PROFILES[name].copy()
