@@ -27,7 +27,7 @@ from pathlib import Path
 from typing import Any
 
 from s2r_spec import logs
-from s2r_spec.errors import UsageError
+from s2r_spec.errors import TraceError, UsageError
 from s2r_spec.trace import Trace
 
 SCHEMA = "s2r.journal/2"
@@ -217,8 +217,7 @@ class Journal:
             if trace is not None:
                 name = f"traces/{record.query:05d}.{record.replicate:04d}.npz"
                 record = Record(**(asdict(record) | {"trace": name}))
-                logs.write(trace, self.folder / name)
-                _sync(self.folder / name)
+                _write(trace, self.folder / name)
             line, checksum = _line(asdict(record), self._checksum)
             _append(self.folder / FILE, line)
         except OSError as error:
@@ -308,6 +307,20 @@ def _append(path: Path, line: bytes) -> None:
         except OSError:
             os.truncate(path, start)  # a half line on a full disk would join with the next one
             raise
+
+
+def _write(trace: Trace, path: Path) -> None:
+    """Write a trace, onto the disk.
+
+    Raises:
+        OSError: it cannot be written there.
+        TraceError: the format cannot hold it.
+    """
+    try:
+        logs.write(trace, path)
+    except TraceError as error:
+        raise error.__context__ if isinstance(error.__context__, OSError) else error from None
+    _sync(path)
 
 
 def _sync(path: Path) -> None:

@@ -145,3 +145,13 @@ def test_a_full_disk_loses_nothing(journal, monkeypatch):
     monkeypatch.undo()
     assert len(Journal.resume(journal.folder, HEADER)) == 3
     assert not Journal.read(journal.folder).note
+
+
+def test_a_disk_that_is_full_before_the_trace_is_written_says_how_to_go_on(journal, monkeypatch):
+    def full(*args, **kwargs):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("zipfile.ZipFile", full)
+    with pytest.raises(JournalError, match="No space left on device; what was recorded before is kept"):
+        journal.append(record(5), Trace([0.0, 1.0], {"vx": [0.0, 0.0]}))
+    assert len(Journal.read(journal.folder)) == 3
