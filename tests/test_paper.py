@@ -88,3 +88,18 @@ def test_savings():
 def test_every_link_leads_somewhere():
     for target in re.findall(r"\]\((?!http)([^)#]+)\)", PAGE):
         assert (FOLDER / target).exists(), target
+
+
+def test_faults():
+    found = result("faults")
+    assert (found["lost"], found["another"]) == (0, 0)
+    killed = [row for row in found["rows"] if row["fault"].startswith("kill -9, after")]
+    before = [row["before"] for row in killed]
+    row = [cell.strip() for cell in line("| kill -9, at").split("|")[1:-1]]
+    assert row[0].split()[3] == str(len(killed)) == "20"
+    assert row[2] == f"{min(before)} to {max(before)}"
+    assert all(each["same"] for each in killed)
+    for each in found["rows"][len(killed) :]:
+        row = line(f"| {each['fault'].split(' (')[0].replace('a read-only', 'read-only')}").split("|")[1:-1]
+        assert [int(row[1]), int(row[2]), int(row[3])] == [each["exit_code"], each["before"], each["lost"]]
+        assert all(part.strip() in each["sentence"] for part in row[5].split("…")), row[5]
