@@ -391,9 +391,11 @@ class Spec:
             return
         ahead = horizon(formula)
         ahead = ahead if np.isfinite(ahead) and ahead else reading.needs(formula)
+        looks, lasts = f"{ahead:g} s ahead", f"lasts {reading.times[-1] - reading.times[0]:g} s"
+        if ahead == 0:
+            looks, lasts = "at the next sample", "has one"
         raise TraceError(
-            f"{requirement!r} looks {ahead:g} s ahead, but the trace lasts "
-            f"{reading.times[-1] - reading.times[0]:g} s; "
+            f"{requirement!r} looks {looks}, but the trace {lasts}; "
             f"a longer trace decides it, partial=True evaluates what there is"
         )
 

@@ -31,7 +31,7 @@ class StlLexer(RegexLexer):
             (r"(#|//).*?$", Comment.Single),
             (words(STATEMENTS, suffix=r"\b"), Keyword.Declaration),
             (words(TEMPORAL, suffix=r"\b"), Keyword),
-            (words(("and", "or", "not", "implies"), suffix=r"\b"), Operator.Word),
+            (words(("and", "or", "not", "implies", "iff"), suffix=r"\b"), Operator.Word),
             (words(("in", "bool"), suffix=r"\b"), Keyword.Type),
             (words(("true", "false", "inf"), suffix=r"\b"), Keyword.Constant),
             (words(FUNCTIONS, suffix=r"(?=\s*\()"), Name.Builtin),
@@ -39,7 +39,7 @@ class StlLexer(RegexLexer):
             (r'"[^"\n]*"', Literal.String),
             (r"(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", Number),
             (r"[A-Za-z][A-Za-z0-9_]*", Name),
-            (r"<->|<=>|->|=>|:=|[<>=!]=|&&?|\|\|?|/\\|\\/|[-+*/^<>=!]", Operator),
+            (r"<->|<=>|->|=>|:=|!==|[<>=!]=|&&?|\|\|?|/\\|\\/|[-+*/^<>=!]", Operator),
             (r"[\[\](),:_]", Punctuation),
         ]
     }

@@ -30,9 +30,9 @@ _TEMPORAL = {
     "O": "once",
 }  # fmt: skip
 _UNTIL = {"U": "until", "S": "since", "R": "release", "W": "unless"}
-_STEP = {"X": "next"}
-ALIASES = {name: (kind, word) for kind, table in (("TEMPORAL", _TEMPORAL), ("UNTIL", _UNTIL), ("STEP", _STEP))
-           for name, word in table.items()}  # fmt: skip
+_STEP = {"X": "next", "Y": "prev"}
+_TABLES = {"TEMPORAL": _TEMPORAL, "UNTIL": _UNTIL, "STEP": _STEP, "IFF": {"iff": "<->"}}
+ALIASES = {name: (kind, word) for kind, table in _TABLES.items() for name, word in table.items()}
 """Other names of operators → (terminal, the name that this language writes)."""
 
 
@@ -96,6 +96,8 @@ def _operator(token: Token, declared: Set[str]) -> Token:
     """Return ``always`` for ``G``, ``alw_``, ``[]`` …, and any other token as it is."""
     if token.type == "TEMPORAL" and not token[0].isalpha():
         return token.update(value="always" if token[0] == "[" else "eventually")
+    if token == "!==":
+        return token.update(value="!=")
     if token.type != "NAME" or str(token) in declared:
         return token
     name = token.removesuffix("_")

@@ -20,6 +20,12 @@ _FORMULA = _EXPRESSION | {"NOT", "TEMPORAL", "STEP", "TRUE", "FALSE"}
 _OPERATORS = frozenset(
     {"PLUS", "MINUS", "TIMES", "DIV", "POW", "CMP", "AND", "OR", "IMPLIES", "IFF", "UNTIL"}
 )
+_MEANT = {
+    "~": "not", "¬": "not", "∧": "and", "∨": "or", "→": "->", "⇒": "->", "↔": "<->", "⇔": "<->", "≤": "<=", "≥": ">=",
+    "≠": "!=", "□": "always", "◻": "always", "◇": "eventually", "◊": "eventually", "⊤": "true", "⊥": "false",
+    "∞": "inf", "−": "-", "·": "*", "×": "*",
+}  # fmt: skip
+"""What a sign of a textbook is called here."""
 _CLOSING = {"LPAR": ("RPAR", ")"), "LSQB": ("RSQB", "]")}
 _KEYWORDS = tuple(word.lower() for word in STATEMENTS)
 _ANY_KEYWORD = "signal, param, const, let, require, certify or import"
@@ -33,7 +39,10 @@ def stray_character(span: Span) -> Diagnostic:
         "'": "names are written without quotes",
         '"': "names are written without quotes",
         ";": "a statement ends where the next one begins; leave the semicolon out",
-    }.get(span.text, "leave it out")
+    }.get(span.text)
+    if fix is None and span.text in _MEANT:
+        fix = f"write `{_MEANT[span.text]}`"
+    fix = fix or "leave it out"
     return Diagnostic("E01", f"the character `{span.text}` has no meaning here", span, fix=fix)
 
 
@@ -121,6 +130,10 @@ def _hint(source: Source, tokens: Sequence[Token], position: int, allowed: Set[s
         return guess
     if token.type in ("RSQB", "RPAR") and "COMMA" in allowed and "RPAR" not in allowed:
         return "an interval has two ends, such as [0, 0.5 s]"
+    if token == "t" and before.type == "LSQB" and tokens[position - 2].type == "NAME":
+        return f"write `{tokens[position - 2]}`: a signal is taken at the time at which it is asked"
+    if token == "xor":
+        return "write `not (… <-> …)`"
     if token.type == "EQ" and "CMP" in allowed:
         return "to compare, write `<=`, `>=` or `==`"
     if before.type == "REQUIRE" and token.type != "NUMBER":

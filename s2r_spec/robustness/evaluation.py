@@ -24,6 +24,8 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 Interpolation = Literal["samples", "hold", "linear"]
 End = Literal["clip", "hold", "nan", "error"]
+MOST_HELD = 10_000_000
+"""How many samples are added at most where a trace goes on as it was last."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,6 +152,11 @@ class Reading:
             UsageError: at which times there would be samples is not known.
         """
         needed, last = self.needs(formula), self.times[-1]
+        if self.grid and samples_needed(formula, self.grid) > MOST_HELD:
+            raise UsageError(
+                f"end='hold' would add {samples_needed(formula, self.grid):.0e} samples, for a requirement that "
+                f"looks {needed:g} s ahead; use interpolation='hold' with it, which adds one"
+            )
         if self.interpolation == "samples" and not self.grid:
             raise UsageError(
                 "end='hold' adds samples, and these are not sampled regularly; "

@@ -121,7 +121,7 @@ def explain(formula: f.Formula, reading: Reading, requirement: str, unit: str) -
     """Explain ρ of a formula at the first sample, conditions asked at the samples."""
     algebra = SampledAlgebra(Samples(reading.clock, reading.signals, reading.params, reading.until))
     walk = Walk(algebra, reading.until)
-    rho = float(walk(formula)[0])
+    rho = float(walk(formula)[0]) + 0.0  # no one wants to read -0
     steps = list(descend(formula, walk, reading.clock))
     parts = tuple(
         Part(
@@ -129,7 +129,7 @@ def explain(formula: f.Formula, reading: Reading, requirement: str, unit: str) -
             step.node.name if isinstance(step.node, f.Named) else "",
             step.node.span.line,
             float(reading.times[step.sample]),
-            float(walk(step.node)[step.sample]),
+            float(walk(step.node)[step.sample]) + 0.0,
         )
         for step in steps
         if not isinstance(step.node, f.Rescale)

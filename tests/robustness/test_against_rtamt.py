@@ -72,3 +72,9 @@ def test_what_has_no_equal() -> None:
     assert found.tolist() == [0, 0, -1, -2, 0]
     # a chain of comparisons is one of numbers there
     assert math.isclose(in_discrete_time("(0 <= x) <= 2", X, Y)[1], 0)
+    # and a bound in milliseconds is a thousand times too long in its dense time
+    ticks = range(5)
+    inside, whole = (
+        in_dense_time(f"always[{within}] (x >= 1)", ticks, X, Y) for within in ("0,1", "0:1000ms")
+    )
+    assert (inside, whole) == ([0, -2, -2, -1, -1], [-2, -2, -2, -1, -1])

@@ -127,6 +127,22 @@ def test_one_sample_is_a_trace(interpolation) -> None:
     assert found.values.tolist() == [3]
 
 
+def test_an_end_that_would_be_held_for_too_long_is_refused() -> None:
+    it = spec("always[0, 1e9] x > 0")
+    with pytest.raises(UsageError) as caught:
+        it.evaluate(RAMP, "it", end="hold")
+    assert str(caught.value) == (
+        "end='hold' would add 2e+09 samples, for a requirement that looks 1e+09 s ahead; "
+        "use interpolation='hold' with it, which adds one"
+    )
+    assert it.evaluate(RAMP, "it", end="hold", interpolation="hold").values.tolist() == [1, 2, 3, 4]
+
+
+def test_one_sample_has_no_next() -> None:
+    with pytest.raises(TraceError, match="'it' looks at the next sample, but the trace has one; a longer"):
+        spec("next x > 0").robustness(Trace([0], {"x": [1]}))
+
+
 def test_no_circle_keeps_the_samples_in_memory() -> None:
     spec = parse_spec("signal x require it: always[0, 1] (if(x > 0, x, count(x > 1)) <= 3)")
     trace = Trace(np.arange(9.0), {"x": np.ones(9)})

@@ -155,3 +155,8 @@ def test_a_fall_is_explained_by_itself() -> None:
         "walking violated: ρ = -0.5 m/s\n"
         "  because the trace ended with 'fall', for which the certify line declares this ρ"
     )
+
+
+def test_zero_has_no_sign() -> None:
+    found = parse_spec("signal x require it: x == 1").explain(Trace([0], {"x": [1]}), "it")
+    assert str(found).startswith("it holds: ρ = +0\n  decided at t = 0 s by `x == 1` (line 1): margin +0\n")
