@@ -336,3 +336,23 @@ def test_after_the_end_nothing_is_taken() -> None:
         monitor.update(1, {"x": 1})
     with pytest.raises(UsageError, match=r"period=-1 is not a positive number of seconds"):
         parse_spec("signal x require it: x > 0").monitor(period=-1)
+
+
+@pytest.mark.parametrize(
+    "formula",
+    [
+        "always(0.2, 0.3] (y < 0 since[0.1, 0.2] eventually[0, 0.3] x > 0)",
+        "(eventually[0, 0.2] x > 0 since[0.2, 0.4] y > 0) until(0.1, 0.4) (x > 0 since(0.1, 0.3] next y > 0)",
+        "eventually[0.3, 0.5] (y < 0 since[0.2, 0.2] (x > 0 unless[0, 0.3] y > 0))",
+    ],
+)
+def test_since_over_what_is_still_to_come(formula: str) -> None:
+    # the first instant that is asked for has a window that begins before it, its neighbours' before that
+    x = [-0.5, 0.25, -1.25, -1.25, 0.5, -0.75, 1, -0.5, 1.5, -0.5, -0.25]
+    y = [0.5, -0.4, -0.3, 0.2, -0.1, 0, 0.1, -0.2, 0.3, 0.4, 0.5]
+    spec = parse_spec(f"signal x signal y require it: {formula}")
+    monitor = spec.monitor(period=0.1)
+    for k in range(11):
+        interval = monitor.update(k / 10, {"x": x[k], "y": y[k]})["it"]
+    rho = spec.robustness(Trace(np.arange(11) / 10, {"x": x, "y": y}))["it"]
+    assert (interval.lower, interval.upper) == (rho, rho)

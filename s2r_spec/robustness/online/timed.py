@@ -229,6 +229,9 @@ class Until(Timed):
     def _pending_since(self, first: int, last: int, side: int) -> FloatArray:
         base = min(int(self._windows(first, last)[0][0]), first)
         begin, end = (ends - base for ends in self._windows(base, last))
+        begin = np.maximum(
+            begin, 0
+        )  # instants before the first one are not asked for: their windows may begin anywhere
         left, right = (operand.bound(base, last, side)[::-1] for operand in (self.left, self.right))
         newest = last - base
         found = range_until(left, right, newest - end[::-1], newest - begin[::-1])
