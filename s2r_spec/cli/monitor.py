@@ -31,7 +31,9 @@ def monitor(
     ] = None,
     columns: Annotated[
         list[str] | None,
-        typer.Option("--map", "-m", help="What a signal is called in the files: vx=velocity.x (repeat)."),
+        typer.Option(
+            "--map", "-m", help="What a signal (or t) is called in the files: vx=velocity.x (repeat)."
+        ),
     ] = None,
     requirement: Annotated[
         list[str] | None, typer.Option("--requirement", "-r", help="Only this requirement (may be repeated).")

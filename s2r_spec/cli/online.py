@@ -93,8 +93,10 @@ def follow(spec: Spec, source: Path, settings: Settings) -> int:
 def _rows(names: Mapping[str, str]) -> _Input:
     """Read a table from standard input, each row as it is written."""
     from s2r_spec.logs.csv_format import follow as rows_of
+    from s2r_spec.logs.times import TIME
 
-    rows = rows_of(sys.stdin)
+    names = dict(names)
+    rows = rows_of(sys.stdin, names.pop(TIME, TIME))
     taken = set(names.values())
 
     def renamed(row: Mapping[str, Any]) -> dict[str, Any]:

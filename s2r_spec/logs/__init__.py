@@ -11,9 +11,10 @@ from pathlib import Path
 
 from s2r_spec.errors import TraceError
 from s2r_spec.logs import csv_format, npz_format, parquet_format
+from s2r_spec.logs.times import TIME
 from s2r_spec.trace import Trace
 
-_READERS: dict[str, Callable[[Path], Trace]] = {
+_READERS: dict[str, Callable[[Path, str], Trace]] = {
     ".csv": csv_format.read, ".npz": npz_format.read, ".parquet": parquet_format.read,
 }  # fmt: skip
 _WRITERS: dict[str, Callable[[Trace, Path], None]] = {
@@ -29,7 +30,7 @@ def read(path: str | Path, columns: Mapping[str, str] | None = None) -> Trace:
 
     Args:
         path: the file.
-        columns: name of a channel → what the file calls it, for those that differ.
+        columns: name of a channel → what the file calls it, for those that differ; "t" is the times.
 
     Raises:
         TraceError: the ending is not one of :data:`FORMATS`, the file cannot be read, or what
@@ -37,8 +38,9 @@ def read(path: str | Path, columns: Mapping[str, str] | None = None) -> Trace:
     """
     path = Path(path)
     reader = _READERS[_ending(path)]
+    others = dict(columns or {})
     try:
-        return _renamed(reader(path), columns or {})
+        return _renamed(reader(path, others.pop(TIME, TIME)), others)
     except OSError as error:
         raise TraceError(f"cannot read {path}: {error.strerror or error}") from None
     except TraceError as error:

@@ -18,10 +18,11 @@ from typing import Any
 
 import numpy as np
 
-from s2r_spec.errors import TraceError
+from s2r_spec.errors import TraceError, one_of
+from s2r_spec.logs.times import TIME as _TIME
+from s2r_spec.logs.times import no_times
 from s2r_spec.trace import Trace
 
-_TIME = "t"
 _NOTES = "# s2r "
 _HEADER = re.compile(r"(?P<name>.+?)(?:\[(?P<index>\d+)\])?(?:\s+\[(?P<unit>[^\[\]]*)\])?")
 
@@ -33,8 +34,8 @@ class _Column:
     unit: str | None
 
 
-def read(path: Path) -> Trace:
-    """Read a file of :func:`write`, or any other with a column ``t`` and numbers."""
+def read(path: Path, time: str = _TIME) -> Trace:
+    """Read a file of :func:`write`, or any other of numbers, one column of which holds the times."""
     try:
         # "utf-8-sig": spreadsheets begin their files with a byte-order mark
         with path.open(newline="", encoding="utf-8-sig") as stream:
@@ -42,7 +43,7 @@ def read(path: Path) -> Trace:
             meta = _meta(first)
             if meta is None:
                 stream.seek(0)
-            return _table(csv.reader(stream, strict=True), meta or {}, 0 if meta is None else 1)
+            return _table(csv.reader(stream, strict=True), meta or {}, 0 if meta is None else 1, time)
     except UnicodeDecodeError as error:
         raise TraceError(f"this is not UTF-8 text: {error.reason} at byte {error.start}") from None
     except csv.Error as error:
@@ -59,20 +60,20 @@ def _meta(line: str) -> dict[str, Any] | None:
         raise TraceError(f'line 1: expected {_NOTES}{{"meta": {{…}}}}: {error}') from None
 
 
-def _table(rows: Iterator[list[str]], meta: dict[str, Any], skipped: int) -> Trace:
+def _table(rows: Iterator[list[str]], meta: dict[str, Any], skipped: int, called: str) -> Trace:
     reader: Any = rows  # csv.reader counts lines in .line_num, which Iterator does not know
     header = next(rows, None)
     if not header:
         raise TraceError("the file is empty; its first line names the columns")
-    columns = [_column(text, number) for number, text in enumerate(header, 1)]
+    columns = _columns(header)
+    time, (places, units) = _time(columns, called), _places(columns, called)
     values: list[list[float]] = []
     for row in rows:
         if row:
             values.append(_numbers(row, columns, reader.line_num + skipped))
     table = np.array(values, dtype=np.float64).reshape(len(values), len(columns))
-    places, units = _places(columns)
     channels = {name: table[:, place] for name, place in places.items()}
-    return Trace(table[:, _time(columns)], channels, units, meta)
+    return Trace(table[:, time], channels, units, meta)
 
 
 @dataclass(frozen=True)
@@ -90,7 +91,7 @@ class Rows:
     samples: Iterator[tuple[float, dict[str, Any]]]
 
 
-def follow(lines: Iterable[str]) -> Rows:
+def follow(lines: Iterable[str], called: str = _TIME) -> Rows:
     """Read the header of a table now, and each row when it is asked for.
 
     Raises:
@@ -104,8 +105,8 @@ def follow(lines: Iterable[str]) -> Rows:
     header = next(rows, None)
     if not header:
         raise TraceError("the file is empty; its first line names the columns")
-    columns = [_column(text, number) for number, text in enumerate(header, 1)]
-    time, (places, units) = _time(columns), _places(columns)
+    columns = _columns(header)
+    time, (places, units) = _time(columns, called), _places(columns, called)
 
     def samples() -> Iterator[tuple[float, dict[str, Any]]]:
         try:
@@ -124,11 +125,20 @@ def follow(lines: Iterable[str]) -> Rows:
     return Rows(units, meta or {}, samples())
 
 
-def _time(columns: Sequence[_Column]) -> int:
+def _columns(header: Sequence[str]) -> list[_Column]:
+    if len(header) == 1 and (mark := next((mark for mark in ";\t" if mark in header[0]), None)):
+        raise TraceError(f"values are separated by commas here, not by {mark!r}, and numbers have a point")
+    return [_column(text, number) for number, text in enumerate(header, 1)]
+
+
+def _time(columns: Sequence[_Column], called: str) -> int:
     """Return the number of the column that holds the times."""
-    times = [number for number, column in enumerate(columns) if (column.name, column.index) == (_TIME, None)]
+    times = [number for number, column in enumerate(columns) if (column.name, column.index) == (called, None)]
+    if not times:
+        there = one_of(dict.fromkeys(column.name for column in columns))
+        raise TraceError(no_times("column", called, there))
     if len(times) != 1:
-        raise TraceError(f"{len(times)} columns are called {_TIME!r}; one holds the times in seconds")
+        raise TraceError(f"{len(times)} columns are called {called!r}; one holds the times in seconds")
     if columns[times[0]].unit not in (None, "s"):
         raise TraceError(f"the times are in {columns[times[0]].unit!r}; they must be in seconds")
     return times[0]
@@ -146,6 +156,8 @@ def _numbers(row: Sequence[str], columns: Sequence[_Column], line: int) -> list[
     if len(row) != len(columns):
         raise TraceError(f"line {line} has {len(row)} values, but there are {len(columns)} columns")
     try:
+        if "_" in "".join(row):  # Python reads 1_000, no one else does
+            raise ValueError
         return [float(text) for text in row]
     except ValueError:
         return [
@@ -156,18 +168,20 @@ def _numbers(row: Sequence[str], columns: Sequence[_Column], line: int) -> list[
 
 def _number(text: str, column: _Column, line: int, number: int) -> float:
     try:
+        if "_" in text:
+            raise ValueError
         return float(text)
     except ValueError:
         what = "is empty" if not text.strip() else f"is {text!r}, not a number"
         raise TraceError(f"line {line}, column {number} ({column.name}) {what}") from None
 
 
-def _places(columns: Sequence[_Column]) -> tuple[dict[str, int | list[int]], dict[str, str]]:
+def _places(columns: Sequence[_Column], time: str) -> tuple[dict[str, int | list[int]], dict[str, str]]:
     """Return the column of each channel, or those of its components in order; and the units."""
     found: dict[str, dict[int | None, int]] = {}
     units: dict[str, str] = {}
     for number, column in enumerate(columns):
-        if (column.name, column.index) == (_TIME, None):
+        if (column.name, column.index) == (time, None):
             continue
         parts = found.setdefault(column.name, {})
         if column.index in parts:

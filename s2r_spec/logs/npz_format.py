@@ -10,28 +10,27 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.errors import TraceError
+from s2r_spec.errors import TraceError, one_of
+from s2r_spec.logs.times import TIME as _TIME
+from s2r_spec.logs.times import no_times
 from s2r_spec.trace import Trace
 
-_TIME = "t"
 _NOTES = "s2r.json"
 
 
-def read(path: Path) -> Trace:
-    """Read a file of :func:`write`, or any other with an array ``t`` and one a channel."""
+def read(path: Path, time: str = _TIME) -> Trace:
+    """Read a file of :func:`write`, or any other with an array of times and one a channel."""
     try:
+        if path.is_file() and not zipfile.is_zipfile(path):
+            raise TraceError("this is not an .npz archive")
         with np.load(path, allow_pickle=False) as archive:
-            if not isinstance(archive, np.lib.npyio.NpzFile):
-                raise TraceError("this is a single array, not an .npz archive")
             arrays = {name: archive[name] for name in archive.files}
     except (ValueError, EOFError, zipfile.BadZipFile, KeyError) as error:
         raise TraceError(f"this is not an .npz archive of numeric arrays: {error}") from None
-    if _TIME not in arrays:
-        raise TraceError(
-            f"there is no array {_TIME!r} with the times in seconds; there are {', '.join(arrays)}"
-        )
+    if time not in arrays:
+        raise TraceError(no_times("array", time, one_of(arrays)))
     notes = _notes(arrays.pop(_NOTES, None))
-    times = arrays.pop(_TIME)
+    times = arrays.pop(time)
     return Trace(times, arrays, notes.get("units", {}), notes.get("meta", {}))
 
 

@@ -14,26 +14,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.errors import TraceError, one_of
+from s2r_spec.logs.times import TIME as _TIME
+from s2r_spec.logs.times import no_times
 from s2r_spec.trace import Trace
 
-_TIME = "t"
 _NOTES = b"s2r"
 
 
-def read(path: Path) -> Trace:
-    """Read a file of :func:`write`, or any other with a column ``t`` and numbers."""
+def read(path: Path, time: str = _TIME) -> Trace:
+    """Read a file of :func:`write`, or any other of numbers, one column of which holds the times."""
     arrow, parquet = _libraries()
     try:
         table = parquet.read_table(path)
     except arrow.ArrowInvalid as error:
         raise TraceError(f"this is not a Parquet file: {error}") from None
-    if _TIME not in table.column_names:
-        raise TraceError(
-            f"there is no column {_TIME!r} with the times in seconds; there are {one_of(table.column_names)}"
-        )
+    if time not in table.column_names:
+        raise TraceError(no_times("column", time, one_of(table.column_names)))
     notes = json.loads((table.schema.metadata or {}).get(_NOTES, b"{}"))
     columns = {name: _array(name, table.column(name)) for name in table.column_names}
-    times = columns.pop(_TIME)
+    times = columns.pop(time)
     return Trace(times, columns, notes.get("units", {}), notes.get("meta", {}))
 
 

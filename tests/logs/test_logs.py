@@ -75,7 +75,14 @@ def test_a_foreign_npz(tmp_path: Path) -> None:
     ("text", "message"),
     [
         ("", "the file is empty; its first line names the columns"),
-        ("vx\n1\n", "0 columns are called 't'; one holds the times in seconds"),
+        (
+            "time,vx\n0,1\n",
+            "there is no column 't' with the times in seconds; there are time, vx. "
+            "Another name is mapped like that of a signal, for example --map t=time",
+        ),
+        ("t,t\n0,1\n", "2 columns are called 't'; one holds the times in seconds"),
+        ("t;vx\n0;1,5\n", "values are separated by commas here, not by ';', and numbers have a point"),
+        ("t,vx\n0,1_000\n", "line 2, column 2 (vx) is '1_000', not a number"),
         ("t [ms],v\n1,2\n", "the times are in 'ms'; they must be in seconds"),
         ("t,v\n0,1\n1\n", "line 3 has 1 values, but there are 2 columns"),
         ("t,v\n0,1\n1,x\n", "line 3, column 2 (v) is 'x', not a number"),
@@ -96,6 +103,26 @@ def test_a_bad_csv_names_the_place(tmp_path: Path, text: str, message: str) -> N
     with pytest.raises(TraceError) as caught:
         logs.read(path)
     assert str(caught.value) == f"{path}: {message}"
+
+
+@pytest.mark.parametrize("ending", ["csv", "npz", "parquet"])
+def test_the_times_may_have_another_name(tmp_path: Path, ending: str) -> None:
+    path = tmp_path / f"a.{ending}"
+    if ending == "csv":
+        path.write_text("t,time,v\n9,0,1\n9,0.5,2\n")
+    elif ending == "npz":
+        np.savez(path, t=[9, 9], time=[0, 0.5], v=[1, 2])
+    else:
+        parquet = pytest.importorskip("pyarrow.parquet")
+        arrow = pytest.importorskip("pyarrow")
+        parquet.write_table(arrow.table({"t": [9, 9], "time": [0, 0.5], "v": [1, 2]}), path)
+    trace = logs.read(path, {"t": "time", "x": "v"})
+    assert trace.times.tolist() == [0, 0.5]
+    assert {name: values.tolist() for name, values in trace.channels.items()} == {"t": [9, 9], "x": [1, 2]}
+    with pytest.raises(
+        TraceError, match=r"no (column|array) 'stamp' with the times in seconds; there are t, "
+    ):
+        logs.read(path, {"t": "stamp"})
 
 
 def test_a_bad_npz_says_so(tmp_path: Path) -> None:
