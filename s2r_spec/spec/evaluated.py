@@ -1,120 +1,34 @@
-"""A specification: what is promised about a trace, over which tests, and how it is to be certified."""
+"""A specification asked about a trace: ρ, along it or as it comes, and why."""
 
 from __future__ import annotations
 
-import hashlib
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
-from pathlib import Path
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.errors import TraceError, UsageError, one_of, suggest
+from s2r_spec.errors import TraceError, UsageError
 from s2r_spec.lang import formula as f
-from s2r_spec.lang.declarations import CertifySettings, KernelChoice, Param, Signal
-from s2r_spec.lang.diagnostics import Diagnostic, SpecError
-from s2r_spec.lang.files import read_text
 from s2r_spec.robustness.binding import bound, names
 from s2r_spec.robustness.evaluate import Witness
 from s2r_spec.robustness.evaluation import End, Evaluation, Interpolation, Reading, evaluate
 from s2r_spec.robustness.explain import Explanation, explain
 from s2r_spec.robustness.horizon import horizon
-from s2r_spec.robustness.online.monitor import Followed, Monitor, RobustInterval, RobustnessStream
-from s2r_spec.robustness.reading import Missing, read_param, read_params, read_signals
+from s2r_spec.robustness.online.monitor import Followed, Monitor, RobustnessStream
+from s2r_spec.robustness.reading import Missing, read_params, read_signals
 from s2r_spec.robustness.tolerances import Tolerances, tolerances
-from s2r_spec.space import Axis, Space
+from s2r_spec.spec.declared import Declared
 from s2r_spec.trace import Trace
 
 if TYPE_CHECKING:
     from torch import Tensor
 
-__all__ = [
-    "CertifySettings",
-    "Diagnostic",
-    "Evaluation",
-    "Explanation",
-    "KernelChoice",
-    "Monitor",
-    "Param",
-    "RobustInterval",
-    "RobustnessStream",
-    "Signal",
-    "Spec",
-    "SpecError",
-    "load_spec",
-    "parse_spec",
-]
-
 FloatArray = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
-class Spec:
-    """A checked specification. Made by :func:`parse_spec` and :func:`load_spec`; can be pickled.
-
-    Args:
-        name: what it goes by in messages; the path if it was loaded.
-        text: its text, every line ending a line feed.
-        imported: name → text of every file it imports, however deep.
-        signals: name → declaration of a channel that a trace must have.
-        params: name → declaration of a test parameter.
-        formulas: requirement → its checked formula, in declared order.
-        certify: requirement → settings, for those that have a ``certify`` line.
-    """
-
-    name: str
-    text: str = field(repr=False)
-    imported: Mapping[str, str] = field(repr=False)
-    signals: Mapping[str, Signal]
-    params: Mapping[str, Param]
-    formulas: Mapping[str, f.Formula] = field(repr=False)
-    certify: Mapping[str, CertifySettings]
-
-    @property
-    def hash(self) -> str:
-        """SHA-256 of the text and what it imports, as hex digits; line endings do not matter."""
-        return hashlib.sha256("\0".join((self.text, *self.imported.values())).encode()).hexdigest()
-
-    @property
-    def requirements(self) -> tuple[str, ...]:
-        """Names of what is required, in declared order."""
-        return tuple(self.formulas)
-
-    @property
-    def space(self) -> Space:
-        """The test space: every parameter with a range and no default, in declared order."""
-        return Space(
-            tuple(Axis(p.name, *p.range, p.unit) for p in self.params.values() if p.range and p.searched)
-        )
-
-    def read_params(self, texts: Iterable[str]) -> dict[str, float]:
-        """Return name → value in the declared unit, of texts like ``vd=0.3`` or ``vd=30 cm/s``.
-
-        Raises:
-            UsageError: a text is not of this form, a name is unknown, or a unit does not fit.
-        """
-        return dict(read_param(self.params, text) for text in texts)
-
-    def unit(self, requirement: str) -> str:
-        """Return the unit of ρ: "" for none, "mixed" if it is the least of margins that do not compare."""
-        unit = self._formula(requirement).unit
-        return "" if unit is None else unit.text
-
-    def channels(self, requirement: str | None = None) -> tuple[str, ...]:
-        """Return the names of the signals that a requirement (or any) uses, in declared order."""
-        used = {name for formula in self._chosen(requirement) for name in names(formula).signals}
-        return tuple(name for name in self.signals if name in used)
-
-    def horizon(self, requirement: str | None = None) -> float:
-        """Return how long a trace must be to decide a requirement (or all) at its start [s].
-
-        It is inf if an unbounded operator looks at the whole rest of a trace,
-        however long. ``next`` counts as 0: its length is that of a sample. A time
-        bound that is a parameter counts with the greatest value of its range.
-        """
-        return max(horizon(formula) for formula in self._chosen(requirement))
+class Spec(Declared):
+    """A checked specification. Made by :func:`parse_spec` and :func:`load_spec`; can be pickled."""
 
     def robustness(
         self,
@@ -337,17 +251,6 @@ class Spec:
         formula = self._formula(requirement)
         return tolerances(formula, self._reading(trace, params, requirement, "samples", "open", "hold"))
 
-    def _formula(self, requirement: str) -> f.Formula:
-        if requirement not in self.formulas:
-            raise UsageError(
-                f"{self.name} has no requirement {requirement!r}{suggest(requirement, self.formulas)} "
-                f"it has {one_of(self.formulas)}"
-            )
-        return self.formulas[requirement]
-
-    def _chosen(self, requirement: str | None) -> Sequence[f.Formula]:
-        return tuple(self.formulas.values()) if requirement is None else (self._formula(requirement),)
-
     def _reading(
         self,
         trace: Trace,
@@ -407,41 +310,6 @@ class Spec:
                 f"write for example `certify {requirement}: fall = -1`"
             )
         return settings.fall
-
-
-def parse_spec(text: str, name: str = "<string>") -> Spec:
-    """Return the specification that a text means.
-
-    Args:
-        text: the specification.
-        name: what it goes by; files that it imports are looked for beside this path.
-
-    Raises:
-        SpecError: with every mistake of the text, drawn with line and caret.
-    """
-    # the parser and the units cost half a second to import: only who parses pays
-    from s2r_spec.lang.checking import check_text
-
-    document = check_text(text, name)
-    return Spec(
-        name,
-        document.source.text,
-        {source.name: source.text for source in document.imports},
-        document.signals,
-        document.params,
-        document.requirements,
-        document.certify,
-    )
-
-
-def load_spec(path: str | Path) -> Spec:
-    """Read a specification from a file (UTF-8).
-
-    Raises:
-        UsageError: see :func:`read_text`.
-        SpecError: see :func:`parse_spec`.
-    """
-    return parse_spec(read_text(path), str(path))
 
 
 def _choice(name: str, value: str, choices: tuple[str, ...]) -> None:

@@ -1,0 +1,93 @@
+"""What a specification declares: signals, parameters and the space they span, requirements."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from s2r_spec.errors import UsageError, one_of, suggest
+from s2r_spec.lang import formula as f
+from s2r_spec.lang.declarations import CertifySettings, Param, Signal
+from s2r_spec.robustness.binding import names
+from s2r_spec.robustness.horizon import horizon
+from s2r_spec.robustness.reading import read_param
+from s2r_spec.space import Axis, Space
+
+
+@dataclass(frozen=True, eq=False)
+class Declared:
+    """A checked specification, before any trace.
+
+    Args:
+        name: what it goes by in messages; the path if it was loaded.
+        text: its text, every line ending a line feed.
+        imported: name → text of every file it imports, however deep.
+        signals: name → declaration of a channel that a trace must have.
+        params: name → declaration of a test parameter.
+        formulas: requirement → its checked formula, in declared order.
+        certify: requirement → settings, for those that have a ``certify`` line.
+    """
+
+    name: str
+    text: str = field(repr=False)
+    imported: Mapping[str, str] = field(repr=False)
+    signals: Mapping[str, Signal]
+    params: Mapping[str, Param]
+    formulas: Mapping[str, f.Formula] = field(repr=False)
+    certify: Mapping[str, CertifySettings]
+
+    @property
+    def hash(self) -> str:
+        """SHA-256 of the text and what it imports, as hex digits; line endings do not matter."""
+        return hashlib.sha256("\0".join((self.text, *self.imported.values())).encode()).hexdigest()
+
+    @property
+    def requirements(self) -> tuple[str, ...]:
+        """Names of what is required, in declared order."""
+        return tuple(self.formulas)
+
+    @property
+    def space(self) -> Space:
+        """The test space: every parameter with a range and no default, in declared order."""
+        return Space(
+            tuple(Axis(p.name, *p.range, p.unit) for p in self.params.values() if p.range and p.searched)
+        )
+
+    def read_params(self, texts: Iterable[str]) -> dict[str, float]:
+        """Return name → value in the declared unit, of texts like ``vd=0.3`` or ``vd=30 cm/s``.
+
+        Raises:
+            UsageError: a text is not of this form, a name is unknown, or a unit does not fit.
+        """
+        return dict(read_param(self.params, text) for text in texts)
+
+    def unit(self, requirement: str) -> str:
+        """Return the unit of ρ: "" for none, "mixed" if it is the least of margins that do not compare."""
+        unit = self._formula(requirement).unit
+        return "" if unit is None else unit.text
+
+    def channels(self, requirement: str | None = None) -> tuple[str, ...]:
+        """Return the names of the signals that a requirement (or any) uses, in declared order."""
+        used = {name for formula in self._chosen(requirement) for name in names(formula).signals}
+        return tuple(name for name in self.signals if name in used)
+
+    def horizon(self, requirement: str | None = None) -> float:
+        """Return how long a trace must be to decide a requirement (or all) at its start [s].
+
+        It is inf if an unbounded operator looks at the whole rest of a trace,
+        however long. ``next`` counts as 0: its length is that of a sample. A time
+        bound that is a parameter counts with the greatest value of its range.
+        """
+        return max(horizon(formula) for formula in self._chosen(requirement))
+
+    def _formula(self, requirement: str) -> f.Formula:
+        if requirement not in self.formulas:
+            raise UsageError(
+                f"{self.name} has no requirement {requirement!r}{suggest(requirement, self.formulas)} "
+                f"it has {one_of(self.formulas)}"
+            )
+        return self.formulas[requirement]
+
+    def _chosen(self, requirement: str | None) -> Sequence[f.Formula]:
+        return tuple(self.formulas.values()) if requirement is None else (self._formula(requirement),)
