@@ -43,6 +43,16 @@ def test_its_effects_are_as_the_page_asks(cart):
         robot.with_effects({"drug": {}})
 
 
+def test_the_page_on_clusters_quotes_what_is_said():
+    source = Path(__file__).parents[1] / "s2r_spec" / "rollouts"
+    code = "".join((source / name).read_text() for name in ("pools.py", "runner.py"))
+    said = re.sub(r"\{[^{}]*\}", "…", re.sub(r'"\n\s*f?"', "", code))
+    quotes = re.findall(r"\*([^*]+)\*", (PAGES / "cluster.md").read_text().split("## What can go wrong")[1])
+    assert len(quotes) == 5
+    for quote in quotes:
+        assert re.sub(r"\bHOST\b", "…", quote) in said, quote
+
+
 def test_every_link_of_the_pages_leads_somewhere():
     for page in PAGES.glob("*.md"):
         for target in re.findall(r"\]\((?!http)([^)#]+)\)", page.read_text()):
