@@ -55,6 +55,8 @@ class State:
             return phase.budget if phase is not None else None
         # The width of the interval falls about as one over the square root of the rollouts.
         likely = math.ceil(certificate.rollouts * (certificate.epsilon / certificate.target) ** 2)
+        # The batch that runs is run to its end.
+        likely = max(likely, certificate.rollouts + sum(query.replicates for query in self.queries))
         return max(0, min(likely, phase.budget or likely) - self.rollouts)
 
     def seconds_left(self, now: float) -> float | None:

@@ -78,6 +78,13 @@ def test_a_budget_bounds_what_is_left(clock):
     assert "about 40 left (20 s)" in shown(one.view(), console)
 
 
+def test_the_batch_that_runs_is_left_also_when_it_is_expected_to_be_the_last(clock):
+    one, console = live(clock, terminal=True)
+    run(one, clock)
+    one._state.certificate = replace(CERTIFICATE, lower=-0.15, upper=-0.0999)
+    assert "about 15 left (8 s)" in shown(one.view(), console)
+
+
 def test_what_an_earlier_process_did_tells_no_pace(clock):
     one, console = live(clock, terminal=True)
     run(one, clock, old=90)
