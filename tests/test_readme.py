@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 import s2r_spec as s2r
-from s2r_spec.certify.outward import between
+from s2r_spec.certify.outward import between, down
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text()
@@ -23,6 +23,34 @@ def test_the_output_shown_is_the_one_that_the_committed_benchmark_got():
     assert f"{certificate['rollouts']} rollouts at" in shown
     assert f"spec {result['spec_hash'][:12]}, model {result['model_hash'][:12]}" in shown
     assert certificate["label"] in shown
+
+
+def test_the_promise_shown_is_the_one_that_the_committed_run_got():
+    """Its command, its numbers; a new model or another search makes it run again."""
+    kept = json.loads((ROOT / "benchmarks" / "results" / "readme_certify.json").read_text())
+    shown = re.search(
+        rf"<!-- output of: {re.escape(kept['command'])};.*?-->\n```text\n(.*?)\n```", README, re.S
+    )[1]
+    result = kept["result"]
+    promise, checked, gap = result["promise"], result["simulation"], result["gap"]
+    simulated, worst = checked["worst_expected_robustness"], gap["worst_expected_gap"]
+    there = gap["worst"]
+    for line in (
+        f"worst expected ρ  in {between(promise['lower'], promise['upper'])} m/s for twin:lab",
+        f"worst test        vd = {promise['worst']['vd']:.4g} m/s",
+        f"as the paper adds ≥ {down(promise['paper_lower'])} m/s",
+        f"worst expected ρ in {between(simulated['lower'], simulated['upper'])} m/s, "
+        f"{checked['search']['rollouts']} rollouts, {checked['label']}",
+        f"worst expected Δ  in {between(worst['lower'], worst['upper'])} m/s",
+        f"anywhere in {between(gap['band']['low'], gap['band']['high'])}",
+        f"mean Δ {there['mean']:+.4f} m/s, mean |Δ| {there['absolute']:.4f} over {there['pairs']} pairs",
+        f"largest mean |Δ|  {gap['largest_mean_absolute_gap']:.4f} m/s",
+        f"effort            {gap['search']['rollouts']} rollouts of twin:lab at {gap['search']['points']} tests",
+        f"label             {gap['label']}",
+    ):
+        assert line in shown, line
+    hashes = {result[side]["provenance"]["spec_hash"] for side in ("simulation", "gap")}
+    assert hashes == {s2r.load_spec(ROOT / "specs" / "a1_velocity.stl").hash}
 
 
 def test_the_committed_reference_lies_in_the_certificates_interval():
