@@ -34,13 +34,14 @@ def main() -> None:
     options = parser.parse_args()
     rows = []
 
-    def measure(name: str, case: Case) -> None:
-        outcomes = solve_all(seeds(case, options.seeds), options.workers)
+    def measure(name: str, case: Case, runs: int = options.seeds) -> None:
+        outcomes = solve_all(seeds(case, runs), options.workers)
         entry = {
             "name": name,
             "B": case.B,
             "R": case.R,
             "median_rollouts": int(np.median([outcome.rollouts for outcome in outcomes])),
+            "mean_rollouts": round(float(np.mean([outcome.rollouts for outcome in outcomes])), 1),
             "median_iterations": int(np.median([outcome.iterations for outcome in outcomes])),
             "wrong": sum(outcome.wrong for outcome in outcomes),
             "runs": len(outcomes),
@@ -66,6 +67,8 @@ def main() -> None:
     for noise in (0.02, 0.01, 0.005, 0.001):
         measure("rigorous, smaller R", replace(USUAL, R=noise))
         measure("rigorous, smaller R, 1 test a batch", replace(USUAL, R=noise, spread=1))
+    # So few rollouts are a matter of luck: over more functions, too.
+    measure("rigorous, smaller R, more functions", replace(USUAL, R=0.005), 5 * options.seeds)
     floors = {
         "sequential_floor": sequential_floor(USUAL.R, USUAL.epsilon, USUAL.delta),
         "minimax": minimax(USUAL.R, USUAL.epsilon, USUAL.delta),

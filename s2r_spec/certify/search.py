@@ -65,7 +65,8 @@ class Search:
             (see :mod:`s2r_spec.certify.confidence`); both hold, the first takes fewer rollouts.
         seed: breaks ties between equally good tests; kept in the certificate.
         batch: rollouts per batch as a share of those done; a larger one means fewer rounds and more rollouts.
-        spread: distinct points per batch, chosen as in GP-BUCB; each is run at least twice.
+        spread: distinct points per batch, chosen as in GP-BUCB; each is run at least twice. The first
+            batches, which that makes larger than ``batch`` asks for, may hold fewer.
         budget: most rollouts; None for as many as ε takes. The search ends before the first batch
             that would exceed it, so that the same tests are asked for under any budget.
         engine: ``spectral`` or ``gpytorch``, see :mod:`s2r_spec.certify.posterior`.
@@ -168,7 +169,8 @@ class Search:
             return []
         size = self._batch_size()
         shares = [size // self.spread + (i < size % self.spread) for i in range(self.spread)]
-        for place, share in zip(self._next_points(shares), shares, strict=True):
+        # May be fewer tests than shares.
+        for place, share in zip(self._next_points(shares), shares, strict=False):
             query = Query(self._asked, self.space.point(self._tiling.points[place]), share)
             self._open[query.index] = (query, place)
             self._asked += 1
@@ -230,15 +232,25 @@ class Search:
         return max(2 * self.spread, math.ceil(self.batch * self._rollouts))
 
     def _next_points(self, shares: list[int]) -> list[int]:
-        """GP-BUCB: after each choice the deviation shrinks as if it were done, the mean stays."""
+        """GP-BUCB: after each choice the deviation shrinks as if it were done, the mean stays.
+
+        While a batch is larger than the share of the rollouts that ``batch`` asks for, it ends after the
+        test with which, by the same reckoning, ε is reached. Its tests keep their replicates.
+        """
         rng = np.random.default_rng([self.seed, self._asked])
         upper, points = self._bounds.upper[0], self._tiling.points
         chosen = [_argmax(upper, rng)]
         planned = self._samples.add(chosen[0], shares[0], 0.0)
         mean, width, scale = self._tightest(chosen[0])
+        oversized = self._data is not None and sum(shares) > math.ceil(self.batch * self._rollouts)
         for share in shares[1:]:
             std = self._engine.condition(points, planned).moments(scale, points).std[0]
-            chosen.append(_argmax(np.minimum(upper, mean + width * std), rng))
+            likely = np.minimum(upper, mean + width * std)
+            if oversized:
+                best = np.maximum(self._bounds.lower[0], mean - width * std).max()
+                if likely.max() + self._bounds.hidden[0] - best <= self.epsilon / self.R:
+                    break
+            chosen.append(_argmax(likely, rng))
             planned = planned.add(chosen[-1], share, 0.0)
         return chosen
 

@@ -69,6 +69,33 @@ def test_the_order_of_telling_within_a_batch_changes_nothing():
     assert certificate(False) == certificate(True)
 
 
+def batches(R, seed):
+    """Return the replicates of every batch of a search with this much noise."""
+    search = Search(LINE, **(USUAL | {"R": R, "delta": 1e-6, "epsilon": 0.02, "seed": seed}))
+    rng = np.random.default_rng(seed)
+    function = RandomFunction(USUAL["kernel"], LINE, 0.4, rng)
+    asked = []
+    while not search.done:
+        queries = search.ask()
+        asked.append([query.replicates for query in queries])
+        for query in queries:
+            outcomes = function(search.space.vector(query.point)) + R * rng.normal(size=query.replicates)
+            search.tell(query, outcomes)
+    assert search.certificate().label is Label.CERTIFIED
+    return asked
+
+
+def test_an_early_batch_ends_with_the_test_that_is_expected_to_be_the_last():
+    runs = [batches(0.005, seed) for seed in range(8)]
+    assert any(len(one[-1]) < 4 for one in runs)
+    for one in runs:
+        assert all(len(batch) == 4 for batch in one[:2])  # not before it is near its end
+        assert all(replicates >= 2 for batch in one for replicates in batch)  # what could refute R stays
+    later = batches(0.05, 0)
+    assert sum(map(sum, later)) > 80
+    assert all(len(batch) == 4 for batch in later)
+
+
 def test_a_seed_fixes_the_search_and_another_one_moves_it():
     assert searched(seed=1).certificate() == searched(seed=1).certificate()
     assert Search(LINE, **USUAL, seed=0).ask() != Search(LINE, **USUAL, seed=1).ask()
