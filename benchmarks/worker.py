@@ -1,0 +1,49 @@
+"""What a worker of `s2r check` costs, measured in a fresh one: memory, and processor time of its rollouts."""
+
+from __future__ import annotations
+
+import os
+import resource
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from time import process_time
+
+from s2r_spec.rollouts.child import Child
+from s2r_spec.rollouts.runner import open_backend
+
+
+def rollouts(backend: str, duration: float, count: int) -> dict[str, float]:
+    """Run rollouts in this process; return processor seconds of the first and the median one, and peak MiB."""
+    seconds = []
+    for seed in range(count):
+        start = process_time()
+        open_backend(backend, duration).rollout({"vd": 0.3}, seed)
+        seconds.append(process_time() - start)
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    return {"first": seconds[0], "median": sorted(seconds)[count // 2], "best": min(seconds), "peak": peak}
+
+
+def fresh(backend: str = "sim", duration: float = 1.5, count: int = 5) -> dict[str, float]:
+    """Return :func:`rollouts` of a worker that was just started, as `s2r check` starts one."""
+    child = Child("measure")
+    try:
+        found: dict[str, float] = child.call(rollouts, backend, duration, count)
+        return found
+    finally:
+        child.close()
+        child.release()
+
+
+@contextmanager
+def nothing_compiled() -> Iterator[None]:
+    """Give Numba an empty folder for what it keeps, as on a machine where s2r never ran."""
+    before = os.environ.get("NUMBA_CACHE_DIR")
+    with tempfile.TemporaryDirectory() as folder:
+        os.environ["NUMBA_CACHE_DIR"] = folder
+        try:
+            yield
+        finally:
+            del os.environ["NUMBA_CACHE_DIR"]
+            if before is not None:
+                os.environ["NUMBA_CACHE_DIR"] = before
