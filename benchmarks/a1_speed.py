@@ -4,14 +4,16 @@ Run: OMP_NUM_THREADS=1 python benchmarks/a1_speed.py
 
 The split comes from clocks wrapped around the functions named in ``PARTS``; a
 part's time excludes that of the parts it calls. The clocks themselves cost
-about 1 µs a part, which is why the total is measured without them.
+about 1 µs a part, which is why the total is measured without them. Memory is
+that of a fresh worker, as `s2r check` starts it, and not of this process, which
+builds both forms of the QP; where Numba has nothing on disk yet, the first
+workers compile, and take more.
 """
 
 from __future__ import annotations
 
 import importlib
 import platform
-import resource
 import sys
 from collections import defaultdict
 from collections.abc import Callable, Iterator
@@ -21,6 +23,8 @@ from functools import wraps
 from pathlib import Path
 from time import thread_time
 from typing import Any
+
+import worker
 
 from s2r_sim import SimBackend
 from s2r_sim.gains import RATE
@@ -114,12 +118,18 @@ def main() -> bool:
     print(f"{'all, without the clocks':36} {plain / ticks * 1e6:6.1f}")
 
     speed = ticks / RATE / plain
-    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    usual = worker.fresh()
+    with worker.nothing_compiled():
+        compiling = worker.fresh()
     print(f"\none rollout of {backend.duration} s from the warm state: {plain:.3f} s CPU (wanted: <= 0.15)")
     print(f"speed, settling counted: {speed:.1f} x real time per core (wanted: >= 10)")
     print(f"the 30-variable form: {reference:.3f} s CPU, {ticks / RATE / reference:.1f} x real time")
-    print(f"memory of this process, with both forms built: {memory:.0f} MiB (wanted: <= 300)")
-    return plain <= 0.15 and speed >= 10.0 and memory <= 300.0
+    print(f"memory of a worker: {usual['peak']:.0f} MiB (wanted: <= 300)")
+    print(
+        f"of a machine's first workers, which compile for {compiling['first']:.0f} s: "
+        f"{compiling['peak']:.0f} MiB (wanted: <= 300)"
+    )
+    return plain <= 0.15 and speed >= 10.0 and max(usual["peak"], compiling["peak"]) <= 300.0
 
 
 def processor() -> str:
