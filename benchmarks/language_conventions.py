@@ -175,7 +175,13 @@ def here(pair: Pair, name: str) -> np.ndarray:
 def compare(name: str, scale: float) -> dict[str, object]:
     package, run, drawn, count = TOOLS[name]
     import_module("stlcgpp.formula" if package == "stlcgpp" else package)  # once, not in every child
-    tally = {"pairs": 0, "samples compared": 0, "pairs without an answer there": 0, "pairs that differ": 0}
+    tally = {
+        "pairs": 0,
+        "samples compared": 0,
+        "pairs without an answer there": 0,
+        "samples without an answer there": 0,
+        "pairs that differ": 0,
+    }
     worst, examples = 0.0, []
 
     @seed(0)
@@ -190,9 +196,11 @@ def compare(name: str, scale: float) -> dict[str, object]:
             tally["pairs without an answer there"] += 1
             return
         there, found = np.array(answer), here(pair, name)
-        tally["samples compared"] += found.size
+        said = ~np.isnan(there)
+        tally["samples compared"] += int(said.sum())
+        tally["samples without an answer there"] += int((~said).sum())
         with np.errstate(invalid="ignore"):
-            apart = float(np.where(found == there, 0.0, np.abs(found - there)).max())
+            apart = float(np.where((found == there) | ~said, 0.0, np.abs(found - there)).max())
         worst = max(worst, apart)
         if not apart <= TOLERANCE:
             tally["pairs that differ"] += 1

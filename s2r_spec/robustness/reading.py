@@ -92,6 +92,8 @@ def read_params(
     """
     for name, value in given.items():
         _known(params, name)
+        if isinstance(value, str):
+            raise UsageError(f"the parameter {name} = {value!r} is text, not a number")
         if not math.isfinite(value):
             raise UsageError(f"the parameter {name} = {value} is not a finite number")
     numbers: dict[str, FloatArray] = {}
@@ -99,7 +101,10 @@ def read_params(
         if name in used:
             number = given[name] if name in given else param.default  # noqa: SIM401  (mypy: get widens)
             if number is None:
-                raise UsageError(f"the parameter {name!r} has no value: give params={{{name!r}: …}}")
+                raise UsageError(
+                    f"the parameter {name!r} has no value: give params={{{name!r}: …}}, "
+                    f"or --param {name}=… on the command line"
+                )
             numbers[name] = np.full((1, 1), float(number))
     return numbers
 

@@ -174,9 +174,14 @@ def test_horizons() -> None:
 @pytest.mark.parametrize(
     ("trace", "params", "message"),
     [
-        (walk(0, 0, 0, 0), {}, "the parameter 'vd' has no value: give params={'vd': …}"),
+        (
+            walk(0, 0, 0, 0),
+            {},
+            "the parameter 'vd' has no value: give params={'vd': …}, or --param vd=… on the command line",
+        ),
         (walk(0, 0, 0, 0), {"vd": 0, "vq": 1}, "the spec has no parameter 'vq'; it has vd"),
         (walk(0, 0, 0, 0), {"vd": math.nan}, "the parameter vd = nan is not a finite number"),
+        (walk(0, 0, 0, 0), {"vd": "0.3"}, "the parameter vd = '0.3' is text, not a number"),
         (
             walk(0, math.nan, 0, 0),
             {"vd": 0},

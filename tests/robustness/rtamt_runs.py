@@ -110,7 +110,10 @@ def in_discrete_time(text: str, x: Sequence[float], y: Sequence[float]) -> list[
 
 
 def in_dense_time(text: str, ticks: Sequence[int], x: Sequence[float], y: Sequence[float]) -> list[float]:
-    """Return ρ at every sample, as RTAMT has it in dense time, from the steps that it returns."""
+    """Return ρ at every sample, as RTAMT has it in dense time, from the steps that it returns.
+
+    NaN before the first of them: a since without bounds says nothing about a start at which it is −inf.
+    """
     import rtamt
 
     spec = _parsed(rtamt.StlDenseTimeSpecification, text)
@@ -120,7 +123,7 @@ def in_dense_time(text: str, ticks: Sequence[int], x: Sequence[float], y: Sequen
     )
     steps = np.array(spec.evaluate(*channels), dtype=float)
     at = np.searchsorted(steps[:, 0], np.array(ticks, dtype=float), side="right") - 1
-    return steps[at, 1].tolist()
+    return np.where(at < 0, np.nan, steps[at, 1]).tolist()
 
 
 def _parsed(kind, text: str):
