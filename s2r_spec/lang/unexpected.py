@@ -20,6 +20,7 @@ _FORMULA = _EXPRESSION | {"NOT", "TEMPORAL", "STEP", "TRUE", "FALSE"}
 _OPERATORS = frozenset(
     {"PLUS", "MINUS", "TIMES", "DIV", "POW", "CMP", "AND", "OR", "IMPLIES", "IFF", "UNTIL"}
 )
+_NAMES = "a name begins with a letter from a to z, and goes on with those, digits and `_`"
 _MEANT = {
     "~": "not", "¬": "not", "∧": "and", "∨": "or", "→": "->", "⇒": "->", "↔": "<->", "⇔": "<->", "≤": "<=", "≥": ">=",
     "≠": "!=", "□": "always", "◻": "always", "◇": "eventually", "◊": "eventually", "⊤": "true", "⊥": "false",
@@ -38,8 +39,11 @@ def stray_character(span: Span) -> Diagnostic:
         "}": "a unit stands in braces on one line, such as {m/s}",
         "'": "names are written without quotes",
         '"': "names are written without quotes",
+        ".": f"{_NAMES}; that of a file stands in quotes",
         ";": "a statement ends where the next one begins; leave the semicolon out",
     }.get(span.text)
+    if fix is None and (span.text == "_" or span.text.isalpha()):
+        fix = _NAMES
     if fix is None and span.text in _MEANT:
         fix = f"write `{_MEANT[span.text]}`"
     fix = fix or "leave it out"
@@ -130,10 +134,18 @@ def _hint(source: Source, tokens: Sequence[Token], position: int, allowed: Set[s
         return guess
     if token.type in ("RSQB", "RPAR") and "COMMA" in allowed and "RPAR" not in allowed:
         return "an interval has two ends, such as [0, 0.5 s]"
+    if first_on_line and token.type in ("TEMPORAL", "NOT", "STEP"):
+        return "a requirement is written `require name: …`"
+    if tokens[0].type == "SIGNAL" and position == 2 and token.type == "COMMA":
+        return "declare one signal at a time: `signal x  signal y`"
+    if tokens[0].type == "SIGNAL" and position == 2 and token.type == "DIV":
+        return f"{_NAMES}; --map v=a/b says what a channel is called in a file"
     if token == "t" and before.type == "LSQB" and tokens[position - 2].type == "NAME":
         return f"write `{tokens[position - 2]}`: a signal is taken at the time at which it is asked"
     if token == "xor":
         return "write `not (… <-> …)`"
+    if token.type == "NAME" and before.type == "NUMBER":
+        return "a unit stands in braces, such as {m/s}"
     if token.type == "EQ" and "CMP" in allowed:
         return "to compare, write `<=`, `>=` or `==`"
     if before.type == "REQUIRE" and token.type != "NUMBER":
