@@ -4,7 +4,8 @@
 
 RTAMT gets all that both languages can say, the others what they have in common:
 and, or, not, always, eventually, until, over x and y against a number. Each
-other tool runs in a child process, as some formulas end it. Tools that are not
+other tool runs in a child process: STLRom dies of an until whose window goes past the end of
+the trace (without an answer there). Tools that are not
 installed are left out. Writes language_conventions.txt; ``scale`` shortens the run.
 """
 
