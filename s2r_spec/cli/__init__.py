@@ -22,6 +22,7 @@ from s2r_spec.cli import (
     gap,
     lint,
     monitor,
+    odds,
     plan,
     replay,
     report,
@@ -43,6 +44,7 @@ app.command(epilog=EXIT_CODES)(certify.certify)
 app.command()(diagnose.diagnose)
 app.add_typer(blind.app, name="blind")
 app.command()(plan.plan)
+app.command()(odds.odds)
 app.command()(replay.replay)
 app.command(epilog=EXIT_CODES)(report.report)
 app.command()(backends.backends)

@@ -1,0 +1,93 @@
+"""``s2r odds``: how likely a rollout of a finished check is to fail, at the worst test; nothing is run."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from s2r_spec.cli.common import sentences
+
+
+def odds(
+    run: Annotated[
+        Path, typer.Argument(help="Folder of a check, finished or not, as it was named.", show_default=False)
+    ],
+    B: Annotated[
+        float,
+        typer.Option(
+            "--B",
+            help="Bound on the norm of the probability as a function of the test. It is 0 if nothing ever fails; "
+            "no data can prove it.",
+            show_default=False,
+        ),
+    ],
+    below: Annotated[
+        list[float] | None,
+        typer.Option(help="Bound the probability of ρ below this (may be repeated).", show_default="0"),
+    ] = None,
+    delta: Annotated[
+        float | None, typer.Option(help="1 − probability, of all bounds together.", show_default="the spec's")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
+    """Bound how likely ρ is to fall below a level at the worst test, from the rollouts of a check."""
+    with sentences(as_json):
+        from s2r_spec.certify.odds import odds as bound
+        from s2r_spec.certify.outward import at_least, at_most
+        from s2r_spec.report.recompute import recompute, runs_in
+
+        results = []
+        for folder in runs_in(run):
+            found = recompute(folder)
+            settings = found.spec.certify[found.result.requirement]
+            risk = settings.delta if delta is None else delta
+            assert settings.kernel is not None  # recompute has searched with both
+            assert risk is not None
+            # Of a batch that is not whole, which rollouts are on disk may depend on how they went.
+            counted = found.records[: len(found.records) - found.waiting]
+            results.append(
+                (
+                    found,
+                    risk,
+                    bound(
+                        found.spec.space,
+                        [(record.params, [record.rho]) for record in counted],
+                        below or [0.0],
+                        kernel=found.search.kernel,
+                        B=B,
+                        delta=risk,
+                    ),
+                )
+            )
+        if as_json:
+            record = {
+                found.result.requirement: {"delta": risk, "levels": [asdict(one) for one in levels]}
+                for found, risk, levels in results
+            }
+            print(json.dumps({"schema": "s2r.odds/1", "results": record}, allow_nan=False))
+            return
+        for found, risk, levels in results:
+            unit = f" {found.result.unit}" if found.result.unit else ""
+            print(
+                f"{found.result.requirement}: {levels[0].rollouts} rollouts, with probability ≥ 1 − {risk:g}"
+            )
+            for one in levels:
+                seen = f"{one.seen} of {one.rollouts} were"
+                if one.refused:
+                    print(f"  P(ρ < {one.level:g}{unit}): no bound, {seen}; {one.refused}")
+                    continue
+                bounds = f"≤ {at_most(one.upper)} at every test, ≥ {at_least(one.lower)} at one"
+                print(f"  P(ρ < {one.level:g}{unit}) {bounds}; {seen}")
+            print("  This assumes:")
+            print(
+                f"   - each of these probabilities, as a function of the test, has norm ≤ B = {B:g} in the RKHS of the "
+                f"check's kernel; no data can prove this"
+            )
+            print(
+                "   - rollouts are independent given the tests, and the levels were chosen before they were seen"
+            )
+            print("   - the noise of a yes or no is ½-sub-Gaussian: this is proven (Hoeffding's lemma)")
