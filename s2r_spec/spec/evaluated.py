@@ -16,6 +16,7 @@ from s2r_spec.robustness.evaluation import End, Evaluation, Interpolation, Readi
 from s2r_spec.robustness.explain import Explanation, explain
 from s2r_spec.robustness.horizon import horizon
 from s2r_spec.robustness.online.monitor import Followed, Monitor, RobustnessStream
+from s2r_spec.robustness.profiles import Profile
 from s2r_spec.robustness.reading import Missing, read_params, read_signals
 from s2r_spec.robustness.tolerances import Tolerances, tolerances
 from s2r_spec.spec.declared import Declared
@@ -37,6 +38,7 @@ class Spec(Declared):
         *,
         interpolation: Interpolation = "samples",
         until: Witness = "open",
+        end: End | None = None,
         partial: bool = False,
         only: str | None = None,
     ) -> dict[str, float]:
@@ -51,7 +53,8 @@ class Spec(Declared):
             params: name → value in the declared unit, for every parameter used that has no default.
             interpolation: see :meth:`evaluate`.
             until: see :meth:`evaluate`.
-            partial: evaluate a trace that is shorter than the horizon on what there is.
+            end: see :meth:`evaluate`; without it a trace that is shorter than the horizon is refused.
+            partial: evaluate such a trace on what there is, as ``end="clip"`` does.
             only: evaluate this requirement alone; the trace needs no more than that one reads.
 
         Raises:
@@ -63,6 +66,9 @@ class Spec(Declared):
         names = tuple(self.formulas) if only is None else (only,)
         if trace.failure is not None:
             return {name: self._fallen(name, trace.failure) for name in names}
+        if end is not None:
+            how: Profile = {"interpolation": interpolation, "until": until, "end": end}
+            return {name: self.evaluate(trace, name, params, **how).value for name in names}
         reading = self._reading(trace, params, only, interpolation, until, "error")
         result = {}
         for name in names:

@@ -43,6 +43,14 @@ def test_by_hand(name: str, formula: str, which: int) -> None:
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)
 
 
+def test_the_first_time_alone() -> None:
+    spec = s2r.parse_spec(f"signal x signal y require near: {UNTIL} require far: always[0, 9] x > -2")
+    assert spec.robustness(TRACE, **s2r.profile("breach")) == {"near": pytest.approx(MEET), "far": 1}
+    assert spec.robustness(TRACE, **s2r.profile("rtamt")) == {"near": 1, "far": 1}
+    with pytest.raises(s2r.S2RError, match="'far' looks 9 s ahead, but the trace lasts 3 s"):
+        spec.robustness(TRACE)
+
+
 def test_a_profile_is_the_callers_own() -> None:
     s2r.profile("breach")["until"] = "open"
     assert s2r.profile("breach")["until"] == "closed"
