@@ -22,7 +22,7 @@ import os
 import re
 import zlib
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -216,9 +216,9 @@ class Journal:
         try:
             if trace is not None:
                 name = f"traces/{record.query:05d}.{record.replicate:04d}.npz"
-                record = Record(**(asdict(record) | {"trace": name}))
+                record = replace(record, trace=name)
                 _write(trace, self.folder / name)
-            line, checksum = _line(asdict(record), self._checksum)
+            line, checksum = _line(vars(record), self._checksum)
             _append(self.folder / FILE, line)
         except OSError as error:
             raise JournalError(
