@@ -27,7 +27,7 @@ def probability(rng):
 
 def rollouts(function, rng, seed):
     """Tests that a search for the worst mean chose; ρ is −1 with the probability of the test, else 1."""
-    search = Search(LINE, kernel=KERNEL, B=3, R=1, delta=0.1, epsilon=0.3, budget=300, seed=seed)
+    search = Search(LINE, kernel=KERNEL, B=3, R=1, delta=0.1, epsilon=0.3, budget=150, seed=seed)
     done = []
     while not search.done:
         for query in search.ask():
