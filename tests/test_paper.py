@@ -103,3 +103,24 @@ def test_faults():
         row = line(f"| {each['fault'].split(' (')[0].replace('a read-only', 'read-only')}").split("|")[1:-1]
         assert [int(row[1]), int(row[2]), int(row[3])] == [each["exit_code"], each["before"], each["lost"]]
         assert all(part.strip() in each["sentence"] for part in row[5].split("…")), row[5]
+
+
+def test_budget():
+    found = result("budget")
+    framework, rates, memory = found["framework"], found["rollouts_per_second"], found["worker_MiB"]
+    shown = {
+        "| one rollout of the A1": f"{found['rollout_seconds']['median']:.3f} s",
+        "| one core-hour": f"{found['rollouts_per_core_hour']} rollouts, "
+        f"{found['certificates_per_core_hour']:.0f} certificates like the README's",
+        "| rollouts per second": f"{rates['1']:.1f} and {rates['2']:.1f} ({found['scaling']:.2f} ×)",
+        "| the framework, per rollout, processor": f"{framework['processor_ms']:.1f} ms, "
+        f"of it the search {framework['of_which_search_ms']:.2f} ms",
+        "| the framework, per rollout, wall": f"{framework['wall_ms']:.1f} ms",
+        "| peak memory of a worker": f"{memory['usual']:.0f} MiB",
+        "| peak memory of a machine's first": f"{memory['compiling']:.0f} MiB",
+        "| `s2r --help`": f"{found['help_seconds']['median']:.2f} s",
+    }
+    for beginning, text in shown.items():
+        assert line(beginning).split("|")[2].strip() == text
+    load = found["load_average"]
+    assert f"a load average of {load['before']:.1f} before and {load['after']:.1f} after" in PAGE
