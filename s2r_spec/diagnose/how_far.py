@@ -41,6 +41,27 @@ class Gap:
 
 
 @dataclass(frozen=True)
+class HeldOut:
+    """Held-out rollouts of one test.
+
+    Attributes:
+        params: the test.
+        rollouts: real ones.
+        before: ρ_real − E ρ_sim of the nominal simulator, mean over the rollouts.
+        after: the same of the patched one; None when there is nothing to patch.
+    """
+
+    params: Mapping[str, float]
+    rollouts: int
+    before: float
+    after: float | None
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the fields."""
+        return dict(vars(self)) | {"params": dict(self.params)}
+
+
+@dataclass(frozen=True)
 class HowFar:
     """The gap before and after the named effects were added to the simulator.
 
@@ -57,6 +78,7 @@ class HowFar:
         oracle: the gap after, as the bank predicts it for the best of all single effects and the named set.
         oracle_share: part of what the oracle closes that the named effects close.
         beyond: at most this part of all tests has a larger gap than any held-out one, with 95 % confidence.
+        tests: the held-out ones, signed.
     """
 
     rollouts: int
@@ -69,6 +91,7 @@ class HowFar:
     oracle: float | None
     oracle_share: float | None
     beyond: float
+    tests: tuple[HeldOut, ...] = ()
 
     @property
     def material(self) -> bool:
@@ -113,6 +136,7 @@ class HowFar:
             "oracle_gap": self.oracle,
             "oracle_share": self.oracle_share,
             "tests_with_a_larger_gap_at_most": self.beyond,
+            "tests": [test.to_json() for test in self.tests],
         }
 
 
@@ -181,6 +205,15 @@ def how_far(
         oracle,
         oracle_share,
         float(1.0 - (1.0 - LEVEL) ** (1.0 / distinct)),
+        tuple(
+            HeldOut(
+                dict(tests[int(np.argmax(groups == g))]),
+                int((groups == g).sum()),
+                float((real - nominal)[groups == g].mean()),
+                None if patched is None else float((real - patched)[groups == g].mean()),
+            )
+            for g in np.unique(groups)
+        ),
     )
 
 

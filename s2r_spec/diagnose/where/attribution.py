@@ -18,6 +18,9 @@ from s2r_spec.trace import Trace
 
 FloatArray = NDArray[np.float64]
 
+BINS = 300
+"""Samples that a trace is thinned to for JSON."""
+
 
 @dataclass(frozen=True)
 class Part:
@@ -52,6 +55,8 @@ class Attribution:
         delta: Δρ = ρ_real − ρ_sim.
         times: (n,) of the common samples [s].
         credit: channel → (n,) what its samples add to Δρ; a vector's components by index ("u[0]").
+        real: signal → (width, n) samples of the real trace, in the spec's units.
+        simulated: the same of the simulated one, at these times.
         parts: the formula, from the requirement down to its predicates, in written order.
         ended: what the common samples do not show: the end of the shorter trace, a fall.
         reason: what ended it; "" if nothing did.
@@ -65,6 +70,8 @@ class Attribution:
     delta: float
     times: FloatArray
     credit: Mapping[str, FloatArray]
+    real: Mapping[str, FloatArray]
+    simulated: Mapping[str, FloatArray]
     parts: tuple[Part, ...]
     ended: float
     reason: str
@@ -80,6 +87,27 @@ class Attribution:
     def within(self, start: float, end: float) -> float:
         """Return what samples from ``start`` to ``end`` [s] add to Δρ."""
         return float(self.over_time[(self.times >= start) & (self.times <= end)].sum())
+
+    def binned(self, most: int = BINS) -> dict[str, Any]:
+        """Return the samples as plain data for JSON: means, and sums of what they add, over equal bins of them."""
+        starts = np.unique(np.linspace(0, self.times.size, min(most, self.times.size) + 1).astype(int)[:-1])
+        counts = np.diff(np.append(starts, self.times.size))
+
+        def plain(values: FloatArray) -> list[float]:
+            return [float(f"{value:.6g}") for value in np.add.reduceat(values, starts)]
+
+        rows = {"real": labelled(self.real), "simulated": labelled(self.simulated)}
+        return {
+            "begin": [float(f"{time:.9g}") for time in self.times[starts]],
+            "channels": {
+                name: {
+                    side: plain(of[name].astype(float) / np.repeat(counts, counts))
+                    for side, of in rows.items()
+                }
+                | {"delta": plain(values)}
+                for name, values in self.credit.items()
+            },
+        }
 
     def to_json(self) -> dict[str, Any]:
         """Return plain data for JSON, without the samples."""
@@ -123,6 +151,8 @@ def attribute(
         pair.delta,
         pair.times,
         credit,
+        pair.real,
+        pair.simulated,
         parts(pair.formula, pieces),
         pair.ended,
         pair.reason,
@@ -176,8 +206,13 @@ def _by_channel(pair: Aligned, pieces: list[Piece]) -> dict[str, FloatArray]:
     for piece in pieces:
         for name, amounts in piece.credit.items():
             sums[name] += amounts
+    return labelled(sums)
+
+
+def labelled(signals: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+    """Return label → (n,) of (width, n) signals: a vector's components by index ("u[0]")."""
     return {
         name if len(rows) == 1 else f"{name}[{k}]": row
-        for name, rows in sums.items()
+        for name, rows in signals.items()
         for k, row in enumerate(rows)
     }

@@ -8,12 +8,19 @@ from typing import Any
 
 import numpy as np
 
+from s2r_spec.backend import HasResiduals
+from s2r_spec.diagnose.design import unit_box
+from s2r_spec.diagnose.simulate import Bench
 from s2r_spec.diagnose.where.attribution import Attribution, attribute
+from s2r_spec.diagnose.where.body import FEWEST, Body, Residuals, body
 from s2r_spec.diagnose.where.gaps import GapAt
 from s2r_spec.diagnose.where.space import InSpace, in_space
+from s2r_spec.errors import TraceError
+from s2r_spec.rollouts.seeds import Stream, rollout_seed
 from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
 
+NOT_ASKED = "no simulator was at hand that could say what its own model leaves unexplained"
 WINDOWS = 6
 """Equal windows of time over which Δρ is summed."""
 
@@ -26,11 +33,15 @@ class Where:
         space: over the test space; None where the spec sweeps no parameter, or more than four.
         test: the test with the largest mean gap, of those that were run.
         pair: Δρ of a real and a simulated rollout there, taken apart.
+        body: which parts of the machine do what their model does not explain; None where it cannot be said.
+        no_body: why not, in a sentence; "" where it is said.
     """
 
     space: InSpace | None
     test: Mapping[str, float]
     pair: Attribution
+    body: Body | None = None
+    no_body: str = NOT_ASKED
 
     def windows(self) -> list[dict[str, float]]:
         """Return begin, end [s] and share of Δρ of equal windows of time."""
@@ -54,6 +65,9 @@ class Where:
             "channels": apart["channels"],
             "ended": apart["ended"],
             "switch": apart["switch"],
+            "trace": self.pair.binned(),
+            "body": None if self.body is None else self.body.to_json(),
+            "no_body": self.no_body or None,
         }
 
 
@@ -64,6 +78,7 @@ def where(
     real: Sequence[tuple[Trace, float]],
     simulated: Sequence[tuple[Trace, float]],
     seed: int = 0,
+    bench: Bench | None = None,
 ) -> Where:
     """Return where the gap lies.
 
@@ -74,6 +89,7 @@ def where(
         real: (trace, ρ) of the real rollout of each.
         simulated: the same of a simulated one.
         seed: of what is sampled.
+        bench: the simulator, for the parts of the machine; each test is then simulated once more.
     """
     places: dict[tuple[tuple[str, float], ...], list[int]] = {}
     for i, test in enumerate(tests):
@@ -88,4 +104,44 @@ def where(
     worst = max(gaps, key=lambda gap: abs(gap.signed))
     first = places[tuple(sorted(worst.params.items()))][0]
     pair = attribute(spec, requirement, real[first][0], simulated[first][0], dict(worst.params))
-    return Where(space, dict(worst.params), pair)
+    found, why = (None, NOT_ASKED) if bench is None else body_of(bench, tests, real, simulated, seed)
+    return Where(space, dict(worst.params), pair, found, why)
+
+
+def body_of(
+    bench: Bench,
+    tests: Sequence[Mapping[str, float]],
+    real: Sequence[tuple[Trace, float]],
+    simulated: Sequence[tuple[Trace, float]],
+    seed: int,
+) -> tuple[Body | None, str]:
+    """Return which parts of the machine do what their model does not explain, or None and why that cannot be said.
+
+    Arguments are those of :func:`where`.
+    """
+    backend = bench.backend
+    if not isinstance(backend, HasResiduals):
+        return None, (
+            f"the backend {backend.name!r} computes no residuals, so the gap cannot be traced to parts of the "
+            f"machine; see docs/how-to/effects.md"
+        )
+
+    def unexplained(trace: Trace, test: Mapping[str, float]) -> Residuals:
+        return Residuals(backend.residuals(trace, bench.matched.to_backend(test)), trace)
+
+    own, other, at = [], [], []
+    said = ""
+    for number, (test, (trace, _), (first, _)) in enumerate(zip(tests, real, simulated, strict=True)):
+        again = bench.run({}, test, rollout_seed(seed, number, 1, Stream.CHECK))
+        try:
+            three = [unexplained(one, test) for one in (trace, first, again)]
+        except TraceError as error:
+            said = str(error)
+            continue
+        own.append(three[0])
+        other.append(three[1:])
+        at.append(test)
+    if len(own) < FEWEST:
+        few = f"residuals could be computed of {len(own)} real rollouts, and {FEWEST} are the least"
+        return None, f"{few}: {said}" if said else few
+    return body(unit_box(bench.spec.space, at), own, other, bench.backend.duration), ""

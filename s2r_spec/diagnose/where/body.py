@@ -1,0 +1,330 @@
+"""Which parts of the machine do what their model does not explain, and when.
+
+A backend with residuals says of any recorded motion what its own model leaves
+unexplained, column by column, and what each column belongs to. Real residuals less
+those of nominal rollouts at the same tests are nothing, up to scatter, where the
+model is right. In every window of time, the windows' lengths doubling, a generalised
+likelihood ratio asks whether they are shifted: with y (n,) the mean differences in
+the window, X the tests (constant and slopes) and s² the scatter from run to run,
+
+    F = ‖P_X y‖² / (q s²),   q = rank X,
+
+the ratio's monotone form when s² is estimated (Wald 1943). s² is that of simulated
+rollouts, and no less than what the fit leaves of y: a machine may scatter more than
+its simulator. Windows overlap and columns go together, so that the false-discovery
+rate is held under any dependence (Benjamini and Yekutieli 2001, theorem 1.3).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec.diagnose.where.discovery import adjusted
+from s2r_spec.trace import Trace
+
+FloatArray = NDArray[np.float64]
+
+CELLS = 32
+"""Finest windows: so many parts of a rollout, a power of two."""
+LEVEL = 0.05
+"""False-discovery rate over all columns and windows."""
+FEWEST = 4
+"""Rollouts that reach into a window, or it says nothing."""
+NUMERICS = 1e-6
+"""A column scatters by this part of the largest recorded value of its unit, at least: rounding is no noise."""
+
+
+@dataclass(frozen=True)
+class Shift:
+    """One residual of one part, in the window that holds most of its shift: size² times length, of all discoveries.
+
+    Attributes:
+        channel: the residual, as the backend calls it.
+        column: of it.
+        unit: of it.
+        begin: of the window, from the start of the rollout [s].
+        end: of it [s].
+        mean: shift, mean over the rollouts.
+        size: root mean square of the shift over the rollouts: not nothing where its sign changes with the test.
+        sigma: size in standard deviations of one rollout against the next.
+        p: probability of a ratio so large or larger in this window without a shift.
+        adjusted: the same, adjusted for all columns and windows; a discovery if below the level.
+    """
+
+    channel: str
+    column: int
+    unit: str
+    begin: float
+    end: float
+    mean: float
+    size: float
+    sigma: float
+    p: float
+    adjusted: float
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the fields."""
+        return dict(vars(self))
+
+
+@dataclass(frozen=True)
+class BodyPart:
+    """A part of the machine.
+
+    Attributes:
+        name: as the backend calls it, "FR calf".
+        shifts: one for each of its residuals that shifts, clearest first; () where none does.
+    """
+
+    name: str
+    shifts: tuple[Shift, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the fields."""
+        return {"part": self.name, "shifts": [one.to_json() for one in self.shifts]}
+
+
+@dataclass(frozen=True)
+class Body:
+    """Where in the machine the gap lies.
+
+    Attributes:
+        parts: all of them; those that show most first, then the rest in the backend's order.
+        rollouts: real ones that were compared.
+        asked: columns times windows that were tested.
+        level: false-discovery rate.
+    """
+
+    parts: tuple[BodyPart, ...]
+    rollouts: int
+    asked: int
+    level: float = LEVEL
+
+    @property
+    def shifted(self) -> tuple[BodyPart, ...]:
+        """Return the parts of which a residual shifts."""
+        return tuple(part for part in self.parts if part.shifts)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return plain data for JSON."""
+        return {
+            "level": self.level,
+            "rollouts": self.rollouts,
+            "asked": self.asked,
+            "parts": [part.to_json() for part in self.parts],
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Residuals:
+    """Residuals of one rollout.
+
+    Attributes:
+        trace: of them, with ``meta["parts"]``.
+        recorded: what they were computed from.
+    """
+
+    trace: Trace
+    recorded: Trace
+
+
+@dataclass(frozen=True)
+class _Column:
+    """One column of a residual, and the part that it belongs to."""
+
+    channel: str
+    index: int
+    unit: str
+    part: str
+
+
+_Ratios = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]
+"""Mean, size, scatter of one rollout, F and p (columns,) each."""
+
+
+def body(
+    tests: FloatArray,
+    real: Sequence[Residuals],
+    simulated: Sequence[Sequence[Residuals]],
+    duration: float,
+    level: float = LEVEL,
+) -> Body:
+    """Return which parts' residuals shift, and when.
+
+    Args:
+        tests: (n, dim), each axis from −1 to 1.
+        real: n of them.
+        simulated: of nominal rollouts at the same tests; two or more for each real one.
+        duration: of a rollout [s].
+        level: false-discovery rate.
+    """
+    columns = _columns([*real, *(one for several in simulated for one in several)])
+    own = np.array([_cells(one, columns, duration) for one in real])
+    other = np.array([[_cells(one, columns, duration) for one in several] for several in simulated])
+    rough = NUMERICS * _largest(real, columns)
+    rows: list[_Ratios] = []
+    where: list[tuple[int, int]] = []
+    for begin, end in windows():
+        one = _shift(tests, _window(own, begin, end), _window(other, begin, end), rough)
+        if one is not None:
+            rows.append(one)
+            where.append((begin, end))
+    if not rows:
+        return Body(tuple(BodyPart(name, ()) for name in _parts(columns)), len(real), 0, level)
+    mean, size, scatter, f, p = (np.array([row[k] for row in rows]) for k in range(5))  # (windows, columns)
+    q = adjusted(p.ravel()).reshape(p.shape)
+    found: dict[tuple[str, str], tuple[float, Shift]] = {}
+    step = duration / CELLS
+    lengths = np.array([end - begin for begin, end in where])
+    for k, column in enumerate(columns):
+        discovered = q[:, k] <= level
+        if not discovered.any():
+            continue
+        # Noise that averages out makes the longest window the surest; the shift is where most of its energy is.
+        best = int(np.where(discovered, lengths * size[:, k] ** 2, -1.0).argmax())
+        begin, end = (float(step * edge) for edge in where[best])
+        shift = Shift(
+            column.channel, column.index, column.unit, begin, end,
+            float(mean[best, k]), float(size[best, k]), float(size[best, k] / scatter[best, k]),
+            float(p[best, k]), float(q[best, k]),
+        )  # fmt: skip
+        key = (column.part, column.channel)
+        clear = float(f[:, k].max())
+        if key not in found or clear > found[key][0]:
+            found[key] = (clear, shift)
+    return Body(_ranked(columns, found), len(real), p.size, level)
+
+
+def windows() -> list[tuple[int, int]]:
+    """Return (begin, end) in cells: of one cell, two, four … up to the whole, each beginning half a length later."""
+    found = []
+    length = 1
+    while length <= CELLS:
+        step = max(length // 2, 1)
+        found += [(begin, begin + length) for begin in range(0, CELLS - length + 1, step)]
+        length *= 2
+    return found
+
+
+def _ranked(
+    columns: Sequence[_Column], found: Mapping[tuple[str, str], tuple[float, Shift]]
+) -> tuple[BodyPart, ...]:
+    of: dict[str, list[tuple[float, Shift]]] = {name: [] for name in _parts(columns)}
+    for (part, _), one in found.items():
+        of[part].append(one)
+    clearest = {name: max((f for f, _ in several), default=-np.inf) for name, several in of.items()}
+    return tuple(
+        BodyPart(name, tuple(shift for _, shift in sorted(of[name], key=lambda one: -one[0])))
+        for name in sorted(of, key=lambda name: -clearest[name])
+    )
+
+
+def _parts(columns: Sequence[_Column]) -> list[str]:
+    return list(dict.fromkeys(column.part for column in columns))
+
+
+def _columns(every: Sequence[Residuals]) -> list[_Column]:
+    """Return the columns that all of the traces have."""
+    first = every[0].trace
+    found = []
+    for name in first.channels:
+        width = _width(first, name)
+        if all(name in one.trace.channels and _width(one.trace, name) == width for one in every):
+            names = _named(first, name, width)
+            found += [_Column(name, k, first.units.get(name, ""), names[k]) for k in range(width)]
+    return found
+
+
+def _named(trace: Trace, channel: str, width: int) -> list[str]:
+    """Return what each column belongs to; the channel itself where the backend does not say."""
+    declared = trace.meta.get("parts", {})
+    names = [str(name) for name in declared.get(channel, ())] if isinstance(declared, Mapping) else []
+    return names if len(names) == width else [channel] * width
+
+
+def _width(trace: Trace, name: str) -> int:
+    return 1 if trace[name].ndim == 1 else int(trace[name].shape[1])
+
+
+def _values(one: Residuals, columns: Sequence[_Column]) -> FloatArray:
+    """(samples, columns)."""
+    of = {name: one.trace[name].reshape(len(one.trace), -1) for name in {c.channel for c in columns}}
+    return np.column_stack([of[c.channel][:, c.index] for c in columns])
+
+
+def _largest(every: Sequence[Residuals], columns: Sequence[_Column]) -> FloatArray:
+    """(columns,) largest value that was recorded in the unit of each, or of the residual itself."""
+    units: dict[str, float] = {}
+    for one in every:
+        for name, values in one.recorded.channels.items():
+            unit = one.recorded.units.get(name, "")
+            units[unit] = max(units.get(unit, 0.0), float(np.nanmax(np.abs(values))))
+    own = np.max([np.nanmax(np.abs(_values(one, columns)), axis=0) for one in every], axis=0)
+    return np.array([max(units.get(c.unit, 0.0), float(v)) for c, v in zip(columns, own, strict=True)])
+
+
+def _cells(one: Residuals, columns: Sequence[_Column], duration: float) -> FloatArray:
+    """(CELLS, columns) means; NaN where the trace has no sample."""
+    values = _values(one, columns)
+    place = np.floor((one.trace.times - one.recorded.times[0]) / duration * CELLS + 1e-9).astype(int)
+    inside = (place >= 0) & (place < CELLS) & np.isfinite(values).all(axis=1)
+    sums = np.zeros((CELLS, len(columns)))
+    np.add.at(sums, place[inside], values[inside])
+    counts = np.bincount(place[inside], minlength=CELLS)[:, None]
+    return np.where(counts > 0, sums / np.maximum(counts, 1), np.nan)
+
+
+def _window(cells: FloatArray, begin: int, end: int) -> FloatArray:
+    """Return (…, columns) means over cells; NaN where less than half of them are there."""
+    part = cells[..., begin:end, :]
+    there = np.isfinite(part)
+    count = there.sum(axis=-2)
+    means = np.where(there, part, 0.0).sum(axis=-2) / np.maximum(count, 1)
+    return np.where(2 * count >= end - begin, means, np.nan)
+
+
+def _shift(tests: FloatArray, own: FloatArray, other: FloatArray, rough: FloatArray) -> _Ratios | None:
+    """Return the ratios in one window; None if too few rollouts get so far.
+
+    Args:
+        tests: (n, dim).
+        own: (n, columns) of the real rollouts.
+        other: (n, m, columns) of the simulated ones.
+        rough: (columns,) least standard deviation.
+    """
+    from scipy.stats import f as fisher
+
+    whole = np.isfinite(own).all(axis=1) & np.isfinite(other).all(axis=(1, 2))
+    n, m = int(whole.sum()), other.shape[1]
+    if n < FEWEST:
+        return None
+    q, _ = np.linalg.qr(_design(tests[whole]))
+    rank = q.shape[1]
+    mean_sim = other[whole].mean(axis=1)
+    y = own[whole] - mean_sim
+    fitted = q @ (q.T @ y)
+    within = ((other[whole] - mean_sim[:, None]) ** 2).sum(axis=(0, 1)) / (n * (m - 1))
+    left = ((y - fitted) ** 2).sum(axis=0) / (n - rank)
+    scatter = np.sqrt(np.maximum(within, left / (1 + 1 / m)) + rough**2)
+    f = np.where(
+        scatter > 0,
+        (fitted**2).sum(axis=0) / rank / np.where(scatter > 0, scatter**2 * (1 + 1 / m), 1.0),
+        0.0,
+    )
+    p: FloatArray = fisher.sf(f, rank, min(n * (m - 1), n - rank))
+    size = np.sqrt((fitted**2).mean(axis=0))
+    return y.mean(axis=0), size, np.where(scatter > 0, scatter, 1.0), f, p
+
+
+def _design(tests: FloatArray) -> FloatArray:
+    """Return the constant, and a slope along each axis where there are tests enough to see one."""
+    n, dim = tests.shape
+    constant = np.ones((n, 1))
+    with_slopes = np.column_stack([constant, tests])
+    enough = len(np.unique(tests, axis=0)) >= 2 * (1 + dim) and n >= 3 * (1 + dim)
+    return with_slopes if enough and np.linalg.matrix_rank(with_slopes) == 1 + dim else constant
