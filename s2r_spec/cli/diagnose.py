@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Annotated
 
@@ -11,7 +10,6 @@ from rich.console import Console
 
 from s2r_spec.cli.common import interrupted, new_or_old, pool, sentences
 from s2r_spec.cli.options import (
-    AsJson,
     OneRequirement,
     Quiet,
     RealMachine,
@@ -23,7 +21,9 @@ from s2r_spec.cli.options import (
     SpecFile,
     Workers,
 )
+from s2r_spec.cli.output import AsJson, Output, Page, pageable, save, settle
 
+Form = Annotated[str | None, typer.Option("--format", help="text, json or markdown.", show_default="text")]
 Budget = Annotated[int | None, typer.Option(min=6, help="Real rollouts to ask for, or to use at most.")]
 Apply = Annotated[
     Path | None,
@@ -44,16 +44,23 @@ def diagnose(
     resume: Resume = None,
     apply: Apply = None,
     as_json: AsJson = False,
+    form: Form = None,
+    output: Output = None,
+    page: Page = None,
     quiet: Quiet = False,
 ) -> None:
     """Say where the gap lies, which effect of the catalogue causes it, and how far it shrinks."""
-    with sentences(as_json):
+    with sentences(as_json or form == "json"):
         from s2r_spec.cli.stages import Stages
         from s2r_spec.diagnose import diagnose as find
-        from s2r_spec.report import diagnosed
+        from s2r_spec.report import diagnosed, diagnosed_page
+        from s2r_spec.report.diagnosed_markdown import markdown
         from s2r_spec.rollouts import patched
         from s2r_spec.spec import load_spec
 
+        forms = {"text": diagnosed.text, "json": diagnosed.as_json, "markdown": markdown}
+        form = settle(form, as_json, output, forms)
+        pageable(page)
         parsed = load_spec(spec)
         executor, machines = pool(workers, scheduler)
         folder = new_or_old(run, resume, f"diagnose-{spec.stem}-{sim}-{Path(real).name}", seed)
@@ -76,21 +83,23 @@ def diagnose(
         except KeyboardInterrupt:
             interrupted(folder)
             raise
-        text = json.dumps(found.to_json(), allow_nan=False, indent=2, ensure_ascii=False)
         folder.mkdir(parents=True, exist_ok=True)
-        (folder / "diagnosis.json").write_text(text + "\n", encoding="utf-8")
+        (folder / "diagnosis.json").write_text(diagnosed.as_json(found, parsed) + "\n", encoding="utf-8")
         if apply is not None and found.patch:
             patched.write(apply, sim, found.patch)
-        if as_json:
-            print(text)
+        if output is not None:
+            save(forms[form](found, parsed) + "\n", output)
+        elif form == "text":
+            Console(highlight=False, soft_wrap=True).print(diagnosed.markup(found, parsed))
         else:
-            Console(highlight=False, soft_wrap=True).print(diagnosed.markup(found))
-            if apply is not None:
-                said = (
-                    f"use it as --sim patched:{apply}"
-                    if found.patch
-                    else f"{apply} is not written: no effect is named"
-                )
-                errors.print(said, markup=False, soft_wrap=True)
-        # A diagnosis has no verdict on the machine: 0 says that a cause (or none) is named, 3 that it is not.
-        raise typer.Exit(0 if found.verdict.value in ("named", "no material gap") else 3)
+            print(forms[form](found, parsed))
+        if page is not None:
+            save(diagnosed_page.render(found, parsed, real), page)
+        if apply is not None and form != "json":
+            said = (
+                f"use it as --sim patched:{apply}"
+                if found.patch
+                else f"{apply} is not written: no effect is named"
+            )
+            errors.print(said, markup=False, soft_wrap=True)
+        raise typer.Exit(diagnosed.EXIT[found.verdict])

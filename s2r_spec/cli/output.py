@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -25,8 +26,16 @@ Page = Annotated[
 AsJson = Annotated[bool, typer.Option("--json", help="The same as --format json: one object on stdout.")]
 
 
-def settle(chosen: str | None, as_json: bool, output: Path | None) -> str:
+def settle(
+    chosen: str | None, as_json: bool, output: Path | None, among: Collection[str] | None = None
+) -> str:
     """Return the format's name; a wrong one, or a folder that is not there, is said before anything runs.
+
+    Args:
+        chosen: by ``--format``.
+        as_json: whether ``--json`` is given.
+        output: where to write, if not to stdout.
+        among: the formats there are, if not all.
 
     Raises:
         UsageError: no such format, ``--json`` with another one, or nowhere to write to.
@@ -37,7 +46,7 @@ def settle(chosen: str | None, as_json: bool, output: Path | None) -> str:
     if as_json and chosen not in (None, "json"):
         raise UsageError(f"--json is --format json, but --format {chosen} is given, too: give one of them")
     name = "json" if as_json else chosen or "text"
-    reporter(name)
+    reporter(name, among)
     writable(output)
     return name
 

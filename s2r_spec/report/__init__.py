@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 
 from s2r_spec.errors import UsageError, one_of, suggest
 from s2r_spec.report import github, jsonform, junit, markdown, text
@@ -18,12 +18,13 @@ REPORTERS: dict[str, Callable[[Report], str]] = {
 """Name, as ``--format`` takes it → a report as text."""
 
 
-def reporter(name: str) -> Callable[[Report], str]:
+def reporter(name: str, among: Collection[str] | None = None) -> Callable[[Report], str]:
     """Return a reporter by its name.
 
     Raises:
-        UsageError: there is none of that name.
+        UsageError: there is none of that name, or not among these.
     """
-    if name not in REPORTERS:
-        raise UsageError(f"no format {name!r}{suggest(name, REPORTERS)} there are: {one_of(REPORTERS)}")
+    offered = REPORTERS if among is None else among
+    if name not in offered:
+        raise UsageError(f"no format {name!r}{suggest(name, offered)} there are: {one_of(offered)}")
     return REPORTERS[name]

@@ -1,12 +1,20 @@
-"""A diagnosis as text."""
+"""A diagnosis as text, as one JSON object, and the words that all of its forms share."""
 
 from __future__ import annotations
 
-from rich.markup import escape
+import json
+from typing import Any
 
-from s2r_spec.diagnose.diagnosis import Diagnosis, NextTest, Verdict, Which
+from rich.markup import escape
+from rich.text import Text
+
+from s2r_spec.diagnose.diagnosis import Diagnosis, Verdict, Which
 from s2r_spec.diagnose.how_far import Gap, HowFar
 from s2r_spec.diagnose.where.found import Where
+from s2r_spec.report.checked import test_words
+from s2r_spec.report.figures.robot import said
+from s2r_spec.report.nextstep import next_step
+from s2r_spec.spec import Spec
 
 COLOURS = {
     Verdict.NONE: "bold green",
@@ -14,38 +22,65 @@ COLOURS = {
     Verdict.CONFOUNDED: "bold yellow",
     Verdict.UNKNOWN: "bold yellow",
 }
+EXIT = {Verdict.NONE: 0, Verdict.NAMED: 0, Verdict.CONFOUNDED: 3, Verdict.UNKNOWN: 3}
+"""A diagnosis has no verdict on the machine: 0 says that a cause (or none) is named, 3 that it is not."""
 SHOWN = 5
 """Ranked causes that are printed."""
+PARTS = 3
+"""Parts of the machine that are told of."""
 WORDS = {"none": "no material effect", "unknown": "none of these"}
 
 
-def markup(found: Diagnosis) -> str:
+def record(found: Diagnosis, spec: Spec) -> dict[str, Any]:
+    """Return all of it as plain JSON values; see ``schema/diagnosis-1.json``."""
+    return found.to_json() | {"exit_code": EXIT[found.verdict], "next": next_step(found, spec)}
+
+
+def as_json(found: Diagnosis, spec: Spec) -> str:
+    """Return the record as text; no NaN and no infinity ever gets in."""
+    return json.dumps(record(found, spec), allow_nan=False, indent=2, ensure_ascii=False)
+
+
+def text(found: Diagnosis, spec: Spec) -> str:
+    """Return plain text."""
+    return Text.from_markup(markup(found, spec)).plain
+
+
+def markup(found: Diagnosis, spec: Spec) -> str:
     """Return rich markup: the answer first, then what it stands on."""
     headline = f"[{COLOURS[found.verdict]}]{found.verdict.value.upper()}[/]  {escape(found.reason)}"
-    return f"{headline}\n{escape(body(found))}"
+    return f"{headline}\n{escape(body(found, spec))}"
 
 
-def body(found: Diagnosis) -> str:
+def body(found: Diagnosis, spec: Spec) -> str:
     """Return all but the first line, as plain text."""
     lines = ["", *_causes(found.which)]
     if found.where is not None:
-        lines += ["", *_where(found.where)]
+        lines += ["", *_where(found.where, spec)]
     if found.how_far is not None:
         lines += ["", *_shrinks(found.how_far)]
-    if found.which.next_test is not None:
-        lines += ["", *_next(found.which.next_test)]
+    lines += ["", f"  next: {next_step(found, spec)}", ""]
+    lines += [f"  - {line}" for line in found.assumptions]
+    return "\n".join([*lines, "", f"  {provenance(found)}"])
+
+
+def provenance(found: Diagnosis) -> str:
+    """Return what fixes the answer, in one line."""
     p = found.provenance
-    lines += ["", *(f"  - {line}" for line in found.assumptions), ""]
-    lines.append(
-        f"  {p['rollouts']} real rollouts, {p['held_out']} of them held out, seed {p['seed']}, "
+    return (
+        f"{p['rollouts']} real rollouts, {p['held_out']} of them held out, seed {p['seed']}, "
         f"backend {p['backend']}, model {str(p['model_hash'])[:12]}"
     )
-    return "\n".join(lines)
+
+
+def cause(names: tuple[str, ...]) -> str:
+    """Return a ranked answer in words."""
+    return WORDS.get(names[0], " + ".join(names))
 
 
 def _causes(which: Which) -> list[str]:
     lines = [f"  {'cause':42} probability"]
-    lines += [f"  {WORDS.get(names[0], ' + '.join(names)):42} {p:.3f}" for names, p in which.ranked[:SHOWN]]
+    lines += [f"  {cause(names):42} {p:.3f}" for names, p in which.ranked[:SHOWN]]
     if which.estimates:
         lines += ["", "  fitted (90 % interval)"]
         for e in which.estimates:
@@ -56,45 +91,64 @@ def _causes(which: Which) -> list[str]:
     return lines
 
 
-def _where(where: Where) -> list[str]:
+def where_words(where: Where, spec: Spec) -> tuple[str, ...]:
+    """Return sentences: how large, when, in which channel, by which predicate."""
     unit = where.pair.unit
-    test = ", ".join(f"{name} = {value:.3g}" for name, value in where.test.items())
-    lines = [f"  where: worst of the tests that were run, {test}: Δρ {where.pair.delta:+.4f} {unit}".rstrip()]
+    test = test_words(where.test, spec.space.units) or "there is but one"
+    lines = [f"worst of the tests that were run, {test}: Δρ {where.pair.delta:+.3g} {unit}".rstrip()]
     window = max(where.windows(), key=lambda w: abs(w["delta"]))
     if where.pair.delta:
         part = round(100 * window["delta"] / where.pair.delta)
-        lines.append(f"    {part} % of it from {window['begin']:.2f} to {window['end']:.2f} s")
+        lines.append(f"{part} % of it from {window['begin']:.2f} to {window['end']:.2f} s")
     credit = {name: float(values.sum()) for name, values in where.pair.credit.items()}
     if credit:
         name = max(credit, key=lambda n: abs(credit[n]))
-        lines.append(f"    most of it in {name} ({credit[name]:+.4f} {unit})")
+        lines.append(f"most of it in {name} ({credit[name]:+.3g} {unit})".replace(" )", ")"))
     if where.pair.switch is not None:
-        lines.append(f"    {where.pair.switch}")
-    return lines
+        lines.append(str(where.pair.switch))
+    return tuple(lines)
+
+
+def body_words(where: Where) -> tuple[str, ...]:
+    """Return sentences: which parts of the machine show what their model does not explain."""
+    if where.body is None:
+        return (where.no_body,)
+    if not where.body.shifted:
+        return (
+            f"no part of the machine does what its model does not explain ({where.body.asked} questions)",
+        )
+    return tuple(
+        f"{part.name}: {said(part.shifts[0])}, which the model does not explain"
+        for part in where.body.shifted[:PARTS]
+    )
+
+
+def _where(where: Where, spec: Spec) -> list[str]:
+    first, *rest = (*where_words(where, spec), *body_words(where))
+    return [f"  where: {first}", *(f"    {line}" for line in rest)]
+
+
+def shrink_rows(far: HowFar) -> tuple[tuple[str, str], ...]:
+    """Return (name, text) rows."""
+    rows = [("before", _gap(far.before))]
+    if far.after is not None:
+        rows.append(("after", _gap(far.after)))
+    rows.append(("floor", f"{far.floor:.3g} (scatter alone)"))
+    if far.share is not None:
+        value, low, high = (round(100 * part) for part in far.share)
+        rows.append(("closed", f"{value} % of what lies above the floor (95 %: {low} to {high} %)"))
+    return tuple(rows)
+
+
+def gap_title(far: HowFar) -> str:
+    """Return what the rows are of."""
+    unit = f" in {far.unit}" if far.unit else ""
+    return f"gap on {far.rollouts} held-out rollouts, mean |ρ_real − ρ_sim|{unit}"
 
 
 def _shrinks(far: HowFar) -> list[str]:
-    unit = f" in {far.unit}" if far.unit else ""
-    lines = [
-        f"  gap on {far.rollouts} held-out rollouts, mean |ρ_real − ρ_sim|{unit}",
-        f"    before {_gap(far.before)}",
-    ]
-    if far.after is not None:
-        lines.append(f"    after  {_gap(far.after)}")
-    lines.append(f"    floor  {far.floor:.4f} (scatter alone)")
-    if far.share is not None:
-        value, low, high = (round(100 * part) for part in far.share)
-        lines.append(f"    closed {value} % of what lies above the floor (95 %: {low} to {high} %)")
-    return lines
-
-
-def _next(test: NextTest) -> list[str]:
-    where = ", ".join(f"{name} = {value:.3g}" for name, value in test.params.items())
-    return [
-        f"  next test: {where} {test.protocol}".rstrip(),
-        f"    tells {' from '.join(test.separates)} by {test.sigma:.1f} σ a rollout",
-    ]
+    return [f"  {gap_title(far)}", *(f"    {name:6} {words}" for name, words in shrink_rows(far))]
 
 
 def _gap(gap: Gap) -> str:
-    return f"{gap.mean:.4f} (95 %: {gap.low:.4f} to {gap.high:.4f}), worst test {gap.worst:.4f}"
+    return f"{gap.mean:.3g} (95 %: {gap.low:.3g} to {gap.high:.3g}), worst test {gap.worst:.3g}"

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from importlib.resources import files
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 from s2r_spec.errors import UsageError
 from s2r_spec.report.parts import Run, part
@@ -38,14 +39,28 @@ def render(runs: Sequence[Run]) -> str:
     Raises:
         UsageError: a package is missing.
     """
+    parts = [part(run, f"r{number}") for number, run in enumerate(runs)]
+    return fill("template.html", parts=parts, command=parts[0].command)
+
+
+def fill(template: str, **words: Any) -> str:
+    """Return a template of this package, filled; every word is escaped but what has gone through ``svg``.
+
+    Raises:
+        UsageError: a package is missing.
+    """
     require_packages()
-    from jinja2 import Environment, StrictUndefined
+    from jinja2 import Environment, FunctionLoader, StrictUndefined
     from markupsafe import Markup
 
-    template = (files("s2r_spec.report") / "template.html").read_text(encoding="utf-8")
     environment = Environment(
-        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+        loader=FunctionLoader(lambda name: (files("s2r_spec.report") / name).read_text(encoding="utf-8")),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
     )
     environment.filters["svg"] = Markup
-    parts = [part(run, f"r{number}") for number, run in enumerate(runs)]
-    return environment.from_string(template).render(parts=parts, command=parts[0].command)
+    # Unlike jinja's own "capitalize" it leaves the rest of the sentence as it is.
+    environment.filters["capitalize_first"] = lambda words: words[:1].upper() + words[1:]
+    return environment.get_template(template).render(**words)

@@ -8,7 +8,7 @@ from typing import Any
 
 from s2r_spec.report.finding import Report
 
-SCHEMAS = ("s2r.check/1", "s2r.gap/1", "s2r.certify/1", "s2r.error/1")
+SCHEMAS = ("s2r.check/1", "s2r.gap/1", "s2r.certify/1", "s2r.error/1", "s2r/diagnosis/1")
 
 
 def render(report: Report) -> str:
@@ -37,5 +37,5 @@ def _referred(found: Any, known: set[str]) -> set[str]:
 
 
 def _read(name: str) -> Any:
-    file = name.removeprefix("s2r.").replace("/", "-") + ".json"
+    file = name.removeprefix("s2r").lstrip("./").replace("/", "-") + ".json"
     return json.loads((files("s2r_spec.report") / "schema" / file).read_text(encoding="utf-8"))

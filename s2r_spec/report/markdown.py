@@ -14,24 +14,24 @@ def render(report: Report) -> str:
     """Return a table of verdicts, then what each of them rests on."""
     head = ["| requirement | verdict | bound |", "| --- | --- | --- |"]
     rows = [
-        f"| {_cell(one.name)} | {SIGNS[one.verdict]} **{_cell(one.word)}** | {_cell(one.headline)} |"
+        f"| {cell(one.name)} | {SIGNS[one.verdict]} **{cell(one.word)}** | {cell(one.headline)} |"
         for one in report.findings
     ]
-    return "\n".join([f"### {_cell(report.command)}", "", *head, *rows, *map(_details, report.findings)])
+    return "\n".join([f"### {cell(report.command)}", "", *head, *rows, *map(_details, report.findings)])
 
 
 def _details(finding: Finding) -> str:
-    lines = ["", f"**{_cell(finding.name)}**: {_cell(finding.reason)} ({_cell(finding.about)})", ""]
-    lines += [f"- {_cell(name)}: {_cell(text)}" for name, text in finding.facts]
+    lines = ["", f"**{cell(finding.name)}**: {cell(finding.reason)} ({cell(finding.about)})", ""]
+    lines += [f"- {cell(name)}: {cell(text)}" for name, text in finding.facts]
     for section in finding.sections:
-        lines += ["", "<details>", f"<summary>{_cell(section.title)}</summary>", ""]
-        lines += [f"- {_cell(line)}" for line in section.lines]
+        lines += ["", "<details>", f"<summary>{cell(section.title)}</summary>", ""]
+        lines += [f"- {cell(line)}" for line in section.lines]
         lines += ["", "</details>"]
-    lines += ["", f"{_cell(finding.provenance)}; {_cell(finding.again)} again:", "", *_block(finding.replay)]
+    lines += ["", f"{cell(finding.provenance)}; {cell(finding.again)} again:", "", *_block(finding.replay)]
     return "\n".join(lines)
 
 
-def _cell(words: str) -> str:
+def cell(words: str) -> str:
     """Return one line in which nothing is markup, neither Markdown nor HTML."""
     line = " ".join(words.split()).replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
     return re.sub(r"([\\`*_{}\[\]|~#!$@])", r"\\\1", line)

@@ -4,7 +4,7 @@ A backend with residuals says of any recorded motion what its own model leaves
 unexplained, column by column, and what each column belongs to. Real residuals less
 those of nominal rollouts at the same tests are nothing, up to scatter, where the
 model is right. In every window of time, the windows' lengths doubling, a generalised
-likelihood ratio asks whether they are shifted: with y (n,) the mean differences in
+likelihood ratio asks whether their means and their root mean squares are shifted: with y (n,) the mean differences in
 the window, X the tests (constant and slopes) and s² the scatter from run to run,
 
     F = ‖P_X y‖² / (q s²),   q = rank X,
@@ -18,7 +18,7 @@ rate is held under any dependence (Benjamini and Yekutieli 2001, theorem 1.3).
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -35,17 +35,22 @@ LEVEL = 0.05
 """False-discovery rate over all columns and windows."""
 FEWEST = 4
 """Rollouts that reach into a window, or it says nothing."""
+MOST = 0.9
+"""A window that holds this part of a shift's energy, size² times length, is where the shift is."""
+MUCH = 0.4
+"""A shift of the mean is told rather than one of the size if it has this part of the size's energy."""
 NUMERICS = 1e-6
 """A column scatters by this part of the largest recorded value of its unit, at least: rounding is no noise."""
 
 
 @dataclass(frozen=True)
 class Shift:
-    """One residual of one part, in the window that holds most of its shift: size² times length, of all discoveries.
+    """One residual of one part, in the shortest window of the discoveries that holds its shift.
 
     Attributes:
         channel: the residual, as the backend calls it.
         column: of it.
+        kind: what of it shifts: its "mean" over the window, or its "rms", for what changes its sign with the motion.
         unit: of it.
         begin: of the window, from the start of the rollout [s].
         end: of it [s].
@@ -58,6 +63,7 @@ class Shift:
 
     channel: str
     column: int
+    kind: str
     unit: str
     begin: float
     end: float
@@ -96,12 +102,14 @@ class Body:
     Attributes:
         parts: all of them; those that show most first, then the rest in the backend's order.
         rollouts: real ones that were compared.
-        asked: columns times windows that were tested.
+        duration: of a rollout [s].
+        asked: columns times two times windows: that many questions.
         level: false-discovery rate.
     """
 
     parts: tuple[BodyPart, ...]
     rollouts: int
+    duration: float
     asked: int
     level: float = LEVEL
 
@@ -115,6 +123,7 @@ class Body:
         return {
             "level": self.level,
             "rollouts": self.rollouts,
+            "duration": self.duration,
             "asked": self.asked,
             "parts": [part.to_json() for part in self.parts],
         }
@@ -135,10 +144,11 @@ class Residuals:
 
 @dataclass(frozen=True)
 class _Column:
-    """One column of a residual, and the part that it belongs to."""
+    """One column of a residual, what is taken of it, and the part that it belongs to."""
 
     channel: str
     index: int
+    kind: str
     unit: str
     part: str
 
@@ -175,40 +185,47 @@ def body(
             rows.append(one)
             where.append((begin, end))
     if not rows:
-        return Body(tuple(BodyPart(name, ()) for name in _parts(columns)), len(real), 0, level)
+        return Body(tuple(BodyPart(name, ()) for name in _parts(columns)), len(real), duration, 0, level)
     mean, size, scatter, f, p = (np.array([row[k] for row in rows]) for k in range(5))  # (windows, columns)
     q = adjusted(p.ravel()).reshape(p.shape)
     found: dict[tuple[str, str], tuple[float, Shift]] = {}
     step = duration / CELLS
-    lengths = np.array([end - begin for begin, end in where])
-    for k, column in enumerate(columns):
-        discovered = q[:, k] <= level
-        if not discovered.any():
+    # Noise that averages out makes the longest window the surest; the shift is where its energy is.
+    energy = np.where(q <= level, np.array([[last - first] for first, last in where]) * size**2, 0.0)
+    half = len(columns) // 2
+    for k in range(half):
+        # A mean says more than a size; it is told where it makes up much of that.
+        kind = k if energy[:, k].max() > MUCH * energy[:, k + half].max() else k + half
+        if energy[:, kind].max() == 0.0:
             continue
-        # Noise that averages out makes the longest window the surest; the shift is where most of its energy is.
-        best = int(np.where(discovered, lengths * size[:, k] ** 2, -1.0).argmax())
-        begin, end = (float(step * edge) for edge in where[best])
+        best = _shortest(energy[:, kind], where)
+        column, (first, last) = columns[kind], where[best]
         shift = Shift(
-            column.channel, column.index, column.unit, begin, end,
-            float(mean[best, k]), float(size[best, k]), float(size[best, k] / scatter[best, k]),
-            float(p[best, k]), float(q[best, k]),
+            column.channel, column.index, column.kind, column.unit, float(step * first), float(step * last),
+            float(mean[best, kind]), float(size[best, kind]), float(size[best, kind] / scatter[best, kind]),
+            float(p[best, kind]), float(q[best, kind]),
         )  # fmt: skip
-        key = (column.part, column.channel)
-        clear = float(f[:, k].max())
+        key, clear = (column.part, column.channel), float(f[:, (k, k + half)].max())
         if key not in found or clear > found[key][0]:
             found[key] = (clear, shift)
-    return Body(_ranked(columns, found), len(real), p.size, level)
+    return Body(_ranked(columns, found), len(real), duration, p.size, level)
 
 
 def windows() -> list[tuple[int, int]]:
     """Return (begin, end) in cells: of one cell, two, four … up to the whole, each beginning half a length later."""
-    found = []
+    found: list[tuple[int, int]] = []
     length = 1
     while length <= CELLS:
         step = max(length // 2, 1)
         found += [(begin, begin + length) for begin in range(0, CELLS - length + 1, step)]
         length *= 2
     return found
+
+
+def _shortest(energy: FloatArray, where: Sequence[tuple[int, int]]) -> int:
+    """Return the shortest window that holds nearly as much as any does; of those the one that holds most."""
+    able = np.flatnonzero(energy >= MOST * energy.max()).tolist()
+    return min(able, key=lambda i: (where[i][1] - where[i][0], -energy[i]))
 
 
 def _ranked(
@@ -229,15 +246,15 @@ def _parts(columns: Sequence[_Column]) -> list[str]:
 
 
 def _columns(every: Sequence[Residuals]) -> list[_Column]:
-    """Return the columns that all of the traces have."""
+    """Return the columns that all of the traces have: the means of all, then the root mean squares of all."""
     first = every[0].trace
     found = []
     for name in first.channels:
         width = _width(first, name)
         if all(name in one.trace.channels and _width(one.trace, name) == width for one in every):
             names = _named(first, name, width)
-            found += [_Column(name, k, first.units.get(name, ""), names[k]) for k in range(width)]
-    return found
+            found += [_Column(name, k, "mean", first.units.get(name, ""), names[k]) for k in range(width)]
+    return found + [replace(one, kind="rms") for one in found]
 
 
 def _named(trace: Trace, channel: str, width: int) -> list[str]:
@@ -252,9 +269,10 @@ def _width(trace: Trace, name: str) -> int:
 
 
 def _values(one: Residuals, columns: Sequence[_Column]) -> FloatArray:
-    """(samples, columns)."""
+    """(samples, columns), squares for a root mean square."""
     of = {name: one.trace[name].reshape(len(one.trace), -1) for name in {c.channel for c in columns}}
-    return np.column_stack([of[c.channel][:, c.index] for c in columns])
+    rows = [of[c.channel][:, c.index] for c in columns]
+    return np.column_stack([row**2 if c.kind == "rms" else row for c, row in zip(columns, rows, strict=True)])
 
 
 def _largest(every: Sequence[Residuals], columns: Sequence[_Column]) -> FloatArray:
@@ -264,8 +282,9 @@ def _largest(every: Sequence[Residuals], columns: Sequence[_Column]) -> FloatArr
         for name, values in one.recorded.channels.items():
             unit = one.recorded.units.get(name, "")
             units[unit] = max(units.get(unit, 0.0), float(np.nanmax(np.abs(values))))
-    own = np.max([np.nanmax(np.abs(_values(one, columns)), axis=0) for one in every], axis=0)
-    return np.array([max(units.get(c.unit, 0.0), float(v)) for c, v in zip(columns, own, strict=True)])
+    half = columns[: len(columns) // 2]
+    own = np.max([np.nanmax(np.abs(_values(one, half)), axis=0) for one in every], axis=0)
+    return np.tile([max(units.get(c.unit, 0.0), float(v)) for c, v in zip(half, own, strict=True)], 2)
 
 
 def _cells(one: Residuals, columns: Sequence[_Column], duration: float) -> FloatArray:
@@ -280,11 +299,12 @@ def _cells(one: Residuals, columns: Sequence[_Column], duration: float) -> Float
 
 
 def _window(cells: FloatArray, begin: int, end: int) -> FloatArray:
-    """Return (…, columns) means over cells; NaN where less than half of them are there."""
+    """Return (…, columns) means and root mean squares over cells; NaN where less than half of them are there."""
     part = cells[..., begin:end, :]
     there = np.isfinite(part)
     count = there.sum(axis=-2)
     means = np.where(there, part, 0.0).sum(axis=-2) / np.maximum(count, 1)
+    means[..., means.shape[-1] // 2 :] **= 0.5
     return np.where(2 * count >= end - begin, means, np.nan)
 
 

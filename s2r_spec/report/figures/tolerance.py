@@ -76,8 +76,12 @@ def margins(
     channel: str,
     component: int | None,
     values: FloatArray,
+    around: FloatArray | None = None,
 ) -> Margins | None:
-    """Return what a predicate would say of other values of a channel; None if the trace ends before it is asked."""
+    """Return what a predicate would say of other values of a channel; None if the trace ends before it is asked.
+
+    With ``around`` (samples of the trace,) the values are differences from these.
+    """
     begin = trace.times[0]
     inside = np.flatnonzero((trace.times >= begin + must.start) & (trace.times <= begin + must.end))
     if inside.size < 2:
@@ -86,15 +90,18 @@ def margins(
     # The first sample stays: overshoot takes its direction from it.
     kept = np.union1d([0], chosen)
     alone = replace(spec, formulas={"predicate": must.predicate}, certify={})
+    middle = np.zeros(len(kept)) if around is None else around[kept]
     rows = [
-        alone.robustness_signal(_with(trace, kept, channel, component, value), "predicate", params)
+        alone.robustness_signal(_with(trace, kept, channel, component, middle + value), "predicate", params)
         for value in values
     ]
     return Margins(trace.times[chosen], values, np.array(rows)[:, np.isin(kept, chosen)])
 
 
-def _with(trace: Trace, kept: NDArray[np.intp], channel: str, component: int | None, value: float) -> Trace:
-    """Return some samples of a trace with one channel, or one component of it, held at a value."""
+def _with(
+    trace: Trace, kept: NDArray[np.intp], channel: str, component: int | None, value: FloatArray
+) -> Trace:
+    """Return some samples of a trace with one channel, or one component of it, at other values."""
     channels = {name: np.array(samples[kept]) for name, samples in trace.channels.items()}
     if component is None:
         channels[channel][:] = value

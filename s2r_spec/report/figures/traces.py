@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -57,7 +57,7 @@ class Runs:
 
 
 @dataclass(frozen=True)
-class _Panel:
+class Panel:
     """One signal, or one component of it."""
 
     label: str
@@ -110,7 +110,7 @@ def _picture(
     def paint(figure: Figure) -> None:
         rows = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
         for axes, panel in zip(rows, panels, strict=True):
-            _paint(axes, panel, reason)
+            paint_panel(axes, panel, reason)
         if beside:
             lines = [
                 rows[0].plot([], [], color=INK, lw=1.6, label=runs.called)[0],
@@ -163,7 +163,7 @@ def _words(reason: Explanation | None) -> str:
     return f"Decided at t = {reason.instant:g} s by {reason.predicate} (margin {margin})."
 
 
-def _panels(runs: Runs, trace: Trace, record: Record, beside: tuple[Trace, ...]) -> list[_Panel]:
+def _panels(runs: Runs, trace: Trace, record: Record, beside: tuple[Trace, ...]) -> list[Panel]:
     same = [other for other in runs.records if other.params == record.params and other is not record]
     others = [found for other in same[:_MOST_SIBLINGS] if (found := read_trace(runs, other)) is not None]
     panels = []
@@ -182,31 +182,55 @@ def _panel(
     record: Record,
     name: str,
     column: int | None,
-) -> _Panel:
+) -> Panel:
     def samples(one: Trace) -> FloatArray:
         return one[name] if column is None else one[name][:, column]
 
     unit = trace.units.get(name, runs.spec.signals[name].unit)
     own = samples(trace)
-    low, high = float(own.min()), float(own.max())
-    span = (high - low) or abs(high) or 1.0
-    values = np.linspace(low - 2 * span, high + 2 * span, _VALUES)
-    limits = [
-        margins(runs.spec, trace, record.params, must, name, column, values)
-        for must in held(runs.spec.formulas[runs.requirement])
-        if reads(must.predicate, name, column)
-    ]
-    return _Panel(
+    return Panel(
         with_unit(name if column is None else f"{name}[{column}]", unit),
         trace.times,
         own,
         tuple((one.times, samples(one)) for one in others),
         tuple((one.times, samples(one)) for one in beside),
-        tuple(limit for limit in limits if limit is not None),
+        limits(runs.spec, runs.requirement, trace, record.params, name, column, own),
     )
 
 
-def _paint(axes: Axes, panel: _Panel, reason: Explanation | None) -> None:
+def limits(
+    spec: Spec,
+    requirement: str,
+    trace: Trace,
+    params: Mapping[str, float],
+    name: str,
+    column: int | None,
+    own: FloatArray,
+) -> tuple[Margins, ...]:
+    """Return what the requirement says of other values of a signal, or of one component of it.
+
+    Args:
+        spec: the specification.
+        requirement: one of its requirements.
+        trace: around which the values are.
+        params: the test.
+        name: of the signal.
+        column: of it; None for a scalar one.
+        own: (n,) its samples.
+    """
+    low, high = float(own.min()), float(own.max())
+    span = (high - low) or abs(high) or 1.0
+    values = np.linspace(low - 2 * span, high + 2 * span, _VALUES)
+    found = [
+        margins(spec, trace, params, must, name, column, values)
+        for must in held(spec.formulas[requirement])
+        if reads(must.predicate, name, column)
+    ]
+    return tuple(limit for limit in found if limit is not None)
+
+
+def paint_panel(axes: Axes, panel: Panel, reason: Explanation | None) -> None:
+    """Draw one signal inside what is allowed; with a reason, also what decides ρ."""
     edges: list[float] = []
     for limit in panel.limits:
         forbidden = limit.margins < 0

@@ -1,0 +1,192 @@
+"""A diagnosis as one HTML page that opens offline."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import PurePath
+from typing import Any
+
+from s2r_spec.diagnose.diagnosis import Diagnosis, Verdict
+from s2r_spec.diagnose.where.attribution import Part
+from s2r_spec.report.diagnosed import body_words, cause, gap_title, provenance, shrink_rows, where_words
+from s2r_spec.report.figures.blame import blame
+from s2r_spec.report.figures.canvas import Picture
+from s2r_spec.report.figures.isolation import isolation
+from s2r_spec.report.figures.robot import robot, said
+from s2r_spec.report.figures.shrink import before_and_after, over_space
+from s2r_spec.report.html import fill
+from s2r_spec.report.nextstep import next_step
+from s2r_spec.spec import Spec
+
+SIGNS = {
+    Verdict.NONE: ("✓", "holds"),
+    Verdict.NAMED: ("✓", "holds"),
+    Verdict.CONFOUNDED: ("?", "unknown"),
+    Verdict.UNKNOWN: ("?", "unknown"),
+}
+"""Verdict → sign, and the class whose colour it has."""
+SHOWN = 8
+"""Ranked causes that have a bar."""
+_LEAST = 0.0005
+
+
+@dataclass(frozen=True)
+class Bar:
+    """A row with a bar; places in percent of the line."""
+
+    label: str
+    left: float
+    width: float
+    words: str
+    tone: str = ""
+
+
+def render(found: Diagnosis, spec: Spec, real: str = "") -> str:
+    """Return the page: the same bytes for the same diagnosis.
+
+    Args:
+        found: the diagnosis.
+        spec: that it is of.
+        real: what the real machine is called, "twin:lab"; "" for rollouts that have no name.
+
+    Raises:
+        UsageError: a package is missing.
+    """
+    sign, tone = SIGNS[found.verdict]
+    return fill(
+        "diagnosis.html",
+        found=found,
+        sign=sign,
+        tone=tone,
+        about=_about(found, spec, real),
+        reason=_unbroken(found.reason),
+        next=_unbroken(next_step(found, spec)),
+        causes=causes(found),
+        estimates=[_estimate(e) for e in found.which.estimates],
+        confounded=_confounded(found),
+        far=() if found.how_far is None else shrink_rows(found.how_far),
+        far_title="" if found.how_far is None else gap_title(found.how_far),
+        far_pictures=_far(found, spec),
+        where=() if found.where is None else [w.replace("`", "") for w in where_words(found.where, spec)],
+        told=() if found.where is None else body_words(found.where),
+        trace=None if found.where is None else blame(found.where, spec, "trace"),
+        formula=() if found.where is None else formula(found.where.pair.parts, found.where.pair.delta),
+        formula_unit="" if found.where is None else found.where.pair.unit,
+        body=_body(found),
+        shifts=_shifts(found),
+        isolation=isolation(found.which.isolability, found.which.answer, "isolation"),
+        sources=_flat(found.provenance),
+        line=provenance(found),
+        spec_text=spec.text,
+        version=str(found.provenance.get("s2r", "")),
+    )
+
+
+def causes(found: Diagnosis) -> tuple[Bar, ...]:
+    """Return a bar for each of the likeliest answers, and one for all the others together."""
+    ranked = found.which.ranked
+    shown = [one for one in ranked[:SHOWN] if one[1] >= _LEAST]
+    bars = [Bar(cause(names), 0.0, _percent(p), _odds(p)) for names, p in shown]
+    left = sum(p for _, p in ranked[len(shown) :])
+    if left >= _LEAST:
+        bars.append(
+            Bar(f"{len(ranked) - len(shown)} others together", 0.0, _percent(left), _odds(left), "quiet")
+        )
+    return tuple(bars)
+
+
+def formula(parts: tuple[Part, ...], delta: float) -> tuple[Bar, ...]:
+    """Return a bar for each sub-formula through which some of Δρ went, indented as it is nested."""
+    most = max((abs(part.amount) for part in parts), default=0.0)
+    bars = []
+    for part in parts:
+        if most > 0 and abs(part.amount) > 1e-3 * most:
+            share = f", {100 * part.amount / delta:.0f} %" if delta else ""
+            label = "\u2003" * part.depth + (f"{part.name}: " if part.name else "") + part.text
+            bars.append(
+                Bar(
+                    label, 0.0, _percent(abs(part.amount) / most), f"{part.amount:+.3g}{share}",
+                    "worse" if part.amount < 0 else "better",
+                )
+            )  # fmt: skip
+    return tuple(bars)
+
+
+def _unbroken(sentence: str) -> str:
+    """Keep numbers and their percent signs on one line."""
+    return sentence.replace(" %", "\u00a0%")
+
+
+def _percent(part: float) -> float:
+    return round(100.0 * min(max(part, 0.0), 1.0), 2)
+
+
+def _odds(p: float) -> str:
+    return f"{100 * p:.1f} %"
+
+
+def _about(found: Diagnosis, spec: Spec, real: str) -> str:
+    p = found.provenance
+    against = f" against {real}" if real else ""
+    return (
+        f"{PurePath(spec.name).name}, requirement {p['requirement']}: {p['backend']}{against}, "
+        f"{p['rollouts']} real rollouts, {p['held_out']} of them held out"
+    )
+
+
+def _estimate(e: Any) -> tuple[str, str, str, Bar]:
+    """Return name, value, interval, and the interval on a line that begins and ends where it does, with room."""
+    low, high = min(e.low, e.value, 0.0 if e.low >= 0 else e.low), max(e.high, e.value)
+    span = (high - low) or 1.0
+    low, high = low - 0.06 * span * (low != 0.0), high + 0.06 * span
+    place = [_percent((x - low) / (high - low)) for x in (e.low, e.high, e.value)]
+    bar = Bar("", place[0], max(place[1] - place[0], 0.5), f"{place[2]}")
+    return (
+        f"{e.effect}.{e.parameter}",
+        f"{e.value:.4g} {e.unit}".rstrip(),
+        f"[{e.low:.4g}, {e.high:.4g}] {e.unit}".rstrip(),
+        bar,
+    )
+
+
+def _confounded(found: Diagnosis) -> str:
+    which = found.which
+    if set(which.confounded) > set(which.answer) != set():
+        return f"These data cannot tell apart: {', '.join(which.confounded)}."
+    return ""
+
+
+def _far(found: Diagnosis, spec: Spec) -> list[Picture]:
+    space = None if found.where is None else found.where.space
+    pictures = [] if space is None else [over_space(space, found.how_far, "space")]
+    if found.how_far is not None and found.how_far.tests and (space is None or space.space.dim != 1):
+        pictures.append(before_and_after(found.how_far, spec.space.units, "held"))
+    return pictures
+
+
+def _body(found: Diagnosis) -> Picture | None:
+    if found.where is None or found.where.body is None:
+        return None
+    return robot(found.where.body, "robot")
+
+
+def _shifts(found: Diagnosis) -> list[tuple[str, str, str]]:
+    """Return part, what shifts and when, and how sure that is, for every discovery."""
+    if found.where is None or found.where.body is None:
+        return []
+    return [
+        (part.name, said(shift), f"p {shift.adjusted:.1g}, adjusted for all questions")
+        for part in found.where.body.shifted
+        for shift in part.shifts
+    ]
+
+
+def _flat(values: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:
+    rows: list[tuple[str, str]] = []
+    for name, value in values.items():
+        if isinstance(value, Mapping):
+            rows += _flat(value, f"{prefix}{name}: ")
+        else:
+            rows.append((f"{prefix}{name}", str(value)))
+    return rows

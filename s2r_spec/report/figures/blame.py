@@ -1,0 +1,133 @@
+"""Δρ of one pair of rollouts, over the trace: both traces inside what the requirement allows, and what adds to Δρ."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec.diagnose.where.attribution import Attribution, labelled
+from s2r_spec.diagnose.where.found import Where
+from s2r_spec.errors import S2RError
+from s2r_spec.report.checked import test_words
+from s2r_spec.report.figures.canvas import BAD, BAND, GOOD, INK, Picture, draw, with_unit
+from s2r_spec.report.figures.tolerance import Margins, held, margins, reads
+from s2r_spec.report.figures.traces import Panel, limits, paint_panel
+from s2r_spec.spec import Spec
+from s2r_spec.trace import Trace
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+FloatArray = NDArray[np.float64]
+
+_MOST_PANELS = 4
+_BARS = 48
+_VALUES = 121
+VISIBLE = 0.1
+"""Traces closer than this part of a signal's range are drawn as their difference."""
+
+
+def blame(where: Where, spec: Spec, name: str) -> Picture:
+    """Draw the worst of the tests that were run: its signals, and when they make the gap."""
+    pair = where.pair
+    panels = _panels(where, spec)
+    edges = np.linspace(pair.times[0], pair.times[-1], _BARS + 1)
+    place = np.clip(np.searchsorted(edges, pair.times, side="right") - 1, 0, _BARS - 1)
+    amount = np.bincount(place, weights=pair.over_time, minlength=_BARS)
+
+    def paint(figure: Figure) -> None:
+        ratios = [2.0] * len(panels) + [1.5]
+        rows = figure.subplots(len(ratios), 1, sharex=True, squeeze=False, height_ratios=ratios)[:, 0]
+        for axes, panel in zip(rows, panels, strict=False):
+            paint_panel(axes, panel, None)
+        last = rows[-1]
+        colours = [BAD if value < 0 else GOOD for value in amount]
+        last.bar(edges[:-1], amount, np.diff(edges), align="edge", color=colours, alpha=0.8, lw=0)
+        last.axhline(0, color=INK, lw=0.8)
+        last.set_ylabel(with_unit("adds to Δρ", pair.unit))
+        last.set_xlabel("time [s]")
+        lines = [
+            rows[0].plot([], [], color=INK, lw=1.6, label="real")[0],
+            rows[0].plot([], [], color=BAND, lw=1.6, ls=(0, (5, 2)), label="simulated")[0],
+        ]
+        figure.legend(handles=lines, loc="outside upper left", ncols=2)
+        figure.align_ylabels()
+
+    test = test_words(where.test, spec.space.units)
+    at, within = (f" at {test}", f" ({test})") if test else ("", "")
+    alt = f"A real and a simulated rollout{at}, Δρ = {pair.delta:+.4g} {pair.unit}, and what each instant adds to it"
+    caption = (
+        f"The worst of the tests that were run{within}: Δρ = {pair.delta:+.3g} {pair.unit}. Shaded red is what the "
+        "requirement forbids; bars below are what the samples of that time add to Δρ (red: the real machine is "
+        "worse), and all of them together are Δρ."
+    ).replace("  ", " ")
+    if any("−" in panel.label for panel in panels):
+        caption += " Where the two traces lie close together, their difference is drawn."
+    if pair.ended:
+        caption += (
+            f" {pair.ended:+.3g} {pair.unit} is not in the samples: {pair.reason or 'the end of a trace'}."
+        )
+    size = (7.2, 1.4 + 1.7 * len(panels) + 1.0)
+    return Picture("When and where in the trace", caption, alt, draw(name, alt, size, paint))
+
+
+def _panels(where: Where, spec: Spec) -> list[Panel]:
+    """One for each of the channels that matter most."""
+    pair = where.pair
+    real, simulated = labelled(pair.real), labelled(pair.simulated)
+    # What is the same on both sides is drawn last: nothing of Δρ can come from it.
+    size = {name: float(np.abs(values).sum()) for name, values in pair.credit.items()}
+    chosen = sorted(size, key=lambda name: -size[name])[:_MOST_PANELS]
+    chosen = [name for name in chosen if size[name] > 0] or chosen[:1]
+    trace = _trace(pair, spec)
+    panels = []
+    for label in chosen:
+        own, other = real[label].astype(float), simulated[label].astype(float)
+        apart = float(np.abs(own - other).max())
+        if 0 < apart < VISIBLE * float(np.ptp(own)):
+            allowed = _limits(where, spec, trace, label, other, apart)
+            name, own, other = f"{label} − simulated", own - other, np.zeros(other.size)
+        else:
+            allowed, name = _limits(where, spec, trace, label, None, 0.0), label
+        unit = spec.signals[label.partition("[")[0]].unit
+        panels.append(Panel(with_unit(name, unit), pair.times, own, (), ((pair.times, other),), allowed))
+    return panels
+
+
+def _limits(
+    where: Where, spec: Spec, trace: Trace | None, label: str, around: FloatArray | None, apart: float
+) -> tuple[Margins, ...]:
+    """Return what the requirement allows a signal, or its difference from ``around``, traces being ``apart``."""
+    if trace is None:
+        return ()
+    signal, _, index = label.partition("[")
+    column = int(index[:-1]) if index else None
+    try:
+        if around is None:
+            own = trace[signal] if column is None else trace[signal][:, column]
+            return limits(spec, where.pair.requirement, trace, where.test, signal, column, own)
+        found = []
+        for must in held(spec.formulas[where.pair.requirement]):
+            if reads(must.predicate, signal, column):
+                ask = partial(margins, spec, trace, where.test, must, signal, column, around=around)
+                here = ask(np.zeros(1))
+                if here is not None:
+                    reach = 2.5 * max(apart, float(np.median(np.abs(here.margins))))
+                    found.append(ask(np.linspace(-reach, reach, _VALUES)))
+        return tuple(one for one in found if one is not None)
+    except S2RError:
+        return ()  # a predicate that cannot be asked of invented values: a picture can do without
+
+
+def _trace(pair: Attribution, spec: Spec) -> Trace | None:
+    """The real rollout again, as far as both go, in the spec's units."""
+    channels = {
+        name: (rows[0] if len(rows) == 1 else rows.T).astype(float) for name, rows in pair.real.items()
+    }
+    try:
+        return Trace(pair.times, channels, {name: spec.signals[name].unit for name in channels})
+    except S2RError:
+        return None

@@ -1,0 +1,160 @@
+"""Which parts of the machine shift: on a top view of a quadruped, and as rows over time for any machine."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from s2r_spec.diagnose.where.body import Body, Shift
+from s2r_spec.report.figures.canvas import BAND, INK, MUTED, RULE, Picture, draw, shorten
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+LEGS = ("FL", "FR", "RL", "RR")
+JOINTS = ("hip", "thigh", "calf")
+_MOST_ROWS = 12
+_TRUNK = ("base", "trunk", "torso", "body")
+
+
+def strengths(body: Body) -> dict[str, float]:
+    """Return part → 0 to 1 by its largest shift, 0 for none; a doubling counts the same anywhere."""
+    import math
+
+    largest = {part.name: max((s.sigma for s in part.shifts), default=0.0) for part in body.parts}
+    top = max(largest.values(), default=0.0)
+    return {
+        name: 0.0 if sigma <= 0 else max(0.15, 1.0 - math.log2(top / sigma) / 6.0)
+        for name, sigma in largest.items()
+    }
+
+
+def is_quadruped(body: Body) -> bool:
+    """Return whether the parts are those of four legs with three joints each."""
+    names = {part.name for part in body.parts}
+    return all(f"{leg} {joint}" in names for leg in LEGS for joint in JOINTS)
+
+
+def robot(body: Body, name: str) -> Picture:
+    """Draw the parts."""
+    rows = [(part.name, shift) for part in body.shifted for shift in part.shifts[:1]][:_MOST_ROWS]
+    strong = strengths(body)
+    legs = is_quadruped(body)
+    height = 0.9 + 0.32 * max(len(rows), 2)
+
+    def paint(figure: Figure) -> None:
+        if legs:
+            top, bottom = figure.subplots(2, 1, height_ratios=[3.0, height])
+            _quadruped(top, strong)
+        else:
+            bottom = figure.add_subplot()
+        _timeline(bottom, rows, strong, body.duration)
+
+    many = f"{len(body.shifted)} of {len(body.parts)} parts"
+    words = "; ".join(f"{part}: {said(shift)}" for part, shift in rows[:4])
+    alt = f"{many} show what their model does not explain" + (f": {words}" if words else "")
+    caption = (
+        "Residuals are what the simulator's own equations leave unexplained of a recorded motion, whatever the "
+        "controller made of it; they are held against those of nominal rollouts at the same tests. "
+        f"The darker, the larger beside the scatter from run to run. Of {body.asked} questions (residuals times "
+        f"windows of time) those are shown that stand at a false-discovery rate of {100 * body.level:g} %."
+    )
+    left = sum(bool(part.shifts) for part in body.parts) - len(rows)
+    if left > 0:
+        caption += f" {left} more parts are in the JSON."
+    size = (7.2, height + (3.0 if legs else 0.0))
+    return Picture("Which part of the machine", caption, alt, draw(name, alt, size, paint))
+
+
+def said(shift: Shift) -> str:
+    """Return a shift in words: "force −19.9 N from 0.2 to 1.4 s"."""
+    steady = abs(shift.mean) > 0.5 * shift.size
+    sign = f"{shift.mean:+.3g}" if steady else f"±{shift.size:.3g}"
+    kind = " (rms)" if shift.kind == "rms" else ""
+    words = f"{shift.channel}{kind} {sign} {shift.unit}".rstrip().replace("-", "−")
+    return f"{words} from {shift.begin:.2f} to {shift.end:.2f} s"
+
+
+def _timeline(
+    axes: Axes, rows: list[tuple[str, Shift]], strong: Mapping[str, float], duration: float
+) -> None:
+    places = range(len(rows) - 1, -1, -1)
+    for place, (part, shift) in zip(places, rows, strict=True):
+        axes.broken_barh(
+            [(shift.begin, shift.end - shift.begin)], (place - 0.36, 0.72),
+            facecolor=BAND, alpha=0.15 + 0.6 * strong[part], edgecolor="none",
+        )  # fmt: skip
+        value = said(shift).partition(" from ")[0]
+        times = f"{shift.sigma:.0f} σ" if shift.sigma >= 10 else f"{shift.sigma:.2g} σ"
+        late = shift.begin > 0.55 * duration
+        axes.text(
+            min(shift.end, duration) - 0.01 * duration if late else shift.begin + 0.01 * duration, place,
+            f"{value} ({times})", va="center", ha="right" if late else "left", size=9, color=INK,
+        )  # fmt: skip
+    axes.set_yticks(list(places), [shorten(part) for part, _ in rows])
+    axes.set_ylim(-0.7, max(len(rows), 1) - 0.3)
+    axes.set_xlim(0, duration)
+    axes.set_xlabel("time [s]")
+    axes.grid(axis="y", visible=False)
+    if not rows:
+        axes.text(duration / 2, 0, "no part shows anything", ha="center", va="center", color=MUTED)
+
+
+def _quadruped(axes: Axes, strong: Mapping[str, float]) -> None:
+    """A top view, the front to the right: each leg's joints side by side, from the trunk outwards, then its foot."""
+    from matplotlib.patches import Circle, FancyBboxPatch
+
+    def box(
+        x: float, y: float, width: float, height: float, part: str, label: str, size: float = 8.5
+    ) -> None:
+        strength = strong.get(part, 0.0)
+        rounded = "round,pad=0,rounding_size=0.12"
+        frame: dict[str, Any] = {"facecolor": "none", "edgecolor": MUTED, "lw": 1.0}
+        axes.add_patch(FancyBboxPatch((x, y), width, height, boxstyle=rounded, **frame))
+        if strength:
+            filled: dict[str, Any] = {"facecolor": BAND, "edgecolor": "none", "alpha": 0.1 + 0.7 * strength}
+            axes.add_patch(FancyBboxPatch((x, y), width, height, boxstyle=rounded, **filled))
+        axes.text(x + width / 2, y + height / 2, label, ha="center", va="center", size=size, color=INK)
+
+    trunk = next((name for name in _TRUNK if name in strong), "")
+    box(-2.2, -0.7, 4.4, 1.4, trunk, "trunk")
+    axes.plot([2.2, 2.6, 2.2], [0.35, 0.0, -0.35], color=MUTED, lw=1)
+    axes.text(2.8, 0.0, "front", va="center", size=8.5, color=MUTED)
+    others = [name for name in strong if name not in _drawn() and strong[name] > 0]
+    for leg in LEGS:
+        side = 1.0 if leg.endswith("L") else -1.0
+        x = 1.0 if leg.startswith("F") else -2.2
+        axes.text(x - 0.12, side * 1.05, leg, ha="right", va="center", size=10, color=INK, fontweight="bold")
+        for k, joint in enumerate(JOINTS):
+            y = 0.82 + 0.6 * k if side > 0 else -0.82 - 0.6 * k - 0.5
+            box(x, y, 1.2, 0.5, f"{leg} {joint}", joint)
+            sensor = strong.get(f"{leg} {joint} encoder", 0.0)
+            axes.add_patch(Circle((x + 1.4, y + 0.25), 0.11, facecolor="none", edgecolor=RULE, lw=1))
+            if sensor:
+                axes.add_patch(
+                    Circle(
+                        (x + 1.4, y + 0.25), 0.11, facecolor=BAND, edgecolor="none", alpha=0.1 + 0.8 * sensor
+                    )
+                )
+        y = side * (0.82 + 0.6 * 3 + 0.22)
+        foot = strong.get(f"{leg} foot", 0.0)
+        axes.add_patch(Circle((x + 0.6, y), 0.22, facecolor="none", edgecolor=MUTED, lw=1))
+        if foot:
+            axes.add_patch(
+                Circle((x + 0.6, y), 0.22, facecolor=BAND, edgecolor="none", alpha=0.1 + 0.7 * foot)
+            )
+        axes.text(x + 0.9, y, "foot", va="center", size=8, color=MUTED)
+    axes.text(
+        3.3, -2.6, "small rings: encoders" + (f"\nalso: {', '.join(others[:3])}" if others else ""),
+        size=8.5, color=MUTED, va="bottom",
+    )  # fmt: skip
+    axes.set_xlim(-5.2, 5.6)
+    axes.set_ylim(-3.1, 3.1)
+    axes.set_aspect("equal")
+    axes.axis("off")
+
+
+def _drawn() -> set[str]:
+    joints = {f"{leg} {joint}" for leg in LEGS for joint in JOINTS}
+    return joints | {f"{name} encoder" for name in joints} | {f"{leg} foot" for leg in LEGS} | set(_TRUNK)

@@ -1,0 +1,235 @@
+"""The gap over the test space, and on held-out tests before and after the named effects are added."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from s2r_spec.diagnose.how_far import HeldOut, HowFar
+from s2r_spec.diagnose.where.space import InSpace
+from s2r_spec.report.checked import test_words
+from s2r_spec.report.figures.canvas import (
+    BAD,
+    BAND,
+    GOOD,
+    INK,
+    MUTED,
+    PAPER,
+    Picture,
+    draw,
+    shorten,
+    with_unit,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_MOST_TESTS = 16
+_DELTA = "Δρ = ρ real − ρ sim"
+
+
+def over_space(space: InSpace, far: HowFar | None, name: str) -> Picture:
+    """Draw Δρ over the test space: a curve over one parameter, maps over two, slices over more."""
+    held = () if far is None else far.tests
+    match space.space.dim:
+        case 1:
+            return _curve(space, held, name)
+        case 2:
+            return _maps(space, held, name)
+        case _:
+            return _slices(space, name)
+
+
+def before_and_after(far: HowFar, units: dict[str, str], name: str) -> Picture:
+    """Draw |Δρ| of each held-out test before and after the patch, largest first."""
+    tests = sorted(far.tests, key=lambda test: -abs(test.before))[:_MOST_TESTS]
+    rows = np.arange(len(tests))[::-1]
+
+    names = ", ".join(tests[0].params)
+
+    def paint(figure: Figure) -> None:
+        axes = figure.add_subplot()
+        limit = far.floor + far.background
+        axes.axvspan(0, limit, color=MUTED, alpha=0.15, lw=0, label="scatter and a little of every effect")
+        before = [abs(test.before) for test in tests]
+        if far.after is not None:
+            after = [abs(test.after or 0.0) for test in tests]
+            axes.hlines(rows, after, before, color=MUTED, lw=1.2)
+        axes.plot(before, rows, "o", color=BAD, mfc=PAPER, mec=BAD, mew=1.6, ms=7, zorder=3, label="before")
+        if far.after is not None:
+            axes.plot(after, rows, "o", color=GOOD, ms=6, zorder=4, label="after")
+        axes.set_yticks(rows, [_short(test) for test in tests])
+        axes.set_ylabel(shorten(names))
+        axes.set_ylim(-0.7, len(tests) - 0.3)
+        axes.set_xlim(left=0)
+        axes.set_xlabel(with_unit("|Δρ|", far.unit))
+        axes.grid(axis="y", visible=False)
+        figure.legend(loc="outside upper left", ncols=3)
+
+    alt = f"|Δρ| of {len(tests)} held-out tests: mean {far.before.mean:.4g} {far.unit} before"
+    if far.after is not None:
+        alt += f", {far.after.mean:.4g} {far.unit} after the named effects were added"
+    said = ", ".join(with_unit(n, units.get(n, "")) for n in tests[0].params)
+    said = f" ({said})" if said else ""
+    caption = (
+        f"Each row is a test{said} that took no part in the diagnosis: the gap between the real rollouts and the "
+        "simulator as it is (ring), and with the named effects added (dot). Grey is what scatter and a few percent "
+        "of every effect make of it."
+    )
+    left = len(far.tests) - len(tests)
+    if left:
+        caption += f" {left} more tests, with smaller gaps, are not drawn."
+    title = "Held-out tests: the gap before and after" if far.after else "Held-out tests: the gap"
+    return Picture(title, caption, alt, draw(name, alt, (7.2, 1.0 + 0.27 * len(tests)), paint))
+
+
+def _short(test: HeldOut) -> str:
+    words = ", ".join(f"{value:.3g}" for value in test.params.values())
+    return shorten(words or "the one test") + (f" (×{test.rollouts})" if test.rollouts > 1 else "")
+
+
+def _curve(space: InSpace, held: Sequence[HeldOut], name: str) -> Picture:
+    axis = space.space.axes[0]
+
+    def paint(figure: Figure) -> None:
+        axes = figure.add_subplot()
+        _band(axes, space, 0)
+        axes.plot(
+            [test.params[axis.name] for test in space.tests], [test.signed for test in space.tests],
+            "o", color=INK, ms=3.5, label="mean of a test",
+        )  # fmt: skip
+        where = [test.params[axis.name] for test in held]
+        after = [test.after for test in held if test.after is not None]
+        if after:
+            axes.vlines(where, [test.before for test in held], after, color=MUTED, lw=0.8)
+            axes.plot(where, after, "o", color=GOOD, ms=7, label="held out: after")
+        if held:
+            axes.plot(
+                where, [test.before for test in held], "o", mfc="none", mec=BAD, mew=1.6, ms=8,
+                ls="none", label="held out: before",
+            )  # fmt: skip
+        axes.set_xlim(axis.low - axis.width / 50, axis.high + axis.width / 50)
+        axes.set_xlabel(with_unit(axis.name, axis.unit))
+        axes.set_ylabel(with_unit(_DELTA, space.unit))
+        figure.legend(loc="outside upper left", ncols=2)
+
+    worst = space.worst[axis.name]
+    alt = (
+        f"Δρ over {axis.name} from {axis.low:g} to {axis.high:g} {axis.unit}: its expected value between "
+        f"{space.signed.mean.min():.4g} and {space.signed.mean.max():.4g} {space.unit}; largest gap probably at "
+        f"{worst:.4g} {axis.unit}; {len(held)} held-out tests"
+    )
+    return Picture(
+        "The gap over the test space", _caption(space, bool(held)), alt, draw(name, alt, (7.2, 3.6), paint)
+    )
+
+
+def _band(axes: Axes, space: InSpace, axis: int) -> None:
+    """The expected Δρ along an axis through the worst test."""
+    on = space.along(axis)
+    at = space.grid[on, axis]
+    band = space.signed
+    axes.fill_between(at, band.lower[on], band.upper[on], color=BAND, alpha=0.22, lw=0, label="E Δρ, 95 %")
+    axes.plot(at, band.mean[on], color=BAND, lw=2)
+    if space.tolerance > 0:
+        for side in (-1, 1):
+            axes.axhline(side * space.tolerance, color=MUTED, lw=0.8, ls=(0, (4, 3)))
+    axes.axhline(0, color=INK, lw=0.8)
+
+
+def _slices(space: InSpace, name: str) -> Picture:
+    names = space.space.names
+
+    def paint(figure: Figure) -> None:
+        columns = min(3, len(names))
+        grid = figure.subplots(-(-len(names) // columns), columns, squeeze=False, sharey=True)
+        for k, axes in enumerate(grid.flat):
+            if k >= len(names):
+                axes.set_visible(False)
+                continue
+            axis = space.space.axes[k]
+            _band(axes, space, k)
+            where = [test.params[axis.name] for test in space.tests]
+            axes.plot(where, [test.signed for test in space.tests], "o", color=INK, ms=3, alpha=0.6)
+            axes.axvline(space.worst[axis.name], color=BAD, lw=1, ls=(0, (4, 3)))
+            axes.set_xlabel(with_unit(axis.name, axis.unit))
+        for row in grid:
+            row[0].set_ylabel(with_unit("Δρ", space.unit))
+
+    rows = -(-len(names) // 3)
+    worst = ", ".join(f"{n} = {v:.4g}" for n, v in space.worst.items())
+    alt = f"Δρ along {', '.join(names)}, each through the worst test, {worst}; {len(space.tests)} tests"
+    caption = _caption(space, False) + (
+        " Each slice goes through the worst test (dashed red); tests are drawn in every slice, also those beside it."
+    )
+    title = "The gap over the test space: slices through the worst test"
+    return Picture(title, caption, alt, draw(name, alt, (7.2, 2.7 * rows), paint))
+
+
+def _maps(space: InSpace, held: Sequence[HeldOut], name: str) -> Picture:
+    across, up = space.space.axes
+    side = round(len(space.grid) ** 0.5)
+    values = space.signed.mean.reshape(side, side).T
+    drawn = [*values.ravel(), *(test.signed for test in space.tests)]
+    scale = max(map(abs, drawn)) or 1.0
+    after = [(test, test.after) for test in held if test.after is not None]
+
+    def paint(figure: Figure) -> None:
+        both = figure.subplots(1, 2 if after else 1, sharex=True, sharey=True, squeeze=False)[0]
+        image = both[0].imshow(
+            values, origin="lower", extent=(across.low, across.high, up.low, up.high), aspect="auto",
+            cmap="RdBu", vmin=-scale, vmax=scale, interpolation="bilinear",
+        )  # fmt: skip
+        x, y = ([test.params[a.name] for test in space.tests] for a in (across, up))
+        both[0].scatter(x, y, s=12, c="black", lw=0)
+        both[0].plot(
+            space.worst[across.name], space.worst[up.name], "v", color=PAPER, mec=INK, ms=10, clip_on=False
+        )
+        both[0].set_title("before: E Δρ, and the tests")
+        if after:
+            x, y = ([test.params[a.name] for test, _ in after] for a in (across, up))
+            both[1].scatter(
+                x, y, s=90, c=[value for _, value in after], cmap="RdBu", vmin=-scale, vmax=scale,
+                edgecolors=INK, linewidths=0.8,
+            )  # fmt: skip
+            both[1].set_title("after, on held-out tests")
+        for axes in both:
+            axes.grid(False)
+            axes.set_xlabel(with_unit(across.name, across.unit))
+            axes.set_xlim(across.low - across.width / 40, across.high + across.width / 40)
+            axes.set_ylim(up.low - up.width / 40, up.high + up.width / 40)
+        both[0].set_ylabel(with_unit(up.name, up.unit))
+        bar = figure.colorbar(image, ax=both.tolist(), pad=0.01)
+        bar.set_label(with_unit("Δρ", space.unit))
+        if bar.solids is not None:
+            bar.solids.set_rasterized(True)
+
+    alt = (
+        f"Map of the expected Δρ over {across.name} and {up.name}, largest gap probably at "
+        f"{test_words(space.worst, space.space.units)}"
+    )
+    if after:
+        alt += f"; beside it what is left at {len(after)} held-out tests"
+    caption = (
+        _caption(space, False)
+        + " The triangle is the probably worst test"
+        + ("; on the right, in the same colours, what the named effects leave." if after else ".")
+    )
+    return Picture("The gap over the test space", caption, alt, draw(name, alt, (7.2, 3.4), paint))
+
+
+def _caption(space: InSpace, held: bool) -> str:
+    words = (
+        "Δρ is the robustness of the real machine less that of the simulator: below 0 the real machine is worse. "
+        "The band holds its expected value with 95 % at all tests at once."
+    )
+    if space.space.dim == 2:
+        words = "Δρ is the robustness of the real machine less that of the simulator: red, below 0, is worse."
+    if held:
+        words += " Rings are tests that took no part in the diagnosis; dots are what the named effects leave of them."
+    if space.tolerance > 0 and space.space.dim != 2:
+        words += " Dashed lines: twice what scatter alone makes."
+    return words

@@ -1,0 +1,61 @@
+"""What to do after a diagnosis, in one sentence."""
+
+from __future__ import annotations
+
+from s2r_spec.diagnose.diagnosis import Diagnosis, NextTest, Verdict
+from s2r_spec.report.checked import test_words
+from s2r_spec.spec import Spec
+
+
+def next_step(found: Diagnosis, spec: Spec) -> str:
+    """Return the sentence."""
+    which = found.which
+    test = "" if which.next_test is None else test_in_words(which.next_test, spec)
+    match found.verdict:
+        case Verdict.NONE:
+            return (
+                "Leave the simulator as it is for this requirement, and ask again when the machine or the "
+                "requirement has changed."
+            )
+        case Verdict.NAMED:
+            use = (
+                "Add what is named to the simulator (s2r diagnose … --apply FILE, then --sim patched:FILE), and bound "
+                "the gap that is left with s2r gap on fresh rollouts"
+            )
+            return f"{use}; to be surer of the name, {test}." if test else f"{use}."
+        case Verdict.CONFOUNDED:
+            if test:
+                return f"To tell them apart, {test}."
+            return (
+                f"Measure one of {', '.join(which.confounded)} on the machine by itself: no test of this test space "
+                f"was found that tells them apart."
+            )
+        case Verdict.UNKNOWN:
+            look = (
+                f"Look for a cause that the catalogue lacks{_place(found)}, and write it as an effect "
+                f"(docs/how-to/effects.md)"
+            )
+            return f"{look}; or first {test}." if test else f"{look}."
+
+
+def test_in_words(test: NextTest, spec: Spec) -> str:
+    """Return what to run: "run vd = 0.3 m/s, hold, which tells a from b by 4.0 σ a rollout"."""
+    # What the protocol changes stands in its own words.
+    own = {name: value for name, value in test.params.items() if name in spec.space.names}
+    where = test_words(own, spec.space.units)
+    how = f" {test.protocol}" if test.protocol else ""
+    many = f"{test.sigma:.1f} σ a rollout"
+    return f"run {where or 'the test again'}{how}, which tells {' from '.join(test.separates)} by {many}"
+
+
+def _place(found: Diagnosis) -> str:
+    """Return where to look: the part that shows most, or the channel."""
+    where = found.where
+    if where is None:
+        return ""
+    if where.body is not None and where.body.shifted:
+        part = where.body.shifted[0]
+        shift = part.shifts[0]
+        return f" at the {part.name} ({shift.channel}, {shift.begin:.2f} to {shift.end:.2f} s)"
+    window = max(where.windows(), key=lambda one: abs(one["delta"]))
+    return f" that acts from {window['begin']:.2f} to {window['end']:.2f} s"
