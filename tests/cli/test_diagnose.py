@@ -1,7 +1,9 @@
 import json
 
+import jsonschema
 import pytest
 
+from s2r_spec.report import jsonform
 from tests.conftest import PLUGIN
 
 
@@ -15,11 +17,17 @@ def cart(s2r, tmp_path, monkeypatch, tmp_path_factory):
 
 def test_a_cause_is_named_applied_and_used(cart):
     words = ("diagnose", "cart.stl", "--sim", "cart", "--real", "cart:real.coulomb=1.5", "--budget", 24, "-q")
-    done = cart(*words, "--workers", 1, "--run", "run", "--apply", "patched.json", code=0)
+    more = ("--apply", "patched.json", "--report", "gap.html")
+    done = cart(*words, "--workers", 1, "--run", "run", *more, code=0)
     assert done.stdout.startswith("NAMED  coulomb explains the data best")
     assert "use it as --sim patched:patched.json" in done.stderr
     found = json.loads((cart.folder / "run" / "diagnosis.json").read_text())
     assert found["which"]["answer"] == ["coulomb"]
+    jsonschema.validate(found, jsonform.schema("s2r/diagnosis/1"))
+    assert found["next"] in done.stdout
+    page = (cart.folder / "gap.html").read_text()
+    assert "NAMED: coulomb" in page
+    assert page.count("<svg") >= 4
     assert json.loads((cart.folder / "patched.json").read_text())["effects"] == found["patch"]
     gap = (
         "gap",
@@ -40,3 +48,14 @@ def test_a_missing_patch_is_a_sentence(s2r):
     (s2r.folder / "odd.json").write_text("{}")
     done = s2r("check", s2r.spec(), "--backend", "patched:odd.json", code=2)
     assert "is no patched simulator" in done.stderr
+
+
+def test_formats_and_places_that_cannot_be_are_said_before_anything_runs(cart):
+    words = ("diagnose", "cart.stl", "--sim", "cart", "--real", "cart:real.coulomb=1.5", "-q")
+    done = cart(*words, "--format", "junit", code=2)
+    assert "no format 'junit'" in done.stderr
+    assert "there are: json, markdown and text" in done.stderr
+    done = cart(*words, "--report", "nowhere/gap.html", code=2)
+    assert "there is no folder nowhere" in done.stderr
+    done = cart(*words, "--json", "--format", "markdown", code=2)
+    assert "give one of them" in done.stderr

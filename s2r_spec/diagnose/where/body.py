@@ -205,7 +205,7 @@ def body(
             float(mean[best, kind]), float(size[best, kind]), float(size[best, kind] / scatter[best, kind]),
             float(p[best, kind]), float(q[best, kind]),
         )  # fmt: skip
-        key, clear = (column.part, column.channel), float(f[:, (k, k + half)].max())
+        key, clear = (column.part, column.channel), float(f[best, kind])
         if key not in found or clear > found[key][0]:
             found[key] = (clear, shift)
     return Body(_ranked(columns, found), len(real), duration, p.size, level)

@@ -45,7 +45,7 @@ def robot(body: Body, name: str) -> Picture:
 
     def paint(figure: Figure) -> None:
         if legs:
-            top, bottom = figure.subplots(2, 1, height_ratios=[3.0, height])
+            top, bottom = figure.subplots(2, 1, height_ratios=[3.4, height])
             _quadruped(top, strong)
         else:
             bottom = figure.add_subplot()
@@ -63,7 +63,7 @@ def robot(body: Body, name: str) -> Picture:
     left = sum(bool(part.shifts) for part in body.parts) - len(rows)
     if left > 0:
         caption += f" {left} more parts are in the JSON."
-    size = (7.2, height + (3.0 if legs else 0.0))
+    size = (7.2, height + (3.4 if legs else 0.0))
     return Picture("Which part of the machine", caption, alt, draw(name, alt, size, paint))
 
 
@@ -90,7 +90,7 @@ def _timeline(
         late = shift.begin > 0.55 * duration
         axes.text(
             min(shift.end, duration) - 0.01 * duration if late else shift.begin + 0.01 * duration, place,
-            f"{value} ({times})", va="center", ha="right" if late else "left", size=9, color=INK,
+            f"{shorten(value)} ({times})", va="center", ha="right" if late else "left", size=9, color=INK,
         )  # fmt: skip
     axes.set_yticks(list(places), [shorten(part) for part, _ in rows])
     axes.set_ylim(-0.7, max(len(rows), 1) - 0.3)

@@ -1,0 +1,317 @@
+"""A diagnosis in its forms: one answer, and the cart's gap, without a bank or a judge."""
+
+import functools
+import json
+from dataclasses import replace
+
+import jsonschema
+import numpy as np
+import pytest
+
+import s2r_spec as s2r
+from s2r_spec.diagnose.diagnosis import Diagnosis, NextTest, Verdict, Which
+from s2r_spec.diagnose.estimate import Estimate
+from s2r_spec.diagnose.how_far import how_far
+from s2r_spec.diagnose.isolability import Isolability
+from s2r_spec.diagnose.where.attribution import attribute
+from s2r_spec.diagnose.where.body import Body, BodyPart, Shift
+from s2r_spec.diagnose.where.found import Where, where
+from s2r_spec.diagnose.where.gaps import GapAt
+from s2r_spec.diagnose.where.space import Band, InSpace
+from s2r_spec.report import diagnosed, diagnosed_page, jsonform
+from s2r_spec.report.diagnosed_markdown import markdown
+from s2r_spec.report.figures.robot import is_quadruped, robot
+from s2r_spec.trace import Trace
+from tests.report.test_html import Page
+
+NASTY = '<script>alert("x")</script> & $x$ | `d` 漢字🤖 ' + "long" * 200
+SPACES = {
+    0: "",
+    1: "param vd {m/s} in [0, 1]",
+    2: "param vd {m/s} in [0, 1]\nparam load {kg} in [0, 5]",
+    3: "param vd {m/s} in [0, 1]\nparam load {kg} in [0, 5]\nparam slope {deg} in [-5, 5]",
+}
+EFFECTS = ("friction", "delay", "payload")
+
+
+def spec_of(dim):
+    text = f"signal x {{m}}\nsignal u[2] {{V}}\n{SPACES[dim]}\n"
+    text += "require near: always[0, 1 s] (abs(x) <= 0.5 and u[1] <= 3)\n"
+    return s2r.parse_spec(text, "specs/a spec.stl")
+
+
+def rollout(rng, size):
+    t = np.linspace(0, 1, 41)
+    x = size * np.exp(-((t - 0.6) ** 2) / 0.01) + 0.01 * rng.normal(size=t.size)
+    return Trace(t, {"x": x, "u": np.column_stack([x, 2 * x])}, {"x": "m", "u": "V"})
+
+
+@functools.cache
+def where_of(dim, n=10, size=0.4):
+    """Return tests and where; over two parameters and more the test space's answer is made up, for it takes long."""
+    spec = spec_of(dim)
+    rng = np.random.default_rng(1)
+    axes = spec.space.axes
+    tests = [{a.name: float(rng.uniform(a.low, a.high)) for a in axes} for _ in range(n)]
+    sides = []
+    for scale in (size, 0.1):
+        traces = [rollout(rng, scale) for _ in tests]
+        rhos = [spec.robustness(t, d)["near"] for t, d in zip(traces, tests, strict=True)]
+        sides.append(list(zip(traces, rhos, strict=True)))
+    if dim < 2:
+        return tests, where(spec, "near", tests, *sides)
+    pair = attribute(spec, "near", sides[0][0][0], sides[1][0][0], tests[0])
+    return tests, Where(made_up(spec.space, tests), tests[0], pair)
+
+
+def made_up(space, tests):
+    grid = space.grid({2: (21, 21), 3: (7, 7, 7)}[space.dim])
+    mean = 0.1 * (grid[:, 0] - 0.5)
+    deviation = np.full(len(grid), 0.01)
+    band = Band(mean, deviation, mean - 0.03, mean + 0.03)
+    gaps = tuple(GapAt(test, np.array([0.1]), np.array([0.1 + 0.1 * (test["vd"] - 0.5)])) for test in tests)
+    worst = space.point(grid[0])
+    ends = {name: (value, value) for name, value in worst.items()}
+    exceeds = np.ones(len(grid))
+    return InSpace(
+        space, "m", gaps, grid, band, band, 0.01, worst, 0.9, ends, (0.05, 0.04, 0.06), 0.02, exceeds, ()
+    )
+
+
+def body_of(names):
+    shift = Shift("torque", 1, "mean", "N*m", 0.25, 0.75, -1.25, 1.3, 12.0, 1e-9, 1e-6)
+    wave = replace(shift, channel="speed", kind="rms", unit="rad/s", mean=0.01, size=0.2, sigma=2.0)
+    parts = [BodyPart(names[0], (shift, wave)), BodyPart(names[1], (wave,))]
+    return Body((*parts, *(BodyPart(name, ()) for name in names[2:])), 10, 1.0, 534)
+
+
+def diagnosis(dim, verdict=Verdict.NAMED, body=None, near=8.0, **changes):
+    spec = spec_of(dim)
+    tests, found = where_of(dim)
+    found = replace(found, body=body, no_body="" if body else "the backend computes no residuals")
+    sigma = np.array([[0, near, 20], [near, 0, 99], [20, 15, 0.0]])
+    answer = ("friction",) if verdict in (Verdict.NAMED, Verdict.CONFOUNDED) else ()
+    upcoming = dict.fromkeys(spec.space.names, 0.5)
+    which = Which(
+        none=0.02,
+        unknown=0.08,
+        singles={"friction": 0.7, "delay": 0.1, "payload": 0.05},
+        pairs={("friction", "delay"): 0.05},
+        triples={},
+        answer=answer,
+        confounded=("friction", "delay") if verdict is Verdict.CONFOUNDED else answer,
+        estimates=(Estimate("friction", "force", 1.5, 1.1, 2.2, "N"),) if answer else (),
+        nearest_family="actuation",
+        isolability=Isolability(EFFECTS, sigma, np.array([9.0, 20.0, 30.0])),
+        next_test=NextTest(upcoming | {"gait": 2.0}, "with gait = 2", ("friction", "delay"), 4.0),
+    )
+    rng = np.random.default_rng(2)
+    real = -0.3 + 0.02 * rng.normal(size=len(tests))
+    far = how_far(
+        real, np.zeros(len(tests)), real + 0.03 * rng.normal(size=len(tests)), tests, 0.01, 0.02, 3, "m"
+    )
+    one = Diagnosis(
+        verdict=verdict,
+        reason="friction explains the data best",
+        where=found,
+        which=which,
+        how_far=far,
+        patch={"friction": {"force": 1.5}} if answer else {},
+        provenance={
+            "s2r": "0", "seed": 0, "spec_hash": spec.hash, "requirement": "near", "backend": "cart",
+            "model_hash": "0" * 64, "rollouts": 20, "held_out": 10, "judge": {"single": 0.9},
+        },
+        assumptions=("the real rollouts were run as their tests say",),
+    )  # fmt: skip
+    return replace(one, **changes), spec
+
+
+LEGS = [f"{leg} {joint}" for leg in ("FR", "FL", "RR", "RL") for joint in ("hip", "thigh", "calf")]
+
+
+@pytest.fixture(scope="module")
+def one():
+    return diagnosis(1, body=body_of(["FR calf", "FR foot", *LEGS[:2], *LEGS[3:], "base"]))
+
+
+@pytest.fixture(scope="module")
+def shown(one):
+    return diagnosed_page.render(*one, "twin:lab")
+
+
+def test_the_page_is_whole_small_offline_and_the_same_again(one, shown):
+    text = shown
+    assert diagnosed_page.render(*one, "twin:lab") == text
+    assert len(text.encode()) < 1_000_000
+    page = Page(text)
+    assert not page.fetched
+    assert "://" not in text.replace("http://www.w3.org/1999/xlink", "")
+    assert "#1aa0" not in text
+    assert all(page.pictures)
+    assert len(page.pictures) == 4
+
+
+def test_the_answer_comes_first_and_everything_is_there(shown):
+    words = Page(shown).text
+    assert words.index("NAMED: friction") < 150
+    for said in (
+        "friction explains the data best",
+        "cart against twin:lab, 20 real rollouts, 10 of them held out",
+        "What to do next. Add what is named to the simulator",
+        "run vd = 0.5 m/s with gait = 2, which tells friction from delay by 4.0 σ a rollout",
+        "70.0 %",
+        "1.5 N",
+        "[1.1, 2.2] N",
+        "of what lies above the floor",
+        "abs(x) <= 0.5",
+        "FR calf: torque −1.25 N*m from 0.25 to 0.75 s",
+        "FR foot: speed (rms) ±0.2 rad/s",
+        "This assumes the real rollouts were run as their tests say",
+        "judge: single 0.9",
+    ):
+        assert said in words, said
+
+
+@pytest.mark.parametrize(
+    ("dim", "pictures"),
+    [(0, ["|Δρ| of 1 held-out"]), (2, ["Map of the expected Δρ over vd and load", "|Δρ| of 10 held-out"]),
+     (3, ["Δρ along vd, load, slope", "|Δρ| of 10 held-out"])],
+)  # fmt: skip
+def test_the_gap_is_drawn_over_any_test_space(dim, pictures):
+    page = Page(diagnosed_page.render(*diagnosis(dim)))
+    for k, start in enumerate(pictures):
+        assert page.pictures[k].startswith(start)
+    assert "the backend computes no residuals" in page.text
+
+
+def test_over_one_parameter_held_out_tests_stand_on_the_curve(shown):
+    page = Page(shown)
+    assert page.pictures[0].startswith("Δρ over vd from 0 to 1 m/s")
+    assert page.pictures[0].endswith("10 held-out tests")
+    for said in ("held out: before", "held out: after"):
+        assert said in page.text
+
+
+def test_four_legs_are_drawn_and_any_other_machine_is_rows(one, shown):
+    found, _ = one
+    assert is_quadruped(found.where.body)
+    text = shown
+    assert text.count(">thigh<") == 4
+    other = body_of(["wheels", "encoder"])
+    assert not is_quadruped(other)
+    picture = robot(other, "rows")
+    assert ">trunk<" not in picture.svg
+    assert ">wheels<" in picture.svg
+    assert picture.alt.startswith("2 of 2 parts show")
+
+
+def test_confounded_pairs_are_marked():
+    page = Page(diagnosed_page.render(*diagnosis(0, Verdict.CONFOUNDED, near=1.0)))
+    assert any("less than 3: friction and delay" in alt for alt in page.pictures)
+    assert "These data cannot tell apart: friction, delay." in page.text
+    assert "To tell them apart, run the test again with gait = 2" in page.text
+
+
+@pytest.mark.parametrize(
+    ("verdict", "code", "start"),
+    [
+        (Verdict.NONE, 0, "Leave the simulator as it is"),
+        (Verdict.NAMED, 0, "Add what is named"),
+        (Verdict.CONFOUNDED, 3, "To tell them apart"),
+        (
+            Verdict.UNKNOWN,
+            3,
+            "Look for a cause that the catalogue lacks at the wheels (torque, 0.25 to 0.75 s)",
+        ),
+    ],
+)
+def test_every_verdict_says_what_to_do_next(verdict, code, start):
+    found, spec = diagnosis(1, verdict, body=body_of(["wheels", "encoder"]))
+    record = json.loads(diagnosed.as_json(found, spec))
+    assert record["next"].startswith(start)
+    assert record["exit_code"] == code
+    assert record["next"].endswith(".")
+    assert record["next"] in diagnosed.text(found, spec)
+
+
+def test_json_is_what_the_schema_says(one):
+    schema = jsonform.schema("s2r/diagnosis/1")
+    jsonschema.Draft202012Validator.check_schema(schema)
+    assert schema["properties"]["schema"]["const"] == "s2r/diagnosis/1"
+    bare, spec = diagnosis(0, Verdict.UNKNOWN)
+    unasked = replace(bare, where=None, how_far=None, which=replace(bare.which, next_test=None))
+    for pair in ((unasked, spec), diagnosis(2), diagnosis(0, Verdict.NONE)):
+        jsonschema.validate(json.loads(diagnosed.as_json(*pair)), schema)
+    whole = json.loads(diagnosed.as_json(*one))
+    jsonschema.validate(whole, schema)
+    assert whole["where"]["body"]["parts"][0]["shifts"][0]["unit"] == "N*m"
+    channels = whole["where"]["trace"]["channels"]
+    assert set(channels) == {"x", "u[0]", "u[1]"}
+    assert sum(sum(of["delta"]) for of in channels.values()) == pytest.approx(
+        whole["where"]["delta"], abs=1e-5
+    )
+    assert len(whole["how_far"]["tests"]) == 10
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda one: one.pop("next"),
+        lambda one: one.update(verdict="sure"),
+        lambda one: one["which"].update(extra=1),
+        lambda one: one["where"]["body"]["parts"][0]["shifts"][0].pop("unit"),
+        lambda one: one["how_far"]["tests"][0].update(before=None),
+    ],
+)
+def test_the_schema_notices_a_damaged_object(one, damage):
+    record = json.loads(diagnosed.as_json(*one))
+    damage(record)
+    with pytest.raises(jsonschema.ValidationError):
+        jsonschema.validate(record, jsonform.schema("s2r/diagnosis/1"))
+
+
+def test_without_where_or_held_out_tests_the_page_says_so():
+    found, spec = diagnosis(0)
+    page = Page(diagnosed_page.render(replace(found, where=None, how_far=None), spec))
+    assert "No real rollouts were left over to measure it on" in page.text
+    assert len(page.pictures) == 1
+
+
+def test_small_gaps_are_not_rounded_to_nothing(one):
+    found, spec = one
+    tiny = replace(found.how_far.before, mean=1.5e-5, low=1.4e-5, high=1.6e-5, worst=2e-5)
+    shown = diagnosed.text(replace(found, how_far=replace(found.how_far, before=tiny)), spec)
+    assert "before 1.5e-05 (95 %: 1.4e-05 to 1.6e-05)" in shown
+
+
+def test_names_are_text_whatever_they_are(one):
+    found, spec = one
+    shift = replace(found.where.body.parts[0].shifts[0], channel=NASTY, unit="<b>")
+    body = replace(found.where.body, parts=(BodyPart(NASTY, (shift,)),))
+    odd = replace(
+        found,
+        reason=NASTY,
+        where=replace(found.where, body=body),
+        which=replace(
+            found.which,
+            singles={NASTY: 0.9},
+            estimates=(Estimate(NASTY, "<i>", 1.0, 0.5, 2.0, "<u>"),),
+            next_test=NextTest({"vd": 0.1}, NASTY, (NASTY, "delay"), 2.0),
+        ),
+        provenance=found.provenance | {"backend": NASTY},
+        assumptions=(NASTY,),
+    )
+    text = diagnosed_page.render(odd, spec, NASTY)
+    assert "<script" not in text
+    assert "<b>" not in text.replace('<b style="left', "")
+    assert "漢字🤖" in Page(text).text
+    assert "<script" not in markdown(odd, spec)
+
+
+def test_markdown_has_the_answer_tables_and_no_markup_of_others(one):
+    shown = markdown(*one)
+    assert shown.startswith("### s2r diagnose\n\n**NAMED**: friction explains the data best")
+    assert "| friction | 0.700 |" in shown
+    assert "| friction.force | 1.5 N |" in shown
+    assert "- FR calf: torque −1.25 N\\*m" in shown
+    assert "<summary>This assumes</summary>" in shown
