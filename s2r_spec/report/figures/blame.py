@@ -115,7 +115,7 @@ def _limits(
                 ask = partial(margins, spec, trace, where.test, must, signal, column, around=around)
                 here = ask(np.zeros(1))
                 if here is not None:
-                    reach = 2.5 * max(apart, float(np.median(np.abs(here.margins))))
+                    reach = 2.5 * max(apart, float(np.abs(here.margins).max()))
                     found.append(ask(np.linspace(-reach, reach, _VALUES)))
         return tuple(one for one in found if one is not None)
     except S2RError:

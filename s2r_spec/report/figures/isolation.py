@@ -77,7 +77,7 @@ def isolation(found: Isolability, answer: Collection[str], name: str) -> Picture
                 label.set_fontweight("bold")
         axes.grid(False)
         bar = figure.colorbar(image, ax=axes, extend="max", shrink=0.8, pad=0.02)
-        bar.set_label("standard deviations apart")
+        bar.set_label("σ apart")
         bar.ax.axhline(APART, color=INK, lw=1.2)
         if bar.solids is not None:
             bar.solids.set_rasterized(True)

@@ -62,7 +62,7 @@ def before_and_after(far: HowFar, units: dict[str, str], name: str) -> Picture:
         if far.after is not None:
             axes.plot(after, rows, "o", color=GOOD, ms=6, zorder=4, label="after")
         axes.set_yticks(rows, [_short(test) for test in tests])
-        axes.set_ylabel(shorten(names))
+        axes.set_ylabel(shorten(names), size=9)
         axes.set_ylim(-0.7, len(tests) - 0.3)
         axes.set_xlim(left=0)
         axes.set_xlabel(with_unit("|Δρ|", far.unit))
@@ -83,7 +83,7 @@ def before_and_after(far: HowFar, units: dict[str, str], name: str) -> Picture:
     if left:
         caption += f" {left} more tests, with smaller gaps, are not drawn."
     title = "Held-out tests: the gap before and after" if far.after else "Held-out tests: the gap"
-    return Picture(title, caption, alt, draw(name, alt, (7.2, 1.0 + 0.27 * len(tests)), paint))
+    return Picture(title, caption, alt, draw(name, alt, (7.2, 1.35 + 0.27 * len(tests)), paint))
 
 
 def _short(test: HeldOut) -> str:
