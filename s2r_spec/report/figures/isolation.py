@@ -54,7 +54,9 @@ def isolation(found: Isolability, answer: Collection[str], name: str) -> Picture
 
         axes = figure.add_subplot()
         axes.set_facecolor(RULE)
-        image = axes.imshow(shown, cmap="Blues_r", vmin=0.0, vmax=most, interpolation="nearest")
+        image = axes.imshow(
+            shown, cmap="Blues_r", vmin=0.0, vmax=most, interpolation="nearest", aspect="auto"
+        )
         for a in range(count):
             for b in range(count):
                 if a != b and sigma[a, b] < APART:
@@ -98,6 +100,6 @@ def isolation(found: Isolability, answer: Collection[str], name: str) -> Picture
         )
         + (" Bold is the answer." if answer else "")
     )
-    side = min(1.6 + 0.3 * count, 6.4) if count <= 20 else 7.0
+    side = min(1.4 + 0.28 * count, 6.4) if count <= 20 else 7.0
     picture = draw(name, alt, (7.2, side), paint)
     return Picture("Which effects these tests can tell apart", caption, alt, picture)
