@@ -1,184 +1,121 @@
 """How well each set of effects explains the data: Gaussian evidence with a background and a form error.
 
-    z = Σ_{k∈A} μ_k(θ_k) + J β + δ + ε
+    y = Σ_k J_k c_k + e,    c_k ~ N(0, LARGE²) for k in the set, N(0, BACKGROUND²) else
 
-z are the components of real minus nominal, projected on functions of the test;
-β ~ N(0, 0.05²) says that everything in the catalogue is slightly wrong, δ ~ N(0, η²)
-that the law of an effect is another than ours, ε is scatter. η and θ are summed
-over grids; all else is Gaussian, so that every set of one or two effects is
-scored exactly from the Gram matrix of the signatures.
+y is the data, made linear around the joint fit (:mod:`s2r_spec.diagnose.joint`).
+The background says that everything in the catalogue is slightly wrong, e that
+features scatter, that laws are other than ours by a part of what was seen, and that
+very small changes are not to be believed. All is Gaussian, so every set of one,
+two or three effects is scored exactly from one Gram matrix.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.diagnose.design import basis, weights
-from s2r_spec.diagnose.logs import logsumexp
-from s2r_spec.diagnose.signatures import Signatures
+from s2r_spec.diagnose.joint import TURN, Joint
 
 FloatArray = NDArray[np.float64]
+Set = tuple[int, ...]
 
 BACKGROUND = 0.05
-LEVELS = 6
-"""Form errors η that are summed over, each twice the one before; the last is about the rms size of the data."""
+"""Standard deviation of what every effect does unasked, in parts of its typical size."""
+ALLOWED = 0.06
+"""The same as the evidence reckons with it: the laws of the background are not ours either."""
+LARGE = 0.7
+"""Standard deviation of an effect that is a cause, in parts of its typical size."""
+FORM = 0.1
+"""The data are believed up to this part of themselves: an effect's law is another than ours."""
 GROUND = 0.3
-"""Form error that is always there, in units of the features' scale: numerics that differ."""
+"""Error that is always there, in units of the features' scale."""
+TRIPLES_OF = 5
+"""Best pairs that a third effect is tried with."""
+
+
+def believed(scatter: FloatArray, noise: FloatArray, data: FloatArray) -> FloatArray:
+    """Return (q, k) variance of data (q, k).
+
+    Args:
+        scatter: (q, q) covariance of the functions' coefficients, in units of one rollout's.
+        noise: (k, k) covariance of one rollout's components.
+        data: (q, k).
+    """
+    found: FloatArray = (
+        np.outer(np.diag(scatter), np.diag(noise)) + (FORM**2) * (data**2).sum(axis=0) + GROUND**2
+    )
+    return found
 
 
 @dataclass(frozen=True)
-class Candidates:
-    """Every point of every line, as a signature in this design.
+class Linear:
+    """Data that are linear in the coordinates of all lines, in units of what is believed.
 
     Attributes:
-        mu: (c, D) signatures.
-        line: (c,) place of its line.
-        effect: (c,) place of its effect in ``effects``.
-        coordinate: (c,) along its line.
         effects: names.
+        owner: (K,) place of each line's effect.
+        based: (K,) which lines only say how another of the same effect acts.
+        side: (K,) 1 or −1 where a coordinate can only be of that sign, else 0.
+        gram: (K, K) JᵀV⁻¹J.
+        toward: (K,) JᵀV⁻¹y.
+        energy: yᵀV⁻¹y.
+        seen: mean square of the data themselves, before they were made linear.
+        around: (K,) coordinates of the based lines around which y is linear, 0 elsewhere.
+        size: dimension of y.
     """
 
-    mu: FloatArray
-    line: NDArray[np.int64]
-    effect: NDArray[np.int64]
-    coordinate: FloatArray
     effects: tuple[str, ...]
-
-    @property
-    def starts(self) -> NDArray[np.int64]:
-        """(K,) place of each effect's first candidate."""
-        return np.searchsorted(self.effect, np.arange(len(self.effects)))
-
-
-@dataclass(frozen=True)
-class Layout:
-    """What follows from where the real tests lie.
-
-    Attributes:
-        project: (q, n) from rollouts to functions of the test.
-        interpolate: (n, m) from the bank's tests to these.
-        through: (q, m) from the bank's tests to functions of the test.
-        scatter: (q, q) covariance of the functions' coefficients, in units of one rollout's scatter.
-    """
-
-    project: FloatArray
-    interpolate: FloatArray
-    through: FloatArray
-    scatter: FloatArray
-
-    @classmethod
-    def of(
-        cls, signatures: Signatures, known: FloatArray, points: FloatArray, inflation: float = 1.0
-    ) -> Layout:
-        """Lay out tests at ``points`` (n, dim) in the unit box; ``known`` (m, dim) are the bank's."""
-        b = _basis(points)
-        project = np.asarray(np.linalg.pinv(b), dtype=np.float64)
-        interpolate = weights(known, points)
-        shots = signatures.bank.nominal.shape[0] * signatures.bank.nominal.shape[1]
-        scatter = inflation * np.linalg.inv(b.T @ b) + project @ project.T * (len(points) / shots)
-        return cls(project, interpolate, project @ interpolate, scatter)
-
-    @property
-    def root(self) -> FloatArray:
-        """(q, q) Cholesky factor of ``scatter``."""
-        return np.asarray(np.linalg.cholesky(self.scatter), dtype=np.float64)
-
-
-@dataclass(frozen=True)
-class Design:
-    """Tests at which real rollouts were made, and what follows from them alone.
-
-    Attributes:
-        layout: see there.
-        candidates: see there.
-        spectrum: (D,) eigenvalues of scatter, background and numerics together.
-        rotate: (D, D) their eigenvectors, as rows.
-    """
-
-    signatures: Signatures
-    layout: Layout
-    candidates: Candidates
-    spectrum: FloatArray
-    rotate: FloatArray
-    levels: dict[int, Level] = field(default_factory=dict, repr=False)
-    """Filled as they are needed: many data sets of one design share them."""
-
-    @classmethod
-    def of(
-        cls, signatures: Signatures, known: FloatArray, points: FloatArray, inflation: float = 1.0
-    ) -> Design:
-        """Set up for tests at ``points`` (n, dim) in the unit box; ``known`` (m, dim) are the bank's."""
-        layout = Layout.of(signatures, known, points, inflation)
-        through = layout.through
-        mus, lines, coordinates = [], [], []
-        for place, curve in enumerate(signatures.curves):
-            mus.append(np.einsum("qm,gmk->gqk", through, curve.change).reshape(len(curve.coordinates), -1))
-            lines.append(np.full(len(curve.coordinates), place))
-            coordinates.append(curve.coordinates)
-        names = [curve.line.effect for curve in signatures.curves]
-        effects = tuple(dict.fromkeys(names))
-        line = np.concatenate(lines)
-        effect = np.array([effects.index(names[i]) for i in line])
-        mu = np.concatenate(mus)
-        coordinate = np.concatenate(coordinates)
-        columns = []
-        for place in range(len(signatures.curves)):
-            mine = np.flatnonzero(line == place)
-            near = mine[np.argmin(np.abs(coordinate[mine]))]
-            columns.append(mu[near] / coordinate[near] * BACKGROUND)
-        # What other numerics do is no cause: it may all be there, at full size.
-        columns += [(through @ change).ravel() for change in signatures.numerics]
-        j = np.stack(columns, axis=1)
-        covariance = np.kron(layout.scatter, signatures.noise) + j @ j.T
-        covariance[np.diag_indices_from(covariance)] += GROUND**2 / len(through)
-        spectrum, vectors = np.linalg.eigh(covariance)
-        rotate = vectors.T
-        candidates = Candidates(mu @ vectors, line, effect, coordinate, effects)
-        return cls(signatures, layout, candidates, spectrum, rotate)
-
-    def level(self, exponent: int) -> Level:
-        """Return the signatures under form error η = 2^exponent."""
-        if exponent not in self.levels:
-            v = 1.0 / (self.spectrum + 4.0**exponent)
-            root = np.sqrt(v)
-            mu = self.candidates.mu * root
-            self.levels[exponent] = Level(root, 0.5 * float(np.log(v).sum()), mu, mu @ mu.T)
-        return self.levels[exponent]
-
-    def coefficients(self, components: FloatArray) -> FloatArray:
-        """Return (q, k) of components (n, k) of the rollouts."""
-        found: FloatArray = self.layout.project @ components
-        return found
-
-    def data(self, coefficients: FloatArray) -> FloatArray:
-        """Return (D,) of coefficients (q, k), in the design's own axes."""
-        found: FloatArray = self.rotate @ coefficients.ravel()
-        return found
-
-
-def _basis(points: FloatArray) -> FloatArray:
-    """Return as many functions of the test as these tests can tell apart."""
-    full = basis(points)
-    distinct = len(np.unique(points.round(9), axis=0)) if points.shape[1] else 1
-    wanted = min(full.shape[1], max(1, distinct - 1)) if distinct > 1 else 1
-    for count in range(wanted, 1, -1):
-        b = full[:, :count]
-        if np.linalg.cond(b) < 30.0:
-            return b
-    return full[:, :1]
-
-
-@dataclass(frozen=True)
-class Level:
-    """The signatures at one form error: whitened, with their Gram matrix."""
-
-    root: FloatArray
-    constant: float
-    mu: FloatArray
+    owner: NDArray[np.intp]
+    based: NDArray[np.bool_]
+    side: NDArray[np.intp]
     gram: FloatArray
+    toward: FloatArray
+    energy: float
+    seen: float
+    around: FloatArray
+    size: int
+
+    def without(self, effect: int) -> Linear:
+        """Return the same with one effect taken out of the catalogue."""
+        mine = self.owner == effect
+        gram, toward = self.gram.copy(), self.toward.copy()
+        gram[mine, :] = gram[:, mine] = 0.0
+        toward[mine] = 0.0
+        return replace(self, gram=gram, toward=toward)
+
+
+def linear(
+    effects: tuple[str, ...],
+    owner: NDArray[np.intp],
+    based: NDArray[np.bool_],
+    side: NDArray[np.intp],
+    fitted: Joint,
+    data: FloatArray,
+    variance: FloatArray,
+    nuisances: FloatArray,
+) -> Linear:
+    """Linearise around a joint fit; ``nuisances`` (v, q, k) may be there at unit size, and are no cause."""
+    root = 1.0 / np.sqrt(variance)
+    amounts = np.where(based, 0.0, fitted.at)
+    y = ((fitted.rest + np.tensordot(amounts, fitted.jacobian, 1)) * root).ravel()
+    j = (fitted.jacobian * root).reshape(len(owner), -1)
+    plain = (data * root).ravel()
+    seen = float(plain @ plain) / plain.size
+    if len(nuisances):
+        n = (nuisances * root).reshape(len(nuisances), -1)
+        inner = np.linalg.inv(np.eye(len(n)) + n @ n.T)
+        y_n, j_n = n @ y, j @ n.T
+        gram = j @ j.T - j_n @ inner @ j_n.T
+        toward = j @ y - j_n @ inner @ y_n
+        energy = float(y @ y - y_n @ inner @ y_n)
+    else:
+        gram, toward, energy = j @ j.T, j @ y, float(y @ y)
+    around = np.where(based, fitted.at, 0.0)
+    return Linear(effects, owner, based, side, gram, toward, energy, seen, around, y.size)
 
 
 @dataclass(frozen=True)
@@ -186,126 +123,93 @@ class Evidence:
     """Log evidence of sets of effects, up to one constant.
 
     Attributes:
-        none: of no effect.
-        single: (K,) of each.
-        pair: (K, K) of each two; −inf on the diagonal.
-        best: (K,) candidate that fits best, of each effect.
-        best_pair: (K, K, 2) candidates that fit best together.
-        share: (K,) part of the energy that the best candidate of each effect explains.
-        left: (4,) part of the energy that is left after the best 0, 1, 2 and 3 effects.
-        triple: the three effects behind the last of these.
-        misfit: (4,) mean square of what is left, in units of scatter, background and numerics.
+        members: the sets: none, every single, every pair, some triples.
+        logs: (sets,) log evidence.
+        left: (4,) part of the energy that is left after the best set of 0, 1, 2 and 3 effects and the background.
+        pull: (4,) mean square of the background's coordinates in these, in units of what is allowed.
         energy: mean square of the data per dimension.
     """
 
-    none: float
-    single: FloatArray
-    pair: FloatArray
-    best: NDArray[np.int64]
-    best_pair: NDArray[np.int64]
-    share: FloatArray
+    members: tuple[Set, ...]
+    logs: FloatArray
     left: FloatArray
-    triple: tuple[int, ...]
-    misfit: FloatArray
+    pull: FloatArray
     energy: float
 
-
-def evidence(design: Design, z: FloatArray, without: int | None = None) -> Evidence:
-    """Score every set of at most two effects; ``without`` one of the catalogue, if given."""
-    c = design.candidates
-    count = len(c.effects)
-    energy = float(z @ z) / len(z)
-    top = round(0.5 * np.log2(max(energy, 1e-12)))
-    singles, pairs, nones = [], [], []
-    gains1, gains2 = [], []
-    barred = np.flatnonzero(c.effect == without) if without is not None else None
-    for exponent in range(top - LEVELS + 1, top + 1):
-        level = design.level(exponent)
-        y = z * level.root
-        zz = float(y @ y)
-        gain1 = level.mu @ y - 0.5 * np.diag(level.gram)
-        if barred is not None:
-            gain1[barred] = -np.inf
-        gain2 = gain1[:, None] + gain1[None, :] - level.gram
-        base = level.constant - 0.5 * zz
-        nones.append(base)
-        singles.append(base + _pooled(gain1[:, None], c.starts)[:, 0])
-        pairs.append(base + _pooled(_pooled_columns(gain2, c.starts), c.starts))
-        gains1.append(gain1)
-        gains2.append((gain2, zz, level))
-    log = np.log(LEVELS)
-    pair = logsumexp(np.array(pairs), axis=0) - log
-    single = logsumexp(np.array(singles), axis=0) - log
-    # An effect of several parameters may have two of them off nominal at once.
-    several = np.array([len(set(c.line[c.effect == k])) > 1 for k in range(count)])
-    both = np.logaddexp(single, np.diag(pair)) - np.log(2.0)
-    single = np.where(several, both, single)
-    pair[np.diag_indices(count)] = -np.inf
-    gain2, zz, level = gains2[LEVELS // 2 - 1]
-    gain1 = gains1[LEVELS // 2 - 1]
-    best_pair = _best_pairs(gain2, c.starts)
-    block = np.maximum.reduceat(np.maximum.reduceat(gain2, c.starts, axis=0), c.starts, axis=1)
-    block[np.diag_indices(count)] = -np.inf
-    i, j = np.unravel_index(int(block.argmax()), block.shape) if count > 1 else (0, 0)
-    picked = [int(k) for k in (best_pair[i, j] if count > 1 else [int(gain1.argmax())])]
-    gain3 = gain1 - level.gram[picked].sum(axis=0)
-    for k in picked:
-        gain3[c.effect == c.effect[k]] = -np.inf
-    third = int(gain3.argmax())
-    sets: list[list[int]] = [
-        [],
-        [int(gain1.argmax())],
-        picked,
-        [*picked, *([third] if np.isfinite(gain3[third]) else [])],
-    ]
-    left = [
-        float(((z - c.mu[s].sum(axis=0)) * level.root) @ ((z - c.mu[s].sum(axis=0)) * level.root)) / zz
-        for s in sets
-    ]
-    misfit = [float(((z - c.mu[s].sum(axis=0)) ** 2 / design.spectrum).mean()) for s in sets]
-    top1 = np.maximum.reduceat(gain1, c.starts)
-    return Evidence(
-        float(logsumexp(nones) - log),
-        single,
-        pair,
-        np.array(
-            [
-                s + int(np.argmax(gain1[s:e]))
-                for s, e in zip(c.starts, [*c.starts[1:], len(gain1)], strict=True)
-            ]
-        ),
-        best_pair,
-        np.maximum(2.0 * top1 / zz, 0.0),
-        np.array(left),
-        tuple(int(c.effect[k]) for k in sets[3]),
-        np.array(misfit),
-        energy,
-    )
+    def best(self, size: int) -> float:
+        """Return the largest log evidence of sets of this size; −inf if there are none."""
+        return max(
+            (float(v) for s, v in zip(self.members, self.logs, strict=True) if len(s) == size),
+            default=-np.inf,
+        )
 
 
-def _pooled(gain: FloatArray, starts: NDArray[np.int64]) -> FloatArray:
-    """Return log means of exp(gain) over each effect's rows."""
-    peak = np.maximum.reduceat(gain, starts, axis=0)
-    peak = np.where(np.isfinite(peak), peak, -1e300)
-    sizes = np.diff(np.append(starts, len(gain)))
-    total = np.add.reduceat(np.exp(gain - np.repeat(peak, sizes, axis=0)), starts, axis=0)
-    with np.errstate(divide="ignore"):
-        found: FloatArray = peak + np.log(total / sizes[:, None])
-    return found
+def evidence(data: Linear, without: int | None = None) -> Evidence:
+    """Score every set of at most two effects, and the best pairs with a third; ``without`` one, if given."""
+    if without is not None:
+        data = data.without(without)
+    able = [k for k in range(len(data.effects)) if k != without]
+    few: list[Set] = [(), *((k,) for k in able), *combinations(able, 2)]
+    logs = _log_evidence(data, few)
+    pairs = [few[i] for i in np.argsort(-logs) if len(few[i]) == 2][:TRIPLES_OF]
+    many = sorted({tuple(sorted((*s, k))) for s in pairs for k in able if k not in s})
+    members = (*few, *many)
+    logs = np.concatenate([logs, _log_evidence(data, many)]) if many else logs
+    left: list[float] = []
+    pull: list[float] = []
+    for size in range(4):
+        of = [i for i, s in enumerate(members) if len(s) == size]
+        if not of:
+            left.append(left[-1])
+            pull.append(pull[-1])
+            continue
+        chosen = members[max(of, key=lambda i: logs[i])]
+        mean, _ = posterior(data, chosen)
+        # The background is free to help; what it is pulled by is told apart.
+        left.append(
+            max(data.energy - 2 * mean @ data.toward + mean @ data.gram @ mean, 0.0) / max(data.energy, 1e-12)
+        )
+        back = ~_mine(data, [chosen])[0] & ~data.based
+        pull.append(float(((mean[back] / ALLOWED) ** 2).mean()) if back.any() else 0.0)
+    return Evidence(members, logs, np.array(left), np.array(pull), data.seen)
 
 
-def _pooled_columns(gain: FloatArray, starts: NDArray[np.int64]) -> FloatArray:
-    return _pooled(np.ascontiguousarray(gain.T), starts).T
+def posterior(data: Linear, chosen: Sequence[int]) -> tuple[FloatArray, FloatArray]:
+    """Return mean (K,) and covariance (K, K) of all coordinates, if ``chosen`` are the causes.
+
+    The mean of a based line is its distance from ``data.around``.
+    """
+    spread = _spreads(data, [tuple(chosen)])[0]
+    covariance: FloatArray = np.asarray(np.linalg.inv(data.gram + np.diag(spread**-2.0)), dtype=np.float64)
+    mean: FloatArray = covariance @ data.toward
+    return mean, covariance
 
 
-def _best_pairs(gain: FloatArray, starts: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return (K, K, 2): the best candidates of each two effects."""
-    ends = [*starts[1:], len(gain)]
-    count = len(starts)
-    found = np.zeros((count, count, 2), dtype=np.int64)
-    for i in range(count):
-        for j in range(count):
-            block = gain[starts[i] : ends[i], starts[j] : ends[j]]
-            a, b = divmod(int(block.argmax()), block.shape[1])
-            found[i, j] = starts[i] + a, starts[j] + b
+def _spreads(data: Linear, sets: Sequence[Set]) -> FloatArray:
+    """Return (sets, K) standard deviations of the coordinates before the data are seen."""
+    usual = np.where(data.based, TURN, ALLOWED)
+    return np.where(_mine(data, sets), LARGE, usual)
+
+
+def _mine(data: Linear, sets: Sequence[Set]) -> NDArray[np.bool_]:
+    """Return (sets, K): which coordinates are amounts of an effect in the set."""
+    inside = np.zeros((len(sets), len(data.effects)), dtype=np.bool_)
+    for row, chosen in zip(inside, sets, strict=True):
+        row[list(chosen)] = True
+    return inside[:, data.owner] & ~data.based
+
+
+def _log_evidence(data: Linear, sets: Sequence[Set]) -> FloatArray:
+    """Return (sets,) log evidence, up to one constant."""
+    from scipy.special import log_ndtr
+
+    spread = _spreads(data, sets)
+    precision = data.gram + np.einsum("ij,si->sij", np.eye(len(data.owner)), spread**-2.0)
+    covariance = np.linalg.inv(precision)
+    mean = covariance @ data.toward
+    logs = 0.5 * np.linalg.slogdet(covariance)[1] - np.log(spread).sum(axis=1) + 0.5 * mean @ data.toward
+    deviation = np.sqrt(np.maximum(np.einsum("sii->si", covariance), 1e-300))
+    # A law of one sign: only that half of the prior was there to begin with.
+    half = np.log(2.0) + log_ndtr(data.side * mean / deviation)
+    found: FloatArray = logs + np.where(_mine(data, sets) & (data.side != 0), half, 0.0).sum(axis=1)
     return found

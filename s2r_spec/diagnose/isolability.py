@@ -8,12 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.diagnose.evidence import Design
+from s2r_spec.diagnose.evidence import ALLOWED, FORM, GROUND
+from s2r_spec.diagnose.models import Surrogate
 
 FloatArray = NDArray[np.float64]
 
-FORM = 0.1
-"""An effect's law is believed up to this part of its signature."""
 APART = 3.0
 """Effects less than so many standard deviations apart are confounded."""
 
@@ -48,31 +47,50 @@ class Isolability:
         }
 
 
-def isolability(design: Design) -> Isolability:
+def isolability(
+    surrogate: Surrogate, scatter: FloatArray, noise: FloatArray, nuisances: FloatArray
+) -> Isolability:
     """Return how far any two effects are apart at these tests.
 
-    D²_ab = min over θ_b of (μ_a − μ_b)ᵀ V⁻¹ (μ_a − μ_b), with scatter, the background of all
-    other effects, numerics and a form error of a tenth of μ_a in V.
+    D²_ab = min over c_b of (μ_a − c_b μ_b)ᵀ V⁻¹ (μ_a − c_b μ_b), with scatter, the background of all other
+    effects, numerics and a form error of a tenth of μ_a in V. Of several parameters of an effect the pair
+    that is hardest to tell apart counts, among those of a that can be seen at all.
+
+    Args:
+        surrogate: the bank at these tests.
+        scatter: (q, q) covariance of the functions' coefficients, in units of one rollout's.
+        noise: (k, k) covariance of one rollout's components.
+        nuisances: (v, q, k) what is no cause.
     """
-    c = design.candidates
-    count = len(c.effects)
-    sigma = np.zeros((count, count))
+    catalogue = surrogate.catalogue
+    lines = np.flatnonzero(~catalogue.based)
+    typical = [surrogate.secant(int(k), 1.0 if catalogue.upper[k] > 0 else -1.0) for k in lines]
+    columns = np.array([t.ravel() for t in typical])
+    owner = catalogue.owner[lines]
+    count = len(catalogue.effects)
+    sigma = np.full((count, count), np.inf)
     visible = np.zeros(count)
-    for a in range(count):
-        mine = np.flatnonzero(c.effect == a)
-        # The typical size, on either side of nominal and along each of its parameters: the easiest to see.
-        typical = mine[np.abs(np.abs(c.coordinate[mine]) - 1.0) < 0.35]
-        typical = typical if len(typical) else mine[[int(np.abs(c.coordinate[mine]).argmax())]]
-        rows = []
-        for place in typical:
-            mu = c.mu[place]
-            root = 1.0 / np.sqrt(design.spectrum + FORM**2 * float(mu @ mu) / len(mu))
-            away = ((c.mu - mu) * root) ** 2
-            distance = np.sqrt(np.minimum.reduceat(away.sum(axis=1), c.starts))
-            nominal = float(np.sqrt(((mu * root) ** 2).sum()))
-            rows.append((nominal, np.minimum(distance, nominal)))
-        rows.sort(key=lambda row: row[0])
-        visible[a] = rows[-1][0]
-        sigma[a] = np.min([row[1] for row in rows if row[0] > 0.3 * visible[a]], axis=0)
-        sigma[a, a] = 0.0
-    return Isolability(c.effects, sigma, visible)
+    apart: list[tuple[int, float, FloatArray]] = []
+    for a in range(len(columns)):
+        v = (
+            np.outer(np.diag(scatter), np.diag(noise)) + FORM**2 * (typical[a] ** 2).sum(axis=0) + GROUND**2
+        ).ravel()
+        back = ALLOWED * columns[owner != owner[a]]
+        back = np.concatenate([back, nuisances.reshape(len(nuisances), -1)])
+        # Woodbury: the background is of low rank.
+        u = back / np.sqrt(v)
+        inner = np.linalg.inv(np.eye(len(u)) + u @ u.T)
+        w = columns / np.sqrt(v)
+        gram = w @ w.T - (w @ u.T) @ inner @ (u @ w.T)
+        own = max(float(gram[a, a]), 0.0)
+        others = np.maximum(np.diag(gram), 1e-12)
+        left = np.maximum(own - np.clip(gram[a], 0.0, None) ** 2 / others, 0.0)
+        apart.append((int(owner[a]), own, left))
+        visible[owner[a]] = max(visible[owner[a]], np.sqrt(own))
+    for a, own, left in apart:
+        if np.sqrt(own) > 0.3 * visible[a]:
+            nearest = np.full(count, np.inf)
+            np.minimum.at(nearest, owner, left)
+            sigma[a] = np.minimum(sigma[a], np.sqrt(nearest))
+    sigma[np.diag_indices(count)] = 0.0
+    return Isolability(catalogue.effects, sigma, visible)

@@ -4,24 +4,24 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
-from itertools import combinations
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.diagnose.design import unit_box
-from s2r_spec.diagnose.estimate import Fit
-from s2r_spec.diagnose.evidence import Design, Evidence, Layout, evidence
+from s2r_spec.diagnose.evidence import Evidence, Linear, Set, believed, evidence, linear
+from s2r_spec.diagnose.joint import joint_fit
+from s2r_spec.diagnose.layout import Layout
 from s2r_spec.diagnose.logs import logsumexp
+from s2r_spec.diagnose.models import Catalogue, Surrogate
 from s2r_spec.diagnose.practice import Case, Practice
 from s2r_spec.diagnose.signatures import Signatures
 from s2r_spec.space import Space
 
 FloatArray = NDArray[np.float64]
 
-CASES = 750
+CASES = 400
 """Practice cases that the network learns from, per effect of the catalogue."""
 JUDGED = 35
 """Further ones per effect, on which its vote is weighed against the evidence."""
@@ -36,8 +36,6 @@ FUNCTIONS = 3
 FALSE_ALARMS = 0.05
 """Known effects that may be called unknown."""
 PRIOR_UNKNOWN = 0.15
-TRIPLES_OF = 6
-"""Pairs that a third effect is tried with."""
 
 
 @dataclass(frozen=True)
@@ -56,10 +54,8 @@ class Weights:
 class Sets:
     """Sets of effects with a probability each; they sum to 1."""
 
-    members: tuple[tuple[int, ...], ...]
+    members: tuple[Set, ...]
     probability: FloatArray
-    fits: dict[tuple[int, ...], Fit] = field(default_factory=dict)
-    """Of the sets that were simulated as a whole."""
 
     def ranked(self) -> list[tuple[tuple[int, ...], float]]:
         """Return the sets, most probable first."""
@@ -91,11 +87,10 @@ class Judge:
         """Return (n, K) probabilities that an effect is among the causes, by the network alone."""
         return np.asarray(self.network.predict_proba(description), dtype=np.float64)
 
-    def sets(self, found: Evidence, triples: Sequence[tuple[tuple[int, ...], float]], p: FloatArray) -> Sets:
+    def sets(self, found: Evidence, p: FloatArray) -> Sets:
         """Return the probability of every set, given that the catalogue has the causes."""
-        members, logs = _sets(found, triples)
-        score = _score(members, logs, p, self.weights)
-        return Sets(members, np.exp(score - logsumexp(score)))
+        score = _score(found.members, found.logs, p, self.weights)
+        return Sets(found.members, np.exp(score - logsumexp(score)))
 
     def unknown(self, found: Evidence, p: FloatArray) -> float:
         """Return the probability that the cause is not in the catalogue, by the traces alone."""
@@ -111,57 +106,25 @@ def describe(coefficients: FloatArray) -> FloatArray:
 
 
 def _strangeness(found: Evidence, p: FloatArray) -> FloatArray:
-    best = np.sort(found.single)[::-1]
+    """Return what the detector of unknown causes sees."""
+    none, one, two, three = (found.best(size) for size in range(4))
+    singles = sorted((v for s, v in zip(found.members, found.logs, strict=True) if len(s) == 1), reverse=True)
+    ordered = np.sort(p)[::-1]
     return np.array(
         [
             np.log(found.energy),
-            *found.left[1:],
-            *np.log(found.misfit),
-            found.left[2] / found.left[1],
-            found.left[3] / found.left[2],
-            np.arcsinh(found.single.max() - found.none),
-            np.arcsinh(found.pair.max() - found.single.max()) if len(best) > 1 else 0.0,
-            np.arcsinh(best[0] - best[1]) if len(best) > 1 else 0.0,
-            np.sort(p)[-1],
-            np.sort(p)[-2] if len(p) > 1 else 0.0,
+            *found.left,
+            *np.log(found.energy * np.maximum(found.left, 1e-9)),
+            *np.log(found.pull + 1e-3),
+            np.arcsinh(one - none),
+            np.arcsinh(two - one) if np.isfinite(two) else 0.0,
+            np.arcsinh(three - two) if np.isfinite(three) else 0.0,
+            np.arcsinh(singles[0] - singles[1]) if len(singles) > 1 else 0.0,
+            ordered[0],
+            ordered[1] if len(p) > 1 else 0.0,
             float(p.sum()),
         ]
     )
-
-
-def triples(design: Design, z: FloatArray, found: Evidence) -> list[tuple[tuple[int, ...], float]]:
-    """Return the best sets of three with about their log evidence: each of the best pairs, and one more."""
-    c = design.candidates
-    count = len(c.effects)
-    if count < 3:
-        return []
-    exponent = round(0.5 * np.log2(max(found.energy, 1e-12))) - 3
-    level = design.level(exponent)
-    y = z * level.root
-    gain1 = level.mu @ y - 0.5 * np.diag(level.gram)
-    ordered = sorted(combinations(range(count), 2), key=lambda ij: -found.pair[ij])
-    sizes = np.diff(np.append(c.starts, len(c.effect)))
-    out: dict[tuple[int, ...], float] = {}
-    for i, j in ordered[:TRIPLES_OF]:
-        a, b = found.best_pair[i, j]
-        gain3 = gain1 - level.gram[a] - level.gram[b]
-        top = np.maximum.reduceat(gain3, c.starts)
-        # The price of a third effect: about as much as its grid averages away.
-        for k in range(count):
-            if k not in (i, j):
-                key = tuple(sorted((i, j, k)))
-                out[key] = max(out.get(key, -np.inf), float(found.pair[i, j] + top[k] - np.log(sizes[k])))
-    return sorted(out.items(), key=lambda item: -item[1])[: 3 * TRIPLES_OF]
-
-
-def _sets(
-    found: Evidence, triples: Sequence[tuple[tuple[int, ...], float]]
-) -> tuple[tuple[tuple[int, ...], ...], FloatArray]:
-    count = len(found.single)
-    pairs = list(combinations(range(count), 2))
-    members = ((), *((k,) for k in range(count)), *pairs, *(t for t, _ in triples))
-    logs = np.array([found.none, *found.single, *(found.pair[p] for p in pairs), *(s for _, s in triples)])
-    return members, logs
 
 
 def _score(members: tuple[tuple[int, ...], ...], logs: FloatArray, p: FloatArray, w: Weights) -> FloatArray:
@@ -184,11 +147,24 @@ def _padded(row: NDArray[Any], width: int, fill: float) -> FloatArray:
 @dataclass(frozen=True)
 class _Solved:
     case: Case
-    z: FloatArray
     size: float
+    data: Linear
     found: Evidence
-    triples: list[tuple[tuple[int, ...], float]]
     p: FloatArray
+
+
+@dataclass(frozen=True)
+class _Desk:
+    """A layout with everything that solving cases of it needs."""
+
+    layout: Layout
+    surrogate: Surrogate
+    nuisances: FloatArray
+
+    @classmethod
+    def of(cls, signatures: Signatures, catalogue: Catalogue, layout: Layout) -> _Desk:
+        nuisances = np.einsum("qm,vmk->vqk", layout.through, signatures.numerics)
+        return cls(layout, Surrogate(catalogue, layout.through), nuisances)
 
 
 def train(
@@ -203,16 +179,20 @@ def train(
     from sklearn.neural_network import MLPClassifier
 
     rng = np.random.default_rng(seed)
-    known = unit_box(space, signatures.bank.tests)
+    known = signatures.bank.tests
     practice = Practice(signatures)
     effects = practice.effects
     cases, judged = CASES * len(effects), JUDGED * len(effects)
     strange_ones, absent = round(STRANGE * judged), round(ABSENT * judged)
 
-    def points() -> FloatArray:
-        return rng.uniform(-1.0, 1.0, size=(int(rng.choice([15, 20, 30, 45])), space.dim))
+    def tests() -> list[dict[str, float]]:
+        count = int(rng.choice([10, 14, 20, 30]))
+        drawn = space.lower + rng.uniform(size=(count, space.dim)) * (space.upper - space.lower)
+        distinct = [dict(zip(space.names, point.tolist(), strict=True)) for point in drawn]
+        again = rng.permutation(count)[: count // 3]
+        return distinct + [distinct[int(i)] for i in again for _ in range(2)]
 
-    layouts = [Layout.of(signatures, known, points(), inflation) for _ in range(16)]
+    layouts = [Layout.of(space, known, tests(), inflation) for _ in range(16)]
     x = np.zeros((cases, FUNCTIONS * signatures.size))
     y = np.zeros((cases, len(effects)), dtype=int)
     for i in range(cases):
@@ -234,11 +214,12 @@ def train(
         warnings.simplefilter("ignore")  # that it was still improving when it was stopped
         network.fit(x, y)
 
-    designs = [Design.of(signatures, known, points(), inflation) for _ in range(4)]
+    catalogue = Catalogue.of(signatures.curves)
+    desks = [_Desk.of(signatures, catalogue, layout) for layout in layouts[:6]]
     solved: list[_Solved] = []
     for i in range(judged + strange_ones):
-        design = designs[i % len(designs)]
-        solved.append(_solve(rng, design, practice, network, stranger=i >= judged))
+        desk = desks[i % len(desks)]
+        solved.append(_solve(rng, signatures, desk, practice, network, stranger=i >= judged))
         if progress is not None and i % 50 == 0:
             progress(cases + cases * i // (judged + strange_ones + absent), 2 * cases)
     usual, strangers = solved[:judged], solved[judged:]
@@ -250,10 +231,9 @@ def train(
     for i in rng.permutation(able)[:absent]:
         s = usual[i]
         gone = int(rng.choice(s.case.effects))
-        found = evidence(designs[i % len(designs)], s.z, without=gone)
         q = s.p.copy()
         q[gone] = 0.0
-        strange.append(_strangeness(_dropped(found, gone), q))
+        strange.append(_strangeness(evidence(s.data, without=gone), q))
         label.append(1)
     s_x, s_y = np.array(strange), np.array(label)
     weight = np.where(s_y == 1, PRIOR_UNKNOWN / (s_y == 1).mean(), (1 - PRIOR_UNKNOWN) / (s_y == 0).mean())
@@ -279,24 +259,33 @@ def train(
 
 
 def _solve(
-    rng: np.random.Generator, design: Design, practice: Practice, network: Any, stranger: bool
+    rng: np.random.Generator,
+    signatures: Signatures,
+    desk: _Desk,
+    practice: Practice,
+    network: Any,
+    stranger: bool,
 ) -> _Solved:
-    case = practice.draw(rng, design.layout, stranger)
-    z = design.data(case.coefficients)
-    found = evidence(design, z)
-    size = float(np.sqrt((design.data(case.alone) ** 2 / design.spectrum).mean()))
-    p = np.asarray(network.predict_proba(describe(case.coefficients)[None])[0], dtype=np.float64)
-    return _Solved(case, z, size, found, triples(design, z, found), p)
-
-
-def _dropped(found: Evidence, gone: int) -> Evidence:
-    """Return the evidence with an effect's own entries made harmless."""
-    floor = float(np.delete(found.single, gone).min()) if len(found.single) > 1 else found.none
-    single = np.where(np.isfinite(found.single), found.single, floor)
-    single[gone] = floor
-    pair = found.pair.copy()
-    pair[gone, :] = pair[:, gone] = -np.inf
-    return replace(found, single=single, pair=pair)
+    case = practice.draw(rng, desk.layout, stranger)
+    surrogate, catalogue = desk.surrogate, desk.surrogate.catalogue
+    z = case.coefficients
+    variance = believed(desk.layout.scatter, signatures.noise, z)
+    begin = surrogate.turned(z, variance)
+    fitted = joint_fit(surrogate, z, variance, begin, surrogate.jacobian(begin))
+    data = linear(
+        catalogue.effects,
+        catalogue.owner,
+        catalogue.based,
+        catalogue.side,
+        fitted,
+        z,
+        variance,
+        desk.nuisances,
+    )
+    p = np.asarray(network.predict_proba(describe(z)[None])[0], dtype=np.float64)
+    floor = believed(desk.layout.scatter, signatures.noise, np.zeros_like(z))
+    size = float(np.sqrt((case.alone**2 / floor).mean()))
+    return _Solved(case, size, data, evidence(data), p)
 
 
 def _fit(solved: Sequence[_Solved]) -> Weights:
@@ -305,9 +294,9 @@ def _fit(solved: Sequence[_Solved]) -> Weights:
 
     prepared = []
     for s in solved:
-        members, logs = _sets(s.found, s.triples)
-        if s.case.effects in members:
-            prepared.append((logs - logs.max(), *_votes(members, s.p), members.index(s.case.effects)))
+        if s.case.effects in s.found.members:
+            logs = s.found.logs - s.found.logs.max()
+            prepared.append((logs, *_votes(s.found.members, s.p), s.found.members.index(s.case.effects)))
     width = max(len(row[0]) for row in prepared)
     logs = np.stack([_padded(row[0], width, -1e9) for row in prepared])
     vote = np.stack([_padded(row[1], width, 0.0) for row in prepared])
@@ -323,7 +312,7 @@ def _fit(solved: Sequence[_Solved]) -> Weights:
         return float((total - score[rows, true]).mean())
 
     best = minimize(
-        loss, np.array([2.0, -0.7, 0.0, 2.0, 4.0]), method="Nelder-Mead", options={"maxiter": 250}
+        loss, np.array([1.0, -0.7, 0.0, 2.0, 4.0]), method="Nelder-Mead", options={"maxiter": 250}
     )
     t, w, *penalty = best.x
     return Weights(float(np.exp(t)), float(np.exp(w)), (0.0, *(float(v) for v in penalty)))  # type: ignore[arg-type]
@@ -335,10 +324,9 @@ def _practice(
     """Return how often practice cases that the network did not see were answered rightly."""
     hits: dict[str, list[bool]] = {"single": [], "pair": [], "triple": [], "none": [], "sure": []}
     for s in solved:
-        members, logs = _sets(s.found, s.triples)
-        score = _score(members, logs, s.p, weights)
+        score = _score(s.found.members, s.found.logs, s.p, weights)
         first = int(np.argmax(score))
-        right = members[first] == s.case.effects
+        right = s.found.members[first] == s.case.effects
         kind = ("none", "single", "pair", "triple")[len(s.case.effects)]
         if kind == "none" or s.size > 2.0:
             hits[kind].append(right)

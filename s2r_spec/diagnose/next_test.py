@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from s2r_spec.diagnose.axes import Values
 from s2r_spec.diagnose.diagnosis import NextTest
-from s2r_spec.diagnose.isolability import FORM
+from s2r_spec.diagnose.evidence import FORM
 from s2r_spec.diagnose.signatures import Signatures
 from s2r_spec.diagnose.simulate import Bench
 

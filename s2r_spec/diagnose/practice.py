@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.diagnose.evidence import BACKGROUND, GROUND, Layout
+from s2r_spec.diagnose.evidence import BACKGROUND, GROUND
+from s2r_spec.diagnose.layout import Layout
 from s2r_spec.diagnose.signatures import Curve, Signatures
 
 FloatArray = NDArray[np.float64]
@@ -77,10 +78,8 @@ class Practice:
             total = np.zeros((m, k))
             sizes: dict[int, float] = {}
             for effect in chosen:
-                for i in self._some(rng, self._lines[effect]):
-                    coordinate = self._coordinate(rng, i)
-                    sizes[effect] = max(sizes.get(effect, 0.0), abs(coordinate))
-                    total += self._altered(rng, i, coordinate, trend)
+                whole, sizes[effect] = self._whole(rng, effect, trend)
+                total += self._altered(rng, whole, trend)
             for place, a in enumerate(chosen):
                 for b in chosen[place + 1 :]:
                     if (a, b) in self._interactions:
@@ -100,9 +99,28 @@ class Practice:
         amount = BACKGROUND * rng.uniform(0.5, 3.0) * rng.normal(size=len(self._curves))
         total: FloatArray = np.zeros(self._slopes.shape[2:])
         for i, a in enumerate(amount):
+            if self._curves[i].line.base:
+                continue
             side = int(np.sign(a)) if int(np.sign(a)) in self._sides[i] else self._sides[i][0]
             total += abs(a) * side * self._slopes[i, (side + 1) // 2]
         return total
+
+    def _whole(self, rng: np.random.Generator, effect: int, trend: FloatArray) -> tuple[FloatArray, float]:
+        """Return (m, k) of an effect at random values, and how large it is."""
+        mine = self._lines[effect]
+        free = [i for i in mine if not self._curves[i].line.base]
+        size, total = 0.0, np.zeros_like(self._slopes[0, 0])
+        for i in self._some(rng, free):
+            coordinate = self._coordinate(rng, i)
+            wandering = 1.0 + 0.5 * FORM * rng.normal() + 0.5 * FORM * rng.normal() * trend
+            total = total + change_at(self._knots[i], coordinate * wandering)
+            size = max(size, abs(coordinate))
+        for i in mine:
+            if self._curves[i].line.base:
+                side = int(rng.choice(self._sides[i]))
+                turned = side * self._ends[i][side] * float(rng.random())
+                total = total + size * change_at(self._knots[i], np.full(len(trend), turned))
+        return total, size
 
     @staticmethod
     def _some(rng: np.random.Generator, mine: list[int]) -> list[int]:
@@ -116,12 +134,8 @@ class Practice:
         end = self._ends[line][side]
         return side * SMALLEST * (end / SMALLEST) ** float(rng.random()) if end > SMALLEST else side * end
 
-    def _altered(
-        self, rng: np.random.Generator, line: int, coordinate: float, trend: FloatArray
-    ) -> FloatArray:
+    def _altered(self, rng: np.random.Generator, change: FloatArray, trend: FloatArray) -> FloatArray:
         """Return (m, k): an effect as a machine would have it, of much the same but not the same law."""
-        wandering = 1.0 + 0.5 * FORM * rng.normal() + 0.5 * FORM * rng.normal() * trend
-        change = change_at(self._knots[line], coordinate * wandering)
         strength = FORM * rng.uniform(0.3, 1.5)
         # The error is in what the effect touches, and a little in what others touch.
         own = change * (1.0 + strength * rng.normal(size=(1, change.shape[1])))
@@ -140,8 +154,8 @@ class Practice:
 
     def _strange(self, rng: np.random.Generator, trend: FloatArray) -> FloatArray:
         """Return (m, k): a signature that is torn from several, each component by itself."""
-        like = int(rng.integers(len(self._curves)))
-        size = _length(change_at(self._knots[like], np.full(len(trend), self._coordinate(rng, like))))
+        like, _ = self._whole(rng, int(rng.integers(len(self.effects))), trend)
+        size = _length(like)
         mixed = self._mixture(rng, 6, trend) * (
             1.0 + 0.7 * rng.normal(size=(1, self._curves[0].change.shape[2]))
         )

@@ -22,19 +22,23 @@ from s2r_spec.diagnose import bank as banks
 from s2r_spec.diagnose.ask import FEWEST, Rollouts, real_rollouts
 from s2r_spec.diagnose.design import unit_box
 from s2r_spec.diagnose.diagnosis import Diagnosis, Verdict, Which
-from s2r_spec.diagnose.estimate import Fit, fit
-from s2r_spec.diagnose.evidence import BACKGROUND, Design, Evidence, evidence
+from s2r_spec.diagnose.estimate import fit
+from s2r_spec.diagnose.evidence import BACKGROUND, Evidence, Linear, believed, evidence, linear
 from s2r_spec.diagnose.how_far import HowFar, how_far
 from s2r_spec.diagnose.isolability import isolability
-from s2r_spec.diagnose.judge import Judge, Sets, describe, train, triples
+from s2r_spec.diagnose.joint import joint_fit
+from s2r_spec.diagnose.judge import Judge, Sets, describe, train
+from s2r_spec.diagnose.layout import SHOTS as NOMINAL_SHOTS
+from s2r_spec.diagnose.layout import Layout
+from s2r_spec.diagnose.models import Catalogue, Simulator, Surrogate, nominal_rows
 from s2r_spec.diagnose.next_test import next_test
-from s2r_spec.diagnose.refine import refine
 from s2r_spec.diagnose.signatures import Signatures
 from s2r_spec.diagnose.simulate import Bench, Job, Test, run_jobs
 from s2r_spec.diagnose.where.found import Where
 from s2r_spec.diagnose.where.found import where as find_where
 from s2r_spec.errors import UsageError
 from s2r_spec.rollouts.match import match
+from s2r_spec.rollouts.pools import kept_open
 from s2r_spec.rollouts.seeds import Stream, rollout_seed
 from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
@@ -46,13 +50,13 @@ HELD_OUT = 0.3
 """Part of the tests that the diagnosis does not see."""
 SHOTS = 3
 """Simulated rollouts per held-out test, before and after."""
+SOURCES = (
+    "axes", "design", "evidence", "joint", "judge", "layout", "logs", "models", "practice", "signatures",
+)  # fmt: skip
+"""Modules on which a judge depends."""
 SURE = 0.9
-RESIMULATED = 3
-"""Likeliest sets that are simulated as a whole."""
-LEAST = 0.05
-"""Least prior probability of a set that re-simulation ends at."""
-SHARPNESS = 3.0
-"""A set that leaves half the misfit of another is 2³ times as likely."""
+FREE = 5
+"""Degrees of freedom from which on replicates say how much a machine scatters."""
 IMITATED = 0.1
 """An unknown cause is so much less likely once a patch has closed the held-out gap, or if there is none."""
 
@@ -104,9 +108,9 @@ def diagnose(
     # The bank comes first: a simulator that cannot be diagnosed costs no rollout of the machine.
     rollouts = real_rollouts(bench, real, budget, seed, folder, lambda n, of: tell("real rollouts", n, of))
     seen, held = _split(rollouts, seed)
-    rows = np.array([bench.measure(trace, test) for test, trace in seen])
-    state = _prepare(bench, bank, seen, rows, seed, cache, tell)
-    return _answer(bench, state, seen, held, seed, executor, tell, where)
+    with kept_open(executor) as pool:
+        state = _prepare(bench, bank, seen, seed, cache, pool, tell)
+        return _answer(bench, state, seen, held, seed, pool, tell, where)
 
 
 @dataclass(frozen=True)
@@ -114,9 +118,11 @@ class _State:
     """What one set of real rollouts gives rise to."""
 
     signatures: Signatures
-    design: Design
+    layout: Layout
+    surrogate: Surrogate
+    nuisances: FloatArray
     judge: Judge
-    z: FloatArray
+    data: Linear
     found: Evidence
     sets: Sets
     unknown: float
@@ -156,40 +162,57 @@ def _prepare(
     bench: Bench,
     bank: banks.Bank,
     seen: list[tuple[dict[str, float], Trace]],
-    rows: FloatArray,
     seed: int,
     cache: Path | None,
+    executor: Callable[[], Executor] | None,
     tell: Progress,
 ) -> _State:
+    rows = np.array([bench.measure(trace, test) for test, trace in seen])
     complete = np.array([trace.failure is None for _, trace in seen])
     usable = rows[complete] if complete.any() else rows
     available = np.isfinite(usable).mean(axis=0) > 0.5
     signatures = Signatures.of(bank, available)
-    space = bench.spec.space
-    points = unit_box(space, [test for test, _ in seen])
-    known = unit_box(space, bank.tests)
-    design = Design.of(signatures, known, points)
-    components = signatures.components(rows, design.layout.interpolate @ signatures.nominal)
-    inflation = _inflation(design, components)
-    design = Design.of(signatures, known, points, inflation)
     judge = _judge(bench, signatures, available, seed, cache, tell)
-    coefficients = design.coefficients(components)
-    z = design.data(coefficients)
-    found = evidence(design, z)
-    p = judge.memberships(describe(coefficients)[None])[0]
-    sets = judge.sets(found, triples(design, z, found), p)
-    return _State(signatures, design, judge, z, found, sets, judge.unknown(found, p))
+    tests = [test for test, _ in seen]
+    layout = Layout.of(bench.spec.space, bank.tests, tests)
+    tell("the simulator at the real tests", 0, 1)
+    nominal = nominal_rows(bench, layout.tests, NOMINAL_SHOTS, executor)
+    level = np.nanmean(nominal, axis=0)
+    components = signatures.components(rows, level[layout.place][:, signatures.kept])
+    layout = Layout.of(bench.spec.space, bank.tests, tests, _inflation(layout, components, signatures))
+    data = layout.project @ layout.mean(components)
+    variance = believed(layout.scatter, signatures.noise, data)
+    catalogue = Catalogue.of(signatures.curves)
+    surrogate = Surrogate(catalogue, layout.through)
+    begin = surrogate.turned(data, variance)
+    simulator = Simulator(bench, signatures, surrogate, layout, nominal[0], executor)
+    tell("fitting the whole catalogue", 0, 1)
+    fitted = joint_fit(simulator, data, variance, begin, surrogate.jacobian(begin))
+    nuisances = np.einsum("qm,vmk->vqk", layout.through, signatures.numerics)
+    plain = linear(
+        catalogue.effects,
+        catalogue.owner,
+        catalogue.based,
+        catalogue.side,
+        fitted,
+        data,
+        variance,
+        nuisances,
+    )
+    found = evidence(plain)
+    p = judge.memberships(describe(data)[None])[0]
+    sets = judge.sets(found, p)
+    return _State(
+        signatures, layout, surrogate, nuisances, judge, plain, found, sets, judge.unknown(found, p)
+    )
 
 
-def _inflation(design: Design, components: FloatArray) -> float:
-    """Return how much more the real rollouts scatter around a smooth gap than the simulator's do, at least 1."""
-    q, n = design.layout.project.shape
-    if n <= q + 2:
+def _inflation(layout: Layout, components: FloatArray, signatures: Signatures) -> float:
+    """Return how much more the real rollouts of one test scatter than the simulator's do, at least 1."""
+    squares, free = layout.scattered(components)
+    if free < FREE:
         return 1.0
-    hat = np.linalg.pinv(design.layout.project) @ design.layout.project
-    rest = components - hat @ components
-    real = float((rest**2).sum() / (n - q))
-    return float(np.clip(real / max(float(np.trace(design.signatures.noise)), 1e-12), 1.0, 50.0))
+    return float(np.clip(squares.sum() / max(float(np.trace(signatures.noise)), 1e-12), 1.0, 50.0))
 
 
 def _judge(
@@ -202,7 +225,7 @@ def _judge(
 ) -> Judge:
     """Return the judge of this bank and these columns, from disk if it was trained before."""
     digest = hashlib.sha256(banks.key(bench).encode() + available.tobytes() + str(seed).encode())
-    for name in ("axes", "design", "evidence", "judge", "practice", "signatures"):
+    for name in SOURCES:
         digest.update((Path(__file__).parent / f"{name}.py").read_bytes())
     digest.update(f"{version('scikit-learn')} {version('numpy')}".encode())
     root = (cache or banks.cache_folder()) / "judges"
@@ -232,11 +255,8 @@ def _answer(
     effects = state.judge.effects
     ranked = state.sets.ranked()
     first_none = not ranked[0][0]
-    if not first_none:
-        state = replace(state, sets=_together(bench, state, tell))
-        ranked = state.sets.ranked()
     named = next(members for members, _ in ranked if members)
-    fitted = state.sets.fits.get(named) or fit(state.design, state.z, named, state.judge.weights.temperature)
+    fitted = fit(state.data, state.surrogate.catalogue, named, state.judge.weights.temperature)
     far = _how_far(bench, state, held, {} if first_none else fitted.values, seed, executor, tell)
 
     unknown = state.unknown
@@ -258,7 +278,7 @@ def _answer(
     for members, probability in zip(state.sets.members, state.sets.probability, strict=True):
         by_size[len(members)][names[members]] = known * float(probability)
 
-    isolable = isolability(state.design)
+    isolable = isolability(state.surrogate, state.layout.scatter, state.signatures.noise, state.nuisances)
     confounded = _confounded(isolable, names[named], by_size)
     verdict = Verdict.NAMED
     if alarm or open_gap:
@@ -305,32 +325,6 @@ def _answer(
         },
         assumptions=ASSUMPTIONS,
     )
-
-
-def _together(bench: Bench, state: _State, tell: Progress) -> Sets:
-    """Return the sets with the likeliest of them simulated as a whole, and weighed again by what they leave."""
-    sets = state.sets
-    likely = [members for members, p in sets.ranked() if members][:RESIMULATED]
-    found = refine(
-        bench,
-        state.design,
-        state.z,
-        likely,
-        state.judge.weights.temperature,
-        lambda i, n: tell("simulating sets", i, n),
-    )
-    p = dict(sets.ranked())
-    moved = sum(p.get(one.members, 0.0) for one in found)
-    # The set that the simulator itself ends at is never out of the question.
-    weight = {one.members: max(p.get(one.members, 0.0), LEAST) / one.misfit**SHARPNESS for one in found}
-    total = sum(weight.values())
-    moved = max(moved, LEAST)
-    rest = {members: q for members, q in p.items() if members not in weight}
-    scale = (1.0 - moved) / max(sum(rest.values()), 1e-12)
-    merged = {members: q * scale for members, q in rest.items()}
-    merged |= {members: moved * w / total for members, w in weight.items()}
-    members = tuple(merged)
-    return Sets(members, np.array([merged[m] for m in members]), {one.members: one.fitted for one in found})
 
 
 ASSUMPTIONS = (
@@ -402,7 +396,9 @@ def _oracle(
     known = unit_box(bench.spec.space, state.signatures.bank.tests)
     w = weights(known, unit_box(bench.spec.space, tests))
     gaps = [
-        np.abs(real - nominal - (w @ curve.rho.T).T).mean(axis=1).min() for curve in state.signatures.curves
+        np.abs(real - nominal - (w @ curve.rho.T).T).mean(axis=1).min()
+        for curve in state.signatures.curves
+        if not curve.line.base
     ]
     return float(min(gaps))
 
@@ -416,6 +412,8 @@ def _background(state: _State, bench: Bench, tests: Sequence[Test]) -> float:
     rng = np.random.default_rng(0)
     total = np.zeros((200, len(tests)))
     for curve in state.signatures.curves:
+        if curve.line.base:
+            continue
         sides = [s for s in (-1, 1) if (curve.coordinates * s > 0).any()]
         near = {s: min((c for c in curve.coordinates if c * s > 0), key=abs) for s in sides}
         slope = {s: w @ curve.rho[list(curve.coordinates).index(near[s])] / near[s] for s in sides}
@@ -445,7 +443,7 @@ def _next(bench: Bench, state: _State, ranked: list[tuple[tuple[int, ...], float
     rivals: list[tuple[str, Mapping[str, Mapping[str, float]]]] = []
     for members, _ in ranked:
         if members and len(rivals) < 2:
-            best: Fit = fit(state.design, state.z, members, state.judge.weights.temperature)
+            best = fit(state.data, state.surrogate.catalogue, members, state.judge.weights.temperature)
             rivals.append((" + ".join(state.judge.effects[k] for k in members), best.values))
     tell("next test", 0, 1)
     return next_test(bench, state.signatures, rivals, protocols=True)

@@ -35,7 +35,8 @@ class Curve:
     Attributes:
         line: of the catalogue.
         coordinates: (g,) distances from nominal, as parts of the typical one; 0 is left out.
-        change: (g, m, k) change of the components at the bank's tests.
+        change: (g, m, k) change of the components at the bank's tests; of a line with a base, from what
+            its effect does there.
         rho: (g, m) change of ρ.
     """
 
@@ -85,9 +86,10 @@ class Signatures:
         mean = nominal.mean(axis=1)
         scatter = (nominal - mean[:, None]).reshape(-1, kept.sum())
         free = max(nominal.shape[1] - 1, 1) / nominal.shape[1]
-        changes = [
-            _filled(line, change[..., kept]) for line, change in zip(bank.lines, bank.changes, strict=True)
-        ]
+        changes = _relative(
+            bank.lines,
+            [_filled(line, change[..., kept]) for line, change in zip(bank.lines, bank.changes, strict=True)],
+        )
         typical = np.sqrt(
             np.mean(
                 [
@@ -165,6 +167,18 @@ def _filled(line: Line, change: FloatArray) -> FloatArray:
             filled[place][missing] = before[missing]
             before = filled[place]
     return filled
+
+
+def _relative(found: tuple[Line, ...], changes: list[FloatArray]) -> list[FloatArray]:
+    """Take what an effect does at its typical size off the lines that only say how it acts."""
+    out = []
+    for line, change in zip(found, changes, strict=True):
+        if line.base:
+            first = next(i for i, other in enumerate(found) if other.effect == line.effect)
+            held = found[first].coordinate(line.base[found[first].parameter])
+            change = change - _at(found[first], changes[first], held)
+        out.append(change)
+    return out
 
 
 def _knots(line: Line, change: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError, Executor, Future, ThreadPoolExecutor
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from importlib import import_module
 from importlib.util import find_spec
 from typing import Any
@@ -36,6 +36,39 @@ def dask_pool(address: str) -> ExecutorFactory:
     if "://" not in address:
         raise UsageError(f"--scheduler {address} is not an address, for example tcp://10.0.0.5:8786")
     return lambda: DaskPool(address)
+
+
+@contextmanager
+def kept_open(factory: ExecutorFactory | None) -> Iterator[ExecutorFactory | None]:
+    """Lend one pool, made when first asked for, as often as it is asked for; close it at the end."""
+    if factory is None:
+        yield None
+        return
+    made: list[Executor] = []
+
+    def lend() -> Executor:
+        if not made:
+            made.append(factory())
+        return _Lent(made[0])
+
+    try:
+        yield lend
+    finally:
+        for pool in made:
+            pool.shutdown(cancel_futures=True)
+
+
+class _Lent(Executor):
+    """A pool that stays open when its borrower is done with it."""
+
+    def __init__(self, pool: Executor) -> None:
+        self._pool = pool
+
+    def submit(self, function: Callable[..., Any], /, *arguments: Any, **named: Any) -> Future[Any]:
+        return self._pool.submit(function, *arguments, **named)
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """Keep the pool open."""
 
 
 class ProcessPool(ThreadPoolExecutor):

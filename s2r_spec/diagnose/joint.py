@@ -1,0 +1,116 @@
+"""All of the catalogue at once: a Gauss–Newton fit whose residual is the simulator itself.
+
+Every line gets a coordinate, small unless the data want it otherwise. Where the
+fit ends, what the simulator leaves unexplained is free of the errors of any
+surrogate: interpolation over the test space, interpolation along a line,
+interactions of effects. Around that point the data are linear in the
+coordinates, and sets of effects can be compared exactly
+(:mod:`s2r_spec.diagnose.evidence`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+ROUNDS = 5
+RIDGE = 0.3
+"""Standard deviation of a coordinate before the data are seen: between a little of everything and a typical effect."""
+TURN = 0.5
+"""The same for a coordinate that says how another acts (a phase, a place), around where the search starts."""
+HALVES = (1.0, 0.5, 0.2)
+"""Parts of a step that are tried."""
+DONE = 0.05
+"""A step that lowers the cost by less than this part of it is the last."""
+
+
+class Model(Protocol):
+    """What effects do, at the real tests: the simulator, or the bank in its place."""
+
+    lower: FloatArray
+    """(K,) ends of the lines."""
+    upper: FloatArray
+    based: NDArray[np.bool_]
+    """(K,) which lines only say how another of the same effect acts."""
+
+    def change(self, at: FloatArray) -> FloatArray:
+        """Return (q, k) change from nominal, with all lines at (K,) coordinates."""
+        ...
+
+    def jacobian(self, at: FloatArray, change: FloatArray) -> FloatArray:
+        """Return (K, q, k) derivatives of the change there."""
+        ...
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A fit.
+
+    Attributes:
+        at: (K,) coordinates.
+        rest: (q, k) that is left of the data.
+        jacobian: (K, q, k).
+        misfit: mean square of ``rest`` in units of what is believed.
+    """
+
+    at: FloatArray
+    rest: FloatArray
+    jacobian: FloatArray
+    misfit: float
+
+
+def joint_fit(
+    model: Model, data: FloatArray, variance: FloatArray, begin: FloatArray, first: FloatArray
+) -> Joint:
+    """Fit all lines to data (q, k), known up to ``variance`` (q, k).
+
+    Args:
+        model: see there; its own derivatives are asked for once, where the first step ends.
+        data: coefficients of real less nominal.
+        variance: of these.
+        begin: (K,) coordinates to start from.
+        first: (K, q, k) rough derivatives for the first step.
+    """
+    root = 1.0 / np.sqrt(variance)
+    middle = np.where(model.based, begin, 0.0)
+    prior = np.where(model.based, TURN, RIDGE) ** -2.0
+
+    def cost(at: FloatArray, rest: FloatArray) -> float:
+        return float(((rest * root) ** 2).sum() + (prior * (at - middle) ** 2).sum())
+
+    def wanted(at: FloatArray, rest: FloatArray, jacobian: FloatArray) -> FloatArray:
+        j = (jacobian * root).reshape(len(at), -1)
+        y = ((rest + np.tensordot(at - middle, jacobian, 1)) * root).ravel()
+        found: FloatArray = middle + np.linalg.solve(j @ j.T + np.diag(prior), j @ y)
+        return found
+
+    at, change, rest, jacobian = begin, np.zeros_like(data), data, first
+    best = cost(at, rest)
+    own = False
+    for _ in range(ROUNDS):
+        aim = wanted(at, rest, jacobian)
+        accepted = small = False
+        for part in HALVES:
+            there = np.clip(at + part * (aim - at), model.lower, model.upper)
+            step = there - at
+            if not np.any(step):
+                break
+            moved = model.change(there)
+            # What the simulator did, not what was expected of it (Broyden 1965).
+            surprise = moved - change - np.tensordot(step, jacobian, 1)
+            jacobian = jacobian + (step / (step @ step))[:, None, None] * surprise
+            new = cost(there, data - moved)
+            if new < best:
+                accepted, small = True, best - new < DONE * best
+                at, change, rest, best = there, moved, data - moved, new
+                break
+        if not own:
+            jacobian, own = model.jacobian(at, change), True
+        elif small or not accepted:
+            break
+    return Joint(at, rest, jacobian, float(((rest * root) ** 2).mean()))

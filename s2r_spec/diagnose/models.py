@@ -1,0 +1,245 @@
+"""What effects do at the real tests: from the bank, or from the simulator itself."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec.diagnose.layout import Layout
+from s2r_spec.diagnose.signatures import Curve, Signatures
+from s2r_spec.diagnose.simulate import Bench, Job, Test, run_jobs
+
+FloatArray = NDArray[np.float64]
+
+STEP = 0.2
+"""Of a coordinate, for a derivative: wide enough to leave a dead zone, small beside a typical effect."""
+LEAST = 0.15
+"""Coordinate at which a secant from nominal is taken where the effect is smaller."""
+THERE = 0.05
+"""Coordinate from which on an effect is there enough to see how it acts."""
+DEAD = 0.1
+"""A derivative of less than this part of the secant to a typical effect is that of a dead zone."""
+WORTH = 0.5
+"""[s] of rollouts that are worth the way to a worker and back."""
+SECONDS = 3.0
+"""Of one core, that derivatives by simulation may take; with dear rollouts they are taken at fewer tests."""
+
+
+@dataclass(frozen=True)
+class Catalogue:
+    """The lines of a bank, as the fit sees them.
+
+    Attributes:
+        curves: one a line.
+        effects: names.
+        owner: (K,) place of each line's effect.
+        first: (K,) place of the first line of its effect.
+        based: (K,) which lines only say how another of the same effect acts.
+        lower: (K,) ends of the coordinates.
+        upper: (K,)
+        side: (K,) 1 or −1 where a coordinate can only be of that sign, else 0.
+    """
+
+    curves: tuple[Curve, ...]
+    effects: tuple[str, ...]
+    owner: NDArray[np.intp]
+    first: NDArray[np.intp]
+    based: NDArray[np.bool_]
+    lower: FloatArray
+    upper: FloatArray
+    side: NDArray[np.intp]
+
+    @classmethod
+    def of(cls, curves: Sequence[Curve]) -> Catalogue:
+        """Collect what the lines say of themselves."""
+        names = [c.line.effect for c in curves]
+        effects = tuple(dict.fromkeys(names))
+        based = np.array([bool(c.line.base) for c in curves])
+        lower = np.array([min(0.0, float(c.coordinates.min())) for c in curves])
+        upper = np.array([max(0.0, float(c.coordinates.max())) for c in curves])
+        side = np.where(lower >= 0, 1, np.where(upper <= 0, -1, 0))
+        return cls(
+            tuple(curves),
+            effects,
+            np.array([effects.index(n) for n in names]),
+            np.array([names.index(n) for n in names]),
+            based,
+            lower,
+            upper,
+            np.where(based, 0, side),
+        )
+
+    def values(self, at: FloatArray, only: Sequence[int] | None = None) -> dict[str, dict[str, float]]:
+        """Return what :meth:`HasEffects.with_effects` takes, of all effects or of ``only`` these places."""
+        out: dict[str, dict[str, float]] = {}
+        for k, curve in enumerate(self.curves):
+            line = curve.line
+            if not self.based[k] and abs(at[k]) > 1e-4 and (only is None or self.owner[k] in only):
+                out.setdefault(line.effect, {})[line.parameter] = line.value(float(at[k]))
+        for k, curve in enumerate(self.curves):
+            if self.based[k] and curve.line.effect in out:
+                out[curve.line.effect][curve.line.parameter] = curve.line.value(float(at[k]))
+        return out
+
+
+class Surrogate:
+    """The bank in the simulator's place: effects add up, and vary with the test as they do at the bank's tests."""
+
+    def __init__(self, catalogue: Catalogue, through: FloatArray) -> None:
+        """Project all curves on the functions of the real tests, ``through`` (q, m)."""
+        self.catalogue = catalogue
+        self.lower, self.upper, self.based = catalogue.lower, catalogue.upper, catalogue.based
+        self._knots = []
+        for curve in catalogue.curves:
+            at = np.append(curve.coordinates, 0.0)
+            seen = np.einsum("qm,gmk->gqk", through, curve.change)
+            order = np.argsort(at)
+            self._knots.append((at[order], np.concatenate([seen, np.zeros_like(seen[:1])])[order]))
+
+    def along(self, line: int, coordinate: float) -> FloatArray:
+        """Return (q, k): the line alone, at this coordinate."""
+        at, seen = self._knots[line]
+        x = float(np.clip(coordinate, at[0], at[-1]))
+        high = int(np.clip(np.searchsorted(at, x), 1, len(at) - 1))
+        part = (x - at[high - 1]) / (at[high] - at[high - 1])
+        found: FloatArray = seen[high - 1] * (1.0 - part) + seen[high] * part
+        return found
+
+    def secant(self, line: int, coordinate: float) -> FloatArray:
+        """Return (q, k): change per unit between nominal and this coordinate, or one nearby that can be seen."""
+        at = self._knots[line][0]
+        x = float(np.clip(coordinate, at[0], at[-1]))
+        if abs(x) < LEAST:
+            x = LEAST if (x >= 0 and at[-1] > 0) or at[0] >= 0 else -LEAST
+        found: FloatArray = self.along(line, x) / x
+        return found
+
+    def change(self, at: FloatArray) -> FloatArray:
+        """Return (q, k): see :class:`~s2r_spec.diagnose.joint.Model`."""
+        total = np.zeros_like(self._knots[0][1][0])
+        for k, x in enumerate(at):
+            if self.based[k]:
+                total = total + at[self.catalogue.first[k]] * self.along(k, x)
+            elif x:
+                total = total + self.along(k, x)
+        return total
+
+    def jacobian(self, at: FloatArray, change: FloatArray | None = None) -> FloatArray:
+        """Return (K, q, k): secants, which also say what is left when an effect is taken away."""
+        rows = []
+        for k, x in enumerate(at):
+            if self.based[k]:
+                rows.append(at[self.catalogue.first[k]] * self.secant(k, x))
+                continue
+            row = self.secant(k, x)
+            for other in np.flatnonzero(self.based & (self.catalogue.first == k)):
+                row = row + self.along(int(other), at[other])
+            rows.append(row)
+        return np.array(rows)
+
+    def turned(self, data: FloatArray, variance: FloatArray) -> FloatArray:
+        """Return (K,) coordinates to start from: of based lines where their effect fits the data best alone."""
+        begin = np.zeros(len(self.based))
+        root = 1.0 / np.sqrt(variance)
+        y = (data * root).ravel()
+        for k in np.flatnonzero(self.based):
+            main = self.secant(int(self.catalogue.first[k]), 1.0)
+            gains = []
+            for x in self._knots[k][0]:
+                column = ((main + self.along(int(k), float(x))) * root).ravel()
+                gains.append(max(float(column @ y), 0.0) ** 2 / max(float(column @ column), 1e-12))
+            begin[k] = self._knots[k][0][int(np.argmax(gains))]
+        return begin
+
+
+class Simulator:
+    """The simulator itself, at the real tests, with the random numbers of its nominal rollouts."""
+
+    def __init__(
+        self,
+        bench: Bench,
+        signatures: Signatures,
+        surrogate: Surrogate,
+        layout: Layout,
+        nominal: FloatArray,
+        executor: Callable[[], Executor] | None,
+    ) -> None:
+        """Set up; ``nominal`` (n, 1 + p) are rows of the first nominal rollout at every real test."""
+        self.catalogue = catalogue = surrogate.catalogue
+        self._surrogate = surrogate
+        self.lower, self.upper, self.based = catalogue.lower, catalogue.upper, catalogue.based
+        self._bench, self._signatures, self._layout = bench, signatures, layout
+        self._nominal, self._executor = nominal, executor
+
+    @property
+    def _cost(self) -> float:
+        """Time of one rollout [s]."""
+        return max(float(self._bench.backend.cost), 1e-4)
+
+    @cached_property
+    def _few(self) -> NDArray[np.intp]:
+        """Places of the tests at which derivatives are taken."""
+        return self._layout.spread(int(SECONDS / (self._cost * len(self.based))))
+
+    def change(self, at: FloatArray) -> FloatArray:
+        """Return (q, k): see :class:`~s2r_spec.diagnose.joint.Model`."""
+        whole = np.arange(len(self._layout.tests))
+        return self._layout.project @ self._components([at], whole)[0]
+
+    def jacobian(self, at: FloatArray, change: FloatArray) -> FloatArray:
+        """Return (K, q, k) one-sided differences over :data:`STEP`, towards the longer side of the range."""
+        project = self._layout.projected_from(self._few)
+        out = np.zeros((len(at), *change.shape))
+        lines, points, steps = [], [at], []
+        for k in range(len(at)):
+            if self.based[k] and abs(at[self.catalogue.first[k]]) < THERE:
+                continue  # nothing is there that could act otherwise
+            room = self.upper[k] - at[k], at[k] - self.lower[k]
+            away = 1.0 if (at[k] >= 0 and room[0] >= STEP) or room[0] > room[1] else -1.0
+            there = at.copy()
+            there[k] += away * STEP
+            lines.append(k)
+            points.append(np.clip(there, self.lower, self.upper))
+            steps.append(points[-1][k] - at[k])
+        here, *found = self._components(points, self._few)
+        for k, components, step in zip(lines, found, steps, strict=True):
+            if step:
+                out[k] = project @ (components - here) / step
+            if not self.based[k] and abs(at[k]) < LEAST:
+                # Some effects do nothing until they are large: a limit that is not reached.
+                usual = self._surrogate.secant(k, 1.0 if self.upper[k] > 0 else -1.0)
+                if np.linalg.norm(out[k]) < DEAD * np.linalg.norm(usual):
+                    out[k] = usual
+        return out
+
+    def _components(self, points: Sequence[FloatArray], places: NDArray[np.intp]) -> list[FloatArray]:
+        """Return (len(places), k) change of the components at each of these coordinates."""
+        runs = tuple((self._layout.tests[i], seed_of(int(i), 0)) for i in places)
+        jobs = [Job(self.catalogue.values(at), runs) for at in points]
+        executor = self._executor if self._cost * len(runs) * len(jobs) > WORTH else None
+        if len(jobs) == 1:
+            # One simulator at many tests: shared out by tests.
+            jobs = [Job(jobs[0].values, (run,)) for run in runs]
+            rows = [np.concatenate(run_jobs(self._bench, jobs, executor))]
+        else:
+            rows = run_jobs(self._bench, jobs, executor)
+        kept = self._nominal[places][:, self._signatures.kept]
+        return [self._signatures.components(block, kept) for block in rows]
+
+
+def seed_of(test: int, shot: int) -> int:
+    """Return the seed of the simulator's rollout at a real test."""
+    return 7919 * shot + test
+
+
+def nominal_rows(
+    bench: Bench, tests: Sequence[Test], shots: int, executor: Callable[[], Executor] | None
+) -> FloatArray:
+    """Return (shots, n, 1 + p) of the nominal simulator at the real tests."""
+    jobs = [Job({}, tuple((test, seed_of(i, s)) for s in range(shots))) for i, test in enumerate(tests)]
+    return np.stack(run_jobs(bench, jobs, executor), axis=1)
