@@ -98,8 +98,11 @@ def linear(
     variance: FloatArray,
     nuisances: FloatArray,
 ) -> Linear:
-    """Linearise around a joint fit; ``nuisances`` (v, q, k) may be there at unit size, and are no cause."""
-    root = 1.0 / np.sqrt(variance)
+    """Linearise around a joint fit; ``nuisances`` (v, q, k) may be there at unit size, and are no cause.
+
+    What even the whole catalogue at once does not explain says how far the simulator is to be believed.
+    """
+    root = 1.0 / np.sqrt(variance * max(fitted.misfit, 1.0))
     amounts = np.where(based, 0.0, fitted.at)
     y = ((fitted.rest + np.tensordot(amounts, fitted.jacobian, 1)) * root).ravel()
     j = (fitted.jacobian * root).reshape(len(owner), -1)
@@ -166,9 +169,8 @@ def evidence(data: Linear, without: int | None = None) -> Evidence:
         chosen = members[max(of, key=lambda i: logs[i])]
         mean, _ = posterior(data, chosen)
         # The background is free to help; what it is pulled by is told apart.
-        left.append(
-            max(data.energy - 2 * mean @ data.toward + mean @ data.gram @ mean, 0.0) / max(data.energy, 1e-12)
-        )
+        unexplained = data.energy - 2.0 * float(mean @ data.toward) + float(mean @ data.gram @ mean)
+        left.append(max(unexplained, 0.0) / max(data.energy, 1e-12))
         back = ~_mine(data, [chosen])[0] & ~data.based
         pull.append(float(((mean[back] / ALLOWED) ** 2).mean()) if back.any() else 0.0)
     return Evidence(members, logs, np.array(left), np.array(pull), data.seen)

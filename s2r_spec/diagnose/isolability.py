@@ -48,7 +48,11 @@ class Isolability:
 
 
 def isolability(
-    surrogate: Surrogate, scatter: FloatArray, noise: FloatArray, nuisances: FloatArray
+    surrogate: Surrogate,
+    scatter: FloatArray,
+    noise: FloatArray,
+    nuisances: FloatArray,
+    temperature: float,
 ) -> Isolability:
     """Return how far any two effects are apart at these tests.
 
@@ -61,6 +65,7 @@ def isolability(
         scatter: (q, q) covariance of the functions' coefficients, in units of one rollout's.
         noise: (k, k) covariance of one rollout's components.
         nuisances: (v, q, k) what is no cause.
+        temperature: by which evidence is divided before it is believed; distances shrink by its root.
     """
     catalogue = surrogate.catalogue
     lines = np.flatnonzero(~catalogue.based)
@@ -76,7 +81,7 @@ def isolability(
             np.outer(np.diag(scatter), np.diag(noise)) + FORM**2 * (typical[a] ** 2).sum(axis=0) + GROUND**2
         ).ravel()
         back = ALLOWED * columns[owner != owner[a]]
-        back = np.concatenate([back, nuisances.reshape(len(nuisances), -1)])
+        back = np.concatenate([back, nuisances.reshape(len(nuisances), columns.shape[1])])
         # Woodbury: the background is of low rank.
         u = back / np.sqrt(v)
         inner = np.linalg.inv(np.eye(len(u)) + u @ u.T)
@@ -93,4 +98,4 @@ def isolability(
             np.minimum.at(nearest, owner, left)
             sigma[a] = np.minimum(sigma[a], np.sqrt(nearest))
     sigma[np.diag_indices(count)] = 0.0
-    return Isolability(catalogue.effects, sigma, visible)
+    return Isolability(catalogue.effects, sigma / np.sqrt(temperature), visible / np.sqrt(temperature))

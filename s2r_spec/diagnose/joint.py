@@ -55,7 +55,7 @@ class Joint:
         at: (K,) coordinates.
         rest: (q, k) that is left of the data.
         jacobian: (K, q, k).
-        misfit: mean square of ``rest`` in units of what is believed.
+        misfit: mean square of what neither lines nor nuisances explain, in units of what is believed.
     """
 
     at: FloatArray
@@ -65,7 +65,12 @@ class Joint:
 
 
 def joint_fit(
-    model: Model, data: FloatArray, variance: FloatArray, begin: FloatArray, first: FloatArray
+    model: Model,
+    data: FloatArray,
+    variance: FloatArray,
+    nuisances: FloatArray,
+    begin: FloatArray,
+    first: FloatArray,
 ) -> Joint:
     """Fit all lines to data (q, k), known up to ``variance`` (q, k).
 
@@ -73,6 +78,7 @@ def joint_fit(
         model: see there; its own derivatives are asked for once, where the first step ends.
         data: coefficients of real less nominal.
         variance: of these.
+        nuisances: (v, q, k) that may be there at unit size, and are no line's doing.
         begin: (K,) coordinates to start from.
         first: (K, q, k) rough derivatives for the first step.
     """
@@ -80,14 +86,21 @@ def joint_fit(
     middle = np.where(model.based, begin, 0.0)
     prior = np.where(model.based, TURN, RIDGE) ** -2.0
 
+    count = len(nuisances)
+    n = nuisances.reshape(count, data.size) * root.ravel()
+    inner = np.linalg.inv(np.eye(count) + n @ n.T)
+
     def cost(at: FloatArray, rest: FloatArray) -> float:
-        return float(((rest * root) ** 2).sum() + (prior * (at - middle) ** 2).sum())
+        left = (rest * root).ravel()
+        of_no_line = n @ left
+        return float(left @ left - of_no_line @ inner @ of_no_line + (prior * (at - middle) ** 2).sum())
 
     def wanted(at: FloatArray, rest: FloatArray, jacobian: FloatArray) -> FloatArray:
-        j = (jacobian * root).reshape(len(at), -1)
+        j = np.concatenate([(jacobian * root).reshape(len(at), -1), n])
         y = ((rest + np.tensordot(at - middle, jacobian, 1)) * root).ravel()
-        found: FloatArray = middle + np.linalg.solve(j @ j.T + np.diag(prior), j @ y)
-        return found
+        weight = np.concatenate([prior, np.ones(count)])
+        found: FloatArray = np.linalg.solve(j @ j.T + np.diag(weight), j @ y)
+        return middle + found[: len(at)]
 
     at, change, rest, jacobian = begin, np.zeros_like(data), data, first
     best = cost(at, rest)
@@ -113,4 +126,6 @@ def joint_fit(
             jacobian, own = model.jacobian(at, change), True
         elif small or not accepted:
             break
-    return Joint(at, rest, jacobian, float(((rest * root) ** 2).mean()))
+    left = (rest * root).ravel()
+    unexplained = float(left @ left - (n @ left) @ inner @ (n @ left)) / data.size
+    return Joint(at, rest, jacobian, unexplained)

@@ -30,6 +30,8 @@ ABSENT = 0.6
 STRANGE = 0.3
 """As many more, as a part of these, are of an effect that no line has."""
 HIDDEN = (256, 128)
+NETWORKS = 3
+"""That vote, by the mean of their log odds."""
 TREES = 300
 FUNCTIONS = 3
 """Functions of the test that the network sees."""
@@ -40,7 +42,11 @@ PRIOR_UNKNOWN = 0.15
 
 @dataclass(frozen=True)
 class Weights:
-    """What was fitted on practice cases.
+    """How evidence and networks are weighed against each other.
+
+    On practice cases the networks are at home and the evidence is not needed; on a machine it is the other
+    way round. So these come from twins by other code, made for development and never used for a score
+    (``benchmarks/blind/weigh.py``), and are the same for every backend.
 
     A set A of effects scores  log evidence / temperature + trust · log P_network(A) − penalty[|A|].
     """
@@ -48,6 +54,9 @@ class Weights:
     temperature: float
     trust: float
     penalty: tuple[float, float, float, float]
+
+
+WEIGHTS = Weights(4.0, 0.64, (0.0, 0.2, 3.7, 6.0))
 
 
 @dataclass(frozen=True)
@@ -69,7 +78,7 @@ class Judge:
 
     Attributes:
         effects: names, in the order of the places used everywhere.
-        network: P(effect k is in the set).
+        networks: P(effect k is in the set), each.
         weights: see there.
         stranger: P(the cause is not in the catalogue).
         threshold: of that, above which an alarm is given.
@@ -77,7 +86,7 @@ class Judge:
     """
 
     effects: tuple[str, ...]
-    network: Any
+    networks: tuple[Any, ...]
     weights: Weights
     stranger: Any
     threshold: float
@@ -85,7 +94,7 @@ class Judge:
 
     def memberships(self, description: FloatArray) -> FloatArray:
         """Return (n, K) probabilities that an effect is among the causes, by the network alone."""
-        return np.asarray(self.network.predict_proba(description), dtype=np.float64)
+        return _voted(self.networks, description)
 
     def sets(self, found: Evidence, p: FloatArray) -> Sets:
         """Return the probability of every set, given that the catalogue has the causes."""
@@ -103,6 +112,14 @@ def describe(coefficients: FloatArray) -> FloatArray:
     rows = coefficients[:FUNCTIONS]
     seen[: len(rows)] = np.arcsinh(rows / 2.0)
     return seen.ravel()
+
+
+def _voted(networks: Sequence[Any], description: FloatArray) -> FloatArray:
+    """Return (n, K): the mean of the networks, by log odds."""
+    p = np.clip([network.predict_proba(description) for network in networks], 1e-4, 1.0 - 1e-4)
+    odds = np.log(p / (1.0 - p)).mean(axis=0)
+    found: FloatArray = 1.0 / (1.0 + np.exp(-odds))
+    return found
 
 
 def _strangeness(found: Evidence, p: FloatArray) -> FloatArray:
@@ -128,20 +145,16 @@ def _strangeness(found: Evidence, p: FloatArray) -> FloatArray:
 
 
 def _score(members: tuple[tuple[int, ...], ...], logs: FloatArray, p: FloatArray, w: Weights) -> FloatArray:
-    vote, size = _votes(members, p)
+    vote, size = votes(members, p)
     found: FloatArray = (logs - logs.max()) / w.temperature + w.trust * vote - np.array(w.penalty)[size]
     return found
 
 
-def _votes(members: tuple[tuple[int, ...], ...], p: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:
+def votes(members: tuple[tuple[int, ...], ...], p: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:
     """Return log P(set) of independent memberships, up to a constant, and the sets' sizes."""
     p = np.clip(p, 0.005, 0.995)
     odds = np.log(p / (1.0 - p))
     return np.array([sum(odds[k] for k in a) for a in members]), np.array([len(a) for a in members])
-
-
-def _padded(row: NDArray[Any], width: int, fill: float) -> FloatArray:
-    return np.concatenate([row, np.full(width - len(row), fill)])
 
 
 @dataclass(frozen=True)
@@ -201,29 +214,33 @@ def train(
         y[i, list(case.effects)] = 1
         if progress is not None and i % 500 == 0:
             progress(i, 2 * cases)
-    network = MLPClassifier(
-        HIDDEN,
-        alpha=1e-3,
-        batch_size=128,
-        early_stopping=True,
-        n_iter_no_change=4,
-        max_iter=40,
-        random_state=seed,
+    networks = tuple(
+        MLPClassifier(
+            HIDDEN,
+            alpha=1e-2,
+            batch_size=128,
+            early_stopping=True,
+            n_iter_no_change=4,
+            max_iter=40,
+            random_state=seed + number,
+        )
+        for number in range(NETWORKS)
     )
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # that it was still improving when it was stopped
-        network.fit(x, y)
+        for network in networks:
+            network.fit(x, y)
 
     catalogue = Catalogue.of(signatures.curves)
     desks = [_Desk.of(signatures, catalogue, layout) for layout in layouts[:6]]
     solved: list[_Solved] = []
     for i in range(judged + strange_ones):
         desk = desks[i % len(desks)]
-        solved.append(_solve(rng, signatures, desk, practice, network, stranger=i >= judged))
+        solved.append(_solve(rng, signatures, desk, practice, networks, stranger=i >= judged))
         if progress is not None and i % 50 == 0:
             progress(cases + cases * i // (judged + strange_ones + absent), 2 * cases)
     usual, strangers = solved[:judged], solved[judged:]
-    weights = _fit(usual)
+    weights = WEIGHTS
 
     strange = [_strangeness(s.found, s.p) for s in solved]
     label = [0] * judged + [1] * len(strangers)
@@ -250,7 +267,7 @@ def train(
     threshold = float(np.quantile(out[s_y == 0], 1.0 - FALSE_ALARMS))
     return Judge(
         effects,
-        network,
+        networks,
         weights,
         detector().fit(s_x, s_y, sample_weight=weight),
         threshold,
@@ -263,7 +280,7 @@ def _solve(
     signatures: Signatures,
     desk: _Desk,
     practice: Practice,
-    network: Any,
+    networks: Sequence[Any],
     stranger: bool,
 ) -> _Solved:
     case = practice.draw(rng, desk.layout, stranger)
@@ -271,7 +288,7 @@ def _solve(
     z = case.coefficients
     variance = believed(desk.layout.scatter, signatures.noise, z)
     begin = surrogate.turned(z, variance)
-    fitted = joint_fit(surrogate, z, variance, begin, surrogate.jacobian(begin))
+    fitted = joint_fit(surrogate, z, variance, desk.nuisances, begin, surrogate.jacobian(begin))
     data = linear(
         catalogue.effects,
         catalogue.owner,
@@ -282,40 +299,10 @@ def _solve(
         variance,
         desk.nuisances,
     )
-    p = np.asarray(network.predict_proba(describe(z)[None])[0], dtype=np.float64)
+    p = _voted(networks, describe(z)[None])[0]
     floor = believed(desk.layout.scatter, signatures.noise, np.zeros_like(z))
     size = float(np.sqrt((case.alone**2 / floor).mean()))
     return _Solved(case, size, data, evidence(data), p)
-
-
-def _fit(solved: Sequence[_Solved]) -> Weights:
-    """Return the weights with the best log score."""
-    from scipy.optimize import minimize
-
-    prepared = []
-    for s in solved:
-        if s.case.effects in s.found.members:
-            logs = s.found.logs - s.found.logs.max()
-            prepared.append((logs, *_votes(s.found.members, s.p), s.found.members.index(s.case.effects)))
-    width = max(len(row[0]) for row in prepared)
-    logs = np.stack([_padded(row[0], width, -1e9) for row in prepared])
-    vote = np.stack([_padded(row[1], width, 0.0) for row in prepared])
-    size = np.stack([_padded(row[2], width, 0) for row in prepared]).astype(int)
-    true = np.array([row[3] for row in prepared])
-    rows = np.arange(len(true))
-
-    def loss(free: FloatArray) -> float:
-        t, w = np.exp(free[0]), np.exp(free[1])
-        score = logs / t + w * vote - np.concatenate([[0.0], free[2:]])[size]
-        peak = score.max(axis=1)
-        total = peak + np.log(np.exp(score - peak[:, None]).sum(axis=1))
-        return float((total - score[rows, true]).mean())
-
-    best = minimize(
-        loss, np.array([1.0, -0.7, 0.0, 2.0, 4.0]), method="Nelder-Mead", options={"maxiter": 250}
-    )
-    t, w, *penalty = best.x
-    return Weights(float(np.exp(t)), float(np.exp(w)), (0.0, *(float(v) for v in penalty)))  # type: ignore[arg-type]
 
 
 def _practice(

@@ -27,7 +27,11 @@ DEAD = 0.1
 WORTH = 0.5
 """[s] of rollouts that are worth the way to a worker and back."""
 SECONDS = 3.0
-"""Of one core, that derivatives by simulation may take; with dear rollouts they are taken at fewer tests."""
+"""Of one core, that derivatives by simulation should take; with dearer rollouts they are taken at fewer tests."""
+TOO_LONG = 8.0
+"""[s] from which on the bank's derivatives have to do."""
+A_LOOK = 1.0
+"""[s] that one look at the simulator should take; with dearer rollouts it is at fewer tests."""
 
 
 @dataclass(frozen=True)
@@ -121,7 +125,7 @@ class Surrogate:
 
     def change(self, at: FloatArray) -> FloatArray:
         """Return (q, k): see :class:`~s2r_spec.diagnose.joint.Model`."""
-        total = np.zeros_like(self._knots[0][1][0])
+        total: FloatArray = np.zeros_like(self._knots[0][1][0])
         for k, x in enumerate(at):
             if self.based[k]:
                 total = total + at[self.catalogue.first[k]] * self.along(k, x)
@@ -186,13 +190,20 @@ class Simulator:
         """Places of the tests at which derivatives are taken."""
         return self._layout.spread(int(SECONDS / (self._cost * len(self.based))))
 
+    @cached_property
+    def _many(self) -> NDArray[np.intp]:
+        """Places of the tests at which changes are looked at."""
+        return self._layout.spread(int(A_LOOK / self._cost))
+
     def change(self, at: FloatArray) -> FloatArray:
         """Return (q, k): see :class:`~s2r_spec.diagnose.joint.Model`."""
-        whole = np.arange(len(self._layout.tests))
-        return self._layout.project @ self._components([at], whole)[0]
+        found: FloatArray = self._layout.projected_from(self._many) @ self._components([at], self._many)[0]
+        return found
 
     def jacobian(self, at: FloatArray, change: FloatArray) -> FloatArray:
         """Return (K, q, k) one-sided differences over :data:`STEP`, towards the longer side of the range."""
+        if self._cost * len(self._few) * len(at) > TOO_LONG:
+            return self._surrogate.jacobian(at)
         project = self._layout.projected_from(self._few)
         out = np.zeros((len(at), *change.shape))
         lines, points, steps = [], [at], []

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.diagnose.evidence import BACKGROUND, GROUND
+from s2r_spec.diagnose.evidence import BACKGROUND
 from s2r_spec.diagnose.layout import Layout
 from s2r_spec.diagnose.signatures import Curve, Signatures
 
@@ -24,6 +24,13 @@ FORM = 0.15
 """Form error of an effect's signature, as a part of it."""
 SMALLEST = 0.15
 """Effects are drawn log-uniformly from this part of their typical size to the end of their range."""
+GROUNDS = (0.1, 4.0)
+"""Error of everything, log-uniform between these, in units of the features' scale: some simulators are
+nearly right, and of others every number is a little off."""
+CHANNELS = 3
+"""Channels, at most, that are simply not what the simulator says; in half of the cases none is."""
+OFF = (0.5, 8.0)
+"""By how much, log-uniform, in units of the features' scale."""
 OTHERS = 4
 """Signatures of other effects that are mixed into the form error of one."""
 
@@ -64,6 +71,8 @@ class Practice:
         self._slopes = np.stack([_slopes(c) for c in signatures.curves])
         self._knots = [_knots(c) for c in signatures.curves]
         self._interactions = self._typical_interactions(signatures)
+        self._axes = signatures.axes
+        self._channels = _by_channel(signatures)
 
     def draw(self, rng: np.random.Generator, layout: Layout, stranger: bool = False) -> Case:
         """Draw one case; a ``stranger`` is an effect that no line has."""
@@ -89,10 +98,23 @@ class Practice:
         alone = layout.through @ total
         for change in self._numerics:
             total = total + rng.normal() * change
-        total = total + self._background(rng) + GROUND * rng.uniform(0.3, 1.5) * rng.normal(size=(1, k))
+        ground = GROUNDS[0] * (GROUNDS[1] / GROUNDS[0]) ** rng.random()
+        total = total + self._background(rng) + ground * rng.normal(size=(1, k))
+        total = total + self._doubtful(rng) * (1.0 + 0.3 * rng.normal() * trend[:, None])
         spread = layout.root * np.sqrt(rng.uniform(1.0, 3.0))
         scatter = spread @ rng.normal(size=(len(spread), k)) @ self._root.T
         return Case(layout.through @ total + scatter, tuple(chosen), alone)
+
+    def _doubtful(self, rng: np.random.Generator) -> FloatArray:
+        """Return (1, k): a few channels that are off, some kinds of statistics of them together."""
+        total = np.zeros(self._axes.shape[1])
+        for _ in range(int(rng.integers(CHANNELS + 1)) if rng.random() < 0.5 else 0):
+            size = OFF[0] * (OFF[1] / OFF[0]) ** rng.random()
+            for columns in self._channels[int(rng.integers(len(self._channels)))]:
+                if rng.random() < 0.5:
+                    total[columns] += 0.7 * size * (rng.normal() + rng.normal(size=len(columns)))
+        found: FloatArray = (self._axes @ total)[None]
+        return found
 
     def _background(self, rng: np.random.Generator) -> FloatArray:
         """Return (m, k): a little of everything."""
@@ -170,6 +192,16 @@ class Practice:
             nearest = np.abs(np.arange(len(bank.tests))[:, None] - np.array(bank.pair_tests)).argmin(axis=1)
             out[min(a, b), max(a, b)] = block[nearest]
         return out
+
+
+def _by_channel(signatures: Signatures) -> list[list[NDArray[np.intp]]]:
+    """Return, for every channel, the kept columns of each kind of statistic."""
+    names = [f for f, kept in zip(signatures.bank.features.names(), signatures.kept[1:], strict=True) if kept]
+    shift = int(signatures.kept[0])
+    found: dict[str, dict[str, list[int]]] = {}
+    for column, name in enumerate(names):
+        found.setdefault(name.block, {}).setdefault(name.statistic, []).append(column + shift)
+    return [[np.array(c, dtype=np.intp) for c in kinds.values()] for kinds in found.values()]
 
 
 def _length(change: FloatArray) -> float:

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import hashlib
-import math
-import os
-import pickle
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
@@ -17,46 +13,31 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.backend import Backend, HasDuration, load_backend
+from s2r_spec.backend import Backend
 from s2r_spec.diagnose import bank as banks
-from s2r_spec.diagnose.ask import FEWEST, Rollouts, real_rollouts
+from s2r_spec.diagnose.ask import Rollouts, real_rollouts
 from s2r_spec.diagnose.design import unit_box
 from s2r_spec.diagnose.diagnosis import Diagnosis, Verdict, Which
 from s2r_spec.diagnose.estimate import fit
-from s2r_spec.diagnose.evidence import BACKGROUND, Evidence, Linear, believed, evidence, linear
+from s2r_spec.diagnose.evidence import BACKGROUND
 from s2r_spec.diagnose.how_far import HowFar, how_far
 from s2r_spec.diagnose.isolability import isolability
-from s2r_spec.diagnose.joint import joint_fit
-from s2r_spec.diagnose.judge import Judge, Sets, describe, train
-from s2r_spec.diagnose.layout import SHOTS as NOMINAL_SHOTS
-from s2r_spec.diagnose.layout import Layout
-from s2r_spec.diagnose.models import Catalogue, Simulator, Surrogate, nominal_rows
 from s2r_spec.diagnose.next_test import next_test
-from s2r_spec.diagnose.signatures import Signatures
+from s2r_spec.diagnose.prepare import Progress, State, bench_of, prepare, split
 from s2r_spec.diagnose.simulate import Bench, Job, Test, run_jobs
 from s2r_spec.diagnose.where.found import Where
 from s2r_spec.diagnose.where.found import where as find_where
 from s2r_spec.errors import UsageError
-from s2r_spec.rollouts.match import match
 from s2r_spec.rollouts.pools import kept_open
 from s2r_spec.rollouts.seeds import Stream, rollout_seed
 from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
 
 FloatArray = NDArray[np.float64]
-Progress = Callable[[str, int, int], None]
 
-HELD_OUT = 0.3
-"""Part of the tests that the diagnosis does not see."""
 SHOTS = 3
 """Simulated rollouts per held-out test, before and after."""
-SOURCES = (
-    "axes", "design", "evidence", "joint", "judge", "layout", "logs", "models", "practice", "signatures",
-)  # fmt: skip
-"""Modules on which a judge depends."""
 SURE = 0.9
-FREE = 5
-"""Degrees of freedom from which on replicates say how much a machine scatters."""
 IMITATED = 0.1
 """An unknown cause is so much less likely once a patch has closed the held-out gap, or if there is none."""
 
@@ -101,150 +82,21 @@ def diagnose(
             "a diagnosis needs scikit-learn, which is not installed: pip install 's2r[diagnose]'"
         )
     name = spec.requirements[0] if requirement is None else requirement
-    bench = _bench(spec, name, sim)
+    bench = bench_of(spec, name, sim)
     tell = progress or (lambda stage, done, of: None)
     bank = banks.bank(bench, executor, lambda done, of: tell("simulating effects", done, of), cache)
     bench = replace(bench, features=bank.features)
     # The bank comes first: a simulator that cannot be diagnosed costs no rollout of the machine.
     rollouts = real_rollouts(bench, real, budget, seed, folder, lambda n, of: tell("real rollouts", n, of))
-    seen, held = _split(rollouts, seed)
+    seen, held = split(rollouts, seed)
     with kept_open(executor) as pool:
-        state = _prepare(bench, bank, seen, seed, cache, pool, tell)
+        state = prepare(bench, bank, seen, seed, cache, pool, tell)
         return _answer(bench, state, seen, held, seed, pool, tell, where)
-
-
-@dataclass(frozen=True)
-class _State:
-    """What one set of real rollouts gives rise to."""
-
-    signatures: Signatures
-    layout: Layout
-    surrogate: Surrogate
-    nuisances: FloatArray
-    judge: Judge
-    data: Linear
-    found: Evidence
-    sets: Sets
-    unknown: float
-
-
-def _bench(spec: Spec, requirement: str, sim: Backend | str) -> Bench:
-    backend = load_backend(sim) if isinstance(sim, str) else sim
-    horizon = spec.horizon(requirement)
-    if isinstance(backend, HasDuration) and math.isfinite(horizon) and horizon > 0:
-        backend = backend.with_duration(horizon)
-    banks.catalogue_of(backend)
-    return Bench(backend, spec, requirement, match(spec, requirement, backend))
-
-
-def _split(
-    rollouts: list[tuple[dict[str, float], Trace]], seed: int
-) -> tuple[list[tuple[dict[str, float], Trace]], list[tuple[dict[str, float], Trace]]]:
-    """Return the rollouts to diagnose with, and those held out: whole tests, drawn at random."""
-    keys = list(dict.fromkeys(tuple(sorted(test.items())) for test, _ in rollouts))
-    count = round(HELD_OUT * len(keys))
-    if count < 3 or len(rollouts) < 2 * FEWEST:
-        if len(keys) > 1:
-            return rollouts, []
-        # One test alone: rollouts of it are all there is to hold out.
-        count = round(HELD_OUT * len(rollouts))
-        return (rollouts[count:], rollouts[:count]) if count >= 3 else (rollouts, [])
-    picked = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(7,))).permutation(len(keys))[
-        :count
-    ]
-    out = {keys[i] for i in picked}
-    seen = [r for r in rollouts if tuple(sorted(r[0].items())) not in out]
-    held = [r for r in rollouts if tuple(sorted(r[0].items())) in out]
-    return seen, held
-
-
-def _prepare(
-    bench: Bench,
-    bank: banks.Bank,
-    seen: list[tuple[dict[str, float], Trace]],
-    seed: int,
-    cache: Path | None,
-    executor: Callable[[], Executor] | None,
-    tell: Progress,
-) -> _State:
-    rows = np.array([bench.measure(trace, test) for test, trace in seen])
-    complete = np.array([trace.failure is None for _, trace in seen])
-    usable = rows[complete] if complete.any() else rows
-    available = np.isfinite(usable).mean(axis=0) > 0.5
-    signatures = Signatures.of(bank, available)
-    judge = _judge(bench, signatures, available, seed, cache, tell)
-    tests = [test for test, _ in seen]
-    layout = Layout.of(bench.spec.space, bank.tests, tests)
-    tell("the simulator at the real tests", 0, 1)
-    nominal = nominal_rows(bench, layout.tests, NOMINAL_SHOTS, executor)
-    level = np.nanmean(nominal, axis=0)
-    components = signatures.components(rows, level[layout.place][:, signatures.kept])
-    layout = Layout.of(bench.spec.space, bank.tests, tests, _inflation(layout, components, signatures))
-    data = layout.project @ layout.mean(components)
-    variance = believed(layout.scatter, signatures.noise, data)
-    catalogue = Catalogue.of(signatures.curves)
-    surrogate = Surrogate(catalogue, layout.through)
-    begin = surrogate.turned(data, variance)
-    simulator = Simulator(bench, signatures, surrogate, layout, nominal[0], executor)
-    tell("fitting the whole catalogue", 0, 1)
-    fitted = joint_fit(simulator, data, variance, begin, surrogate.jacobian(begin))
-    nuisances = np.einsum("qm,vmk->vqk", layout.through, signatures.numerics)
-    plain = linear(
-        catalogue.effects,
-        catalogue.owner,
-        catalogue.based,
-        catalogue.side,
-        fitted,
-        data,
-        variance,
-        nuisances,
-    )
-    found = evidence(plain)
-    p = judge.memberships(describe(data)[None])[0]
-    sets = judge.sets(found, p)
-    return _State(
-        signatures, layout, surrogate, nuisances, judge, plain, found, sets, judge.unknown(found, p)
-    )
-
-
-def _inflation(layout: Layout, components: FloatArray, signatures: Signatures) -> float:
-    """Return how much more the real rollouts of one test scatter than the simulator's do, at least 1."""
-    squares, free = layout.scattered(components)
-    if free < FREE:
-        return 1.0
-    return float(np.clip(squares.sum() / max(float(np.trace(signatures.noise)), 1e-12), 1.0, 50.0))
-
-
-def _judge(
-    bench: Bench,
-    signatures: Signatures,
-    available: NDArray[np.bool_],
-    seed: int,
-    cache: Path | None,
-    tell: Progress,
-) -> Judge:
-    """Return the judge of this bank and these columns, from disk if it was trained before."""
-    digest = hashlib.sha256(banks.key(bench).encode() + available.tobytes() + str(seed).encode())
-    for name in SOURCES:
-        digest.update((Path(__file__).parent / f"{name}.py").read_bytes())
-    digest.update(f"{version('scikit-learn')} {version('numpy')}".encode())
-    root = (cache or banks.cache_folder()) / "judges"
-    path = root / f"{digest.hexdigest()}.pkl"
-    if path.exists():
-        return pickle.loads(path.read_bytes())  # type: ignore[no-any-return]
-    made = train(
-        signatures, bench.spec.space, seed=seed, progress=lambda done, of: tell("practising", done, of)
-    )
-    root.mkdir(parents=True, exist_ok=True)
-    part = path.with_suffix(f".{os.getpid()}.part")
-    part.write_bytes(pickle.dumps(made))
-    part.replace(path)
-    return made
 
 
 def _answer(
     bench: Bench,
-    state: _State,
+    state: State,
     seen: list[tuple[dict[str, float], Trace]],
     held: list[tuple[dict[str, float], Trace]],
     seed: int,
@@ -278,7 +130,13 @@ def _answer(
     for members, probability in zip(state.sets.members, state.sets.probability, strict=True):
         by_size[len(members)][names[members]] = known * float(probability)
 
-    isolable = isolability(state.surrogate, state.layout.scatter, state.signatures.noise, state.nuisances)
+    isolable = isolability(
+        state.surrogate,
+        state.layout.scatter,
+        state.signatures.noise,
+        state.nuisances,
+        state.judge.weights.temperature,
+    )
     confounded = _confounded(isolable, names[named], by_size)
     verdict = Verdict.NAMED
     if alarm or open_gap:
@@ -337,7 +195,7 @@ ASSUMPTIONS = (
 
 def _how_far(
     bench: Bench,
-    state: _State,
+    state: State,
     held: list[tuple[dict[str, float], Trace]],
     values: Mapping[str, Mapping[str, float]],
     seed: int,
@@ -388,7 +246,7 @@ def _scatter(tests: Sequence[Test], real: FloatArray, nominal: float) -> float:
 
 
 def _oracle(
-    bench: Bench, state: _State, tests: Sequence[Test], real: FloatArray, nominal: FloatArray
+    bench: Bench, state: State, tests: Sequence[Test], real: FloatArray, nominal: FloatArray
 ) -> float:
     """Return the smallest mean gap that any point of any line reaches at the held-out tests, by the bank."""
     from s2r_spec.diagnose.design import weights
@@ -403,7 +261,7 @@ def _oracle(
     return float(min(gaps))
 
 
-def _background(state: _State, bench: Bench, tests: Sequence[Test]) -> float:
+def _background(state: State, bench: Bench, tests: Sequence[Test]) -> float:
     """Return the mean gap in ρ that a little of every effect makes, at most, in 19 of 20 random machines."""
     from s2r_spec.diagnose.design import weights
 
@@ -439,7 +297,7 @@ def _confounded(
     return tuple(out)
 
 
-def _next(bench: Bench, state: _State, ranked: list[tuple[tuple[int, ...], float]], tell: Progress) -> Any:
+def _next(bench: Bench, state: State, ranked: list[tuple[tuple[int, ...], float]], tell: Progress) -> Any:
     rivals: list[tuple[str, Mapping[str, Mapping[str, float]]]] = []
     for members, _ in ranked:
         if members and len(rivals) < 2:

@@ -70,6 +70,7 @@ def write_case(out: Path, name: str, case: Case) -> None:
     write_folder(folder, case.rollouts)
     shutil.copyfile(SPEC, folder / "spec.stl")
     sealed = out / "sealed"
+    sealed.mkdir(exist_ok=True)
     if case.held_out:
         write_folder(sealed / name, case.held_out)
     (sealed / f"{name}.json").write_text(json.dumps({"id": name} | case.label, indent=1) + "\n")

@@ -1,0 +1,178 @@
+"""From real rollouts to probabilities of sets of effects: everything that is the same for every question."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import os
+import pickle
+from collections.abc import Callable
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec.backend import Backend, HasDuration, load_backend
+from s2r_spec.diagnose import bank as banks
+from s2r_spec.diagnose.ask import FEWEST
+from s2r_spec.diagnose.evidence import Evidence, Linear, believed, evidence, linear
+from s2r_spec.diagnose.joint import joint_fit
+from s2r_spec.diagnose.judge import Judge, Sets, describe, train
+from s2r_spec.diagnose.layout import SHOTS, Layout
+from s2r_spec.diagnose.models import Catalogue, Simulator, Surrogate, nominal_rows
+from s2r_spec.diagnose.signatures import Signatures
+from s2r_spec.diagnose.simulate import Bench
+from s2r_spec.rollouts.match import match
+from s2r_spec.spec import Spec
+from s2r_spec.trace import Trace
+
+FloatArray = NDArray[np.float64]
+Progress = Callable[[str, int, int], None]
+
+HELD_OUT = 0.3
+"""Part of the tests that the diagnosis does not see."""
+SOURCES = (
+    "axes", "design", "evidence", "joint", "judge", "layout", "logs", "models", "practice", "signatures",
+)  # fmt: skip
+"""Modules on which a judge depends."""
+FREE = 5
+"""Degrees of freedom from which on replicates say how much a machine scatters."""
+
+
+@dataclass(frozen=True)
+class State:
+    """What one set of real rollouts gives rise to."""
+
+    signatures: Signatures
+    layout: Layout
+    surrogate: Surrogate
+    nuisances: FloatArray
+    judge: Judge
+    data: Linear
+    found: Evidence
+    memberships: FloatArray
+    sets: Sets
+    unknown: float
+
+
+def bench_of(spec: Spec, requirement: str, sim: Backend | str) -> Bench:
+    """Set a spec up on a simulator.
+
+    Raises:
+        UsageError: the simulator declares no effects, or lacks what the spec needs.
+    """
+    backend = load_backend(sim) if isinstance(sim, str) else sim
+    horizon = spec.horizon(requirement)
+    if isinstance(backend, HasDuration) and math.isfinite(horizon) and horizon > 0:
+        backend = backend.with_duration(horizon)
+    banks.catalogue_of(backend)
+    return Bench(backend, spec, requirement, match(spec, requirement, backend))
+
+
+def split(
+    rollouts: list[tuple[dict[str, float], Trace]], seed: int
+) -> tuple[list[tuple[dict[str, float], Trace]], list[tuple[dict[str, float], Trace]]]:
+    """Return the rollouts to diagnose with, and those held out: whole tests, drawn at random."""
+    keys = list(dict.fromkeys(tuple(sorted(test.items())) for test, _ in rollouts))
+    count = round(HELD_OUT * len(keys))
+    if count < 3 or len(rollouts) < 2 * FEWEST:
+        if len(keys) > 1:
+            return rollouts, []
+        # One test alone: rollouts of it are all there is to hold out.
+        count = round(HELD_OUT * len(rollouts))
+        return (rollouts[count:], rollouts[:count]) if count >= 3 else (rollouts, [])
+    picked = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(7,))).permutation(len(keys))[
+        :count
+    ]
+    out = {keys[i] for i in picked}
+    seen = [r for r in rollouts if tuple(sorted(r[0].items())) not in out]
+    held = [r for r in rollouts if tuple(sorted(r[0].items())) in out]
+    return seen, held
+
+
+def prepare(
+    bench: Bench,
+    bank: banks.Bank,
+    seen: list[tuple[dict[str, float], Trace]],
+    seed: int,
+    cache: Path | None,
+    executor: Callable[[], Executor] | None,
+    tell: Progress,
+) -> State:
+    """Fit the whole catalogue to the rollouts in ``seen``, and weigh every set of effects."""
+    rows = np.array([bench.measure(trace, test) for test, trace in seen])
+    complete = np.array([trace.failure is None for _, trace in seen])
+    usable = rows[complete] if complete.any() else rows
+    available = np.isfinite(usable).mean(axis=0) > 0.5
+    signatures = Signatures.of(bank, available)
+    judge = judge_of(bench, signatures, available, seed, cache, tell)
+    tests = [test for test, _ in seen]
+    layout = Layout.of(bench.spec.space, bank.tests, tests)
+    tell("the simulator at the real tests", 0, 1)
+    nominal = nominal_rows(bench, layout.tests, SHOTS, executor)
+    level = np.nanmean(nominal, axis=0)
+    components = signatures.components(rows, level[layout.place][:, signatures.kept])
+    layout = Layout.of(bench.spec.space, bank.tests, tests, _inflation(layout, components, signatures))
+    data = layout.project @ layout.mean(components)
+    variance = believed(layout.scatter, signatures.noise, data)
+    catalogue = Catalogue.of(signatures.curves)
+    surrogate = Surrogate(catalogue, layout.through)
+    begin = surrogate.turned(data, variance)
+    simulator = Simulator(bench, signatures, surrogate, layout, nominal[0], executor)
+    tell("fitting the whole catalogue", 0, 1)
+    nuisances = np.einsum("qm,vmk->vqk", layout.through, signatures.numerics)
+    fitted = joint_fit(simulator, data, variance, nuisances, begin, surrogate.jacobian(begin))
+    plain = linear(
+        catalogue.effects,
+        catalogue.owner,
+        catalogue.based,
+        catalogue.side,
+        fitted,
+        data,
+        variance,
+        nuisances,
+    )
+    found = evidence(plain)
+    p = judge.memberships(describe(data)[None])[0]
+    sets = judge.sets(found, p)
+    return State(
+        signatures, layout, surrogate, nuisances, judge, plain, found, p, sets, judge.unknown(found, p)
+    )
+
+
+def _inflation(layout: Layout, components: FloatArray, signatures: Signatures) -> float:
+    """Return how much more the real rollouts of one test scatter than the simulator's do, at least 1."""
+    squares, free = layout.scattered(components)
+    if free < FREE:
+        return 1.0
+    return float(np.clip(squares.sum() / max(float(np.trace(signatures.noise)), 1e-12), 1.0, 50.0))
+
+
+def judge_of(
+    bench: Bench,
+    signatures: Signatures,
+    available: NDArray[np.bool_],
+    seed: int,
+    cache: Path | None,
+    tell: Progress,
+) -> Judge:
+    """Return the judge of this bank and these columns, from disk if it was trained before."""
+    digest = hashlib.sha256(banks.key(bench).encode() + available.tobytes() + str(seed).encode())
+    for name in SOURCES:
+        digest.update((Path(__file__).parent / f"{name}.py").read_bytes())
+    digest.update(f"{version('scikit-learn')} {version('numpy')}".encode())
+    root = (cache or banks.cache_folder()) / "judges"
+    path = root / f"{digest.hexdigest()}.pkl"
+    if path.exists():
+        return pickle.loads(path.read_bytes())  # type: ignore[no-any-return]
+    made = train(
+        signatures, bench.spec.space, seed=seed, progress=lambda done, of: tell("practising", done, of)
+    )
+    root.mkdir(parents=True, exist_ok=True)
+    part = path.with_suffix(f".{os.getpid()}.part")
+    part.write_bytes(pickle.dumps(made))
+    part.replace(path)
+    return made
