@@ -6,9 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from s2r_spec.diagnose.evidence import Linear, posterior
 from s2r_spec.diagnose.models import Catalogue
+
+FloatArray = NDArray[np.float64]
 
 COVER = 1.645
 """Standard deviations to either end of a 90 % interval."""
@@ -50,7 +53,13 @@ class Fit:
     values: dict[str, dict[str, float]]
 
 
-def fit(data: Linear, catalogue: Catalogue, chosen: Sequence[int], temperature: float) -> Fit:
+def fit(
+    data: Linear,
+    catalogue: Catalogue,
+    chosen: Sequence[int],
+    temperature: float,
+    found: FloatArray | None = None,
+) -> Fit:
     """Return the values of these effects, all others being background.
 
     Args:
@@ -58,9 +67,11 @@ def fit(data: Linear, catalogue: Catalogue, chosen: Sequence[int], temperature: 
         catalogue: of the same lines.
         chosen: places of effects.
         temperature: by which evidence is divided before it is believed; intervals are so much wider.
+        found: (K,) coordinates at which the simulator with these effects alone fits best, where that
+            was looked for; else those of the linear data.
     """
     mean, covariance = posterior(data, chosen)
-    at = np.clip(data.around + mean, catalogue.lower, catalogue.upper)
+    at = np.clip(data.around + mean if found is None else found, catalogue.lower, catalogue.upper)
     spread = COVER * np.sqrt(np.diag(covariance) * max(temperature, 1.0))
     estimates = []
     for k, curve in enumerate(catalogue.curves):

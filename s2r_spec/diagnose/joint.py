@@ -71,6 +71,7 @@ def joint_fit(
     nuisances: FloatArray,
     begin: FloatArray,
     first: FloatArray,
+    ridge: float = RIDGE,
 ) -> Joint:
     """Fit all lines to data (q, k), known up to ``variance`` (q, k).
 
@@ -81,10 +82,11 @@ def joint_fit(
         nuisances: (v, q, k) that may be there at unit size, and are no line's doing.
         begin: (K,) coordinates to start from.
         first: (K, q, k) rough derivatives for the first step.
+        ridge: standard deviation of a coordinate before the data are seen.
     """
     root = 1.0 / np.sqrt(variance)
     middle = np.where(model.based, begin, 0.0)
-    prior = np.where(model.based, TURN, RIDGE) ** -2.0
+    prior = np.where(model.based, TURN, ridge) ** -2.0
 
     count = len(nuisances)
     n = nuisances.reshape(count, data.size) * root.ravel()
@@ -102,7 +104,9 @@ def joint_fit(
         found: FloatArray = np.linalg.solve(j @ j.T + np.diag(weight), j @ y)
         return middle + found[: len(at)]
 
-    at, change, rest, jacobian = begin, np.zeros_like(data), data, first
+    at, jacobian = begin, first
+    change = model.change(at) if np.any(begin[~model.based]) else np.zeros_like(data)
+    rest = data - change
     best = cost(at, rest)
     own = False
     for _ in range(ROUNDS):

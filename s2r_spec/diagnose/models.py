@@ -200,14 +200,19 @@ class Simulator:
         found: FloatArray = self._layout.projected_from(self._many) @ self._components([at], self._many)[0]
         return found
 
-    def jacobian(self, at: FloatArray, change: FloatArray) -> FloatArray:
-        """Return (K, q, k) one-sided differences over :data:`STEP`, towards the longer side of the range."""
-        if self._cost * len(self._few) * len(at) > TOO_LONG:
+    def jacobian(
+        self, at: FloatArray, change: FloatArray, only: NDArray[np.intp] | None = None
+    ) -> FloatArray:
+        """Return (K, q, k) one-sided differences over :data:`STEP`, towards the longer side of the range.
+
+        With dear rollouts these are the bank's secants, unless ``only`` a few lines are asked for.
+        """
+        if only is None and self._cost * len(self._few) * len(at) > TOO_LONG:
             return self._surrogate.jacobian(at)
         project = self._layout.projected_from(self._few)
         out = np.zeros((len(at), *change.shape))
         lines, points, steps = [], [at], []
-        for k in range(len(at)):
+        for k in range(len(at)) if only is None else only.tolist():
             if self.based[k] and abs(at[self.catalogue.first[k]]) < THERE:
                 continue  # nothing is there that could act otherwise
             room = self.upper[k] - at[k], at[k] - self.lower[k]
@@ -241,6 +246,31 @@ class Simulator:
             rows = run_jobs(self._bench, jobs, executor)
         kept = self._nominal[places][:, self._signatures.kept]
         return [self._signatures.components(block, kept) for block in rows]
+
+
+class Part:
+    """Some lines of the simulator, all others at nominal: what these effects do by themselves."""
+
+    def __init__(self, whole: Simulator, effects: Sequence[int]) -> None:
+        """Take the lines of these effects."""
+        self.lines = np.flatnonzero(np.isin(whole.catalogue.owner, effects))
+        self.lower, self.upper = whole.lower[self.lines], whole.upper[self.lines]
+        self.based = whole.based[self.lines]
+        self._whole = whole
+
+    def all(self, at: FloatArray) -> FloatArray:
+        """Return (K,) coordinates of all lines."""
+        out = np.zeros(len(self._whole.based))
+        out[self.lines] = at
+        return out
+
+    def change(self, at: FloatArray) -> FloatArray:
+        """Return (q, k): see :class:`~s2r_spec.diagnose.joint.Model`."""
+        return self._whole.change(self.all(at))
+
+    def jacobian(self, at: FloatArray, change: FloatArray) -> FloatArray:
+        """Return (lines, q, k): see :class:`~s2r_spec.diagnose.joint.Model`."""
+        return self._whole.jacobian(self.all(at), change, self.lines)[self.lines]
 
 
 def seed_of(test: int, shot: int) -> int:

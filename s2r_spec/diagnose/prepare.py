@@ -6,7 +6,7 @@ import hashlib
 import math
 import os
 import pickle
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 from s2r_spec.backend import Backend, HasDuration, load_backend
 from s2r_spec.diagnose import bank as banks
 from s2r_spec.diagnose.ask import FEWEST
-from s2r_spec.diagnose.evidence import Evidence, Linear, believed, evidence, linear
+from s2r_spec.diagnose.evidence import LARGE, Evidence, Linear, believed, evidence, linear, posterior
 from s2r_spec.diagnose.joint import joint_fit
 from s2r_spec.diagnose.judge import Judge, Sets, describe, train
 from s2r_spec.diagnose.layout import SHOTS, Layout
-from s2r_spec.diagnose.models import Catalogue, Simulator, Surrogate, nominal_rows
+from s2r_spec.diagnose.models import Catalogue, Part, Simulator, Surrogate, nominal_rows
 from s2r_spec.diagnose.signatures import Signatures
 from s2r_spec.diagnose.simulate import Bench
 from s2r_spec.rollouts.match import match
@@ -56,6 +56,18 @@ class State:
     memberships: FloatArray
     sets: Sets
     unknown: float
+    simulator: Simulator
+    coefficients: FloatArray
+    variance: FloatArray
+
+    def alone(self, effects: Sequence[int]) -> FloatArray:
+        """Return (K,) coordinates at which the simulator with these effects, and no others, fits best."""
+        part = Part(self.simulator, effects)
+        mean, _ = posterior(self.data, effects)
+        at = np.clip((self.data.around + mean)[part.lines], part.lower, part.upper)
+        first = self.surrogate.jacobian(part.all(at))[part.lines]
+        found = joint_fit(part, self.coefficients, self.variance, self.nuisances, at, first, LARGE)
+        return part.all(found.at)
 
 
 def bench_of(spec: Spec, requirement: str, sim: Backend | str) -> Bench:
@@ -139,7 +151,19 @@ def prepare(
     p = judge.memberships(describe(data)[None])[0]
     sets = judge.sets(found, p)
     return State(
-        signatures, layout, surrogate, nuisances, judge, plain, found, p, sets, judge.unknown(found, p)
+        signatures,
+        layout,
+        surrogate,
+        nuisances,
+        judge,
+        plain,
+        found,
+        p,
+        sets,
+        judge.unknown(found, p),
+        simulator,
+        data,
+        variance,
     )
 
 

@@ -108,7 +108,14 @@ def _answer(
     ranked = state.sets.ranked()
     first_none = not ranked[0][0]
     named = next(members for members, _ in ranked if members)
-    fitted = fit(state.data, state.surrogate.catalogue, named, state.judge.weights.temperature)
+    tell("fitting the causes alone", 0, 1)
+    fitted = fit(
+        state.data,
+        state.surrogate.catalogue,
+        named,
+        state.judge.weights.temperature,
+        state.alone(named),
+    )
     far = _how_far(bench, state, held, {} if first_none else fitted.values, seed, executor, tell)
 
     unknown = state.unknown
