@@ -72,6 +72,7 @@ def isolability(
     typical = [surrogate.secant(int(k), 1.0 if catalogue.upper[k] > 0 else -1.0) for k in lines]
     columns = np.array([t.ravel() for t in typical])
     owner = catalogue.owner[lines]
+    both = (catalogue.lower[lines] < 0) & (catalogue.upper[lines] > 0)
     count = len(catalogue.effects)
     sigma = np.full((count, count), np.inf)
     visible = np.zeros(count)
@@ -89,7 +90,9 @@ def isolability(
         gram = w @ w.T - (w @ u.T) @ inner @ (u @ w.T)
         own = max(float(gram[a, a]), 0.0)
         others = np.maximum(np.diag(gram), 1e-12)
-        left = np.maximum(own - np.clip(gram[a], 0.0, None) ** 2 / others, 0.0)
+        # Two effects of one sign each are alike only if they push the same way.
+        along = np.where(both | both[a], gram[a], np.maximum(gram[a], 0.0))
+        left = np.maximum(own - along**2 / others, 0.0)
         apart.append((int(owner[a]), own, left))
         visible[owner[a]] = max(visible[owner[a]], np.sqrt(own))
     for a, own, left in apart:
