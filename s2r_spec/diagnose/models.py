@@ -181,6 +181,11 @@ class Simulator:
         self._nominal, self._executor = nominal, executor
 
     @property
+    def dear(self) -> bool:
+        """Whether derivatives along every line by simulation would take too long."""
+        return self._cost * len(self._few) * len(self.based) > TOO_LONG
+
+    @property
     def _cost(self) -> float:
         """Time of one rollout [s]."""
         return max(float(self._bench.backend.cost), 1e-4)
@@ -207,7 +212,7 @@ class Simulator:
 
         With dear rollouts these are the bank's secants, unless ``only`` a few lines are asked for.
         """
-        if only is None and self._cost * len(self._few) * len(at) > TOO_LONG:
+        if only is None and self.dear:
             return self._surrogate.jacobian(at)
         project = self._layout.projected_from(self._few)
         out = np.zeros((len(at), *change.shape))

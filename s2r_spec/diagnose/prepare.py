@@ -60,14 +60,14 @@ class State:
     coefficients: FloatArray
     variance: FloatArray
 
-    def alone(self, effects: Sequence[int]) -> FloatArray:
-        """Return (K,) coordinates at which the simulator with these effects, and no others, fits best."""
+    def alone(self, effects: Sequence[int]) -> tuple[FloatArray, float]:
+        """Return (K,) coordinates at which the simulator with these effects, and no others, fits best; misfit."""
         part = Part(self.simulator, effects)
         mean, _ = posterior(self.data, effects)
         at = np.clip((self.data.around + mean)[part.lines], part.lower, part.upper)
         first = self.surrogate.jacobian(part.all(at))[part.lines]
         found = joint_fit(part, self.coefficients, self.variance, self.nuisances, at, first, LARGE)
-        return part.all(found.at)
+        return part.all(found.at), found.misfit
 
 
 def bench_of(spec: Spec, requirement: str, sim: Backend | str) -> Bench:

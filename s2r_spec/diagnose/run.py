@@ -19,12 +19,13 @@ from s2r_spec.diagnose.ask import Rollouts, real_rollouts
 from s2r_spec.diagnose.design import unit_box
 from s2r_spec.diagnose.diagnosis import Diagnosis, Verdict, Which
 from s2r_spec.diagnose.estimate import fit
-from s2r_spec.diagnose.evidence import BACKGROUND
+from s2r_spec.diagnose.evidence import BACKGROUND, Set
 from s2r_spec.diagnose.how_far import HowFar, how_far
 from s2r_spec.diagnose.isolability import isolability
 from s2r_spec.diagnose.next_test import next_test
 from s2r_spec.diagnose.prepare import Progress, State, bench_of, prepare, split
 from s2r_spec.diagnose.simulate import Bench, Job, Test, run_jobs
+from s2r_spec.diagnose.together import together
 from s2r_spec.diagnose.where.found import Where
 from s2r_spec.diagnose.where.found import where as find_where
 from s2r_spec.errors import UsageError
@@ -107,15 +108,15 @@ def _answer(
     effects = state.judge.effects
     ranked = state.sets.ranked()
     first_none = not ranked[0][0]
+    simulated: dict[Set, FloatArray] = {}
+    if not first_none and state.simulator.dear:
+        found = together(state, lambda done, of: tell("simulating sets", done, of))
+        state, simulated = replace(state, sets=found.sets), found.at
+        ranked = state.sets.ranked()
     named = next(members for members, _ in ranked if members)
     tell("fitting the causes alone", 0, 1)
-    fitted = fit(
-        state.data,
-        state.surrogate.catalogue,
-        named,
-        state.judge.weights.temperature,
-        state.alone(named),
-    )
+    at = simulated[named] if named in simulated else state.alone(named)[0]
+    fitted = fit(state.data, state.surrogate.catalogue, named, state.judge.weights.temperature, at)
     far = _how_far(bench, state, held, {} if first_none else fitted.values, seed, executor, tell)
 
     unknown = state.unknown
