@@ -72,9 +72,9 @@ def together(state: State, progress: Callable[[int, int], None]) -> Together:
     scale = (1.0 - moved) / max(sum(rest.values()), 1e-12)
     merged = {s: q * scale for s, q in rest.items()}
     merged |= {s: moved * float(v) for s, v in zip(tried, share / share.sum(), strict=True)}
-    members = tuple(merged)
+    every = tuple(merged)
     return Together(
-        Sets(members, np.array([merged[s] for s in members])), {s: at for s, (at, _) in tried.items()}
+        Sets(every, np.array([merged[s] for s in every])), {s: at for s, (at, _) in tried.items()}
     )
 
 
