@@ -323,7 +323,8 @@ def _where(bench: Bench, rollouts: list[tuple[dict[str, float], Trace]], seed: i
         real.append((trace, bench.rho(trace, test)))
         simulated.append((other, bench.rho(other, test)))
         tell("where", number + 1, len(rollouts))
-    return find_where(bench.spec, bench.requirement, [test for test, _ in rollouts], real, simulated, seed)
+    tests = [test for test, _ in rollouts]
+    return find_where(bench.spec, bench.requirement, tests, real, simulated, seed, bench)
 
 
 def _reason(verdict: Verdict, which: Which, far: HowFar | None, named: tuple[str, ...]) -> str:

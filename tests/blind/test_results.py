@@ -1,0 +1,43 @@
+"""What the documentation says of the sealed sets is what was measured."""
+
+import json
+import re
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+PAGE = ROOT / "docs" / "explanation" / "diagnosis.md"
+RESULTS = ROOT / "benchmarks" / "blind" / "results"
+ROWS = {
+    "single effects: the answer is it": "top-1, single effects",
+    "single effects: it is the likeliest effect": "most probable member, single",
+    "single effects: it is in the set answered": "in the answered set, single",
+    "exact pair": "exact pair first",
+    "one of the pair is the likeliest effect": "one of the pair first",
+    "known causes called": "known effects called unknown",
+    "unknown causes with a material gap": "unknown with a material gap detected",
+    "machines with nothing wrong": "null called anything else",
+}
+
+
+def test_the_table_of_sealed_sets():
+    rows = [line.strip("| ").split(" | ") for line in PAGE.read_text().splitlines() if line.startswith("| ")]
+    files = next(row for row in rows if row[0].startswith("file in"))[1:]
+    scores = [json.loads((RESULTS / name.strip("`")).read_text())["scores"] for name in files]
+    cases = next(row for row in rows if row[0] == "cases")[1:]
+    assert [int(n) for n in cases] == [score["cases"] for score in scores]
+    for words, key in ROWS.items():
+        shown = next(row for row in rows if row[0].startswith(words))[1:]
+        assert shown == [f"{s[key]['hits']} of {s[key]['of']}" for s in scores], words
+    closed = next(row for row in rows if row[0].startswith("held-out gap above"))[1:]
+    assert closed == [f"{100 * s['shrink, single']['ratio of sums']:.0f} %" for s in scores]
+
+
+def test_every_set_was_frozen_before_it_was_opened():
+    found = sorted(RESULTS.glob("*_scores.json"))
+    assert found
+    for path in found:
+        kept = json.loads(path.read_text())
+        manifest = json.loads((RESULTS / path.name.replace("_scores", "_manifest")).read_text())
+        assert kept["frozen"] == manifest["frozen"] <= kept["opened"]
+        assert sorted(manifest["answers"]) == sorted(kept["cases"])
+        assert re.fullmatch(r"[0-9a-f]{64}", manifest["code"])
