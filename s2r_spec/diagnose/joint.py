@@ -29,6 +29,12 @@ DONE = 0.05
 """A step that lowers the cost by less than this part of it is the last."""
 
 
+REACHES = (0.4, 0.2, 0.1)
+"""Steps of a search along single lines, as parts of a coordinate."""
+SAME = 0.05
+"""Steps with which is felt how far a value may move without any change, as parts of a coordinate."""
+
+
 class Model(Protocol):
     """What effects do, at the real tests: the simulator, or the bank in its place."""
 
@@ -133,3 +139,54 @@ def joint_fit(
     left = (rest * root).ravel()
     unexplained = float(left @ left - (n @ left) @ inner @ (n @ left)) / data.size
     return Joint(at, rest, jacobian, unexplained)
+
+
+def polished(
+    model: Model, data: FloatArray, variance: FloatArray, nuisances: FloatArray, at: FloatArray, ridge: float
+) -> FloatArray:
+    """Return coordinates that are at least as good, by steps along one line at a time.
+
+    A delay in whole samples, or friction that holds, has no derivative to follow.
+    """
+    root = (1.0 / np.sqrt(variance)).ravel()
+    n = nuisances.reshape(len(nuisances), data.size) * root
+    inner = np.linalg.inv(np.eye(len(n)) + n @ n.T)
+
+    def cost(there: FloatArray) -> float:
+        left = (data - model.change(there)).ravel() * root
+        return float(left @ left - (n @ left) @ inner @ (n @ left)) + float(
+            ((there[~model.based] / ridge) ** 2).sum()
+        )
+
+    best = cost(at)
+    for reach in REACHES:
+        for line in np.flatnonzero(~model.based):
+            for side in (1.0, -1.0):
+                there = at.copy()
+                there[line] += side * reach * max(abs(at[line]), RIDGE)
+                there = np.clip(there, model.lower, model.upper)
+                if np.any(there != at) and (new := cost(there)) < best:
+                    at, best = there, new
+                    break
+    for line in np.flatnonzero(~model.based):
+        at = _centred(model, at, int(line))
+    return at
+
+
+def _centred(model: Model, at: FloatArray, line: int) -> FloatArray:
+    """Return coordinates in the middle of what the simulator does not tell from them: whole samples of a delay."""
+    here = model.change(at)
+    step = SAME * max(abs(at[line]), RIDGE)
+    ends = []
+    for side in (-1.0, 1.0):
+        reached = at[line]
+        for number in range(1, 1 + round(1.0 / SAME)):
+            there = at.copy()
+            there[line] = np.clip(at[line] + side * number * step, model.lower[line], model.upper[line])
+            if there[line] == reached or not np.array_equal(model.change(there), here):
+                break
+            reached = there[line]
+        ends.append(reached)
+    middle = at.copy()
+    middle[line] = (ends[0] + ends[1]) / 2.0
+    return middle

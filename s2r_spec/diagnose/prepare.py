@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from s2r_spec.backend import Backend, HasDuration, load_backend
 from s2r_spec.diagnose import bank as banks
 from s2r_spec.diagnose.ask import FEWEST
-from s2r_spec.diagnose.evidence import LARGE, Evidence, Linear, believed, evidence, linear, posterior
-from s2r_spec.diagnose.joint import joint_fit
+from s2r_spec.diagnose.evidence import Evidence, Linear, believed, evidence, linear, posterior
+from s2r_spec.diagnose.joint import joint_fit, polished
 from s2r_spec.diagnose.judge import Judge, Sets, describe, train
 from s2r_spec.diagnose.layout import SHOTS, Layout
 from s2r_spec.diagnose.models import Catalogue, Part, Simulator, Surrogate, nominal_rows
@@ -38,6 +38,8 @@ SOURCES = (
     "axes", "design", "evidence", "joint", "judge", "layout", "logs", "models", "practice", "signatures",
 )  # fmt: skip
 """Modules on which a judge depends."""
+WIDE = 3.0
+"""Standard deviation of a named effect, in parts of its typical size, once its value is all that is asked for."""
 FREE = 5
 """Degrees of freedom from which on replicates say how much a machine scatters."""
 
@@ -66,8 +68,15 @@ class State:
         mean, _ = posterior(self.data, effects)
         at = np.clip((self.data.around + mean)[part.lines], part.lower, part.upper)
         first = self.surrogate.jacobian(part.all(at))[part.lines]
-        found = joint_fit(part, self.coefficients, self.variance, self.nuisances, at, first, LARGE)
+        found = joint_fit(part, self.coefficients, self.variance, self.nuisances, at, first, WIDE)
         return part.all(found.at), found.misfit
+
+    def polished(self, effects: Sequence[int], at: FloatArray) -> FloatArray:
+        """Return (K,) coordinates of these effects alone, from a fit of theirs, by looks along single lines."""
+        part = Part(self.simulator, effects)
+        return part.all(
+            polished(part, self.coefficients, self.variance, self.nuisances, at[part.lines], WIDE)
+        )
 
 
 def bench_of(spec: Spec, requirement: str, sim: Backend | str) -> Bench:

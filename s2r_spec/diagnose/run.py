@@ -116,6 +116,7 @@ def _answer(
     named = next(members for members, _ in ranked if members)
     tell("fitting the causes alone", 0, 1)
     at = simulated[named] if named in simulated else state.alone(named)[0]
+    at = state.polished(named, at)
     fitted = fit(state.data, state.surrogate.catalogue, named, state.judge.weights.temperature, at)
     far = _how_far(bench, state, held, {} if first_none else fitted.values, seed, executor, tell)
 
