@@ -13,6 +13,7 @@ from __future__ import annotations
 import json
 import sys
 import time
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -80,7 +81,8 @@ def measure(kind: str, count: int) -> dict[str, object]:
 
 def main() -> None:
     scale = float(sys.argv[1]) if len(sys.argv) > 1 else 1.0
-    results = [measure(kind, int(scale * count)) for kind, count in COUNTS.items()]
+    with ProcessPoolExecutor() as pool:
+        results = list(pool.map(measure, COUNTS, [int(scale * count) for count in COUNTS.values()]))
     record = {"machine": describe("numpy", "hypothesis"), "results": results}
     text = json.dumps(record, indent=2, ensure_ascii=False)
     Path(__file__).with_suffix(".txt").write_text(text + "\n")
