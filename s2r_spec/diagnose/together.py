@@ -27,7 +27,7 @@ MOST = 3
 """Effects in a set."""
 LEAST = 0.02
 """Least prior probability of a set that is tried."""
-TEMPERATURE = 20.0
+TEMPERATURE = 10.0
 """By which a difference of log likelihoods is divided before it is believed: the laws are not ours."""
 
 
