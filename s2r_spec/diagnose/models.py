@@ -30,7 +30,7 @@ SECONDS = 3.0
 """Of one core, that derivatives by simulation should take; with dearer rollouts they are taken at fewer tests."""
 TOO_LONG = 8.0
 """[s] from which on the bank's derivatives have to do."""
-A_LOOK = 0.6
+A_LOOK = 1.0
 """[s] that one look at the simulator should take; with dearer rollouts it is at fewer tests."""
 
 

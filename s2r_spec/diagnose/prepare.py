@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from s2r_spec.backend import Backend, HasDuration, load_backend
 from s2r_spec.diagnose import bank as banks
 from s2r_spec.diagnose.ask import FEWEST
-from s2r_spec.diagnose.evidence import Evidence, Linear, believed, evidence, linear, posterior
+from s2r_spec.diagnose.evidence import LARGE, Evidence, Linear, believed, evidence, linear, posterior
 from s2r_spec.diagnose.joint import joint_fit, polished
 from s2r_spec.diagnose.judge import Judge, Sets, describe, train
 from s2r_spec.diagnose.layout import SHOTS, Layout
@@ -68,7 +68,7 @@ class State:
         mean, _ = posterior(self.data, effects)
         at = np.clip((self.data.around + mean)[part.lines], part.lower, part.upper)
         first = self.surrogate.jacobian(part.all(at))[part.lines]
-        found = joint_fit(part, self.coefficients, self.variance, self.nuisances, at, first, WIDE)
+        found = joint_fit(part, self.coefficients, self.variance, self.nuisances, at, first, LARGE)
         return part.all(found.at), found.misfit
 
     def polished(self, effects: Sequence[int], at: FloatArray) -> FloatArray:
