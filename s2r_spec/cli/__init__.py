@@ -16,6 +16,7 @@ from s2r_spec.cli import (
     blind,
     certify,
     check,
+    choose,
     common,
     diagnose,
     fmt,
@@ -45,6 +46,7 @@ app.command()(diagnose.diagnose)
 app.add_typer(blind.app, name="blind")
 app.command()(plan.plan)
 app.command()(odds.odds)
+app.command()(choose.choose)
 app.command()(replay.replay)
 app.command(epilog=EXIT_CODES)(report.report)
 app.command()(backends.backends)

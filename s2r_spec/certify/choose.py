@@ -1,0 +1,67 @@
+"""Which of several controllers to take: the one with the best certified worst case.
+
+A gain, a controller, a setting of one is a backend. Every candidate is checked by
+itself, with its own δ_i; with probability ≥ 1 − Σ δ_i all intervals hold at once,
+whichever is then chosen, so that choosing after the data costs nothing more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from s2r_spec.certify.check import CheckResult
+from s2r_spec.errors import UsageError
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The candidate of the largest certified lower bound.
+
+    Attributes:
+        best: its place among the candidates; None when every certificate was refused.
+        lower: certified lower bound on its worst expected robustness.
+        regret: the best of all candidates has a worst case that is at most so much better.
+        delta: 1 − probability of all of it.
+        refused: places of candidates whose certificate bounds nothing; nothing is said of them.
+    """
+
+    best: int | None
+    lower: float
+    regret: float
+    delta: float
+    refused: tuple[int, ...]
+
+
+def choose(results: Sequence[CheckResult]) -> Choice:
+    """Choose among checks of one requirement.
+
+    Raises:
+        UsageError: there are fewer than two, or they are not of the same spec and requirement.
+    """
+    if len(results) < 2:
+        raise UsageError("a choice needs at least two checks, one of each candidate")
+    first = results[0]
+    for other in results[1:]:
+        same = other.provenance["spec_hash"] == first.provenance["spec_hash"]
+        if not same or other.requirement != first.requirement:
+            raise UsageError(
+                f"{other.folder} checks {other.requirement!r} of another spec than {first.folder}: "
+                f"worst cases of different requirements cannot be compared"
+            )
+        if any(
+            one.provenance["backend"] == other.provenance["backend"] for one in results if one is not other
+        ):
+            raise UsageError(
+                f"{other.provenance['backend']!r} is among the candidates twice; name each backend once"
+            )
+    refused = tuple(i for i, r in enumerate(results) if not r.certificate.label.bounds)
+    able = [i for i in range(len(results)) if i not in refused]
+    delta = min(1.0, sum(r.certificate.delta for r in results))
+    if not able:
+        return Choice(None, float("-inf"), float("inf"), delta, refused)
+    best = max(able, key=lambda i: results[i].lower)
+    regret = (
+        max(0.0, max(results[i].upper for i in able if i != best) - results[best].lower) if able[1:] else 0.0
+    )
+    return Choice(best, results[best].lower, regret, delta, refused)

@@ -1,0 +1,23 @@
+import json
+
+
+def test_the_controller_with_the_best_certified_worst_case_is_chosen(s2r):
+    spec = s2r.spec()
+    s2r("check", spec, "-b", "toy:drag", "-q", "--run", "a")
+    s2r("check", spec, "-b", "toy", "-q", "--run", "b", code=0)
+    found = json.loads(s2r("choose", "a", "b", "--json", code=0).stdout)
+    bounds = {one["backend"]: one for one in found["candidates"]}
+    assert set(bounds) == {"toy:drag", "toy"}
+    assert found["best"] == max(bounds, key=lambda name: bounds[name]["lower"]) == "toy"
+    assert found["delta"] == 2e-3  # the spec's, of each
+    assert found["regret"] == max(0.0, bounds["toy:drag"]["upper"] - bounds["toy"]["lower"])
+    text = s2r("choose", "a", "b", code=0).stdout
+    assert "take toy: its worst expected ρ is at least" in text
+    assert text.count("→") == 1
+
+
+def test_a_choice_needs_checks_that_can_be_compared(s2r):
+    spec = s2r.spec()
+    s2r("check", spec, "-b", "toy", "-q", "--run", "a", code=0)
+    assert "at least two" in s2r("choose", "a", code=2).stderr
+    assert "twice" in s2r("choose", "a", "a", code=2).stderr
