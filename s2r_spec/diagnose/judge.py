@@ -1,4 +1,4 @@
-"""The judge: evidence and a trained network, weighed on practice cases so that a probability means what it says."""
+"""The judge: evidence and trained networks, weighed against each other by fixed numbers."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ FloatArray = NDArray[np.float64]
 CASES = 400
 """Practice cases that the network learns from, per effect of the catalogue."""
 JUDGED = 35
-"""Further ones per effect, on which its vote is weighed against the evidence."""
+"""Further ones per effect, on which the detector of unknown causes learns, and on which is told how the rest did."""
 ABSENT = 0.6
 """Part of these that is judged again with a true effect taken out of the catalogue."""
 STRANGE = 0.3
@@ -46,7 +46,8 @@ class Weights:
 
     On practice cases the networks are at home and the evidence is not needed; on a machine it is the other
     way round. So these come from twins by other code, made for development and never used for a score
-    (``benchmarks/blind/weigh.py``), and are the same for every backend.
+    (``benchmarks/blind/weigh.py``), and are the same for every backend. That code also makes the sealed sets of the
+    axis, with other seeds: for a machine of a third kind the numbers are untested.
 
     A set A of effects scores  log evidence / temperature + trust · log P_network(A) − penalty[|A|].
     """
@@ -82,7 +83,7 @@ class Judge:
         weights: see there.
         stranger: P(the cause is not in the catalogue).
         threshold: of that, above which an alarm is given.
-        practice: how it did on practice cases that it did not see.
+        practice: how it did on practice cases that the networks did not see.
     """
 
     effects: tuple[str, ...]

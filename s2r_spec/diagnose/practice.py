@@ -1,4 +1,4 @@
-"""Cases made from the bank, on which the diagnosis learns how far to trust itself.
+"""Cases made from the bank, from which the networks and the detector of unknown causes learn.
 
 A case is one, two or three effects of random size, or none, with what a real
 machine adds: laws of another form, a little of every other effect, numerics that
