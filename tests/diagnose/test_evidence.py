@@ -1,0 +1,117 @@
+"""The evidence is that of the Gaussian model which the documentation states, and the joint fit finds what is there."""
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from s2r_spec.diagnose.evidence import ALLOWED, LARGE, Linear, evidence, posterior
+from s2r_spec.diagnose.joint import joint_fit, polished
+
+EFFECTS, SIZE = 4, 30
+
+
+def drawn(seed, amounts, side=0):
+    rng = np.random.default_rng(seed)
+    j = rng.normal(size=(EFFECTS, SIZE))
+    y = np.array(amounts) @ j + rng.normal(size=SIZE)
+    names = tuple("abcd")
+    none = np.zeros(EFFECTS)
+    data = Linear(
+        names,
+        np.arange(EFFECTS),
+        none.astype(bool),
+        np.full(EFFECTS, side),
+        j @ j.T,
+        j @ y,
+        float(y @ y),
+        float(y @ y) / SIZE,
+        none,
+        SIZE,
+    )
+    return data, j, y
+
+
+def density(j, y, chosen):
+    spread = np.where(np.isin(np.arange(EFFECTS), chosen), LARGE, ALLOWED)
+    return multivariate_normal(cov=np.eye(SIZE) + (j.T * spread**2) @ j).logpdf(y)
+
+
+def test_log_evidence_is_that_of_the_stated_model():
+    data, j, y = drawn(0, [0.8, 0.0, -0.5, 0.02])
+    found = evidence(data)
+    exact = np.array([density(j, y, s) for s in found.members])
+    np.testing.assert_allclose(found.logs - found.logs[0], exact - exact[0], atol=1e-9)
+    assert {len(s) for s in found.members} == {0, 1, 2, 3}
+
+
+def test_the_posterior_is_that_of_the_stated_model():
+    data, j, y = drawn(1, [0.8, 0.0, 0.0, 0.0])
+    spread = np.array([LARGE, ALLOWED, ALLOWED, ALLOWED])
+    prior = np.diag(spread**2)
+    gain = prior @ j @ np.linalg.inv(np.eye(SIZE) + j.T @ prior @ j)
+    mean, covariance = posterior(data, (0,))
+    np.testing.assert_allclose(mean, gain @ y, atol=1e-9)
+    np.testing.assert_allclose(covariance, prior - gain @ j.T @ prior, atol=1e-9)
+
+
+def test_an_effect_of_one_sign_gains_on_its_side_and_loses_on_the_other():
+    free, *_ = drawn(2, [0.7, 0.0, 0.0, 0.0])
+    right, *_ = drawn(2, [0.7, 0.0, 0.0, 0.0], side=1)
+    wrong, *_ = drawn(2, [0.7, 0.0, 0.0, 0.0], side=-1)
+    place = evidence(free).members.index((0,))
+    gains = [evidence(data).logs[place] - evidence(free).logs[place] for data in (right, wrong)]
+    assert gains[0] == pytest.approx(np.log(2.0), abs=0.05)
+    assert gains[1] < -3.0
+
+
+class Bent:
+    """Two effects that bend and interact; its derivatives are right, the first ones that it is given are not."""
+
+    lower, upper, based = np.zeros(2), np.full(2, 2.0), np.zeros(2, dtype=bool)
+
+    def __init__(self):
+        self.j = np.random.default_rng(3).normal(size=(2, 1, 40))
+
+    def change(self, at):
+        bent = at + 0.3 * at**2
+        return np.tensordot(bent, self.j, 1) + 0.4 * at[0] * at[1] * self.j[::-1][0]
+
+    def jacobian(self, at, change):
+        step = 1e-6 * np.eye(2)
+        return np.array([(self.change(at + s) - change) / 1e-6 for s in step])
+
+
+def test_the_joint_fit_ends_where_the_model_is_and_not_where_the_first_derivatives_point():
+    model, true = Bent(), np.array([1.2, 0.4])
+    data = model.change(true)
+    rough = model.j * np.array([0.4, 2.0])[:, None, None]
+    found = joint_fit(
+        model, data, np.full(data.shape, 1e-4), np.zeros((0, *data.shape)), np.zeros(2), rough, 3.0
+    )
+    np.testing.assert_allclose(found.at, true, atol=0.02)
+
+
+def test_what_nuisances_explain_is_no_lines_doing():
+    model = Bent()
+    nuisance = np.random.default_rng(4).normal(size=(1, 1, 40))
+    data = model.change(np.array([0.5, 0.0])) + 0.8 * nuisance[0]
+    variance = np.full(data.shape, 1e-2)
+    with_it = joint_fit(model, data, variance, nuisance, np.zeros(2), model.j, 3.0)
+    without = joint_fit(model, data, variance, nuisance[:0], np.zeros(2), model.j, 3.0)
+    assert with_it.misfit < 0.05 < without.misfit
+
+
+class Steps(Bent):
+    """A delay in whole samples of a tenth."""
+
+    def change(self, at):
+        return np.round(at[:1] / 0.1)[:, None] * 0.1 * self.j[0]
+
+
+def test_what_whole_samples_leave_open_is_centred():
+    model = Steps()
+    data = model.change(np.array([0.7, 0.0]))
+    at = polished(
+        model, data, np.full(data.shape, 1e-4), np.zeros((0, *data.shape)), np.array([0.52, 0.0]), 3.0
+    )
+    assert at[0] == pytest.approx(0.7, abs=0.03)
