@@ -211,3 +211,32 @@ def test_a_scheduler_that_goes_away(cluster, monkeypatch):
         cluster.close()
         with pytest.raises(BackendError, match=f"the Dask scheduler at {address} is gone"):
             list(answers)
+
+
+def test_a_pool_that_is_kept_open_is_made_once_and_closed_once():
+    made, closed = [], []
+
+    class Counted(Executor):
+        def submit(self, function, /, *arguments, **named):
+            done: Future = Future()
+            done.set_result(function(*arguments, **named))
+            return done
+
+        def shutdown(self, wait=True, *, cancel_futures=False):
+            closed.append(self)
+
+    def factory():
+        made.append(Counted())
+        return made[-1]
+
+    with pools.kept_open(factory) as lend:
+        for number in range(3):
+            with lend() as pool:
+                assert pool.submit(abs, -number).result() == number
+        assert (len(made), len(closed)) == (1, 0)
+    assert closed == made
+    with pools.kept_open(factory):
+        pass  # nobody asked for it
+    assert len(made) == 1
+    with pools.kept_open(None) as lend:
+        assert lend is None
