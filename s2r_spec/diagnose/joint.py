@@ -70,6 +70,20 @@ class Joint:
     misfit: float
 
 
+class _Measure:
+    """How much of a remainder neither its variance nor the nuisances explain."""
+
+    def __init__(self, variance: FloatArray, nuisances: FloatArray) -> None:
+        self.root = 1.0 / np.sqrt(variance)
+        self.nuisances = nuisances.reshape(len(nuisances), variance.size) * self.root.ravel()
+        self._inner = np.linalg.inv(np.eye(len(nuisances)) + self.nuisances @ self.nuisances.T)
+
+    def __call__(self, rest: FloatArray) -> float:
+        left = (rest * self.root).ravel()
+        explained = self.nuisances @ left
+        return float(left @ left - explained @ self._inner @ explained)
+
+
 def joint_fit(
     model: Model,
     data: FloatArray,
@@ -90,23 +104,17 @@ def joint_fit(
         first: (K, q, k) rough derivatives for the first step.
         ridge: standard deviation of a coordinate before the data are seen.
     """
-    root = 1.0 / np.sqrt(variance)
+    measure = _Measure(variance, nuisances)
     middle = np.where(model.based, begin, 0.0)
     prior = np.where(model.based, TURN, ridge) ** -2.0
 
-    count = len(nuisances)
-    n = nuisances.reshape(count, data.size) * root.ravel()
-    inner = np.linalg.inv(np.eye(count) + n @ n.T)
-
     def cost(at: FloatArray, rest: FloatArray) -> float:
-        left = (rest * root).ravel()
-        of_no_line = n @ left
-        return float(left @ left - of_no_line @ inner @ of_no_line + (prior * (at - middle) ** 2).sum())
+        return measure(rest) + float((prior * (at - middle) ** 2).sum())
 
     def wanted(at: FloatArray, rest: FloatArray, jacobian: FloatArray) -> FloatArray:
-        j = np.concatenate([(jacobian * root).reshape(len(at), -1), n])
-        y = ((rest + np.tensordot(at - middle, jacobian, 1)) * root).ravel()
-        weight = np.concatenate([prior, np.ones(count)])
+        j = np.concatenate([(jacobian * measure.root).reshape(len(at), -1), measure.nuisances])
+        y = ((rest + np.tensordot(at - middle, jacobian, 1)) * measure.root).ravel()
+        weight = np.concatenate([prior, np.ones(len(nuisances))])
         found: FloatArray = np.linalg.solve(j @ j.T + np.diag(weight), j @ y)
         return middle + found[: len(at)]
 
@@ -136,9 +144,7 @@ def joint_fit(
             jacobian, own = model.jacobian(at, change), True
         elif small or not accepted:
             break
-    left = (rest * root).ravel()
-    unexplained = float(left @ left - (n @ left) @ inner @ (n @ left)) / data.size
-    return Joint(at, rest, jacobian, unexplained)
+    return Joint(at, rest, jacobian, measure(rest) / data.size)
 
 
 def polished(
@@ -148,15 +154,10 @@ def polished(
 
     A delay in whole samples, or friction that holds, has no derivative to follow.
     """
-    root = (1.0 / np.sqrt(variance)).ravel()
-    n = nuisances.reshape(len(nuisances), data.size) * root
-    inner = np.linalg.inv(np.eye(len(n)) + n @ n.T)
+    measure = _Measure(variance, nuisances)
 
     def cost(there: FloatArray) -> float:
-        left = (data - model.change(there)).ravel() * root
-        return float(left @ left - (n @ left) @ inner @ (n @ left)) + float(
-            ((there[~model.based] / ridge) ** 2).sum()
-        )
+        return measure(data - model.change(there)) + float(((there[~model.based] / ridge) ** 2).sum())
 
     best = cost(at)
     for reach in REACHES:
