@@ -138,7 +138,9 @@ def main() -> None:
     parser.add_argument("--output", type=Path, default=RESULTS)
     options = parser.parse_args()
     load = os.getloadavg()[0]
-    rates = {str(count): throughput(count, options.rollouts) for count in (1, 2)}
+    # In turns, the best of each: others use the machine, too, and never make it faster.
+    turns = [{str(count): throughput(count, options.rollouts) for count in (1, 2)} for _ in range(3)]
+    rates = {count: max(turn[count] for turn in turns) for count in ("1", "2")}
     with tempfile.TemporaryDirectory() as folder:
         added = overhead(Path(folder))
     helped = help_time(9)

@@ -41,7 +41,7 @@ from random_functions import binomial_interval
 
 RESULTS = Path(__file__).parent / "results" / "repeatability.json"
 BOUNDS = (0.5, 1.0, 1.5, 2.0, 3.0, 5.0)
-R, DELTA, EPSILON, LENGTHSCALE = 0.05, 1e-6, 0.02, 0.2
+R, DELTA, EPSILON, LENGTHSCALE = 0.05, 1e-6, 0.02, 0.15
 PAPERS_SPREAD = 0.009
 
 

@@ -10,7 +10,7 @@ interval that holds with probability ≥ 1 − 2e-6. Four ways to it, by rollout
 
 Every way knows the same noise R, and a norm bound that is true: the machine is made of a bank of recorded
 rollouts (``bank.py``), so that the norms of ρ and of the gap are known, and each way is given the smallest
-of {1.5, 3, 6} that is at least the norm of what it samples. This is where the simulator saves anything:
+of {0.75, 1.5, 3, 6} that is at least the norm of what it samples. This is where the simulator saves anything:
 what it gets right cancels in the gap, which is then smoother than ρ. With the same B for both the gap costs
 *more* rollouts than ρ, since a difference is noisier than its parts; that line is drawn, too. For the last
 two ways the best number of tests is chosen for them in hindsight. ::
@@ -42,8 +42,8 @@ from s2r_spec.certify.sides import SIMULATED_PER_REAL
 
 RESULTS = Path(__file__).parent / "results" / "savings.json"
 REAL = "twin:lab"
-R, DELTA, LENGTHSCALE = 0.01, 1e-6, 0.2
-BOUNDS = (1.5, 3.0, 6.0)
+R, DELTA, LENGTHSCALE = 0.01, 1e-6, 0.15
+BOUNDS = (0.75, 1.5, 3.0, 6.0)
 # The searches go on until their interval is this wide; it decides how finely they divide the box.
 FINEST, MOST = 0.02, 1500
 SIMULATORS = 0.005

@@ -12,6 +12,8 @@ from s2r_spec.blind.hashes import read_json
 from s2r_spec.blind.unseal import OPENED
 
 SURE = 0.9
+MOVES = 3.0
+"""An effect moves ρ if it does so by more than so many times the mean |ρ_real − E ρ_sim| of scatter alone."""
 SMALLEST = 1e-3
 """No probability counts as less in the log score."""
 
@@ -106,6 +108,20 @@ def score(cases: Answers) -> dict[str, Any]:
         "sure": Rate(len(sure), len(cases)),
         "true value in its 90 % interval": _coverage(single),
     }
+    for name, some in (("single", single), ("pair", pair)):
+        moving = [(label, a) for label, a in some if _moves(label, a)]
+        if moving:
+            rates |= {
+                f"that moves ρ: first answer right, {name}": _rate(
+                    moving, lambda label, a: ranked(a)[0][0] == truth(label)
+                ),
+                f"that moves ρ: likeliest named right, {name}": _rate(
+                    moving, lambda label, a: _named(a)[0] == truth(label)
+                ),
+                f"that moves ρ: likeliest effect right, {name}": _rate(
+                    moving, lambda label, a: _members(a)[0] in truth(label)
+                ),
+            }
     relatives = [(label, a) for label, a in unknown if label.get("relative_of")]
     rates["nearest is the relative"] = _rate(
         relatives, lambda label, a: label["relative_of"] in [n for s, _ in _named(a)[1][:2] for n in s]
@@ -138,6 +154,12 @@ def _members(answer: Mapping[str, Any]) -> list[str]:
 
 def _material(answer: Mapping[str, Any]) -> bool:
     return bool(answer["how_far"] and answer["how_far"]["material"])
+
+
+def _moves(label: Mapping[str, Any], answer: Mapping[str, Any]) -> bool:
+    """Return whether the label says that its effects move ρ by more than :data:`MOVES` times its scatter."""
+    far = answer["how_far"]
+    return bool(far and label.get("moved") is not None and label["moved"] > MOVES * far["floor"])
 
 
 def _probability(label: Mapping[str, Any], answer: Mapping[str, Any]) -> float:
@@ -175,6 +197,7 @@ def _coverage(cases: Answers) -> Rate:
 def _shrink(cases: Answers, kind: str) -> dict[str, Any]:
     """Return how much of the held-out gap above its floor the patch closed, over cases with a material gap."""
     far = [a["how_far"] for _, a in cases if _material(a) and a["how_far"]["after"]]
+    tuned = [f for f in far if f.get("tuned")]
     if not far:
         return {}
     above = sum(f["before"]["mean"] - f["floor"] for f in far)
@@ -187,6 +210,11 @@ def _shrink(cases: Answers, kind: str) -> dict[str, Any]:
             "ratio of sums": round(closed / above, 4),
             "median share": round(shares[len(shares) // 2], 4) if shares else None,
             "mean share of oracle": _mean(oracle),
+            "ratio of sums, a little of every other effect added": round(
+                sum(f["before"]["mean"] - f["tuned"]["mean"] for f in tuned) / above, 4
+            )
+            if len(tuned) == len(far)
+            else None,
         }
     }
 

@@ -187,6 +187,13 @@ def posterior(data: Linear, chosen: Sequence[int]) -> tuple[FloatArray, FloatArr
     return mean, covariance
 
 
+def explained(data: Linear, chosen: Sequence[int]) -> float:
+    """Return what the posterior mean of this set costs: what it leaves of the data, and how unlikely it is itself."""
+    mean, _ = posterior(data, chosen)
+    # At the mean, (G + S⁻²) m = Jᵀy.
+    return data.energy - float(mean @ data.toward)
+
+
 def _spreads(data: Linear, sets: Sequence[Set]) -> FloatArray:
     """Return (sets, K) standard deviations of the coordinates before the data are seen."""
     usual = np.where(data.based, TURN, ALLOWED)

@@ -62,12 +62,14 @@ class Joint:
         rest: (q, k) that is left of the data.
         jacobian: (K, q, k).
         misfit: mean square of what neither lines nor nuisances explain, in units of what is believed.
+        cost: the same as a sum, and what the coordinates cost by what was believed of them.
     """
 
     at: FloatArray
     rest: FloatArray
     jacobian: FloatArray
     misfit: float
+    cost: float
 
 
 class _Measure:
@@ -91,7 +93,8 @@ def joint_fit(
     nuisances: FloatArray,
     begin: FloatArray,
     first: FloatArray,
-    ridge: float = RIDGE,
+    ridge: float | FloatArray = RIDGE,
+    exact: bool = False,
 ) -> Joint:
     """Fit all lines to data (q, k), known up to ``variance`` (q, k).
 
@@ -101,8 +104,9 @@ def joint_fit(
         variance: of these.
         nuisances: (v, q, k) that may be there at unit size, and are no line's doing.
         begin: (K,) coordinates to start from.
-        first: (K, q, k) rough derivatives for the first step.
-        ridge: standard deviation of a coordinate before the data are seen.
+        first: (K, q, k) derivatives for the first step.
+        ridge: standard deviation of a coordinate before the data are seen, one for all or (K,).
+        exact: whether ``first`` are the model's own already, so that they are not asked for again.
     """
     measure = _Measure(variance, nuisances)
     middle = np.where(model.based, begin, 0.0)
@@ -122,7 +126,7 @@ def joint_fit(
     change = model.change(at) if np.any(begin[~model.based]) else np.zeros_like(data)
     rest = data - change
     best = cost(at, rest)
-    own = False
+    own = exact
     for _ in range(ROUNDS):
         aim = wanted(at, rest, jacobian)
         accepted = small = False
@@ -144,7 +148,7 @@ def joint_fit(
             jacobian, own = model.jacobian(at, change), True
         elif small or not accepted:
             break
-    return Joint(at, rest, jacobian, measure(rest) / data.size)
+    return Joint(at, rest, jacobian, measure(rest) / data.size, best)
 
 
 def polished(

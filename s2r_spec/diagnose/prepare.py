@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from s2r_spec.backend import Backend, HasDuration, load_backend
 from s2r_spec.diagnose import bank as banks
 from s2r_spec.diagnose.ask import FEWEST
-from s2r_spec.diagnose.evidence import LARGE, Evidence, Linear, believed, evidence, linear, posterior
-from s2r_spec.diagnose.joint import joint_fit, polished
+from s2r_spec.diagnose.evidence import ALLOWED, LARGE, Evidence, Linear, believed, evidence, linear, posterior
+from s2r_spec.diagnose.joint import Joint, joint_fit, polished
 from s2r_spec.diagnose.judge import Judge, Sets, describe, train
 from s2r_spec.diagnose.layout import SHOTS, Layout
 from s2r_spec.diagnose.models import Catalogue, Part, Simulator, Surrogate, nominal_rows
@@ -61,6 +61,7 @@ class State:
     simulator: Simulator
     coefficients: FloatArray
     variance: FloatArray
+    fitted: Joint
 
     def alone(self, effects: Sequence[int]) -> tuple[FloatArray, float]:
         """Return (K,) coordinates at which the simulator with these effects, and no others, fits best; misfit."""
@@ -70,6 +71,34 @@ class State:
         first = self.surrogate.jacobian(part.all(at))[part.lines]
         found = joint_fit(part, self.coefficients, self.variance, self.nuisances, at, first, LARGE)
         return part.all(found.at), found.misfit
+
+    def beside(self, effects: Sequence[int]) -> Joint:
+        """Return the best fit with these effects as causes, and of all others no more than a little each."""
+        catalogue = self.surrogate.catalogue
+        mean, _ = posterior(self.data, effects)
+        mine = np.isin(catalogue.owner, effects)
+        begins = [np.clip(self.data.around + mean, catalogue.lower, catalogue.upper)]
+        turning = mine & catalogue.based
+        if turning.any():
+            # A phase has more than one valley: also start where the rest of the data want it.
+            others = np.where(mine | catalogue.based, 0.0, begins[0])
+            rest = self.coefficients - np.tensordot(others, self.fitted.jacobian, 1)
+            begins.append(np.where(turning, self.surrogate.turned(rest, self.variance), begins[0]))
+        spread = np.where(mine, LARGE, ALLOWED)
+        fits = [
+            joint_fit(
+                self.simulator,
+                self.coefficients,
+                self.variance,
+                self.nuisances,
+                begin,
+                self.fitted.jacobian,
+                spread,
+                exact=True,
+            )
+            for begin in begins
+        ]
+        return min(fits, key=lambda fit: fit.cost)
 
     def polished(self, effects: Sequence[int], at: FloatArray) -> FloatArray:
         """Return (K,) coordinates of these effects alone, from a fit of theirs, by looks along single lines."""
@@ -173,6 +202,7 @@ def prepare(
         simulator,
         data,
         variance,
+        fitted,
     )
 
 

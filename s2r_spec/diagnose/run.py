@@ -19,7 +19,7 @@ from s2r_spec.diagnose.ask import Rollouts, real_rollouts
 from s2r_spec.diagnose.design import unit_box
 from s2r_spec.diagnose.diagnosis import Diagnosis, Verdict, Which
 from s2r_spec.diagnose.estimate import fit
-from s2r_spec.diagnose.evidence import BACKGROUND, Set
+from s2r_spec.diagnose.evidence import BACKGROUND
 from s2r_spec.diagnose.how_far import HowFar, how_far
 from s2r_spec.diagnose.isolability import isolability
 from s2r_spec.diagnose.next_test import next_test
@@ -107,18 +107,17 @@ def _answer(
 ) -> Diagnosis:
     effects = state.judge.effects
     ranked = state.sets.ranked()
+    weighed = together(state, lambda done, of: tell("simulating sets", done, of))
+    state = replace(state, sets=weighed.sets)
+    ranked = state.sets.ranked()
     first_none = not ranked[0][0]
-    simulated: dict[Set, FloatArray] = {}
-    if not first_none and state.simulator.dear:
-        found = together(state, lambda done, of: tell("simulating sets", done, of))
-        state, simulated = replace(state, sets=found.sets), found.at
-        ranked = state.sets.ranked()
     named = next(members for members, _ in ranked if members)
     tell("fitting the causes alone", 0, 1)
-    at = simulated[named] if named in simulated else state.alone(named)[0]
-    at = state.polished(named, at)
+    beside = weighed.fits[ranked[0][0]] if ranked[0][0] in weighed.fits else state.beside(ranked[0][0])
+    at = state.polished(named, state.alone(named)[0])
     fitted = fit(state.data, state.surrogate.catalogue, named, state.judge.weights.temperature, at)
-    far = _how_far(bench, state, held, {} if first_none else fitted.values, seed, executor, tell)
+    tuned = state.surrogate.catalogue.values(beside.at)
+    far = _how_far(bench, state, held, {} if first_none else fitted.values, tuned, seed, executor, tell)
 
     unknown = state.unknown
     alarm = unknown > state.judge.threshold and not first_none
@@ -207,6 +206,7 @@ def _how_far(
     state: State,
     held: list[tuple[dict[str, float], Trace]],
     values: Mapping[str, Mapping[str, float]],
+    tuned: Mapping[str, Mapping[str, float]],
     seed: int,
     executor: Callable[[], Executor] | None,
     tell: Progress,
@@ -222,7 +222,7 @@ def _how_far(
         for shot in range(SHOTS)
     )
     short = replace(bench, features=None)
-    jobs = [Job({}, runs)] + ([Job(values, runs)] if values else [])
+    jobs = [Job({}, runs), Job(tuned, runs)] + ([Job(values, runs)] if values else [])
     rows = run_jobs(short, jobs, None, lambda done, of: tell("held-out tests", done, of))
     place = {tuple(sorted(test.items())): i for i, test in enumerate(distinct)}
     at = [place[tuple(sorted(test.items()))] for test in tests]
@@ -232,7 +232,8 @@ def _how_far(
     return how_far(
         real,
         means[0],
-        means[1] if values else None,
+        means[2] if values else None,
+        means[1],
         tests,
         noise,
         _background(state, bench, tests),

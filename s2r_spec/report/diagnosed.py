@@ -134,9 +134,13 @@ def shrink_rows(far: HowFar) -> tuple[tuple[str, str], ...]:
     if far.after is not None:
         rows.append(("after", _gap(far.after)))
     rows.append(("floor", f"{far.floor:.3g} (scatter alone)"))
-    if far.share is not None:
-        value, low, high = (round(100 * part) for part in far.share)
-        rows.append(("closed", f"{value} % of what lies above the floor (95 %: {low} to {high} %)"))
+    for name, part, words in (
+        ("closed", far.share, "of what lies above the floor"),
+        ("tuned", far.tuned_share, "with a little of every other effect as well"),
+    ):
+        if part is not None:
+            value, low, high = (round(100 * end) for end in part)
+            rows.append((name, f"{value} % {words} (95 %: {low} to {high} %)"))
     return tuple(rows)
 
 

@@ -20,7 +20,7 @@ from s2r_spec.space import Space
 from s2r_spec.spec import load_spec
 from s2r_spec.trace import Trace
 
-VERSION = "emps/2"
+VERSION = "emps/3"
 """Of this generator; it goes into every label."""
 SPEC = Path(__file__).parents[3] / "specs" / "emps_tracking.stl"
 DURATION = 2.5
@@ -31,6 +31,8 @@ KINDS: tuple[CaseKind, ...] = get_args(CaseKind)
 MIX: Mapping[CaseKind, float] = {"single": 0.5, "pair": 0.2, "triple": 0.05, "unknown": 0.15, "null": 0.1}
 BACKGROUND = 0.05
 """Of its largest size: the standard deviation of every effect that the case is not about."""
+PROBES = 6
+"""Of its tests at which is measured how far a case's effects move ρ."""
 _UNITS = {"q_ref": "m", "q": "m", "v": "m/s", "u": "V", "force": "N"}
 
 Rollouts = list[tuple[dict[str, float], Trace]]
@@ -56,6 +58,8 @@ class Plan:
     """A case before it has run."""
 
     machine: Machine
+    bare: Machine
+    """The same without the effects that are to be found out."""
     tests: list[dict[str, float]]
     further: list[dict[str, float]]
     nuisances: list[Nuisance]
@@ -70,7 +74,7 @@ def make_case(rng: Generator, kind: CaseKind, budget: int = 30, held_out: int = 
 def plan(rng: Generator, kind: CaseKind, budget: int, held_out: int = 0) -> Plan:
     """Draw everything that a case is made of."""
     kinds = chosen(rng, kind)
-    machine, effects, where = machine_of(rng, kinds)
+    machine, bare, effects, where = machine_of(rng, kinds)
     label: dict[str, Any] = {
         "kind": kind,
         "effects": effects,
@@ -81,39 +85,52 @@ def plan(rng: Generator, kind: CaseKind, budget: int, held_out: int = 0) -> Plan
         label["where"] = where
     tests, further = drawn_tests(rng, budget), stratified(rng, held_out)
     nuisances = [drawn_nuisance(rng) for _ in range(budget + held_out)]
-    return Plan(machine, tests, further, nuisances, label)
+    return Plan(machine, bare, tests, further, nuisances, label)
 
 
 def realise(plans: Sequence[Plan]) -> list[Case]:
     """Run the cases of these plans, all rollouts side by side."""
-    tests = [test for each in plans for test in (*each.tests, *each.further)]
+    cases = [
+        Case(runs[: len(each.tests)], runs[len(each.tests) :], dict(each.label))
+        for each, runs in zip(plans, _runs([(e.machine, (*e.tests, *e.further), e.nuisances) for e in plans]), strict=True)
+    ]
+    moved = [(each, case) for each, case in zip(plans, cases, strict=True) if each.label["effects"]]
+    others = _runs([(e.bare, e.tests[:PROBES], e.nuisances[:PROBES]) for e, _ in moved])
+    for (_, case), bare in zip(moved, others, strict=True):
+        away = [abs(_rho(trace, test) - _rho(other, test)) for (test, trace), (_, other) in zip(case.rollouts, bare)]
+        case.label["moved"] = float(f"{np.mean(away):.4g}")
+    return cases
+
+
+def _rho(trace: Trace, test: Mapping[str, float]) -> float:
+    spec = load_spec(SPEC)
+    return spec.robustness(trace, dict(test))[spec.requirements[0]]
+
+
+def _runs(asked: Sequence[tuple[Machine, Sequence[dict[str, float]], Sequence[Nuisance]]]) -> list[Rollouts]:
+    """Run every machine at its tests, all side by side."""
+    if not asked:
+        return []
+    tests = [test for _, some, _ in asked for test in some]
     ticks = round(DURATION / TICK) + 1
     moves = [move(Test(**read_test(test)), ticks) for test in tests]
     references, powered = np.stack([m[0] for m in moves]), np.stack([m[1] for m in moves])
     logs = run(
-        [each.machine for each in plans for _ in each.nuisances],
+        [machine for machine, some, _ in asked for _ in some],
         [test.get("payload", 0.0) for test in tests],
         references,
         powered,
-        [nuisance for each in plans for nuisance in each.nuisances],
+        [nuisance for _, _, nuisances in asked for nuisance in nuisances],
     )
     times = TICK * np.arange(ticks)
     traces = [
         Trace(times, {"q_ref": asked, "q": q, "v": v, "u": u, "force": GTAU * u}, _UNITS)
         for asked, q, v, u in zip(references, logs["q"], logs["v"], logs["u"], strict=True)
     ]
-    cases, first = [], 0
-    for each in plans:
-        middle, last = first + len(each.tests), first + len(each.nuisances)
-        cases.append(
-            Case(
-                list(zip(each.tests, traces[first:middle], strict=True)),
-                list(zip(each.further, traces[middle:last], strict=True)),
-                each.label,
-            )
-        )
-        first = last
-    return cases
+    out, rest = [], iter(zip(tests, traces, strict=True))
+    for _, some, _ in asked:
+        out.append([next(rest) for _ in some])
+    return out
 
 
 def chosen(rng: Generator, kind: CaseKind) -> list[Kind]:
@@ -129,8 +146,8 @@ def chosen(rng: Generator, kind: CaseKind) -> list[Kind]:
 
 def machine_of(
     rng: Generator, kinds: Sequence[Kind], background: float = BACKGROUND
-) -> tuple[Machine, dict[str, dict[str, float]], dict[str, list[float]]]:
-    """Return an axis with these effects and a little of every other one, the label's values, and where they act."""
+) -> tuple[Machine, Machine, dict[str, dict[str, float]], dict[str, list[float]]]:
+    """Return an axis with these effects and a little of every other one, the same without, values, and where they act."""
     machine = Machine()
     if background:
         machine = replace(
@@ -148,6 +165,7 @@ def machine_of(
         if amount and kind.name not in names:
             fields, _ = kind.made(amount if kind.signed else abs(amount), rng)
             machine = replace(machine, **fields)
+    bare = machine
     effects: dict[str, dict[str, float]] = {}
     where: dict[str, list[float]] = {}
     for kind in kinds:
@@ -157,7 +175,7 @@ def machine_of(
         effects[kind.name] = {name: float(f"{value:.6g}") for name, value in values.items()}
         if kind.where:
             where |= {name: [round(end, 4) for end in ends] for name, ends in kind.where(fields).items()}
-    return machine, effects, where
+    return machine, bare, effects, where
 
 
 def drawn_tests(rng: Generator, budget: int) -> list[dict[str, float]]:
