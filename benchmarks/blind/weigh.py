@@ -3,7 +3,7 @@
     python benchmarks/blind/weigh.py emps FOLDER     # FOLDER: what a generator wrote, with labels
 
 Reads public/ and sealed/ of a set that was made with a seed and is used for nothing else, and prints
-the log score of the sets' probabilities over a grid of temperatures, the other weights fitted to each.
+the log score of the sets' probabilities over how many features count as independent, the other weights fitted to each.
 What is in s2r_spec/diagnose/judge.py (WEIGHTS) was rounded from this.
 """
 
@@ -21,17 +21,18 @@ from scipy.optimize import minimize
 from s2r_spec.backend import load_backend
 from s2r_spec.diagnose import bank as banks
 from s2r_spec.diagnose.ask import real_rollouts
-from s2r_spec.diagnose.judge import votes
+from s2r_spec.diagnose.judge import COLDEST, votes
 from s2r_spec.diagnose.prepare import bench_of, prepare
+from s2r_spec.diagnose.together import together
 from s2r_spec.spec import load_spec
 
 FloatArray = NDArray[np.float64]
-Row = tuple[FloatArray, FloatArray, NDArray[np.intp], int]
+Row = tuple[FloatArray, FloatArray, NDArray[np.intp], int, float]
 SIMULATORS = {"emps": "emps", "a1": "sim"}
 
 
 def rows(name: str, folder: Path) -> list[Row]:
-    """Return log evidence, votes, sizes and the true set's place, for every case whose causes are in the catalogue."""
+    """Return log evidence, votes, sizes, the true set's place and how many numbers there are, of known causes."""
     out: list[Row] = []
     for case in sorted((folder / "public").iterdir()):
         label = json.loads((folder / "sealed" / f"{case.name}.json").read_text())
@@ -47,16 +48,19 @@ def rows(name: str, folder: Path) -> list[Row]:
         true = tuple(sorted(state.judge.effects.index(e) for e in label["effects"]))
         if true in state.found.members:
             vote, sizes = votes(state.found.members, state.memberships)
-            out.append((state.found.logs, vote, sizes, state.found.members.index(true)))
+            logs = together(state, lambda *_: None).logs
+            out.append(
+                (logs, vote, sizes, state.found.members.index(true), state.data.size * state.data.scale)
+            )
     return out
 
 
-def loss(free: FloatArray, temperature: float, cases: list[Row]) -> float:
+def loss(free: FloatArray, independent: float, cases: list[Row]) -> float:
     """Return the mean −log probability of the true set."""
     total = 0.0
-    for logs, vote, sizes, true in cases:
+    for logs, vote, sizes, true, count in cases:
         score = (
-            (logs - logs.max()) / temperature
+            (logs - logs.max()) / max(count / independent, COLDEST)
             + np.exp(free[0]) * vote
             - np.concatenate([[0.0], free[1:]])[sizes]
         )
@@ -70,12 +74,12 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     given = parser.parse_args()
     cases = rows(given.set, given.folder)
-    print(f"{len(cases)} cases\ntemperature  log score  trust  penalties of 1, 2, 3 effects")
-    for temperature in (2.0, 4.0, 8.0, 16.0, 32.0):
-        best = minimize(loss, [-0.5, 0.0, 2.0, 4.0], args=(temperature, cases), method="Nelder-Mead")
+    print(f"{len(cases)} cases\nindependent  log score  trust  penalties of 1, 2, 3 effects")
+    for independent in (20.0, 40.0, 80.0, 160.0, 320.0):
+        best = minimize(loss, [-0.5, 0.0, 2.0, 4.0], args=(independent, cases), method="Nelder-Mead")
         trust, *penalty = best.x
         print(
-            f"{temperature:11g} {best.fun:10.3f} {np.exp(trust):6.2f}  {', '.join(f'{p:.2f}' for p in penalty)}"
+            f"{independent:11g} {best.fun:10.3f} {np.exp(trust):6.2f}  {', '.join(f'{p:.2f}' for p in penalty)}"
         )
 
 

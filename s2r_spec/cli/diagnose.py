@@ -30,6 +30,11 @@ Apply = Annotated[
     typer.Option(help="Write the simulator with the named effects to this file, for --sim patched:FILE."),
 ]
 
+Tuned = Annotated[
+    bool,
+    typer.Option("--tuned", help="With --apply: a little of every other effect, too, as the data want it."),
+]
+
 
 def diagnose(
     spec: SpecFile,
@@ -43,6 +48,7 @@ def diagnose(
     run: Run = None,
     resume: Resume = None,
     apply: Apply = None,
+    tuned: Tuned = False,
     as_json: AsJson = False,
     form: Form = None,
     output: Output = None,
@@ -86,7 +92,7 @@ def diagnose(
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "diagnosis.json").write_text(diagnosed.as_json(found, parsed) + "\n", encoding="utf-8")
         if apply is not None and found.patch:
-            patched.write(apply, sim, found.patch)
+            patched.write(apply, sim, found.tuned if tuned else found.patch)
         if output is not None:
             save(forms[form](found, parsed) + "\n", output)
         elif form == "text":

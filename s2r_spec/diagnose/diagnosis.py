@@ -148,6 +148,7 @@ class Diagnosis:
         which: see there.
         how_far: None with fewer than three held-out tests.
         patch: effects and values to add to the simulator; empty when none is named.
+        tuned: the same with a little of every other effect, as the data want it.
         provenance: version, seed, hashes.
         assumptions: what the answer rests on.
     """
@@ -158,6 +159,7 @@ class Diagnosis:
     which: Which
     how_far: HowFar | None
     patch: Mapping[str, Mapping[str, float]]
+    tuned: Mapping[str, Mapping[str, float]]
     provenance: Mapping[str, Any]
     assumptions: tuple[str, ...]
 
@@ -172,5 +174,6 @@ class Diagnosis:
             "where": None if self.where is None else self.where.to_json(),
             "how_far": None if self.how_far is None else self.how_far.to_json(),
             "patch": {name: dict(values) for name, values in self.patch.items()},
+            "tuned": {name: dict(values) for name, values in self.tuned.items()},
             "assumptions": list(self.assumptions),
         }

@@ -66,6 +66,7 @@ class Linear:
         seen: mean square of the data themselves, before they were made linear.
         around: (K,) coordinates of the based lines around which y is linear, 0 elsewhere.
         size: dimension of y.
+        scale: misfit of the joint fit, at least 1, by which what is believed was widened.
     """
 
     effects: tuple[str, ...]
@@ -78,6 +79,7 @@ class Linear:
     seen: float
     around: FloatArray
     size: int
+    scale: float
 
     def without(self, effect: int) -> Linear:
         """Return the same with one effect taken out of the catalogue."""
@@ -102,7 +104,8 @@ def linear(
 
     What even the whole catalogue at once does not explain says how far the simulator is to be believed.
     """
-    root = 1.0 / np.sqrt(variance * max(fitted.misfit, 1.0))
+    scale = max(fitted.misfit, 1.0)
+    root = 1.0 / np.sqrt(variance * scale)
     amounts = np.where(based, 0.0, fitted.at)
     y = ((fitted.rest + np.tensordot(amounts, fitted.jacobian, 1)) * root).ravel()
     j = (fitted.jacobian * root).reshape(len(owner), -1)
@@ -118,7 +121,7 @@ def linear(
     else:
         gram, toward, energy = j @ j.T, j @ y, float(y @ y)
     around = np.where(based, fitted.at, 0.0)
-    return Linear(effects, owner, based, side, gram, toward, energy, seen, around, y.size)
+    return Linear(effects, owner, based, side, gram, toward, energy, seen, around, y.size, scale)
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ LEVEL = 0.95
 GONE = 0.8
 """A patch that closes this part of a material held-out gap explains it, whatever else the traces show."""
 CLOSED = 0.5
-"""A patch that closes less than this part of a material held-out gap has not named its cause."""
+"""Where less than this part of a material held-out gap can be closed, its cause is not in the catalogue."""
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,7 @@ class HowFar:
 
     @property
     def open(self) -> bool:
-        """Whether a material gap stays, although a little of every other effect may help: less than half is closed."""
+        """Whether a material gap stays, although a little of every other effect may help."""
         return self.material and self.tuned is not None and self._closes < CLOSED
 
     @property
@@ -202,7 +202,12 @@ def how_far(
     after, share = closed(patched)
     with_rest, tuned_share = closed(tuned)
     oracle_share = None
-    if after is not None and share is not None and oracle is not None and before.mean - oracle > 0.1 * before.mean:
+    if (
+        after is not None
+        and share is not None
+        and oracle is not None
+        and before.mean - oracle > 0.1 * before.mean
+    ):
         oracle_share = (before.mean - after.mean) / (before.mean - min(oracle, after.mean))
     distinct = len(np.unique(groups))
     return HowFar(

@@ -19,6 +19,8 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 
 ROUNDS = 5
+SHORT = 3
+"""The same where the derivatives are known to begin with."""
 RIDGE = 0.3
 """Standard deviation of a coordinate before the data are seen: between a little of everything and a typical effect."""
 TURN = 0.5
@@ -35,8 +37,8 @@ SAME = 0.05
 """Steps with which is felt how far a value may move without any change, as parts of a coordinate."""
 
 
-class Model(Protocol):
-    """What effects do, at the real tests: the simulator, or the bank in its place."""
+class Lines(Protocol):
+    """What some lines do, at the real tests."""
 
     lower: FloatArray
     """(K,) ends of the lines."""
@@ -47,6 +49,10 @@ class Model(Protocol):
     def change(self, at: FloatArray) -> FloatArray:
         """Return (q, k) change from nominal, with all lines at (K,) coordinates."""
         ...
+
+
+class Model(Lines, Protocol):
+    """What the whole catalogue does: the simulator, or the bank in its place."""
 
     def jacobian(self, at: FloatArray, change: FloatArray) -> FloatArray:
         """Return (K, q, k) derivatives of the change there."""
@@ -127,7 +133,7 @@ def joint_fit(
     rest = data - change
     best = cost(at, rest)
     own = exact
-    for _ in range(ROUNDS):
+    for _ in range(SHORT if exact else ROUNDS):
         aim = wanted(at, rest, jacobian)
         accepted = small = False
         for part in HALVES:
@@ -152,7 +158,7 @@ def joint_fit(
 
 
 def polished(
-    model: Model, data: FloatArray, variance: FloatArray, nuisances: FloatArray, at: FloatArray, ridge: float
+    model: Lines, data: FloatArray, variance: FloatArray, nuisances: FloatArray, at: FloatArray, ridge: float
 ) -> FloatArray:
     """Return coordinates that are at least as good, by steps along one line at a time.
 
@@ -178,7 +184,7 @@ def polished(
     return at
 
 
-def _centred(model: Model, at: FloatArray, line: int) -> FloatArray:
+def _centred(model: Lines, at: FloatArray, line: int) -> FloatArray:
     """Return coordinates in the middle of what the simulator does not tell from them: whole samples of a delay."""
     here = model.change(at)
     step = SAME * max(abs(at[line]), RIDGE)

@@ -49,15 +49,19 @@ class Weights:
     (``benchmarks/blind/weigh.py``), and are the same for every backend. That code also makes the sealed sets of the
     axis, with other seeds: for a machine of a third kind the numbers are untested.
 
-    A set A of effects scores  log evidence / temperature + trust · log P_network(A) − penalty[|A|].
+    A set A of effects scores  log evidence / temperature + trust · log P_network(A) − penalty[|A|]. The
+    features hang together, the more so the less the whole catalogue explains them: n of them count as
+    ``independent`` ones, and the temperature is n / independent times the misfit.
     """
 
-    temperature: float
+    independent: float
     trust: float
     penalty: tuple[float, float, float, float]
 
 
-WEIGHTS = Weights(4.0, 0.64, (0.0, 0.2, 3.7, 6.0))
+WEIGHTS = Weights(55.0, 0.57, (0.0, 0.0, 2.9, 4.6))
+COLDEST = 2.0
+"""Least temperature."""
 
 
 @dataclass(frozen=True)
@@ -97,9 +101,9 @@ class Judge:
         """Return (n, K) probabilities that an effect is among the causes, by the network alone."""
         return _voted(self.networks, description)
 
-    def sets(self, found: Evidence, p: FloatArray) -> Sets:
+    def sets(self, found: Evidence, p: FloatArray, temperature: float) -> Sets:
         """Return the probability of every set, given that the catalogue has the causes."""
-        score = _score(found.members, found.logs, p, self.weights)
+        score = _score(found.members, found.logs, p, self.weights, temperature)
         return Sets(found.members, np.exp(score - logsumexp(score)))
 
     def unknown(self, found: Evidence, p: FloatArray) -> float:
@@ -145,9 +149,16 @@ def _strangeness(found: Evidence, p: FloatArray) -> FloatArray:
     )
 
 
-def _score(members: tuple[tuple[int, ...], ...], logs: FloatArray, p: FloatArray, w: Weights) -> FloatArray:
+def temperature(data: Linear, weights: Weights) -> float:
+    """Return by what log evidence is divided before it is believed; see :class:`Weights`."""
+    return max(data.size / weights.independent, COLDEST) * data.scale
+
+
+def _score(
+    members: tuple[tuple[int, ...], ...], logs: FloatArray, p: FloatArray, w: Weights, temperature: float
+) -> FloatArray:
     vote, size = votes(members, p)
-    found: FloatArray = (logs - logs.max()) / w.temperature + w.trust * vote - np.array(w.penalty)[size]
+    found: FloatArray = (logs - logs.max()) / temperature + w.trust * vote - np.array(w.penalty)[size]
     return found
 
 
@@ -312,7 +323,7 @@ def _practice(
     """Return how often practice cases that the network did not see were answered rightly."""
     hits: dict[str, list[bool]] = {"single": [], "pair": [], "triple": [], "none": [], "sure": []}
     for s in solved:
-        score = _score(s.found.members, s.found.logs, s.p, weights)
+        score = _score(s.found.members, s.found.logs, s.p, weights, temperature(s.data, weights))
         first = int(np.argmax(score))
         right = s.found.members[first] == s.case.effects
         kind = ("none", "single", "pair", "triple")[len(s.case.effects)]

@@ -146,6 +146,25 @@ class Surrogate:
             rows.append(row)
         return np.array(rows)
 
+    def scanned(
+        self, data: FloatArray, variance: FloatArray, effect: int, turned: FloatArray
+    ) -> tuple[FloatArray, float]:
+        """Return (K,) coordinates at which one effect alone fits the data best, and the part of them that it explains.
+
+        All of the bank's values are looked at: a limit that is only reached far from nominal has no slope to follow.
+        """
+        root = 1.0 / np.sqrt(variance)
+        whole = float(((data * root) ** 2).sum())
+        best, least = turned, whole
+        for k in np.flatnonzero((self.catalogue.owner == effect) & ~self.based):
+            for x in self._knots[k][0]:
+                at = np.where(self.based, turned, 0.0)
+                at[k] = x
+                left = float((((data - self.change(at)) * root) ** 2).sum())
+                if left < least:
+                    best, least = at, left
+        return best, 1.0 - least / max(whole, 1e-12)
+
     def turned(self, data: FloatArray, variance: FloatArray) -> FloatArray:
         """Return (K,) coordinates to start from: of based lines where their effect fits the data best alone."""
         begin = np.zeros(len(self.based))
@@ -205,19 +224,17 @@ class Simulator:
         found: FloatArray = self._layout.projected_from(self._many) @ self._components([at], self._many)[0]
         return found
 
-    def jacobian(
-        self, at: FloatArray, change: FloatArray, only: NDArray[np.intp] | None = None
-    ) -> FloatArray:
+    def jacobian(self, at: FloatArray, change: FloatArray) -> FloatArray:
         """Return (K, q, k) one-sided differences over :data:`STEP`, towards the longer side of the range.
 
-        With dear rollouts these are the bank's secants, unless ``only`` a few lines are asked for.
+        With dear rollouts these are the bank's secants.
         """
-        if only is None and self.dear:
+        if self.dear:
             return self._surrogate.jacobian(at)
         project = self._layout.projected_from(self._few)
         out = np.zeros((len(at), *change.shape))
         lines, points, steps = [], [at], []
-        for k in range(len(at)) if only is None else only.tolist():
+        for k in range(len(at)):
             if self.based[k] and abs(at[self.catalogue.first[k]]) < THERE:
                 continue  # nothing is there that could act otherwise
             room = self.upper[k] - at[k], at[k] - self.lower[k]
@@ -243,7 +260,7 @@ class Simulator:
         runs = tuple((self._layout.tests[i], seed_of(int(i), 0)) for i in places)
         jobs = [Job(self.catalogue.values(at), runs) for at in points]
         executor = self._executor if self._cost * len(runs) * len(jobs) > WORTH else None
-        if len(jobs) == 1:
+        if len(jobs) == 1 and executor is not None:
             # One simulator at many tests: shared out by tests.
             jobs = [Job(jobs[0].values, (run,)) for run in runs]
             rows = [np.concatenate(run_jobs(self._bench, jobs, executor))]
@@ -254,28 +271,24 @@ class Simulator:
 
 
 class Part:
-    """Some lines of the simulator, all others at nominal: what these effects do by themselves."""
+    """Some lines of the simulator, all others held where they are."""
 
-    def __init__(self, whole: Simulator, effects: Sequence[int]) -> None:
-        """Take the lines of these effects."""
+    def __init__(self, whole: Simulator, effects: Sequence[int], held: FloatArray) -> None:
+        """Take the lines of these effects; ``held`` (K,) says where the others are."""
         self.lines = np.flatnonzero(np.isin(whole.catalogue.owner, effects))
         self.lower, self.upper = whole.lower[self.lines], whole.upper[self.lines]
         self.based = whole.based[self.lines]
-        self._whole = whole
+        self._whole, self._held = whole, held
 
     def all(self, at: FloatArray) -> FloatArray:
         """Return (K,) coordinates of all lines."""
-        out = np.zeros(len(self._whole.based))
+        out = self._held.copy()
         out[self.lines] = at
         return out
 
     def change(self, at: FloatArray) -> FloatArray:
         """Return (q, k): see :class:`~s2r_spec.diagnose.joint.Model`."""
         return self._whole.change(self.all(at))
-
-    def jacobian(self, at: FloatArray, change: FloatArray) -> FloatArray:
-        """Return (lines, q, k): see :class:`~s2r_spec.diagnose.joint.Model`."""
-        return self._whole.jacobian(self.all(at), change, self.lines)[self.lines]
 
 
 def seed_of(test: int, shot: int) -> int:

@@ -20,7 +20,7 @@ from s2r_spec.diagnose import bank as banks
 from s2r_spec.diagnose.ask import FEWEST
 from s2r_spec.diagnose.evidence import ALLOWED, LARGE, Evidence, Linear, believed, evidence, linear, posterior
 from s2r_spec.diagnose.joint import Joint, joint_fit, polished
-from s2r_spec.diagnose.judge import Judge, Sets, describe, train
+from s2r_spec.diagnose.judge import Judge, Sets, describe, temperature, train
 from s2r_spec.diagnose.layout import SHOTS, Layout
 from s2r_spec.diagnose.models import Catalogue, Part, Simulator, Surrogate, nominal_rows
 from s2r_spec.diagnose.signatures import Signatures
@@ -40,6 +40,10 @@ SOURCES = (
 """Modules on which a judge depends."""
 WIDE = 3.0
 """Standard deviation of a named effect, in parts of its typical size, once its value is all that is asked for."""
+ELSEWHERE = 0.3
+"""A coordinate by which the bank's best value of an effect lies elsewhere than the fit, so that both are tried."""
+MOSTLY = 0.5
+"""An effect that alone explains more than this part of the data is where the joint fit starts."""
 FREE = 5
 """Degrees of freedom from which on replicates say how much a machine scatters."""
 
@@ -62,28 +66,25 @@ class State:
     coefficients: FloatArray
     variance: FloatArray
     fitted: Joint
-
-    def alone(self, effects: Sequence[int]) -> tuple[FloatArray, float]:
-        """Return (K,) coordinates at which the simulator with these effects, and no others, fits best; misfit."""
-        part = Part(self.simulator, effects)
-        mean, _ = posterior(self.data, effects)
-        at = np.clip((self.data.around + mean)[part.lines], part.lower, part.upper)
-        first = self.surrogate.jacobian(part.all(at))[part.lines]
-        found = joint_fit(part, self.coefficients, self.variance, self.nuisances, at, first, LARGE)
-        return part.all(found.at), found.misfit
+    temperature: float
 
     def beside(self, effects: Sequence[int]) -> Joint:
         """Return the best fit with these effects as causes, and of all others no more than a little each."""
         catalogue = self.surrogate.catalogue
         mean, _ = posterior(self.data, effects)
         mine = np.isin(catalogue.owner, effects)
-        begins = [np.clip(self.data.around + mean, catalogue.lower, catalogue.upper)]
-        turning = mine & catalogue.based
-        if turning.any():
-            # A phase has more than one valley: also start where the rest of the data want it.
-            others = np.where(mine | catalogue.based, 0.0, begins[0])
+        begin = np.clip(self.data.around + mean, catalogue.lower, catalogue.upper)
+        starts = [(begin, self.fitted.jacobian)]
+        if len(effects) == 1:
+            # A phase has more than one valley, and a limit that is not reached no slope: also start from the bank.
+            others = np.where(mine | catalogue.based, 0.0, begin)
             rest = self.coefficients - np.tensordot(others, self.fitted.jacobian, 1)
-            begins.append(np.where(turning, self.surrogate.turned(rest, self.variance), begins[0]))
+            turned = self.surrogate.turned(rest, self.variance)
+            found, _ = self.surrogate.scanned(rest, self.variance, effects[0], turned)
+            there = np.where(mine, found, begin)
+            if np.abs(there - begin)[mine].max() > ELSEWHERE:
+                slopes = np.where(mine[:, None, None], self.surrogate.jacobian(there), self.fitted.jacobian)
+                starts.append((there, slopes))
         spread = np.where(mine, LARGE, ALLOWED)
         fits = [
             joint_fit(
@@ -91,18 +92,18 @@ class State:
                 self.coefficients,
                 self.variance,
                 self.nuisances,
-                begin,
-                self.fitted.jacobian,
+                at,
+                slopes,
                 spread,
                 exact=True,
             )
-            for begin in begins
+            for at, slopes in starts
         ]
         return min(fits, key=lambda fit: fit.cost)
 
     def polished(self, effects: Sequence[int], at: FloatArray) -> FloatArray:
-        """Return (K,) coordinates of these effects alone, from a fit of theirs, by looks along single lines."""
-        part = Part(self.simulator, effects)
+        """Return (K,) coordinates: those of these effects put right by looks along their lines, the others held."""
+        part = Part(self.simulator, effects, at)
         return part.all(
             polished(part, self.coefficients, self.variance, self.nuisances, at[part.lines], WIDE)
         )
@@ -170,7 +171,7 @@ def prepare(
     variance = believed(layout.scatter, signatures.noise, data)
     catalogue = Catalogue.of(signatures.curves)
     surrogate = Surrogate(catalogue, layout.through)
-    begin = surrogate.turned(data, variance)
+    begin = _beginning(surrogate, data, variance)
     simulator = Simulator(bench, signatures, surrogate, layout, nominal[0], executor)
     tell("fitting the whole catalogue", 0, 1)
     nuisances = np.einsum("qm,vmk->vqk", layout.through, signatures.numerics)
@@ -187,7 +188,8 @@ def prepare(
     )
     found = evidence(plain)
     p = judge.memberships(describe(data)[None])[0]
-    sets = judge.sets(found, p)
+    warmth = temperature(plain, judge.weights)
+    sets = judge.sets(found, p, warmth)
     return State(
         signatures,
         layout,
@@ -203,7 +205,16 @@ def prepare(
         data,
         variance,
         fitted,
+        warmth,
     )
+
+
+def _beginning(surrogate: Surrogate, data: FloatArray, variance: FloatArray) -> FloatArray:
+    """Return (K,) coordinates for the joint fit to start from: one effect, if it explains most of the data alone."""
+    turned = surrogate.turned(data, variance)
+    scans = [surrogate.scanned(data, variance, k, turned) for k in range(len(surrogate.catalogue.effects))]
+    best, part = max(scans, key=lambda scan: scan[1])
+    return best if part > MOSTLY else turned
 
 
 def _inflation(layout: Layout, components: FloatArray, signatures: Signatures) -> float:

@@ -39,6 +39,12 @@ FloatArray = NDArray[np.float64]
 SHOTS = 3
 """Simulated rollouts per held-out test, before and after."""
 SURE = 0.9
+CLEAR = 0.7
+"""Probability from which on an effect is named although the gap is not material."""
+RIVAL = 0.2
+"""A set this many times as likely as the first is a rival of it."""
+RULED_OUT = 0.05
+"""One less likely than this is ruled out, even where the two are hard to tell apart."""
 IMITATED = 0.1
 """An unknown cause is so much less likely once a patch has closed the held-out gap, or if there is none."""
 
@@ -106,29 +112,30 @@ def _answer(
     want_where: bool,
 ) -> Diagnosis:
     effects = state.judge.effects
-    ranked = state.sets.ranked()
     weighed = together(state, lambda done, of: tell("simulating sets", done, of))
     state = replace(state, sets=weighed.sets)
     ranked = state.sets.ranked()
     first_none = not ranked[0][0]
     named = next(members for members, _ in ranked if members)
-    tell("fitting the causes alone", 0, 1)
-    beside = weighed.fits[ranked[0][0]] if ranked[0][0] in weighed.fits else state.beside(ranked[0][0])
-    at = state.polished(named, state.alone(named)[0])
-    fitted = fit(state.data, state.surrogate.catalogue, named, state.judge.weights.temperature, at)
-    tuned = state.surrogate.catalogue.values(beside.at)
+    tell("fitting the causes", 0, 1)
+    at = (weighed.fits.get(named) or state.beside(named)).at
+    if first_none:
+        tuned = state.surrogate.catalogue.values((weighed.fits.get(()) or state.beside(())).at)
+    else:
+        at = state.polished(named, at)
+        tuned = state.surrogate.catalogue.values(at)
+    fitted = fit(state.data, state.surrogate.catalogue, named, state.temperature, at)
     far = _how_far(bench, state, held, {} if first_none else fitted.values, tuned, seed, executor, tell)
 
     unknown = state.unknown
     alarm = unknown > state.judge.threshold and not first_none
-    # A material gap with nothing to name for it is as open as one that its patch leaves.
-    open_gap = far is not None and (far.open or (first_none and far.material))
+    open_gap = far is not None and far.open
     if far is not None and (far.closed or not far.material):
         # Odd traces alone are no unknown cause of a gap that is explained, or that is not there:
         # every machine differs from its simulator in ways that nobody asked about.
         alarm, unknown = False, unknown * IMITATED
-        # Below what a little of everything makes, only a sure name is a name, or one that closes the gap.
-        first_none = first_none or not (far.material or far.gone or ranked[0][1] >= SURE)
+        # A gap that a little of everything would make needs no name, unless the traces are clear.
+        first_none = first_none or not (far.material or ranked[0][1] >= CLEAR)
     if open_gap:
         # The patch does not close the gap that it should explain: at least as likely unknown as not.
         unknown = max(unknown, 0.5 + 0.5 * unknown)
@@ -143,7 +150,7 @@ def _answer(
         state.layout.scatter,
         state.signatures.noise,
         state.nuisances,
-        state.judge.weights.temperature,
+        state.temperature,
     )
     confounded = _confounded(isolable, names[named], by_size)
     verdict = Verdict.NAMED
@@ -178,6 +185,7 @@ def _answer(
         which=which,
         how_far=far,
         patch=fitted.values if answer else {},
+        tuned=tuned,
         provenance={
             "s2r": version("s2r"),
             "seed": seed,
@@ -293,15 +301,20 @@ def _background(state: State, bench: Bench, tests: Sequence[Test]) -> float:
 def _confounded(
     isolable: Any, named: tuple[str, ...], by_size: Mapping[int, Mapping[tuple[str, ...], float]]
 ) -> tuple[str, ...]:
-    """Return the named effects and whatever is both confounded with one of them and not ruled out by the data."""
+    """Return the named effects and whatever could be in the place of one of them.
+
+    That is what these data leave nearly as likely, and what no data at these tests could tell from it unless
+    they all but rule it out.
+    """
     out = list(named)
     top = by_size[len(named)].get(named, 0.0)
     for names, probability in by_size[len(named)].items():
-        if probability < 0.05 * top or names == named:
+        if probability < RULED_OUT * top or names == named:
             continue
         extra = [n for n in names if n not in named]
         lost = [n for n in named if n not in names]
-        if len(extra) == 1 and extra[0] in isolable.confounded(lost[0]) and extra[0] not in out:
+        near = probability >= RIVAL * top or extra[0] in isolable.confounded(lost[0])
+        if len(extra) == 1 and near and extra[0] not in out:
             out.append(extra[0])
     return tuple(out)
 
@@ -310,7 +323,7 @@ def _next(bench: Bench, state: State, ranked: list[tuple[tuple[int, ...], float]
     rivals: list[tuple[str, Mapping[str, Mapping[str, float]]]] = []
     for members, _ in ranked:
         if members and len(rivals) < 2:
-            best = fit(state.data, state.surrogate.catalogue, members, state.judge.weights.temperature)
+            best = fit(state.data, state.surrogate.catalogue, members, state.temperature)
             rivals.append((" + ".join(state.judge.effects[k] for k in members), best.values))
     tell("next test", 0, 1)
     return next_test(bench, state.signatures, rivals, protocols=True)

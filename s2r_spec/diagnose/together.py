@@ -10,16 +10,22 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from s2r_spec.diagnose.evidence import Evidence, Set, explained
+from s2r_spec.diagnose.evidence import Set, explained
 from s2r_spec.diagnose.joint import Joint
 from s2r_spec.diagnose.judge import Sets
 from s2r_spec.diagnose.prepare import State
+
+FloatArray = NDArray[np.float64]
 
 LIKELIEST = 5
 """Sets that are simulated at first."""
 MOST = 9
 """Sets that are simulated at all: on, while one that was not is the likeliest."""
+
+HEARD = 2.0
+"""A look moves a set's log probability by at most so much against the others."""
 
 
 @dataclass(frozen=True)
@@ -28,10 +34,12 @@ class Together:
 
     Attributes:
         sets: all of them.
+        logs: log evidence of each, up to one constant.
         fits: of those that were simulated.
     """
 
     sets: Sets
+    logs: FloatArray
     fits: dict[Set, Joint]
 
 
@@ -40,21 +48,17 @@ def together(state: State, progress: Callable[[int, int], None]) -> Together:
     found, sets = state.found, state.sets
     fits: dict[Set, Joint] = {}
     moved: dict[Set, float] = {}
-    scale = max(state.fitted.misfit, 1.0)
     while len(fits) < MOST:
         ranked = [members for members, _ in sets.ranked()]
         if ranked[0] in fits and len(fits) >= LIKELIEST:
             break
         upcoming = ranked[0] if ranked[0] not in fits else next(s for s in ranked if s not in fits)
         fits[upcoming] = state.beside(upcoming)
-        moved[upcoming] = -0.5 * (fits[upcoming].cost / scale - explained(state.data, upcoming))
+        moved[upcoming] = -0.5 * (fits[upcoming].cost / state.data.scale - explained(state.data, upcoming))
         progress(len(fits), MOST)
-        # What was not simulated is taken to err as the others did.
-        usual = float(np.mean(list(moved.values())))
-        logs = found.logs + np.array([moved.get(members, usual) for members in found.members])
-        sets = state.judge.sets(_with(found, logs), state.memberships)
-    return Together(sets, fits)
-
-
-def _with(found: Evidence, logs: np.ndarray) -> Evidence:
-    return replace(found, logs=logs)
+        # What was not simulated is taken to err as the others did; and a fit may have stopped in a wrong valley.
+        usual = float(np.median(list(moved.values())))
+        far = np.array([moved.get(members, usual) for members in found.members]) - usual
+        logs = found.logs + np.clip(far, -HEARD * state.temperature, HEARD * state.temperature)
+        sets = state.judge.sets(replace(found, logs=logs), state.memberships, state.temperature)
+    return Together(sets, logs, fits)

@@ -27,6 +27,7 @@ def drawn(seed, amounts, side=0):
         float(y @ y) / SIZE,
         none,
         SIZE,
+        1.0,
     )
     return data, j, y
 

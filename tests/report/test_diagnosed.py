@@ -108,7 +108,15 @@ def diagnosis(dim, verdict=Verdict.NAMED, body=None, near=8.0, **changes):
     rng = np.random.default_rng(2)
     real = -0.3 + 0.02 * rng.normal(size=len(tests))
     far = how_far(
-        real, np.zeros(len(tests)), real + 0.03 * rng.normal(size=len(tests)), tests, 0.01, 0.02, 3, "m"
+        real,
+        np.zeros(len(tests)),
+        real + 0.03 * rng.normal(size=len(tests)),
+        real + 0.02 * rng.normal(size=len(tests)),
+        tests,
+        0.01,
+        0.02,
+        3,
+        "m",
     )
     one = Diagnosis(
         verdict=verdict,
@@ -117,6 +125,7 @@ def diagnosis(dim, verdict=Verdict.NAMED, body=None, near=8.0, **changes):
         which=which,
         how_far=far,
         patch={"friction": {"force": 1.5}} if answer else {},
+        tuned={"friction": {"force": 1.5}, "delay": {"time": 0.0001}},
         provenance={
             "s2r": "0", "seed": 0, "spec_hash": spec.hash, "requirement": "near", "backend": "cart",
             "model_hash": "0" * 64, "rollouts": 20, "held_out": 10, "judge": {"single": 0.9},

@@ -92,12 +92,17 @@ def realise(plans: Sequence[Plan]) -> list[Case]:
     """Run the cases of these plans, all rollouts side by side."""
     cases = [
         Case(runs[: len(each.tests)], runs[len(each.tests) :], dict(each.label))
-        for each, runs in zip(plans, _runs([(e.machine, (*e.tests, *e.further), e.nuisances) for e in plans]), strict=True)
+        for each, runs in zip(
+            plans, _runs([(e.machine, (*e.tests, *e.further), e.nuisances) for e in plans]), strict=True
+        )
     ]
     moved = [(each, case) for each, case in zip(plans, cases, strict=True) if each.label["effects"]]
     others = _runs([(e.bare, e.tests[:PROBES], e.nuisances[:PROBES]) for e, _ in moved])
     for (_, case), bare in zip(moved, others, strict=True):
-        away = [abs(_rho(trace, test) - _rho(other, test)) for (test, trace), (_, other) in zip(case.rollouts, bare)]
+        away = [
+            abs(_rho(trace, test) - _rho(other, test))
+            for (test, trace), (_, other) in zip(case.rollouts, bare, strict=False)
+        ]
         case.label["moved"] = float(f"{np.mean(away):.4g}")
     return cases
 
@@ -147,7 +152,7 @@ def chosen(rng: Generator, kind: CaseKind) -> list[Kind]:
 def machine_of(
     rng: Generator, kinds: Sequence[Kind], background: float = BACKGROUND
 ) -> tuple[Machine, Machine, dict[str, dict[str, float]], dict[str, list[float]]]:
-    """Return an axis with these effects and a little of every other one, the same without, values, and where they act."""
+    """Return an axis with these effects and a little of all others, the same without, values, where they act."""
     machine = Machine()
     if background:
         machine = replace(
