@@ -301,10 +301,10 @@ def _background(state: State, bench: Bench, tests: Sequence[Test]) -> float:
 def _confounded(
     isolable: Any, named: tuple[str, ...], by_size: Mapping[int, Mapping[tuple[str, ...], float]]
 ) -> tuple[str, ...]:
-    """Return the named effects and whatever could be in the place of one of them.
+    """Return the named effects and whatever could be in the place of one of them, or beside them.
 
-    That is what these data leave nearly as likely, and what no data at these tests could tell from it unless
-    they all but rule it out.
+    That is what these data leave nearly as likely, and what no data at these tests could tell from one of them
+    unless they all but rule it out.
     """
     out = list(named)
     top = by_size[len(named)].get(named, 0.0)
@@ -316,6 +316,9 @@ def _confounded(
         near = probability >= RIVAL * top or extra[0] in isolable.confounded(lost[0])
         if len(extra) == 1 and near and extra[0] not in out:
             out.append(extra[0])
+    for names, probability in by_size.get(len(named) + 1, {}).items():
+        if probability >= RIVAL * top and set(named) < set(names):
+            out += [n for n in names if n not in out]
     return tuple(out)
 
 
