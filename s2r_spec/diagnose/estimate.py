@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from s2r_spec.diagnose.catalogue import Catalogue
 from s2r_spec.diagnose.evidence import Linear, posterior
-from s2r_spec.diagnose.models import Catalogue
 
 FloatArray = NDArray[np.float64]
 

@@ -18,7 +18,8 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.diagnose.joint import TURN, Joint
+from s2r_spec.diagnose.catalogue import Catalogue
+from s2r_spec.diagnose.joint import TURN, Joint, Model, joint_fit
 
 FloatArray = NDArray[np.float64]
 Set = tuple[int, ...]
@@ -56,10 +57,7 @@ class Linear:
     """Data that are linear in the coordinates of all lines, in units of what is believed.
 
     Attributes:
-        effects: names.
-        owner: (K,) place of each line's effect.
-        based: (K,) which lines only say how another of the same effect acts.
-        side: (K,) 1 or −1 where a coordinate can only be of that sign, else 0.
+        lines: whose coordinates these are.
         gram: (K, K) JᵀV⁻¹J.
         toward: (K,) JᵀV⁻¹y.
         energy: yᵀV⁻¹y.
@@ -69,10 +67,7 @@ class Linear:
         scale: misfit of the joint fit, at least 1, by which what is believed was widened.
     """
 
-    effects: tuple[str, ...]
-    owner: NDArray[np.intp]
-    based: NDArray[np.bool_]
-    side: NDArray[np.intp]
+    lines: Catalogue
     gram: FloatArray
     toward: FloatArray
     energy: float
@@ -83,7 +78,7 @@ class Linear:
 
     def without(self, effect: int) -> Linear:
         """Return the same with one effect taken out of the catalogue."""
-        mine = self.owner == effect
+        mine = self.lines.owner == effect
         gram, toward = self.gram.copy(), self.toward.copy()
         gram[mine, :] = gram[:, mine] = 0.0
         toward[mine] = 0.0
@@ -91,10 +86,7 @@ class Linear:
 
 
 def linear(
-    effects: tuple[str, ...],
-    owner: NDArray[np.intp],
-    based: NDArray[np.bool_],
-    side: NDArray[np.intp],
+    lines: Catalogue,
     fitted: Joint,
     data: FloatArray,
     variance: FloatArray,
@@ -106,9 +98,9 @@ def linear(
     """
     scale = max(fitted.misfit, 1.0)
     root = 1.0 / np.sqrt(variance * scale)
-    amounts = np.where(based, 0.0, fitted.at)
+    amounts = np.where(lines.based, 0.0, fitted.at)
     y = ((fitted.rest + np.tensordot(amounts, fitted.jacobian, 1)) * root).ravel()
-    j = (fitted.jacobian * root).reshape(len(owner), -1)
+    j = (fitted.jacobian * root).reshape(len(fitted.at), -1)
     plain = (data * root).ravel()
     seen = float(plain @ plain) / plain.size
     if len(nuisances):
@@ -120,8 +112,22 @@ def linear(
         energy = float(y @ y - y_n @ inner @ y_n)
     else:
         gram, toward, energy = j @ j.T, j @ y, float(y @ y)
-    around = np.where(based, fitted.at, 0.0)
-    return Linear(effects, owner, based, side, gram, toward, energy, seen, around, y.size, scale)
+    around = np.where(lines.based, fitted.at, 0.0)
+    return Linear(lines, gram, toward, energy, seen, around, y.size, scale)
+
+
+def solved(
+    model: Model,
+    lines: Catalogue,
+    data: FloatArray,
+    variance: FloatArray,
+    nuisances: FloatArray,
+    begin: FloatArray,
+    first: FloatArray,
+) -> tuple[Joint, Linear]:
+    """Fit the whole catalogue, and linearise there; the arguments are those of :func:`joint_fit`."""
+    fitted = joint_fit(model, data, variance, nuisances, begin, first)
+    return fitted, linear(lines, fitted, data, variance, nuisances)
 
 
 @dataclass(frozen=True)
@@ -154,7 +160,7 @@ def evidence(data: Linear, without: int | None = None) -> Evidence:
     """Score every set of at most two effects, and the best pairs with a third; ``without`` one, if given."""
     if without is not None:
         data = data.without(without)
-    able = [k for k in range(len(data.effects)) if k != without]
+    able = [k for k in range(len(data.lines.effects)) if k != without]
     few: list[Set] = [(), *((k,) for k in able), *combinations(able, 2)]
     logs = _log_evidence(data, few)
     pairs = [few[i] for i in np.argsort(-logs) if len(few[i]) == 2][:TRIPLES_OF]
@@ -174,7 +180,7 @@ def evidence(data: Linear, without: int | None = None) -> Evidence:
         # The background is free to help; what it is pulled by is told apart.
         unexplained = data.energy - 2.0 * float(mean @ data.toward) + float(mean @ data.gram @ mean)
         left.append(max(unexplained, 0.0) / max(data.energy, 1e-12))
-        back = ~_mine(data, [chosen])[0] & ~data.based
+        back = ~_mine(data, [chosen])[0] & ~data.lines.based
         pull.append(float(((mean[back] / ALLOWED) ** 2).mean()) if back.any() else 0.0)
     return Evidence(members, logs, np.array(left), np.array(pull), data.seen)
 
@@ -199,16 +205,16 @@ def explained(data: Linear, chosen: Sequence[int]) -> float:
 
 def _spreads(data: Linear, sets: Sequence[Set]) -> FloatArray:
     """Return (sets, K) standard deviations of the coordinates before the data are seen."""
-    usual = np.where(data.based, TURN, ALLOWED)
+    usual = np.where(data.lines.based, TURN, ALLOWED)
     return np.where(_mine(data, sets), LARGE, usual)
 
 
 def _mine(data: Linear, sets: Sequence[Set]) -> NDArray[np.bool_]:
     """Return (sets, K): which coordinates are amounts of an effect in the set."""
-    inside = np.zeros((len(sets), len(data.effects)), dtype=np.bool_)
+    inside = np.zeros((len(sets), len(data.lines.effects)), dtype=np.bool_)
     for row, chosen in zip(inside, sets, strict=True):
         row[list(chosen)] = True
-    return inside[:, data.owner] & ~data.based
+    return inside[:, data.lines.owner] & ~data.lines.based
 
 
 def _log_evidence(data: Linear, sets: Sequence[Set]) -> FloatArray:
@@ -216,12 +222,12 @@ def _log_evidence(data: Linear, sets: Sequence[Set]) -> FloatArray:
     from scipy.special import log_ndtr
 
     spread = _spreads(data, sets)
-    precision = data.gram + np.einsum("ij,si->sij", np.eye(len(data.owner)), spread**-2.0)
+    precision = data.gram + np.einsum("ij,si->sij", np.eye(len(spread[0])), spread**-2.0)
     covariance = np.linalg.inv(precision)
     mean = covariance @ data.toward
     logs = 0.5 * np.linalg.slogdet(covariance)[1] - np.log(spread).sum(axis=1) + 0.5 * mean @ data.toward
     deviation = np.sqrt(np.maximum(np.einsum("sii->si", covariance), 1e-300))
     # A law of one sign: only that half of the prior was there to begin with.
-    half = np.log(2.0) + log_ndtr(data.side * mean / deviation)
-    found: FloatArray = logs + np.where(_mine(data, sets) & (data.side != 0), half, 0.0).sum(axis=1)
+    half = np.log(2.0) + log_ndtr(data.lines.side * mean / deviation)
+    found: FloatArray = logs + np.where(_mine(data, sets) & (data.lines.side != 0), half, 0.0).sum(axis=1)
     return found

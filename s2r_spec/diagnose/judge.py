@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.diagnose.evidence import Evidence, Linear, Set, believed, evidence, linear
-from s2r_spec.diagnose.joint import joint_fit
+from s2r_spec.diagnose.catalogue import Catalogue
+from s2r_spec.diagnose.evidence import Evidence, Linear, Set, believed, evidence, solved
 from s2r_spec.diagnose.layout import Layout
 from s2r_spec.diagnose.logs import logsumexp
-from s2r_spec.diagnose.models import Catalogue, Surrogate
+from s2r_spec.diagnose.models import Surrogate
 from s2r_spec.diagnose.practice import Case, Practice
 from s2r_spec.diagnose.signatures import Signatures
 from s2r_spec.space import Space
@@ -296,20 +296,12 @@ def _solve(
     stranger: bool,
 ) -> _Solved:
     case = practice.draw(rng, desk.layout, stranger)
-    surrogate, catalogue = desk.surrogate, desk.surrogate.catalogue
+    surrogate = desk.surrogate
     z = case.coefficients
     variance = believed(desk.layout.scatter, signatures.noise, z)
     begin = surrogate.turned(z, variance)
-    fitted = joint_fit(surrogate, z, variance, desk.nuisances, begin, surrogate.jacobian(begin))
-    data = linear(
-        catalogue.effects,
-        catalogue.owner,
-        catalogue.based,
-        catalogue.side,
-        fitted,
-        z,
-        variance,
-        desk.nuisances,
+    _, data = solved(
+        surrogate, surrogate.catalogue, z, variance, desk.nuisances, begin, surrogate.jacobian(begin)
     )
     p = _voted(networks, describe(z)[None])[0]
     floor = believed(desk.layout.scatter, signatures.noise, np.zeros_like(z))

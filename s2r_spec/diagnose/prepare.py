@@ -18,11 +18,12 @@ from numpy.typing import NDArray
 from s2r_spec.backend import Backend, HasDuration, load_backend
 from s2r_spec.diagnose import bank as banks
 from s2r_spec.diagnose.ask import FEWEST
-from s2r_spec.diagnose.evidence import ALLOWED, LARGE, Evidence, Linear, believed, evidence, linear, posterior
+from s2r_spec.diagnose.catalogue import Catalogue
+from s2r_spec.diagnose.evidence import ALLOWED, LARGE, Evidence, Linear, believed, evidence, posterior, solved
 from s2r_spec.diagnose.joint import Joint, joint_fit, polished
 from s2r_spec.diagnose.judge import Judge, Sets, describe, temperature, train
 from s2r_spec.diagnose.layout import SHOTS, Layout
-from s2r_spec.diagnose.models import Catalogue, Part, Simulator, Surrogate, nominal_rows
+from s2r_spec.diagnose.models import Part, Simulator, Surrogate, nominal_rows
 from s2r_spec.diagnose.signatures import Signatures
 from s2r_spec.diagnose.simulate import Bench
 from s2r_spec.rollouts.match import match
@@ -35,7 +36,7 @@ Progress = Callable[[str, int, int], None]
 HELD_OUT = 0.3
 """Part of the tests that the diagnosis does not see."""
 SOURCES = (
-    "axes", "design", "evidence", "joint", "judge", "layout", "logs", "models", "practice", "signatures",
+    "axes", "catalogue", "design", "evidence", "joint", "judge", "layout", "logs", "models", "practice", "signatures",
 )  # fmt: skip
 """Modules on which a judge depends."""
 WIDE = 3.0
@@ -175,17 +176,7 @@ def prepare(
     simulator = Simulator(bench, signatures, surrogate, layout, nominal[0], executor)
     tell("fitting the whole catalogue", 0, 1)
     nuisances = np.einsum("qm,vmk->vqk", layout.through, signatures.numerics)
-    fitted = joint_fit(simulator, data, variance, nuisances, begin, surrogate.jacobian(begin))
-    plain = linear(
-        catalogue.effects,
-        catalogue.owner,
-        catalogue.based,
-        catalogue.side,
-        fitted,
-        data,
-        variance,
-        nuisances,
-    )
+    fitted, plain = solved(simulator, catalogue, data, variance, nuisances, begin, surrogate.jacobian(begin))
     found = evidence(plain)
     p = judge.memberships(describe(data)[None])[0]
     warmth = temperature(plain, judge.weights)

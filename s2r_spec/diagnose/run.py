@@ -360,5 +360,5 @@ def _reason(verdict: Verdict, which: Which, far: HowFar | None, named: tuple[str
         return f"no effect of the catalogue explains the data; the nearest is {words} ({which.nearest_family}){closes}"
     if verdict is Verdict.CONFOUNDED:
         others = ", ".join(name for name in which.confounded if name not in named)
-        return f"{words} fits best, but these data cannot tell it from {others}{closes}"
+        return f"{words} fits best, but these data do not rule out {others} in its place or beside it{closes}"
     return f"{words} explains the data best{closes}"

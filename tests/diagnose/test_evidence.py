@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
+from s2r_spec.diagnose.catalogue import Catalogue
 from s2r_spec.diagnose.evidence import ALLOWED, LARGE, Linear, evidence, posterior
 from s2r_spec.diagnose.joint import joint_fit, polished
 
@@ -17,10 +18,16 @@ def drawn(seed, amounts, side=0):
     names = tuple("abcd")
     none = np.zeros(EFFECTS)
     data = Linear(
-        names,
-        np.arange(EFFECTS),
-        none.astype(bool),
-        np.full(EFFECTS, side),
+        Catalogue(
+            (),
+            names,
+            np.arange(EFFECTS),
+            np.arange(EFFECTS),
+            none.astype(bool),
+            none - 1,
+            none + 1,
+            np.full(EFFECTS, side),
+        ),
         j @ j.T,
         j @ y,
         float(y @ y),
