@@ -57,20 +57,21 @@ def named(case: Path, simulator: str) -> dict[str, str]:
     bench, bank = known(case.parents[2] / "spec.stl", simulator)
     seen = real_rollouts(bench, load_backend(f"log:{case}"), None, 0, None, lambda *_: None)
     state = prepare(bench, bank, seen, 0, None, None, lambda *_: None)
-    catalogue, surrogate = state.surrogate.catalogue, state.surrogate
-    begin = surrogate.turned(state.coefficients, state.variance)
+    view = state.view
+    catalogue, surrogate = view.surrogate.catalogue, view.surrogate
+    begin = surrogate.turned(view.data, view.variance)
     free = joint_fit(
         state.simulator,
-        state.coefficients,
-        state.variance,
-        state.nuisances,
+        view.data,
+        view.variance,
+        view.nuisances,
         begin,
         surrogate.jacobian(begin),
         FREE,
     )
     moved = np.where(catalogue.based, 0.0, np.abs(free.at))
     places = range(len(catalogue.effects))
-    alone = [surrogate.scanned(state.coefficients, state.variance, k, begin)[1] for k in places]
+    alone = [surrogate.scanned(view.data, view.variance, k, begin)[1] for k in places]
     gap = {tuple(sorted(test.items())): [] for test, _ in seen}
     for test, trace in seen:
         gap[tuple(sorted(test.items()))].append(bench.rho(trace, test))
@@ -78,12 +79,12 @@ def named(case: Path, simulator: str) -> dict[str, str]:
         key: np.mean([bench.rho(bench.run({}, dict(key), s), dict(key)) for s in range(2)]) for key in gap
     }
     away = np.array(
-        [np.mean(gap[key]) - nominal[key] for key in (tuple(sorted(t.items())) for t in state.layout.tests)]
+        [np.mean(gap[key]) - nominal[key] for key in (tuple(sorted(t.items())) for t in view.layout.tests)]
     )
     left = [np.inf] * len(catalogue.effects)
     for k, curve in enumerate(catalogue.curves):
         if not catalogue.based[k]:
-            rest = away - curve.rho @ state.layout.interpolate.T
+            rest = away - curve.rho @ view.layout.interpolate.T
             left[catalogue.owner[k]] = min(left[catalogue.owner[k]], float((rest**2).sum(axis=1).min()))
     return {
         "joint least squares": catalogue.effects[catalogue.owner[int(moved.argmax())]],

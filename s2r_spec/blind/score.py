@@ -108,6 +108,12 @@ def score(cases: Answers) -> dict[str, Any]:
         "sure": Rate(len(sure), len(cases)),
         "true value in its 90 % interval": _coverage(single),
     }
+    attributed = [(label, a) for label, a in cases if a.get("where") and a["where"].get("delta")]
+    if attributed:
+        rates |= {
+            "attribution sums to Δρ, over time and over channels": _rate(attributed, _adds_up),
+            "Δρ within what the two critical predicates allow": _rate(attributed, _between),
+        }
     for name, some in (("single", single), ("pair", pair)):
         moving = [(label, a) for label, a in some if _moves(label, a)]
         if moving:
@@ -154,6 +160,25 @@ def _members(answer: Mapping[str, Any]) -> list[str]:
 
 def _material(answer: Mapping[str, Any]) -> bool:
     return bool(answer["how_far"] and answer["how_far"]["material"])
+
+
+def _adds_up(label: Mapping[str, Any], answer: Mapping[str, Any]) -> bool:
+    """Return whether both attributions of Δρ sum to it within a thousandth."""
+    where = answer["where"]
+    delta, ended = where["delta"], where.get("ended") or 0.0
+    over_time = sum(part["delta"] for part in where["time"])
+    over_channels = sum(where["channels"].values())
+    return all(abs(total + ended - delta) <= 1e-3 * abs(delta) for total in (over_time, over_channels))
+
+
+def _between(label: Mapping[str, Any], answer: Mapping[str, Any]) -> bool:
+    """Return whether Δρ lies between the differences at the predicates that decide either side."""
+    where = answer["where"]
+    if where.get("switch") is None:
+        return True
+    low, high = where["switch"]["bounds"]
+    slack = 1e-9 + 1e-6 * abs(where["delta"])
+    return bool(low - slack <= where["delta"] <= high + slack)
 
 
 def _moves(label: Mapping[str, Any], answer: Mapping[str, Any]) -> bool:

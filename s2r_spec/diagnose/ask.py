@@ -39,7 +39,8 @@ def real_rollouts(
     """Return (test in the spec's units, trace) of every real rollout.
 
     Raises:
-        UsageError: a rollout does not say its test, or there are fewer than six.
+        UsageError: a rollout does not say its test, or that is outside the spec's ranges, or there are fewer
+            than six.
     """
     names = bench.spec.space.names
     if isinstance(real, str):
@@ -58,6 +59,8 @@ def real_rollouts(
                 f"a real rollout does not say its {missing[0]!r}; every test parameter is needed"
             )
     found = [({name: test[name] for name in names}, trace) for test, trace in found][:budget]
+    for test, _ in found:
+        bench.spec.space.vector(test)  # now, and not when all is simulated
     if len(found) < FEWEST:
         raise UsageError(
             f"{len(found)} real rollouts are too few to tell a cause from scatter; {FEWEST} are the least"

@@ -38,17 +38,15 @@ TRIPLES_OF = 5
 """Best pairs that a third effect is tried with."""
 
 
-def believed(scatter: FloatArray, noise: FloatArray, data: FloatArray) -> FloatArray:
-    """Return (q, k) variance of data (q, k).
+def believed(scatter: FloatArray, noise: FloatArray, level: FloatArray) -> FloatArray:
+    """Return (q, k) variance of the data's coefficients.
 
     Args:
         scatter: (q, q) covariance of the functions' coefficients, in units of one rollout's.
         noise: (k, k) covariance of one rollout's components.
-        data: (q, k).
+        level: (k,) mean square of the data over the tests.
     """
-    found: FloatArray = (
-        np.outer(np.diag(scatter), np.diag(noise)) + (FORM**2) * (data**2).sum(axis=0) + GROUND**2
-    )
+    found: FloatArray = np.outer(np.diag(scatter), np.diag(noise)) + (FORM**2) * level + GROUND**2
     return found
 
 

@@ -157,6 +157,13 @@ def joint_fit(
     return Joint(at, rest, jacobian, measure(rest) / data.size, best)
 
 
+def seen_through(fitted: Joint, project: FloatArray, variance: FloatArray, nuisances: FloatArray) -> Joint:
+    """Return a fit to data at every test as what it is to functions of the test, ``project`` (q, n) of them."""
+    rest = project @ fitted.rest
+    jacobian = np.einsum("qn,lnk->lqk", project, fitted.jacobian)
+    return Joint(fitted.at, rest, jacobian, _Measure(variance, nuisances)(rest) / rest.size, fitted.cost)
+
+
 def polished(
     model: Lines, data: FloatArray, variance: FloatArray, nuisances: FloatArray, at: FloatArray, ridge: float
 ) -> FloatArray:

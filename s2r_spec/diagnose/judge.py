@@ -298,13 +298,13 @@ def _solve(
     case = practice.draw(rng, desk.layout, stranger)
     surrogate = desk.surrogate
     z = case.coefficients
-    variance = believed(desk.layout.scatter, signatures.noise, z)
+    variance = believed(desk.layout.scatter, signatures.noise, desk.layout.level(z))
     begin = surrogate.turned(z, variance)
     _, data = solved(
         surrogate, surrogate.catalogue, z, variance, desk.nuisances, begin, surrogate.jacobian(begin)
     )
     p = _voted(networks, describe(z)[None])[0]
-    floor = believed(desk.layout.scatter, signatures.noise, np.zeros_like(z))
+    floor = believed(desk.layout.scatter, signatures.noise, np.zeros(z.shape[1]))
     size = float(np.sqrt((case.alone**2 / floor).mean()))
     return _Solved(case, size, data, evidence(data), p)
 

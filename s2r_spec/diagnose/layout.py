@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +30,7 @@ class Layout:
         interpolate: (n, m) from the bank's tests to these.
         through: (q, m) from the bank's tests to coefficients.
         scatter: (q, q) covariance of the coefficients of real less nominal, in units of one rollout's.
+        apart: whether the tests are not projected at all, each a function of its own.
     """
 
     tests: tuple[Test, ...]
@@ -39,6 +40,7 @@ class Layout:
     interpolate: FloatArray
     through: FloatArray
     scatter: FloatArray
+    apart: bool = False
 
     @classmethod
     def of(cls, space: Space, known: Sequence[Test], tests: Sequence[Test], inflation: float = 1.0) -> Layout:
@@ -64,6 +66,22 @@ class Layout:
             project @ interpolate,
             (project * variance) @ project.T,
         )
+
+    def each(self, inflation: float) -> Layout:
+        """Return the same tests, each by itself: for what happens at a few of them only, or varies without a trend."""
+        count = np.bincount(self.place)
+        return replace(
+            self,
+            project=np.eye(len(self.tests)),
+            through=self.interpolate,
+            scatter=np.diag(inflation / count + 1.0 / SHOTS),
+            apart=True,
+        )
+
+    def level(self, data: FloatArray) -> FloatArray:
+        """Return (k,) mean squares over the tests of what has these coefficients (q, k)."""
+        found: FloatArray = (data**2).mean(axis=0) if self.apart else (data**2).sum(axis=0)
+        return found
 
     @property
     def root(self) -> FloatArray:

@@ -145,7 +145,11 @@ class Simulator:
     @property
     def dear(self) -> bool:
         """Whether derivatives along every line by simulation would take too long."""
-        return self._cost * len(self._few) * len(self.based) > TOO_LONG
+        return self.too_dear_for(len(self._few))
+
+    def too_dear_for(self, tests: int) -> bool:
+        """Return whether they would at so many tests."""
+        return self._cost * tests * len(self.based) > TOO_LONG
 
     @property
     def _cost(self) -> float:

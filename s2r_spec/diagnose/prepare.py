@@ -19,13 +19,14 @@ from s2r_spec.backend import Backend, HasDuration, load_backend
 from s2r_spec.diagnose import bank as banks
 from s2r_spec.diagnose.ask import FEWEST
 from s2r_spec.diagnose.catalogue import Catalogue
-from s2r_spec.diagnose.evidence import ALLOWED, LARGE, Evidence, Linear, believed, evidence, posterior, solved
-from s2r_spec.diagnose.joint import Joint, joint_fit, polished
+from s2r_spec.diagnose.evidence import ALLOWED, LARGE, Evidence, Linear, evidence, linear, posterior, solved
+from s2r_spec.diagnose.joint import Joint, joint_fit, polished, seen_through
 from s2r_spec.diagnose.judge import Judge, Sets, describe, temperature, train
 from s2r_spec.diagnose.layout import SHOTS, Layout
-from s2r_spec.diagnose.models import Part, Simulator, Surrogate, nominal_rows
+from s2r_spec.diagnose.models import Part, Simulator, nominal_rows
 from s2r_spec.diagnose.signatures import Signatures
 from s2r_spec.diagnose.simulate import Bench
+from s2r_spec.diagnose.view import View
 from s2r_spec.rollouts.match import match
 from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
@@ -36,7 +37,8 @@ Progress = Callable[[str, int, int], None]
 HELD_OUT = 0.3
 """Part of the tests that the diagnosis does not see."""
 SOURCES = (
-    "axes", "catalogue", "design", "evidence", "joint", "judge", "layout", "logs", "models", "practice", "signatures",
+    "axes", "catalogue", "design", "evidence", "joint", "judge", "layout", "logs", "models", "practice",
+    "signatures", "view",
 )  # fmt: skip
 """Modules on which a judge depends."""
 WIDE = 3.0
@@ -54,9 +56,10 @@ class State:
     """What one set of real rollouts gives rise to."""
 
     signatures: Signatures
-    layout: Layout
-    surrogate: Surrogate
-    nuisances: FloatArray
+    smooth: View
+    """Through a few functions of the test: what the networks know, and what isolability is of."""
+    view: View
+    """What is fitted: the same, or every test by itself where rollouts are cheap enough."""
     judge: Judge
     data: Linear
     found: Evidence
@@ -64,14 +67,12 @@ class State:
     sets: Sets
     unknown: float
     simulator: Simulator
-    coefficients: FloatArray
-    variance: FloatArray
     fitted: Joint
     temperature: float
 
     def beside(self, effects: Sequence[int]) -> Joint:
         """Return the best fit with these effects as causes, and of all others no more than a little each."""
-        catalogue = self.surrogate.catalogue
+        catalogue, view = self.view.surrogate.catalogue, self.view
         mean, _ = posterior(self.data, effects)
         mine = np.isin(catalogue.owner, effects)
         begin = np.clip(self.data.around + mean, catalogue.lower, catalogue.upper)
@@ -79,20 +80,20 @@ class State:
         if len(effects) == 1:
             # A phase has more than one valley, and a limit that is not reached no slope: also start from the bank.
             others = np.where(mine | catalogue.based, 0.0, begin)
-            rest = self.coefficients - np.tensordot(others, self.fitted.jacobian, 1)
-            turned = self.surrogate.turned(rest, self.variance)
-            found, _ = self.surrogate.scanned(rest, self.variance, effects[0], turned)
+            rest = view.data - np.tensordot(others, self.fitted.jacobian, 1)
+            turned = view.surrogate.turned(rest, view.variance)
+            found, _ = view.surrogate.scanned(rest, view.variance, effects[0], turned)
             there = np.where(mine, found, begin)
             if np.abs(there - begin)[mine].max() > ELSEWHERE:
-                slopes = np.where(mine[:, None, None], self.surrogate.jacobian(there), self.fitted.jacobian)
+                slopes = np.where(mine[:, None, None], view.surrogate.jacobian(there), self.fitted.jacobian)
                 starts.append((there, slopes))
         spread = np.where(mine, LARGE, ALLOWED)
         fits = [
             joint_fit(
                 self.simulator,
-                self.coefficients,
-                self.variance,
-                self.nuisances,
+                view.data,
+                view.variance,
+                view.nuisances,
                 at,
                 slopes,
                 spread,
@@ -106,7 +107,7 @@ class State:
         """Return (K,) coordinates: those of these effects put right by looks along their lines, the others held."""
         part = Part(self.simulator, effects, at)
         return part.all(
-            polished(part, self.coefficients, self.variance, self.nuisances, at[part.lines], WIDE)
+            polished(part, self.view.data, self.view.variance, self.view.nuisances, at[part.lines], WIDE)
         )
 
 
@@ -167,43 +168,49 @@ def prepare(
     nominal = nominal_rows(bench, layout.tests, SHOTS, executor)
     level = np.nanmean(nominal, axis=0)
     components = signatures.components(rows, level[layout.place][:, signatures.kept])
-    layout = Layout.of(bench.spec.space, bank.tests, tests, _inflation(layout, components, signatures))
-    data = layout.project @ layout.mean(components)
-    variance = believed(layout.scatter, signatures.noise, data)
+    inflation = _inflation(layout, components, signatures)
+    layout = Layout.of(bench.spec.space, bank.tests, tests, inflation)
+    means = layout.mean(components)
     catalogue = Catalogue.of(signatures.curves)
-    surrogate = Surrogate(catalogue, layout.through)
-    begin = _beginning(surrogate, data, variance)
-    simulator = Simulator(bench, signatures, surrogate, layout, nominal[0], executor)
+    smooth = view = View.of(signatures, catalogue, layout, layout.project @ means)
+    simulator = Simulator(bench, signatures, smooth.surrogate, layout, nominal[0], executor)
+    if not simulator.too_dear_for(len(layout.tests)) and np.isfinite(means).all():
+        # What happens at a few tests only, or varies without a trend, is not seen through a few functions.
+        view = View.of(signatures, catalogue, layout.each(inflation), means)
+        simulator = Simulator(bench, signatures, view.surrogate, view.layout, nominal[0], executor)
     tell("fitting the whole catalogue", 0, 1)
-    nuisances = np.einsum("qm,vmk->vqk", layout.through, signatures.numerics)
-    fitted, plain = solved(simulator, catalogue, data, variance, nuisances, begin, surrogate.jacobian(begin))
+    begin = _beginning(smooth)
+    fitted, plain = solved(
+        simulator, catalogue, view.data, view.variance, view.nuisances, begin, view.surrogate.jacobian(begin)
+    )
     found = evidence(plain)
-    p = judge.memberships(describe(data)[None])[0]
+    through = found
+    if view is not smooth:
+        of_smooth = seen_through(fitted, layout.project, smooth.variance, smooth.nuisances)
+        through = evidence(linear(catalogue, of_smooth, smooth.data, smooth.variance, smooth.nuisances))
+    p = judge.memberships(describe(smooth.data)[None])[0]
     warmth = temperature(plain, judge.weights)
-    sets = judge.sets(found, p, warmth)
     return State(
         signatures,
-        layout,
-        surrogate,
-        nuisances,
+        smooth,
+        view,
         judge,
         plain,
         found,
         p,
-        sets,
-        judge.unknown(found, p),
+        judge.sets(found, p, warmth),
+        judge.unknown(through, p),
         simulator,
-        data,
-        variance,
         fitted,
         warmth,
     )
 
 
-def _beginning(surrogate: Surrogate, data: FloatArray, variance: FloatArray) -> FloatArray:
+def _beginning(view: View) -> FloatArray:
     """Return (K,) coordinates for the joint fit to start from: one effect, if it explains most of the data alone."""
-    turned = surrogate.turned(data, variance)
-    scans = [surrogate.scanned(data, variance, k, turned) for k in range(len(surrogate.catalogue.effects))]
+    turned = view.surrogate.turned(view.data, view.variance)
+    effects = range(len(view.surrogate.catalogue.effects))
+    scans = [view.surrogate.scanned(view.data, view.variance, k, turned) for k in effects]
     best, part = max(scans, key=lambda scan: scan[1])
     return best if part > MOSTLY else turned
 

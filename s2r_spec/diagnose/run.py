@@ -120,11 +120,11 @@ def _answer(
     tell("fitting the causes", 0, 1)
     at = (weighed.fits.get(named) or state.beside(named)).at
     if first_none:
-        tuned = state.surrogate.catalogue.values((weighed.fits.get(()) or state.beside(())).at)
+        tuned = state.view.surrogate.catalogue.values((weighed.fits.get(()) or state.beside(())).at)
     else:
         at = state.polished(named, at)
-        tuned = state.surrogate.catalogue.values(at)
-    fitted = fit(state.data, state.surrogate.catalogue, named, state.temperature, at)
+        tuned = state.view.surrogate.catalogue.values(at)
+    fitted = fit(state.data, state.view.surrogate.catalogue, named, state.temperature, at)
     far = _how_far(bench, state, held, {} if first_none else fitted.values, tuned, seed, executor, tell)
 
     unknown = state.unknown
@@ -146,10 +146,10 @@ def _answer(
         by_size[len(members)][names[members]] = known * float(probability)
 
     isolable = isolability(
-        state.surrogate,
-        state.layout.scatter,
+        state.smooth.surrogate,
+        state.smooth.layout.scatter,
         state.signatures.noise,
-        state.nuisances,
+        state.smooth.nuisances,
         state.temperature,
     )
     confounded = _confounded(isolable, names[named], by_size)
@@ -326,7 +326,7 @@ def _next(bench: Bench, state: State, ranked: list[tuple[tuple[int, ...], float]
     rivals: list[tuple[str, Mapping[str, Mapping[str, float]]]] = []
     for members, _ in ranked:
         if members and len(rivals) < 2:
-            best = fit(state.data, state.surrogate.catalogue, members, state.temperature)
+            best = fit(state.data, state.view.surrogate.catalogue, members, state.temperature)
             rivals.append((" + ".join(state.judge.effects[k] for k in members), best.values))
     tell("next test", 0, 1)
     return next_test(bench, state.signatures, rivals, protocols=True)
