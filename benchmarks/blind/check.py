@@ -37,7 +37,9 @@ def freeze(name: str, cases: int, folder: Path, workers: int) -> None:
     generator, simulator = SETS[name]
     made = folder / name
     if not made.exists():
-        print(run(generator, "--cases", cases, "--out", made))
+        # Nothing is scored on the generator's further rollouts: a diagnosis holds out some of its own.
+        spread = ("--workers", workers) if name == "a1" else ()
+        print(run(generator, "--cases", cases, "--out", made, "--held-out", 0, *spread))
     if not list((made / "public").glob("*.commit")):
         sealing = (
             "blind",

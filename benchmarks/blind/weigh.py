@@ -49,9 +49,7 @@ def rows(name: str, folder: Path) -> list[Row]:
         if true in state.found.members:
             vote, sizes = votes(state.found.members, state.memberships)
             logs = together(state, lambda *_: None).logs
-            out.append(
-                (logs, vote, sizes, state.found.members.index(true), state.data.size * state.data.scale)
-            )
+            out.append((logs, vote, sizes, state.found.members.index(true), state.smooth.data.size))
     return out
 
 

@@ -50,8 +50,8 @@ class Weights:
     axis, with other seeds: for a machine of a third kind the numbers are untested.
 
     A set A of effects scores  log evidence / temperature + trust · log P_network(A) − penalty[|A|]. The
-    features hang together, the more so the less the whole catalogue explains them: n of them count as
-    ``independent`` ones, and the temperature is n / independent times the misfit.
+    features hang together: n of them, each seen through a few functions of the test, count as ``independent``
+    ones, and the temperature is n / independent.
     """
 
     independent: float
@@ -149,9 +149,9 @@ def _strangeness(found: Evidence, p: FloatArray) -> FloatArray:
     )
 
 
-def temperature(data: Linear, weights: Weights) -> float:
-    """Return by what log evidence is divided before it is believed; see :class:`Weights`."""
-    return max(data.size / weights.independent, COLDEST) * data.scale
+def temperature(count: int, weights: Weights) -> float:
+    """Return by what log evidence is divided before it is believed, from ``count`` numbers; see :class:`Weights`."""
+    return max(count / weights.independent, COLDEST)
 
 
 def _score(
@@ -315,7 +315,7 @@ def _practice(
     """Return how often practice cases that the network did not see were answered rightly."""
     hits: dict[str, list[bool]] = {"single": [], "pair": [], "triple": [], "none": [], "sure": []}
     for s in solved:
-        score = _score(s.found.members, s.found.logs, s.p, weights, temperature(s.data, weights))
+        score = _score(s.found.members, s.found.logs, s.p, weights, temperature(s.data.size, weights))
         first = int(np.argmax(score))
         right = s.found.members[first] == s.case.effects
         kind = ("none", "single", "pair", "triple")[len(s.case.effects)]

@@ -19,10 +19,20 @@ from s2r_spec.backend import Backend, HasDuration, load_backend
 from s2r_spec.diagnose import bank as banks
 from s2r_spec.diagnose.ask import FEWEST
 from s2r_spec.diagnose.catalogue import Catalogue
-from s2r_spec.diagnose.evidence import ALLOWED, LARGE, Evidence, Linear, evidence, linear, posterior, solved
+from s2r_spec.diagnose.evidence import (
+    ALLOWED,
+    LARGE,
+    Evidence,
+    Linear,
+    believed,
+    evidence,
+    linear,
+    posterior,
+    solved,
+)
 from s2r_spec.diagnose.joint import Joint, joint_fit, polished, seen_through
 from s2r_spec.diagnose.judge import Judge, Sets, describe, temperature, train
-from s2r_spec.diagnose.layout import SHOTS, Layout
+from s2r_spec.diagnose.layout import SHOTS, Layout, functions
 from s2r_spec.diagnose.models import Part, Simulator, nominal_rows
 from s2r_spec.diagnose.signatures import Signatures
 from s2r_spec.diagnose.simulate import Bench
@@ -47,6 +57,8 @@ ELSEWHERE = 0.3
 """A coordinate by which the bank's best value of an effect lies elsewhere than the fit, so that both are tried."""
 MOSTLY = 0.5
 """An effect that alone explains more than this part of the data is where the joint fit starts."""
+TREND = 0.7
+"""Where a few functions of the test hold less than this part of the data, every test is seen by itself."""
 FREE = 5
 """Degrees of freedom from which on replicates say how much a machine scatters."""
 
@@ -174,9 +186,10 @@ def prepare(
     catalogue = Catalogue.of(signatures.curves)
     smooth = view = View.of(signatures, catalogue, layout, layout.project @ means)
     simulator = Simulator(bench, signatures, smooth.surrogate, layout, nominal[0], executor)
-    if not simulator.too_dear_for(len(layout.tests)) and np.isfinite(means).all():
+    each = layout.each(inflation)
+    if _trend(layout, each, means, signatures) < TREND and not simulator.too_dear_for(len(layout.tests)):
         # What happens at a few tests only, or varies without a trend, is not seen through a few functions.
-        view = View.of(signatures, catalogue, layout.each(inflation), means)
+        view = View.of(signatures, catalogue, each, means)
         simulator = Simulator(bench, signatures, view.surrogate, view.layout, nominal[0], executor)
     tell("fitting the whole catalogue", 0, 1)
     begin = _beginning(smooth)
@@ -189,7 +202,10 @@ def prepare(
         of_smooth = seen_through(fitted, layout.project, smooth.variance, smooth.nuisances)
         through = evidence(linear(catalogue, of_smooth, smooth.data, smooth.variance, smooth.nuisances))
     p = judge.memberships(describe(smooth.data)[None])[0]
-    warmth = temperature(plain, judge.weights)
+    if view is not smooth:
+        # The networks learnt from data with a trend, and saw only what of these has one: they abstain.
+        p = np.full_like(p, 0.5)
+    warmth = temperature(smooth.data.size, judge.weights)
     return State(
         signatures,
         smooth,
@@ -204,6 +220,17 @@ def prepare(
         fitted,
         warmth,
     )
+
+
+def _trend(layout: Layout, each: Layout, means: FloatArray, signatures: Signatures) -> float:
+    """Return the part of the data (n, k) that a few functions of the test hold, corrected for how many they are."""
+    variance = believed(each.scatter, signatures.noise, np.zeros(means.shape[1]))
+    rest = means - functions(layout.points) @ (layout.project @ means)
+    n, q = len(means), len(layout.project)
+    if n <= q:
+        return 1.0
+    whole = float((means**2 / variance).sum()) / n
+    return 1.0 - float((rest**2 / variance).sum()) / (n - q) / max(whole, 1e-12)
 
 
 def _beginning(view: View) -> FloatArray:

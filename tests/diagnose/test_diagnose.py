@@ -10,6 +10,7 @@ from s2r_cart import SPEC, Cart, real
 
 import s2r_spec as s2r
 from s2r_spec.diagnose.diagnosis import Verdict
+from s2r_spec.errors import UsageError
 
 pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
 
@@ -44,6 +45,8 @@ def test_an_effect_is_named_sized_and_closes_the_gap(find, name, value):
     assert abs(estimate.value - value) < 0.35 * abs(value - nominal)
     assert found.how_far.after.mean < found.how_far.before.mean
     assert found.patch[name]
+    assert name in found.tuned
+    assert found.how_far.tuned.mean < found.how_far.before.mean
 
 
 def test_two_effects_are_named_together(find):
@@ -107,6 +110,12 @@ def test_a_simulator_without_effects_is_told_what_to_do():
 def test_too_few_rollouts_are_refused(cache):
     with pytest.raises(s2r.S2RError, match="6 are the least"):
         s2r.diagnose(s2r.parse_spec(SPEC), Cart(), rollouts({}, 1, n=4), cache=cache)
+
+
+def test_a_test_outside_the_ranges_is_refused_before_anything_is_simulated(cache):
+    wrong = [*rollouts({}, 3), ({"vd": 7.0, "acc": 2.0}, real({"vd": 0.5, "acc": 2.0}, 1, {}))]
+    with pytest.raises(UsageError, match=r"vd = 7 m/s is outside \[0\.2, 1\]"):
+        s2r.diagnose(s2r.parse_spec(SPEC), Cart(), wrong, cache=cache)
 
 
 def test_rollouts_asked_of_a_machine_are_kept_and_not_asked_again(tmp_path, cache, toy):
