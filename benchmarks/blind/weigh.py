@@ -48,8 +48,10 @@ def rows(name: str, folder: Path) -> list[Row]:
         true = tuple(sorted(state.judge.effects.index(e) for e in label["effects"]))
         if true in state.found.members:
             vote, sizes = votes(state.found.members, state.memberships)
-            logs = together(state, lambda *_: None).logs
-            out.append((logs, vote, sizes, state.found.members.index(true), state.smooth.data.size))
+            weighed = together(state, lambda *_: None)
+            # What the temperature would be of one independent number.
+            cold = weighed.temperature * state.judge.weights.independent
+            out.append((weighed.logs[: len(vote)], vote, sizes, state.found.members.index(true), cold))
     return out
 
 

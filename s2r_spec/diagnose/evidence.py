@@ -160,11 +160,11 @@ def evidence(data: Linear, without: int | None = None) -> Evidence:
         data = data.without(without)
     able = [k for k in range(len(data.lines.effects)) if k != without]
     few: list[Set] = [(), *((k,) for k in able), *combinations(able, 2)]
-    logs = _log_evidence(data, few)
+    logs = log_evidence(data, few)
     pairs = [few[i] for i in np.argsort(-logs) if len(few[i]) == 2][:TRIPLES_OF]
     many = sorted({tuple(sorted((*s, k))) for s in pairs for k in able if k not in s})
     members = (*few, *many)
-    logs = np.concatenate([logs, _log_evidence(data, many)]) if many else logs
+    logs = np.concatenate([logs, log_evidence(data, many)]) if many else logs
     left: list[float] = []
     pull: list[float] = []
     for size in range(4):
@@ -215,12 +215,12 @@ def _mine(data: Linear, sets: Sequence[Set]) -> NDArray[np.bool_]:
     return inside[:, data.lines.owner] & ~data.lines.based
 
 
-def _log_evidence(data: Linear, sets: Sequence[Set]) -> FloatArray:
+def log_evidence(data: Linear, sets: Sequence[Set]) -> FloatArray:
     """Return (sets,) log evidence, up to one constant."""
     from scipy.special import log_ndtr
 
     spread = _spreads(data, sets)
-    precision = data.gram + np.einsum("ij,si->sij", np.eye(len(spread[0])), spread**-2.0)
+    precision = data.gram + np.einsum("ij,si->sij", np.eye(len(data.toward)), spread**-2.0)
     covariance = np.linalg.inv(precision)
     mean = covariance @ data.toward
     logs = 0.5 * np.linalg.slogdet(covariance)[1] - np.log(spread).sum(axis=1) + 0.5 * mean @ data.toward

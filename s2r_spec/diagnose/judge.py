@@ -51,7 +51,8 @@ class Weights:
 
     A set A of effects scores  log evidence / temperature + trust · log P_network(A) − penalty[|A|]. The
     features hang together: n of them, each seen through a few functions of the test, count as ``independent``
-    ones, and the temperature is n / independent.
+    ones, and the temperature is n / independent, where the joint fit leaves what is usual of the data; where the
+    simulator is nearer to the truth than that, it is less, as the root of what is left.
     """
 
     independent: float
@@ -59,8 +60,10 @@ class Weights:
     penalty: tuple[float, float, float, float]
 
 
-WEIGHTS = Weights(55.0, 0.57, (0.0, 0.0, 2.9, 4.6))
-COLDEST = 2.0
+WEIGHTS = Weights(50.0, 0.57, (0.0, 0.0, 2.9, 4.3))
+USUAL = 0.1
+"""Misfit of the joint fit, in units of what is believed, for which ``independent`` is meant."""
+COLDEST = 1.0
 """Least temperature."""
 
 
@@ -149,9 +152,15 @@ def _strangeness(found: Evidence, p: FloatArray) -> FloatArray:
     )
 
 
-def temperature(count: int, weights: Weights) -> float:
-    """Return by what log evidence is divided before it is believed, from ``count`` numbers; see :class:`Weights`."""
-    return max(count / weights.independent, COLDEST)
+def temperature(count: int, misfit: float, weights: Weights) -> float:
+    """Return by what log evidence is divided before it is believed; see :class:`Weights`.
+
+    Args:
+        count: numbers that it is from.
+        misfit: of the joint fit.
+        weights: see there.
+    """
+    return max(count / weights.independent * float(np.sqrt(min(misfit / USUAL, 1.0))), COLDEST)
 
 
 def _score(
@@ -176,6 +185,7 @@ class _Solved:
     data: Linear
     found: Evidence
     p: FloatArray
+    misfit: float
 
 
 @dataclass(frozen=True)
@@ -300,13 +310,13 @@ def _solve(
     z = case.coefficients
     variance = believed(desk.layout.scatter, signatures.noise, desk.layout.level(z))
     begin = surrogate.turned(z, variance)
-    _, data = solved(
+    fitted, data = solved(
         surrogate, surrogate.catalogue, z, variance, desk.nuisances, begin, surrogate.jacobian(begin)
     )
     p = _voted(networks, describe(z)[None])[0]
     floor = believed(desk.layout.scatter, signatures.noise, np.zeros(z.shape[1]))
     size = float(np.sqrt((case.alone**2 / floor).mean()))
-    return _Solved(case, size, data, evidence(data), p)
+    return _Solved(case, size, data, evidence(data), p, fitted.misfit)
 
 
 def _practice(
@@ -315,7 +325,9 @@ def _practice(
     """Return how often practice cases that the network did not see were answered rightly."""
     hits: dict[str, list[bool]] = {"single": [], "pair": [], "triple": [], "none": [], "sure": []}
     for s in solved:
-        score = _score(s.found.members, s.found.logs, s.p, weights, temperature(s.data.size, weights))
+        score = _score(
+            s.found.members, s.found.logs, s.p, weights, temperature(s.data.size, s.misfit, weights)
+        )
         first = int(np.argmax(score))
         right = s.found.members[first] == s.case.effects
         kind = ("none", "single", "pair", "triple")[len(s.case.effects)]

@@ -171,17 +171,19 @@ class Simulator:
         found: FloatArray = self._layout.projected_from(self._many) @ self._components([at], self._many)[0]
         return found
 
-    def jacobian(self, at: FloatArray, change: FloatArray) -> FloatArray:
+    def jacobian(
+        self, at: FloatArray, change: FloatArray, only: NDArray[np.intp] | None = None
+    ) -> FloatArray:
         """Return (K, q, k) one-sided differences over :data:`STEP`, towards the longer side of the range.
 
-        With dear rollouts these are the bank's secants.
+        With dear rollouts these are the bank's secants, unless ``only`` a few lines are asked for; all others are 0.
         """
-        if self.dear:
+        if only is None and self.dear:
             return self._surrogate.jacobian(at)
         project = self._layout.projected_from(self._few)
         out = np.zeros((len(at), *change.shape))
         lines, points, steps = [], [at], []
-        for k in range(len(at)):
+        for k in range(len(at)) if only is None else only.tolist():
             if self.based[k] and abs(at[self.catalogue.first[k]]) < THERE:
                 continue  # nothing is there that could act otherwise
             room = self.upper[k] - at[k], at[k] - self.lower[k]
@@ -236,6 +238,10 @@ class Part:
     def change(self, at: FloatArray) -> FloatArray:
         """Return (q, k): see :class:`~s2r_spec.diagnose.joint.Model`."""
         return self._whole.change(self.all(at))
+
+    def jacobian(self, at: FloatArray, change: FloatArray) -> FloatArray:
+        """Return (lines, q, k): see :class:`~s2r_spec.diagnose.joint.Model`."""
+        return self._whole.jacobian(self.all(at), change, self.lines)[self.lines]
 
 
 def seed_of(test: int, shot: int) -> int:

@@ -89,7 +89,9 @@ class State:
         mine = np.isin(catalogue.owner, effects)
         begin = np.clip(self.data.around + mean, catalogue.lower, catalogue.upper)
         starts = [(begin, self.fitted.jacobian)]
-        if len(effects) == 1:
+        if self.simulator.dear and effects:
+            starts = [self._alone(effects, begin)]
+        elif len(effects) == 1:
             # A phase has more than one valley, and a limit that is not reached no slope: also start from the bank.
             others = np.where(mine | catalogue.based, 0.0, begin)
             rest = view.data - np.tensordot(others, self.fitted.jacobian, 1)
@@ -114,6 +116,17 @@ class State:
             for at, slopes in starts
         ]
         return min(fits, key=lambda fit: fit.cost)
+
+    def _alone(self, effects: Sequence[int], begin: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return where these effects fit best with no other, and derivatives there: the simulator's own for them."""
+        view = self.view
+        part = Part(self.simulator, effects, np.zeros_like(begin))
+        first = view.surrogate.jacobian(begin)[part.lines]
+        found = joint_fit(part, view.data, view.variance, view.nuisances, begin[part.lines], first, LARGE)
+        at = part.all(found.at)
+        slopes = view.surrogate.jacobian(at)
+        slopes[part.lines] = found.jacobian
+        return at, slopes
 
     def polished(self, effects: Sequence[int], at: FloatArray) -> FloatArray:
         """Return (K,) coordinates: those of these effects put right by looks along their lines, the others held."""
@@ -205,7 +218,7 @@ def prepare(
     if view is not smooth:
         # The networks learnt from data with a trend, and saw only what of these has one: they abstain.
         p = np.full_like(p, 0.5)
-    warmth = temperature(smooth.data.size, judge.weights)
+    warmth = temperature(smooth.data.size, fitted.misfit, judge.weights)
     return State(
         signatures,
         smooth,

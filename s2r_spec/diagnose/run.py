@@ -113,7 +113,7 @@ def _answer(
 ) -> Diagnosis:
     effects = state.judge.effects
     weighed = together(state, lambda done, of: tell("simulating sets", done, of))
-    state = replace(state, sets=weighed.sets)
+    state = replace(state, sets=weighed.sets, temperature=weighed.temperature)
     ranked = state.sets.ranked()
     first_none = not ranked[0][0]
     named = next(members for members, _ in ranked if members)

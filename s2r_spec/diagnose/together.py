@@ -1,7 +1,7 @@
 """The likeliest sets of effects, each fitted by the simulator itself with a little of everything else beside it.
 
 The linear evidence is exact at one point, that of the joint fit. A set that lies far from it
-is judged by what the simulator does there.
+is judged by what the simulator does there; and what the best of them leaves says which effect is missing.
 """
 
 from __future__ import annotations
@@ -12,20 +12,27 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.diagnose.evidence import Set, explained
+from s2r_spec.diagnose.evidence import Set, explained, log_evidence
 from s2r_spec.diagnose.joint import Joint
-from s2r_spec.diagnose.judge import Sets
+from s2r_spec.diagnose.judge import Sets, temperature
 from s2r_spec.diagnose.prepare import State
 
 FloatArray = NDArray[np.float64]
 
 LIKELIEST = 5
-"""Sets that are simulated at first."""
+"""Sets that are simulated at first; of a dear simulator :data:`FEW`."""
+FEW = 3
 MOST = 9
 """Sets that are simulated at all: on, while one that was not is the likeliest."""
-
-HEARD = 2.0
-"""A look moves a set's log probability by at most so much against the others."""
+FURTHER = 2
+"""Effects that are tried with the set that leaves least, those that could explain most of what it leaves."""
+WORTH = 0.1
+"""Part of what it leaves that an effect must explain to be tried."""
+LARGEST = 3
+"""Effects in a set."""
+HEARD = (2.0, 8.0)
+"""A look lowers a set's log probability by no more than the first, for a fit may stop in a wrong valley, and raises
+it by no more than the second."""
 
 
 @dataclass(frozen=True)
@@ -36,29 +43,66 @@ class Together:
         sets: all of them.
         logs: log evidence of each, up to one constant.
         fits: of those that were simulated.
+        temperature: by which log evidence is divided.
     """
 
     sets: Sets
     logs: FloatArray
     fits: dict[Set, Joint]
+    temperature: float
 
 
 def together(state: State, progress: Callable[[int, int], None]) -> Together:
     """Simulate the likeliest sets, and put what they cost in the place of what the linear evidence made of them."""
-    found, sets = state.found, state.sets
     fits: dict[Set, Joint] = {}
-    moved: dict[Set, float] = {}
-    while len(fits) < MOST:
-        ranked = [members for members, _ in sets.ranked()]
-        if ranked[0] in fits and len(fits) >= LIKELIEST:
-            break
-        upcoming = ranked[0] if ranked[0] not in fits else next(s for s in ranked if s not in fits)
-        fits[upcoming] = state.beside(upcoming)
-        moved[upcoming] = -0.5 * (fits[upcoming].cost / state.data.scale - explained(state.data, upcoming))
+    found = Together(state.sets, state.found.logs, fits, state.temperature)
+
+    def look(members: Set) -> Together:
+        fits[members] = state.beside(members)
         progress(len(fits), MOST)
-        # What was not simulated is taken to err as the others did; and a fit may have stopped in a wrong valley.
-        usual = float(np.median(list(moved.values())))
-        far = np.array([moved.get(members, usual) for members in found.members]) - usual
-        logs = found.logs + np.clip(far, -HEARD * state.temperature, HEARD * state.temperature)
-        sets = state.judge.sets(replace(found, logs=logs), state.memberships, state.temperature)
-    return Together(sets, logs, fits)
+        return _weighed(state, fits)
+
+    first = FEW if state.simulator.dear else LIKELIEST
+    while len(fits) < MOST:
+        ranked = [members for members, _ in found.sets.ranked()]
+        if ranked[0] in fits and len(fits) >= first:
+            break
+        found = look(next(s for s in ranked if s not in fits) if ranked[0] in fits else ranked[0])
+    while True:
+        best = min(fits, key=lambda s: fits[s].cost)
+        wider = [tuple(sorted((*best, k))) for k in _missing(state, fits[best], best)]
+        untried = [s for s in wider if s not in fits] if len(best) < LARGEST else []
+        if not untried:
+            return found
+        for members in untried:
+            found = look(members)
+
+
+def _missing(state: State, fit: Joint, members: Set) -> list[int]:
+    """Return the effects that could explain most of what a fit leaves, over all of their range by the bank."""
+    view = state.view
+    turned = view.surrogate.turned(fit.rest, view.variance)
+    gains = {
+        k: view.surrogate.scanned(fit.rest, view.variance, k, turned)[1]
+        for k in range(len(state.judge.effects))
+        if k not in members
+    }
+    return [k for k in sorted(gains, key=lambda k: -gains[k])[:FURTHER] if gains[k] > WORTH]
+
+
+def _weighed(state: State, fits: dict[Set, Joint]) -> Together:
+    """Return all sets, those that were simulated by what they cost."""
+    misfit = min(fit.misfit for fit in (state.fitted, *fits.values()))
+    scale = max(misfit, 1.0)
+    warmth = temperature(state.smooth.data.size, misfit, state.judge.weights)
+    members = (*state.found.members, *(s for s in fits if s not in set(state.found.members)))
+    more = log_evidence(state.data, members[len(state.found.members) :])
+    logs = np.concatenate([state.found.logs, more])
+    # Half of this was taken for what a set leaves of the data, in units of the joint fit's own misfit.
+    moved = {s: -0.5 * (fit.cost / scale - explained(state.data, s)) for s, fit in fits.items()}
+    # What was not simulated is taken to err as the others did.
+    usual = float(np.median(list(moved.values())))
+    far = np.array([moved.get(s, usual) for s in members]) - usual
+    logs = logs + np.clip(far, -HEARD[0] * warmth, HEARD[1] * warmth)
+    evidence = replace(state.found, members=members, logs=logs)
+    return Together(state.judge.sets(evidence, state.memberships, warmth), logs, fits, warmth)
