@@ -172,7 +172,7 @@ def _answer(
         pairs=by_size[2],
         triples=by_size[3],
         answer=answer,
-        confounded=confounded if verdict is not Verdict.NONE else (),
+        confounded=confounded if answer else (),
         estimates=() if verdict is Verdict.NONE else fitted.estimates,
         nearest_family=families[names[named][0]],
         isolability=isolable,
