@@ -123,3 +123,40 @@ def test_wilson_interval():
     assert low == 0
     assert high == pytest.approx(0.0188, abs=1e-4)
     assert Rate(0, 0).interval() == (0.0, 1.0)
+
+
+def far(floor):
+    gap = {"mean": 1.0, "low": 0.9, "high": 1.1, "worst": 1.5}
+    closed = gap | {"mean": 0.4}
+    return {
+        "before": gap, "after": closed, "tuned": gap | {"mean": 0.2}, "floor": floor, "material": True,
+        "share": {"estimate": 0.6, "low": 0.5, "high": 0.7}, "oracle_share": None,
+    }  # fmt: skip
+
+
+def where(delta, channels, bounds):
+    return {
+        "delta": delta, "ended": 0.0, "time": [{"delta": delta}], "channels": {"q": channels},
+        "switch": {"bounds": bounds},
+    }  # fmt: skip
+
+
+def test_effects_that_move_rho_are_scored_by_themselves():
+    label = LABELS["case-a"] | {"moved": 0.5}
+    still = LABELS["case-a"] | {"moved": 0.2}
+    answer = ANSWERS["case-a"] | {"how_far": far(0.1)}
+    found = score([(label, answer), (still, answered("named", "mass") | {"how_far": far(0.1)})])
+    assert found["top-1, single effects"]["of"] == 2
+    assert found["that moves ρ: first answer right, single"]["hits"] == 1
+    assert found["that moves ρ: first answer right, single"]["of"] == 1
+    shrunk = found["shrink, single"]
+    assert shrunk["ratio of sums"] == pytest.approx(0.6 / 0.9, abs=1e-4)
+    assert shrunk["ratio of sums, a little of every other effect added"] == pytest.approx(0.8 / 0.9, abs=1e-4)
+
+
+def test_where_is_scored_by_its_sums_and_bounds():
+    right = ANSWERS["case-a"] | {"where": where(-0.3, -0.3, [-0.4, -0.2])}
+    wrong = ANSWERS["case-a"] | {"where": where(-0.3, -0.29, [-0.2, -0.1])}
+    found = score([(LABELS["case-a"], right), (LABELS["case-a"], wrong)])
+    assert found["attribution sums to Δρ, over time and over channels"]["hits"] == 1
+    assert found["Δρ within what the two critical predicates allow"]["hits"] == 1

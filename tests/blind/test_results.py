@@ -41,3 +41,12 @@ def test_every_set_was_frozen_before_it_was_opened():
         assert kept["frozen"] == manifest["frozen"] <= kept["opened"]
         assert sorted(manifest["answers"]) == sorted(kept["cases"])
         assert re.fullmatch(r"[0-9a-f]{64}", manifest["code"])
+
+
+def test_what_is_said_of_the_real_go2():
+    kept = json.loads((ROOT / "benchmarks" / "real" / "go2_diagnose.json").read_text())
+    page = " ".join(PAGE.read_text().split())
+    far, friction = kept["how_far"], kept["parameters"]["viscous_friction"]["coefficient"]
+    assert f"*{kept['verdict']}*, nearest viscous friction of {friction['estimate']:.2f} N*m*s/rad" in page
+    closed, tuned = (100 * far[key]["estimate"] for key in ("share", "tuned_share"))
+    assert f"closes {closed:.0f} % of the held-out gap, {tuned:.0f} % with a little of everything" in page
