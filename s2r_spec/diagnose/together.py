@@ -65,16 +65,17 @@ def together(state: State, progress: Callable[[int, int], None]) -> Together:
     first = FEW if state.simulator.dear else LIKELIEST
     while len(fits) < MOST:
         ranked = [members for members, _ in found.sets.ranked()]
-        if ranked[0] in fits and len(fits) >= first:
+        untried = [members for members in ranked if members not in fits]
+        if not untried or (ranked[0] in fits and len(fits) >= first):
             break
-        found = look(next(s for s in ranked if s not in fits) if ranked[0] in fits else ranked[0])
+        found = look(untried[0])
     while True:
         best = min(fits, key=lambda s: fits[s].cost)
         wider = [tuple(sorted((*best, k))) for k in _missing(state, fits[best], best)]
-        untried = [s for s in wider if s not in fits] if len(best) < LARGEST else []
-        if not untried:
+        further = [s for s in wider if s not in fits] if len(best) < LARGEST else []
+        if not further:
             return found
-        for members in untried:
+        for members in further:
             found = look(members)
 
 

@@ -138,3 +138,18 @@ def test_the_diagnosis_cannot_see_a_label():
     code = "import s2r_spec.diagnose.run, sys; print(' '.join(sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert not [name for name in done.stdout.split() if name.startswith(("s2r_spec.blind", "benchmarks"))]
+
+
+class Short(Cart):
+    """A cart whose catalogue is short."""
+
+    def effects(self):
+        return tuple(e for e in super().effects() if e.name in ("coulomb", "viscous"))
+
+
+def test_a_catalogue_of_two_effects_is_enough(tmp_path):
+    found = s2r.diagnose(
+        s2r.parse_spec(SPEC), Short(), rollouts({"viscous": 2.0}, 11), cache=tmp_path, where=False
+    )
+    assert set(found.which.singles) == {"coulomb", "viscous"}
+    assert found.which.ranked[0][0] == ("viscous",), found.reason
