@@ -59,7 +59,7 @@ def test_what_the_papers_specification_declares() -> None:
     assert (spec.signals["vx"].unit, spec.signals["vx"].dim, spec.signals["vx"].range) == ("m/s", 1, None)
     assert [(a.name, a.low, a.high, a.unit) for a in spec.space.axes] == [("vd", -0.2, 0.3, "m/s")]
     assert spec.certify["walking"] == CertifySettings(
-        delta=1e-6, epsilon=0.02, B=1.5, R=0.01, kernel=KernelChoice("matern52", (0.2,)), fall=-0.5
+        delta=1e-6, epsilon=0.02, B=1.5, R=0.01, kernel=KernelChoice("matern52", (0.15,)), fall=-0.5
     )
     again = pickle.loads(pickle.dumps(spec))
     assert again.hash == spec.hash

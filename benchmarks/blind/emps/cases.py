@@ -97,7 +97,7 @@ def realise(plans: Sequence[Plan]) -> list[Case]:
         )
     ]
     moved = [(each, case) for each, case in zip(plans, cases, strict=True) if each.label["effects"]]
-    others = _runs([(e.bare, e.tests[:PROBES], e.nuisances[:PROBES]) for e, _ in moved])
+    others = _runs([(e.bare, e.tests[:PROBES], e.nuisances[: len(e.tests[:PROBES])]) for e, _ in moved])
     for (_, case), bare in zip(moved, others, strict=True):
         away = [
             abs(_rho(trace, test) - _rho(other, test))
