@@ -96,12 +96,15 @@ def test_a_set_has_the_mixture_that_was_announced():
 @pytest.fixture
 def case(monkeypatch):
     monkeypatch.setattr(cases, "DURATION", 0.15)
+    # A run that short has no ρ: what the effects move is told by where it ends.
+    monkeypatch.setattr(cases, "_rho", lambda trace, test: float(trace["q"][-1]))
     return make_case(np.random.default_rng(4), "pair", budget=5, held_out=1)
 
 
 def test_a_case_comes_again_from_its_seed(case):
     again = make_case(np.random.default_rng(4), "pair", budget=5, held_out=1)
     assert again.label == case.label
+    assert case.label["moved"] > 0
     for (test, trace), (same, other) in zip(case.rollouts, again.rollouts, strict=True):
         assert test == same
         np.testing.assert_array_equal(trace["q"], other["q"])
