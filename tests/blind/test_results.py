@@ -50,3 +50,18 @@ def test_what_is_said_of_the_real_go2():
     assert f"*{kept['verdict']}*, nearest viscous friction of {friction['estimate']:.2f} N*m*s/rad" in page
     closed, tuned = (100 * far[key]["estimate"] for key in ("share", "tuned_share"))
     assert f"closes {closed:.0f} % of the held-out gap, {tuned:.0f} % with a little of everything" in page
+
+
+def test_what_is_said_of_simpler_ways():
+    kept = json.loads((RESULTS / "emps_baselines.json").read_text())
+    rates = {name: rate["hits"] for name, rate in kept["rates"].items()}
+    count = kept["rates"]["ρ only"]["of"]
+    said = (
+        f"Simpler ways on the {count} single effects",
+        f"joint least-squares fit names {rates['joint least squares']}, the best fit of one effect {rates['single fits']}",
+        f"the same of ρ alone {rates['ρ only']}, chance {count * kept['chance']:.0f}",
+        f"`s2r diagnose` is the true one in {rates['s2r diagnose, likeliest cause']}",
+    )
+    page = " ".join(PAGE.read_text().split())
+    for words in said:
+        assert words in page, words
