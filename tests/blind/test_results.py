@@ -56,9 +56,10 @@ def test_what_is_said_of_simpler_ways():
     kept = json.loads((RESULTS / "emps_baselines.json").read_text())
     rates = {name: rate["hits"] for name, rate in kept["rates"].items()}
     count = kept["rates"]["ρ only"]["of"]
+    joint, single = rates["joint least squares"], rates["single fits"]
     said = (
         f"Simpler ways on the {count} single effects",
-        f"joint least-squares fit names {rates['joint least squares']}, the best fit of one effect {rates['single fits']}",
+        f"joint least-squares fit names {joint}, the best fit of one effect {single}",
         f"the same of ρ alone {rates['ρ only']}, chance {count * kept['chance']:.0f}",
         f"`s2r diagnose` is the true one in {rates['s2r diagnose, likeliest cause']}",
     )
