@@ -2,81 +2,17 @@
 
 from __future__ import annotations
 
-import typer
-from rich.console import Console
+from s2r_spec.cli.against import Search, against
 
-from s2r_spec.cli.common import interrupted, new_or_old, pool, seconds, sentences
-from s2r_spec.cli.options import (
-    OneRequirement,
-    Quiet,
-    RealBudget,
-    RealMachine,
-    Resume,
-    Run,
-    Scheduler,
-    Seed,
-    Simulator,
-    SpecFile,
-    Timeout,
-    Workers,
+
+def _search() -> Search:
+    from s2r_spec.certify.promise import certify as both
+    from s2r_spec.report import certified
+    from s2r_spec.report.recompute import recompute_certify
+
+    return Search(both, certified.report, recompute_certify)
+
+
+certify = against(
+    "", "Certify the worst expected robustness in simulation, bound the gap, and add the two.", _search
 )
-from s2r_spec.cli.output import AsJson, Format, Output, Page, emit, pageable, save, settle
-
-
-def certify(
-    spec: SpecFile,
-    real: RealMachine,
-    sim: Simulator = "sim",
-    requirement: OneRequirement = None,
-    seed: Seed = 0,
-    budget: RealBudget = None,
-    workers: Workers = None,
-    scheduler: Scheduler = None,
-    timeout: Timeout = None,
-    run: Run = None,
-    resume: Resume = None,
-    as_json: AsJson = False,
-    form: Format = None,
-    output: Output = None,
-    page: Page = None,
-    quiet: Quiet = False,
-) -> None:
-    """Certify the worst expected robustness in simulation, bound the gap, and add the two."""
-    with sentences(as_json or form == "json"):
-        from s2r_spec.certify.promise import certify as both
-        from s2r_spec.cli.progress import Live
-        from s2r_spec.report import certified, html
-        from s2r_spec.report.recompute import recompute_certify
-        from s2r_spec.spec import load_spec
-
-        form = settle(form, as_json, output)
-        pageable(page)
-        parsed = load_spec(spec)
-        executor, machines = pool(workers, scheduler)
-        folder = new_or_old(run, resume, f"{spec.stem}-{sim}-{real}", seed)
-        errors = Console(stderr=True, highlight=False)
-        if not quiet:
-            errors.print(f"run {folder}, seed {seed}, {machines}", markup=False, soft_wrap=True)
-        try:
-            with Live(errors, quiet) as live:
-                result = both(
-                    parsed,
-                    sim,
-                    real,
-                    folder,
-                    requirement=requirement,
-                    seed=seed,
-                    budget=budget,
-                    executor=executor,
-                    timeout=seconds(timeout),
-                    resume=resume is not None,
-                    observer=live,
-                )
-        except KeyboardInterrupt:
-            interrupted(folder)
-            raise
-        report = certified.report(parsed, result)
-        emit(report, form, output)
-        if page is not None:
-            save(html.render([recompute_certify(folder, real)]), page)
-        raise typer.Exit(report.exit_code)

@@ -34,20 +34,20 @@ FORM = 0.1
 """The data are believed up to this part of themselves: an effect's law is another than ours."""
 GROUND = 0.3
 """Error that is always there, in units of the features' scale."""
+MORE = (0.0, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0)
+"""Error that may be there besides, in the same units: a simulator of which every number is a little off."""
 TRIPLES_OF = 5
 """Best pairs that a third effect is tried with."""
 
 
-def believed(scatter: FloatArray, noise: FloatArray, level: FloatArray) -> FloatArray:
+def believed(scatter: FloatArray, level: FloatArray | float = 0.0) -> FloatArray:
     """Return (q, k) variance of the data's coefficients.
 
     Args:
-        scatter: (q, q) covariance of the functions' coefficients, in units of one rollout's.
-        noise: (k, k) covariance of one rollout's components.
+        scatter: (q, k) their variance from rollout to rollout.
         level: (k,) mean square of the data over the tests.
     """
-    found: FloatArray = np.outer(np.diag(scatter), np.diag(noise)) + (FORM**2) * level + GROUND**2
-    return found
+    return scatter + (FORM**2) * level + GROUND**2
 
 
 @dataclass(frozen=True)
@@ -114,6 +114,24 @@ def linear(
     return Linear(lines, gram, toward, energy, seen, around, y.size, scale)
 
 
+def ground(
+    lines: Catalogue, fitted: Joint, data: FloatArray, variance: FloatArray, nuisances: FloatArray
+) -> float:
+    """Return which of :data:`MORE` the data speak for, whatever the cause, if any, is: the largest evidence.
+
+    It is not what a fit of everything leaves, for that has taken much of an error of everything for its own.
+    """
+    few: list[Set] = [(), *((k,) for k in range(len(lines.effects)))]
+
+    def speaks(more: float) -> float:
+        wider = variance + more**2
+        seen = linear(lines, replace(fitted, misfit=1.0), data, wider, nuisances)
+        best = float(log_evidence(seen, few).max())
+        return best - 0.5 * seen.energy - 0.5 * float(np.log(wider).sum())
+
+    return max(MORE, key=speaks)
+
+
 def solved(
     model: Model,
     lines: Catalogue,
@@ -122,10 +140,19 @@ def solved(
     nuisances: FloatArray,
     begin: FloatArray,
     first: FloatArray,
-) -> tuple[Joint, Linear]:
-    """Fit the whole catalogue, and linearise there; the arguments are those of :func:`joint_fit`."""
-    fitted = joint_fit(model, data, variance, nuisances, begin, first)
-    return fitted, linear(lines, fitted, data, variance, nuisances)
+    exact: bool = False,
+) -> tuple[Joint, Linear, FloatArray]:
+    """Fit the whole catalogue, and linearise there; the arguments are those of :func:`joint_fit`.
+
+    Also returns (q, k) the variance by which the data are believed in the end: where the whole catalogue leaves more
+    than it should, every number is taken to be off by as much as the data speak for.
+    """
+    fitted = joint_fit(model, data, variance, nuisances, begin, first, exact=exact)
+    if fitted.misfit > 1.0:
+        wide = joint_fit(model, data, variance + max(MORE) ** 2, nuisances, begin, first, exact=exact)
+        variance = variance + ground(lines, wide, data, variance, nuisances) ** 2
+        fitted = joint_fit(model, data, variance, nuisances, begin, first, exact=exact)
+    return fitted, linear(lines, fitted, data, variance, nuisances), variance
 
 
 @dataclass(frozen=True)

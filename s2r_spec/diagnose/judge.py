@@ -308,14 +308,15 @@ def _solve(
     case = practice.draw(rng, desk.layout, stranger)
     surrogate = desk.surrogate
     z = case.coefficients
-    variance = believed(desk.layout.scatter, signatures.noise, desk.layout.level(z))
+    own = np.diag(signatures.noise)
+    scatter = desk.layout.variance(own, own)
+    variance = believed(scatter, desk.layout.level(z))
     begin = surrogate.turned(z, variance)
-    fitted, data = solved(
+    fitted, data, _ = solved(
         surrogate, surrogate.catalogue, z, variance, desk.nuisances, begin, surrogate.jacobian(begin)
     )
     p = _voted(networks, describe(z)[None])[0]
-    floor = believed(desk.layout.scatter, signatures.noise, np.zeros(z.shape[1]))
-    size = float(np.sqrt((case.alone**2 / floor).mean()))
+    size = float(np.sqrt((case.alone**2 / believed(scatter)).mean()))
     return _Solved(case, size, data, evidence(data), p, fitted.misfit)
 
 

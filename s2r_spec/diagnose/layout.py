@@ -83,6 +83,14 @@ class Layout:
         found: FloatArray = (data**2).mean(axis=0) if self.apart else (data**2).sum(axis=0)
         return found
 
+    def variance(self, machine: FloatArray, simulator: FloatArray) -> FloatArray:
+        """Return (q, k) scatter of the coefficients, from (k,) that of one rollout of the machine and the simulator."""
+        of_tests = self.project**2
+        found: FloatArray = np.outer(of_tests @ (1.0 / np.bincount(self.place)), machine) + np.outer(
+            of_tests.sum(axis=1) / SHOTS, simulator
+        )
+        return found
+
     @property
     def root(self) -> FloatArray:
         """(q, q) Cholesky factor of ``scatter``."""

@@ -134,13 +134,30 @@ class Simulator:
         layout: Layout,
         nominal: FloatArray,
         executor: Callable[[], Executor] | None,
+        shots: int = 1,
     ) -> None:
-        """Set up; ``nominal`` (n, 1 + p) are rows of the first nominal rollout at every real test."""
+        """Set up.
+
+        Args:
+            bench: what is simulated.
+            signatures: of what is measured.
+            surrogate: the bank at the real tests.
+            layout: of these.
+            nominal: (shots or more, n, 1 + p) rows of nominal rollouts at every real test.
+            executor: makes a pool; None runs all here.
+            shots: rollouts at a test whose mean is a look.
+        """
         self.catalogue = catalogue = surrogate.catalogue
         self._surrogate = surrogate
         self.lower, self.upper, self.based = catalogue.lower, catalogue.upper, catalogue.based
         self._bench, self._signatures, self._layout = bench, signatures, layout
-        self._nominal, self._executor = nominal, executor
+        self._nominal, self._executor, self.shots = nominal, executor, shots
+
+    def steadier(self, shots: int) -> Simulator:
+        """Return the same, with so many rollouts at a test for a look."""
+        return Simulator(
+            self._bench, self._signatures, self._surrogate, self._layout, self._nominal, self._executor, shots
+        )
 
     @property
     def dear(self) -> bool:
@@ -206,7 +223,7 @@ class Simulator:
 
     def _components(self, points: Sequence[FloatArray], places: NDArray[np.intp]) -> list[FloatArray]:
         """Return (len(places), k) change of the components at each of these coordinates."""
-        runs = tuple((self._layout.tests[i], seed_of(int(i), 0)) for i in places)
+        runs = tuple((self._layout.tests[i], seed_of(int(i), s)) for s in range(self.shots) for i in places)
         jobs = [Job(self.catalogue.values(at), runs) for at in points]
         executor = self._executor if self._cost * len(runs) * len(jobs) > WORTH else None
         if len(jobs) == 1 and executor is not None:
@@ -215,8 +232,26 @@ class Simulator:
             rows = [np.concatenate(run_jobs(self._bench, jobs, executor))]
         else:
             rows = run_jobs(self._bench, jobs, executor)
-        kept = self._nominal[places][:, self._signatures.kept]
-        return [self._signatures.components(block, kept) for block in rows]
+        kept = self._nominal[: self.shots, places].mean(axis=0)[:, self._signatures.kept]
+        means = [block.reshape(self.shots, len(places), -1).mean(axis=0) for block in rows]
+        return [self._signatures.components(mean, kept) for mean in means]
+
+    def variance(self, noise: FloatArray) -> FloatArray:
+        """Return (q, k) scatter of a look, from (k,) that of one rollout."""
+        of_tests = self._layout.projected_from(self._many) ** 2
+        found: FloatArray = np.outer(of_tests.sum(axis=1) / self.shots, noise)
+        return found
+
+    def scattered(self, at: FloatArray) -> tuple[FloatArray, int]:
+        """Return (k,) variance of one rollout's components there, and from how many degrees of freedom."""
+        count = len(self._nominal)
+        looks = [(self._layout.tests[i], seed_of(int(i), s)) for s in range(count) for i in self._many]
+        values = self.catalogue.values(at)
+        rows = np.concatenate(run_jobs(self._bench, [Job(values, (look,)) for look in looks], self._executor))
+        kept = np.tile(self._nominal[:, self._many].mean(axis=0)[:, self._signatures.kept], (count, 1))
+        found = self._signatures.components(rows, kept).reshape(count, len(self._many), -1)
+        variance: FloatArray = found.var(axis=0, ddof=1).mean(axis=0)
+        return variance, (count - 1) * len(self._many)
 
 
 class Part:

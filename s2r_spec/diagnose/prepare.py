@@ -8,7 +8,7 @@ import os
 import pickle
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 
@@ -26,11 +26,12 @@ from s2r_spec.diagnose.evidence import (
     Linear,
     believed,
     evidence,
+    ground,
     linear,
     posterior,
     solved,
 )
-from s2r_spec.diagnose.joint import Joint, joint_fit, polished, seen_through
+from s2r_spec.diagnose.joint import Joint, Model, joint_fit, polished, seen_through
 from s2r_spec.diagnose.judge import Judge, Sets, describe, temperature, train
 from s2r_spec.diagnose.layout import SHOTS, Layout, functions
 from s2r_spec.diagnose.models import Part, Simulator, nominal_rows
@@ -61,6 +62,14 @@ TREND = 0.7
 """Where a few functions of the test hold less than this part of the data, every test is seen by itself."""
 FREE = 5
 """Degrees of freedom from which on replicates say how much a machine scatters."""
+MOST = 50.0
+"""A machine that scatters by more times than this still has its tests weighed as if it did not."""
+UNSTEADY = 4.0
+"""Scatter, in units of the nominal one's, from which on a look at a dear simulator is the mean of several rollouts."""
+LIKELIEST = 3
+"""Sets that are fitted by a dear simulator, to begin where the best of them is."""
+USUALLY = 10.0
+"""Degrees of freedom that it is worth that all numbers scatter by the same multiple of the simulator's scatter."""
 
 
 @dataclass(frozen=True)
@@ -193,36 +202,73 @@ def prepare(
     nominal = nominal_rows(bench, layout.tests, SHOTS, executor)
     level = np.nanmean(nominal, axis=0)
     components = signatures.components(rows, level[layout.place][:, signatures.kept])
-    inflation = _inflation(layout, components, signatures)
+    own = np.diag(signatures.noise)
+    inflation, machine = _scatter(layout, components, signatures)
     layout = Layout.of(bench.spec.space, bank.tests, tests, inflation)
     means = layout.mean(components)
     catalogue = Catalogue.of(signatures.curves)
-    smooth = view = View.of(signatures, catalogue, layout, layout.project @ means)
-    simulator = Simulator(bench, signatures, smooth.surrogate, layout, nominal[0], executor)
+    smooth = view = View.of(signatures, catalogue, layout, layout.project @ means, machine, own)
+    simulator = Simulator(bench, signatures, smooth.surrogate, layout, nominal, executor)
     each = layout.each(inflation)
-    if _trend(layout, each, means, signatures) < TREND and not simulator.too_dear_for(len(layout.tests)):
+    if _trend(layout, each, means, signatures, machine) < TREND and not simulator.too_dear_for(
+        len(layout.tests)
+    ):
         # What happens at a few tests only, or varies without a trend, is not seen through a few functions.
-        view = View.of(signatures, catalogue, each, means)
-        simulator = Simulator(bench, signatures, view.surrogate, view.layout, nominal[0], executor)
-    tell("fitting the whole catalogue", 0, 1)
-    begin = _beginning(smooth)
-    fitted, plain = solved(
-        simulator, catalogue, view.data, view.variance, view.nuisances, begin, view.surrogate.jacobian(begin)
-    )
-    found = evidence(plain)
-    through = found
-    if view is not smooth:
-        of_smooth = seen_through(fitted, layout.project, smooth.variance, smooth.nuisances)
-        through = evidence(linear(catalogue, of_smooth, smooth.data, smooth.variance, smooth.nuisances))
+        view = View.of(signatures, catalogue, each, means, machine, own)
+        simulator = Simulator(bench, signatures, view.surrogate, view.layout, nominal, executor)
     p = judge.memberships(describe(smooth.data)[None])[0]
     if view is not smooth:
         # The networks learnt from data with a trend, and saw only what of these has one: they abstain.
         p = np.full_like(p, 0.5)
+    tell("fitting the whole catalogue", 0, 1)
+    begin = _beginning(smooth)
+    first = view.surrogate.jacobian(begin)
+    if not simulator.dear:
+        return _state(signatures, smooth, view, judge, p, simulator, simulator, begin, first)
+    state = _state(signatures, smooth, view, judge, p, simulator, view.surrogate, begin, first)
+    # Where derivatives are the bank's, the fit of everything at once goes astray; that of a few effects does not.
+    likely = [members for members, _ in state.sets.ranked()[:LIKELIEST]]
+    best = min((state.beside(members) for members in likely), key=lambda fit: fit.cost)
+    # A gait that a cause has made unsteady scatters as the nominal one does not.
+    there = _shrunk(*simulator.scattered(best.at), own)
+    if there.sum() > UNSTEADY * own.sum():
+        simulator = simulator.steadier(SHOTS)
+    scatter = layout.variance(machine, np.zeros_like(own)) + simulator.variance(there)
+    view = replace(view, variance=believed(scatter, layout.level(view.data)))
+    return _state(
+        signatures, smooth, view, judge, p, simulator, simulator, best.at, best.jacobian, exact=True
+    )
+
+
+def _state(
+    signatures: Signatures,
+    smooth: View,
+    view: View,
+    judge: Judge,
+    p: FloatArray,
+    simulator: Simulator,
+    model: Model,
+    begin: FloatArray,
+    first: FloatArray,
+    exact: bool = False,
+) -> State:
+    """Fit the whole catalogue by a model, and weigh every set of effects."""
+    catalogue = view.surrogate.catalogue
+    fitted, plain, variance = solved(
+        model, catalogue, view.data, view.variance, view.nuisances, begin, first, exact
+    )
+    found = through = evidence(plain)
+    if view.layout.apart:
+        of_smooth = seen_through(fitted, smooth.layout.project, smooth.variance, smooth.nuisances)
+        more = ground(catalogue, of_smooth, smooth.data, smooth.variance, smooth.nuisances)
+        wider = smooth.variance + more**2
+        of_smooth = seen_through(fitted, smooth.layout.project, wider, smooth.nuisances)
+        through = evidence(linear(catalogue, of_smooth, smooth.data, wider, smooth.nuisances))
     warmth = temperature(smooth.data.size, fitted.misfit, judge.weights)
     return State(
         signatures,
         smooth,
-        view,
+        replace(view, variance=variance),
         judge,
         plain,
         found,
@@ -235,9 +281,11 @@ def prepare(
     )
 
 
-def _trend(layout: Layout, each: Layout, means: FloatArray, signatures: Signatures) -> float:
+def _trend(
+    layout: Layout, each: Layout, means: FloatArray, signatures: Signatures, machine: FloatArray
+) -> float:
     """Return the part of the data (n, k) that a few functions of the test hold, corrected for how many they are."""
-    variance = believed(each.scatter, signatures.noise, np.zeros(means.shape[1]))
+    variance = believed(each.variance(machine, np.diag(signatures.noise)))
     rest = means - functions(layout.points) @ (layout.project @ means)
     n, q = len(means), len(layout.project)
     if n <= q:
@@ -255,12 +303,20 @@ def _beginning(view: View) -> FloatArray:
     return best if part > MOSTLY else turned
 
 
-def _inflation(layout: Layout, components: FloatArray, signatures: Signatures) -> float:
-    """Return how much more the real rollouts of one test scatter than the simulator's do, at least 1."""
+def _scatter(layout: Layout, components: FloatArray, signatures: Signatures) -> tuple[float, FloatArray]:
+    """Return how the machine's rollouts of one test scatter: as a multiple of the simulator's, and (k,) each number."""
+    own = np.diag(signatures.noise)
     squares, free = layout.scattered(components)
     if free < FREE:
-        return 1.0
-    return float(np.clip(squares.sum() / max(float(np.trace(signatures.noise)), 1e-12), 1.0, 50.0))
+        return 1.0, own
+    multiple = float(np.clip(squares.sum() / max(float(own.sum()), 1e-12), 1.0, MOST))
+    return multiple, _shrunk(squares, free, own)
+
+
+def _shrunk(squares: FloatArray, free: int, own: FloatArray) -> FloatArray:
+    """Return (k,) variances that were estimated from few rollouts, drawn towards a multiple of the simulator's."""
+    multiple = max(float(squares.sum()) / max(float(own.sum()), 1e-12), 1.0)
+    return (USUALLY * multiple * own + free * squares) / (USUALLY + free)
 
 
 def judge_of(

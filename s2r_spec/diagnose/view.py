@@ -35,12 +35,20 @@ class View:
     variance: FloatArray
 
     @classmethod
-    def of(cls, signatures: Signatures, catalogue: Catalogue, layout: Layout, data: FloatArray) -> View:
-        """Set up, from coefficients."""
+    def of(
+        cls,
+        signatures: Signatures,
+        catalogue: Catalogue,
+        layout: Layout,
+        data: FloatArray,
+        machine: FloatArray,
+        simulator: FloatArray,
+    ) -> View:
+        """Set up, from coefficients; the last are (k,) variances of one rollout of the machine and the simulator."""
         return cls(
             layout,
             Surrogate(catalogue, layout.through),
             np.einsum("qm,vmk->vqk", layout.through, signatures.numerics),
             data,
-            believed(layout.scatter, signatures.noise, layout.level(data)),
+            believed(layout.variance(machine, simulator), layout.level(data)),
         )

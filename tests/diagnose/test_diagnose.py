@@ -55,6 +55,16 @@ def test_two_effects_are_named_together(find):
     assert set(found.patch) == {"coulomb", "speed_scale"}
 
 
+def test_a_simulator_whose_derivatives_are_dear_is_diagnosed_by_the_bank_and_a_few_looks(cache):
+    spec = s2r.parse_spec(SPEC)
+    true = {"coulomb": 1.2, "speed_scale": 0.85}
+    found = s2r.diagnose(spec, Cart(cost=0.3), rollouts(true, 12), cache=cache)
+    assert set(found.which.answer) == set(true), found.which.ranked[:4]
+    for estimate in found.which.estimates:
+        nominal = {"speed_scale": 1.0}.get(estimate.effect, 0.0)
+        assert abs(estimate.value - true[estimate.effect]) < 0.35 * abs(true[estimate.effect] - nominal)
+
+
 def test_a_machine_with_a_little_of_everything_has_no_material_gap(find):
     found = find({}, case=13)
     assert found.verdict is Verdict.NONE, found.which.ranked[:4]

@@ -5,7 +5,7 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from s2r_spec.diagnose.catalogue import Catalogue
-from s2r_spec.diagnose.evidence import ALLOWED, LARGE, Linear, evidence, posterior
+from s2r_spec.diagnose.evidence import ALLOWED, LARGE, MORE, Linear, evidence, posterior, solved
 from s2r_spec.diagnose.joint import joint_fit, polished
 
 EFFECTS, SIZE = 4, 30
@@ -123,3 +123,41 @@ def test_what_whole_samples_leave_open_is_centred():
         model, data, np.full(data.shape, 1e-4), np.zeros((0, *data.shape)), np.array([0.52, 0.0]), 3.0
     )
     assert at[0] == pytest.approx(0.7, abs=0.03)
+
+
+class Straight:
+    """Four effects that add up."""
+
+    lower, upper, based = -2 * np.ones(EFFECTS), 2 * np.ones(EFFECTS), np.zeros(EFFECTS, dtype=bool)
+
+    def __init__(self):
+        self.j = np.random.default_rng(5).normal(size=(EFFECTS, 2, 60)) * 3.0
+
+    def change(self, at):
+        return np.tensordot(at, self.j, 1)
+
+    def jacobian(self, at, change):
+        return self.j
+
+
+@pytest.mark.parametrize("off", [0.0, 1.0, 2.8])
+def test_a_simulator_of_which_every_number_is_off_is_believed_so_much_less(off):
+    model, rng = Straight(), np.random.default_rng(6)
+    lines = drawn(0, np.zeros(EFFECTS))[0].lines
+    variance = np.full((2, 60), 0.1)
+    data = (
+        model.change(np.array([0.0, 0.7, 0.0, 0.0]))
+        + rng.normal(size=(2, 60)) * np.sqrt(variance)
+        + off * rng.normal(size=(2, 60))
+    )
+    fitted, plain, wider = solved(
+        model, lines, data, variance, np.zeros((0, 2, 60)), np.zeros(EFFECTS), model.j
+    )
+    more = np.sqrt(wider - variance)[0, 0]
+    near = [
+        MORE[i] for i, m in enumerate(MORE) if min(abs(np.array(MORE[max(i - 1, 0) : i + 2]) - off)) < 1e-9
+    ]
+    assert any(more == pytest.approx(m, abs=1e-6) for m in near)
+    assert fitted.misfit < 1.6
+    found = evidence(plain)
+    assert found.members[int(np.argmax(found.logs))] == (1,)

@@ -6,7 +6,7 @@ import pytest
 from s2r_spec.diagnose.how_far import how_far
 from s2r_spec.diagnose.joint import Joint, seen_through
 from s2r_spec.diagnose.layout import SHOTS, Layout
-from s2r_spec.diagnose.prepare import TREND, _trend
+from s2r_spec.diagnose.prepare import TREND, _scatter, _trend
 from s2r_spec.space import Axis, Space
 
 SPACE = Space((Axis("v", 0.0, 1.0, "m/s"),))
@@ -22,7 +22,7 @@ class Quiet:
 
 def trend(means):
     layout = Layout.of(SPACE, BANK, TESTS)
-    return _trend(layout, layout.each(1.0), means, Quiet)
+    return _trend(layout, layout.each(1.0), means, Quiet, np.diag(Quiet.noise))
 
 
 def test_a_gap_with_a_trend_is_held_by_a_few_functions():
@@ -44,6 +44,36 @@ def test_each_test_by_itself_scatters_as_its_own_rollouts_do():
     np.testing.assert_allclose(each.through, layout.interpolate)
     data = np.arange(30.0).reshape(15, 2)
     np.testing.assert_allclose(each.level(data), (data**2).mean(axis=0))
+
+
+def test_coefficients_scatter_as_machine_and_simulator_do_together():
+    layout = Layout.of(SPACE, BANK, [*TESTS, TESTS[0], TESTS[0]])
+    machine, simulator = np.array([4.0, 1.0]), np.array([0.5, 2.0])
+    found = layout.variance(machine, simulator)
+    rng = np.random.default_rng(1)
+    draws = [
+        layout.project
+        @ (
+            layout.mean(rng.normal(size=(17, 2)) * np.sqrt(machine))
+            - (rng.normal(size=(SHOTS, 15, 2)) * np.sqrt(simulator)).mean(axis=0)
+        )
+        for _ in range(4000)
+    ]
+    np.testing.assert_allclose(np.var(draws, axis=0), found, rtol=0.15)
+
+
+def test_replicates_say_how_each_number_scatters():
+    rng = np.random.default_rng(2)
+    layout = Layout.of(SPACE, BANK, [test for test in TESTS for _ in range(3)])
+    rows = rng.normal(size=(45, 3)) * np.array([0.1, 0.1, 2.0])
+    multiple, machine = _scatter(layout, rows, Quiet)
+    assert multiple > 50 / 3
+    # 30 degrees of freedom against 10 that say all scatter alike: towards the truth, 1 and 400 times the simulator's.
+    assert machine[2] / machine[0] > 3.0
+    once = Layout.of(SPACE, BANK, TESTS)
+    multiple, machine = _scatter(once, rows[:15], Quiet)
+    assert multiple == 1.0
+    np.testing.assert_allclose(machine, 0.01)
 
 
 def test_a_fit_seen_through_functions_is_that_of_the_functions():

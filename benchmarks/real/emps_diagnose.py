@@ -1,0 +1,54 @@
+"""What `s2r diagnose` says of the recordings of the real EMPS axis; a test holds the documentation to it.
+
+    python benchmarks/real/emps_diagnose.py --data ../shared/data/emps       # minutes, once
+
+The file with friction against the simulator without any; then the file with labelled pulses against the simulator
+with the friction that the machine's authors document. Prints both diagnoses and keeps their numbers in
+emps_diagnose.json. The recordings stay out of the repository.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+
+sys.path[:0] = [str(Path(__file__).parents[2]), str(Path(__file__).parents[1])]
+
+from emps_real import DOCUMENTED, FILES, SPEC, segments  # noqa: E402
+from machine import describe  # noqa: E402
+
+import s2r_spec as s2r  # noqa: E402
+from s2r_spec.report.diagnosed import text  # noqa: E402
+
+RESULTS = Path(__file__).with_suffix(".json")
+
+
+def main() -> None:
+    """Diagnose, print, write."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--data", type=Path, required=True, help="folder with DATA_EMPS.mat")
+    given = parser.parse_args()
+    spec = s2r.load_spec(SPEC)
+    ideal = f"emps:reference={given.data / FILES['friction']}"
+    rubbed = ",".join(
+        (ideal, *(f"{e}.{name}={value}" for e, p in DOCUMENTED.items() for name, value in p.items()))
+    )
+    kept: dict[str, object] = {"machine": describe("scikit-learn"), "documented": DOCUMENTED}
+    for name, simulator in (("friction", ideal), ("pulses", rubbed)):
+        found = s2r.diagnose(spec, simulator, segments(given.data / FILES[name]))
+        print(f"{name}\n{text(found, spec)}")
+        answer = found.to_json()
+        kept[name] = {
+            "verdict": answer["verdict"],
+            **{key: answer["which"][key] for key in ("answer", "set", "parameters")},
+            "pairs": answer["which"]["pairs"][:3],
+            **{key: answer["how_far"][key] for key in ("before", "after", "tuned", "share", "tuned_share")},
+            "text": text(found, spec),
+        }
+    RESULTS.write_text(json.dumps(kept, indent=1, ensure_ascii=False) + "\n")
+
+
+if __name__ == "__main__":
+    main()

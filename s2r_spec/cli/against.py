@@ -1,0 +1,106 @@
+"""What the commands that set a simulator against a machine share: their options, their run, their report."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import typer
+from rich.console import Console
+
+from s2r_spec.cli.common import interrupted, new_or_old, pool, seconds, sentences
+from s2r_spec.cli.options import (
+    OneRequirement,
+    Quiet,
+    RealBudget,
+    RealMachine,
+    Resume,
+    Run,
+    Scheduler,
+    Seed,
+    Simulator,
+    SpecFile,
+    Timeout,
+    Workers,
+)
+from s2r_spec.cli.output import AsJson, Format, Output, Page, emit, pageable, save, settle
+
+
+@dataclass(frozen=True)
+class Search:
+    """What a command runs, and how it tells.
+
+    Attributes:
+        run: the search, of the library.
+        report: of the spec and what was found.
+        page: the same of a run on disk, for the page; given its folder and the machine's name.
+    """
+
+    run: Callable[..., Any]
+    report: Callable[..., Any]
+    page: Callable[[Path, str], Any]
+
+
+def against(prefix: str, help_: str, search: Callable[[], Search]) -> Callable[..., None]:
+    """Return a command: ``prefix`` begins the name of its runs' folders; ``search`` is loaded when it is called."""
+
+    def command(
+        spec: SpecFile,
+        real: RealMachine,
+        sim: Simulator = "sim",
+        requirement: OneRequirement = None,
+        seed: Seed = 0,
+        budget: RealBudget = None,
+        workers: Workers = None,
+        scheduler: Scheduler = None,
+        timeout: Timeout = None,
+        run: Run = None,
+        resume: Resume = None,
+        as_json: AsJson = False,
+        form: Format = None,
+        output: Output = None,
+        page: Page = None,
+        quiet: Quiet = False,
+    ) -> None:
+        with sentences(as_json or form == "json"):
+            from s2r_spec.cli.progress import Live
+            from s2r_spec.report import html
+            from s2r_spec.spec import load_spec
+
+            asked = search()
+            form = settle(form, as_json, output)
+            pageable(page)
+            parsed = load_spec(spec)
+            executor, machines = pool(workers, scheduler)
+            folder = new_or_old(run, resume, f"{prefix}{spec.stem}-{sim}-{real}", seed)
+            errors = Console(stderr=True, highlight=False)
+            if not quiet:
+                errors.print(f"run {folder}, seed {seed}, {machines}", markup=False, soft_wrap=True)
+            try:
+                with Live(errors, quiet) as live:
+                    result = asked.run(
+                        parsed,
+                        sim,
+                        real,
+                        folder,
+                        requirement=requirement,
+                        seed=seed,
+                        budget=budget,
+                        executor=executor,
+                        timeout=seconds(timeout),
+                        resume=resume is not None,
+                        observer=live,
+                    )
+            except KeyboardInterrupt:
+                interrupted(folder)
+                raise
+            report = asked.report(parsed, result)
+            emit(report, form, output)
+            if page is not None:
+                save(html.render([asked.page(folder, real)]), page)
+            raise typer.Exit(report.exit_code)
+
+    command.__doc__ = help_
+    return command
