@@ -4,32 +4,17 @@ import json
 import re
 from pathlib import Path
 
+from benchmarks.blind.table import SETS, table
+from s2r_spec.spec import load_spec
+
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "explanation" / "diagnosis.md"
 RESULTS = ROOT / "benchmarks" / "blind" / "results"
-ROWS = {
-    "single effects: the answer is it": "top-1, single effects",
-    "single effects: it is the likeliest effect": "most probable member, single",
-    "single effects: it is in the set answered": "in the answered set, single",
-    "exact pair": "exact pair first",
-    "one of the pair is the likeliest effect": "one of the pair first",
-    "known causes called": "known effects called unknown",
-    "unknown causes with a material gap": "unknown with a material gap detected",
-    "machines with nothing wrong": "null called anything else",
-}
 
 
-def test_the_table_of_sealed_sets():
-    rows = [line.strip("| ").split(" | ") for line in PAGE.read_text().splitlines() if line.startswith("| ")]
-    files = next(row for row in rows if row[0].startswith("file in"))[1:]
-    scores = [json.loads((RESULTS / name.strip("`")).read_text())["scores"] for name in files]
-    cases = next(row for row in rows if row[0] == "cases")[1:]
-    assert [int(n) for n in cases] == [score["cases"] for score in scores]
-    for words, key in ROWS.items():
-        shown = next(row for row in rows if row[0].startswith(words))[1:]
-        assert shown == [f"{s[key]['hits']} of {s[key]['of']}" for s in scores], words
-    closed = next(row for row in rows if row[0].startswith("held-out gap above"))[1:]
-    assert closed == [f"{100 * s['shrink, single']['ratio of sums']:.0f} %" for s in scores]
+def test_the_table_of_sealed_sets_is_what_the_committed_command_prints():
+    assert table() in PAGE.read_text()
+    assert {f"{name}_scores.json" for name in SETS} >= {path.name for path in RESULTS.glob("*_scores.json")}
 
 
 def test_every_set_was_frozen_before_it_was_opened():
@@ -66,3 +51,50 @@ def test_what_is_said_of_simpler_ways():
     page = " ".join(PAGE.read_text().split())
     for words in said:
         assert words in page, words
+
+
+def test_what_is_said_of_the_twins():
+    kept = json.loads((ROOT / "benchmarks" / "results" / "twins_diagnose.json").read_text())["twins"]
+    rows = [line.strip("| ").split(" | ") for line in PAGE.read_text().splitlines() if line.startswith("| `")]
+    for place, found in kept.items():
+        row = next(row for row in rows if row[0] == f"`{place}`")
+        for effect, values in found["parameters"].items():
+            for estimate in values.values():
+                assert f"{estimate['estimate']:.3g}" in row[2], (place, effect)
+        assert len(re.findall(r"\d[\d.]*", row[2])) == sum(len(v) for v in found["parameters"].values())
+        for value in (v for values in found["has"].values() for v in values.values()):
+            assert re.search(rf"(?<![\d.]){value:g}(?![\d.])|{1000 * value:g} ms", row[1]), (place, value)
+        assert row[3] == f"{100 * found['share']['estimate']:.0f} %"
+    assert set(kept) == {"lab", "grass", "sand", "ramp"}
+
+
+def test_what_the_readme_shows_of_a_diagnosis_is_what_the_committed_run_printed():
+    kept = json.loads((ROOT / "benchmarks" / "results" / "twins_diagnose.json").read_text())["twins"]["lab"]
+    readme = (ROOT / "README.md").read_text()
+    shown = re.search(
+        rf"<!-- output of: {re.escape(kept['command'])};.*?-->\n```text\n(.*?)\n```", readme, re.S
+    )
+    assert shown is not None
+    printed = kept["text"].splitlines()
+    for line in shown[1].splitlines():
+        assert line in printed, line
+    assert kept["spec_hash"] == load_spec(ROOT / "specs" / "a1_velocity.stl").hash
+
+
+def test_what_is_said_of_the_real_axis():
+    kept = json.loads((ROOT / "benchmarks" / "real" / "emps_diagnose.json").read_text())
+    page = " ".join(PAGE.read_text().split())
+    friction = kept["friction"]
+    for effect in friction["answer"]:
+        assert effect in page
+    for values in friction["parameters"].values():
+        for estimate in values.values():
+            assert f"{estimate['estimate']:.3g}" in page
+    share, tuned = friction["share"], friction["tuned_share"]
+    low, high = (100 * end for end in share["interval"])
+    said = (
+        f"closes {100 * share['estimate']:.0f} % [{low:.0f}, {high:.0f}] of the held-out gap, "
+        f"{100 * tuned['estimate']:.0f} % with a little of everything"
+    )
+    assert said in page, said
+    assert kept["pulses"]["verdict"] == "none of these"
