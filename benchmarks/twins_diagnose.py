@@ -56,8 +56,8 @@ def diagnosed(place: str) -> dict[str, object]:
         "parameters": which["parameters"],
         "share": far["share"],
         "tuned_share": far["tuned_share"],
-        "spec_hash": answer["provenance"]["spec_hash"],
-        "model_hash": answer["provenance"]["model_hash"],
+        "spec_hash": answer["spec_hash"],
+        "model_hash": answer["model_hash"],
         "text": done.stdout,
     }
 

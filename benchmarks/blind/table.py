@@ -18,16 +18,17 @@ SETS = {
     "emps2": "second",
     "emps3": "third",
     "emps4": "fourth",
-    "emps": "fifth",
+    "emps5": "fifth",
+    "emps": "sixth",
     "a1first": "of the A1, first",
     "a1second": "second",
     "a1": "third",
 }
 RATES = {
-    "single effects: the answer is it": "top-1, single effects",
+    "single effects: it is the likeliest set": "top-1, single effects",
     "single effects: it is the likeliest effect": "most probable member, single",
     "single effects: it is in the set answered (of mean size {})": "in the answered set, single",
-    "exact pair": "exact pair first",
+    "exact pair is the likeliest set of effects": "exact pair first",
     "one of the pair is the likeliest effect": "one of the pair first",
     "known causes called *none of these*": "known effects called unknown",
     "unknown causes with a material gap that were seen as such": "unknown with a material gap detected",
@@ -35,31 +36,50 @@ RATES = {
     "answers of 0.9 and more that were right": "right where sure",
     "true value in its 90 % interval": "true value in its 90 % interval",
 }
-CLOSED, TUNED = "ratio of sums", "ratio of sums, a little of every other effect added"
+
+
+def answered(cases: list[dict[str, Any]]) -> str:
+    """Return of how many single effects the answer is the effect, and no other word."""
+    single = [case for case in cases if case["label"]["kind"] == "single"]
+    hits = sum(set(case["answer"]) == set(case["label"]["effects"]) for case in single)
+    return f"{hits} of {len(single)}"
+
+
+def closed(cases: list[dict[str, Any]], which: str) -> str:
+    """Return the part of material held-out gaps above their floor that is closed: nothing, where nothing is named."""
+    single = [case for case in cases if case["label"]["kind"] == "single" and case["how_far"]]
+    far = [(case["answer"], case["how_far"]) for case in single if case["how_far"]["material"]]
+    if which == "tuned" and not all(f.get("tuned") for _, f in far):
+        return ""
+    above = sum(f["before"]["mean"] - f["floor"] for _, f in far)
+    left = [
+        (f[which] if f.get(which) and (answer or which == "tuned") else f["before"], f) for answer, f in far
+    ]
+    return f"{100 * sum(f['before']['mean'] - after['mean'] for after, f in left) / above:.0f} %"
 
 
 def table() -> str:
     """Return the table as Markdown."""
     names = [name for name in SETS if (RESULTS / f"{name}_scores.json").exists()]
-    scores: list[dict[str, Any]] = [
-        json.loads((RESULTS / f"{name}_scores.json").read_text())["scores"] for name in names
-    ]
+    kept = [json.loads((RESULTS / f"{name}_scores.json").read_text()) for name in names]
+    scores: list[dict[str, Any]] = [one["scores"] for one in kept]
+    cases = [list(one["cases"].values()) for one in kept]
     sizes = "; ".join(f"{s['set size, single (mean)']:.2f}" for s in scores)
-    shrink = [s["shrink, single"] for s in scores]
     rows = [
         ["sealed set", *(SETS[name] for name in names)],
         ["---"] * (len(names) + 1),
         ["file in `benchmarks/blind/results/`", *(f"`{name}_scores.json`" for name in names)],
         ["cases", *(str(s["cases"]) for s in scores)],
+        ["single effects: the answer is it", *(answered(some) for some in cases)],
         *(
             [words.format(sizes), *(f"{s[key]['hits']} of {s[key]['of']}" for s in scores)]
             for words, key in RATES.items()
         ),
         [
             "held-out gap above its floor that the patch closed, single effects",
-            *(f"{100 * s[CLOSED]:.0f} %" for s in shrink),
+            *(closed(some, "after") for some in cases),
         ],
-        ["the same, tuned", *(f"{100 * s[TUNED]:.0f} %" if TUNED in s else "" for s in shrink)],
+        ["the same, tuned", *(closed(some, "tuned") for some in cases)],
     ]
     return "\n".join(f"| {' | '.join(row)} |" for row in rows)
 

@@ -86,6 +86,8 @@ def score(cases: Answers) -> dict[str, Any]:
     material = [(label, a) for label, a in unknown if _material(a)]
     sure = [(label, a) for label, a in cases if ranked(a)[0][1] >= SURE]
     rates = {
+        "answered exactly, single": _rate(single, _answered),
+        "answered exactly, pair": _rate(pair, _answered),
         "top-1, single effects": _rate(single, lambda label, a: ranked(a)[0][0] == truth(label)),
         "top-1 among named effects, single": _rate(single, lambda label, a: _named(a)[0] == truth(label)),
         "top-2, single effects": _rate(
@@ -145,6 +147,11 @@ def score(cases: Answers) -> dict[str, Any]:
 
 def _rate(cases: Answers, right: Any) -> Rate:
     return Rate(sum(bool(right(label, a)) for label, a in cases), len(cases))
+
+
+def _answered(label: Mapping[str, Any], answer: Mapping[str, Any]) -> bool:
+    """Return whether the answer, and not only what is likeliest, is the truth."""
+    return frozenset(answer["which"]["answer"]) == truth(label)
 
 
 def _named(answer: Mapping[str, Any]) -> tuple[frozenset[str], list[tuple[frozenset[str], float]]]:
@@ -220,8 +227,15 @@ def _coverage(cases: Answers) -> Rate:
 
 
 def _shrink(cases: Answers, kind: str) -> dict[str, Any]:
-    """Return how much of the held-out gap above its floor the patch closed, over cases with a material gap."""
-    far = [a["how_far"] for _, a in cases if _material(a) and a["how_far"]["after"]]
+    """Return how much of the held-out gap above its floor the patch closed, over cases with a material gap.
+
+    Where nothing was named nothing is closed.
+    """
+    far = [
+        a["how_far"] | {"after": (a["which"]["answer"] and a["how_far"]["after"]) or a["how_far"]["before"]}
+        for _, a in cases
+        if _material(a)
+    ]
     tuned = [f for f in far if f.get("tuned")]
     if not far:
         return {}

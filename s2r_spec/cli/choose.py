@@ -49,7 +49,7 @@ def choose(
                 "candidates": rows,
             }
             print(json.dumps(record, allow_nan=False))
-            return
+            raise typer.Exit(0 if best is not None else 3)
         for i, (row, result) in enumerate(zip(rows, results, strict=True)):
             mark = "→" if i == choice.best else " "
             bound = (

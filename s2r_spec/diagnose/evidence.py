@@ -1,12 +1,13 @@
 """How well each set of effects explains the data: Gaussian evidence with a background and a form error.
 
-    y = Σ_k J_k c_k + e,    c_k ~ N(0, LARGE²) for k in the set, N(0, BACKGROUND²) else
+    y = Σ_k J_k c_k + e,    c_k ~ N(0, LARGE²) for k in the set, N(0, ALLOWED²) else
 
 y is the data, made linear around the joint fit (:mod:`s2r_spec.diagnose.joint`).
 The background says that everything in the catalogue is slightly wrong, e that
 features scatter, that laws are other than ours by a part of what was seen, and that
-very small changes are not to be believed. All is Gaussian, so every set of one,
-two or three effects is scored exactly from one Gram matrix.
+very small changes are not to be believed. All is Gaussian, so sets are scored from one
+Gram matrix: every one and two effects, and a third with the best pairs; exactly, but for effects of one
+sign, whose half of the prior is taken line by line.
 """
 
 from __future__ import annotations
@@ -117,7 +118,7 @@ def linear(
 def ground(
     lines: Catalogue, fitted: Joint, data: FloatArray, variance: FloatArray, nuisances: FloatArray
 ) -> float:
-    """Return which of :data:`MORE` the data speak for, whatever the cause, if any, is: the largest evidence.
+    """Return which of :data:`MORE` has the largest evidence, with the likeliest of no and of one effect as the cause.
 
     It is not what a fit of everything leaves, for that has taken much of an error of everything for its own.
     """
@@ -127,7 +128,9 @@ def ground(
         wider = variance + more**2
         seen = linear(lines, replace(fitted, misfit=1.0), data, wider, nuisances)
         best = float(log_evidence(seen, few).max())
-        return best - 0.5 * seen.energy - 0.5 * float(np.log(wider).sum())
+        n = (nuisances / np.sqrt(wider)).reshape(len(nuisances), wider.size)
+        volume = float(np.log(wider).sum()) + float(np.linalg.slogdet(np.eye(len(n)) + n @ n.T)[1])
+        return best - 0.5 * seen.energy - 0.5 * volume
 
     return max(MORE, key=speaks)
 

@@ -77,7 +77,7 @@ class HowFar:
         share: (before − after) / (before − floor), with its interval; None where the gap is no more
             than the floor.
         tuned_share: the same of ``tuned``.
-        oracle: the gap after, as the bank predicts it for the best of all single effects and the named set.
+        oracle: the gap after, as the bank predicts it for the best of all single effects.
         oracle_share: part of what the oracle closes that the named effects close.
         beyond: at most this part of all tests has a larger gap than any held-out one, with 95 % confidence.
         tests: the held-out ones, signed.
@@ -99,8 +99,8 @@ class HowFar:
 
     @property
     def material(self) -> bool:
-        """Whether the gap is more than scatter and a little of everything."""
-        return self.before.mean > self.floor + self.background
+        """Whether the gap is more than scatter and a little of everything, and surely more than scatter."""
+        return self.before.mean > self.floor + self.background and self.before.low > self.floor
 
     @property
     def closed(self) -> bool:
@@ -115,7 +115,12 @@ class HowFar:
     @property
     def open(self) -> bool:
         """Whether a material gap stays, although a little of every other effect may help."""
-        return self.material and self.tuned is not None and self._closes < CLOSED
+        return self.material and self.tuned_share is not None and self._closes < CLOSED
+
+    @property
+    def unexplained(self) -> bool:
+        """Whether a material gap stays that nothing named is to explain, although a little of everything may help."""
+        return self.material and self.tuned_share is not None and self.tuned_share[0] < GONE
 
     @property
     def _closes(self) -> float:
@@ -236,9 +241,11 @@ def how_far(
 
 
 def _interval(statistic: Any, groups: NDArray[np.int64], seed: int) -> tuple[float, float]:
-    """Return a percentile bootstrap interval over whole tests."""
+    """Return a percentile bootstrap interval over whole tests; over rollouts if all are of one test."""
     rng = np.random.default_rng(seed)
     members = [np.flatnonzero(groups == g) for g in np.unique(groups)]
+    if len(members) == 1:
+        members = [np.array([i]) for i in members[0]]
     draws = [
         statistic(np.concatenate([members[i] for i in rng.integers(len(members), size=len(members))]))
         for _ in range(RESAMPLES)

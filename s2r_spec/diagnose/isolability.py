@@ -96,7 +96,7 @@ def isolability(
         apart.append((int(owner[a]), own, left))
         visible[owner[a]] = max(visible[owner[a]], np.sqrt(own))
     for a, own, left in apart:
-        if np.sqrt(own) > 0.3 * visible[a]:
+        if np.sqrt(own) >= 0.3 * visible[a]:
             nearest = np.full(count, np.inf)
             np.minimum.at(nearest, owner, left)
             sigma[a] = np.minimum(sigma[a], np.sqrt(nearest))

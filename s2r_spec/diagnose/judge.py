@@ -124,7 +124,16 @@ def describe(coefficients: FloatArray) -> FloatArray:
 
 def _voted(networks: Sequence[Any], description: FloatArray) -> FloatArray:
     """Return (n, K): the mean of the networks, by log odds."""
-    p = np.clip([network.predict_proba(description) for network in networks], 1e-4, 1.0 - 1e-4)
+    # Of a single effect scikit-learn gives both, that it is absent and that it is there.
+    told = [network.predict_proba(description) for network in networks]
+    p = np.clip(
+        [
+            t[:, 1:] if network.n_outputs_ == 1 and t.shape[1] == 2 else t
+            for network, t in zip(networks, told, strict=True)
+        ],
+        1e-4,
+        1.0 - 1e-4,
+    )
     odds = np.log(p / (1.0 - p)).mean(axis=0)
     found: FloatArray = 1.0 / (1.0 + np.exp(-odds))
     return found
@@ -133,15 +142,16 @@ def _voted(networks: Sequence[Any], description: FloatArray) -> FloatArray:
 def _strangeness(found: Evidence, p: FloatArray) -> FloatArray:
     """Return what the detector of unknown causes sees."""
     none, one, two, three = (found.best(size) for size in range(4))
+    energy = max(found.energy, 1e-9)
     singles = sorted((v for s, v in zip(found.members, found.logs, strict=True) if len(s) == 1), reverse=True)
     ordered = np.sort(p)[::-1]
     return np.array(
         [
-            np.log(found.energy),
+            np.log(energy),
             *found.left,
-            *np.log(found.energy * np.maximum(found.left, 1e-9)),
+            *np.log(energy * np.maximum(found.left, 1e-9)),
             *np.log(found.pull + 1e-3),
-            np.arcsinh(one - none),
+            np.arcsinh(one - none) if np.isfinite(one) else 0.0,
             np.arcsinh(two - one) if np.isfinite(two) else 0.0,
             np.arcsinh(three - two) if np.isfinite(three) else 0.0,
             np.arcsinh(singles[0] - singles[1]) if len(singles) > 1 else 0.0,
@@ -205,7 +215,6 @@ class _Desk:
 def train(
     signatures: Signatures,
     space: Space,
-    inflation: float = 1.0,
     seed: int = 0,
     progress: Callable[[int, int], None] | None = None,
 ) -> Judge:
@@ -227,7 +236,7 @@ def train(
         again = rng.permutation(count)[: count // 3]
         return distinct + [distinct[int(i)] for i in again for _ in range(2)]
 
-    layouts = [Layout.of(space, known, tests(), inflation) for _ in range(16)]
+    layouts = [Layout.of(space, known, tests()) for _ in range(16)]
     x = np.zeros((cases, FUNCTIONS * signatures.size))
     y = np.zeros((cases, len(effects)), dtype=int)
     for i in range(cases):

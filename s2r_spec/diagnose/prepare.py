@@ -49,7 +49,7 @@ HELD_OUT = 0.3
 """Part of the tests that the diagnosis does not see."""
 SOURCES = (
     "axes", "catalogue", "design", "evidence", "joint", "judge", "layout", "logs", "models", "practice",
-    "signatures", "view",
+    "signatures",
 )  # fmt: skip
 """Modules on which a judge depends."""
 WIDE = 3.0

@@ -129,7 +129,7 @@ def _answer(
 
     unknown = state.unknown
     alarm = unknown > state.judge.threshold and not first_none
-    open_gap = far is not None and far.open
+    open_gap = far is not None and (far.open or (first_none and far.unexplained))
     if far is not None and (far.closed or not far.material):
         # Odd traces alone are no unknown cause of a gap that is explained, or that is not there:
         # every machine differs from its simulator in ways that nobody asked about.
@@ -231,7 +231,7 @@ def _how_far(
     )
     short = replace(bench, features=None)
     jobs = [Job({}, runs), Job(tuned, runs)] + ([Job(values, runs)] if values else [])
-    rows = run_jobs(short, jobs, None, lambda done, of: tell("held-out tests", done, of))
+    rows = run_jobs(short, jobs, executor, lambda done, of: tell("held-out tests", done, of))
     place = {tuple(sorted(test.items())): i for i, test in enumerate(distinct)}
     at = [place[tuple(sorted(test.items()))] for test in tests]
     means = [block[:, 0].reshape(len(distinct), SHOTS).mean(axis=1)[at] for block in rows]
@@ -355,7 +355,12 @@ def _reason(verdict: Verdict, which: Which, far: HowFar | None, named: tuple[str
     )
     if verdict is Verdict.NONE:
         seen = "" if which.ranked[0][0] == ("none",) else f"; the traces do differ, most as with {words}"
-        return f"the gap is no more than a few percent of every effect of the catalogue would make it{seen}"
+        little = "a few percent of every effect of the catalogue"
+        if far is None:
+            return f"the traces are as {little} would make them{seen}; no gap was held out to compare"
+        if far.material:
+            return f"no single cause stands out: {little} close the held-out gap{seen}"
+        return f"the gap is no more than {little} would make it{seen}"
     if verdict is Verdict.UNKNOWN:
         return f"no effect of the catalogue explains the data; the nearest is {words} ({which.nearest_family}){closes}"
     if verdict is Verdict.CONFOUNDED:

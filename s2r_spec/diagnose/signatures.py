@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from s2r_spec.diagnose.axes import Line
 from s2r_spec.diagnose.bank import Bank
+from s2r_spec.errors import UsageError
 
 FloatArray = NDArray[np.float64]
 
@@ -105,6 +106,10 @@ class Signatures:
         scale = np.where(scale > 1e-12, scale, np.inf)
         rows = np.concatenate([c.reshape(-1, c.shape[-1]) / scale for c in changes])
         size = np.linalg.norm(rows, axis=1, keepdims=True)
+        if not (size > 1e-9).any():
+            raise UsageError(
+                "no effect of the catalogue changes anything that these rollouts record: nothing can be told apart"
+            )
         rows = rows[size[:, 0] > 1e-9] / np.maximum(size[size[:, 0] > 1e-9], 1.0) ** 0.75
         _, strength, right = np.linalg.svd(rows, full_matrices=False)
         count = min(COMPONENTS, int((strength > 1e-6 * strength[0]).sum()))

@@ -22,8 +22,10 @@ FloatArray = NDArray[np.float64]
 LIKELIEST = 5
 """Sets that are simulated at first; of a dear simulator :data:`FEW`."""
 FEW = 3
-MOST = 9
-"""Sets that are simulated at all: on, while one that was not is the likeliest."""
+MOST = 13
+"""Sets that are simulated at all."""
+BEFORE_GROWTH = 9
+"""Of these, at most, before sets grow: on, while one that was not simulated is the likeliest."""
 FURTHER = 2
 """Effects that are tried with the set that leaves least, those that could explain most of what it leaves."""
 WORTH = 0.1
@@ -63,7 +65,7 @@ def together(state: State, progress: Callable[[int, int], None]) -> Together:
         return _weighed(state, fits)
 
     first = FEW if state.simulator.dear else LIKELIEST
-    while len(fits) < MOST:
+    while len(fits) < BEFORE_GROWTH:
         ranked = [members for members, _ in found.sets.ranked()]
         untried = [members for members in ranked if members not in fits]
         if not untried or (ranked[0] in fits and len(fits) >= first):
@@ -73,7 +75,7 @@ def together(state: State, progress: Callable[[int, int], None]) -> Together:
         best = min(fits, key=lambda s: fits[s].cost)
         wider = [tuple(sorted((*best, k))) for k in _missing(state, fits[best], best)]
         further = [s for s in wider if s not in fits] if len(best) < LARGEST else []
-        if not further:
+        if not further or len(fits) + len(further) > MOST:
             return found
         for members in further:
             found = look(members)
@@ -94,13 +96,15 @@ def _missing(state: State, fit: Joint, members: Set) -> list[int]:
 def _weighed(state: State, fits: dict[Set, Joint]) -> Together:
     """Return all sets, those that were simulated by what they cost."""
     misfit = min(fit.misfit for fit in (state.fitted, *fits.values()))
-    scale = max(misfit, 1.0)
     warmth = temperature(state.smooth.data.size, misfit, state.judge.weights)
     members = (*state.found.members, *(s for s in fits if s not in set(state.found.members)))
     more = log_evidence(state.data, members[len(state.found.members) :])
     logs = np.concatenate([state.found.logs, more])
-    # Half of this was taken for what a set leaves of the data, in units of the joint fit's own misfit.
-    moved = {s: -0.5 * (fit.cost / scale - explained(state.data, s)) for s, fit in fits.items()}
+    # Half of this was taken for what a set leaves of the data, in units of the joint fit's own misfit, and for what
+    # its coordinates cost.
+    size, scale = state.view.data.size, state.data.scale
+    cost = {s: fit.misfit * size / scale + (fit.cost - fit.misfit * size) for s, fit in fits.items()}
+    moved = {s: -0.5 * (cost[s] - explained(state.data, s)) for s in fits}
     # What was not simulated is taken to err as the others did.
     usual = float(np.median(list(moved.values())))
     far = np.array([moved.get(s, usual) for s in members]) - usual

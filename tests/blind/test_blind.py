@@ -27,6 +27,7 @@ def answered(verdict, first, p=0.95):
             "pairs": [],
             "membership": {k: v for k, v in posterior.items() if k not in ("none", "unknown")},
             "set": [first],
+            "answer": [first] if verdict == "named" else [],
             "parameters": {"drag": {"coefficient": {"estimate": 2.1, "low": 1.8, "high": 2.4, "unit": ""}}},
         },
         "how_far": None,
@@ -149,9 +150,20 @@ def test_effects_that_move_rho_are_scored_by_themselves():
     assert found["top-1, single effects"]["of"] == 2
     assert found["that moves ρ: first answer right, single"]["hits"] == 1
     assert found["that moves ρ: first answer right, single"]["of"] == 1
+    assert found["answered exactly, single"]["hits"] == 1
     shrunk = found["shrink, single"]
     assert shrunk["ratio of sums"] == pytest.approx(0.6 / 0.9, abs=1e-4)
     assert shrunk["ratio of sums, a little of every other effect added"] == pytest.approx(0.8 / 0.9, abs=1e-4)
+
+
+def test_a_gap_for_which_nothing_was_named_counts_as_not_closed():
+    named = ANSWERS["case-a"] | {"how_far": far(0.1)}
+    silent = answered("no material gap", "drag") | {"how_far": far(0.1)}
+    found = score([(LABELS["case-a"], named), (LABELS["case-a"], silent)])
+    assert found["shrink, single"]["cases"] == 2
+    assert found["shrink, single"]["ratio of sums"] == pytest.approx(0.5 * 0.6 / 0.9, abs=1e-4)
+    assert found["top-1, single effects"]["hits"] == 2
+    assert found["answered exactly, single"]["hits"] == 1
 
 
 def test_where_is_scored_by_its_sums_and_bounds():

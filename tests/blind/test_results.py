@@ -91,7 +91,7 @@ def test_what_is_said_of_the_real_axis():
         for estimate in values.values():
             assert f"{estimate['estimate']:.3g}" in page
     share, tuned = friction["share"], friction["tuned_share"]
-    low, high = (100 * end for end in share["interval"])
+    low, high = 100 * share["low"], 100 * share["high"]
     said = (
         f"closes {100 * share['estimate']:.0f} % [{low:.0f}, {high:.0f}] of the held-out gap, "
         f"{100 * tuned['estimate']:.0f} % with a little of everything"

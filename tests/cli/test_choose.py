@@ -21,3 +21,13 @@ def test_a_choice_needs_checks_that_can_be_compared(s2r):
     s2r("check", spec, "-b", "toy", "-q", "--run", "a", code=0)
     assert "at least two" in s2r("choose", "a", code=2).stderr
     assert "twice" in s2r("choose", "a", "a", code=2).stderr
+
+
+def test_where_nothing_can_be_chosen_both_forms_exit_with_3(s2r):
+    spec = s2r.spec()
+    path = s2r.folder / spec
+    path.write_text(path.read_text().replace("B = 0.5", "B = 0.03"))
+    for backend, run in (("toy", "a"), ("toy:drag", "b")):
+        s2r("check", spec, "-b", backend, "-q", "--run", run, "--budget", 60, code=3)
+    assert "every certificate was refused" in s2r("choose", "a", "b", code=3).stdout
+    assert json.loads(s2r("choose", "a", "b", "--json", code=3).stdout)["best"] is None

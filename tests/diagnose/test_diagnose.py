@@ -163,3 +163,42 @@ def test_a_catalogue_of_two_effects_is_enough(tmp_path):
     )
     assert set(found.which.singles) == {"coulomb", "viscous"}
     assert found.which.ranked[0][0] == ("viscous",), found.reason
+
+
+class Shortest(Cart):
+    """A cart whose catalogue has one effect."""
+
+    def effects(self):
+        return tuple(e for e in super().effects() if e.name == "viscous")
+
+
+def test_a_catalogue_of_one_effect_is_enough(tmp_path):
+    found = s2r.diagnose(
+        s2r.parse_spec(SPEC), Shortest(), rollouts({"viscous": 2.0}, 11), cache=tmp_path, where=False
+    )
+    assert found.which.ranked[0][0] == ("viscous",), found.reason
+    assert found.which.answer == ("viscous",)
+
+
+class Deaf(Cart):
+    """A cart that does not listen to its only effect."""
+
+    def effects(self):
+        return tuple(e for e in super().effects() if e.name == "viscous")
+
+    def with_effects(self, values):
+        return self
+
+
+def test_a_catalogue_that_changes_nothing_is_told_of(tmp_path):
+    with pytest.raises(UsageError, match="no effect of the catalogue changes anything"):
+        s2r.diagnose(s2r.parse_spec(SPEC), Deaf(), rollouts({"viscous": 2.0}, 11), cache=tmp_path)
+
+
+def test_the_simulator_itself_has_no_material_gap(find, cache):
+    spec = s2r.parse_spec(SPEC)
+    rng = np.random.default_rng(5)
+    tests = [{"vd": rng.uniform(0.2, 1), "acc": rng.uniform(1, 4)} for _ in range(20)]
+    same = [(test, Cart().rollout(test, 500 + i)) for i, test in enumerate(tests)]
+    found = s2r.diagnose(spec, Cart(), same, cache=cache, where=False)
+    assert found.verdict is Verdict.NONE, found.reason

@@ -1,12 +1,16 @@
 """The evidence is that of the Gaussian model which the documentation states, and the joint fit finds what is there."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
 from s2r_spec.diagnose.catalogue import Catalogue
-from s2r_spec.diagnose.evidence import ALLOWED, LARGE, MORE, Linear, evidence, posterior, solved
-from s2r_spec.diagnose.joint import joint_fit, polished
+from s2r_spec.diagnose.evidence import ALLOWED, LARGE, MORE, Linear, evidence, ground, posterior, solved
+from s2r_spec.diagnose.isolability import isolability
+from s2r_spec.diagnose.joint import Joint, joint_fit, polished
+from s2r_spec.diagnose.judge import _strangeness
 
 EFFECTS, SIZE = 4, 30
 
@@ -161,3 +165,57 @@ def test_a_simulator_of_which_every_number_is_off_is_believed_so_much_less(off):
     assert fitted.misfit < 1.6
     found = evidence(plain)
     assert found.members[int(np.argmax(found.logs))] == (1,)
+
+
+def test_the_error_of_everything_has_the_largest_evidence_of_the_stated_model():
+    rng = np.random.default_rng(7)
+    lines = drawn(0, np.zeros(EFFECTS))[0].lines
+    nuisances = 3.0 * rng.normal(size=(4, 1, 20))
+    for _ in range(20):
+        j = rng.normal(size=(EFFECTS, 1, 20))
+        data = (
+            np.tensordot(rng.normal(size=EFFECTS) * 0.05, j, 1)
+            + np.tensordot(rng.normal(size=4), nuisances, 1)
+            + rng.choice([0.3, 1.5, 3.0]) * rng.normal(size=(1, 20))
+        )
+        variance = np.full((1, 20), 0.1)
+        fitted = Joint(np.zeros(EFFECTS), data, j, 1.0, 0.0)
+        n, flat = nuisances.reshape(4, 20), j.reshape(EFFECTS, 20)
+
+        def speaks(more, n=n, flat=flat, data=data):
+            base = np.eye(20) * (0.1 + more**2) + n.T @ n
+            sets = [(), *((k,) for k in range(EFFECTS))]
+            spreads = [np.where(np.isin(np.arange(EFFECTS), s), LARGE, ALLOWED) for s in sets]
+            return max(
+                multivariate_normal(cov=base + (flat.T * spread**2) @ flat).logpdf(data.ravel())
+                for spread in spreads
+            )
+
+        assert ground(lines, fitted, data, variance, nuisances) == max(MORE, key=speaks)
+
+
+def test_data_that_are_nothing_at_all_are_not_strange():
+    data, *_ = drawn(0, np.zeros(EFFECTS))
+    nothing = replace(data, toward=np.zeros(EFFECTS), energy=0.0, seen=0.0)
+    assert np.isfinite(_strangeness(evidence(nothing), np.full(EFFECTS, 0.1))).all()
+
+
+def test_an_effect_that_these_tests_do_not_show_is_confounded_and_not_infinitely_apart():
+    class Bank:
+        catalogue = Catalogue(
+            (),
+            tuple("ab"),
+            np.arange(2),
+            np.arange(2),
+            np.zeros(2, dtype=bool),
+            -np.ones(2),
+            np.ones(2),
+            np.zeros(2),
+        )
+
+        def secant(self, line, coordinate):
+            return np.ones((1, 5)) * (3.0 if line == 0 else 0.0)
+
+    found = isolability(Bank(), np.eye(1), np.eye(5), np.zeros((0, 1, 5)), 1.0)
+    assert np.isfinite(found.sigma).all()
+    assert "a" in found.confounded("b")
