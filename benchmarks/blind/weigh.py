@@ -75,7 +75,7 @@ def main() -> None:
     given = parser.parse_args()
     cases = rows(given.set, given.folder)
     print(f"{len(cases)} cases\nindependent  log score  trust  penalties of 1, 2, 3 effects")
-    for independent in (20.0, 40.0, 80.0, 160.0, 320.0):
+    for independent in (20.0, 40.0, 50.0, 80.0, 160.0, 320.0):
         best = minimize(loss, [-0.5, 0.0, 2.0, 4.0], args=(independent, cases), method="Nelder-Mead")
         trust, *penalty = best.x
         print(
