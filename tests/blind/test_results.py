@@ -5,6 +5,7 @@ import re
 from pathlib import Path
 
 from benchmarks.blind.table import SETS, table
+from s2r_spec.blind.score import MOVES
 from s2r_spec.spec import load_spec
 
 ROOT = Path(__file__).parents[2]
@@ -15,6 +16,14 @@ RESULTS = ROOT / "benchmarks" / "blind" / "results"
 def test_the_table_of_sealed_sets_is_what_the_committed_command_prints():
     assert table() in PAGE.read_text()
     assert {f"{name}_scores.json" for name in SETS} >= {path.name for path in RESULTS.glob("*_scores.json")}
+
+
+def test_what_is_said_of_single_effects_that_move_rho():
+    scores = json.loads((RESULTS / "a1_scores.json").read_text())["scores"]
+    rate = scores["that moves ρ: first answer right, single"]
+    page = " ".join(PAGE.read_text().split())
+    assert f"three times its scatter the likeliest set is right in {rate['hits']} of {rate['of']}" in page
+    assert MOVES == 3.0
 
 
 def test_every_set_was_frozen_before_it_was_opened():
@@ -38,7 +47,7 @@ def test_what_is_said_of_the_real_go2():
 
 
 def test_what_is_said_of_simpler_ways():
-    kept = json.loads((RESULTS / "emps_baselines.json").read_text())
+    kept = json.loads((RESULTS / "emps4_baselines.json").read_text())
     rates = {name: rate["hits"] for name, rate in kept["rates"].items()}
     count = kept["rates"]["ρ only"]["of"]
     joint, single = rates["joint least squares"], rates["single fits"]
@@ -78,6 +87,7 @@ def test_what_the_readme_shows_of_a_diagnosis_is_what_the_committed_run_printed(
     printed = kept["text"].splitlines()
     for line in shown[1].splitlines():
         assert line in printed, line
+    assert f"takes about {round(kept['cpu_seconds'], -1)} s of one core" in " ".join(readme.split())
     assert kept["spec_hash"] == load_spec(ROOT / "specs" / "a1_velocity.stl").hash
 
 

@@ -98,3 +98,18 @@ def test_a_gap_is_open_only_if_a_little_of_everything_does_not_close_it_either()
     assert far(named=0.7, tuned=0.6).open is True
     assert far(named=0.1, tuned=0.6).open is False
     assert far(named=0.7, tuned=0.1).gone is True
+
+
+def test_scatter_alone_is_rarely_a_material_gap_and_one_bad_test_is_one():
+    rng, tests = np.random.default_rng(0), [{"v": k / 9} for k in range(9)]
+    spread = 0.01 * np.sqrt(1.0 + 1.0 / 3.0)
+    alarms = 0
+    for _ in range(120):
+        real = spread * rng.normal(size=9)
+        alarms += how_far(real, np.zeros(9), None, np.zeros(9), tests, 0.01, 0.0, 3, "m").material
+    assert alarms < 0.1 * 120
+    bad = np.array([1e-4, 2e-4, 1e-4, 0.4])
+    found = how_far(bad, np.zeros(4), None, np.zeros(4), tests[:4], 2e-4, 0.0, 3, "m")
+    assert found.before.low < found.floor
+    assert found.material
+    assert found.open
