@@ -120,13 +120,25 @@ class HowFar:
 
     @property
     def open(self) -> bool:
-        """Whether a material gap stays, although a little of every other effect may help."""
-        return self.material and self.tuned_share is not None and self._closes < CLOSED
+        """Whether a material gap surely stays, although a little of every other effect may help."""
+        return (
+            self.material and self.tuned_share is not None and self._closes < CLOSED and not self._may_close
+        )
 
     @property
     def unexplained(self) -> bool:
         """Whether a material gap stays that nothing named is to explain, although a little of everything may help."""
-        return self.material and self.tuned_share is not None and self.tuned_share[0] < GONE
+        return (
+            self.material
+            and self.tuned_share is not None
+            and self.tuned_share[0] < GONE
+            and not self._may_close
+        )
+
+    @property
+    def _may_close(self) -> bool:
+        """Whether held-out rollouts are too few, or too unsteady, to say that a patch does not close all of it."""
+        return any(part[2] >= 1.0 for part in (self.share, self.tuned_share) if part is not None)
 
     @property
     def _closes(self) -> float:

@@ -16,12 +16,13 @@ from numpy.typing import NDArray
 from s2r_spec.backend import Backend
 from s2r_spec.diagnose import bank as banks
 from s2r_spec.diagnose.ask import Rollouts, real_rollouts
-from s2r_spec.diagnose.design import unit_box
+from s2r_spec.diagnose.design import unit_box, weights
 from s2r_spec.diagnose.diagnosis import Diagnosis, Verdict, Which
 from s2r_spec.diagnose.estimate import fit
 from s2r_spec.diagnose.evidence import BACKGROUND
 from s2r_spec.diagnose.how_far import HowFar, how_far
 from s2r_spec.diagnose.isolability import isolability
+from s2r_spec.diagnose.judge import Sets
 from s2r_spec.diagnose.next_test import next_test
 from s2r_spec.diagnose.prepare import Progress, State, bench_of, prepare, split
 from s2r_spec.diagnose.simulate import Bench, Job, Test, run_jobs
@@ -40,7 +41,7 @@ SHOTS = 3
 """Simulated rollouts per held-out test, before and after."""
 SURE = 0.9
 CLEAR = 0.7
-"""Probability from which on an effect is named although the gap is not material."""
+"""Probability from which on a set is named although the gap is not material; :data:`SURE` of each effect does, too."""
 RIVAL = 0.2
 """A set this many times as likely as the first is a rival of it."""
 RULED_OUT = 0.05
@@ -135,7 +136,7 @@ def _answer(
         # every machine differs from its simulator in ways that nobody asked about.
         alarm, unknown = False, unknown * IMITATED
         # A gap that a little of everything would make needs no name, unless the traces are clear.
-        first_none = first_none or not (far.material or ranked[0][1] >= CLEAR)
+        first_none = first_none or not (far.material or _clear(state.sets, *ranked[0]))
     if open_gap:
         # The patch does not close the gap that it should explain: at least as likely unknown as not.
         unknown = max(unknown, 0.5 + 0.5 * unknown)
@@ -236,7 +237,10 @@ def _how_far(
     at = [place[tuple(sorted(test.items()))] for test in tests]
     means = [block[:, 0].reshape(len(distinct), SHOTS).mean(axis=1)[at] for block in rows]
     oracle = _oracle(bench, state, tests, real, means[0])
-    noise = _scatter(tests, real, state.signatures.rho_noise)
+    # What the cause makes unsteady scatters more than the nominal simulator does.
+    patched = rows[-1][:, 0].reshape(len(distinct), SHOTS)
+    own = max(state.signatures.rho_noise, float(np.sqrt(patched.var(axis=1, ddof=1).mean())))
+    noise = _scatter(tests, real, own)
     return how_far(
         real,
         means[0],
@@ -252,24 +256,36 @@ def _how_far(
     )
 
 
-def _scatter(tests: Sequence[Test], real: FloatArray, nominal: float) -> float:
+def _clear(sets: Sets, members: tuple[int, ...], probability: float) -> bool:
+    """Return whether the traces name these effects, although ρ does not need them; there may be more beside them."""
+    among = [
+        sum(p for s, p in zip(sets.members, sets.probability, strict=True) if effect in s)
+        for effect in members
+    ]
+    return bool(probability >= CLEAR or min(among, default=0.0) >= SURE)
+
+
+def _scatter(tests: Sequence[Test], real: FloatArray, simulated: float) -> float:
     """Return the standard deviation of ρ from run to run: of replicates where there are, else the simulator's."""
     of_test: dict[tuple[tuple[str, float], ...], list[float]] = {}
     for test, rho in zip(tests, real.tolist(), strict=True):
         of_test.setdefault(tuple(sorted(test.items())), []).append(rho)
     squares = sum(float(((np.array(mine) - np.mean(mine)) ** 2).sum()) for mine in of_test.values())
     free = len(tests) - len(of_test)
-    return float(np.sqrt(squares / free)) if free >= 5 else nominal
+    return float(np.sqrt(squares / free)) if free >= 5 else simulated
+
+
+def _from_bank(state: State, bench: Bench, tests: Sequence[Test]) -> FloatArray:
+    """Return (tests, m) weights with which values at the bank's tests become values at these."""
+    space = bench.spec.space
+    return weights(unit_box(space, state.signatures.bank.tests), unit_box(space, tests))
 
 
 def _oracle(
     bench: Bench, state: State, tests: Sequence[Test], real: FloatArray, nominal: FloatArray
 ) -> float:
     """Return the smallest mean gap that any point of any line reaches at the held-out tests, by the bank."""
-    from s2r_spec.diagnose.design import weights
-
-    known = unit_box(bench.spec.space, state.signatures.bank.tests)
-    w = weights(known, unit_box(bench.spec.space, tests))
+    w = _from_bank(state, bench, tests)
     gaps = [
         np.abs(real - nominal - (w @ curve.rho.T).T).mean(axis=1).min()
         for curve in state.signatures.curves
@@ -280,10 +296,7 @@ def _oracle(
 
 def _background(state: State, bench: Bench, tests: Sequence[Test]) -> float:
     """Return the mean gap in ρ that a little of every effect makes, at most, in 19 of 20 random machines."""
-    from s2r_spec.diagnose.design import weights
-
-    known = unit_box(bench.spec.space, state.signatures.bank.tests)
-    w = weights(known, unit_box(bench.spec.space, tests))
+    w = _from_bank(state, bench, tests)
     rng = np.random.default_rng(0)
     total = np.zeros((200, len(tests)))
     for curve in state.signatures.curves:

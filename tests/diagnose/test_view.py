@@ -5,8 +5,10 @@ import pytest
 
 from s2r_spec.diagnose.how_far import how_far
 from s2r_spec.diagnose.joint import Joint, seen_through
+from s2r_spec.diagnose.judge import Sets
 from s2r_spec.diagnose.layout import SHOTS, Layout
 from s2r_spec.diagnose.prepare import TREND, _scatter, _trend
+from s2r_spec.diagnose.run import _clear
 from s2r_spec.space import Axis, Space
 
 SPACE = Space((Axis("v", 0.0, 1.0, "m/s"),))
@@ -113,3 +115,26 @@ def test_scatter_alone_is_rarely_a_material_gap_and_one_bad_test_is_one():
     assert found.before.low < found.floor
     assert found.material
     assert found.open
+
+
+def test_a_gap_that_a_patch_may_close_for_all_that_its_interval_says_is_not_open():
+    tests = [{"v": k / 9} for k in range(9)]
+    real = np.array([1.0] * 8 + [60.0])
+    # All is closed but the gap at one test, which 1 in 3 resamples do not have.
+    simulated = np.append(real[:8], 0.0)
+    found = how_far(real, np.zeros(9), simulated, simulated, tests, 0.01, 0.0, 3, "m")
+    assert found.material
+    assert found.share[0] < 0.5 < 1.0 <= found.share[2]
+    assert (found.open, found.unexplained) == (False, False)
+    half = how_far(real, np.zeros(9), 0.3 * real, 0.3 * real, tests, 0.01, 0.0, 3, "m")
+    assert half.share[2] < 1.0
+    assert (half.open, half.unexplained) == (True, True)
+
+
+@pytest.mark.parametrize(
+    ("probability", "named"),
+    [((0.1, 0.75, 0.1, 0.05), True), ((0.05, 0.5, 0.45, 0.0), True), ((0.3, 0.5, 0.2, 0.0), False)],
+)
+def test_a_cause_is_clear_by_its_set_or_by_itself_whatever_is_beside_it(probability, named):
+    sets = Sets(((), (0,), (0, 1), (1,)), np.array(probability))
+    assert _clear(sets, (0,), probability[1]) is named
