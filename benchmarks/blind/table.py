@@ -1,7 +1,9 @@
 """The table of sealed sets in docs/explanation/diagnosis.md, from the scores in results/; a test holds it to them.
 
-python benchmarks/blind/table.py            # prints it
-python benchmarks/blind/table.py --write    # and puts it in the page's place
+    python benchmarks/blind/table.py            # prints it
+    python benchmarks/blind/table.py --write    # and puts it in the page's place
+
+Answers and closed gaps are counted from the cases, so that old sets are scored as new ones.
 """
 
 from __future__ import annotations

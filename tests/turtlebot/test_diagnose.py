@@ -35,11 +35,7 @@ def find(tmp_path_factory):
     [
         ("heading_bias", "angle", 0.3),  # moves ρ far
         ("motor_lag", "time", 0.3),  # hardly does: the traces alone say so
-        (
-            "latency",
-            "delay",
-            0.18,
-        ),  # makes the loop unsteady, so that no patch closes the gap of single rollouts
+        ("latency", "delay", 0.18),  # makes the loop unsteady: no patch closes what single rollouts show
     ],
 )
 def test_what_was_added_is_named(find, effect, parameter, value):
