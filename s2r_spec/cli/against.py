@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import typer
-from rich.console import Console
 
-from s2r_spec.cli.common import interrupted, new_or_old, pool, seconds, sentences
+from s2r_spec.cli.common import begun, interrupted, seconds, sentences
 from s2r_spec.cli.options import (
     OneRequirement,
     Quiet,
@@ -73,11 +72,8 @@ def against(prefix: str, help_: str, search: Callable[[], Search]) -> Callable[.
             form = settle(form, as_json, output)
             pageable(page)
             parsed = load_spec(spec)
-            executor, machines = pool(workers, scheduler)
-            folder = new_or_old(run, resume, f"{prefix}{spec.stem}-{sim}-{real}", seed)
-            errors = Console(stderr=True, highlight=False)
-            if not quiet:
-                errors.print(f"run {folder}, seed {seed}, {machines}", markup=False, soft_wrap=True)
+            name = f"{prefix}{spec.stem}-{sim}-{real}"
+            executor, folder, errors = begun(run, resume, name, seed, workers, scheduler, quiet)
             try:
                 with Live(errors, quiet) as live:
                     result = asked.run(

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
+from rich.console import Console
 
 from s2r_spec.errors import S2RError, UsageError
 
@@ -97,6 +98,28 @@ def new_or_old(run: Path | None, resume: Path | None, name: str, seed: int) -> P
     return (
         resume or run or Path("s2r-runs") / f"{stamp}-{name.replace(':', '-').replace('/', '-')}-seed{seed}"
     )
+
+
+def begun(
+    run: Path | None,
+    resume: Path | None,
+    name: str,
+    seed: int,
+    workers: int | None,
+    scheduler: str | None,
+    quiet: bool,
+) -> tuple[ExecutorFactory, Path, Console]:
+    """Return pool, folder and standard error of a run, after saying there where it is.
+
+    Raises:
+        UsageError: as :func:`pool` and :func:`new_or_old` say.
+    """
+    executor, machines = pool(workers, scheduler)
+    folder = new_or_old(run, resume, name, seed)
+    errors = Console(stderr=True, highlight=False)
+    if not quiet:
+        errors.print(f"run {folder}, seed {seed}, {machines}", markup=False, soft_wrap=True)
+    return executor, folder, errors
 
 
 def interrupted(folder: Path) -> None:

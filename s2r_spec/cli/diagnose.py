@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from s2r_spec.cli.common import interrupted, new_or_old, pool, sentences
+from s2r_spec.cli.common import begun, interrupted, sentences
 from s2r_spec.cli.options import (
     OneRequirement,
     Quiet,
@@ -68,11 +68,8 @@ def diagnose(
         form = settle(form, as_json, output, forms)
         pageable(page)
         parsed = load_spec(spec)
-        executor, machines = pool(workers, scheduler)
-        folder = new_or_old(run, resume, f"diagnose-{spec.stem}-{sim}-{Path(real).name}", seed)
-        errors = Console(stderr=True, highlight=False)
-        if not quiet:
-            errors.print(f"run {folder}, seed {seed}, {machines}", markup=False, soft_wrap=True)
+        name = f"diagnose-{spec.stem}-{sim}-{Path(real).name}"
+        executor, folder, errors = begun(run, resume, name, seed, workers, scheduler, quiet)
         try:
             with Stages(errors, quiet) as stages:
                 found = find(
