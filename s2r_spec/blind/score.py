@@ -14,6 +14,8 @@ from s2r_spec.blind.unseal import OPENED
 SURE = 0.9
 MOVES = 3.0
 """An effect moves ρ if it does so by more than so many times the mean |ρ_real − E ρ_sim| of scatter alone."""
+NOTHING = ("no material gap", "no single cause")
+"""Verdicts that name nothing, and call nothing unknown."""
 SMALLEST = 1e-3
 """No probability counts as less in the log score."""
 
@@ -105,7 +107,7 @@ def score(cases: Answers) -> dict[str, Any]:
         ),
         "unknown detected, all": _rate(unknown, lambda label, a: a["verdict"] == "none of these"),
         "known effects called unknown": _rate(known, lambda label, a: a["verdict"] == "none of these"),
-        "null called anything else": _rate(null, lambda label, a: a["verdict"] != "no material gap"),
+        "null called anything else": _rate(null, lambda label, a: a["verdict"] not in NOTHING),
         "right where sure": _rate(sure, lambda label, a: ranked(a)[0][0] == truth(label)),
         "sure": Rate(len(sure), len(cases)),
         "true value in its 90 % interval": _coverage(single),

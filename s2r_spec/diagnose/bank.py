@@ -252,6 +252,7 @@ def save(made: Bank, path: Path) -> None:
             "blocks": [asdict(b) for b in f.blocks],
             "flags": dict(f.flags),
             "products": f.products,
+            "rates": f.rates,
             "tests": [dict(t) for t in made.tests],
             "lines": [asdict(one) for one in made.lines],
             "pairs": made.pairs,
@@ -265,6 +266,7 @@ def save(made: Bank, path: Path) -> None:
         text=np.array(text),
         scale=f.scale,
         reference=f.reference,
+        pace=f.pace,
         nominal=made.nominal,
         interactions=made.interactions,
         variants=made.variants,
@@ -283,6 +285,8 @@ def load(path: Path) -> Bank:
             arrays["reference"],
             text["flags"],
             tuple((a, b) for a, b in text["products"]),
+            tuple((a, b) for a, b in text["rates"]),
+            arrays["pace"],
         )
         found = tuple(Line(**(one | {"values": tuple(one["values"])})) for one in text["lines"])
         return Bank(

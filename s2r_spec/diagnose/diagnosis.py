@@ -19,6 +19,8 @@ class Verdict(Enum):
     """What the diagnosis says, in the user's words."""
 
     NONE = "no material gap"
+    SPREAD = "no single cause"
+    """A material gap, of which a few percent of every effect close as much as any cause."""
     NAMED = "named"
     CONFOUNDED = "confounded"
     UNKNOWN = "none of these"

@@ -41,14 +41,15 @@ TRIPLES_OF = 5
 """Best pairs that a third effect is tried with."""
 
 
-def believed(scatter: FloatArray, level: FloatArray | float = 0.0) -> FloatArray:
+def believed(scatter: FloatArray, level: FloatArray | float = 0.0, part: float = 1.0) -> FloatArray:
     """Return (q, k) variance of the data's coefficients.
 
     Args:
         scatter: (q, k) their variance from rollout to rollout.
         level: (k,) mean square of the data over the tests.
+        part: of the usual variance of what is not scatter.
     """
-    return scatter + (FORM**2) * level + GROUND**2
+    return scatter + part * (FORM**2 * level + GROUND**2)
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,8 @@ The same for every robot: the channels alone decide what is computed. Means over
 windows of time say where a channel is, the scatter within short blocks says how
 it ripples, means over the samples at which a binary channel (stance) is 0 and 1
 say in which phase, and products of channels of the same width (a torque residual
-with a joint speed) tell laws apart that agree on average.
+with a joint speed) tell laws apart that agree on average; a residual that goes with
+the *rate* of another channel is what a delay leaves.
 """
 
 from __future__ import annotations
@@ -56,7 +57,8 @@ class Feature:
     block: str
     column: int
     statistic: str
-    """``mean``, ``ripple``, ``spread``, ``when STANCE=1``, ``times dq``, ``times sign dq`` or ``survived``."""
+    """``mean``, ``ripple``, ``spread``, ``when STANCE=1``, ``times dq``, ``times sign dq``, ``times rate dq`` or
+    ``survived``."""
     window: tuple[float, float]
     """Begin and end [s]."""
 
@@ -73,6 +75,8 @@ class Features:
             difference or a residual of it; 0 for a channel.
         flags: binary channels → width.
         products: pairs of block names whose columns are multiplied.
+        rates: pairs of block names; the first is multiplied with how fast the second changes.
+        pace: (columns,) rms rate of each column over the nominal rollouts, in ``scale`` per second.
     """
 
     duration: float
@@ -81,6 +85,8 @@ class Features:
     reference: FloatArray
     flags: Mapping[str, int]
     products: tuple[tuple[str, str], ...]
+    rates: tuple[tuple[str, str], ...]
+    pace: FloatArray
 
     @classmethod
     def of_nominal(cls, traces: Sequence[Trace], duration: float) -> Features:
@@ -120,7 +126,18 @@ class Features:
         scale = np.where(scale > 1e-9 * own, scale, np.where(own > 1e-12, own, 1.0))
         nothing = np.concatenate([least.get(b.name, np.zeros(b.width)) for b in blocks])
         scale = np.maximum(scale, nothing)
-        return cls(duration, tuple(blocks), scale, nothing / NOTHING / scale, flags, _products(blocks, flags))
+        moved = [np.concatenate([_rate(_block(t, b), t.times) for t in traces if len(t) > 1]) for b in blocks]
+        pace = np.concatenate([np.sqrt((m**2).mean(axis=0)) for m in moved]) / scale
+        return cls(
+            duration,
+            tuple(blocks),
+            scale,
+            nothing / NOTHING / scale,
+            flags,
+            _products(blocks, flags),
+            _rates(blocks, flags),
+            np.where(pace > 1e-12, pace, 1.0),
+        )
 
     def names(self) -> tuple[Feature, ...]:
         """Return what each entry of :meth:`vector` is."""
@@ -146,6 +163,8 @@ class Features:
             width = self._width(a)
             out += [Feature(a, i, f"times {s}", whole) for i in range(width)]
             out += [Feature(a, i, f"times sign {s}", whole) for i in range(width)]
+        for a, s in self.rates:
+            out += [Feature(a, i, f"times rate {s}", whole) for i in range(self._width(a))]
         out.append(Feature("", 0, "survived", whole))
         return tuple(out)
 
@@ -157,7 +176,7 @@ class Features:
     def vector(self, trace: Trace) -> FloatArray:
         """Return (p,) features; NaN where the trace ended before, or lacks the channel."""
         times = trace.times - trace.times[0]
-        x = np.concatenate([self._block(trace, b) for b in self.blocks], axis=1) / self.scale
+        x = np.concatenate([_block(trace, b) for b in self.blocks], axis=1) / self.scale
         end = times[-1] + (times[-1] / max(len(times) - 1, 1))
         out = []
         edges = self.duration * np.array(WINDOWS)
@@ -189,20 +208,11 @@ class Features:
             left, right = x[:, place[a]], x[:, place[s]]
             out.append((left * right).mean(axis=0))
             out.append((left * np.sign(right)).mean(axis=0))
+        if self.rates:
+            rate = _rate(x, times) / self.pace
+            out += [(x[:, place[a]] * rate[:, place[s]]).mean(axis=0) for a, s in self.rates]
         out.append(np.array([min(1.0, end / self.duration)]))
         return np.concatenate(out)
-
-    def _block(self, trace: Trace, block: Block) -> FloatArray:
-        if block.source not in trace.channels or (
-            block.minus is not None and block.minus not in trace.channels
-        ):
-            return np.full((len(trace), block.width), np.nan)
-        x = _columns(trace, block.source)
-        if x.shape[1] != block.width:
-            raise UsageError(
-                f"channel {block.source!r} has width {x.shape[1]}, not {block.width} as the simulator's"
-            )
-        return x if block.minus is None else x - _columns(trace, block.minus)
 
     def _width(self, name: str) -> int:
         return next(b.width for b in self.blocks if b.name == name)
@@ -239,6 +249,22 @@ def _columns(trace: Trace, name: str) -> FloatArray:
     return values[:, None] if values.ndim == 1 else values
 
 
+def _block(trace: Trace, block: Block) -> FloatArray:
+    if block.source not in trace.channels or (block.minus is not None and block.minus not in trace.channels):
+        return np.full((len(trace), block.width), np.nan)
+    x = _columns(trace, block.source)
+    if x.shape[1] != block.width:
+        raise UsageError(
+            f"channel {block.source!r} has width {x.shape[1]}, not {block.width} as the simulator's"
+        )
+    return x if block.minus is None else x - _columns(trace, block.minus)
+
+
+def _rate(x: FloatArray, times: FloatArray) -> FloatArray:
+    """Return (n, columns) per second; 0 of a single sample."""
+    return np.asarray(np.gradient(x, times, axis=0)) if len(times) > 1 else np.zeros_like(x)
+
+
 def _rms(x: FloatArray) -> float:
     return float(np.sqrt((x**2).mean()))
 
@@ -264,3 +290,8 @@ def _products(blocks: Sequence[Block], flags: Mapping[str, int]) -> tuple[tuple[
         if len(alike) <= MANY:
             pairs += list(combinations(alike, 2))
     return tuple(pairs)
+
+
+def _rates(blocks: Sequence[Block], flags: Mapping[str, int]) -> tuple[tuple[str, str], ...]:
+    plain = [b for b in blocks if not b.residual and b.name not in flags]
+    return tuple((r.name, s.name) for r in blocks if r.residual for s in plain if s.width == r.width)

@@ -157,11 +157,16 @@ def joint_fit(
     return Joint(at, rest, jacobian, measure(rest) / data.size, best)
 
 
+def misfit(rest: FloatArray, variance: FloatArray, nuisances: FloatArray) -> float:
+    """Return the mean square of what the nuisances do not explain of a rest (q, k), in units of what is believed."""
+    return _Measure(variance, nuisances)(rest) / rest.size
+
+
 def seen_through(fitted: Joint, project: FloatArray, variance: FloatArray, nuisances: FloatArray) -> Joint:
     """Return a fit to data at every test as what it is to functions of the test, ``project`` (q, n) of them."""
     rest = project @ fitted.rest
     jacobian = np.einsum("qn,lnk->lqk", project, fitted.jacobian)
-    return Joint(fitted.at, rest, jacobian, _Measure(variance, nuisances)(rest) / rest.size, fitted.cost)
+    return Joint(fitted.at, rest, jacobian, misfit(rest, variance, nuisances), fitted.cost)
 
 
 def polished(

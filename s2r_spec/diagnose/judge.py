@@ -162,7 +162,7 @@ def _strangeness(found: Evidence, p: FloatArray) -> FloatArray:
     )
 
 
-def temperature(count: int, misfit: float, weights: Weights) -> float:
+def temperature(count: float, misfit: float, weights: Weights) -> float:
     """Return by what log evidence is divided before it is believed; see :class:`Weights`.
 
     Args:

@@ -31,7 +31,7 @@ from s2r_spec.diagnose.evidence import (
     posterior,
     solved,
 )
-from s2r_spec.diagnose.joint import Joint, Model, joint_fit, polished, seen_through
+from s2r_spec.diagnose.joint import Joint, Model, joint_fit, misfit, polished, seen_through
 from s2r_spec.diagnose.judge import Judge, Sets, describe, temperature, train
 from s2r_spec.diagnose.layout import SHOTS, Layout, functions
 from s2r_spec.diagnose.models import Part, Simulator, nominal_rows
@@ -68,6 +68,14 @@ UNSTEADY = 4.0
 """Scatter, in units of the nominal one's, from which on a look at a dear simulator is the mean of several rollouts."""
 LIKELIEST = 3
 """Sets that are fitted by a dear simulator, to begin where the best of them is."""
+FURTHER = 2
+"""Effects that are tried with what a fit leaves, those that could explain most of it."""
+WORTH = 0.1
+"""Part of what it leaves that an effect must explain to be tried."""
+LEFT = 0.3
+"""What the best of the likeliest sets should leave of the data, in units of what is believed."""
+LEAST = 0.03
+"""Part of the usual variance that is believed at least."""
 USUALLY = 10.0
 """Degrees of freedom that it is worth that all numbers scatter by the same multiple of the simulator's scatter."""
 
@@ -90,6 +98,11 @@ class State:
     simulator: Simulator
     fitted: Joint
     temperature: float
+
+    @property
+    def count(self) -> float:
+        """How many numbers the data are, for the temperature."""
+        return _counted(self.view, self.smooth)
 
     def beside(self, effects: Sequence[int]) -> Joint:
         """Return the best fit with these effects as causes, and of all others no more than a little each."""
@@ -136,6 +149,17 @@ class State:
         slopes = view.surrogate.jacobian(at)
         slopes[part.lines] = found.jacobian
         return at, slopes
+
+    def missing(self, rest: FloatArray, members: Sequence[int]) -> list[int]:
+        """Return the effects that could explain most of what a fit leaves, over all of their range by the bank."""
+        view = self.view
+        turned = view.surrogate.turned(rest, view.variance)
+        gains = {
+            k: view.surrogate.scanned(rest, view.variance, k, turned)[1]
+            for k in range(len(self.judge.effects))
+            if k not in members
+        }
+        return [k for k in sorted(gains, key=lambda k: -gains[k])[:FURTHER] if gains[k] > WORTH]
 
     def polished(self, effects: Sequence[int], at: FloatArray) -> FloatArray:
         """Return (K,) coordinates: those of these effects put right by looks along their lines, the others held."""
@@ -224,7 +248,8 @@ def prepare(
     begin = _beginning(smooth)
     first = view.surrogate.jacobian(begin)
     if not simulator.dear:
-        return _state(signatures, smooth, view, judge, p, simulator, simulator, begin, first)
+        state = _state(signatures, smooth, view, judge, p, simulator, simulator, begin, first)
+        return _closer(state, view, view.layout.variance(machine, own))
     state = _state(signatures, smooth, view, judge, p, simulator, view.surrogate, begin, first)
     # Where derivatives are the bank's, the fit of everything at once goes astray; that of a few effects does not.
     likely = [members for members, _ in state.sets.ranked()[:LIKELIEST]]
@@ -234,10 +259,42 @@ def prepare(
     if there.sum() > UNSTEADY * own.sum():
         simulator = simulator.steadier(SHOTS)
     scatter = layout.variance(machine, np.zeros_like(own)) + simulator.variance(there)
-    view = replace(view, variance=believed(scatter, layout.level(view.data)))
+    view = replace(view, variance=_nearer(view, scatter, best))
     return _state(
         signatures, smooth, view, judge, p, simulator, simulator, best.at, best.jacobian, exact=True
     )
+
+
+def _closer(wide: State, view: View, scatter: FloatArray) -> State:
+    """Fit the whole catalogue again, from where one of the likeliest sets leads, and believed as far as that bears out.
+
+    Where the simulator is nearly right, two effects that it can hardly tell apart leave data of which most would be
+    taken for a law that is not ours. What the best set leaves says that this is not so.
+    """
+    likely = [members for members, _ in wide.sets.ranked()[:LIKELIEST]]
+    likely += [(k,) for k in wide.missing(wide.fitted.rest, ()) if (k,) not in likely]
+    best = min((wide.beside(members) for members in likely), key=lambda fit: fit.cost)
+    near = replace(view, variance=_nearer(view, scatter, best))
+    found = _state(
+        wide.signatures,
+        wide.smooth,
+        near,
+        wide.judge,
+        wide.memberships,
+        wide.simulator,
+        wide.simulator,
+        best.at,
+        best.jacobian,
+    )
+    # The detector of unknown causes learnt from data that were believed as usual.
+    return replace(found, unknown=wide.unknown)
+
+
+def _nearer(view: View, scatter: FloatArray, best: Joint) -> FloatArray:
+    """Return (q, k) variance by which the data are to be believed, from what a fit of a few effects leaves of them."""
+    level = view.layout.level(view.data)
+    left = misfit(best.rest, believed(scatter, level), view.nuisances)
+    return believed(scatter, level, float(np.clip(left / LEFT, LEAST, 1.0)))
 
 
 def _state(
@@ -264,7 +321,7 @@ def _state(
         wider = smooth.variance + more**2
         of_smooth = seen_through(fitted, smooth.layout.project, wider, smooth.nuisances)
         through = evidence(linear(catalogue, of_smooth, smooth.data, wider, smooth.nuisances))
-    warmth = temperature(smooth.data.size, fitted.misfit, judge.weights)
+    warmth = temperature(_counted(view, smooth), fitted.misfit, judge.weights)
     return State(
         signatures,
         smooth,
@@ -279,6 +336,11 @@ def _state(
         fitted,
         warmth,
     )
+
+
+def _counted(view: View, smooth: View) -> float:
+    """Return how many numbers the data count as; tests that are each by themselves hang together, too."""
+    return float(np.sqrt(view.data.size * smooth.data.size))
 
 
 def _trend(

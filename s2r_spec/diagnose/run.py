@@ -158,10 +158,11 @@ def _answer(
     if alarm or open_gap:
         verdict = Verdict.UNKNOWN
     elif first_none:
-        verdict = Verdict.NONE
+        verdict = Verdict.SPREAD if far is not None and far.material else Verdict.NONE
     elif len(confounded) > len(named):
         verdict = Verdict.CONFOUNDED
-    answer = () if verdict in (Verdict.NONE, Verdict.UNKNOWN) else names[named]
+    nothing = verdict in (Verdict.NONE, Verdict.SPREAD)
+    answer = () if nothing or verdict is Verdict.UNKNOWN else names[named]
     upcoming = None
     if verdict is not Verdict.NONE and ranked[0][1] * known < SURE:
         upcoming = _next(bench, state, ranked, tell)
@@ -174,7 +175,7 @@ def _answer(
         triples=by_size[3],
         answer=answer,
         confounded=confounded if answer else (),
-        estimates=() if verdict is Verdict.NONE else fitted.estimates,
+        estimates=() if nothing else fitted.estimates,
         nearest_family=families[names[named][0]],
         isolability=isolable,
         next_test=upcoming,
@@ -366,13 +367,14 @@ def _reason(verdict: Verdict, which: Which, far: HowFar | None, named: tuple[str
         if share is not None
         else ""
     )
-    if verdict is Verdict.NONE:
+    if verdict in (Verdict.NONE, Verdict.SPREAD):
         seen = "" if which.ranked[0][0] == ("none",) else f"; the traces do differ, most as with {words}"
         little = "a few percent of every effect of the catalogue"
         if far is None:
             return f"the traces are as {little} would make them{seen}; no gap was held out to compare"
-        if far.material:
-            return f"no single cause stands out: {little} close the held-out gap{seen}"
+        if verdict is Verdict.SPREAD:
+            part = "" if far.tuned_share is None else f" {100 * far.tuned_share[0]:.0f} % of"
+            return f"nothing stands out: {little} close{part} the held-out gap{seen}"
         return f"the gap is no more than {little} would make it{seen}"
     if verdict is Verdict.UNKNOWN:
         return f"no effect of the catalogue explains the data; the nearest is {words} ({which.nearest_family}){closes}"

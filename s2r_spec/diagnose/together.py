@@ -26,13 +26,9 @@ MOST = 13
 """Sets that are simulated at all."""
 BEFORE_GROWTH = 9
 """Of these, at most, before sets grow: on, while one that was not simulated is the likeliest."""
-FURTHER = 2
-"""Effects that are tried with the set that leaves least, those that could explain most of what it leaves."""
-WORTH = 0.1
-"""Part of what it leaves that an effect must explain to be tried."""
 LARGEST = 3
 """Effects in a set."""
-HEARD = (2.0, 8.0)
+HEARD = (2.0, 3.0)
 """A look lowers a set's log probability by no more than the first, for a fit may stop in a wrong valley, and raises
 it by no more than the second."""
 
@@ -73,7 +69,7 @@ def together(state: State, progress: Callable[[int, int], None]) -> Together:
         found = look(untried[0])
     while True:
         best = min(fits, key=lambda s: fits[s].cost)
-        wider = [tuple(sorted((*best, k))) for k in _missing(state, fits[best], best)]
+        wider = [tuple(sorted((*best, k))) for k in state.missing(fits[best].rest, best)]
         further = [s for s in wider if s not in fits] if len(best) < LARGEST else []
         if not further or len(fits) + len(further) > MOST:
             return found
@@ -81,22 +77,10 @@ def together(state: State, progress: Callable[[int, int], None]) -> Together:
             found = look(members)
 
 
-def _missing(state: State, fit: Joint, members: Set) -> list[int]:
-    """Return the effects that could explain most of what a fit leaves, over all of their range by the bank."""
-    view = state.view
-    turned = view.surrogate.turned(fit.rest, view.variance)
-    gains = {
-        k: view.surrogate.scanned(fit.rest, view.variance, k, turned)[1]
-        for k in range(len(state.judge.effects))
-        if k not in members
-    }
-    return [k for k in sorted(gains, key=lambda k: -gains[k])[:FURTHER] if gains[k] > WORTH]
-
-
 def _weighed(state: State, fits: dict[Set, Joint]) -> Together:
     """Return all sets, those that were simulated by what they cost."""
     misfit = min(fit.misfit for fit in (state.fitted, *fits.values()))
-    warmth = temperature(state.smooth.data.size, misfit, state.judge.weights)
+    warmth = temperature(state.count, misfit, state.judge.weights)
     members = (*state.found.members, *(s for s in fits if s not in set(state.found.members)))
     more = log_evidence(state.data, members[len(state.found.members) :])
     logs = np.concatenate([state.found.logs, more])

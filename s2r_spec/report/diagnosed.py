@@ -18,11 +18,12 @@ from s2r_spec.spec import Spec
 
 COLOURS = {
     Verdict.NONE: "bold green",
+    Verdict.SPREAD: "bold yellow",
     Verdict.NAMED: "bold green",
     Verdict.CONFOUNDED: "bold yellow",
     Verdict.UNKNOWN: "bold yellow",
 }
-EXIT = {Verdict.NONE: 0, Verdict.NAMED: 0, Verdict.CONFOUNDED: 3, Verdict.UNKNOWN: 3}
+EXIT = {Verdict.NONE: 0, Verdict.NAMED: 0, Verdict.SPREAD: 3, Verdict.CONFOUNDED: 3, Verdict.UNKNOWN: 3}
 """A diagnosis has no verdict on the machine: 0 says that a cause (or none) is named, 3 that it is not."""
 SHOWN = 5
 """Ranked causes that are printed."""

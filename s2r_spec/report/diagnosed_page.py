@@ -21,6 +21,7 @@ from s2r_spec.spec import Spec
 
 SIGNS = {
     Verdict.NONE: ("✓", "holds"),
+    Verdict.SPREAD: ("?", "unknown"),
     Verdict.NAMED: ("✓", "holds"),
     Verdict.CONFOUNDED: ("?", "unknown"),
     Verdict.UNKNOWN: ("?", "unknown"),

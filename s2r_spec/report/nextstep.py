@@ -17,6 +17,12 @@ def next_step(found: Diagnosis, spec: Spec) -> str:
                 "Leave the simulator as it is for this requirement, and ask again when the machine or the "
                 "requirement has changed."
             )
+        case Verdict.SPREAD:
+            use = (
+                "Use the simulator with a little of everything (s2r diagnose … --apply FILE --tuned, then "
+                "--sim patched:FILE), and bound the gap that is left with s2r gap on fresh rollouts"
+            )
+            return f"{use}; to see whether one cause stands out, {test}." if test else f"{use}."
         case Verdict.NAMED:
             use = (
                 "Add what is named to the simulator (s2r diagnose … --apply FILE, then --sim patched:FILE), and bound "

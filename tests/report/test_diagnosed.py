@@ -225,6 +225,7 @@ def test_confounded_pairs_are_marked():
     ("verdict", "code", "start"),
     [
         (Verdict.NONE, 0, "Leave the simulator as it is"),
+        (Verdict.SPREAD, 3, "Use the simulator with a little of everything"),
         (Verdict.NAMED, 0, "Add what is named"),
         (Verdict.CONFOUNDED, 3, "To tell them apart"),
         (
