@@ -16,6 +16,8 @@ MOVES = 3.0
 """An effect moves ρ if it does so by more than so many times the mean |ρ_real − E ρ_sim| of scatter alone."""
 NOTHING = ("no material gap", "no single cause")
 """Verdicts that name nothing, and call nothing unknown."""
+INSIDE = 0.8
+"""Part of the attribution of Δρ that should lie in the window in which a cause acts."""
 SMALLEST = 1e-3
 """No probability counts as less in the log score."""
 
@@ -132,6 +134,25 @@ def score(cases: Answers) -> dict[str, Any]:
                     moving, lambda label, a: _members(a)[0] in truth(label)
                 ),
             }
+    shown = [(label, a) for label, a in single if _moves(label, a) or _isolable(label, a)]
+    if shown:
+        words = "that moves ρ or is isolable"
+        rates |= {
+            f"{words}: first answer right, single": _rate(
+                shown, lambda label, a: ranked(a)[0][0] == truth(label)
+            ),
+            f"{words}: likeliest effect right, single": _rate(
+                shown, lambda label, a: {_members(a)[0]} == set(truth(label))
+            ),
+            f"{words}: in the answered set, single": _rate(
+                shown, lambda label, a: truth(label) <= set(a["which"]["set"])
+            ),
+        }
+    inside = [share for label, a in cases if (share := _inside(label, a)) is not None]
+    if inside:
+        rates[f"at least {INSIDE:.0%} of Δρ in the window in which the effect acts"] = Rate(
+            sum(share >= INSIDE for share in inside), len(inside)
+        )
     relatives = [(label, a) for label, a in unknown if label.get("relative_of")]
     rates["nearest is the relative"] = _rate(
         relatives, lambda label, a: label["relative_of"] in [n for s, _ in _named(a)[1][:2] for n in s]
@@ -194,6 +215,33 @@ def _moves(label: Mapping[str, Any], answer: Mapping[str, Any]) -> bool:
     """Return whether the label says that its effects move ρ by more than :data:`MOVES` times its scatter."""
     far = answer["how_far"]
     return bool(far and label.get("moved") is not None and label["moved"] > MOVES * far["floor"])
+
+
+def _isolable(label: Mapping[str, Any], answer: Mapping[str, Any]) -> bool:
+    """Return whether the simulator alone says that the effect, at its typical size, can be told from every other."""
+    found = answer["which"]["isolability"]
+    if not truth(label) <= set(found["effects"]):
+        return False
+    places = [found["effects"].index(name) for name in truth(label)]
+    others = [s for k in places for i, s in enumerate(found["sigma"][k]) if i not in places]
+    return min(others, default=math.inf) >= float(found["apart"])
+
+
+def _inside(label: Mapping[str, Any], answer: Mapping[str, Any]) -> float | None:
+    """Return the part of what Δρ of the worst test is put down to that lies in the true window; None without one."""
+    window, where = (label.get("where") or {}).get("window"), answer.get("where")
+    if window is None or not where or not where.get("trace"):
+        return None
+    begins = where["trace"]["begin"]
+    ends = [*begins[1:], math.inf]
+    blame = [
+        sum(abs(channel["delta"][i]) for channel in where["trace"]["channels"].values())
+        for i in range(len(begins))
+    ]
+    within = sum(
+        b for b, begin, end in zip(blame, begins, ends, strict=True) if begin < window[1] and end > window[0]
+    )
+    return within / sum(blame) if sum(blame) > 0 else None
 
 
 def _probability(label: Mapping[str, Any], answer: Mapping[str, Any]) -> float:

@@ -89,6 +89,17 @@ class Surrogate:
             rows.append(row)
         return np.array(rows)
 
+    def idle(self) -> list[int]:
+        """Return the lines that do nothing until they are large: a limit that is not reached has no slope to follow."""
+        out = []
+        for k in np.flatnonzero(~self.based).tolist():
+            sides = [s for s in (-1.0, 1.0) if s * (self.upper[k] if s > 0 else self.lower[k]) > LEAST]
+            near = max((float(np.linalg.norm(self.along(k, s * LEAST))) for s in sides), default=0.0)
+            usual = max((float(np.linalg.norm(self.along(k, s))) for s in sides), default=0.0)
+            if near < DEAD * LEAST * usual:
+                out.append(k)
+        return out
+
     def scanned(
         self, data: FloatArray, variance: FloatArray, effect: int, turned: FloatArray
     ) -> tuple[FloatArray, float]:

@@ -6,9 +6,9 @@ import hashlib
 import math
 import os
 import pickle
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from importlib.metadata import version
 from pathlib import Path
 
@@ -72,6 +72,10 @@ FURTHER = 2
 """Effects that are tried with what a fit leaves, those that could explain most of it."""
 WORTH = 0.1
 """Part of what it leaves that an effect must explain to be tried."""
+PLACES = 16
+"""On either side of nominal, at which a line that does nothing near it is tried."""
+SOME = 10.0
+"""By how much a line must lower what a fit leaves, in units of what is believed, to be tried as a cause."""
 LEFT = 0.3
 """What the best of the likeliest sets should leave of the data, in units of what is believed."""
 LEAST = 0.03
@@ -98,19 +102,27 @@ class State:
     simulator: Simulator
     fitted: Joint
     temperature: float
+    reached: Mapping[int, float] = field(default_factory=dict)
+    """Lines that do nothing near nominal → the coordinate at which they explain most of what the fit leaves."""
+
+    wide: State | None = None
+    """The same as the data are usually believed, where they are believed nearer than that: for values."""
 
     @property
     def count(self) -> float:
         """How many numbers the data are, for the temperature."""
         return _counted(self.view, self.smooth)
 
-    def beside(self, effects: Sequence[int]) -> Joint:
-        """Return the best fit with these effects as causes, and of all others no more than a little each."""
+    def beside(self, effects: Sequence[int], near: Joint | None = None) -> Joint:
+        """Return the best fit with these effects as causes, and of all others no more than a little each.
+
+        ``near`` is another such fit, to start from as well.
+        """
         catalogue, view = self.view.surrogate.catalogue, self.view
         mean, _ = posterior(self.data, effects)
         mine = np.isin(catalogue.owner, effects)
         begin = np.clip(self.data.around + mean, catalogue.lower, catalogue.upper)
-        starts = [(begin, self.fitted.jacobian)]
+        starts = [(begin, self.fitted.jacobian)] + ([(near.at, near.jacobian)] if near else [])
         if self.simulator.dear and effects:
             starts = [self._alone(effects, begin)]
         elif len(effects) == 1:
@@ -124,6 +136,13 @@ class State:
                 slopes = np.where(mine[:, None, None], view.surrogate.jacobian(there), self.fitted.jacobian)
                 starts.append((there, slopes))
         spread = np.where(mine, LARGE, ALLOWED)
+        if limits := [line for line in self.reached if mine[line]]:
+            there = begin.copy()
+            there[limits] = [self.reached[line] for line in limits]
+            slopes = self.fitted.jacobian.copy()
+            only = np.array(limits, dtype=np.intp)
+            slopes[only] = self.simulator.jacobian(there, self.fitted.rest, only)[only]
+            starts.append((there, slopes))
         fits = [
             joint_fit(
                 self.simulator,
@@ -271,8 +290,11 @@ def _closer(wide: State, view: View, scatter: FloatArray) -> State:
     Where the simulator is nearly right, two effects that it can hardly tell apart leave data of which most would be
     taken for a law that is not ours. What the best set leaves says that this is not so.
     """
+    wide = replace(wide, reached=_reached(wide))
     likely = [members for members, _ in wide.sets.ranked()[:LIKELIEST]]
-    likely += [(k,) for k in wide.missing(wide.fitted.rest, ()) if (k,) not in likely]
+    owner = wide.view.surrogate.catalogue.owner
+    more = [*wide.missing(wide.fitted.rest, ()), *(int(owner[line]) for line in wide.reached)]
+    likely += [(k,) for k in dict.fromkeys(more) if (k,) not in likely]
     best = min((wide.beside(members) for members in likely), key=lambda fit: fit.cost)
     near = replace(view, variance=_nearer(view, scatter, best))
     found = _state(
@@ -287,7 +309,37 @@ def _closer(wide: State, view: View, scatter: FloatArray) -> State:
         best.jacobian,
     )
     # The detector of unknown causes learnt from data that were believed as usual.
-    return replace(found, unknown=wide.unknown)
+    return replace(found, unknown=wide.unknown, reached=wide.reached, wide=wide)
+
+
+def _reached(state: State) -> dict[int, float]:
+    """Return the lines that do nothing near nominal, but far from it explain some of what the fit leaves, and where.
+
+    The simulator is asked all along such a line: between the bank's tests it is not known where a limit is reached.
+    """
+    view, size = state.view, state.view.data.size
+    found = {}
+    for line in view.surrogate.idle():
+
+        def cost(x: float, line: int = line) -> float:
+            at = state.fitted.at.copy()
+            at[line] = x
+            rest = view.data - state.simulator.change(at)
+            return misfit(rest, view.variance, view.nuisances) * size + (x / LARGE) ** 2
+
+        ends = (view.surrogate.lower[line], view.surrogate.upper[line])
+        away = np.concatenate([np.linspace(0.0, end, PLACES + 1)[1:] for end in ends if end])
+        costs = {0.0: cost(0.0)} | {float(x): cost(float(x)) for x in away}
+        best = min(costs, key=lambda x: costs[x])
+        step = float(np.abs(away).max()) / PLACES
+        for part in (0.5, 0.25):
+            for x in (best - part * step, best + part * step):
+                if best and ends[0] <= x <= ends[1]:
+                    costs[x] = cost(x)
+            best = min(costs, key=lambda x: costs[x])
+        if costs[best] < costs[0.0] - SOME:
+            found[line] = best
+    return found
 
 
 def _nearer(view: View, scatter: FloatArray, best: Joint) -> FloatArray:

@@ -17,7 +17,7 @@ LABELS = {
 }
 
 
-def answered(verdict, first, p=0.95):
+def answered(verdict, first, p=0.95, apart=4.0):
     rest = {"none": 0.0, "unknown": 0.0, "drag": 0.0, "mass": 0.0}
     posterior = rest | {"mass": 1 - p} | {first: p}
     return {
@@ -28,6 +28,7 @@ def answered(verdict, first, p=0.95):
             "membership": {k: v for k, v in posterior.items() if k not in ("none", "unknown")},
             "set": [first],
             "answer": [first] if verdict == "named" else [],
+            "isolability": {"effects": ["drag", "mass"], "sigma": [[0.0, apart], [9.0, 0.0]], "apart": 3.0},
             "parameters": {"drag": {"coefficient": {"estimate": 2.1, "low": 1.8, "high": 2.4, "unit": ""}}},
         },
         "how_far": None,
@@ -172,3 +173,30 @@ def test_where_is_scored_by_its_sums_and_bounds():
     found = score([(LABELS["case-a"], right), (LABELS["case-a"], wrong)])
     assert found["attribution sums to Δρ, over time and over channels"]["hits"] == 1
     assert found["Δρ within what the two critical predicates allow"]["hits"] == 1
+
+
+def test_effects_that_are_isolable_are_scored_by_themselves():
+    label = LABELS["case-a"]
+    cases = [(label, answered("named", "drag")), (label, answered("named", "mass", apart=2.0))]
+    found = score(cases)
+    assert found["that moves ρ or is isolable: first answer right, single"]["hits"] == 1
+    assert found["that moves ρ or is isolable: first answer right, single"]["of"] == 1
+    unheard = {"kind": "single", "effects": {"gust": {}}}
+    assert "that moves ρ or is isolable: first answer right, single" not in score([(unheard, cases[0][1])])
+
+
+@pytest.mark.parametrize(("window", "inside"), [([0.1, 0.2], 1), ([0.25, 0.9], 0), ([0.0, 9.0], 1)])
+def test_a_windowed_effect_is_scored_by_the_blame_inside_its_window(window, inside):
+    label = LABELS["case-b"] | {"where": {"window": window}}
+    blamed = where(-0.3, -0.3, [-0.4, -0.2]) | {
+        "trace": {"begin": [0.0, 0.1, 0.2, 0.3], "channels": {"q": {"delta": [0.0, -0.9, 0.1, 0.0]}}}
+    }
+    found = score([(label, ANSWERS["case-b"] | {"where": blamed}), (label, ANSWERS["case-b"])])
+    rate = found["at least 80% of Δρ in the window in which the effect acts"]
+    assert (rate["hits"], rate["of"]) == (inside, 1)
+
+
+def test_a_null_for_which_nothing_single_was_named_is_right():
+    null = LABELS["case-c"]
+    found = score([(null, answered("no single cause", "none")), (null, answered("none of these", "unknown"))])
+    assert found["null called anything else"]["hits"] == 1

@@ -3,12 +3,14 @@
 import json
 import subprocess
 import sys
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from s2r_cart import SPEC, Cart, real
+from s2r_cart import SPEC, VOLTAGE, Cart, real
 
 import s2r_spec as s2r
+from s2r_spec.backend import Effect, EffectParameter
 from s2r_spec.diagnose.diagnosis import Verdict
 from s2r_spec.errors import UsageError
 
@@ -163,6 +165,34 @@ def test_a_catalogue_of_two_effects_is_enough(tmp_path):
     )
     assert set(found.which.singles) == {"coulomb", "viscous"}
     assert found.which.ranked[0][0] == ("viscous",), found.reason
+
+
+@dataclass(frozen=True)
+class Limited(Cart):
+    """A cart whose drive may saturate earlier: at 12 V no test does, at 5 V a third do."""
+
+    def effects(self):
+        voltage = EffectParameter(
+            "voltage", "V", 2.0, VOLTAGE, VOLTAGE, "normal around 12, standard deviation 3"
+        )
+        few = tuple(e for e in super().effects() if e.name in ("coulomb", "viscous", "payload"))
+        return (*few, Effect("limit", "actuation", "The drive saturates.", (voltage,)))
+
+    def with_effects(self, values):
+        rest = {name: of for name, of in values.items() if name != "limit"}
+        lowest = values.get("limit", {}).get("voltage", self.limit)
+        return replace(super().with_effects(rest), limit=lowest)
+
+
+def test_a_limit_that_some_tests_reach_is_found_with_its_value(tmp_path):
+    tests = [test for test, _ in rollouts({}, 11)]
+    seen = [(test, real(test, 11000 + i, {}, limit=6.0)) for i, test in enumerate(tests)]
+    reached = sum(np.abs(trace["u"]).max() >= 5.0 - 1e-9 for _, trace in seen)
+    assert 0 < reached < len(seen) / 2
+    found = s2r.diagnose(s2r.parse_spec(SPEC), Limited(), seen, cache=tmp_path, where=False)
+    assert found.which.ranked[0][0] == ("limit",), found.which.ranked[:4]
+    (estimate,) = found.which.estimates
+    assert abs(estimate.value - 5.0) < 0.3
 
 
 class Shortest(Cart):

@@ -18,6 +18,7 @@ from s2r_spec.trace import Trace
 
 MASS, DAMPING, FORCE = 2.0, 1.0, 1.0  # kg, N s/m, N/V
 GAIN, STEP, DURATION = 12.0, 0.01, 2.0  # V s/m, s, s
+VOLTAGE = 12.0  # V
 
 SPEC = """
 param  vd {m/s} in [0.2, 1]
@@ -62,6 +63,7 @@ def cart(options: str = ""):
 @dataclass(frozen=True)
 class Cart:
     added: tuple[tuple[str, float], ...] = ()
+    limit: float = VOLTAGE
     duration: float = DURATION
     deterministic: bool = True
     cost: float = 1e-3
@@ -109,7 +111,7 @@ class Cart:
             ref = reference(params["vd"], params["acc"], k * STEP)
             measured = e["speed_scale"] * v + 0.005 * noise[0, k]
             u = GAIN * (ref - measured) + DAMPING * ref
-            u = max(-12.0, min(12.0, u))
+            u = max(-self.limit, min(self.limit, u))
             rows.append((v, ref, measured, u))
             waiting.append(u)
             force = e["motor"] * FORCE * waiting.pop(0) + e["tilt"] + 0.1 * noise[1, k]
@@ -141,7 +143,7 @@ class Machine(Cart):
         return real(params, seed % 2**32, dict(self.truth))
 
 
-def real(params, seed, effects, background=0.05, extra=None):
+def real(params, seed, effects, background=0.05, extra=None, limit=VOLTAGE):
     """Return what the machine records. ``effects``: name → value, as in the catalogue.
 
     ``extra`` is an effect that the catalogue lacks: "bump" (a place where it
@@ -164,7 +166,7 @@ def real(params, seed, effects, background=0.05, extra=None):
         t = k * STEP
         ref = reference(params["vd"], params["acc"], t)
         measured = e["speed_scale"] * v + 0.005 * rng.normal()
-        u = max(-12.0, min(12.0, GAIN * (ref - measured) + DAMPING * ref))
+        u = max(-limit, min(limit, GAIN * (ref - measured) + DAMPING * ref))
         rows.append((v, ref, measured, u))
         queue.append((t + e["delay"] * (1 + 0.2 * rng.normal()) if e["delay"] > 0 else t, u))
         kick = 0.1 * rng.normal()
