@@ -62,12 +62,12 @@ TREND = 0.7
 """Where a few functions of the test hold less than this part of the data, every test is seen by itself."""
 FREE = 5
 """Degrees of freedom from which on replicates say how much a machine scatters."""
-MOST = 50.0
+WILDEST = 50.0
 """A machine that scatters by more times than this still has its tests weighed as if it did not."""
 UNSTEADY = 4.0
 """Scatter, in units of the nominal one's, from which on a look at a dear simulator is the mean of several rollouts."""
-LIKELIEST = 3
-"""Sets that are fitted by a dear simulator, to begin where the best of them is."""
+TRIED = 3
+"""Sets that are fitted alone at first, to begin where the best of them is."""
 FURTHER = 2
 """Effects that are tried with what a fit leaves, those that could explain most of it."""
 WORTH = 0.1
@@ -246,7 +246,7 @@ def prepare(
     level = np.nanmean(nominal, axis=0)
     components = signatures.components(rows, level[layout.place][:, signatures.kept])
     own = np.diag(signatures.noise)
-    inflation, machine = _scatter(layout, components, signatures)
+    inflation, machine = _of_replicates(layout, components, signatures)
     layout = Layout.of(bench.spec.space, bank.tests, tests, inflation)
     means = layout.mean(components)
     catalogue = Catalogue.of(signatures.curves)
@@ -271,7 +271,7 @@ def prepare(
         return _closer(state, view, view.layout.variance(machine, own))
     state = _state(signatures, smooth, view, judge, p, simulator, view.surrogate, begin, first)
     # Where derivatives are the bank's, the fit of everything at once goes astray; that of a few effects does not.
-    likely = [members for members, _ in state.sets.ranked()[:LIKELIEST]]
+    likely = [members for members, _ in state.sets.ranked()[:TRIED]]
     best = min((state.beside(members) for members in likely), key=lambda fit: fit.cost)
     # A gait that a cause has made unsteady scatters as the nominal one does not.
     there = _shrunk(*simulator.scattered(best.at), own)
@@ -291,7 +291,7 @@ def _closer(wide: State, view: View, scatter: FloatArray) -> State:
     taken for a law that is not ours. What the best set leaves says that this is not so.
     """
     wide = replace(wide, reached=_reached(wide))
-    likely = [members for members, _ in wide.sets.ranked()[:LIKELIEST]]
+    likely = [members for members, _ in wide.sets.ranked()[:TRIED]]
     owner = wide.view.surrogate.catalogue.owner
     more = [*wide.missing(wide.fitted.rest, ()), *(int(owner[line]) for line in wide.reached)]
     likely += [(k,) for k in dict.fromkeys(more) if (k,) not in likely]
@@ -417,13 +417,15 @@ def _beginning(view: View) -> FloatArray:
     return best if part > MOSTLY else turned
 
 
-def _scatter(layout: Layout, components: FloatArray, signatures: Signatures) -> tuple[float, FloatArray]:
+def _of_replicates(
+    layout: Layout, components: FloatArray, signatures: Signatures
+) -> tuple[float, FloatArray]:
     """Return how the machine's rollouts of one test scatter: as a multiple of the simulator's, and (k,) each number."""
     own = np.diag(signatures.noise)
     squares, free = layout.scattered(components)
     if free < FREE:
         return 1.0, own
-    multiple = float(np.clip(squares.sum() / max(float(own.sum()), 1e-12), 1.0, MOST))
+    multiple = float(np.clip(squares.sum() / max(float(own.sum()), 1e-12), 1.0, WILDEST))
     return multiple, _shrunk(squares, free, own)
 
 

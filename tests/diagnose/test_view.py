@@ -1,13 +1,16 @@
 """What is seen test by test, and what through a few functions of the test."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from s2r_spec.diagnose.evidence import believed
 from s2r_spec.diagnose.how_far import how_far
 from s2r_spec.diagnose.joint import Joint, seen_through
 from s2r_spec.diagnose.judge import Sets
 from s2r_spec.diagnose.layout import SHOTS, Layout
-from s2r_spec.diagnose.prepare import TREND, _scatter, _trend
+from s2r_spec.diagnose.prepare import LEAST, LEFT, TREND, _nearer, _of_replicates, _trend
 from s2r_spec.diagnose.run import _clear
 from s2r_spec.space import Axis, Space
 
@@ -68,12 +71,12 @@ def test_replicates_say_how_each_number_scatters():
     rng = np.random.default_rng(2)
     layout = Layout.of(SPACE, BANK, [test for test in TESTS for _ in range(3)])
     rows = rng.normal(size=(45, 3)) * np.array([0.1, 0.1, 2.0])
-    multiple, machine = _scatter(layout, rows, Quiet)
+    multiple, machine = _of_replicates(layout, rows, Quiet)
     assert multiple > 50 / 3
     # 30 degrees of freedom against 10 that say all scatter alike: towards the truth, 1 and 400 times the simulator's.
     assert machine[2] / machine[0] > 3.0
     once = Layout.of(SPACE, BANK, TESTS)
-    multiple, machine = _scatter(once, rows[:15], Quiet)
+    multiple, machine = _of_replicates(once, rows[:15], Quiet)
     assert multiple == 1.0
     np.testing.assert_allclose(machine, 0.01)
 
@@ -138,3 +141,17 @@ def test_a_gap_that_a_patch_may_close_for_all_that_its_interval_says_is_not_open
 def test_a_cause_is_clear_by_its_set_or_by_itself_whatever_is_beside_it(probability, named):
     sets = Sets(((), (0,), (0, 1), (1,)), np.array(probability))
     assert _clear(sets, (0,), probability[1]) is named
+
+
+@pytest.mark.parametrize(("left", "part"), [(0.0, LEAST), (0.15, 0.15 / LEFT), (LEFT, 1.0), (4.0, 1.0)])
+def test_a_simulator_that_is_nearly_right_is_believed_nearer_but_never_than_it_scatters(left, part):
+    scatter = np.full((1, 50), 0.01)
+    usual = believed(scatter, 0.0)
+    view = SimpleNamespace(
+        layout=SimpleNamespace(level=lambda data: np.zeros(50)),
+        data=np.zeros((1, 50)),
+        nuisances=np.zeros((0, 1, 50)),
+    )
+    near = _nearer(view, scatter, SimpleNamespace(rest=np.sqrt(left * usual)))
+    np.testing.assert_allclose(near - scatter, part * (usual - scatter), rtol=1e-9)
+    assert (near >= scatter).all()
