@@ -26,7 +26,8 @@ SETS = {
     "emps": "eighth",
     "a1first": "of the A1, first",
     "a1second": "second",
-    "a1": "third",
+    "a1third": "third",
+    "a1": "fourth",
 }
 RATES = {
     "single effects: it is the likeliest set": "top-1, single effects",
