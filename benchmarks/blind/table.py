@@ -1,4 +1,4 @@
-"""The table of sealed sets in docs/explanation/diagnosis.md, from the scores in results/; a test holds it to them.
+"""The tables of sealed sets in docs/explanation/diagnosis.md, from the scores in results/; a test holds it to them.
 
     python benchmarks/blind/table.py            # prints it
     python benchmarks/blind/table.py --write    # and puts it in the page's place
@@ -10,8 +10,11 @@ from __future__ import annotations
 
 import json
 import sys
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
+
+from s2r_spec.blind.score import truth
 
 RESULTS = Path(__file__).parent / "results"
 PAGE = Path(__file__).parents[2] / "docs" / "explanation" / "diagnosis.md"
@@ -42,6 +45,37 @@ RATES = {
     "answers of 0.9 and more that were right": "right where sure",
     "true value in its 90 % interval": "true value in its 90 % interval",
 }
+
+
+LATEST = ("emps8", "emps", "a1")
+"""Sets of which is said how often probabilities come true."""
+EDGES = (0.0, 0.4, 0.6, 0.8, 0.9, 1.0)
+
+
+def first(case: dict[str, Any]) -> tuple[frozenset[str], float]:
+    """Return the likeliest answer of a case, and its probability."""
+    found = [(frozenset([name]), float(p)) for name, p in case["posterior"].items()]
+    found += [(frozenset(pair["effects"]), float(pair["probability"])) for pair in case["pairs"]]
+    return max(found, key=lambda item: item[1])
+
+
+def reliability() -> str:
+    """Return as Markdown how often the likeliest answer is the truth, by the probability that it was given."""
+    rows = [["probability of the likeliest answer", "cases", "mean probability", "right"], ["---"] * 4]
+    cases = [
+        case
+        for name in LATEST
+        for case in json.loads((RESULTS / f"{name}_scores.json").read_text())["cases"].values()
+    ]
+    said = [(*first(case), truth(case["label"])) for case in cases]
+    for low, high in pairwise(EDGES):
+        mine = [(found == true, p) for found, p, true in said if low <= p < high]
+        mean = sum(p for _, p in mine) / max(len(mine), 1)
+        right = sum(hit for hit, _ in mine)
+        rows.append(
+            [f"{low:g} to {high:g}", str(len(mine)), f"{mean:.2f}", f"{right / max(len(mine), 1):.2f}"]
+        )
+    return "\n".join(f"| {' | '.join(row)} |" for row in rows)
 
 
 def answered(cases: list[dict[str, Any]]) -> str:
@@ -92,11 +126,12 @@ def table() -> str:
 
 def main() -> None:
     """Print, and write if asked."""
-    print(table())
-    if "--write" in sys.argv:
-        text = PAGE.read_text(encoding="utf-8")
-        begin = text.index("| sealed set |")
-        PAGE.write_text(text[:begin] + table() + text[text.index("\n\n", begin) :], encoding="utf-8")
+    for made in (table(), reliability()):
+        print(made, end="\n\n")
+        if "--write" in sys.argv:
+            text = PAGE.read_text(encoding="utf-8")
+            begin = text.index(made.splitlines()[0].split(" | ")[0])
+            PAGE.write_text(text[:begin] + made + text[text.index("\n\n", begin) :], encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -4,7 +4,7 @@ import json
 import re
 from pathlib import Path
 
-from benchmarks.blind.table import SETS, table
+from benchmarks.blind.table import SETS, reliability, table
 from s2r_spec.blind.score import MOVES
 from s2r_spec.spec import load_spec
 
@@ -15,6 +15,7 @@ RESULTS = ROOT / "benchmarks" / "blind" / "results"
 
 def test_the_table_of_sealed_sets_is_what_the_committed_command_prints():
     assert table() in PAGE.read_text()
+    assert reliability() in PAGE.read_text()
     assert {f"{name}_scores.json" for name in SETS} >= {path.name for path in RESULTS.glob("*_scores.json")}
 
 
