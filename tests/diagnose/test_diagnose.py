@@ -186,7 +186,7 @@ class Limited(Cart):
 
 def test_a_limit_that_some_tests_reach_is_found_with_its_value(tmp_path):
     tests = [test for test, _ in rollouts({}, 11)]
-    seen = [(test, real(test, 11000 + i, {}, limit=6.0)) for i, test in enumerate(tests)]
+    seen = [(test, real(test, 11000 + i, {}, limit=5.0)) for i, test in enumerate(tests)]
     reached = sum(np.abs(trace["u"]).max() >= 5.0 - 1e-9 for _, trace in seen)
     assert 0 < reached < len(seen) / 2
     found = s2r.diagnose(s2r.parse_spec(SPEC), Limited(), seen, cache=tmp_path, where=False)
