@@ -31,13 +31,18 @@ def test_what_is_said_of_windows():
     rate = json.loads((RESULTS / "emps_scores.json").read_text())["scores"][
         "at least 80% of Δρ in the window in which the effect acts"
     ]
-    assert f"acts in {rate['hits']} of {rate['of']} cases of the ninth set" in " ".join(PAGE.read_text().split())
+    assert f"acts in {rate['hits']} of {rate['of']} cases of the ninth set" in " ".join(
+        PAGE.read_text().split()
+    )
 
 
 def test_what_is_said_of_the_worst_test():
     kept = json.loads((ROOT / "benchmarks" / "results" / "where_worst.json").read_text())["emps"]["summary"]
     page = " ".join(PAGE.read_text().split())
-    assert f"within a tenth of all three axes of the true worst for {kept['near']} of {kept['effects']} effects" in page
+    assert (
+        f"within a tenth of all three axes of the true worst for {kept['near']} of {kept['effects']} effects"
+        in page
+    )
     assert f"of the largest gap for {kept['enough']};" in page
     assert f"in the box that is answered with it for {kept['inside']} (" in page
 
