@@ -88,8 +88,8 @@ def diagnose(
             raise
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "diagnosis.json").write_text(diagnosed.as_json(found, parsed) + "\n", encoding="utf-8")
-        if apply is not None and found.patch:
-            patched.write(apply, sim, found.tuned if tuned else found.patch)
+        if apply is not None and (added := found.improved(tuned)):
+            patched.write(apply, sim, added)
         if output is not None:
             save(forms[form](found, parsed) + "\n", output)
         elif form == "text":
@@ -100,9 +100,7 @@ def diagnose(
             save(diagnosed_page.render(found, parsed, real), page)
         if apply is not None and form != "json":
             said = (
-                f"use it as --sim patched:{apply}"
-                if found.patch
-                else f"{apply} is not written: no effect is named"
+                f"use it as --sim patched:{apply}" if added else f"{apply} is not written: no effect is named"
             )
             errors.print(said, markup=False, soft_wrap=True)
         raise typer.Exit(diagnosed.EXIT[found.verdict])

@@ -165,6 +165,12 @@ class Diagnosis:
     provenance: Mapping[str, Any]
     assumptions: tuple[str, ...]
 
+    def improved(self, tuned: bool) -> Mapping[str, Mapping[str, float]]:
+        """Return what to add to the simulator, with a little of everything if asked; empty where nothing is to be."""
+        if self.verdict is Verdict.SPREAD:
+            return self.tuned if tuned else {}
+        return self.tuned if tuned and self.patch else self.patch
+
     def to_json(self) -> dict[str, Any]:
         """Return one JSON object."""
         return {

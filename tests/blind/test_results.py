@@ -5,7 +5,7 @@ import re
 from pathlib import Path
 
 from benchmarks.blind.table import SETS, reliability, table
-from s2r_spec.blind.score import MOVES
+from s2r_spec.blind.score import MOVES, truth
 from s2r_spec.spec import load_spec
 
 ROOT = Path(__file__).parents[2]
@@ -25,6 +25,39 @@ def test_what_is_said_of_single_effects_that_move_rho():
     page = " ".join(PAGE.read_text().split())
     assert f"three times its scatter the likeliest set is right in {rate['hits']} of {rate['of']}" in page
     assert MOVES == 3.0
+
+
+def likeliest(case):
+    found = [(frozenset([name]), p) for name, p in case["posterior"].items()]
+    found += [(frozenset(pair["effects"]), pair["probability"]) for pair in case["pairs"]]
+    return max(found, key=lambda item: item[1])
+
+
+def cases_of(*sets):
+    return [c for s in sets for c in json.loads((RESULTS / f"{s}_scores.json").read_text())["cases"].values()]
+
+
+def test_what_is_said_of_delays_and_of_sure_errors():
+    page = " ".join(PAGE.read_text().split())
+    late = [
+        case
+        for case in cases_of("emps5", "emps6", "emps7")
+        if case["label"]["kind"] == "single" and set(case["label"]["effects"]) & {"delay", "current_lag"}
+    ]
+    right = [case for case in late if likeliest(case)[0] == set(case["label"]["effects"])]
+    assert (len(late), len(right)) == (19, 1)
+    assert "of 19 delays and lags one was found" in page
+    wrong = [
+        case["label"]
+        for case in cases_of("emps8", "emps", "a1")
+        if likeliest(case)[1] >= 0.9 and likeliest(case)[0] != truth(case["label"])
+    ]
+    assert sorted("+".join(w["effects"]) if w["kind"] == "unknown" else w["kind"] for w in wrong) == (
+        ["cubic_drag"] * 2 + ["pair"] * 5
+    )
+    assert (
+        "a second effect that was missed, five times, and cubic drag that was called quadratic, twice" in page
+    )
 
 
 def test_what_is_said_of_windows():

@@ -325,3 +325,17 @@ def test_markdown_has_the_answer_tables_and_no_markup_of_others(one):
     assert "| friction.force | 1.5 N |" in shown
     assert "- FR calf: torque −1.25 N\\*m" in shown
     assert "<summary>This assumes</summary>" in shown
+
+
+def test_what_the_next_step_says_to_apply_is_there_to_be_applied():
+    spread, spec = diagnosis(1, Verdict.SPREAD)
+    spread = replace(spread, patch={})
+    assert "--apply FILE --tuned" in json.loads(diagnosed.as_json(spread, spec))["next"]
+    assert spread.improved(tuned=True) == spread.tuned
+    assert spread.improved(tuned=False) == {}
+    named, _ = diagnosis(1)
+    assert named.improved(tuned=False) == named.patch
+    assert named.improved(tuned=True) == named.tuned
+    for verdict in (Verdict.NONE, Verdict.UNKNOWN):
+        silent = replace(diagnosis(1, verdict)[0], patch={})
+        assert silent.improved(tuned=True) == {}
