@@ -1,33 +1,53 @@
 """Is the worst test that a diagnosis names from 30 rollouts the worst test of the whole test space?
 
-    python benchmarks/where_worst.py emps            # a few minutes
-    python benchmarks/where_worst.py sim             # the A1: some 20 minutes
+    python benchmarks/where_worst.py emps            # some 10 minutes of two cores
+    python benchmarks/where_worst.py emps --twin     # the same of machines by other code
+    python benchmarks/where_worst.py sim             # the A1: some 2 hours
+    python benchmarks/where_worst.py sim --twin
 
-The machine is the simulator with one effect of its catalogue at its typical high value, and seeds of its own; nothing
-here stands in for hardware. The truth is E|Δρ| on a grid of the test space that the diagnosis does not see (216 places
-of the axis' three parameters, 26 of the A1's one), four rollouts of either side at every place. An effect that moves no
-place by three times the scatter is left out. Printed for each effect: how far the named test is from the truth's, on
-its widest axis as a part of that, and how large the gap there is as a part of the largest. The second matters more:
-a gap that hardly changes with the payload has its worst place anywhere along it.
+The machine is the simulator with one effect of its catalogue at its typical high value, and seeds of its own; or, with
+``--twin``, one with one effect of a random size from the generator of the blind check (benchmarks/blind): other code,
+and a little of everything else. Nothing here stands in for hardware. The truth is E|Δρ| on a grid of the test space
+that the diagnosis does not see (216 places of the axis' three parameters, 26 of the A1's one), four rollouts of either
+side at every place. An effect that moves no place by three times the scatter is left out. Printed for each effect: how
+far the named test is from the truth's, on its widest axis as a part of that, and how large the gap there is as a part
+of the largest. The second matters more: a gap that hardly changes with the payload has its worst place anywhere along
+it. The same is kept of what a Gaussian process over the measured gaps alone would have named.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import sys
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from functools import cache
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from machine import describe
+from numpy.typing import NDArray
 
-import s2r_spec as s2r
-from s2r_spec.backend import Backend
-from s2r_spec.diagnose.axes import lines
-from s2r_spec.diagnose.simulate import Bench
-from s2r_spec.diagnose.where.gaps import GapAt
-from s2r_spec.diagnose.where.space import in_space
-from s2r_spec.rollouts.match import match
+ROOT = Path(__file__).parents[1]
+sys.path[:0] = [str(ROOT), str(ROOT / "backends")]
+
+import s2r_spec as s2r  # noqa: E402
+from benchmarks.machine import describe  # noqa: E402
+from s2r_spec.backend import load_backend  # noqa: E402
+from s2r_spec.diagnose.axes import lines  # noqa: E402
+from s2r_spec.diagnose.prepare import bench_of  # noqa: E402
+from s2r_spec.diagnose.simulate import Bench  # noqa: E402
+from s2r_spec.diagnose.where.gaps import GapAt  # noqa: E402
+from s2r_spec.diagnose.where.space import in_space  # noqa: E402
+from s2r_spec.trace import Trace  # noqa: E402
+
+FloatArray = NDArray[np.float64]
+Test = dict[str, float]
+Rollouts = list[tuple[Test, Trace]]
+Run = Callable[[list[Test], int], list[Trace]]
+"""From tests and a seed to a rollout of each."""
 
 TESTS, AGAIN = 18, 6
 """Different tests, and how many of them run three times: 30 rollouts."""
@@ -43,64 +63,156 @@ ENOUGH = 0.9
 """Part of the largest gap that there should be at the named test."""
 
 
-def bench_of(name: str, spec_file: str) -> Bench:
-    """Set a spec up on a simulator."""
-    spec = s2r.load_spec(spec_file)
-    requirement = spec.requirements[0]
-    backend = s2r.load_backend(name).with_duration(spec.horizon(requirement))
-    return Bench(backend, spec, requirement, match(spec, requirement, backend))
+@cache
+def bench(sim: str) -> Bench:
+    """Set the spec up on a simulator."""
+    spec = s2r.load_spec(ROOT / SPECS[sim])
+    return bench_of(spec, spec.requirements[0], sim)
 
 
-def rho(bench: Bench, backend: Backend, test: dict[str, float], seed: int) -> float:
-    """Return ρ of one rollout."""
-    return bench.rho(backend.rollout(bench.matched.to_backend(test), seed), test)
+def names(sim: str, twin: bool) -> list[str]:
+    """Return the effects that are tried."""
+    if not twin:
+        found = (line.effect for line in lines(load_backend(sim).effects()) if not line.base)
+        return list(dict.fromkeys(found))
+    if sim == "emps":
+        from benchmarks.blind.emps.kinds import KNOWN as AXIS
+
+        return sorted(AXIS)
+    from benchmarks.blind.a1.effects import KNOWN as LEGS
+
+    return sorted(LEGS)
 
 
-def drawn(bench: Bench, case: int) -> list[dict[str, float]]:
+def same(sim: str, effect: str) -> Run:
+    """Return the simulator with an effect at its typical high value."""
+    backend = bench(sim).backend
+    line = next(one for one in lines(backend.effects()) if one.effect == effect and not one.base)
+    machine = backend.with_effects({effect: {line.parameter: line.at_typical()}})
+
+    def run(tests: list[Test], seed: int) -> list[Trace]:
+        asked = [bench(sim).matched.to_backend(test) for test in tests]
+        return [machine.rollout(test, seed + k) for k, test in enumerate(asked)]
+
+    return run
+
+
+def other_axis(effect: str, case: int) -> Run:
+    """Return an axis of the blind check's generator."""
+    from benchmarks.blind.emps import cases
+
+    kinds = [cases.KNOWN[effect]]
+    machine, bare, *_ = cases.machine_of(np.random.default_rng([11, case]), kinds)
+
+    def run(tests: list[Test], seed: int) -> list[Trace]:
+        rng = np.random.default_rng(seed)
+        drawn = [cases.drawn_nuisance(rng) for _ in tests]
+        made = cases.realise([cases.Plan(machine, bare, tests, [], drawn, {"effects": {}})])
+        return [trace for _, trace in made[0].rollouts]
+
+    return run
+
+
+def other_robot(effect: str, case: int) -> Run:
+    """Return a robot of the blind check's generator; one that falls at either end gets less of the effect."""
+    from benchmarks.blind.a1 import cases
+
+    kind = cases.KNOWN[effect]
+    size = cases.log_uniform(np.random.default_rng([11, case]), kind.low, kind.high)
+    runner = cases.Runner(cases.twin_of([kind], {effect: size}, case)[0])
+    while any(runner.run(vd, np.random.default_rng([case, 1])).failure for vd in cases.RANGE):
+        size *= 0.75
+        runner = cases.Runner(cases.twin_of([kind], {effect: size}, case)[0])
+
+    def run(tests: list[Test], seed: int) -> list[Trace]:
+        return [runner.run(test["vd"], np.random.default_rng([seed, k])) for k, test in enumerate(tests)]
+
+    return run
+
+
+def machine(sim: str, twin: bool, effect: str, case: int) -> Run:
+    """Return the machine with an effect."""
+    if not twin:
+        return same(sim, effect)
+    return other_axis(effect, case) if sim == "emps" else other_robot(effect, case)
+
+
+def drawn(case: int, sim: str) -> list[Test]:
     """Return the tests of 30 rollouts, evenly over the space, a third of them three times."""
     rng = np.random.default_rng(case)
-    space = bench.spec.space
+    space = bench(sim).spec.space
     parts = np.stack([rng.permutation(TESTS) for _ in range(space.dim)], axis=1)
     unit = (parts + rng.uniform(size=parts.shape)) / TESTS
     tests = [space.point(p) for p in space.lower + (space.upper - space.lower) * unit]
     return tests + [tests[i] for i in rng.permutation(TESTS)[:AGAIN] for _ in range(2)]
 
 
-def compare(bench: Bench, machine: Backend, case: int) -> dict[str, Any]:
+def rhos(sim: str, tests: list[Test], traces: list[Trace]) -> FloatArray:
+    """Return ρ of each."""
+    return np.array([bench(sim).rho(trace, test) for test, trace in zip(tests, traces, strict=True)])
+
+
+@cache
+def nominal(sim: str, seed: int) -> FloatArray:
+    """Return (places, SHOTS) ρ of the simulator on the grid."""
+    tests = [test for test in grid_tests(sim) for _ in range(SHOTS)]
+    asked = [bench(sim).matched.to_backend(test) for test in tests]
+    traces = [bench(sim).backend.rollout(test, seed + k) for k, test in enumerate(asked)]
+    return rhos(sim, tests, traces).reshape(-1, SHOTS)
+
+
+def grid_tests(sim: str) -> list[Test]:
+    """Return the grid's."""
+    space = bench(sim).spec.space
+    return [space.point(place) for place in space.grid((ACROSS[space.dim],) * space.dim)]
+
+
+def alone(sim: str, rollouts: Rollouts, case: int) -> Test:
+    """Return the worst test as a process over the measured gaps names it, with no simulator improved."""
+    tests = [test for test, _ in rollouts]
+    real = rhos(sim, tests, [trace for _, trace in rollouts])
+    asked = [bench(sim).matched.to_backend(test) for test in tests]
+    own = rhos(sim, tests, [bench(sim).backend.rollout(test, 2 * 10**7 + k) for k, test in enumerate(asked)])
+    places: dict[tuple[tuple[str, float], ...], list[int]] = {}
+    for k, test in enumerate(tests):
+        places.setdefault(tuple(sorted(test.items())), []).append(k)
+    gaps = tuple(GapAt(dict(key), real[mine], own[mine]) for key, mine in places.items())
+    return dict(in_space(bench(sim).spec.space, gaps, seed=case).worst)
+
+
+def compare(sim: str, twin: bool, effect: str, case: int) -> dict[str, Any]:
     """Name the worst test from 30 rollouts, then look for it on the grid."""
-    space = bench.spec.space
-    runs: dict[tuple[tuple[str, float], ...], list[tuple[float, float]]] = {}
-    for number, test in enumerate(drawn(bench, case)):
-        pair = rho(bench, machine, test, 10**7 + number), rho(bench, bench.backend, test, 2 * 10**7 + number)
-        runs.setdefault(tuple(sorted(test.items())), []).append(pair)
-    gaps = tuple(
-        GapAt(dict(key), *np.array(pairs).T)  # real, simulated
-        for key, pairs in runs.items()
-    )
-    found = in_space(space, gaps, bench.spec.unit(bench.requirement), seed=case)
-    grid = space.grid((ACROSS[space.dim],) * space.dim)
+    set_up = bench(sim)
+    space = set_up.spec.space
+    run = machine(sim, twin, effect, case)
+    asked = drawn(case, sim)
+    rollouts = list(zip(asked, run(asked, 10**7), strict=True))
+    found = s2r.diagnose(set_up.spec, sim, rollouts, seed=case).where.space
+    named = {"diagnosis": dict(found.worst), "process": alone(sim, rollouts, case)}
+    there = [test for test in (*grid_tests(sim), *named.values()) for _ in range(SHOTS)]
+    real = rhos(sim, there, run(there, 3 * 10**7)).reshape(-1, SHOTS)
+    last = [test for test in named.values() for _ in range(SHOTS)]
+    asked_of = [set_up.matched.to_backend(test) for test in last]
+    more = rhos(sim, last, [set_up.backend.rollout(t, 5 * 10**7 + k) for k, t in enumerate(asked_of)])
+    own = np.concatenate([nominal(sim, 4 * 10**7), more.reshape(-1, SHOTS)]).mean(axis=1)
+    gaps = np.abs(real - own[:, None]).mean(axis=1)
+    true, at_named = gaps[: -len(named)], dict(zip(named, gaps[-len(named) :], strict=True))
+    worst = grid_tests(sim)[int(true.argmax())]
 
-    def gap(place: np.ndarray[Any, Any], seed: int) -> float:
-        test = space.point(place)
-        real = [rho(bench, machine, test, 3 * 10**7 + seed * SHOTS + s) for s in range(SHOTS)]
-        own = np.mean([rho(bench, bench.backend, test, 4 * 10**7 + seed * SHOTS + s) for s in range(SHOTS)])
-        return float(np.abs(np.array(real) - own).mean())
+    def away(test: Test) -> float:
+        apart = np.abs(space.vector(test) - space.vector(worst)) / (space.upper - space.lower)
+        return round(float(apart.max()), 3)
 
-    true = np.array([gap(place, i) for i, place in enumerate(grid)])
-    named = space.vector(found.worst)
-    worst = grid[true.argmax()]
     return {
-        "named": dict(found.worst),
-        "true": space.point(worst),
-        "away": round(float((np.abs(named - worst) / (space.upper - space.lower)).max()), 3),
+        "true": worst,
         "moves": bool(true.max() > MOVES * found.floor),
-        "gap_there": round(gap(named, len(grid)) / float(true.max()), 3),
         "inside": bool(
-            all(
-                found.worst_in[n][0] - 1e-9 <= v <= found.worst_in[n][1] + 1e-9
-                for n, v in space.point(worst).items()
-            )
+            all(found.worst_in[n][0] - 1e-9 <= v <= found.worst_in[n][1] + 1e-9 for n, v in worst.items())
         ),
+        **{
+            how: {"named": test, "away": away(test), "gap_there": round(float(at_named[how] / true.max()), 3)}
+            for how, test in named.items()
+        },
     }
 
 
@@ -108,32 +220,44 @@ def main() -> None:
     """Ask it of every effect."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("sim", choices=tuple(SPECS))
+    parser.add_argument("--twin", action="store_true", help="of machines by the blind check's generator")
+    parser.add_argument("--effects", nargs="*", help="these alone")
+    parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--out", type=Path, default=Path(__file__).parent / "results" / "where_worst.json")
     given = parser.parse_args()
-    bench = bench_of(given.sim, SPECS[given.sim])
+    asked = [
+        (given.sim, given.twin, effect, case)
+        for case, effect in enumerate(names(given.sim, given.twin))
+        if not given.effects or effect in given.effects
+    ]
     rows: dict[str, Any] = {}
-    for case, line in enumerate(one for one in lines(bench.backend.effects()) if not one.base):
-        if line.effect in rows:
-            continue  # how an effect acts, not how much
-        value = line.at_typical()
-        machine = bench.backend.with_effects({line.effect: {line.parameter: value}})
-        rows[line.effect] = one = compare(bench, machine, case)
-        print(
-            f"{line.effect:16} named {one['named']}, true {one['true']}: {one['away']:.2f} away, "
-            f"{100 * one['gap_there']:.0f} % of the largest gap{'' if one['moves'] else '; does not move rho'}",
-            flush=True,
-        )
+    with ProcessPoolExecutor(given.workers, mp_context=get_context("spawn")) as pool:
+        for (_, _, effect, _), one in zip(asked, pool.map(compare, *zip(*asked, strict=True)), strict=True):
+            rows[effect] = one
+            said = ", ".join(
+                f"{how} {[round(v, 3) for v in one[how]['named'].values()]} {one[how]['away']:.2f} away with "
+                f"{100 * one[how]['gap_there']:.0f} % of the largest gap"
+                for how in ("diagnosis", "process")
+            )
+            true = [round(v, 3) for v in one["true"].values()]
+            print(
+                f"{effect:16} true {true}: {said}{'' if one['moves'] else '; does not move rho'}", flush=True
+            )
     seen = [one for one in rows.values() if one["moves"]]
-    near = sum(one["away"] <= NEAR for one in seen)
-    enough = sum(one["gap_there"] >= ENOUGH for one in seen)
-    inside = sum(one["inside"] for one in seen)
-    print(
-        f"within a tenth of every axis: {near} of {len(seen)}; the gap there is {ENOUGH:.0%} of the largest or "
-        f"more: {enough}; the true worst is in the box that is answered: {inside}"
-    )
-    summary = {"effects": len(seen), "near": near, "enough": enough, "inside": inside}
+    summary = {"effects": len(seen), "inside": sum(one["inside"] for one in seen)} | {
+        how: {
+            "near": sum(one[how]["away"] <= NEAR + 1e-9 for one in seen),
+            "enough": sum(one[how]["gap_there"] >= ENOUGH for one in seen),
+        }
+        for how in ("diagnosis", "process")
+    }
+    print(json.dumps(summary))
     kept = json.loads(given.out.read_text()) if given.out.exists() else {}
-    kept[given.sim] = {"machine": describe("scipy"), "summary": summary, "effects": rows}
+    kept[given.sim + ("_twin" if given.twin else "")] = {
+        "machine": describe("scipy"),
+        "summary": summary,
+        "effects": rows,
+    }
     given.out.write_text(json.dumps(kept, indent=1) + "\n")
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -59,6 +59,7 @@ def fit(
     chosen: Sequence[int],
     temperature: float,
     found: FloatArray | None = None,
+    ends: Mapping[int, tuple[float, float]] | None = None,
 ) -> Fit:
     """Return the values of these effects, all others being background.
 
@@ -69,6 +70,8 @@ def fit(
         temperature: by which evidence is divided before it is believed; intervals are so much wider.
         found: (K,) coordinates at which the simulator with these effects alone fits best, where that
             was looked for; else those of the linear data.
+        ends: line → coordinates between which it may be, where that was looked for: of a phase the linear data know
+            one valley.
     """
     mean, covariance = posterior(data, chosen)
     at = np.clip(data.around + mean if found is None else found, catalogue.lower, catalogue.upper)
@@ -81,9 +84,10 @@ def fit(
         if catalogue.first[k] != k and not catalogue.based[k] and abs(at[k]) < SEEN * spread[k]:
             at[k] = 0.0
             continue
+        least, most = (ends or {}).get(k, (at[k], at[k]))
         low, high = (
-            line.value(float(np.clip(at[k] + s * spread[k], catalogue.lower[k], catalogue.upper[k])))
-            for s in (-1.0, 1.0)
+            line.value(float(np.clip(x, catalogue.lower[k], catalogue.upper[k])))
+            for x in (min(at[k] - spread[k], least), max(at[k] + spread[k], most))
         )
         estimates.append(
             Estimate(line.effect, line.parameter, line.value(float(at[k])), low, high, line.unit)

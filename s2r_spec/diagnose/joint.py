@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
+Ends = tuple[float, float]
 
 ROUNDS = 5
 SHORT = 3
@@ -35,6 +36,10 @@ REACHES = (0.4, 0.2, 0.1)
 """Steps of a search along single lines, as parts of a coordinate."""
 SAME = 0.05
 """Steps with which is felt how far a value may move without any change, as parts of a coordinate."""
+PLACES = 16
+"""Equal steps over a line, or over either side of it, at which a coordinate is tried that no derivative leads to."""
+SOME = 10.0
+"""By how much it must lower what a fit leaves, in units of what is believed, to be followed."""
 
 
 class Lines(Protocol):
@@ -167,6 +172,58 @@ def seen_through(fitted: Joint, project: FloatArray, variance: FloatArray, nuisa
     rest = project @ fitted.rest
     jacobian = np.einsum("qn,lnk->lqk", project, fitted.jacobian)
     return Joint(fitted.at, rest, jacobian, misfit(rest, variance, nuisances), fitted.cost)
+
+
+def turned(
+    model: Model,
+    data: FloatArray,
+    variance: FloatArray,
+    nuisances: FloatArray,
+    at: FloatArray,
+    ridge: float,
+) -> FloatArray:
+    """Return coordinates that were fitted again from the best place of every based line, where that is better.
+
+    A phase has more than one valley, and derivatives lead into the next one only.
+    """
+    for line in np.flatnonzero(model.based).tolist():
+        costs = _along(model, data, variance, nuisances, at, line)
+        best = min(costs, key=lambda x: costs[x])
+        if costs[best] < costs[float(at[line])] - SOME:
+            there = at.copy()
+            there[line] = best
+            first = model.jacobian(there, model.change(there))
+            at = joint_fit(model, data, variance, nuisances, there, first, ridge, exact=True).at
+    return at
+
+
+def reach(
+    model: Lines,
+    data: FloatArray,
+    variance: FloatArray,
+    nuisances: FloatArray,
+    at: FloatArray,
+    line: int,
+    near: float,
+) -> Ends:
+    """Return the least and the largest coordinate of a based line that cost no more than ``near`` above the best."""
+    costs = _along(model, data, variance, nuisances, at, line)
+    most = min(costs.values()) + near
+    likely = [x for x, cost in costs.items() if cost <= most]
+    return min(likely), max(likely)
+
+
+def _along(
+    model: Lines, data: FloatArray, variance: FloatArray, nuisances: FloatArray, at: FloatArray, line: int
+) -> dict[float, float]:
+    """Return coordinate → what the model leaves of the data there, all over a line and where it is."""
+    measure = _Measure(variance, nuisances)
+    costs = {}
+    for x in (float(at[line]), *np.linspace(model.lower[line], model.upper[line], PLACES + 1).tolist()):
+        there = at.copy()
+        there[line] = x
+        costs[x] = measure(data - model.change(there))
+    return costs
 
 
 def polished(

@@ -19,6 +19,7 @@ from s2r_spec.backend import Backend, HasDuration, load_backend
 from s2r_spec.diagnose import bank as banks
 from s2r_spec.diagnose.ask import FEWEST
 from s2r_spec.diagnose.catalogue import Catalogue
+from s2r_spec.diagnose.estimate import COVER
 from s2r_spec.diagnose.evidence import (
     ALLOWED,
     LARGE,
@@ -31,7 +32,19 @@ from s2r_spec.diagnose.evidence import (
     posterior,
     solved,
 )
-from s2r_spec.diagnose.joint import Joint, Model, joint_fit, misfit, polished, seen_through
+from s2r_spec.diagnose.joint import (
+    PLACES,
+    SOME,
+    Ends,
+    Joint,
+    Model,
+    joint_fit,
+    misfit,
+    polished,
+    reach,
+    seen_through,
+    turned,
+)
 from s2r_spec.diagnose.judge import Judge, Sets, describe, temperature, train
 from s2r_spec.diagnose.layout import SHOTS, Layout, functions
 from s2r_spec.diagnose.models import Part, Simulator, nominal_rows
@@ -72,10 +85,6 @@ FURTHER = 2
 """Effects that are tried with what a fit leaves, those that could explain most of it."""
 WORTH = 0.1
 """Part of what it leaves that an effect must explain to be tried."""
-PLACES = 16
-"""On either side of nominal, at which a line that does nothing near it is tried."""
-SOME = 10.0
-"""By how much a line must lower what a fit leaves, in units of what is believed, to be tried as a cause."""
 LEFT = 0.3
 """What the best of the likeliest sets should leave of the data, in units of what is believed."""
 LEAST = 0.03
@@ -180,12 +189,21 @@ class State:
         }
         return [k for k in sorted(gains, key=lambda k: -gains[k])[:FURTHER] if gains[k] > WORTH]
 
-    def polished(self, effects: Sequence[int], at: FloatArray) -> FloatArray:
-        """Return (K,) coordinates: those of these effects put right by looks along their lines, the others held."""
+    def polished(self, effects: Sequence[int], at: FloatArray) -> tuple[FloatArray, dict[int, Ends]]:
+        """Put the coordinates of these effects right by looks along their lines, the others held.
+
+        Returns (K,) coordinates, and for each line that only says how an effect acts between which it may be.
+        """
+        view = self.view
         part = Part(self.simulator, effects, at)
-        return part.all(
-            polished(part, self.view.data, self.view.variance, self.view.nuisances, at[part.lines], WIDE)
-        )
+        known = (view.data, view.variance, view.nuisances)
+        found = at[part.lines] if self.simulator.dear else turned(part, *known, at[part.lines], WIDE)
+        found = polished(part, *known, found, WIDE)
+        if self.simulator.dear:
+            return part.all(found), {}
+        near = COVER**2 * self.temperature
+        based = np.flatnonzero(part.based).tolist()
+        return part.all(found), {int(part.lines[k]): reach(part, *known, found, k, near) for k in based}
 
 
 def bench_of(spec: Spec, requirement: str, sim: Backend | str) -> Bench:

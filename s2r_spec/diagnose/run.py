@@ -121,12 +121,13 @@ def _answer(
     tell("fitting the causes", 0, 1)
     catalogue = state.view.surrogate.catalogue
     sized, at = _sized(state, weighed, named)
+    ends: Mapping[int, tuple[float, float]] = {}
     if first_none:
         tuned = catalogue.values(_sized(state, weighed, ())[1])
     else:
-        at = sized.polished(named, at)
+        at, ends = sized.polished(named, at)
         tuned = catalogue.values(at)
-    fitted = fit(sized.data, catalogue, named, sized.temperature, at)
+    fitted = fit(sized.data, catalogue, named, sized.temperature, at, ends)
     far = _how_far(bench, state, held, {} if first_none else fitted.values, tuned, seed, executor, tell)
 
     unknown = state.unknown
@@ -184,7 +185,7 @@ def _answer(
     return Diagnosis(
         verdict=verdict,
         reason=_reason(verdict, which, far, names[named]),
-        where=_where(bench, seen + held, seed, tell) if want_where else None,
+        where=_where(bench, seen + held, tuned, seed, executor, tell) if want_where else None,
         which=which,
         how_far=far,
         patch=fitted.values if answer else {},
@@ -358,7 +359,14 @@ def _next(bench: Bench, state: State, ranked: list[tuple[tuple[int, ...], float]
     return next_test(bench, state.signatures, rivals, protocols=True)
 
 
-def _where(bench: Bench, rollouts: list[tuple[dict[str, float], Trace]], seed: int, tell: Progress) -> Where:
+def _where(
+    bench: Bench,
+    rollouts: list[tuple[dict[str, float], Trace]],
+    improved: Mapping[str, Mapping[str, float]],
+    seed: int,
+    executor: Callable[[], Executor] | None,
+    tell: Progress,
+) -> Where:
     """Compare every real rollout with one of the nominal simulator at its test."""
     real, simulated = [], []
     for number, (test, trace) in enumerate(rollouts):
@@ -367,7 +375,7 @@ def _where(bench: Bench, rollouts: list[tuple[dict[str, float], Trace]], seed: i
         simulated.append((other, bench.rho(other, test)))
         tell("where", number + 1, len(rollouts))
     tests = [test for test, _ in rollouts]
-    return find_where(bench.spec, bench.requirement, tests, real, simulated, seed, bench)
+    return find_where(bench.spec, bench.requirement, tests, real, simulated, seed, bench, improved, executor)
 
 
 def _reason(verdict: Verdict, which: Which, far: HowFar | None, named: tuple[str, ...]) -> str:

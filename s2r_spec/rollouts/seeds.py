@@ -13,6 +13,7 @@ class Stream(IntEnum):
     CHECK = 0
     GAP_SIM = 1
     GAP_REAL = 2
+    FORETELL = 3
 
 
 def rollout_seed(seed: int, query: int, replicate: int, stream: Stream = Stream.CHECK) -> int:

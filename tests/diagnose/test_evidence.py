@@ -9,7 +9,7 @@ from scipy.stats import multivariate_normal
 from s2r_spec.diagnose.catalogue import Catalogue
 from s2r_spec.diagnose.evidence import ALLOWED, LARGE, MORE, Linear, evidence, ground, posterior, solved
 from s2r_spec.diagnose.isolability import isolability
-from s2r_spec.diagnose.joint import Joint, joint_fit, polished
+from s2r_spec.diagnose.joint import Joint, joint_fit, polished, reach, turned
 from s2r_spec.diagnose.judge import _strangeness
 
 EFFECTS, SIZE = 4, 30
@@ -127,6 +127,41 @@ def test_what_whole_samples_leave_open_is_centred():
         model, data, np.full(data.shape, 1e-4), np.zeros((0, *data.shape)), np.array([0.52, 0.0]), 3.0
     )
     assert at[0] == pytest.approx(0.7, abs=0.03)
+
+
+class Wave:
+    """A ripple: how high, and where on the circle, from -1 to 1."""
+
+    lower, upper, based = np.array([0.0, -1.0]), np.array([2.0, 1.0]), np.array([False, True])
+
+    def change(self, at):
+        return at[0] * np.sin(np.linspace(0, 9, 40) + np.pi * at[1])[None]
+
+    def jacobian(self, at, change):
+        step = 1e-6 * np.eye(2)
+        return np.array([(self.change(at + s) - change) / 1e-6 for s in step])
+
+
+def test_a_phase_is_found_although_derivatives_lead_to_the_end_of_its_range():
+    model, true = Wave(), np.array([1.2, 0.8])
+    data = model.change(true)
+    known = (data, np.full(data.shape, 1e-3), np.zeros((0, *data.shape)))
+    begin = np.array([1.0, -0.7])
+    astray = joint_fit(model, *known, begin, model.jacobian(begin, model.change(begin)), 3.0)
+    assert astray.at[1] < 0
+    np.testing.assert_allclose(turned(model, *known, astray.at, 3.0), true, atol=0.02)
+    np.testing.assert_array_equal(turned(model, *known, true, 3.0), true)
+
+
+def test_a_phase_may_be_anywhere_that_the_data_leave_open():
+    model, true = Wave(), np.array([1.2, 0.3])
+    data = model.change(true)
+    for variance, open_ in ((1e-3, 0.15), (1e3, 2.0)):
+        known = (data, np.full(data.shape, variance), np.zeros((0, *data.shape)))
+        low, high = reach(model, *known, true, 1, 2.7)
+        assert low <= 0.3 <= high
+        assert high - low <= open_
+    assert (low, high) == (-1.0, 1.0)
 
 
 class Straight:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,8 +14,9 @@ from s2r_spec.diagnose.design import unit_box
 from s2r_spec.diagnose.simulate import Bench
 from s2r_spec.diagnose.where.attribution import Attribution, attribute
 from s2r_spec.diagnose.where.body import FEWEST, Body, Residuals, body
+from s2r_spec.diagnose.where.foretell import foretell
 from s2r_spec.diagnose.where.gaps import GapAt
-from s2r_spec.diagnose.where.space import InSpace, in_space
+from s2r_spec.diagnose.where.space import MOST_AXES, InSpace, in_space
 from s2r_spec.errors import TraceError
 from s2r_spec.rollouts.seeds import Stream, rollout_seed
 from s2r_spec.spec import Spec
@@ -79,6 +81,8 @@ def where(
     simulated: Sequence[tuple[Trace, float]],
     seed: int = 0,
     bench: Bench | None = None,
+    improved: Mapping[str, Mapping[str, float]] | None = None,
+    executor: Callable[[], Executor] | None = None,
 ) -> Where:
     """Return where the gap lies.
 
@@ -90,6 +94,9 @@ def where(
         simulated: the same of a simulated one.
         seed: of what is sampled.
         bench: the simulator, for the parts of the machine; each test is then simulated once more.
+        improved: effects with which the simulator is nearer to the machine, to say where the gap is largest
+            between the tests that were run.
+        executor: makes a pool for the simulations of that; None runs them here.
     """
     places: dict[tuple[tuple[str, float], ...], list[int]] = {}
     for i, test in enumerate(tests):
@@ -98,9 +105,11 @@ def where(
         GapAt(dict(key), np.array([real[i][1] for i in mine]), np.array([simulated[i][1] for i in mine]))
         for key, mine in places.items()
     )
-    space = (
-        in_space(spec.space, gaps, spec.unit(requirement), seed=seed) if 1 <= spec.space.dim <= 4 else None
-    )
+    space = None
+    if 1 <= spec.space.dim <= MOST_AXES:
+        at = [gap.params for gap in gaps]
+        foretold = foretell(bench, improved, at, seed, executor) if bench and improved else None
+        space = in_space(spec.space, gaps, spec.unit(requirement), seed=seed, foretold=foretold)
     worst = max(gaps, key=lambda gap: abs(gap.signed))
     first = places[tuple(sorted(worst.params.items()))][0]
     pair = attribute(spec, requirement, real[first][0], simulated[first][0], dict(worst.params))

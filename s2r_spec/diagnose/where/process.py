@@ -39,8 +39,10 @@ class Data:
     deviations: FloatArray
 
 
-def functions(data: Data, grid: FloatArray, count: int, generator: np.random.Generator) -> FloatArray:
-    """Return (count, m) functions from the posterior, on (m, dim) places."""
+def functions(
+    data: Data, grid: FloatArray, count: int, generator: np.random.Generator
+) -> tuple[FloatArray, float]:
+    """Return (count, m) functions from the posterior, on (m, dim) places, and the log evidence of the process."""
     level = float(data.values.mean())
     # without any spread the data say nothing of the size, and the errors have to
     scale = float(data.values.std()) or float(data.deviations.max()) or 1.0
@@ -61,7 +63,8 @@ def functions(data: Data, grid: FloatArray, count: int, generator: np.random.Gen
         left[np.diag_indices_from(left)] += 1e-6 * (1.0 + sizes[k] ** 2)
         normal = generator.standard_normal((counts[k], len(grid)))
         sampled.append(white[k] @ across + normal @ np.linalg.cholesky(left).T)
-    return level + scale * np.concatenate(sampled)
+    evidence = float(np.log(np.exp(log - log.max()).mean()) + log.max()) - len(values) * float(np.log(scale))
+    return level + scale * np.concatenate(sampled), evidence
 
 
 def _prior(dim: int) -> tuple[FloatArray, FloatArray]:

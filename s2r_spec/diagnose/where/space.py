@@ -4,12 +4,14 @@ The process is put on the signed gap E Δρ, which is smooth; E|Δρ| has a kink
 the gap changes its sign, and follows from it as the mean of a folded normal
 distribution. The worst test, the band that holds everywhere at once and the set of
 tests with too large a gap are read off functions that are sampled from its posterior.
+Where an improved simulator foretells the gap, the process is also put on what that
+leaves; functions are then drawn from either process as often as its evidence says.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -27,6 +29,21 @@ LEVEL = 0.95
 FUNCTIONS = 2000
 """Samples of the gap as a function."""
 _COUNTS = {1: (101,), 2: (21, 21), 3: (7, 7, 7), 4: (5, 5, 5, 5)}
+MOST_AXES = max(_COUNTS)
+"""Of a test space in which can be said where the gap lies."""
+
+
+@dataclass(frozen=True, eq=False)
+class Foretold:
+    """The gap as an improved simulator has it: E ρ of that, less E ρ of the simulator.
+
+    Attributes:
+        seen: (n,) at the tests that were run.
+        grid: (m,) at the places of :func:`grid_of`.
+    """
+
+    seen: FloatArray
+    grid: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,8 +147,26 @@ class InSpace:
         return {name: list(end) for name, end in zip(self.space.names, ends, strict=True)}
 
 
+def grid_of(space: Space) -> FloatArray:
+    """Return (m, dim) places that are looked at.
+
+    Raises:
+        UsageError: the space has no or more than four parameters.
+    """
+    if space.dim not in _COUNTS:
+        raise UsageError(
+            f"where the gap lies can be said over one to four test parameters, and the spec has {space.dim}"
+        )
+    return space.grid(_COUNTS[space.dim])
+
+
 def in_space(
-    space: Space, tests: tuple[GapAt, ...], unit: str = "", tolerance: float | None = None, seed: int = 0
+    space: Space,
+    tests: tuple[GapAt, ...],
+    unit: str = "",
+    tolerance: float | None = None,
+    seed: int = 0,
+    foretold: Foretold | None = None,
 ) -> InSpace:
     """Return where in the test space the gap lies.
 
@@ -141,22 +176,19 @@ def in_space(
         unit: of ρ.
         tolerance: a gap below it does not matter; by default twice the floor, what noise alone makes of |Δρ|.
         seed: of the sampled functions.
+        foretold: the gap as an improved simulator has it, if there is one.
 
     Raises:
         UsageError: there is no test, or the space has no or more than four parameters.
     """
     if not tests:
         raise UsageError("where the gap lies needs one real rollout at least, and there is none")
-    if space.dim not in _COUNTS:
-        raise UsageError(
-            f"where the gap lies can be said over one to four test parameters, and the spec has {space.dim}"
-        )
-    grid = space.grid(_COUNTS[space.dim])
+    grid = grid_of(space)
     at = np.array([space.vector(test.params) for test in tests])
     generator = np.random.default_rng(seed)
     data = seen.measured(tests)
-    sign = functions(
-        Data(_unit(space, at), data.mean, data.deviation), _unit(space, grid), FUNCTIONS, generator
+    sign = _sampled(
+        Data(_unit(space, at), data.mean, data.deviation), _unit(space, grid), foretold, generator
     )
     size = seen.folded(sign, data.scatter)
     largest = size.max(axis=1)
@@ -182,6 +214,22 @@ def in_space(
         (size > tolerance).mean(axis=0),
         _notes(space, tests),
     )
+
+
+def _sampled(
+    data: Data, grid: FloatArray, foretold: Foretold | None, generator: np.random.Generator
+) -> FloatArray:
+    """Return (FUNCTIONS, m) of the signed gap, from its own process and from that on what was not foretold."""
+    plain, evidence = functions(data, grid, FUNCTIONS, generator)
+    if foretold is None:
+        return plain
+    rest = replace(data, values=data.values - foretold.seen)
+    left, other = functions(rest, grid, FUNCTIONS, generator)
+    share = 1.0 / (1.0 + np.exp(np.clip(evidence - other, -50.0, 50.0)))
+    count = round(FUNCTIONS * float(share))
+    # Functions of one size and length scale lie side by side: any count of them is taken from all.
+    picked = generator.permutation(FUNCTIONS)
+    return np.concatenate([foretold.grid + left[picked[:count]], plain[picked[count:]]])
 
 
 def _unit(space: Space, points: FloatArray) -> FloatArray:

@@ -8,7 +8,7 @@ import pytest
 from scipy.stats import norm
 
 from s2r_spec.diagnose.where.gaps import GapAt, floor, folded
-from s2r_spec.diagnose.where.space import in_space
+from s2r_spec.diagnose.where.space import Foretold, grid_of, in_space
 from s2r_spec.errors import UsageError
 from s2r_spec.space import Space
 
@@ -122,3 +122,46 @@ def test_what_cannot_be_asked():
     many = Space.of({f"p{k}": (0, 1) for k in range(5)})
     with pytest.raises(UsageError, match="over one to four test parameters, and the spec has 5"):
         in_space(many, (GapAt({}, np.zeros(1), np.zeros(1)),))
+
+
+CUBE = Space.of({"a": (0.0, 1.0), "b": (0.0, 1.0), "c": (0.0, 1.0)}, {"a": "m", "b": "m", "c": "m"})
+
+
+def bumpy(x):
+    """A gap of which 18 tests do not show where it is largest."""
+    return 0.05 * float(np.sin(5 * x[0]) * np.cos(4 * x[1]) + x[2] ** 3)
+
+
+def test_an_improved_simulator_says_where_the_gap_is_largest_between_the_tests():
+    generator = np.random.default_rng(4)
+    alone = foretold = 0
+    for trial in range(6):
+        places = generator.uniform(size=(18, 3))
+        tests = seen(CUBE, bumpy, places, generator)
+        grid = grid_of(CUBE)
+        truth = np.array([bumpy(x) for x in grid])
+        nearly = Foretold(
+            np.array([0.9 * bumpy(x) + 0.002 for x in places]),
+            np.array([0.9 * bumpy(x) + 0.002 for x in grid]),
+        )
+        far = [
+            np.abs(CUBE.vector(in_space(CUBE, tests, seed=trial, foretold=f).worst) - grid[truth.argmax()])
+            for f in (None, nearly)
+        ]
+        alone += bool(far[0].max() <= 0.1)
+        foretold += bool(far[1].max() <= 0.1)
+    assert foretold == 6
+    assert alone < 6
+
+
+def test_a_simulator_that_foretells_something_else_is_not_believed():
+    generator = np.random.default_rng(5)
+    places = generator.uniform(size=(18, 3))
+    tests = seen(CUBE, bumpy, places, generator)
+    wrong = Foretold(
+        np.array([0.05 * np.cos(9 * x.sum()) for x in places]),
+        np.array([0.05 * np.cos(9 * x.sum()) for x in grid_of(CUBE)]),
+    )
+    plain, misled = (in_space(CUBE, tests, seed=1, foretold=f) for f in (None, wrong))
+    assert misled.worst == plain.worst
+    np.testing.assert_allclose(misled.signed.mean, plain.signed.mean, atol=0.005)
