@@ -185,6 +185,9 @@ class HasResiduals(Protocol):
     not in the speed that was held. A residual is zero, up to noise and
     numerics, where the recorded motion, commands and forces agree with the
     nominal model, whatever the controller did.
+
+    Where the residuals of ``with_effects(values)`` are those of the model with these
+    effects, a diagnosis also asks how much of each effect the equations want.
     """
 
     def residuals(self, trace: Trace, params: Mapping[str, float] | None = None) -> Trace:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 
 from s2r_emps.laws import drive_force, dry_friction, encoder_error, resistance, smoothed
@@ -49,12 +51,9 @@ def residuals(trace: Trace, physics: Physics) -> Trace:
 
 
 def _force(seen: FloatArray, u: FloatArray, physics: Physics) -> FloatArray:
-    from scipy.signal import butter, sosfiltfilt  # here: a rollout needs no scipy
-
-    sos = butter(2, CUTOFF, fs=RATE, output="sos")
-    q = sosfiltfilt(sos, seen - encoder_error(seen, physics))
+    q = _smooth(seen - encoder_error(seen, physics))
     v = np.gradient(q, 1 / RATE)
-    force = sosfiltfilt(sos, drive_force(u, q, physics))
+    force = _smooth(drive_force(u, q, physics))
     lacking = physics.mass * np.gradient(v, 1 / RATE) + resistance(q, v, physics) - force
     brake = dry_friction(v, force, physics)
     held = np.sign(lacking) * np.maximum(0.0, np.abs(lacking) - brake)
@@ -68,3 +67,25 @@ def _controller(trace: Trace, physics: Physics) -> FloatArray:
     law = KV * (KP * (trace["q_ref"] - trace["q"]) - speed)
     u = trace["u"]
     return np.where(u == 0, 0.0, u - np.clip(law, -physics.voltage, physics.voltage))
+
+
+def _smooth(values: FloatArray) -> FloatArray:
+    """Return values behind a Butterworth filter of second order, forth and back, so that nothing is late.
+
+    In the frequency domain, with either end turned about its last value: many times as fast as filtering twice.
+    """
+    from scipy.fft import irfft, next_fast_len, rfft  # here: a rollout needs no scipy
+
+    pad = 3 * EDGE
+    before, after = 2 * values[0] - values[pad:0:-1], 2 * values[-1] - values[-2 : -pad - 2 : -1]
+    size = next_fast_len(values.size + 2 * pad, real=True)
+    filled = np.full(size - values.size - 2 * pad, after[-1])
+    padded = np.concatenate([before, values, after, filled])
+    return np.asarray(irfft(rfft(padded) * _gain(size), size)[pad : pad + values.size])
+
+
+@cache
+def _gain(size: int) -> FloatArray:
+    # By the bilinear transform, which has an end at half the rate; squared, for both ways.
+    turn = np.minimum(np.pi * np.arange(size // 2 + 1) / size, 0.499999 * np.pi)
+    return np.asarray(1.0 / (1.0 + (np.tan(turn) / np.tan(np.pi * CUTOFF / RATE)) ** 4))

@@ -14,10 +14,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.backend import Backend, Effect, HasEffects, HasVariants
+from s2r_spec.backend import Backend, Effect, HasEffects, HasResiduals, HasVariants
 from s2r_spec.diagnose.axes import Line, lines
 from s2r_spec.diagnose.axes import line as line_of
 from s2r_spec.diagnose.design import grid
+from s2r_spec.diagnose.equations import Probe, regressors
 from s2r_spec.diagnose.features import Block, Features
 from s2r_spec.diagnose.simulate import Bench, Job, Test, run_jobs
 from s2r_spec.errors import UsageError
@@ -99,7 +100,7 @@ def _source() -> str:
     """Return a hash of the modules that decide what a bank holds."""
     folder = Path(__file__).parent
     digest = hashlib.sha256()
-    for name in ("axes.py", "bank.py", "design.py", "features.py", "simulate.py"):
+    for name in ("axes.py", "bank.py", "design.py", "equations.py", "features.py", "simulate.py"):
         digest.update((folder / name).read_bytes())
     return digest.hexdigest()
 
@@ -145,10 +146,13 @@ def simulate(
     traces = [
         bench.seen(bench.run({}, test, seed), test) for seed, test in enumerate((tests[0], middle, tests[-1]))
     ]
-    bench = replace(bench, features=Features.of_nominal(traces, bench.backend.duration))
+    features = Features.of_nominal(traces, bench.backend.duration)
+    bench = replace(bench, features=features)
     catalogue = catalogue_of(bench.backend)
     acts = {effect.name: _able(bench, effect, middle) for effect in catalogue}
     found = lines(catalogue, acts)
+    features = replace(features, probes=_probes(bench, found, middle))
+    bench = replace(bench, features=features)
 
     runs = tuple((test, seed) for test in tests for seed in range(EFFECT_SEEDS))
     jobs = [Job({}, tuple((test, seed) for seed in range(NOMINAL_SEEDS))) for test in tests]
@@ -182,7 +186,7 @@ def simulate(
         for block in rows[at:]
     ]
     return Bank(
-        bench.features,  # type: ignore[arg-type]
+        features,
         tests,
         nominal,
         found,
@@ -211,6 +215,23 @@ def _able(bench: Bench, effect: Effect, test: Test) -> frozenset[str]:
         if not np.array_equal(changed, nominal, equal_nan=True):
             able.add(parameter.name)
     return frozenset(able)
+
+
+def _probes(bench: Bench, found: tuple[Line, ...], test: Test) -> tuple[Probe, ...]:
+    """Return the lines that change the residuals of a recorded motion."""
+    units = {} if bench.features is None else bench.features.residual_units()
+    if not isinstance(bench.backend, HasResiduals) or not units:
+        return ()
+    trace = bench.run({}, test, 0)
+    params = bench.matched.to_backend(test)
+    probes = []
+    for line in found:
+        value = line.at_typical()
+        probe = Probe(line.effect, line.parameter, value, line.coordinate(value))
+        seen = None if line.base else regressors(trace, bench.backend, params, (probe,), units)
+        if seen is not None and np.any(seen[1]):
+            probes.append(probe)
+    return tuple(probes)
 
 
 def _mean_change(rows: FloatArray, nominal: FloatArray) -> FloatArray:
@@ -253,6 +274,7 @@ def save(made: Bank, path: Path) -> None:
             "flags": dict(f.flags),
             "products": f.products,
             "rates": f.rates,
+            "probes": [asdict(p) for p in f.probes],
             "tests": [dict(t) for t in made.tests],
             "lines": [asdict(one) for one in made.lines],
             "pairs": made.pairs,
@@ -287,6 +309,7 @@ def load(path: Path) -> Bank:
             tuple((a, b) for a, b in text["products"]),
             tuple((a, b) for a, b in text["rates"]),
             arrays["pace"],
+            tuple(Probe(**p) for p in text["probes"]),
         )
         found = tuple(Line(**(one | {"values": tuple(one["values"])})) for one in text["lines"])
         return Bank(

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.backend import Backend, HasResiduals
+from s2r_spec.diagnose.equations import Probe, regressed
 from s2r_spec.errors import TraceError, UsageError
 from s2r_spec.trace import Trace
 
@@ -57,8 +58,8 @@ class Feature:
     block: str
     column: int
     statistic: str
-    """``mean``, ``ripple``, ``spread``, ``when STANCE=1``, ``times dq``, ``times sign dq``, ``times rate dq`` or
-    ``survived``."""
+    """``mean``, ``ripple``, ``spread``, ``when STANCE=1``, ``times dq``, ``times sign dq``, ``times rate dq``,
+    ``survived`` or ``equation``."""
     window: tuple[float, float]
     """Begin and end [s]."""
 
@@ -77,6 +78,7 @@ class Features:
         products: pairs of block names whose columns are multiplied.
         rates: pairs of block names; the first is multiplied with how fast the second changes.
         pace: (columns,) rms rate of each column over the nominal rollouts, in ``scale`` per second.
+        probes: effects of which the equations of motion are asked; see :mod:`s2r_spec.diagnose.equations`.
     """
 
     duration: float
@@ -87,6 +89,7 @@ class Features:
     products: tuple[tuple[str, str], ...]
     rates: tuple[tuple[str, str], ...]
     pace: FloatArray
+    probes: tuple[Probe, ...] = ()
 
     @classmethod
     def of_nominal(cls, traces: Sequence[Trace], duration: float) -> Features:
@@ -140,7 +143,7 @@ class Features:
         )
 
     def names(self) -> tuple[Feature, ...]:
-        """Return what each entry of :meth:`vector` is."""
+        """Return what each entry of :meth:`vector`, and then of :meth:`equations`, is."""
         edges = self.duration * np.array(WINDOWS)
         whole = (0.0, self.duration)
         half = self.duration / 2
@@ -166,7 +169,22 @@ class Features:
         for a, s in self.rates:
             out += [Feature(a, i, f"times rate {s}", whole) for i in range(self._width(a))]
         out.append(Feature("", 0, "survived", whole))
+        out += [Feature(p.name, 0, "equation", whole) for p in self.probes]
         return tuple(out)
+
+    def residual_units(self) -> dict[str, FloatArray]:
+        """Return residual → (columns,) in which it is measured."""
+        return {
+            block.source.removeprefix(RESIDUAL): self.scale[part]
+            for block, part in zip(self.blocks, self._slices(), strict=True)
+            if block.source.startswith(RESIDUAL)
+        }
+
+    def equations(self, trace: Trace, backend: Backend, params: Mapping[str, float]) -> FloatArray:
+        """Return (probes,): see :func:`~s2r_spec.diagnose.equations.regressed`."""
+        if not self.probes:
+            return np.zeros(0)
+        return regressed(trace, backend, params, self.probes, self.residual_units())
 
     def referred(self, feature: Feature) -> float:
         """Return ``reference`` of a feature's column."""

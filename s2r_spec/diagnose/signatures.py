@@ -146,7 +146,7 @@ def _doubt(bank: Bank) -> FloatArray:
     }
     out = [0.0]
     for f, usual in zip(names, mean, strict=True):
-        if f.statistic == "survived":
+        if f.statistic in ("survived", "equation"):
             out.append(LEVEL)
             continue
         reference = LEVEL * bank.features.referred(f)

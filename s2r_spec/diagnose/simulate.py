@@ -74,7 +74,8 @@ class Bench:
         rho = self.rho(trace, test)
         if self.features is None:
             return np.array([rho])
-        return np.concatenate([[rho], self.features.vector(self.seen(trace, test))])
+        equations = self.features.equations(trace, self.backend, self.matched.to_backend(test))
+        return np.concatenate([[rho], self.features.vector(self.seen(trace, test)), equations])
 
 
 @dataclass(frozen=True)

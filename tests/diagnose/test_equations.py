@@ -1,0 +1,103 @@
+"""What the equations of motion ask for: coordinates of effects from recorded motion alone."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from s2r_cart import DAMPING, FORCE, GAIN, MASS, NOMINAL, SPEC, STEP, Cart, real
+
+import s2r_spec as s2r
+from s2r_spec.diagnose import bank as banks
+from s2r_spec.diagnose.equations import Probe, regressed
+from s2r_spec.diagnose.prepare import bench_of
+from s2r_spec.errors import TraceError
+from s2r_spec.trace import Trace
+
+pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
+
+
+class Felt(Cart):
+    """A cart that says which force its model, with its effects, does not explain, but for its sensor."""
+
+    def residuals(self, trace, params=None):
+        if not {"v", "u"} <= set(trace.channels):
+            raise TraceError("residuals need v and u")
+        e = NOMINAL | dict(self.added)
+        v, u = trace["v"], trace["u"]
+        late = round(e["delay"] / STEP)
+        drive = e["motor"] * FORCE * np.concatenate([np.zeros(late), u[: len(u) - late]]) + e["tilt"]
+        force = drive - (DAMPING + e["viscous"]) * v - e["coulomb"] * np.sign(v)
+        lacking = (MASS + e["payload"]) * np.diff(v) / STEP - force[:-1]
+        channels = {"force": lacking}
+        if "v_meas" in trace.channels and "v_ref" in trace.channels:
+            law = GAIN * (trace["v_ref"] - trace["v_meas"]) + DAMPING * trace["v_ref"]
+            channels["controller"] = (u - np.clip(law, -self.limit, self.limit))[:-1]
+        units = {name: {"force": "N", "controller": "V"}[name] for name in channels}
+        return Trace(trace.times[:-1], channels, units, {"parts": {name: ["cart"] for name in channels}})
+
+
+UNITS = {"force": np.array([0.1])}
+PROBES = (
+    Probe("viscous", "coefficient", 1.0, 1.0),
+    Probe("coulomb", "force", 0.7, 1.0),
+    Probe("tilt", "force", 1.0, 1.0),
+    Probe("delay", "delay", 0.02, 1.0),
+)
+
+
+def test_the_equations_ask_for_the_effects_that_are_there():
+    machine = Felt().with_effects({"viscous": {"coefficient": 1.5}, "tilt": {"force": -0.5}})
+    found = np.mean(
+        [
+            regressed(machine.rollout({"vd": 0.8, "acc": 3.0}, seed), Felt(), {}, PROBES, UNITS)
+            for seed in range(20)
+        ],
+        axis=0,
+    )
+    # (viscous, coulomb, tilt, delay), in coordinates
+    np.testing.assert_allclose(found, [1.5, 0.0, -0.5, 0.0], atol=0.15)
+
+
+def test_a_record_without_what_a_residual_needs_has_no_such_numbers():
+    trace = Felt().rollout({"vd": 0.8, "acc": 3.0}, 0)
+    few = Trace(trace.times, {"v": trace["v"]}, {"v": "m/s"})
+    assert np.isnan(regressed(few, Felt(), {}, PROBES, UNITS)).all()
+    # one residual of two would be another number than that of the bank
+    half = Trace(trace.times, {"v": trace["v"], "u": trace["u"]}, {"v": "m/s", "u": "V"})
+    both = UNITS | {"controller": np.ones(1)}
+    assert np.isnan(regressed(half, Felt(), {}, PROBES, both)).all()
+    assert np.isfinite(regressed(half, Felt(), {}, PROBES, UNITS)).all()
+
+
+def test_only_effects_that_the_residuals_know_are_asked_for_and_the_bank_keeps_them(tmp_path):
+    spec = s2r.parse_spec(SPEC)
+    bench = bench_of(spec, "tracking", Felt())
+    made = banks.simulate(bench)
+    names = [probe.name for probe in made.features.probes]
+    assert names == [
+        "viscous.coefficient",
+        "coulomb.force",
+        "payload.mass",
+        "motor.factor",
+        "tilt.force",
+        "delay.delay",
+    ]
+    banks.save(made, tmp_path / "bank.npz")
+    again = banks.load(tmp_path / "bank.npz")
+    assert again.features.probes == made.features.probes
+    trace, test = bench.run({}, made.tests[0], 3), made.tests[0]
+    rows = [replace(bench, features=one.features).measure(trace, test) for one in (made, again)]
+    np.testing.assert_array_equal(*rows)
+    assert len(rows[0]) == 1 + len(made.features.names())
+    assert [f.block for f in made.features.names() if f.statistic == "equation"] == names
+    assert not banks.simulate(bench_of(spec, "tracking", Cart())).features.probes
+
+
+def test_a_pair_is_named_by_a_simulator_with_residuals(tmp_path):
+    rng = np.random.default_rng(12)
+    tests = [{"vd": rng.uniform(0.2, 1), "acc": rng.uniform(1, 4)} for _ in range(30)]
+    effects = {"viscous": 1.6, "delay": 0.035}
+    seen = [(test, real(test, 12000 + i, effects)) for i, test in enumerate(tests)]
+    found = s2r.diagnose(s2r.parse_spec(SPEC), Felt(), seen, cache=tmp_path)
+    assert found.which.ranked[0][0] == ("viscous", "delay"), found.which.ranked[:4]
+    assert found.where.body is not None
