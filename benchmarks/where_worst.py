@@ -8,8 +8,8 @@
 The machine is the simulator with one effect of its catalogue at its typical high value, and seeds of its own; or, with
 ``--twin``, one with one effect of a random size from the generator of the blind check (benchmarks/blind): other code,
 and a little of everything else. Nothing here stands in for hardware. The truth is E|Δρ| on a grid of the test space
-that the diagnosis does not see (216 places of the axis' three parameters, 26 of the A1's one), four rollouts of either
-side at every place. An effect that moves no place by three times the scatter is left out. Printed for each effect: how
+that the diagnosis does not see (216 places of the axis' three parameters, 26 of the A1's one), 12 or 4 rollouts of
+either side at every place. An effect that moves no place by three times the scatter is left out. Printed for each effect: how
 far the named test is from the truth's, on its widest axis as a part of that, and how large the gap there is as a part
 of the largest. The second matters more: a gap that hardly changes with the payload has its worst place anywhere along
 it. The same is kept of what a Gaussian process over the measured gaps alone would have named.
@@ -56,7 +56,8 @@ ACROSS = {1: 26, 3: 6}
 SPECS = {"emps": "specs/emps_tracking.stl", "sim": "specs/a1_velocity.stl"}
 MOVES = 3.0
 """An effect counts if its largest gap is more than so many times what scatter alone makes."""
-SHOTS = 4
+SHOTS = {"emps": 12, "sim": 4}
+"""Rollouts of either side at every place."""
 NEAR = 0.1
 """Part of an axis within which the worst test should be found."""
 ENOUGH = 0.9
@@ -154,11 +155,11 @@ def rhos(sim: str, tests: list[Test], traces: list[Trace]) -> FloatArray:
 
 @cache
 def nominal(sim: str, seed: int) -> FloatArray:
-    """Return (places, SHOTS) ρ of the simulator on the grid."""
-    tests = [test for test in grid_tests(sim) for _ in range(SHOTS)]
+    """Return (places, shots) ρ of the simulator on the grid."""
+    tests = [test for test in grid_tests(sim) for _ in range(SHOTS[sim])]
     asked = [bench(sim).matched.to_backend(test) for test in tests]
     traces = [bench(sim).backend.rollout(test, seed + k) for k, test in enumerate(asked)]
-    return rhos(sim, tests, traces).reshape(-1, SHOTS)
+    return rhos(sim, tests, traces).reshape(-1, SHOTS[sim])
 
 
 def grid_tests(sim: str) -> list[Test]:
@@ -189,12 +190,12 @@ def compare(sim: str, twin: bool, effect: str, case: int) -> dict[str, Any]:
     rollouts = list(zip(asked, run(asked, 10**7), strict=True))
     found = s2r.diagnose(set_up.spec, sim, rollouts, seed=case).where.space
     named = {"diagnosis": dict(found.worst), "process": alone(sim, rollouts, case)}
-    there = [test for test in (*grid_tests(sim), *named.values()) for _ in range(SHOTS)]
-    real = rhos(sim, there, run(there, 3 * 10**7)).reshape(-1, SHOTS)
-    last = [test for test in named.values() for _ in range(SHOTS)]
+    there = [test for test in (*grid_tests(sim), *named.values()) for _ in range(SHOTS[sim])]
+    real = rhos(sim, there, run(there, 3 * 10**7)).reshape(-1, SHOTS[sim])
+    last = [test for test in named.values() for _ in range(SHOTS[sim])]
     asked_of = [set_up.matched.to_backend(test) for test in last]
     more = rhos(sim, last, [set_up.backend.rollout(t, 5 * 10**7 + k) for k, t in enumerate(asked_of)])
-    own = np.concatenate([nominal(sim, 4 * 10**7), more.reshape(-1, SHOTS)]).mean(axis=1)
+    own = np.concatenate([nominal(sim, 4 * 10**7), more.reshape(-1, SHOTS[sim])]).mean(axis=1)
     gaps = np.abs(real - own[:, None]).mean(axis=1)
     true, at_named = gaps[: -len(named)], dict(zip(named, gaps[-len(named) :], strict=True))
     worst = grid_tests(sim)[int(true.argmax())]
