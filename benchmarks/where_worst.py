@@ -5,14 +5,14 @@
     python benchmarks/where_worst.py sim             # the A1: some 2 hours
     python benchmarks/where_worst.py sim --twin
 
-The machine is the simulator with one effect of its catalogue at its typical high value, and seeds of its own; or, with
-``--twin``, one with one effect of a random size from the generator of the blind check (benchmarks/blind): other code,
-and a little of everything else. Nothing here stands in for hardware. The truth is E|Δρ| on a grid of the test space
-that the diagnosis does not see (216 places of the axis' three parameters, 26 of the A1's one), 12 or 4 rollouts of
-either side at every place. An effect that moves no place by three times the scatter is left out. Printed for each effect: how
-far the named test is from the truth's, on its widest axis as a part of that, and how large the gap there is as a part
-of the largest. The second matters more: a gap that hardly changes with the payload has its worst place anywhere along
-it. The same is kept of what a Gaussian process over the measured gaps alone would have named.
+The machine is the simulator with one effect of its catalogue at its typical high value, and seeds of its own; or,
+with ``--twin``, one with one effect of a random size from the generator of the blind check (benchmarks/blind): other
+code, and a little of everything else. Nothing here stands in for hardware. The truth is E|Δρ| on a grid of the test
+space that the diagnosis does not see (216 places of the axis' three parameters, 26 of the A1's one), 12 or 4 rollouts
+of either side at every place. An effect that moves no place by three times the scatter is left out. Printed for each
+effect: how far the named test is from the truth's, on its widest axis as a part of that, and how large the gap there
+is as a part of the largest. The second matters more: a gap that hardly changes with the payload has its worst place
+anywhere along it. The same is kept of what a Gaussian process over the measured gaps alone would have named.
 """
 
 from __future__ import annotations
