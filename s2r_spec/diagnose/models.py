@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.diagnose.catalogue import Catalogue
+from s2r_spec.diagnose.joint import RIDGE
 from s2r_spec.diagnose.layout import Layout
 from s2r_spec.diagnose.signatures import Signatures
 from s2r_spec.diagnose.simulate import Bench, Job, Test, run_jobs
@@ -119,17 +120,27 @@ class Surrogate:
                     best, least = at, left
         return best, 1.0 - least / max(whole, 1e-12)
 
-    def turned(self, data: FloatArray, variance: FloatArray) -> FloatArray:
-        """Return (K,) coordinates to start from: of based lines where their effect fits the data best alone."""
+    def turned(self, data: FloatArray, variance: FloatArray, beside: bool = False) -> FloatArray:
+        """Return (K,) coordinates to start from: of based lines where their effect fits the data best.
+
+        Alone; or ``beside`` all others, so that what another explains as well says nothing of how this one acts.
+        """
         begin = np.zeros(len(self.based))
         root = 1.0 / np.sqrt(variance)
         y = (data * root).ravel()
+        free = np.flatnonzero(~self.based)
+        columns = np.array([(self.secant(int(k), 1.0) * root).ravel() for k in free])
         for k in np.flatnonzero(self.based):
             main = self.secant(int(self.catalogue.first[k]), 1.0)
-            gains = []
-            for x in self._knots[k][0]:
-                column = ((main + self.along(int(k), float(x))) * root).ravel()
-                gains.append(max(float(column @ y), 0.0) ** 2 / max(float(column @ column), 1e-12))
+            turns = [((main + self.along(int(k), float(x))) * root).ravel() for x in self._knots[k][0]]
+            others = columns[self.catalogue.owner[free] != self.catalogue.owner[k]] if beside else columns[:0]
+            inner = np.linalg.inv(others @ others.T + np.eye(len(others)) / RIDGE**2)
+
+            def left(x: FloatArray, others: FloatArray = others, inner: FloatArray = inner) -> FloatArray:
+                return np.asarray(x - others.T @ (inner @ (others @ x)))
+
+            rest = left(y)
+            gains = [max(float(c @ rest), 0.0) ** 2 / max(float(c @ left(c)), 1e-12) for c in turns]
             begin[k] = self._knots[k][0][int(np.argmax(gains))]
         return begin
 

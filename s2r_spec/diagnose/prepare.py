@@ -282,7 +282,7 @@ def prepare(
         # The networks learnt from data with a trend, and saw only what of these has one: they abstain.
         p = np.full_like(p, 0.5)
     tell("fitting the whole catalogue", 0, 1)
-    begin = _beginning(smooth)
+    begin = _beginning(smooth, not simulator.dear)
     first = view.surrogate.jacobian(begin)
     if not simulator.dear:
         state = _state(signatures, smooth, view, judge, p, simulator, simulator, begin, first)
@@ -426,13 +426,23 @@ def _trend(
     return 1.0 - float((rest**2 / variance).sum()) / (n - q) / max(whole, 1e-12)
 
 
-def _beginning(view: View) -> FloatArray:
-    """Return (K,) coordinates for the joint fit to start from: one effect, if it explains most of the data alone."""
+def _beginning(view: View, beside: bool) -> FloatArray:
+    """Return (K,) coordinates for the joint fit to start from: one effect, if it explains most of the data alone.
+
+    ``beside`` says that how each acts begins where it fits beside all others: for a fit with derivatives of its own.
+    """
     turned = view.surrogate.turned(view.data, view.variance)
     effects = range(len(view.surrogate.catalogue.effects))
     scans = [view.surrogate.scanned(view.data, view.variance, k, turned) for k in effects]
     best, part = max(scans, key=lambda scan: scan[1])
-    return best if part > MOSTLY else turned
+    begin = best if part > MOSTLY else turned
+    if beside:
+        catalogue = view.surrogate.catalogue
+        there = begin[catalogue.first] != 0  # of one that is there, this was looked for with it
+        begin = np.where(
+            catalogue.based & ~there, view.surrogate.turned(view.data, view.variance, True), begin
+        )
+    return begin
 
 
 def _of_replicates(

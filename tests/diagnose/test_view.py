@@ -10,6 +10,7 @@ from s2r_spec.diagnose.how_far import how_far
 from s2r_spec.diagnose.joint import Joint, seen_through
 from s2r_spec.diagnose.judge import Sets
 from s2r_spec.diagnose.layout import SHOTS, Layout
+from s2r_spec.diagnose.models import Surrogate
 from s2r_spec.diagnose.prepare import LEAST, LEFT, TREND, _nearer, _of_replicates, _trend
 from s2r_spec.diagnose.run import _clear
 from s2r_spec.space import Axis, Space
@@ -155,3 +156,27 @@ def test_a_simulator_that_is_nearly_right_is_believed_nearer_but_never_than_it_s
     near = _nearer(view, scatter, SimpleNamespace(rest=np.sqrt(left * usual)))
     np.testing.assert_allclose(near - scatter, part * (usual - scatter), rtol=1e-9)
     assert (near >= scatter).all()
+
+
+def test_how_an_effect_acts_begins_where_no_other_explains_it():
+    """Friction that fades with the speed looks like friction if it hardly fades."""
+    narrow, usual, wide = (np.array(x)[None, None] for x in ([1, 0, 0, 0.0], [1, 0.5, 0, 0], [1, 1, 1, 0.9]))
+    ends = np.array([-1.0, 1.0])
+    curves = (
+        SimpleNamespace(coordinates=ends, change=np.stack([-np.ones((1, 4)), np.ones((1, 4))])),
+        SimpleNamespace(coordinates=ends, change=np.concatenate([-usual, usual])),
+        SimpleNamespace(coordinates=ends, change=np.concatenate([narrow - usual, wide - usual])),
+    )
+    catalogue = SimpleNamespace(
+        curves=curves,
+        owner=np.array([0, 1, 1]),
+        first=np.array([0, 1, 1]),
+        based=np.array([False, False, True]),
+        lower=-np.ones(3),
+        upper=np.ones(3),
+    )
+    surrogate = Surrogate(catalogue, np.eye(1))
+    data = np.ones((1, 4)) + 0.3 * narrow[0]
+    variance = np.full((1, 4), 1e-4)
+    assert surrogate.turned(data, variance).tolist() == [0.0, 0.0, 1.0]
+    assert surrogate.turned(data, variance, beside=True).tolist() == [0.0, 0.0, -1.0]
