@@ -110,8 +110,8 @@ class HowFar:
 
     @property
     def closed(self) -> bool:
-        """Whether a material gap is (nearly) gone after the patch."""
-        return self.material and self.gone
+        """Whether a material gap is (nearly) gone after the patch, and surely smaller."""
+        return self.material and self.gone and self._surely_closes
 
     @property
     def gone(self) -> bool:
@@ -139,6 +139,12 @@ class HowFar:
     def _may_close(self) -> bool:
         """Whether held-out rollouts are too few, or too unsteady, to say that a patch does not close all of it."""
         return any(part[2] >= 1.0 for part in (self.share, self.tuned_share) if part is not None)
+
+    @property
+    def _surely_closes(self) -> bool:
+        """Whether that is more than the chance of a few held-out tests: where one has all of the gap, any patch may."""
+        parts = [part for part in (self.share, self.tuned_share) if part is not None]
+        return bool(parts) and max(parts, key=lambda part: part[0])[1] > 0.0
 
     @property
     def _closes(self) -> float:

@@ -94,8 +94,8 @@ def test_every_set_was_frozen_before_it_was_opened():
 def test_what_is_said_of_the_real_go2():
     kept = json.loads((ROOT / "benchmarks" / "real" / "go2_diagnose.json").read_text())
     page = " ".join(PAGE.read_text().split())
-    far, nearest = kept["how_far"], kept["parameters"]["speed_gain"]["factor"]
-    assert f"*{kept['verdict']}*, nearest a speed_gain of {nearest['estimate']:.2f}" in page
+    far, nearest = kept["how_far"], kept["parameters"]["viscous_friction"]["coefficient"]
+    assert f"*{kept['verdict']}*, nearest a viscous_friction of {nearest['estimate']:.2f} N*m*s/rad" in page
     closed, tuned = (100 * far[key]["estimate"] for key in ("share", "tuned_share"))
     assert f"closes {closed:.0f} % of the held-out gap, {tuned:.0f} % with a little of everything" in page
 

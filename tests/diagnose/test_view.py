@@ -180,3 +180,15 @@ def test_how_an_effect_acts_begins_where_no_other_explains_it():
     variance = np.full((1, 4), 1e-4)
     assert surrogate.turned(data, variance).tolist() == [0.0, 0.0, 1.0]
     assert surrogate.turned(data, variance, beside=True).tolist() == [0.0, 0.0, -1.0]
+
+
+def test_a_patch_that_closes_what_one_test_has_is_not_sure_to_have_closed_the_gap():
+    """Of four held-out tests one has nearly all of the gap, and the patch makes two of the others worse."""
+    tests = [{"v": k / 9} for k in range(4)]
+    real, tuned = np.array([0.01, 0.01, 0.01, 0.5]), np.array([0.04, 0.05, 0.01, 0.5])
+    found = how_far(real, np.zeros(4), None, tuned, tests, 0.001, 0.0, 3, "m")
+    assert found.material
+    assert found.gone
+    assert found.tuned_share[1] < 0
+    assert not found.closed
+    assert far(named=0.7, tuned=0.1).closed
