@@ -29,8 +29,8 @@ from s2r_spec.trace import Trace
 _MODULES = ("mujoco", "numba", "pinocchio", "piqp")
 _DISTRIBUTIONS = ("mujoco", "numba", "numpy", "pin", "piqp")
 
-_ONLOOKERS = frozenset({"pictures.py", "recorded_motion.py", "residuals.py", "variants.py"})
-"""Source that decides no trace of this backend."""
+_ONLOOKERS = frozenset({"pictures.py", "residuals", "variants.py"})
+"""Files and folders of source that decide no trace of this backend."""
 
 _CPU_PER_SECOND = 0.08
 """[s] of one core per simulated second, measured on a 2-core cloud machine."""
@@ -162,11 +162,12 @@ class SimBackend:
         return trace
 
     def residuals(self, trace: Trace, params: Mapping[str, float] | None = None) -> Trace:
-        """Return what the nominal robot leaves unexplained; see :class:`s2r_spec.backend.HasResiduals`.
+        """Return what this simulator leaves unexplained; see :class:`s2r_spec.backend.HasResiduals`.
 
-        The effects of this backend are not reckoned with, so that what it makes
-        and what a machine did are measured alike. Positive is what the outside
-        world adds: a push ahead is a positive ``base_force``.
+        Its effects are reckoned with, as far as they say what should have been recorded:
+        uneven ground and backlash do not, for where the ground rises and where in its play
+        a gear stands is not recorded, nor does ground friction, which bounds a force and
+        sets none. Positive is what the outside world adds: a push ahead is a positive ``base_force``.
 
         Raises:
             TraceError: no residual can be computed from the channels, or the trace is too short.
@@ -174,7 +175,7 @@ class SimBackend:
         """
         from s2r_sim.residuals import residuals
 
-        return residuals(trace, self.settings, params)
+        return residuals(trace, self.settings, self.added, params)
 
     def _effects_in_meta(self) -> dict[str, dict[str, float]]:
         return {name: dict(values) for name, values in self.added}
@@ -190,7 +191,8 @@ def _digest(settings: Settings, noise: Noise) -> str:
     digest = hashlib.sha256(f"{settings!r} {noise!r}".encode())
     for distribution in _DISTRIBUTIONS:
         digest.update(f" {distribution} {version(distribution)}".encode())
-    for path in sorted(Path(__file__).parent.rglob("*.py")):
-        if path.name not in _ONLOOKERS:
+    here = Path(__file__).parent
+    for path in sorted(here.rglob("*.py")):
+        if path.relative_to(here).parts[0] not in _ONLOOKERS:
             digest.update(path.read_bytes())
     return digest.hexdigest()

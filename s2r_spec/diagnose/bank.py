@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import inspect
 import json
 import os
 from collections.abc import Callable
@@ -18,7 +19,7 @@ from s2r_spec.backend import Backend, Effect, HasEffects, HasResiduals, HasVaria
 from s2r_spec.diagnose.axes import Line, lines
 from s2r_spec.diagnose.axes import line as line_of
 from s2r_spec.diagnose.design import grid
-from s2r_spec.diagnose.equations import Probe, regressors
+from s2r_spec.diagnose.equations import Equations, Probe
 from s2r_spec.diagnose.features import Block, Features
 from s2r_spec.diagnose.simulate import Bench, Job, Test, run_jobs
 from s2r_spec.errors import UsageError
@@ -92,6 +93,8 @@ def key(bench: Bench) -> str:
         ],
         "variants": sorted(bench.backend.variants()) if isinstance(bench.backend, HasVariants) else [],
         "source": _source(),
+        # A model's hash says what its rollouts are; its residuals are of other source, which it may leave out.
+        "residuals": _code(type(bench.backend)) if isinstance(bench.backend, HasResiduals) else "",
     }
     return hashlib.sha256(json.dumps(what, sort_keys=True).encode()).hexdigest()
 
@@ -102,6 +105,19 @@ def _source() -> str:
     digest = hashlib.sha256()
     for name in ("axes.py", "bank.py", "design.py", "equations.py", "features.py", "simulate.py"):
         digest.update((folder / name).read_bytes())
+    return digest.hexdigest()
+
+
+def _code(kind: type) -> str:
+    """Return a hash of the package that a class is in, or of its file where that is in none."""
+    try:
+        file = Path(inspect.getfile(kind))
+    except (OSError, TypeError):
+        return ""
+    packaged = (file.parent / "__init__.py").exists()
+    digest = hashlib.sha256()
+    for path in sorted(file.parent.rglob("*.py")) if packaged else (file,):
+        digest.update(path.read_bytes())
     return digest.hexdigest()
 
 
@@ -228,7 +244,7 @@ def _probes(bench: Bench, found: tuple[Line, ...], test: Test) -> tuple[Probe, .
     for line in found:
         value = line.at_typical()
         probe = Probe(line.effect, line.parameter, value, line.coordinate(value))
-        seen = None if line.base else regressors(trace, bench.backend, params, (probe,), units)
+        seen = None if line.base else Equations(bench.backend, (probe,), units).regressors(trace, params)
         if seen is not None and np.any(seen[1]):
             probes.append(probe)
     return tuple(probes)

@@ -22,7 +22,7 @@ from s2r_spec.trace import Trace
 
 FloatArray = NDArray[np.float64]
 
-RIDGE = 0.1
+LEAST = 0.1
 """Mean square, in units of the nominal residual's, by which a regressor must be larger to be asked for."""
 
 
@@ -41,63 +41,58 @@ class Probe:
         return f"{self.effect}.{self.parameter}"
 
 
-def regressed(
-    trace: Trace,
-    backend: Backend,
-    params: Mapping[str, float],
-    probes: Sequence[Probe],
-    units: Mapping[str, FloatArray],
-) -> FloatArray:
-    """Return (probes,) coordinates, by ridge regression of the nominal residuals; NaN where one of these is missing.
+@dataclass(frozen=True)
+class Equations:
+    """A simulator whose residuals know its effects, and what it is asked about a recorded motion.
 
-    Args:
-        trace: recorded.
+    Attributes:
         backend: nominal.
-        params: of the test, as the backend takes them.
-        probes: what is regressed on.
+        probes: what its residuals are regressed on.
         units: residual → (columns,) in which it is measured.
     """
-    found = regressors(trace, backend, params, probes, units)
-    if found is None:
-        return np.full(len(probes), np.nan)
-    rest, x = found
-    gram = x @ x.T / rest.size + RIDGE * np.eye(len(x))
-    return np.asarray(np.linalg.solve(gram, x @ rest / rest.size), dtype=np.float64)
 
+    backend: Backend
+    probes: Sequence[Probe]
+    units: Mapping[str, FloatArray]
 
-def regressors(
-    trace: Trace,
-    backend: Backend,
-    params: Mapping[str, float],
-    probes: Sequence[Probe],
-    units: Mapping[str, FloatArray],
-) -> tuple[FloatArray, FloatArray] | None:
-    """Return (n,) nominal residuals in their units, and (probes, n) what one coordinate of each takes off them.
+    def regressed(self, trace: Trace, params: Mapping[str, float]) -> FloatArray:
+        """Return (probes,) coordinates, by ridge regression of nominal residuals; NaN where one of these is missing.
 
-    None where a residual cannot be computed; the arguments are those of :func:`regressed`.
-    """
-    assert isinstance(backend, HasResiduals)
-    assert isinstance(backend, HasEffects)
-    try:
-        rest = _stacked(backend.residuals(trace, params), units)
-        others = [
-            _stacked(backend.with_effects({p.effect: {p.parameter: p.value}}).residuals(trace, params), units)
-            for p in probes
-        ]
-    except TraceError:
-        return None
-    return rest, np.array(
-        [(rest - other) / p.coordinate for p, other in zip(probes, others, strict=True)]
-    ).reshape(len(probes), rest.size)
+        ``params`` are those of the test, as the backend takes them.
+        """
+        found = self.regressors(trace, params)
+        if found is None:
+            return np.full(len(self.probes), np.nan)
+        rest, x = found
+        gram = x @ x.T / rest.size + LEAST * np.eye(len(x))
+        return np.asarray(np.linalg.solve(gram, x @ rest / rest.size), dtype=np.float64)
 
+    def regressors(self, trace: Trace, params: Mapping[str, float]) -> tuple[FloatArray, FloatArray] | None:
+        """Return (n,) nominal residuals in their units, and (probes, n) what one coordinate of each takes off them.
 
-def _stacked(residuals: Trace, units: Mapping[str, FloatArray]) -> FloatArray:
-    """Return (n,): all columns of all residuals.
+        None where a residual cannot be computed.
+        """
+        try:
+            rest = self._residuals({}, trace, params)
+            others = [self._residuals({p.effect: {p.parameter: p.value}}, trace, params) for p in self.probes]
+        except TraceError:
+            return None
+        taken = [(rest - other) / p.coordinate for p, other in zip(self.probes, others, strict=True)]
+        return rest, np.array(taken).reshape(len(self.probes), rest.size)
 
-    Raises:
-        TraceError: one of them is missing.
-    """
-    if missing := [name for name in units if name not in residuals.channels]:
-        raise TraceError(f"the residual {missing[0]!r} cannot be computed of this trace")
-    columns = [residuals[name].reshape(len(residuals), -1) / unit for name, unit in units.items()]
-    return np.asarray(np.nan_to_num(np.concatenate([c.ravel() for c in columns])), dtype=np.float64)
+    def _residuals(
+        self, values: Mapping[str, Mapping[str, float]], trace: Trace, params: Mapping[str, float]
+    ) -> FloatArray:
+        """Return (n,): all columns of all residuals of the simulator with these effects.
+
+        Raises:
+            TraceError: one of them is missing.
+        """
+        assert isinstance(self.backend, HasEffects)
+        machine: Backend = self.backend.with_effects(values) if values else self.backend
+        assert isinstance(machine, HasResiduals)
+        found = machine.residuals(trace, params)
+        if missing := [name for name in self.units if name not in found.channels]:
+            raise TraceError(f"the residual {missing[0]!r} cannot be computed of this trace")
+        columns = [found[name].reshape(len(found), -1) / unit for name, unit in self.units.items()]
+        return np.asarray(np.nan_to_num(np.concatenate([c.ravel() for c in columns])), dtype=np.float64)

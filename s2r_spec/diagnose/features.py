@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.backend import Backend, HasResiduals
-from s2r_spec.diagnose.equations import Probe, regressed
+from s2r_spec.diagnose.equations import Equations, Probe
 from s2r_spec.errors import TraceError, UsageError
 from s2r_spec.trace import Trace
 
@@ -181,10 +181,10 @@ class Features:
         }
 
     def equations(self, trace: Trace, backend: Backend, params: Mapping[str, float]) -> FloatArray:
-        """Return (probes,): see :func:`~s2r_spec.diagnose.equations.regressed`."""
+        """Return (probes,): see :meth:`s2r_spec.diagnose.equations.Equations.regressed`."""
         if not self.probes:
             return np.zeros(0)
-        return regressed(trace, backend, params, self.probes, self.residual_units())
+        return Equations(backend, self.probes, self.residual_units()).regressed(trace, params)
 
     def referred(self, feature: Feature) -> float:
         """Return ``reference`` of a feature's column."""

@@ -1,5 +1,6 @@
 """What the equations of motion ask for: coordinates of effects from recorded motion alone."""
 
+import importlib
 from dataclasses import replace
 
 import numpy as np
@@ -8,7 +9,7 @@ from s2r_cart import DAMPING, FORCE, GAIN, MASS, NOMINAL, SPEC, STEP, Cart, real
 
 import s2r_spec as s2r
 from s2r_spec.diagnose import bank as banks
-from s2r_spec.diagnose.equations import Probe, regressed
+from s2r_spec.diagnose.equations import Equations, Probe
 from s2r_spec.diagnose.prepare import bench_of
 from s2r_spec.errors import TraceError
 from s2r_spec.trace import Trace
@@ -43,15 +44,13 @@ PROBES = (
     Probe("tilt", "force", 1.0, 1.0),
     Probe("delay", "delay", 0.02, 1.0),
 )
+EQUATIONS = Equations(Felt(), PROBES, UNITS)
 
 
 def test_the_equations_ask_for_the_effects_that_are_there():
     machine = Felt().with_effects({"viscous": {"coefficient": 1.5}, "tilt": {"force": -0.5}})
     found = np.mean(
-        [
-            regressed(machine.rollout({"vd": 0.8, "acc": 3.0}, seed), Felt(), {}, PROBES, UNITS)
-            for seed in range(20)
-        ],
+        [EQUATIONS.regressed(machine.rollout({"vd": 0.8, "acc": 3.0}, seed), {}) for seed in range(20)],
         axis=0,
     )
     # (viscous, coulomb, tilt, delay), in coordinates
@@ -61,12 +60,12 @@ def test_the_equations_ask_for_the_effects_that_are_there():
 def test_a_record_without_what_a_residual_needs_has_no_such_numbers():
     trace = Felt().rollout({"vd": 0.8, "acc": 3.0}, 0)
     few = Trace(trace.times, {"v": trace["v"]}, {"v": "m/s"})
-    assert np.isnan(regressed(few, Felt(), {}, PROBES, UNITS)).all()
+    assert np.isnan(EQUATIONS.regressed(few, {})).all()
     # one residual of two would be another number than that of the bank
     half = Trace(trace.times, {"v": trace["v"], "u": trace["u"]}, {"v": "m/s", "u": "V"})
     both = UNITS | {"controller": np.ones(1)}
-    assert np.isnan(regressed(half, Felt(), {}, PROBES, both)).all()
-    assert np.isfinite(regressed(half, Felt(), {}, PROBES, UNITS)).all()
+    assert np.isnan(Equations(Felt(), PROBES, both).regressed(half, {})).all()
+    assert np.isfinite(EQUATIONS.regressed(half, {})).all()
 
 
 def test_only_effects_that_the_residuals_know_are_asked_for_and_the_bank_keeps_them(tmp_path):
@@ -101,3 +100,20 @@ def test_a_pair_is_named_by_a_simulator_with_residuals(tmp_path):
     found = s2r.diagnose(s2r.parse_spec(SPEC), Felt(), seen, cache=tmp_path)
     assert found.which.ranked[0][0] == ("viscous", "delay"), found.which.ranked[:4]
     assert found.where.body is not None
+
+
+def test_a_bank_is_made_anew_when_a_backend_computes_residuals_otherwise(tmp_path, monkeypatch):
+    """Their source may decide no rollout, and be left out of the model's hash."""
+    package = tmp_path / "s2r_felt"
+    package.mkdir()
+    (package / "__init__.py").write_text(
+        "from s2r_cart import Cart\n\n\nclass Own(Cart):\n    def residuals(self, trace, params=None): ...\n"
+    )
+    (package / "law.py").write_text("GAIN = 1.0\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    own = importlib.import_module("s2r_felt").Own
+    bench = bench_of(s2r.parse_spec(SPEC), "tracking", own())
+    before = banks.key(bench)
+    assert banks.key(bench) == before
+    (package / "law.py").write_text("GAIN = 2.0\n")
+    assert banks.key(bench) != before

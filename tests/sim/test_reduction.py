@@ -73,9 +73,10 @@ def test_a_diverged_state_and_a_stretched_leg_raise_nothing():
 def test_compiled_functions_call_those_of_their_own_file_alone():
     """Numba would not notice a change in another file, and go on with old machine code."""
     calls = []
-    for path in Path(s2r_sim.__path__[0]).rglob("*.py"):
+    package = Path(s2r_sim.__path__[0])
+    for path in package.rglob("*.py"):
         if "@compiled" in path.read_text():
-            module = importlib.import_module(f"s2r_sim.{path.stem}")
+            module = importlib.import_module(".".join(path.relative_to(package.parent).with_suffix("").parts))
             everything = {k: v for k, v in vars(module).items() if isinstance(v, Dispatcher)}
             for caller in everything.values():
                 called = set(caller.py_func.__code__.co_names) & everything.keys()

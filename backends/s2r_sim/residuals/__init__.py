@@ -1,4 +1,4 @@
-"""What of a recorded motion the nominal robot leaves unexplained: inverse dynamics, motors, sensors, feet.
+"""What of a recorded motion a robot in a world leaves unexplained: inverse dynamics, motors, sensors, feet.
 
 The motion between two samples is put through the laws of motion (Pinocchio's
 recursive Newton–Euler algorithm; Featherstone, *Rigid Body Dynamics Algorithms*,
@@ -8,10 +8,13 @@ recursive Newton–Euler algorithm; Featherstone, *Rigid Body Dynamics Algorithm
     joint torque   Mq̈ + h − Jᵀf − τ + friction      on the joints' twelve
 
 A motor that is weak, a gear that rubs, a payload, a push: each shows on the
-rows on which it acts, whatever the controller made of it. Accelerations are
-differences of recorded velocities; all residuals are averaged over :data:`WINDOW`
-with Hann weights, which keep the gait (2.5 Hz) and drop the noise. This file
-decides no trace, and is left out of the model's hash.
+rows on which it acts, whatever the controller made of it, and is gone once the
+world has it. ``motion.py`` holds what no world changes, and is asked once for a
+trace; ``world.py`` what a world makes of it; ``yielding.py`` and ``play.py`` how
+its ground yields and its gears rattle. Accelerations are differences of recorded
+velocities; all residuals are averaged over :data:`WINDOW` with Hann weights, which
+keep the gait (2.5 Hz) and drop the noise. Nothing here decides a trace, and
+all of it is left out of the model's hash.
 """
 
 from __future__ import annotations
@@ -21,12 +24,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import convolve
+from scipy.ndimage import convolve1d
 
-from s2r_sim import terrain
+from s2r_sim.effects import choice
 from s2r_sim.figures import LEGS
 from s2r_sim.parameters import read_test
-from s2r_sim.recorded_motion import Motion
+from s2r_sim.residuals.motion import Recorded, recorded
+from s2r_sim.residuals.world import Motion
 from s2r_sim.settings import Settings
 from s2r_spec.errors import TraceError, one_of
 from s2r_spec.trace import Trace
@@ -54,10 +58,13 @@ class _Residual:
     of: Callable[[Motion], FloatArray]
 
 
-def residuals(trace: Trace, settings: Settings, params: Mapping[str, float] | None = None) -> Trace:
+def residuals(
+    trace: Trace, settings: Settings, effects: choice.Choice = (), params: Mapping[str, float] | None = None
+) -> Trace:
     """Return the residuals; see :meth:`s2r_spec.backend.HasResiduals.residuals`.
 
-    The world is that of ``settings.physics`` with the test's slope, payload and push.
+    The world is that of ``settings.physics`` with the test's slope, payload and push, and
+    with these effects where an effect says what would have been recorded.
     """
     test = read_test(params or {})
     possible = [one for one in RESIDUALS if all(name in trace.channels for name in one.needs)]
@@ -72,20 +79,24 @@ def residuals(trace: Trace, settings: Settings, params: Mapping[str, float] | No
             f"residuals need {len(window) + 1} samples or more, and the trace has {len(trace)}; "
             f"they are averaged over {WINDOW:g} s"
         )
-    motion = Motion(trace, settings, test)
-    half = len(window) // 2
+    bare = settings.physics
+    motion = Motion(
+        recorded(trace, settings.robot),
+        settings.gains,
+        test.world(bare),
+        test.world(choice.world(bare, effects)),
+        test,
+    )
+    found = [one.of(motion) for one in possible]
+    half, n = len(window) // 2, len(trace) - 1
+    smooth = convolve1d(np.hstack(found), window, axis=0)[half : n - half]
+    ends = np.cumsum([values.shape[1] for values in found])
     return Trace(
-        (trace.times[:-1] + motion.dt / 2)[half : len(motion.dt) - half],
-        {one.name: convolve(one.of(motion), window[:, np.newaxis], mode="valid") for one in possible},
+        (trace.times[:-1] + np.diff(trace.times) / 2)[half : n - half],
+        dict(zip((one.name for one in possible), np.split(smooth, ends[:-1], axis=1), strict=True)),
         units={one.name: one.unit for one in possible},
         meta={"parts": {one.name: one.parts for one in possible}},
     )
-
-
-def _joint_torque(motion: Motion) -> FloatArray:
-    _, ground = motion.forces
-    left: FloatArray = motion.needed[:, 6:] + motion.friction - ground - motion.at("tau")
-    return left
 
 
 def _base_wrench(motion: Motion) -> FloatArray:
@@ -97,60 +108,68 @@ def _base_wrench(motion: Motion) -> FloatArray:
 
 def _motor(motion: Motion) -> FloatArray:
     """What motors report, less what the law asks for: at the tick's middle, as the joints have moved since."""
-    gains, trace = motion.gains, motion.trace
-    swings = 1.0 - np.repeat(motion.at("stance"), 3, axis=1)
-    moved = motion.mid("q") - motion.at("q")
-    turned = motion.mid("dq") - motion.at("dq")
-    asked = motion.at("tau_cmd") - gains.kp_joint_swing * swings * moved - gains.kd_joint * turned
-    limit = motion.robot.torque_limit
-    left: FloatArray = trace["tau"][:-1] - np.clip(asked, -limit, limit)
+    left: FloatArray = motion.recorded.at("tau") - motion.delivered
     return left
 
 
 def _acceleration(motion: Motion) -> FloatArray:
-    """What the QP predicts, less what happened; forward, left, up."""
-    x, y, z = motion.rate(motion.velocity).T
-    yaw = motion.mid("yaw")
-    c, s = np.cos(yaw), np.sin(yaw)
-    left: FloatArray = motion.at("acc_pred") - np.column_stack((c * x + s * y, c * y - s * x, z))
+    """What should follow from the QP's prediction, less what happened; forward, left, up."""
+    recorded = motion.recorded
+    left: FloatArray = motion.follows - _ahead(recorded, recorded.rate(recorded.velocity))
     return left
 
 
 def _estimate(motion: Motion) -> FloatArray:
-    return np.column_stack([motion.at(f"{name}_est") - motion.at(name) for name in ("vx", "vy")])
+    own = np.column_stack([motion.recorded.at(f"{name}_est") for name in ("vx", "vy")])
+    left: FloatArray = own - motion.estimated
+    return left
 
 
 def _slip(motion: Motion) -> FloatArray:
-    x, y, _ = np.moveaxis(motion.contact_speed, -1, 0)
-    yaw = motion.mid("yaw")[:, None]
-    c, s = np.cos(yaw), np.sin(yaw)
-    return np.hstack((motion.touches * (c * x + s * y), motion.touches * (c * y - s * x)))
+    speed = motion.ground.contact_speed
+    if "foot_force" in motion.recorded.trace.channels:
+        speed = speed - motion.creeps
+    x, y, _ = np.moveaxis(_ahead(motion.recorded, speed), -1, 0)
+    touches = motion.recorded.touches
+    return np.hstack((touches * x, touches * y))
 
 
 def _sinking(motion: Motion) -> FloatArray:
-    """How far balls are below the nominal ground where they touch it; negative above."""
-    x, _, z = np.moveaxis(motion.mid("foot_position").reshape(-1, 4, 3), -1, 0)
-    slope = terrain.mean_height(motion.physics, 1.0)
-    below: FloatArray = motion.robot.foot_radius - (z - slope * x) * motion.normal[2]
-    return motion.touches * below
+    """How far balls are below the world's ground where they touch it; negative above."""
+    recorded, ground = motion.recorded, motion.ground
+    x, _, z = np.moveaxis(recorded.mid("foot_position").reshape(-1, 4, 3), -1, 0)
+    below: FloatArray = motion.robot.foot_radius - (z - ground.rise * x) * ground.normal[2]
+    if "foot_force" in recorded.trace.channels:
+        below = below - motion.sinks
+    return recorded.touches * below
 
 
 def _timing(motion: Motion) -> FloatArray:
-    left: FloatArray = motion.at("contact") - motion.at("stance")
+    left: FloatArray = motion.recorded.at("contact") - motion.recorded.at("stance")
     return left
 
 
 def _joint_speed(motion: Motion) -> FloatArray:
-    left: FloatArray = motion.rate(motion.trace["q"]) - motion.mid("dq")
+    recorded = motion.recorded
+    left: FloatArray = recorded.rate(recorded.trace["q"]) - recorded.mid("dq")
     return left
 
 
 def _foot_place(motion: Motion) -> FloatArray:
-    place, _, _ = motion.feet
-    base = np.column_stack([motion.mid(name) for name in ("x", "y", "z")])
-    turned = np.einsum("nij,nkj->nki", motion.attitude.as_matrix(), place) + base[:, None]
-    left: FloatArray = motion.mid("foot_position") - turned.reshape(-1, 12)
+    recorded = motion.recorded
+    place, _, _ = recorded.feet
+    base = np.column_stack([recorded.mid(name) for name in ("x", "y", "z")])
+    turned = np.einsum("nij,nkj->nki", recorded.attitude, place) + base[:, None]
+    left: FloatArray = recorded.mid("foot_position") - turned.reshape(-1, 12)
     return left
+
+
+def _ahead(recorded: Recorded, vector: FloatArray) -> FloatArray:
+    """Return (n − 1, …, 3) of world axes as forward, left and up."""
+    x, y, z = np.moveaxis(vector, -1, 0)
+    yaw = recorded.mid("yaw").reshape(-1, *[1] * (vector.ndim - 2))
+    c, s = np.cos(yaw), np.sin(yaw)
+    return np.stack((c * x + s * y, c * y - s * x, z), axis=-1)
 
 
 _WITH_FORCE = (*_MOTION, "foot_force")
@@ -159,13 +178,14 @@ _EACH_AXIS = tuple(f"{foot} foot" for foot in _FEET for _ in range(3))
 _EACH_FOOT = tuple(f"{foot} foot" for foot in _FEET)
 
 RESIDUALS = (
-    _Residual("joint_torque", "N*m", (*_WITH_FORCE, "tau"), _JOINTS, _joint_torque),
+    _Residual("joint_torque", "N*m", (*_WITH_FORCE, "tau"), _JOINTS, lambda motion: motion.joints),
     _Residual("base_force", "N", _WITH_FORCE, _BASE, lambda motion: _base_wrench(motion)[:, :3]),
     _Residual("base_torque", "N*m", _WITH_FORCE, _BASE, lambda motion: _base_wrench(motion)[:, 3:]),
     _Residual("motor", "N*m", ("q", "dq", "tau", "tau_cmd", "stance"), _JOINTS, _motor),
     _Residual("acceleration", "m/s^2", ("acc_pred", "vx", "vy", "vz", "yaw"), _BASE, _acceleration),
     _Residual("velocity_estimate", "m/s", ("vx_est", "vy_est", "vx", "vy"), ("IMU and legs",) * 2, _estimate),
     _Residual("slip", "m/s", _ON_GROUND, _EACH_FOOT * 2, _slip),
+    _Residual("grip", "N", (*_ON_GROUND, "foot_force"), _EACH_FOOT, lambda motion: motion.grips),
     _Residual("sinking", "m", ("foot_position", "contact"), _EACH_FOOT, _sinking),
     _Residual("contact_timing", "", ("contact", "stance"), _EACH_FOOT, _timing),
     _Residual(

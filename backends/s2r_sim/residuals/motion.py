@@ -1,0 +1,226 @@
+"""A recorded motion put through the laws of motion, tick by tick, over whole arrays: what no world changes.
+
+Many worlds are asked about the same trace. What depends on the robot and on the slope
+alone is computed once for each of them.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property, lru_cache
+from math import radians, tan
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from s2r_sim import pinocchio_model
+from s2r_sim.figures import GRAVITY, LEGS, Inertia, Robot
+from s2r_sim.leg_kinematics import foot_motion
+from s2r_spec.trace import Trace
+
+FloatArray = NDArray[np.float64]
+
+
+class Recorded:
+    """A recorded motion and what follows from it and the robot's geometry alone, whatever the world does.
+
+    Arrays of one row for every tick, which goes from one sample to the next. State in the middle
+    of a tick is the mean of both. Made once for a trace: :func:`recorded`.
+    """
+
+    def __init__(self, trace: Trace, robot: Robot) -> None:
+        self.trace, self.robot = trace, robot
+        self.dt: FloatArray = np.diff(trace.times)
+
+    def at(self, name: str) -> FloatArray:
+        """Return (n − 1, …): a channel at the beginning of every tick."""
+        return self.trace[name][:-1]
+
+    def mid(self, name: str) -> FloatArray:
+        """Return (n − 1, …): a channel in the middle of every tick."""
+        return _middle(self.trace[name])
+
+    def rate(self, values: FloatArray) -> FloatArray:
+        """Return (n − 1, …): the change over every tick, per second."""
+        change: FloatArray = np.diff(values, axis=0) / self.dt.reshape(-1, *[1] * (values.ndim - 1))
+        return change
+
+    @cached_property
+    def velocity(self) -> FloatArray:
+        """(n, 3) of the base at the samples, world axes [m/s]."""
+        vx, vy, yaw = (self.trace[name] for name in ("vx", "vy", "yaw"))
+        c, s = np.cos(yaw), np.sin(yaw)
+        return np.column_stack((c * vx - s * vy, s * vx + c * vy, self.trace["vz"]))
+
+    @cached_property
+    def attitude(self) -> FloatArray:
+        """(n − 1, 3, 3) from base axes to world axes, in the middle of every tick."""
+        turn: FloatArray = _attitude(*(self.mid(name) for name in ("roll", "pitch", "yaw"))).as_matrix()
+        return turn
+
+    @cached_property
+    def feet(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """(n − 1, 4, 3) ball centres [m] and (n − 1, 4, 3, 3) Jacobians of balls and of shanks' spins.
+
+        In base axes and relative to the base; columns of a Jacobian are hip, thigh and calf.
+        """
+        q, unit = self.mid("q").T, np.eye(3)
+        place, slide, spin = [], [], []
+        for i, leg in enumerate(LEGS):
+            joints = q[3 * i : 3 * i + 3]
+            columns = [foot_motion(self.robot, leg, joints, one, np.sin, np.cos) for one in unit]
+            place.append(_stack(columns[0].position, joints.shape[1]))
+            slide.append(np.stack([_stack(c.velocity, joints.shape[1]) for c in columns], -1))
+            spin.append(np.stack([_stack(c.spin, joints.shape[1]) for c in columns], -1))
+        return np.stack(place, 1), np.stack(slide, 1), np.stack(spin, 1)
+
+    @cached_property
+    def foot_speed(self) -> FloatArray:
+        """(n − 1, 4, 3) velocity of the ball centres, base axes [m/s]."""
+        place, slide, _ = self.feet
+        own = (slide @ self.mid("dq").reshape(-1, 4, 3, 1))[..., 0] + np.cross(
+            self.mid("omega")[:, None], place
+        )
+        base = np.einsum("nji,nj->ni", self.attitude, _middle(self.velocity))
+        speed: FloatArray = own + base[:, None]
+        return speed
+
+    @cached_property
+    def shank_spin(self) -> FloatArray:
+        """(n − 1, 4, 3) angular velocity of the shanks, base axes [rad/s]."""
+        _, _, spin = self.feet
+        turns: FloatArray = (spin @ self.mid("dq").reshape(-1, 4, 3, 1))[..., 0] + self.mid("omega")[:, None]
+        return turns
+
+    @cached_property
+    def touches(self) -> FloatArray:
+        """(n − 1, 4) 1 where a foot is on the ground at both ends of the tick."""
+        contact = self.trace["contact"]
+        both: FloatArray = np.minimum(contact[1:], contact[:-1])
+        return both
+
+    @cached_property
+    def foot_force(self) -> FloatArray:
+        """(n − 1, 4, 3) ground on feet, base axes [N]."""
+        world = self.at("foot_force").reshape(-1, 4, 3)
+        turned: FloatArray = np.einsum("nji,nkj->nki", self.attitude, world)
+        return turned
+
+    def pushed(self, force: FloatArray, arm: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
+        """Return (n − 1, 6) wrench on the base and (n − 1, 12) torque on the joints of (n − 1, 4, 3) forces on feet.
+
+        In base axes; they act at the balls' centres, or (n − 1, 3) ``arm`` [m] from there.
+        """
+        place, slide, spin = self.feet
+        torque = np.cross(place, force)
+        joints = np.einsum("nkij,nki->nkj", slide, force)
+        if arm is not None:
+            turn = np.cross(arm[:, None], force)
+            torque = torque + turn
+            joints = joints + np.einsum("nkij,nki->nkj", spin, turn)
+        return np.hstack((force.sum(1), torque.sum(1))), joints.reshape(-1, 12)
+
+    @cached_property
+    def twist(self) -> tuple[FloatArray, FloatArray]:
+        """(n − 1, 18) velocity in the middle of every tick and its rate: of the base in base axes, of the joints."""
+        trace = self.trace
+        samples = _attitude(*(trace[name] for name in ("roll", "pitch", "yaw")))
+        twist = np.hstack((samples.inv().apply(self.velocity), trace["omega"], trace["dq"]))
+        return _middle(twist), self.rate(twist)
+
+    @cached_property
+    def needed(self) -> FloatArray:
+        """(n − 1, 18) what the motion took of the robot as it is built, without rotors.
+
+        Wrench on the base in base axes [N], [N m], torque on joints [N m].
+        """
+        place = np.column_stack([self.mid(name) for name in ("x", "y", "z")])
+        turn = _attitude(*(self.mid(name) for name in ("roll", "pitch", "yaw"))).as_quat()
+        q = np.hstack((place, turn, self.mid("q")))
+        model = _model(self.robot)
+        data = model.createData()
+        torque: FloatArray = np.array(
+            [pin.rnea(model, data, *row) for row in zip(q, *self.twist, strict=True)]
+        )
+        return torque
+
+    def base_needs(self, inertia: Inertia) -> FloatArray:
+        """Return (n − 1, 6) the wrench that a body fixed to the base takes, base axes [N], [N m].
+
+        Newton and Euler about the base's origin.
+        """
+        moves, speeds_up = self.twist
+        spin, turned = moves[:, 3:6], speeds_up[:, 3:6]
+        gravity = GRAVITY * self.attitude[:, 2]
+        lifted = speeds_up[:, :3] + np.cross(spin, moves[:, :3]) + gravity
+        com = np.array(inertia.com)
+        about = inertia.tensor + inertia.mass * (com @ com * np.eye(3) - np.outer(com, com))
+        force = inertia.mass * (lifted + np.cross(turned, com) + np.cross(spin, np.cross(spin, com)))
+        torque = turned @ about + np.cross(spin, spin @ about) + inertia.mass * np.cross(com, lifted)
+        return np.hstack((force, torque))
+
+
+class Ground:
+    """What the ground's slope makes of a recorded motion."""
+
+    def __init__(self, motion: Recorded, slope: float) -> None:
+        self.motion = motion
+        self.rise = tan(radians(slope))
+        """Of the ground per metre."""
+
+    @cached_property
+    def normal(self) -> FloatArray:
+        """(3,) the ground's normal, world axes."""
+        across: FloatArray = np.array([-self.rise, 0.0, 1.0]) / np.hypot(1.0, self.rise)
+        return across
+
+    @cached_property
+    def arm(self) -> FloatArray:
+        """(n − 1, 3) from a ball's centre to where it touches the ground, base axes [m]."""
+        arm: FloatArray = -self.motion.robot.foot_radius * (self.normal @ self.motion.attitude)
+        return arm
+
+    @cached_property
+    def contact_speed(self) -> FloatArray:
+        """(n − 1, 4, 3) velocity of what would touch the ground, world axes [m/s]."""
+        own = self.motion.foot_speed + np.cross(self.motion.shank_spin, self.arm[:, None])
+        speed: FloatArray = np.einsum("nij,nkj->nki", self.motion.attitude, own)
+        return speed
+
+    @cached_property
+    def forces(self) -> tuple[FloatArray, FloatArray]:
+        """(n − 1, 6) wrench on the base (force, torque) and (n − 1, 12) torque on the joints, of the ground."""
+        return self.motion.pushed(self.motion.foot_force, self.arm)
+
+
+@lru_cache(maxsize=2)
+def recorded(trace: Trace, robot: Robot) -> Recorded:
+    """Return the motion of a trace; the same object for as long as one trace is asked about."""
+    return Recorded(trace, robot)
+
+
+@lru_cache(maxsize=4)
+def ground(motion: Recorded, slope: float) -> Ground:
+    """Return the motion on a slope [deg], likewise."""
+    return Ground(motion, slope)
+
+
+@lru_cache(maxsize=8)
+def _model(robot: Robot) -> Any:
+    return pinocchio_model.build(robot)
+
+
+def _middle(values: FloatArray) -> FloatArray:
+    middle: FloatArray = (values[1:] + values[:-1]) / 2
+    return middle
+
+
+def _attitude(roll: FloatArray, pitch: FloatArray, yaw: FloatArray) -> Any:
+    return Rotation.from_euler("ZYX", np.column_stack((yaw, pitch, roll)))
+
+
+def _stack(vector: tuple[Any, Any, Any], n: int) -> FloatArray:
+    """Return (n, 3) of three arrays or numbers."""
+    return np.stack([np.broadcast_to(part, n) for part in vector], -1)

@@ -1,0 +1,254 @@
+"""A recorded motion in a world: what ground, joints, motors, loads and sensors of it make of the motion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_sim.estimator import BLEND
+from s2r_sim.figures import GRAVITY, Robot
+from s2r_sim.gains import Gains
+from s2r_sim.parameters import Test
+from s2r_sim.physics import Physics
+from s2r_sim.residuals.motion import Ground, Recorded, ground
+from s2r_sim.residuals.play import passed_on
+from s2r_sim.residuals.yielding import Yielding, yielding
+from s2r_sim.rotation import turned
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+_STILL = 0.1
+"""[rad/s] below which a joint's dry friction holds anything up to itself."""
+_SLIDES = 0.03
+"""[m/s] above which a foot slides, and its friction is used up."""
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Arrays of one row for every tick, as :class:`~s2r_sim.residuals.motion.Recorded`.
+
+    Attributes:
+        recorded: the motion.
+        gains: of the controller.
+        bare: the nominal world in which the test takes place.
+        world: the same with the effects that are reckoned with.
+        test: what was asked for.
+    """
+
+    recorded: Recorded
+    gains: Gains
+    bare: Physics
+    world: Physics
+    test: Test
+
+    @property
+    def robot(self) -> Robot:
+        """As it is built, and as the controller knows it."""
+        return self.recorded.robot
+
+    @property
+    def ground(self) -> Ground:
+        """Of the world."""
+        return ground(self.recorded, self.world.slope)
+
+    @cached_property
+    def loaded(self) -> Robot:
+        """The robot with the world's payloads."""
+        return self.robot.loaded(self.world.payloads, self.world.com_shift)
+
+    @cached_property
+    def needed(self) -> FloatArray:
+        """(n − 1, 18) what the motion took: wrench on the base in base axes [N], [N m], torque on joints [N m]."""
+        motion = self.recorded
+        needed = motion.needed.copy()
+        _, speeds_up = motion.twist
+        needed[:, 6:] += self.world.armature * speeds_up[:, 6:]
+        if self.loaded != self.robot:
+            needed[:, :6] += motion.base_needs(self.loaded.base) - motion.base_needs(self.robot.base)
+        return needed
+
+    @cached_property
+    def joints(self) -> FloatArray:
+        """(n − 1, 12) torque that the joints' motion takes beyond ground, motors and friction [N m]."""
+        motion, world = self.recorded, self.world
+        speed = motion.mid("dq")
+        _, ground = self.forces
+        driven = world.torque_constant * motion.at("tau")
+        lacks = self.needed[:, 6:] + world.damping * speed - ground - driven
+        held = np.sign(lacks) * np.maximum(0.0, np.abs(lacks) - world.dry_friction)
+        left: FloatArray = np.where(np.abs(speed) > _STILL, lacks + world.dry_friction * np.sign(speed), held)
+        return left
+
+    @cached_property
+    def forces(self) -> tuple[FloatArray, FloatArray]:
+        """(n − 1, 6) wrench on the base and (n − 1, 12) torque on the joints, of ground and grass."""
+        base, joints = self.ground.forces
+        if not self.world.drag:
+            return base, joints
+        held = self.recorded.pushed(self._drag)
+        return base + held[0], joints + held[1]
+
+    @cached_property
+    def _drag(self) -> FloatArray:
+        """(n − 1, 4, 3) on low feet, base axes [N]."""
+        motion = self.recorded
+        place, _, _ = motion.feet
+        rise = np.array([-self.ground.rise, 0.0, 1.0])
+        base = np.column_stack([motion.mid(name) for name in ("x", "y", "z")]) @ rise
+        height = base[:, None] + np.einsum("i,nij,nkj->nk", rise, motion.attitude, place)
+        low = (height < self.world.drag_height)[:, :, None]
+        force: FloatArray = -self.world.drag * motion.foot_speed * low
+        return force
+
+    @cached_property
+    def push(self) -> FloatArray:
+        """(n − 1, 3) force on the base that the test declares, base axes [N]."""
+        motion = self.recorded
+        if not self.test.push:
+            return np.zeros((len(motion.dt), 3))
+        force = np.array([self.test.push_force(time) for time in motion.trace.times[:-1].tolist()])
+        heading = motion.at("yaw") + np.radians(self.test.push_towards)
+        world = np.column_stack((force * np.cos(heading), force * np.sin(heading), np.zeros_like(force)))
+        turned: FloatArray = np.einsum("nji,nj->ni", motion.attitude, world)
+        return turned
+
+    @cached_property
+    def strength(self) -> FloatArray:
+        """(n − 1,) what motors deliver, as a part of what they are asked for."""
+        elapsed = np.maximum(self.recorded.trace.times[:-1], 0.0)
+        left: FloatArray = self.world.strength * np.maximum(0.0, 1.0 - self.world.fade * elapsed)
+        return left
+
+    @cached_property
+    def delivered(self) -> FloatArray:
+        """(n − 1, 12) torque that the motors should report [N m]: late, limited, and through the play of gears."""
+        motion, gains, world = self.recorded, self.gains, self.world
+        swings = 1.0 - np.repeat(motion.at("stance"), 3, axis=1)
+        kp, kd = gains.kp_joint_swing * swings, gains.kd_joint
+        asked = motion.at("tau_cmd") - kp * np.tile(world.encoder_offset, 4)
+        low, high = self._limits
+        given = self._given
+        if world.backlash:
+            q, dq = motion.trace["q"], motion.trace["dq"]
+            return passed_on(
+                asked,
+                kp,
+                kd,
+                q,
+                dq,
+                given,
+                self.strength,
+                low,
+                high,
+                motion.dt,
+                world.backlash,
+                world.armature,
+            )
+        # What is reported is of the last step of a tick, and so is the law in it.
+        law = given[:, -1]
+        moved, turned = motion.mid("q") - motion.at("q")[law], motion.mid("dq") - motion.at("dq")[law]
+        torque: FloatArray = self.strength[:, None] * np.clip(
+            asked[law] - kp[law] * moved - kd * turned, low, high
+        )
+        return torque
+
+    @cached_property
+    def _given(self) -> IntArray:
+        """(n − 1, steps) the tick whose law is in force in each of the steps of physics in a tick."""
+        motion, world = self.recorded, self.world
+        steps = max(1, round(float(np.median(motion.dt)) / world.timestep))
+        middles = motion.trace.times[:-1, None] + motion.dt[:, None] * (np.arange(steps) + 0.5) / steps
+        ticks: IntArray = np.searchsorted(motion.trace.times, middles - world.latency, side="right") - 1
+        return np.clip(ticks, 0, None)
+
+    @cached_property
+    def _limits(self) -> tuple[FloatArray, FloatArray]:
+        """(n − 1, 12) least and largest torque that motors are asked for [N m]."""
+        speed, limit, voltage = self.recorded.mid("dq"), self.robot.torque_limit, self.world.voltage
+        low, high = np.full_like(speed, -limit), np.full_like(speed, limit)
+        if voltage < 1.0:
+            driving = limit * np.clip(2.0 * (voltage - np.abs(speed) / self.robot.speed_limit), 0.0, 1.0)
+            low, high = np.where(speed < 0, -driving, low), np.where(speed > 0, driving, high)
+        return low, high
+
+    @cached_property
+    def follows(self) -> FloatArray:
+        """(n − 1, 3) acceleration that should follow from the QP's prediction, forward, left, up [m/s²].
+
+        Forces are what the controller reckons with in its own frame and with its own mass:
+        motors deliver a part of them, they lift another mass, and the frame is askew.
+        """
+        motion = self.recorded
+        roll, pitch = motion.mid("roll"), motion.mid("pitch")
+        askew_roll, askew_pitch = np.radians(self.world.attitude_bias)
+        up = _levelled(roll, pitch, _up_in_base(roll + askew_roll, pitch + askew_pitch))
+        part = self.strength * self.world.torque_constant * self.robot.mass / self.loaded.mass
+        felt = motion.at("acc_pred") + GRAVITY * up
+        follows: FloatArray = part[:, None] * felt - np.array([0.0, 0.0, GRAVITY])
+        return follows
+
+    @cached_property
+    def estimated(self) -> FloatArray:
+        """(n − 1, 2) velocity that the robot should take for its own, forward and left [m/s]."""
+        motion, world = self.recorded, self.world
+        roll, pitch = np.radians(world.attitude_bias)
+        # An IMU that is askew takes a part of gravity for an acceleration, until leg odometry has corrected it.
+        leak = GRAVITY * BLEND * np.array([np.sin(pitch), -np.sin(roll)])
+        true = np.column_stack([motion.at(name) for name in ("vx", "vy")])
+        seen: FloatArray = world.velocity_scale * (true + leak) + np.array(world.velocity_bias)
+        return seen
+
+    @cached_property
+    def grips(self) -> FloatArray:
+        """(n − 1, 4) friction that sliding feet lack, and that others have too much of [N]."""
+        motion = self.recorded
+        force, normal = self._pressed
+        held = np.linalg.norm(force - normal[..., None] * self.ground.normal, axis=-1)
+        over = held - self.world.friction * normal
+        slides = np.linalg.norm(self.ground.contact_speed - self.creeps, axis=-1) > _SLIDES
+        lacks: FloatArray = motion.touches * np.where(slides, over, np.maximum(over, 0.0))
+        return lacks
+
+    @cached_property
+    def sinks(self) -> FloatArray:
+        """(n − 1, 4) how much further feet should sink than into bare ground [m]."""
+        _, normal = self._pressed
+        here, bare = self._grounds
+        further: FloatArray = here.depth_under(normal) - bare.depth_under(normal)
+        return further
+
+    @cached_property
+    def creeps(self) -> FloatArray:
+        """(n − 1, 4, 3) velocity at which loaded feet should creep beyond that on bare ground, world axes [m/s]."""
+        force, normal = self._pressed
+        here, bare = self._grounds
+        more = here.creep_under(normal) - bare.creep_under(normal)
+        # A foot gives way to what holds the robot.
+        gives: FloatArray = -more[..., None] * (force - normal[..., None] * self.ground.normal)
+        return gives
+
+    @cached_property
+    def _pressed(self) -> tuple[FloatArray, FloatArray]:
+        """(n − 1, 4, 3) ground on feet, world axes, and (n − 1, 4) its normal part [N]."""
+        force = self.recorded.at("foot_force").reshape(-1, 4, 3)
+        return force, force @ self.ground.normal
+
+    @property
+    def _grounds(self) -> tuple[Yielding, Yielding]:
+        here, bare = self.world, self.bare
+        return yielding(self.robot, here.impratio, here.sink), yielding(self.robot, bare.impratio, bare.sink)
+
+
+def _up_in_base(roll: FloatArray, pitch: FloatArray) -> FloatArray:
+    """Return (n, 3) the vertical in base axes."""
+    return np.column_stack((-np.sin(pitch), np.sin(roll) * np.cos(pitch), np.cos(roll) * np.cos(pitch)))
+
+
+def _levelled(roll: FloatArray, pitch: FloatArray, vector: FloatArray) -> FloatArray:
+    """Return (n, 3) of base axes as forward, left and up."""
+    x, y, z = turned(roll, pitch, 0.0, vector.T, np.sin, np.cos)
+    return np.column_stack((x, y, z))

@@ -1,0 +1,70 @@
+"""How far a foot sinks into the ground of a world, and how fast it creeps, under a steady force.
+
+MuJoCo gives a contact the reference acceleration −b v − k r and lets it yield by
+R = (1 − d)/d · Â, with an impedance d that grows with the depth r (MuJoCo's documentation,
+"Computation", constraint model). Where nothing accelerates, k r = R f under a normal force f,
+and b v = (R / impratio) f under a tangential one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_sim import mujoco_model
+from s2r_sim.figures import LEGS, Robot
+from s2r_sim.physics import Physics
+
+FloatArray = NDArray[np.float64]
+
+_DEEPEST = 0.06
+"""[m]"""
+
+
+@dataclass(frozen=True)
+class Yielding:
+    """The table from force to depth of one world; rising, both (n,).
+
+    Attributes:
+        force: [N] normal, steady.
+        depth: [m] at which the ground bears it.
+        creep: [m/s per N] of tangential force, there.
+    """
+
+    force: FloatArray
+    depth: FloatArray
+    creep: FloatArray
+
+    def depth_under(self, force: FloatArray) -> FloatArray:
+        """Return [m] under a normal force [N], any shape."""
+        return np.asarray(np.interp(force, self.force, self.depth))
+
+    def creep_under(self, force: FloatArray) -> FloatArray:
+        """Return [m/s] per newton of tangential force, under a normal force [N], any shape."""
+        return np.asarray(np.interp(force, self.force, self.creep))
+
+
+@lru_cache(maxsize=64)
+def yielding(robot: Robot, impratio: float, sink: float) -> Yielding:
+    """Return how a ground yields under a foot of this robot; see :class:`~s2r_sim.physics.Physics`."""
+    model = mujoco_model.build(robot, Physics(impratio=impratio, sink=sink))
+    floor = model.geom(mujoco_model.FLOOR)
+    constant, _ = floor.solref
+    least, most, width, middle, power = floor.solimp
+    # Â [1/kg]: how a shank answers a force, as MuJoCo estimates it once for a model.
+    lightness = float(model.body(f"{LEGS[0].name}_calf").invweight0[0])
+    depth = np.concatenate([[0.0], np.geomspace(1e-5, _DEEPEST, 200)])
+    part = np.clip(depth / width, 0.0, 1.0)
+    # MuJoCo's power curve through its middle.
+    rising = np.where(
+        part <= middle,
+        part**power / middle ** (power - 1),
+        1.0 - (1.0 - part) ** power / (1.0 - middle) ** (power - 1),
+    )
+    d = least + (most - least) * rising
+    compliance = (1.0 - d) / d * lightness
+    stiffness, damping = 1.0 / (most * constant) ** 2, 2.0 / (most * constant)
+    return Yielding(stiffness * depth / compliance, depth, compliance / impratio / damping)
