@@ -137,18 +137,28 @@ class HowFar:
 
     @property
     def _may_close(self) -> bool:
-        """Whether held-out rollouts are too few, or too unsteady, to say that a patch does not close all of it."""
-        return any(part[2] >= 1.0 for part in (self.share, self.tuned_share) if part is not None)
+        """Whether held-out rollouts are too few, or too unsteady, to say that a patch does not close all of it.
+
+        An interval that allows for a gap twice as large after the patch as before it says nothing either.
+        """
+        return any(part[2] >= 1.0 for part in self._parts) or bool(self._parts and self._best[1] < -1.0)
 
     @property
     def _surely_closes(self) -> bool:
         """Whether that is more than the chance of a few held-out tests: where one has all of the gap, any patch may."""
-        parts = [part for part in (self.share, self.tuned_share) if part is not None]
-        return bool(parts) and max(parts, key=lambda part: part[0])[1] > 0.0
+        return bool(self._parts) and self._best[1] > 0.0
 
     @property
     def _closes(self) -> float:
-        return max((part[0] for part in (self.share, self.tuned_share) if part is not None), default=-np.inf)
+        return self._best[0] if self._parts else -np.inf
+
+    @property
+    def _best(self) -> tuple[float, float, float]:
+        return max(self._parts, key=lambda part: part[0])
+
+    @property
+    def _parts(self) -> tuple[tuple[float, float, float], ...]:
+        return tuple(part for part in (self.share, self.tuned_share) if part is not None)
 
     def to_json(self) -> dict[str, Any]:
         """Return a JSON object."""

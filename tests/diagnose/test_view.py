@@ -133,6 +133,12 @@ def test_a_gap_that_a_patch_may_close_for_all_that_its_interval_says_is_not_open
     half = how_far(real, np.zeros(9), 0.3 * real, 0.3 * real, tests, 0.01, 0.0, 3, "m")
     assert half.share[2] < 1.0
     assert (half.open, half.unexplained) == (True, True)
+    # Nearly closed but for one test, which the patch makes six times as bad: for all one knows it helps, or harms.
+    wild = np.array([0.9] * 8 + [-5.5])
+    found = how_far(np.ones(9), np.zeros(9), wild, wild, tests, 0.01, 0.0, 3, "m")
+    assert found.share[1] < -1.0 < found.share[0] < 0.5
+    assert found.share[2] < 1.0
+    assert (found.open, found.unexplained) == (False, False)
 
 
 @pytest.mark.parametrize(
