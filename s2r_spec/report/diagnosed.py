@@ -107,6 +107,11 @@ def where_words(where: Where, spec: Spec) -> tuple[str, ...]:
         lines.append(f"most of it in {name} ({credit[name]:+.3g} {unit})".replace(" )", ")"))
     if where.pair.switch is not None:
         lines.append(str(where.pair.switch))
+    if where.space is not None:
+        place = test_words(where.space.worst, spec.space.units)
+        size, low, high = where.space.largest
+        expected = f"{size:.3g} [{low:.3g}, {high:.3g}] {where.space.unit}".rstrip()
+        lines.append(f"worst of the whole test space is likely {place}: expected |Δρ| {expected}")
     return tuple(lines)
 
 

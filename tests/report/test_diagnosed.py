@@ -287,6 +287,16 @@ def test_without_where_or_held_out_tests_the_page_says_so():
     assert len(page.pictures) == 1
 
 
+def test_the_text_names_the_worst_of_all_tests_beside_that_of_those_that_were_run():
+    tests, place = where_of(2)
+    spec = spec_of(2)
+    assert diagnosed.where_words(place, spec)[-1] == (
+        "worst of the whole test space is likely vd = 0 m/s, load = 0 kg: expected |Δρ| 0.05 [0.04, 0.06] m"
+    )
+    nowhere = diagnosed.where_words(replace(place, space=None), spec)
+    assert nowhere == diagnosed.where_words(place, spec)[:-1]
+
+
 def test_small_gaps_are_not_rounded_to_nothing(one):
     found, spec = one
     tiny = replace(found.how_far.before, mean=1.5e-5, low=1.4e-5, high=1.6e-5, worst=2e-5)
