@@ -10,6 +10,7 @@ import pytest
 import s2r_sim
 from s2r_sim import SimBackend
 from s2r_sim.backend import _ONLOOKERS
+from s2r_sim.residuals import RESIDUALS
 from s2r_spec.backend import HasResiduals
 from s2r_spec.errors import TraceError
 from s2r_spec.trace import Trace
@@ -192,6 +193,20 @@ def test_what_cannot_be_computed_is_left_out_and_nothing_at_all_is_said():
     short = Trace(trace.times[:5], {name: values[:5] for name, values in trace.channels.items()})
     with pytest.raises(TraceError, match=r"residuals need \d+ samples or more, and the trace has 5"):
         SIM.residuals(short)
+
+
+@pytest.mark.parametrize("one", RESIDUALS, ids=lambda one: one.name)
+def test_a_residual_needs_no_channel_but_those_that_it_lists(one):
+    machine = SIM.with_effects(
+        {
+            effect.name: {p.name: 0.9 * p.nominal + 0.1 * p.high for p in effect.parameters}
+            for effect in SIM.effects()
+        }
+    )
+    trace = SIM.rollout({"vd": 0.1}, seed=0)
+    few = trace.only(list(one.needs))
+    np.testing.assert_array_equal(SIM.residuals(few)[one.name], SIM.residuals(trace)[one.name])
+    assert np.isfinite(machine.residuals(few)[one.name]).all()
 
 
 def test_it_is_cheap_and_pure():

@@ -183,9 +183,11 @@ class Motion:
         motors deliver a part of them, they lift another mass, and the frame is askew.
         """
         motion = self.recorded
-        roll, pitch = motion.mid("roll"), motion.mid("pitch")
-        askew_roll, askew_pitch = np.radians(self.world.attitude_bias)
-        up = _levelled(roll, pitch, _up_in_base(roll + askew_roll, pitch + askew_pitch))
+        up = np.array([0.0, 0.0, 1.0])
+        if any(self.world.attitude_bias) and {"roll", "pitch"} <= set(motion.trace.channels):
+            roll, pitch = motion.mid("roll"), motion.mid("pitch")
+            by_roll, by_pitch = np.radians(self.world.attitude_bias)
+            up = _levelled(roll, pitch, _up_in_base(roll + by_roll, pitch + by_pitch))
         part = self.strength * self.world.torque_constant * self.robot.mass / self.loaded.mass
         felt = motion.at("acc_pred") + GRAVITY * up
         follows: FloatArray = part[:, None] * felt - np.array([0.0, 0.0, GRAVITY])
