@@ -15,6 +15,7 @@ from s2r_sim.figures import A1, GRAVITY
 from s2r_sim.gains import RATE
 from s2r_sim.noise import Noise
 from s2r_sim.physics import Physics
+from s2r_sim.residuals import RESIDUALS
 from s2r_sim.twins import PLACES
 
 
@@ -107,7 +108,26 @@ def twins() -> str:
     )
 
 
-TABLES = (figures, noise, parameters, channels, effects, twins)
+def residuals() -> str:
+    """Each residual with the effects that change it, at either end of any of their parameters, on one rollout."""
+    sim = SimBackend(duration=0.5)
+    trace = sim.rollout({"vd": 0.3}, seed=0)
+    nominal = sim.residuals(trace)
+    known: dict[str, list[str]] = {one.name: [] for one in RESIDUALS}
+    for effect in CATALOGUE.values():
+        ends: list[dict[str, float]] = [{p.name: p.high for p in effect.parameters}]
+        ends += [{p.name: p.low} for p in effect.parameters]
+        others = [sim.with_effects({effect.name: values}).residuals(trace) for values in ends]
+        for name, effects in known.items():
+            if any(other[name].tobytes() != nominal[name].tobytes() for other in others):
+                effects.append(f"`{effect.name}`")
+    return table(
+        ("residual", "unit", "columns", "effects that it knows"),
+        [(f"`{one.name}`", one.unit, len(one.parts), ", ".join(known[one.name])) for one in RESIDUALS],
+    )
+
+
+TABLES = (figures, noise, parameters, channels, effects, residuals, twins)
 
 if __name__ == "__main__":
     print("\n\n".join(make() for make in TABLES))

@@ -174,7 +174,7 @@ def seen_through(fitted: Joint, project: FloatArray, variance: FloatArray, nuisa
     return Joint(fitted.at, rest, jacobian, misfit(rest, variance, nuisances), fitted.cost)
 
 
-def turned(
+def rephased(
     model: Model,
     data: FloatArray,
     variance: FloatArray,

@@ -42,8 +42,8 @@ from s2r_spec.diagnose.joint import (
     misfit,
     polished,
     reach,
+    rephased,
     seen_through,
-    turned,
 )
 from s2r_spec.diagnose.judge import Judge, Sets, describe, temperature, train
 from s2r_spec.diagnose.layout import SHOTS, Layout, functions
@@ -197,7 +197,7 @@ class State:
         view = self.view
         part = Part(self.simulator, effects, at)
         known = (view.data, view.variance, view.nuisances)
-        found = at[part.lines] if self.simulator.dear else turned(part, *known, at[part.lines], WIDE)
+        found = at[part.lines] if self.simulator.dear else rephased(part, *known, at[part.lines], WIDE)
         found = polished(part, *known, found, WIDE)
         if self.simulator.dear:
             return part.all(found), {}

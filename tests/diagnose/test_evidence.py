@@ -9,7 +9,7 @@ from scipy.stats import multivariate_normal
 from s2r_spec.diagnose.catalogue import Catalogue
 from s2r_spec.diagnose.evidence import ALLOWED, LARGE, MORE, Linear, evidence, ground, posterior, solved
 from s2r_spec.diagnose.isolability import isolability
-from s2r_spec.diagnose.joint import Joint, joint_fit, polished, reach, turned
+from s2r_spec.diagnose.joint import Joint, joint_fit, polished, reach, rephased
 from s2r_spec.diagnose.judge import _strangeness
 
 EFFECTS, SIZE = 4, 30
@@ -149,8 +149,8 @@ def test_a_phase_is_found_although_derivatives_lead_to_the_end_of_its_range():
     begin = np.array([1.0, -0.7])
     astray = joint_fit(model, *known, begin, model.jacobian(begin, model.change(begin)), 3.0)
     assert astray.at[1] < 0
-    np.testing.assert_allclose(turned(model, *known, astray.at, 3.0), true, atol=0.02)
-    np.testing.assert_array_equal(turned(model, *known, true, 3.0), true)
+    np.testing.assert_allclose(rephased(model, *known, astray.at, 3.0), true, atol=0.02)
+    np.testing.assert_array_equal(rephased(model, *known, true, 3.0), true)
 
 
 def test_a_phase_may_be_anywhere_that_the_data_leave_open():

@@ -288,7 +288,7 @@ def test_without_where_or_held_out_tests_the_page_says_so():
 
 
 def test_the_text_names_the_worst_of_all_tests_beside_that_of_those_that_were_run():
-    tests, place = where_of(2)
+    _, place = where_of(2)
     spec = spec_of(2)
     assert diagnosed.where_words(place, spec)[-1] == (
         "worst of the whole test space is likely vd = 0 m/s, load = 0 kg: expected |Δρ| 0.05 [0.04, 0.06] m"
