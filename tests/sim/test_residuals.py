@@ -10,7 +10,11 @@ import pytest
 import s2r_sim
 from s2r_sim import SimBackend
 from s2r_sim.backend import _ONLOOKERS
-from s2r_sim.residuals import RESIDUALS
+from s2r_sim.effects.choice import world
+from s2r_sim.parameters import read_test
+from s2r_sim.residuals import RESIDUALS, residuals
+from s2r_sim.residuals.motion import recorded
+from s2r_sim.residuals.world import Motion
 from s2r_spec.backend import HasResiduals
 from s2r_spec.errors import TraceError
 from s2r_spec.trace import Trace
@@ -119,6 +123,30 @@ def test_a_simulator_that_knows_an_effect_leaves_little_of_it(
     usual = size(nominal[residual])
     assert size(SIM.residuals(trace, {"vd": 0.3})[residual]) > without * usual
     assert size(machine.residuals(trace, {"vd": 0.3})[residual]) < knowing * usual
+
+
+def test_every_field_that_changes_a_residual_is_one_that_it_is_shown():
+    """What a residual is not shown it takes for nominal, and would leave in silence."""
+    trace = SIM.rollout({"vd": 0.3}, seed=1)
+    motion = recorded(trace, SIM.settings.robot)
+    test = read_test({"vd": 0.3})
+    bare = test.world(SIM.settings.physics)
+    for effect in SIM.effects():
+        for p in effect.parameters:
+            for value in (p.low, p.high):
+                with_it = SIM.with_effects({effect.name: {p.name: value}}).added
+                here = test.world(world(SIM.settings.physics, with_it))
+                asked = residuals(trace, SIM.settings, with_it, {"vd": 0.3})
+                plain = residuals(trace, SIM.settings, (), {"vd": 0.3})
+                for one in RESIDUALS:
+                    whole = one.of(Motion(motion, SIM.settings.gains, bare, here, test))
+                    nominal = one.of(Motion(motion, SIM.settings.gains, bare, bare, test))
+                    changes = not np.array_equal(whole, nominal)
+                    assert changes == (asked[one.name].tobytes() != plain[one.name].tobytes()), (
+                        effect.name,
+                        p.name,
+                        one.name,
+                    )
 
 
 def test_effects_that_are_known_together_leave_little_together(nominal):

@@ -29,6 +29,7 @@ from scipy.ndimage import convolve1d
 from s2r_sim.effects import choice
 from s2r_sim.figures import LEGS
 from s2r_sim.parameters import read_test
+from s2r_sim.physics import Physics
 from s2r_sim.residuals.motion import Recorded, recorded
 from s2r_sim.residuals.world import Motion
 from s2r_sim.settings import Settings
@@ -49,11 +50,21 @@ _BASE = ("base",) * 3
 
 @dataclass(frozen=True)
 class _Residual:
-    """One residual: its unit, the channels it needs, what its columns belong to."""
+    """One residual.
+
+    Attributes:
+        name: of its channel.
+        unit: of its channel.
+        needs: channels of the trace.
+        knows: fields of the world that change it; it is shown no other, and asked once for each of their values.
+        parts: what its columns belong to.
+        of: a motion in a world → (n − 1, columns).
+    """
 
     name: str
     unit: str
     needs: tuple[str, ...]
+    knows: tuple[str, ...]
     parts: tuple[str, ...]
     of: Callable[[Motion], FloatArray]
 
@@ -79,24 +90,32 @@ def residuals(
             f"residuals need {len(window) + 1} samples or more, and the trace has {len(trace)}; "
             f"they are averaged over {WINDOW:g} s"
         )
-    bare = settings.physics
-    motion = Motion(
-        recorded(trace, settings.robot),
-        settings.gains,
-        test.world(bare),
-        test.world(choice.world(bare, effects)),
-        test,
-    )
-    found = [one.of(motion) for one in possible]
+    motion = recorded(trace, settings.robot)
+    bare, here = test.world(settings.physics), test.world(choice.world(settings.physics, effects))
     half, n = len(window) // 2, len(trace) - 1
-    smooth = convolve1d(np.hstack(found), window, axis=0)[half : n - half]
-    ends = np.cumsum([values.shape[1] for values in found])
+
+    def smooth(one: _Residual) -> FloatArray:
+        worlds = _shown(bare, one.knows), _shown(here, one.knows)
+        place = (settings.gains, *worlds, test)
+        if (one.name, place) not in motion.kept:
+            if place not in motion.kept:
+                motion.kept[place] = Motion(motion, *place)
+            values = one.of(motion.kept[place])
+            motion.kept[one.name, place] = convolve1d(values, window, axis=0)[half : n - half]
+        kept: FloatArray = motion.kept[one.name, place]
+        return kept
+
     return Trace(
-        (trace.times[:-1] + np.diff(trace.times) / 2)[half : n - half],
-        dict(zip((one.name for one in possible), np.split(smooth, ends[:-1], axis=1), strict=True)),
+        (trace.times[:-1] + motion.dt / 2)[half : n - half],
+        {one.name: smooth(one) for one in possible},
         units={one.name: one.unit for one in possible},
         meta={"parts": {one.name: one.parts for one in possible}},
     )
+
+
+def _shown(world: Physics, fields: tuple[str, ...]) -> Physics:
+    """Return the nominal world with these fields of another."""
+    return Physics(**{name: getattr(world, name) for name in fields})
 
 
 def _base_wrench(motion: Motion) -> FloatArray:
@@ -177,21 +196,61 @@ _ON_GROUND = (*_MOTION, "contact")
 _EACH_AXIS = tuple(f"{foot} foot" for foot in _FEET for _ in range(3))
 _EACH_FOOT = tuple(f"{foot} foot" for foot in _FEET)
 
+_JOINTS_KNOW = (
+    *("armature", "damping", "dry_friction", "torque_constant"),
+    *("drag", "drag_height", "slope"),
+)
+_BASE_KNOWS = ("payloads", "com_shift", "drag", "drag_height", "slope")
+_MOTOR_KNOWS = (
+    *("strength", "fade", "voltage", "latency", "encoder_offset"),
+    *("backlash", "armature", "timestep"),
+)
+_PREDICTION_KNOWS = ("strength", "fade", "torque_constant", "payloads", "com_shift", "attitude_bias")
+_ESTIMATE_KNOWS = ("velocity_bias", "velocity_scale", "attitude_bias")
+_SLIP_KNOWS = ("impratio", "sink", "slope")
+
 RESIDUALS = (
-    _Residual("joint_torque", "N*m", (*_WITH_FORCE, "tau"), _JOINTS, lambda motion: motion.joints),
-    _Residual("base_force", "N", _WITH_FORCE, _BASE, lambda motion: _base_wrench(motion)[:, :3]),
-    _Residual("base_torque", "N*m", _WITH_FORCE, _BASE, lambda motion: _base_wrench(motion)[:, 3:]),
-    _Residual("motor", "N*m", ("q", "dq", "tau", "tau_cmd", "stance"), _JOINTS, _motor),
-    _Residual("acceleration", "m/s^2", ("acc_pred", "vx", "vy", "vz", "yaw"), _BASE, _acceleration),
-    _Residual("velocity_estimate", "m/s", ("vx_est", "vy_est", "vx", "vy"), ("IMU and legs",) * 2, _estimate),
-    _Residual("slip", "m/s", _ON_GROUND, _EACH_FOOT * 2, _slip),
-    _Residual("grip", "N", (*_ON_GROUND, "foot_force"), _EACH_FOOT, lambda motion: motion.grips),
-    _Residual("sinking", "m", ("foot_position", "contact"), _EACH_FOOT, _sinking),
-    _Residual("contact_timing", "", ("contact", "stance"), _EACH_FOOT, _timing),
     _Residual(
-        "joint_speed", "rad/s", ("q", "dq"), tuple(f"{name} encoder" for name in _JOINTS), _joint_speed
+        "joint_torque", "N*m", (*_WITH_FORCE, "tau"), _JOINTS_KNOW, _JOINTS, lambda motion: motion.joints
     ),
-    _Residual("foot_place", "m", (*_POSE, "q", "foot_position"), _EACH_AXIS, _foot_place),
+    _Residual("base_force", "N", _WITH_FORCE, _BASE_KNOWS, _BASE, lambda motion: _base_wrench(motion)[:, :3]),
+    _Residual(
+        "base_torque", "N*m", _WITH_FORCE, _BASE_KNOWS, _BASE, lambda motion: _base_wrench(motion)[:, 3:]
+    ),
+    _Residual("motor", "N*m", ("q", "dq", "tau", "tau_cmd", "stance"), _MOTOR_KNOWS, _JOINTS, _motor),
+    _Residual(
+        "acceleration",
+        "m/s^2",
+        ("acc_pred", "vx", "vy", "vz", "yaw"),
+        _PREDICTION_KNOWS,
+        _BASE,
+        _acceleration,
+    ),
+    _Residual(
+        "velocity_estimate",
+        "m/s",
+        ("vx_est", "vy_est", "vx", "vy"),
+        _ESTIMATE_KNOWS,
+        ("IMU and legs",) * 2,
+        _estimate,
+    ),
+    _Residual("slip", "m/s", _ON_GROUND, _SLIP_KNOWS, _EACH_FOOT * 2, _slip),
+    _Residual(
+        "grip",
+        "N",
+        (*_ON_GROUND, "foot_force"),
+        (*_SLIP_KNOWS, "friction"),
+        _EACH_FOOT,
+        lambda motion: motion.grips,
+    ),
+    _Residual(
+        "sinking", "m", ("foot_position", "contact"), ("sink", "impratio", "slope"), _EACH_FOOT, _sinking
+    ),
+    _Residual("contact_timing", "", ("contact", "stance"), (), _EACH_FOOT, _timing),
+    _Residual(
+        "joint_speed", "rad/s", ("q", "dq"), (), tuple(f"{name} encoder" for name in _JOINTS), _joint_speed
+    ),
+    _Residual("foot_place", "m", (*_POSE, "q", "foot_position"), (), _EACH_AXIS, _foot_place),
 )
 """``slip`` is forward, then left, both of the feet that touch; ``contact_timing`` is +1 where a foot touches
 while the gait has it in the air, −1 where it misses the ground."""
