@@ -164,10 +164,9 @@ class SimBackend:
     def residuals(self, trace: Trace, params: Mapping[str, float] | None = None) -> Trace:
         """Return what this simulator leaves unexplained; see :class:`s2r_spec.backend.HasResiduals`.
 
-        Its effects are reckoned with, as far as they say what should have been recorded:
-        uneven ground and backlash do not, for where the ground rises and where in its play
-        a gear stands is not recorded, nor does ground friction, which bounds a force and
-        sets none. Positive is what the outside world adds: a push ahead is a positive ``base_force``.
+        Its effects are reckoned with, as far as they say what should have been recorded;
+        uneven ground does not, for how high it was under a foot is not recorded. Positive
+        is what the outside world adds: a push ahead is a positive ``base_force``.
 
         Raises:
             TraceError: no residual can be computed from the channels, or the trace is too short.

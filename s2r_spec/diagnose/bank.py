@@ -109,15 +109,17 @@ def _source() -> str:
 
 
 def _code(kind: type) -> str:
-    """Return a hash of the package that a class is in, or of its file where that is in none."""
-    try:
-        file = Path(inspect.getfile(kind))
-    except (OSError, TypeError):
-        return ""
-    packaged = (file.parent / "__init__.py").exists()
+    """Return a hash of the packages that a class and those it is made from are in, or of their files."""
     digest = hashlib.sha256()
-    for path in sorted(file.parent.rglob("*.py")) if packaged else (file,):
-        digest.update(path.read_bytes())
+    for one in kind.__mro__:
+        try:
+            file = Path(inspect.getfile(one))
+        except (OSError, TypeError):
+            continue  # built in, or typed at a prompt
+        packaged = (file.parent / "__init__.py").exists()
+        if not one.__module__.startswith("s2r_spec."):
+            for path in sorted(file.parent.rglob("*.py")) if packaged else (file,):
+                digest.update(path.relative_to(file.parent).as_posix().encode() + path.read_bytes())
     return digest.hexdigest()
 
 

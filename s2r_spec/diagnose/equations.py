@@ -22,8 +22,8 @@ from s2r_spec.trace import Trace
 
 FloatArray = NDArray[np.float64]
 
-LEAST = 0.1
-"""Mean square, in units of the nominal residual's, by which a regressor must be larger to be asked for."""
+SHRINKAGE = 0.1
+"""Ridge of the regression, a mean square in the residuals' units: a smaller regressor is hardly asked for."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ class Equations:
         if found is None:
             return np.full(len(self.probes), np.nan)
         rest, x = found
-        gram = x @ x.T / rest.size + LEAST * np.eye(len(x))
+        gram = x @ x.T / rest.size + SHRINKAGE * np.eye(len(x))
         return np.asarray(np.linalg.solve(gram, x @ rest / rest.size), dtype=np.float64)
 
     def regressors(self, trace: Trace, params: Mapping[str, float]) -> tuple[FloatArray, FloatArray] | None:
@@ -77,8 +77,11 @@ class Equations:
             others = [self._residuals({p.effect: {p.parameter: p.value}}, trace, params) for p in self.probes]
         except TraceError:
             return None
-        taken = [(rest - other) / p.coordinate for p, other in zip(self.probes, others, strict=True)]
-        return rest, np.array(taken).reshape(len(self.probes), rest.size)
+        coordinates = np.array([p.coordinate for p in self.probes])
+        taken = (rest - np.array(others).reshape(len(others), rest.size)) / coordinates[:, np.newaxis]
+        # A sample that was not recorded is left out of all of them.
+        there = np.isfinite(rest) & np.isfinite(taken).all(axis=0)
+        return np.where(there, rest, 0.0), np.where(there, taken, 0.0)
 
     def _residuals(
         self, values: Mapping[str, Mapping[str, float]], trace: Trace, params: Mapping[str, float]
@@ -95,4 +98,4 @@ class Equations:
         if missing := [name for name in self.units if name not in found.channels]:
             raise TraceError(f"the residual {missing[0]!r} cannot be computed of this trace")
         columns = [found[name].reshape(len(found), -1) / unit for name, unit in self.units.items()]
-        return np.asarray(np.nan_to_num(np.concatenate([c.ravel() for c in columns])), dtype=np.float64)
+        return np.concatenate([c.ravel() for c in columns])

@@ -139,9 +139,12 @@ class HowFar:
     def _may_close(self) -> bool:
         """Whether held-out rollouts are too few, or too unsteady, to say that a patch does not close all of it.
 
-        An interval that allows for a gap twice as large after the patch as before it says nothing either.
+        An interval in which the patch helps, and as well makes the gap twice as large, says nothing either.
         """
-        return any(part[2] >= 1.0 for part in self._parts) or bool(self._parts and self._best[1] < -1.0)
+        if not self._parts:
+            return False
+        _, low, high = self._best
+        return any(part[2] >= 1.0 for part in self._parts) or low < -1.0 < 0.0 < high
 
     @property
     def _surely_closes(self) -> bool:

@@ -139,6 +139,10 @@ def test_a_gap_that_a_patch_may_close_for_all_that_its_interval_says_is_not_open
     assert found.share[1] < -1.0 < found.share[0] < 0.5
     assert found.share[2] < 1.0
     assert (found.open, found.unexplained) == (False, False)
+    # One that surely harms does not close it.
+    worse = how_far(np.ones(9), np.zeros(9), -1.5 * np.ones(9), -1.5 * np.ones(9), tests, 0.01, 0.0, 3, "m")
+    assert worse.share[2] < -1.0
+    assert (worse.open, worse.unexplained) == (True, True)
 
 
 @pytest.mark.parametrize(

@@ -21,6 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +29,8 @@ from scipy.ndimage import convolve1d
 
 from s2r_sim.effects import choice
 from s2r_sim.figures import LEGS
-from s2r_sim.parameters import read_test
+from s2r_sim.gains import Gains
+from s2r_sim.parameters import Test, read_test
 from s2r_sim.physics import Physics
 from s2r_sim.residuals.motion import Recorded, recorded
 from s2r_sim.residuals.world import Motion
@@ -55,7 +57,8 @@ class _Residual:
     Attributes:
         name: of its channel.
         unit: of its channel.
-        needs: channels of the trace.
+        needs: channels of the trace. Of two more it makes use where they are there: of ``foot_force`` for how far
+            a ground gives under ``slip`` and ``sinking``, of ``roll`` and ``pitch`` for a frame that is askew.
         knows: fields of the world that change it; it is shown no other, and asked once for each of their values.
         parts: what its columns belong to.
         of: a motion in a world → (n − 1, columns).
@@ -90,31 +93,40 @@ def residuals(
             f"residuals need {len(window) + 1} samples or more, and the trace has {len(trace)}; "
             f"they are averaged over {WINDOW:g} s"
         )
-    motion = recorded(trace, settings.robot)
+    log = recorded(trace, settings.robot)
     bare, here = test.world(settings.physics), test.world(choice.world(settings.physics, effects))
     half, n = len(window) // 2, len(trace) - 1
-
-    def smooth(one: _Residual) -> FloatArray:
-        worlds = _shown(bare, one.knows), _shown(here, one.knows)
-        place = (settings.gains, *worlds, test)
-        if (one.name, place) not in motion.kept:
-            if place not in motion.kept:
-                motion.kept[place] = Motion(motion, *place)
-            values = one.of(motion.kept[place])
-            motion.kept[one.name, place] = convolve1d(values, window, axis=0)[half : n - half]
-        kept: FloatArray = motion.kept[one.name, place]
-        return kept
-
     return Trace(
-        (trace.times[:-1] + motion.dt / 2)[half : n - half],
-        {one.name: smooth(one) for one in possible},
+        (trace.times[:-1] + log.dt / 2)[half : n - half],
+        {
+            one.name: _smooth(
+                one, log, settings.gains, _shown(bare, one.knows), _shown(here, one.knows), test
+            )
+            for one in possible
+        },
         units={one.name: one.unit for one in possible},
         meta={"parts": {one.name: one.parts for one in possible}},
     )
 
 
+@lru_cache(maxsize=128)
+def _smooth(
+    one: _Residual, log: Recorded, gains: Gains, bare: Physics, here: Physics, test: Test
+) -> FloatArray:
+    """Return (m, columns) of a residual, averaged; kept, for most worlds change one or two of them."""
+    window = _weights(log.trace.times)
+    half, n = len(window) // 2, len(log.trace) - 1
+    smooth: FloatArray = convolve1d(one.of(_moving(log, gains, bare, here, test)), window, axis=0)
+    return smooth[half : n - half]
+
+
+@lru_cache(maxsize=4)
+def _moving(log: Recorded, gains: Gains, bare: Physics, here: Physics, test: Test) -> Motion:
+    return Motion(log, gains, bare, here, test)
+
+
 def _shown(world: Physics, fields: tuple[str, ...]) -> Physics:
-    """Return the nominal world with these fields of another."""
+    """Return a world of defaults but for these fields, which are another's."""
     return Physics(**{name: getattr(world, name) for name in fields})
 
 
@@ -133,8 +145,8 @@ def _motor(motion: Motion) -> FloatArray:
 
 def _acceleration(motion: Motion) -> FloatArray:
     """What should follow from the QP's prediction, less what happened; forward, left, up."""
-    recorded = motion.recorded
-    left: FloatArray = motion.follows - _ahead(recorded, recorded.rate(recorded.velocity))
+    log = motion.recorded
+    left: FloatArray = motion.follows - _ahead(log, log.rate(log.velocity))
     return left
 
 
@@ -145,22 +157,19 @@ def _estimate(motion: Motion) -> FloatArray:
 
 
 def _slip(motion: Motion) -> FloatArray:
-    speed = motion.ground.contact_speed
-    if "foot_force" in motion.recorded.trace.channels:
-        speed = speed - motion.creeps
-    x, y, _ = np.moveaxis(_ahead(motion.recorded, speed), -1, 0)
+    x, y, _ = np.moveaxis(_ahead(motion.recorded, motion.slides), -1, 0)
     touches = motion.recorded.touches
     return np.hstack((touches * x, touches * y))
 
 
 def _sinking(motion: Motion) -> FloatArray:
     """How far balls are below the world's ground where they touch it; negative above."""
-    recorded, ground = motion.recorded, motion.ground
-    x, _, z = np.moveaxis(recorded.mid("foot_position").reshape(-1, 4, 3), -1, 0)
+    log, ground = motion.recorded, motion.ground
+    x, _, z = np.moveaxis(log.mid("foot_position").reshape(-1, 4, 3), -1, 0)
     below: FloatArray = motion.robot.foot_radius - (z - ground.rise * x) * ground.normal[2]
-    if "foot_force" in recorded.trace.channels:
+    if "foot_force" in log.trace.channels:
         below = below - motion.sinks
-    return recorded.touches * below
+    return log.touches * below
 
 
 def _timing(motion: Motion) -> FloatArray:
@@ -169,24 +178,24 @@ def _timing(motion: Motion) -> FloatArray:
 
 
 def _joint_speed(motion: Motion) -> FloatArray:
-    recorded = motion.recorded
-    left: FloatArray = recorded.rate(recorded.trace["q"]) - recorded.mid("dq")
+    log = motion.recorded
+    left: FloatArray = log.rate(log.trace["q"]) - log.mid("dq")
     return left
 
 
 def _foot_place(motion: Motion) -> FloatArray:
-    recorded = motion.recorded
-    place, _, _ = recorded.feet
-    base = np.column_stack([recorded.mid(name) for name in ("x", "y", "z")])
-    turned = np.einsum("nij,nkj->nki", recorded.attitude, place) + base[:, None]
-    left: FloatArray = recorded.mid("foot_position") - turned.reshape(-1, 12)
+    log = motion.recorded
+    place, _, _ = log.feet
+    base = np.column_stack([log.mid(name) for name in ("x", "y", "z")])
+    turned = np.einsum("nij,nkj->nki", log.attitude, place) + base[:, None]
+    left: FloatArray = log.mid("foot_position") - turned.reshape(-1, 12)
     return left
 
 
-def _ahead(recorded: Recorded, vector: FloatArray) -> FloatArray:
+def _ahead(log: Recorded, vector: FloatArray) -> FloatArray:
     """Return (n − 1, …, 3) of world axes as forward, left and up."""
     x, y, z = np.moveaxis(vector, -1, 0)
-    yaw = recorded.mid("yaw").reshape(-1, *[1] * (vector.ndim - 2))
+    yaw = log.mid("yaw").reshape(-1, *[1] * (vector.ndim - 2))
     c, s = np.cos(yaw), np.sin(yaw)
     return np.stack((c * x + s * y, c * y - s * x, z), axis=-1)
 
@@ -203,7 +212,7 @@ _JOINTS_KNOW = (
 _BASE_KNOWS = ("payloads", "com_shift", "drag", "drag_height", "slope")
 _MOTOR_KNOWS = (
     *("strength", "fade", "voltage", "latency", "encoder_offset"),
-    *("backlash", "armature", "timestep"),
+    *("backlash", "armature", "torque_constant", "timestep"),
 )
 _PREDICTION_KNOWS = ("strength", "fade", "torque_constant", "payloads", "com_shift", "attitude_bias")
 _ESTIMATE_KNOWS = ("velocity_bias", "velocity_scale", "attitude_bias")

@@ -33,8 +33,6 @@ class Recorded:
     def __init__(self, trace: Trace, robot: Robot) -> None:
         self.trace, self.robot = trace, robot
         self.dt: FloatArray = np.diff(trace.times)
-        self.kept: dict[Any, Any] = {}
-        """What has been found out about the motion in one world or another."""
 
     def at(self, name: str) -> FloatArray:
         """Return (n − 1, …): a channel at the beginning of every tick."""

@@ -43,7 +43,7 @@ def passed_on(
         high: (n, 12) most.
         dt: (n,) length of the ticks [s].
         gap: half of the play [rad].
-        inertia: of the rotor, seen at the joint [kg m²].
+        inertia: of the rotor, seen at the joint, over what a newton metre of the law truly is [kg m²].
     """
     n, joints = asked.shape
     steps = given.shape[1]

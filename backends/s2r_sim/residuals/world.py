@@ -146,11 +146,14 @@ class Motion:
                 high,
                 motion.dt,
                 world.backlash,
-                world.armature,
+                world.armature / world.torque_constant,
             )
-        # What is reported is of the last step of a tick, and so is the law in it.
-        law = given[:, -1]
-        moved, turned = motion.mid("q") - motion.at("q")[law], motion.mid("dq") - motion.at("dq")[law]
+        # What is reported is of the last step of a tick, and so are the law and the joints in it.
+        law, last = given[:, -1], (given.shape[1] - 1) / given.shape[1]
+        moved, turned = (
+            motion.at(name) + last * np.diff(motion.trace[name], axis=0) - motion.at(name)[law]
+            for name in ("q", "dq")
+        )
         torque: FloatArray = self.strength[:, None] * np.clip(
             asked[law] - kp[law] * moved - kd * turned, low, high
         )
@@ -211,9 +214,18 @@ class Motion:
         force, normal = self._pressed
         held = np.linalg.norm(force - normal[..., None] * self.ground.normal, axis=-1)
         over = held - self.world.friction * normal
-        slides = np.linalg.norm(self.ground.contact_speed - self.creeps, axis=-1) > _SLIDES
+        slides = np.linalg.norm(self.slides, axis=-1) > _SLIDES
         lacks: FloatArray = motion.touches * np.where(slides, over, np.maximum(over, 0.0))
         return lacks
+
+    @cached_property
+    def slides(self) -> FloatArray:
+        """(n − 1, 4, 3) velocity along the ground of what touches it, beyond the creep of a known force [m/s]."""
+        speed, normal = self.ground.contact_speed, self.ground.normal
+        along = speed - (speed @ normal)[..., np.newaxis] * normal
+        if "foot_force" in self.recorded.trace.channels:
+            along = along - self.creeps
+        return along
 
     @cached_property
     def sinks(self) -> FloatArray:

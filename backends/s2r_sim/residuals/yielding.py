@@ -1,8 +1,8 @@
 """How far a foot sinks into the ground of a world, and how fast it creeps, under a steady force.
 
-MuJoCo gives a contact the reference acceleration −b v − k r and lets it yield by
+MuJoCo gives a contact the reference acceleration −b v − k d r and lets it yield by
 R = (1 − d)/d · Â, with an impedance d that grows with the depth r (MuJoCo's documentation,
-"Computation", constraint model). Where nothing accelerates, k r = R f under a normal force f,
+"Computation", constraint model). Where nothing accelerates, k d r = R f under a normal force f,
 and b v = (R / impratio) f under a tangential one.
 """
 
@@ -67,4 +67,4 @@ def yielding(robot: Robot, impratio: float, sink: float) -> Yielding:
     d = least + (most - least) * rising
     compliance = (1.0 - d) / d * lightness
     stiffness, damping = 1.0 / (most * constant) ** 2, 2.0 / (most * constant)
-    return Yielding(stiffness * depth / compliance, depth, compliance / impratio / damping)
+    return Yielding(d * stiffness * depth / compliance, depth, compliance / impratio / damping)

@@ -28,7 +28,7 @@ FloatArray = NDArray[np.float64]
 LEVEL = 0.95
 FUNCTIONS = 2000
 """Samples of the gap as a function."""
-HEARD = 0.75
+MOST_FORETOLD = 0.75
 """Largest part of these that an improved simulator foretells: it was fitted to the rollouts that are its evidence."""
 _COUNTS = {1: (101,), 2: (21, 21), 3: (7, 7, 7), 4: (5, 5, 5, 5)}
 MOST_AXES = max(_COUNTS)
@@ -228,7 +228,7 @@ def _sampled(
     rest = replace(data, values=data.values - foretold.seen)
     left, other = functions(rest, grid, FUNCTIONS, generator)
     share = 1.0 / (1.0 + np.exp(np.clip(evidence - other, -50.0, 50.0)))
-    count = round(FUNCTIONS * min(float(share), HEARD))
+    count = round(FUNCTIONS * min(float(share), MOST_FORETOLD))
     # Functions of one size and length scale lie side by side: any count of them is taken from all.
     picked = generator.permutation(FUNCTIONS)
     return np.concatenate([foretold.grid + left[picked[:count]], plain[picked[count:]]])
