@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+import numpy as np
+
 from s2r_sim import SimBackend
 from s2r_sim.effects import CATALOGUE
 from s2r_sim.figures import A1, GRAVITY
@@ -17,6 +19,7 @@ from s2r_sim.noise import Noise
 from s2r_sim.physics import Physics
 from s2r_sim.residuals import RESIDUALS
 from s2r_sim.twins import PLACES
+from s2r_spec.trace import Trace
 
 
 def table(head: tuple[str, ...], rows: Iterable[tuple[object, ...]]) -> str:
@@ -109,17 +112,37 @@ def twins() -> str:
 
 
 def residuals() -> str:
-    """Each residual with the effects that change it, at either end of any of their parameters, on one rollout."""
+    """Each residual with the effects of which the simulator that has them leaves less than half in it.
+
+    Of one rollout with a parameter at one of four values, beyond what a nominal rollout leaves.
+    """
     sim = SimBackend(duration=0.5)
-    trace = sim.rollout({"vd": 0.3}, seed=0)
-    nominal = sim.residuals(trace)
+
+    def sizes(of: SimBackend, trace: Trace) -> dict[str, float]:
+        found = of.residuals(trace, {"vd": 0.3})
+        return {name: float(np.abs(values).mean()) for name, values in found.channels.items()}
+
+    usual = sizes(sim, sim.rollout({"vd": 0.3}, seed=0))
     known: dict[str, list[str]] = {one.name: [] for one in RESIDUALS}
     for effect in CATALOGUE.values():
-        ends: list[dict[str, float]] = [{p.name: p.high for p in effect.parameters}]
-        ends += [{p.name: p.low} for p in effect.parameters]
-        others = [sim.with_effects({effect.name: values}).residuals(trace) for values in ends]
+        machines = [
+            sim.with_effects({effect.name: {p.name: (1.0 - part) * p.nominal + part * end}})
+            for p in effect.parameters
+            for end in (p.low, p.high)
+            for part in (0.3, 1.0)
+        ]
+        traces = [machine.rollout({"vd": 0.3}, seed=0) for machine in machines]
+        asked = [
+            (sizes(sim, trace), sizes(machine, trace))
+            for machine, trace in zip(machines, traces, strict=True)
+            if trace.failure is None
+        ]
         for name, effects in known.items():
-            if any(other[name].tobytes() != nominal[name].tobytes() for other in others):
+            if any(
+                bare[name] > 2.0 * usual[name]
+                and knowing[name] - usual[name] < 0.5 * (bare[name] - usual[name])
+                for bare, knowing in asked
+            ):
                 effects.append(f"`{effect.name}`")
     return table(
         ("residual", "unit", "columns", "effects that it knows"),
