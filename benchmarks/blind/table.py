@@ -33,9 +33,10 @@ SETS = {
     "a1first": "of the A1, first",
     "a1second": "second",
     "a1third": "third",
-    "a1": "fourth",
+    "a1fourth": "fourth",
+    "a1": "fifth",
 }
-SHOWN = ("emps1", "emps4", "emps7", "emps9", "emps", "a1first", "a1third", "a1")
+SHOWN = ("emps1", "emps4", "emps7", "emps9", "emps", "a1third", "a1fourth", "a1")
 """Those on the page."""
 RATES = {
     "single effects: it is the likeliest set": "top-1, single effects",
