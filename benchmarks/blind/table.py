@@ -32,7 +32,7 @@ SETS = {
     "emps": "tenth",
     "a1first": "of the A1, first",
     "a1second": "second",
-    "a1third": "third",
+    "a1third": "of the A1, third",
     "a1fourth": "fourth",
     "a1": "fifth",
 }

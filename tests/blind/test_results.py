@@ -2,6 +2,7 @@
 
 import json
 import re
+import statistics
 from pathlib import Path
 
 from benchmarks.blind.table import SETS, SHOWN, reliability, table
@@ -84,6 +85,17 @@ def test_what_is_said_of_the_worst_test():
         f"and has nine tenths of the largest gap for {ours['enough']} ({alone['enough']}); "
         f"the true worst is in the box that is answered with it for {kept['inside']} ("
     ) in page
+
+
+def test_what_is_said_of_the_equations_alone():
+    kept = json.loads((RESULTS / "a1_asked.json").read_text())
+    errors, scores = kept["errors"], kept["log score by weight"]
+    page = " ".join(PAGE.read_text().split())
+    assert (
+        f"to within {statistics.median(errors.values()):.2f} of its typical size (the median of {len(errors)} "
+        f"parameters; ground friction {errors['ground_friction.factor']:.2f})"
+    ) in page
+    assert f"would be {scores['0.3']:.2f} instead of {scores['0']:.2f}." in page
 
 
 def test_every_set_was_frozen_before_it_was_opened():
