@@ -98,7 +98,9 @@ def test_what_is_said_of_the_equations_alone():
     assert f"would be {scores['0.3']:.2f} instead of {scores['0']:.2f}." in page
     axis = json.loads((RESULTS / "emps_asked.json").read_text())
     heard, alone = (axis["log score by weight"][weight] for weight in ("0.3", "0"))
-    assert f"({axis['errors']['mass.extra']:.2f} off), it would be {heard:.2f} instead of {alone:.2f}," in page
+    assert (
+        f"({axis['errors']['mass.extra']:.2f} off), it would be {heard:.2f} instead of {alone:.2f}," in page
+    )
 
 
 def test_every_set_was_frozen_before_it_was_opened():
