@@ -63,21 +63,21 @@ class Motion:
     @cached_property
     def needed(self) -> FloatArray:
         """(n − 1, 18) what the motion took: wrench on the base in base axes [N], [N m], torque on joints [N m]."""
-        motion = self.recorded
-        needed = motion.needed.copy()
-        _, speeds_up = motion.twist
+        log = self.recorded
+        needed = log.needed.copy()
+        _, speeds_up = log.twist
         needed[:, 6:] += self.world.armature * speeds_up[:, 6:]
         if self.loaded != self.robot:
-            needed[:, :6] += motion.base_needs(self.loaded.base) - motion.base_needs(self.robot.base)
+            needed[:, :6] += log.base_needs(self.loaded.base) - log.base_needs(self.robot.base)
         return needed
 
     @cached_property
     def joints(self) -> FloatArray:
         """(n − 1, 12) torque that the joints' motion takes beyond ground, motors and friction [N m]."""
-        motion, world = self.recorded, self.world
-        speed = motion.mid("dq")
+        log, world = self.recorded, self.world
+        speed = log.mid("dq")
         _, ground = self.forces
-        driven = world.torque_constant * motion.at("tau")
+        driven = world.torque_constant * log.at("tau")
         lacks = self.needed[:, 6:] + world.damping * speed - ground - driven
         held = np.sign(lacks) * np.maximum(0.0, np.abs(lacks) - world.dry_friction)
         left: FloatArray = np.where(np.abs(speed) > _STILL, lacks + world.dry_friction * np.sign(speed), held)
@@ -95,25 +95,25 @@ class Motion:
     @cached_property
     def _drag(self) -> FloatArray:
         """(n − 1, 4, 3) on low feet, base axes [N]."""
-        motion = self.recorded
-        place, _, _ = motion.feet
+        log = self.recorded
+        place, _, _ = log.feet
         rise = np.array([-self.ground.rise, 0.0, 1.0])
-        base = np.column_stack([motion.mid(name) for name in ("x", "y", "z")]) @ rise
-        height = base[:, None] + np.einsum("i,nij,nkj->nk", rise, motion.attitude, place)
+        base = np.column_stack([log.mid(name) for name in ("x", "y", "z")]) @ rise
+        height = base[:, None] + np.einsum("i,nij,nkj->nk", rise, log.attitude, place)
         low = (height < self.world.drag_height)[:, :, None]
-        force: FloatArray = -self.world.drag * motion.foot_speed * low
+        force: FloatArray = -self.world.drag * log.foot_speed * low
         return force
 
     @cached_property
     def push(self) -> FloatArray:
         """(n − 1, 3) force on the base that the test declares, base axes [N]."""
-        motion = self.recorded
+        log = self.recorded
         if not self.test.push:
-            return np.zeros((len(motion.dt), 3))
-        force = np.array([self.test.push_force(time) for time in motion.trace.times[:-1].tolist()])
-        heading = motion.at("yaw") + np.radians(self.test.push_towards)
+            return np.zeros((len(log.dt), 3))
+        force = np.array([self.test.push_force(time) for time in log.trace.times[:-1].tolist()])
+        heading = log.at("yaw") + np.radians(self.test.push_towards)
         world = np.column_stack((force * np.cos(heading), force * np.sin(heading), np.zeros_like(force)))
-        turned: FloatArray = np.einsum("nji,nj->ni", motion.attitude, world)
+        turned: FloatArray = np.einsum("nji,nj->ni", log.attitude, world)
         return turned
 
     @cached_property
@@ -126,14 +126,14 @@ class Motion:
     @cached_property
     def delivered(self) -> FloatArray:
         """(n − 1, 12) torque that the motors should report [N m]: late, limited, and through the play of gears."""
-        motion, gains, world = self.recorded, self.gains, self.world
-        swings = 1.0 - np.repeat(motion.at("stance"), 3, axis=1)
+        log, gains, world = self.recorded, self.gains, self.world
+        swings = 1.0 - np.repeat(log.at("stance"), 3, axis=1)
         kp, kd = gains.kp_joint_swing * swings, gains.kd_joint
-        asked = motion.at("tau_cmd") - kp * np.tile(world.encoder_offset, 4)
+        asked = log.at("tau_cmd") - kp * np.tile(world.encoder_offset, 4)
         low, high = self._limits
         given = self._given
         if world.backlash:
-            q, dq = motion.trace["q"], motion.trace["dq"]
+            q, dq = log.trace["q"], log.trace["dq"]
             return passed_on(
                 asked,
                 kp,
@@ -144,15 +144,14 @@ class Motion:
                 self.strength,
                 low,
                 high,
-                motion.dt,
+                log.dt,
                 world.backlash,
                 world.armature / world.torque_constant,
             )
         # What is reported is of the last step of a tick, and so are the law and the joints in it.
         law, last = given[:, -1], (given.shape[1] - 1) / given.shape[1]
         moved, turned = (
-            motion.at(name) + last * np.diff(motion.trace[name], axis=0) - motion.at(name)[law]
-            for name in ("q", "dq")
+            log.at(name) + last * np.diff(log.trace[name], axis=0) - log.at(name)[law] for name in ("q", "dq")
         )
         torque: FloatArray = self.strength[:, None] * np.clip(
             asked[law] - kp[law] * moved - kd * turned, low, high
@@ -162,10 +161,10 @@ class Motion:
     @cached_property
     def _given(self) -> IntArray:
         """(n − 1, steps) the tick whose law is in force in each of the steps of physics in a tick."""
-        motion, world = self.recorded, self.world
-        steps = max(1, round(float(np.median(motion.dt)) / world.timestep))
-        middles = motion.trace.times[:-1, None] + motion.dt[:, None] * (np.arange(steps) + 0.5) / steps
-        ticks: IntArray = np.searchsorted(motion.trace.times, middles - world.latency, side="right") - 1
+        log, world = self.recorded, self.world
+        steps = max(1, round(float(np.median(log.dt)) / world.timestep))
+        middles = log.trace.times[:-1, None] + log.dt[:, None] * (np.arange(steps) + 0.5) / steps
+        ticks: IntArray = np.searchsorted(log.trace.times, middles - world.latency, side="right") - 1
         return np.clip(ticks, 0, None)
 
     @cached_property
@@ -185,37 +184,37 @@ class Motion:
         Forces are what the controller reckons with in its own frame and with its own mass:
         motors deliver a part of them, they lift another mass, and the frame is askew.
         """
-        motion = self.recorded
+        log = self.recorded
         up = np.array([0.0, 0.0, 1.0])
-        if any(self.world.attitude_bias) and {"roll", "pitch"} <= set(motion.trace.channels):
-            roll, pitch = motion.mid("roll"), motion.mid("pitch")
+        if any(self.world.attitude_bias) and {"roll", "pitch"} <= set(log.trace.channels):
+            roll, pitch = log.mid("roll"), log.mid("pitch")
             by_roll, by_pitch = np.radians(self.world.attitude_bias)
             up = _levelled(roll, pitch, _up_in_base(roll + by_roll, pitch + by_pitch))
         part = self.strength * self.world.torque_constant * self.robot.mass / self.loaded.mass
-        felt = motion.at("acc_pred") + GRAVITY * up
+        felt = log.at("acc_pred") + GRAVITY * up
         follows: FloatArray = part[:, None] * felt - np.array([0.0, 0.0, GRAVITY])
         return follows
 
     @cached_property
     def estimated(self) -> FloatArray:
         """(n − 1, 2) velocity that the robot should take for its own, forward and left [m/s]."""
-        motion, world = self.recorded, self.world
+        log, world = self.recorded, self.world
         roll, pitch = np.radians(world.attitude_bias)
         # An IMU that is askew takes a part of gravity for an acceleration, until leg odometry has corrected it.
         leak = GRAVITY * BLEND * np.array([np.sin(pitch), -np.sin(roll)])
-        true = np.column_stack([motion.at(name) for name in ("vx", "vy")])
+        true = np.column_stack([log.at(name) for name in ("vx", "vy")])
         seen: FloatArray = world.velocity_scale * (true + leak) + np.array(world.velocity_bias)
         return seen
 
     @cached_property
     def grips(self) -> FloatArray:
         """(n − 1, 4) friction that sliding feet lack, and that others have too much of [N]."""
-        motion = self.recorded
+        log = self.recorded
         force, normal = self._pressed
         held = np.linalg.norm(force - normal[..., None] * self.ground.normal, axis=-1)
         over = held - self.world.friction * normal
         slides = np.linalg.norm(self.slides, axis=-1) > _SLIDES
-        lacks: FloatArray = motion.touches * np.where(slides, over, np.maximum(over, 0.0))
+        lacks: FloatArray = log.touches * np.where(slides, over, np.maximum(over, 0.0))
         return lacks
 
     @cached_property
