@@ -50,6 +50,8 @@ ERRORS = (0.03, 0.05, 0.08, 0.13, 0.2, 0.35)
 """Standard deviation of what no effect explains of a mean coordinate, in parts of typical sizes."""
 FORM = 0.1
 """The same, in parts of the coordinate itself."""
+ROUNDS = 4
+"""Of Newton's method, each but the first by half of its step."""
 WEIGHTS = (0.0, 0.15, 0.3, 0.5, 1.0)
 SHOWN = 0.1
 """Coordinates below this are not printed."""
@@ -91,6 +93,8 @@ class Catalogue:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # where every rollout fell there is no mean
             for line, change in zip(bank.lines, bank.changes, strict=True):
+                if line.base:
+                    continue  # what it does hangs on how much there is of its effect: no curve of its own
                 mean = np.nanmean(change[..., columns], axis=1)
                 at = np.array([line.coordinate(value) for value in line.values])
                 there = np.isfinite(mean).all(axis=1)
@@ -120,23 +124,27 @@ class Catalogue:
     def log_evidence(self, seen: FloatArray, members: tuple[str, ...], error: float) -> float:
         """Return that of (p,) mean coordinates for these effects, by Laplace's method, others a little."""
         mine = [curve for curve in self.curves if curve.line.effect in members]
+        little = [ALLOWED * curve.slope(0.0) for curve in self.curves if curve.line.effect not in members]
+        rows = np.array([*little, *self.variants]).reshape(-1, len(seen))
+        spread = rows.T @ rows + np.diag(error**2 + (FORM * seen) ** 2)
+        weigh = np.linalg.inv(spread)
+
+        def at(x: FloatArray) -> tuple[FloatArray, FloatArray]:
+            there = np.array([curve(c) for curve, c in zip(mine, x, strict=True)]).reshape(-1, len(seen))
+            slopes = np.array([curve.slope(c) for curve, c in zip(mine, x, strict=True)])
+            return there.sum(axis=0), slopes.reshape(-1, len(seen))
+
         x = np.zeros(len(mine))
-        for again in range(4):
-            slopes = {curve.line.name: curve.slope(0.0) for curve in self.curves if curve not in mine}
-            little = ALLOWED * np.array([*slopes.values()]).reshape(-1, len(seen))
-            noise = np.diag(error**2 + (FORM * seen) ** 2)
-            weigh = np.linalg.inv(little.T @ little + self.variants.T @ self.variants + noise)
-            own = np.array([curve.slope(c) for curve, c in zip(mine, x, strict=True)]).reshape(-1, len(seen))
+        for again in range(ROUNDS):
+            there, own = at(x)
             inner = own @ weigh @ own.T + np.eye(len(mine)) / LARGE**2
-            there = sum((curve(c) for curve, c in zip(mine, x, strict=True)), np.zeros(len(seen)))
-            if mine:
-                aim = np.linalg.solve(inner, own @ weigh @ (seen - there + x @ own))
-                x = np.clip(
-                    aim if not again else (x + aim) / 2, [c.at[0] for c in mine], [c.at[-1] for c in mine]
-                )
-        there = sum((curve(c) for curve, c in zip(mine, x, strict=True)), np.zeros(len(seen)))
+            aim = np.linalg.solve(inner, own @ weigh @ (seen - there + x @ own))
+            x = (x + aim) / 2 if again else aim
+            x = np.clip(x, [curve.at[0] for curve in mine], [curve.at[-1] for curve in mine])
+        there, own = at(x)
         rest = seen - there
-        volume = np.linalg.slogdet(inner * LARGE**2)[1] - np.linalg.slogdet(weigh)[1]
+        inner = np.eye(len(mine)) + LARGE**2 * own @ weigh @ own.T
+        volume = np.linalg.slogdet(inner)[1] + np.linalg.slogdet(spread)[1]
         return float(-0.5 * (rest @ weigh @ rest + x @ x / LARGE**2 + volume))
 
 

@@ -25,7 +25,8 @@ from s2r_spec.errors import TraceError
 from s2r_spec.trace import Trace
 
 SIM = SimBackend(duration=0.8)
-# Twice what a nominal rollout shows at vd = 0.3 m/s, mean absolute value over time and columns, in the channels' units.
+# Two to five times what a nominal rollout shows at vd = 0.3 m/s, mean absolute value over time and columns, in the
+# channels' units.
 NOMINAL = {
     "joint_torque": 0.09, "base_force": 0.3, "base_torque": 0.1, "motor": 0.003, "acceleration": 0.3,
     "velocity_estimate": 0.004, "slip": 0.005, "grip": 0.15, "sinking": 0.0006, "contact_timing": 0.1,

@@ -138,7 +138,7 @@ def _base_wrench(motion: Motion) -> FloatArray:
 
 
 def _motor(motion: Motion) -> FloatArray:
-    """What motors report, less what the law asks for: at the tick's middle, as the joints have moved since."""
+    """What motors report, less what the law gives at the end of the tick, as the joints have moved since."""
     left: FloatArray = motion.recorded.at("tau") - motion.delivered
     return left
 

@@ -1,5 +1,6 @@
 """The gap over the test space: bands that hold, a worst test that is where it is, and words about thin data."""
 
+import importlib
 import json
 import math
 
@@ -165,3 +166,20 @@ def test_a_simulator_that_foretells_something_else_is_not_believed():
     plain, misled = (in_space(CUBE, tests, seed=1, foretold=f) for f in (None, wrong))
     assert misled.worst == plain.worst
     np.testing.assert_allclose(misled.signed.mean, plain.signed.mean, atol=0.005)
+
+
+def test_a_simulator_that_foretells_everything_is_heard_three_quarters_at_most(monkeypatch):
+    """It was fitted to the same rollouts: the box of the worst test must allow for what they do not show."""
+    generator = np.random.default_rng(6)
+    places = generator.uniform(size=(18, 3))
+    tests = seen(CUBE, bumpy, places, generator)
+    exact = Foretold(np.array([bumpy(x) for x in places]), np.array([bumpy(x) for x in grid_of(CUBE)]))
+
+    def volume(answer):
+        return np.prod([1e-9 + high - low for low, high in answer.worst_in.values()])
+
+    bounded = in_space(CUBE, tests, seed=1, foretold=exact)
+    monkeypatch.setattr(importlib.import_module("s2r_spec.diagnose.where.space"), "MOST_FORETOLD", 1.0)
+    believed = in_space(CUBE, tests, seed=1, foretold=exact)
+    assert bounded.worst == believed.worst
+    assert volume(bounded) > 10 * volume(believed)
