@@ -61,11 +61,15 @@ class Equations:
         ``params`` are those of the test, as the backend takes them.
         """
         found = self.regressors(trace, params)
+        return np.full(len(self.probes), np.nan) if found is None else _ridge(*found)
+
+    def unexplained(self, trace: Trace, params: Mapping[str, float]) -> float:
+        """Return the mean square of the residuals that the regression leaves, in their units; NaN as above."""
+        found = self.regressors(trace, params)
         if found is None:
-            return np.full(len(self.probes), np.nan)
+            return float("nan")
         rest, x = found
-        gram = x @ x.T / rest.size + SHRINKAGE * np.eye(len(x))
-        return np.asarray(np.linalg.solve(gram, x @ rest / rest.size), dtype=np.float64)
+        return float(np.mean((rest - _ridge(rest, x) @ x) ** 2))
 
     def regressors(self, trace: Trace, params: Mapping[str, float]) -> tuple[FloatArray, FloatArray] | None:
         """Return (n,) nominal residuals in their units, and (probes, n) what one coordinate of each takes off them.
@@ -99,3 +103,9 @@ class Equations:
             raise TraceError(f"the residual {missing[0]!r} cannot be computed of this trace")
         columns = [found[name].reshape(len(found), -1) / unit for name, unit in self.units.items()]
         return np.concatenate([c.ravel() for c in columns])
+
+
+def _ridge(rest: FloatArray, x: FloatArray) -> FloatArray:
+    """Return (probes,) by how much of each of (probes, n) the (n,) are explained."""
+    gram = x @ x.T / rest.size + SHRINKAGE * np.eye(len(x))
+    return np.asarray(np.linalg.solve(gram, x @ rest / rest.size), dtype=np.float64)

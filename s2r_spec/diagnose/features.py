@@ -182,9 +182,11 @@ class Features:
 
     def equations(self, trace: Trace, backend: Backend, params: Mapping[str, float]) -> FloatArray:
         """Return (probes,): see :meth:`s2r_spec.diagnose.equations.Equations.regressed`."""
-        if not self.probes:
-            return np.zeros(0)
-        return Equations(backend, self.probes, self.residual_units()).regressed(trace, params)
+        return self.asked(backend).regressed(trace, params) if self.probes else np.zeros(0)
+
+    def asked(self, backend: Backend) -> Equations:
+        """Return what the equations of motion of a backend are asked."""
+        return Equations(backend, self.probes, self.residual_units())
 
     def referred(self, feature: Feature) -> float:
         """Return ``reference`` of a feature's column."""

@@ -30,6 +30,8 @@ HALVES = (1.0, 0.5, 0.2)
 """Parts of a step that are tried."""
 DONE = 0.05
 """A step that lowers the cost by less than this part of it is the last."""
+PROMISED = 0.02
+"""One that the derivatives promise to lower it by less than this part is not taken: each is rollouts."""
 
 
 REACHES = (0.4, 0.2, 0.1)
@@ -141,7 +143,9 @@ def joint_fit(
     for _ in range(SHORT if exact else ROUNDS):
         aim = wanted(at, rest, jacobian)
         accepted = small = False
-        for part in HALVES:
+        full = np.clip(aim, model.lower, model.upper) - at
+        promise = best - cost(at + full, rest - np.tensordot(full, jacobian, 1))
+        for part in HALVES if promise > PROMISED * best else ():
             there = np.clip(at + part * (aim - at), model.lower, model.upper)
             step = there - at
             if not np.any(step):

@@ -31,6 +31,8 @@ SECONDS = 3.0
 """Of one core, that derivatives by simulation should take; with dearer rollouts they are taken at fewer tests."""
 TOO_LONG = 8.0
 """[s] from which on the bank's derivatives have to do."""
+REMEMBERED = 5000
+"""Simulated tests that are kept, about a kB each."""
 A_LOOK = 1.0
 """[s] that one look at the simulator should take; with dearer rollouts it is at fewer tests."""
 
@@ -174,6 +176,7 @@ class Simulator:
         self.lower, self.upper, self.based = catalogue.lower, catalogue.upper, catalogue.based
         self._bench, self._signatures, self._layout = bench, signatures, layout
         self._nominal, self._executor, self.shots = nominal, executor, shots
+        self._looked: dict[tuple[bytes, int], FloatArray] = {}
 
     def steadier(self, shots: int) -> Simulator:
         """Return the same, with so many rollouts at a test for a look."""
@@ -244,7 +247,22 @@ class Simulator:
         return out
 
     def _components(self, points: Sequence[FloatArray], places: NDArray[np.intp]) -> list[FloatArray]:
-        """Return (len(places), k) change of the components at each of these coordinates."""
+        """Return (len(places), k) change of the components at each of these coordinates.
+
+        A fit begins where another ended, and derivatives are taken where it stands: what was looked at is kept.
+        """
+        wanted = [[(at.tobytes(), int(place)) for place in places] for at in points]
+        kept = {key: self._looked[key] for keys in wanted for key in keys if key in self._looked}
+        new = [k for k, keys in enumerate(wanted) if not all(key in kept for key in keys)]
+        for k, found in zip(new, self._simulated([points[k] for k in new], places), strict=True):
+            kept.update(zip(wanted[k], found, strict=True))
+        if len(self._looked) + len(kept) > REMEMBERED:
+            self._looked.clear()
+        self._looked.update(kept)
+        return [np.array([kept[key] for key in keys]) for keys in wanted]
+
+    def _simulated(self, points: Sequence[FloatArray], places: NDArray[np.intp]) -> list[FloatArray]:
+        """Return the same, by rollouts."""
         runs = tuple((self._layout.tests[i], seed_of(int(i), s)) for s in range(self.shots) for i in places)
         jobs = [Job(self.catalogue.values(at), runs) for at in points]
         executor = self._executor if self._cost * len(runs) * len(jobs) > WORTH else None

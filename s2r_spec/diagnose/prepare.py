@@ -48,7 +48,7 @@ from s2r_spec.diagnose.joint import (
 from s2r_spec.diagnose.judge import Judge, Sets, describe, temperature, train
 from s2r_spec.diagnose.layout import SHOTS, Layout, functions
 from s2r_spec.diagnose.models import Part, Simulator, nominal_rows
-from s2r_spec.diagnose.signatures import Signatures
+from s2r_spec.diagnose.signatures import LEVEL, Signatures
 from s2r_spec.diagnose.simulate import Bench
 from s2r_spec.diagnose.view import View
 from s2r_spec.rollouts.match import match
@@ -89,6 +89,8 @@ LEFT = 0.3
 """What the best of the likeliest sets should leave of the data, in units of what is believed."""
 LEAST = 0.03
 """Part of the usual variance that is believed at least."""
+DISTRUSTED = (1.0, 2.0, 4.0)
+"""Multiples of the usual error that the equations' coordinates may have."""
 USUALLY = 10.0
 """Degrees of freedom that it is worth that all numbers scatter by the same multiple of the simulator's scatter."""
 
@@ -117,6 +119,9 @@ class State:
     wide: State | None = None
     """The same as the data are usually believed, where they are believed nearer than that: for values."""
 
+    tried: Mapping[tuple[int, ...], Joint] = field(default_factory=dict)
+    """Sets → fits to the same data, believed otherwise: where the next ones start."""
+
     @property
     def count(self) -> float:
         """How many numbers the data are, for the temperature."""
@@ -133,7 +138,8 @@ class State:
         begin = np.clip(self.data.around + mean, catalogue.lower, catalogue.upper)
         starts = [(begin, self.fitted.jacobian)] + ([(near.at, near.jacobian)] if near else [])
         if self.simulator.dear and effects:
-            starts = [self._alone(effects, begin)]
+            before = self.tried.get(tuple(effects))
+            starts = [(before.at, before.jacobian) if before else self._alone(effects, begin)]
         elif len(effects) == 1:
             # A phase has more than one valley, and a limit that is not reached no slope: also start from the bank.
             others = np.where(mine | catalogue.based, 0.0, begin)
@@ -255,8 +261,11 @@ def prepare(
     complete = np.array([trace.failure is None for _, trace in seen])
     usable = rows[complete] if complete.any() else rows
     available = np.isfinite(usable).mean(axis=0) > 0.5
-    signatures = Signatures.of(bank, available)
-    judge = judge_of(bench, signatures, available, seed, cache, tell)
+    asked_error = equations_error(
+        bench, [rollout for rollout, ran in zip(seen, complete, strict=True) if ran] or seen
+    )
+    signatures = Signatures.of(bank, available, asked_error)
+    judge = judge_of(bench, signatures, available, asked_error, seed, cache, tell)
     tests = [test for test, _ in seen]
     layout = Layout.of(bench.spec.space, bank.tests, tests)
     tell("the simulator at the real tests", 0, 1)
@@ -290,16 +299,18 @@ def prepare(
     state = _state(signatures, smooth, view, judge, p, simulator, view.surrogate, begin, first)
     # Where derivatives are the bank's, the fit of everything at once goes astray; that of a few effects does not.
     likely = [members for members, _ in state.sets.ranked()[:TRIED]]
-    best = min((state.beside(members) for members in likely), key=lambda fit: fit.cost)
+    tried = {members: state.beside(members) for members in likely}
+    best = min(tried.values(), key=lambda fit: fit.cost)
     # A gait that a cause has made unsteady scatters as the nominal one does not.
     there = _shrunk(*simulator.scattered(best.at), own)
     if there.sum() > UNSTEADY * own.sum():
         simulator = simulator.steadier(SHOTS)
     scatter = layout.variance(machine, np.zeros_like(own)) + simulator.variance(there)
     view = replace(view, variance=_nearer(view, scatter, best))
-    return _state(
+    found = _state(
         signatures, smooth, view, judge, p, simulator, simulator, best.at, best.jacobian, exact=True
     )
+    return replace(found, tried=tried)
 
 
 def _closer(wide: State, view: View, scatter: FloatArray) -> State:
@@ -426,6 +437,18 @@ def _trend(
     return 1.0 - float((rest**2 / variance).sum()) / (n - q) / max(whole, 1e-12)
 
 
+def equations_error(bench: Bench, rollouts: list[tuple[dict[str, float], Trace]]) -> float:
+    """Return by how much a coordinate may be off for which the equations ask: as far as these leave residuals open.
+
+    The error of a regression grows with what it leaves. One of a few values, for networks practise with it.
+    """
+    left = np.array([bench.unexplained(trace, test) for test, trace in rollouts])
+    if not np.isfinite(left).any():
+        return LEVEL
+    times = float(np.sqrt(np.nanmedian(left)))
+    return LEVEL * min(DISTRUSTED, key=lambda level: abs(np.log(level / max(times, 1e-9))))
+
+
 def _beginning(view: View, beside: bool) -> FloatArray:
     """Return (K,) coordinates for the joint fit to start from: one effect, if it explains most of the data alone.
 
@@ -467,12 +490,15 @@ def judge_of(
     bench: Bench,
     signatures: Signatures,
     available: NDArray[np.bool_],
+    asked_error: float,
     seed: int,
     cache: Path | None,
     tell: Progress,
 ) -> Judge:
-    """Return the judge of this bank and these columns, from disk if it was trained before."""
-    digest = hashlib.sha256(banks.key(bench).encode() + available.tobytes() + str(seed).encode())
+    """Return the judge of this bank and these columns in these units, from disk if it was trained before."""
+    digest = hashlib.sha256(
+        banks.key(bench).encode() + available.tobytes() + f"{asked_error} {seed}".encode()
+    )
     for name in SOURCES:
         digest.update((Path(__file__).parent / f"{name}.py").read_bytes())
     digest.update(f"{version('scikit-learn')} {version('numpy')}".encode())

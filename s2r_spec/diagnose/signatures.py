@@ -76,8 +76,13 @@ class Signatures:
     numerics: FloatArray
 
     @classmethod
-    def of(cls, bank: Bank, available: NDArray[np.bool_] | None = None) -> Signatures:
-        """Reduce a bank to the columns that are finite there and, if given, available in the data."""
+    def of(
+        cls, bank: Bank, available: NDArray[np.bool_] | None = None, asked_error: float = LEVEL
+    ) -> Signatures:
+        """Reduce a bank to the columns that are finite there and, if given, available in the data.
+
+        ``asked_error`` is that of a coordinate which the equations of motion ask for.
+        """
         from sklearn.covariance import ledoit_wolf
 
         kept = np.array(np.isfinite(bank.nominal).all(axis=(0, 1)), dtype=np.bool_)
@@ -101,7 +106,7 @@ class Signatures:
             )
         )
         sd = np.sqrt((scatter**2).mean(axis=0) / free)
-        scale = np.sqrt(sd**2 + (BELIEVED * typical) ** 2 + _doubt(bank)[kept] ** 2)
+        scale = np.sqrt(sd**2 + (BELIEVED * typical) ** 2 + _doubt(bank, asked_error)[kept] ** 2)
         # What neither scatters nor changes says nothing; it is left out by an infinite unit.
         scale = np.where(scale > 1e-12, scale, np.inf)
         rows = np.concatenate([c.reshape(-1, c.shape[-1]) / scale for c in changes])
@@ -135,7 +140,7 @@ class Signatures:
         return found
 
 
-def _doubt(bank: Bank) -> FloatArray:
+def _doubt(bank: Bank, asked_error: float) -> FloatArray:
     """Return (1 + p,) by how much each column may be off with nothing of the catalogue to blame."""
     names = bank.features.names()
     mean = bank.nominal[..., 1:].mean(axis=(0, 1))
@@ -147,7 +152,7 @@ def _doubt(bank: Bank) -> FloatArray:
     out = [0.0]
     for f, usual in zip(names, mean, strict=True):
         if f.statistic in ("survived", "equation"):
-            out.append(LEVEL)
+            out.append(LEVEL if f.statistic == "survived" else asked_error)
             continue
         reference = LEVEL * bank.features.referred(f)
         own = LEVEL * varies[f.block, f.column]

@@ -77,6 +77,12 @@ class Bench:
         equations = self.features.equations(trace, self.backend, self.matched.to_backend(test))
         return np.concatenate([[rho], self.features.vector(self.seen(trace, test)), equations])
 
+    def unexplained(self, trace: Trace, test: Test) -> float:
+        """Return the mean square that no effect's equations explain of the nominal residuals; NaN if none is asked."""
+        if self.features is None or not self.features.probes:
+            return float("nan")
+        return self.features.asked(self.backend).unexplained(trace, self.matched.to_backend(test))
+
 
 @dataclass(frozen=True)
 class Job:

@@ -12,6 +12,7 @@ from s2r_cart import SPEC, VOLTAGE, Cart, real
 import s2r_spec as s2r
 from s2r_spec.backend import Effect, EffectParameter
 from s2r_spec.diagnose.diagnosis import Verdict
+from s2r_spec.diagnose.models import Simulator
 from s2r_spec.errors import UsageError
 
 pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
@@ -57,7 +58,15 @@ def test_two_effects_are_named_together(find):
     assert set(found.patch) == {"coulomb", "speed_scale"}
 
 
-def test_a_simulator_whose_derivatives_are_dear_is_diagnosed_by_the_bank_and_a_few_looks(cache):
+def test_a_simulator_whose_derivatives_are_dear_is_diagnosed_by_the_bank_and_a_few_looks(cache, monkeypatch):
+    looked = []
+    simulated = Simulator._simulated
+
+    def noted(self, points, places):
+        looked.extend((at.tobytes(), places.tobytes()) for at in points)
+        return simulated(self, points, places)
+
+    monkeypatch.setattr(Simulator, "_simulated", noted)
     spec = s2r.parse_spec(SPEC)
     true = {"coulomb": 1.2, "speed_scale": 0.85}
     found = s2r.diagnose(spec, Cart(cost=0.3), rollouts(true, 12), cache=cache)
@@ -65,6 +74,7 @@ def test_a_simulator_whose_derivatives_are_dear_is_diagnosed_by_the_bank_and_a_f
     for estimate in found.which.estimates:
         nominal = {"speed_scale": 1.0}.get(estimate.effect, 0.0)
         assert abs(estimate.value - true[estimate.effect]) < 0.35 * abs(true[estimate.effect] - nominal)
+    assert len(looked) == len(set(looked)), "the same rollouts were run twice"
 
 
 def test_a_machine_with_a_little_of_everything_has_no_material_gap(find):

@@ -10,7 +10,8 @@ from s2r_cart import DAMPING, FORCE, GAIN, MASS, NOMINAL, SPEC, STEP, Cart, real
 import s2r_spec as s2r
 from s2r_spec.diagnose import bank as banks
 from s2r_spec.diagnose.equations import Equations, Probe
-from s2r_spec.diagnose.prepare import bench_of
+from s2r_spec.diagnose.prepare import bench_of, equations_error
+from s2r_spec.diagnose.signatures import LEVEL
 from s2r_spec.errors import TraceError
 from s2r_spec.trace import Trace
 
@@ -37,6 +38,15 @@ class Felt(Cart):
         return Trace(trace.times[:-1], channels, units, {"parts": {name: ["cart"] for name in channels}})
 
 
+class Rattling(Felt):
+    """A motor that is driven as no effect of the catalogue says."""
+
+    def rollout(self, params, seed):
+        trace = super().rollout(params, seed)
+        rattle = 4.0 * np.sin(np.arange(len(trace)) * 1.3)
+        return Trace(trace.times, dict(trace.channels) | {"u": trace["u"] + rattle}, dict(trace.units))
+
+
 UNITS = {"force": np.array([0.1])}
 PROBES = (
     Probe("viscous", "coefficient", 1.0, 1.0),
@@ -55,6 +65,21 @@ def test_the_equations_ask_for_the_effects_that_are_there():
     )
     # (viscous, coulomb, tilt, delay), in coordinates
     np.testing.assert_allclose(found, [1.5, 0.0, -0.5, 0.0], atol=0.15)
+
+
+def test_the_equations_are_believed_as_far_as_they_explain_the_residuals(tmp_path):
+    bench = bench_of(s2r.parse_spec(SPEC), "tracking", Felt())
+    bench = replace(bench, features=banks.simulate(bench).features)
+    test = {"vd": 0.8, "acc": 3.0}
+
+    def error(machine):
+        return equations_error(bench, [(test, machine.rollout(test, seed)) for seed in range(5)])
+
+    assert error(Felt()) == error(Felt().with_effects({"viscous": {"coefficient": 1.5}})) == LEVEL
+    assert error(Rattling()) > error(Felt())
+    trace = Felt().rollout(test, 0)
+    # of a record without what the residuals need nothing is known
+    assert equations_error(bench, [(test, Trace(trace.times, {"v": trace["v"]}, {"v": "m/s"}))]) == LEVEL
 
 
 def test_a_record_without_what_a_residual_needs_has_no_such_numbers():

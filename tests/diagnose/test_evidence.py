@@ -103,6 +103,24 @@ def test_the_joint_fit_ends_where_the_model_is_and_not_where_the_first_derivativ
     np.testing.assert_allclose(found.at, true, atol=0.02)
 
 
+def test_a_fit_that_has_arrived_asks_for_no_more_rollouts():
+    class Counted(Bent):
+        looks = 0
+
+        def change(self, at):
+            self.looks += 1
+            return super().change(at)
+
+    data = Bent().change(np.array([1.2, 0.4])) + 0.01 * np.random.default_rng(5).normal(size=(1, 40))
+    known = np.full(data.shape, 1e-4), np.zeros((0, *data.shape))
+    first = joint_fit(Bent(), data, *known, np.zeros(2), Bent().j, 3.0)
+    slopes = Bent().jacobian(first.at, Bent().change(first.at))
+    model = Counted()
+    again = joint_fit(model, data, *known, first.at, slopes, 3.0, exact=True)
+    assert model.looks == 1
+    np.testing.assert_array_equal(again.at, first.at)
+
+
 def test_what_nuisances_explain_is_no_lines_doing():
     model = Bent()
     nuisance = np.random.default_rng(4).normal(size=(1, 1, 40))
