@@ -72,9 +72,18 @@ def together(state: State, progress: Callable[[int, int], None]) -> Together:
         wider = [tuple(sorted((*best, k))) for k in state.missing(fits[best].rest, best)]
         further = [s for s in wider if s not in fits] if len(best) < LARGEST else []
         if not further or len(fits) + len(further) > MOST:
-            return found
+            break
         for members in further:
             found = look(members)
+    while len(fits) < MOST:
+        # An effect is named beside others only if without it, too, it was the simulator that was asked.
+        named = found.sets.ranked()[0][0]
+        fewer = [tuple(k for k in named if k != left) for left in named] if len(named) > 1 else []
+        untried = [members for members in (named, *fewer) if members not in fits]
+        if not untried:
+            break
+        found = look(untried[0])
+    return found
 
 
 def _weighed(state: State, fits: dict[Set, Joint]) -> Together:
