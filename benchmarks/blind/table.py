@@ -34,9 +34,10 @@ SETS = {
     "a1second": "second",
     "a1third": "of the A1, third",
     "a1fourth": "fourth",
-    "a1": "fifth",
+    "a1fifth": "fifth",
+    "a1": "sixth",
 }
-SHOWN = ("emps1", "emps4", "emps7", "emps9", "emps", "a1third", "a1fourth", "a1")
+SHOWN = ("emps1", "emps4", "emps7", "emps9", "emps", "a1third", "a1fourth", "a1fifth", "a1")
 """Those on the page."""
 RATES = {
     "single effects: it is the likeliest set": "top-1, single effects",
