@@ -7,7 +7,8 @@ Every rollout that a diagnosis would see is regressed on what each effect would 
 Printed for each case: what is there, and what the equations ask for; then, over all known cases, the root mean square
 error of each coordinate, once what the bank says of the true effects is taken off it; and what would become of the
 frozen answers' log score if the evidence of these few numbers were heard beside them, with weights from 0 to 1. Their
-error is one of six sizes, all as likely before they are seen. This is for development: the labels are open.
+error is one of six sizes, all as likely before they are seen. Last, which part of the true sizes the answers have, and
+which the equations. This is for development: the labels are open.
 
 Writes results/<set>_asked.json.
 """
@@ -179,6 +180,22 @@ def candidates(kept: dict[str, Any], effects: tuple[str, ...]) -> dict[tuple[str
     return found
 
 
+def sizes(kept: dict[str, Any], catalogue: Catalogue, mean: FloatArray) -> list[tuple[float, float]]:
+    """Return, of each true parameter that a frozen answer sizes, which part of it the answer and the equations have."""
+    found = []
+    for curve in catalogue.curves:
+        effect, parameter = curve.line.effect, curve.line.parameter
+        answer = kept["parameters"].get(effect, {}).get(parameter)
+        true = curve.line.coordinate(
+            kept["label"]["effects"].get(effect, {}).get(parameter, curve.line.nominal)
+        )
+        name = f"{effect}.{parameter}"
+        if answer and name in catalogue.names and abs(true) > SHOWN:
+            own = float(mean[catalogue.names.index(name)])
+            found.append((curve.line.coordinate(answer["estimate"]) / true, own / true))
+    return found
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("set", choices=tuple(SETS))
@@ -193,6 +210,7 @@ def main() -> None:
         seen = list(pool.map(coordinates, cases, [given.set] * len(cases)))
 
     rests, logs = [], {weight: [] for weight in WEIGHTS}
+    parts: list[tuple[float, float]] = []
     told = {}
     for name, mean in zip(names, seen, strict=True):
         label = scores[name]["label"]
@@ -202,6 +220,7 @@ def main() -> None:
         if label["kind"] == "unknown":
             continue
         rests.append(mean - catalogue.expected(label["effects"]))
+        parts += sizes(scores[name], catalogue, mean)
         sets = candidates(scores[name], catalogue.effects)
         true = list(sets).index(tuple(sorted(label["effects"])))
         speaks = np.array(
@@ -216,11 +235,17 @@ def main() -> None:
     mixed = {f"{weight:g}": round(float(np.mean(values)), 3) for weight, values in logs.items()}
     print(f"root mean square error over {len(rests)} known cases: {errors}")
     print(f"mean log probability of the truth, with the equations heard by a weight of: {mixed}")
+    answered, equations = np.median(parts, axis=0).round(2).tolist()
+    print(
+        f"of the true size of {len(parts)} named parameters the answer has {answered}, the equations {equations} "
+        f"(medians)"
+    )
     kept = {
         "machine": describe(),
         "cases": told,
         "errors": errors,
         "known": len(rests),
+        "part of the true size": {"of": len(parts), "answer": answered, "equations": equations},
         "log score by weight": mixed,
     }
     (RESULTS / f"{given.set}_asked.json").write_text(json.dumps(kept, indent=1) + "\n")

@@ -54,10 +54,10 @@ def test_what_is_said_of_delays_and_of_sure_errors():
         if likeliest(case)[1] >= 0.9 and likeliest(case)[0] != truth(case["label"])
     ]
     assert sorted("+".join(w["effects"]) if w["kind"] == "unknown" else w["kind"] for w in wrong) == (
-        ["cubic_drag"] + ["pair"] * 3
+        ["cubic_drag"] + ["pair"] * 6
     )
     assert (
-        "a second effect that was missed, three times, and cubic drag that was called quadratic, once" in page
+        "a second effect that was missed, six times, and cubic drag that was called quadratic, once" in page
     )
 
 
@@ -96,6 +96,11 @@ def test_what_is_said_of_the_equations_alone():
         f"parameters; ground friction {errors['ground_friction.factor']:.2f})"
     ) in page
     assert f"would be {scores['0.3']:.2f} instead of {scores['0']:.2f}." in page
+    part = kept["part of the true size"]
+    assert (
+        f"of {part['of']} true parameters the median answer has {part['answer']:.2f} of the size, the equations alone "
+        f"{part['equations']:.2f}, and"
+    ) in page
     axis = json.loads((RESULTS / "emps_asked.json").read_text())
     heard, alone = (axis["log score by weight"][weight] for weight in ("0.3", "0"))
     assert (
