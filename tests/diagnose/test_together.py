@@ -9,7 +9,16 @@ from s2r_spec.diagnose import together as module
 from s2r_spec.diagnose.judge import Sets
 from s2r_spec.diagnose.together import Together, together
 
-BEFORE = {(0, 1, 2): 2.0, (0, 2): 1.9, (0,): 1.8, (): -5.0, (1,): -4.0, (2,): -4.0, (0, 1): -1.0, (1, 2): -4.0}
+BEFORE = {
+    (0, 1, 2): 2.0,
+    (0, 2): 1.9,
+    (0,): 1.8,
+    (): -5.0,
+    (1,): -4.0,
+    (2,): -4.0,
+    (0, 1): -1.0,
+    (1, 2): -4.0,
+}
 """What the linear evidence says: that of the bank's derivatives, where the simulator is dear."""
 
 
