@@ -25,6 +25,7 @@ from s2r_spec.diagnose.evidence import (
     LARGE,
     Evidence,
     Linear,
+    Set,
     believed,
     evidence,
     ground,
@@ -119,7 +120,7 @@ class State:
     wide: State | None = None
     """The same as the data are usually believed, where they are believed nearer than that: for values."""
 
-    tried: Mapping[tuple[int, ...], Joint] = field(default_factory=dict)
+    tried: Mapping[Set, Joint] = field(default_factory=dict)
     """Sets → fits to the same data, believed otherwise: where the next ones start."""
 
     @property

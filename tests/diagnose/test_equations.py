@@ -67,7 +67,7 @@ def test_the_equations_ask_for_the_effects_that_are_there():
     np.testing.assert_allclose(found, [1.5, 0.0, -0.5, 0.0], atol=0.15)
 
 
-def test_the_equations_are_believed_as_far_as_they_explain_the_residuals(tmp_path):
+def test_the_equations_are_believed_as_far_as_they_explain_the_residuals():
     bench = bench_of(s2r.parse_spec(SPEC), "tracking", Felt())
     bench = replace(bench, features=banks.simulate(bench).features)
     test = {"vd": 0.8, "acc": 3.0}
