@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,29 +53,35 @@ class Fit:
     values: dict[str, dict[str, float]]
 
 
-def fit(
-    data: Linear,
-    catalogue: Catalogue,
-    chosen: Sequence[int],
-    temperature: float,
-    found: FloatArray | None = None,
-    ends: Mapping[int, tuple[float, float]] | None = None,
-) -> Fit:
-    """Return the values of these effects, all others being background.
+@dataclass(frozen=True)
+class Sized:
+    """Where a set of effects fits best.
 
-    Args:
-        data: linear around the joint fit.
-        catalogue: of the same lines.
-        chosen: places of effects.
-        temperature: by which evidence is divided before it is believed; intervals are so much wider.
-        found: (K,) coordinates at which the simulator with these effects alone fits best, where that
-            was looked for; else those of the linear data.
-        ends: line → coordinates between which it may be, where that was looked for: of a phase the linear data know
-            one valley.
+    Attributes:
+        at: (K,) coordinates.
+        deviation: (K,) standard deviations of them.
+        ends: line that only says how an effect acts → between which coordinates it may be, where that was looked for:
+            of a phase linear data know one valley.
+    """
+
+    at: FloatArray
+    deviation: FloatArray
+    ends: Mapping[int, tuple[float, float]] = field(default_factory=dict)
+
+
+def by_linear(data: Linear, chosen: Sequence[int], temperature: float) -> Sized:
+    """Return how large the linear data say that these effects are, all others being background.
+
+    Intervals are as much wider as evidence is divided by before it is believed: by the root of the temperature.
     """
     mean, covariance = posterior(data, chosen)
-    at = np.clip(data.around + mean if found is None else found, catalogue.lower, catalogue.upper)
-    spread = COVER * np.sqrt(np.diag(covariance) * max(temperature, 1.0))
+    return Sized(data.around + mean, np.sqrt(np.diag(covariance) * max(temperature, 1.0)))
+
+
+def fit(catalogue: Catalogue, chosen: Sequence[int], sized: Sized) -> Fit:
+    """Return the values of these effects, with intervals."""
+    at = np.clip(sized.at, catalogue.lower, catalogue.upper)
+    spread = COVER * sized.deviation
     estimates = []
     for k, curve in enumerate(catalogue.curves):
         line = curve.line
@@ -84,7 +90,7 @@ def fit(
         if catalogue.first[k] != k and not catalogue.based[k] and abs(at[k]) < SEEN * spread[k]:
             at[k] = 0.0
             continue
-        least, most = (ends or {}).get(k, (at[k], at[k]))
+        least, most = sized.ends.get(k, (at[k], at[k]))
         low, high = (
             line.value(float(np.clip(x, catalogue.lower[k], catalogue.upper[k])))
             for x in (min(at[k] - spread[k], least), max(at[k] + spread[k], most))

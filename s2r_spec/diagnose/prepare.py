@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from s2r_spec.backend import Backend, HasDuration, load_backend
 from s2r_spec.diagnose import bank as banks
 from s2r_spec.diagnose.ask import FEWEST
+from s2r_spec.diagnose.asked import Heard
 from s2r_spec.diagnose.catalogue import Catalogue
-from s2r_spec.diagnose.estimate import COVER
 from s2r_spec.diagnose.evidence import (
     ALLOWED,
     LARGE,
@@ -36,14 +36,10 @@ from s2r_spec.diagnose.evidence import (
 from s2r_spec.diagnose.joint import (
     PLACES,
     SOME,
-    Ends,
     Joint,
     Model,
     joint_fit,
     misfit,
-    polished,
-    reach,
-    rephased,
     seen_through,
 )
 from s2r_spec.diagnose.judge import Judge, Sets, describe, temperature, train
@@ -66,8 +62,6 @@ SOURCES = (
     "signatures",
 )  # fmt: skip
 """Modules on which a judge depends."""
-WIDE = 3.0
-"""Standard deviation of a named effect, in parts of its typical size, once its value is all that is asked for."""
 ELSEWHERE = 0.3
 """A coordinate by which the bank's best value of an effect lies elsewhere than the fit, so that both are tried."""
 MOSTLY = 0.5
@@ -122,6 +116,12 @@ class State:
 
     tried: Mapping[Set, Joint] = field(default_factory=dict)
     """Sets → fits to the same data, believed otherwise: where the next ones start."""
+
+    heard: Heard | None = None
+    """What the equations of motion ask for, if they do."""
+
+    strain: float = 1.0
+    """What the joint fit leaves of the data, in units of what was believed at first; at least 1."""
 
     @property
     def count(self) -> float:
@@ -195,22 +195,6 @@ class State:
             if k not in members
         }
         return [k for k in sorted(gains, key=lambda k: -gains[k])[:FURTHER] if gains[k] > WORTH]
-
-    def polished(self, effects: Sequence[int], at: FloatArray) -> tuple[FloatArray, dict[int, Ends]]:
-        """Put the coordinates of these effects right by looks along their lines, the others held.
-
-        Returns (K,) coordinates, and for each line that only says how an effect acts between which it may be.
-        """
-        view = self.view
-        part = Part(self.simulator, effects, at)
-        known = (view.data, view.variance, view.nuisances)
-        found = at[part.lines] if self.simulator.dear else rephased(part, *known, at[part.lines], WIDE)
-        found = polished(part, *known, found, WIDE)
-        if self.simulator.dear:
-            return part.all(found), {}
-        near = COVER**2 * self.temperature
-        based = np.flatnonzero(part.based).tolist()
-        return part.all(found), {int(part.lines[k]): reach(part, *known, found, k, near) for k in based}
 
 
 def bench_of(spec: Spec, requirement: str, sim: Backend | str) -> Bench:
@@ -311,7 +295,8 @@ def prepare(
     found = _state(
         signatures, smooth, view, judge, p, simulator, simulator, best.at, best.jacobian, exact=True
     )
-    return replace(found, tried=tried)
+    heard = Heard.of(bank, rows, level[layout.place], asked_error)
+    return replace(found, tried=tried, heard=heard)
 
 
 def _closer(wide: State, view: View, scatter: FloatArray) -> State:
@@ -404,6 +389,7 @@ def _state(
         of_smooth = seen_through(fitted, smooth.layout.project, wider, smooth.nuisances)
         through = evidence(linear(catalogue, of_smooth, smooth.data, wider, smooth.nuisances))
     warmth = temperature(_counted(view, smooth), fitted.misfit, judge.weights)
+    strain = max(misfit(fitted.rest, view.variance, view.nuisances), 1.0)
     return State(
         signatures,
         smooth,
@@ -417,6 +403,7 @@ def _state(
         simulator,
         fitted,
         warmth,
+        strain=strain,
     )
 
 

@@ -18,7 +18,7 @@ from s2r_spec.diagnose import bank as banks
 from s2r_spec.diagnose.ask import Rollouts, real_rollouts
 from s2r_spec.diagnose.design import unit_box, weights
 from s2r_spec.diagnose.diagnosis import Diagnosis, Verdict, Which
-from s2r_spec.diagnose.estimate import fit
+from s2r_spec.diagnose.estimate import by_linear, fit
 from s2r_spec.diagnose.evidence import BACKGROUND
 from s2r_spec.diagnose.how_far import HowFar, how_far
 from s2r_spec.diagnose.isolability import isolability
@@ -26,7 +26,8 @@ from s2r_spec.diagnose.judge import Sets
 from s2r_spec.diagnose.next_test import next_test
 from s2r_spec.diagnose.prepare import Progress, State, bench_of, prepare, split
 from s2r_spec.diagnose.simulate import Bench, Job, Test, run_jobs
-from s2r_spec.diagnose.together import Together, together
+from s2r_spec.diagnose.size import sized
+from s2r_spec.diagnose.together import together
 from s2r_spec.diagnose.where.found import Where
 from s2r_spec.diagnose.where.found import where as find_where
 from s2r_spec.errors import UsageError
@@ -120,14 +121,9 @@ def _answer(
     named = next(members for members, _ in ranked if members)
     tell("fitting the causes", 0, 1)
     catalogue = state.view.surrogate.catalogue
-    sized, at = _sized(state, weighed, named)
-    ends: Mapping[int, tuple[float, float]] = {}
-    if first_none:
-        tuned = catalogue.values(_sized(state, weighed, ())[1])
-    else:
-        at, ends = sized.polished(named, at)
-        tuned = catalogue.values(at)
-    fitted = fit(sized.data, catalogue, named, sized.temperature, at, ends)
+    best = sized(state, weighed, named)
+    fitted = fit(catalogue, named, best)
+    tuned = catalogue.values(sized(state, weighed, ()).at if first_none else best.at)
     far = _how_far(bench, state, held, {} if first_none else fitted.values, tuned, seed, executor, tell)
 
     unknown = state.unknown
@@ -203,17 +199,6 @@ def _answer(
         },
         assumptions=ASSUMPTIONS,
     )
-
-
-def _sized(state: State, weighed: Together, members: tuple[int, ...]) -> tuple[State, FloatArray]:
-    """Return where a set fits best, and the state that says so.
-
-    Names are told apart by data that are believed nearer than usual; a law that is not ours moves values by more.
-    """
-    found = weighed.fits.get(members) or state.beside(members)
-    if state.wide is None:
-        return state, found.at
-    return state.wide, state.wide.beside(members, found).at
 
 
 ASSUMPTIONS = (
@@ -353,7 +338,9 @@ def _next(bench: Bench, state: State, ranked: list[tuple[tuple[int, ...], float]
     rivals: list[tuple[str, Mapping[str, Mapping[str, float]]]] = []
     for members, _ in ranked:
         if members and len(rivals) < 2:
-            best = fit(state.data, state.view.surrogate.catalogue, members, state.temperature)
+            best = fit(
+                state.view.surrogate.catalogue, members, by_linear(state.data, members, state.temperature)
+            )
             rivals.append((" + ".join(state.judge.effects[k] for k in members), best.values))
     tell("next test", 0, 1)
     return next_test(bench, state.signatures, rivals, protocols=True)

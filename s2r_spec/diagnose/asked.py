@@ -1,0 +1,212 @@
+"""How large effects are, by what the equations of motion ask for.
+
+What a closed loop does hangs on all of the machine at once: where its every number is a little off, a fit to it gets
+sizes that are too small, for a little of everything else takes a part. The coordinates that the equations ask for
+(:mod:`s2r_spec.diagnose.equations`) are each of one effect, and much the same at every test; the bank says how they go
+with the effects' values. Their means over the rollouts say how large an effect is that was named by all of the data.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec.diagnose.axes import Line
+from s2r_spec.diagnose.bank import Bank
+from s2r_spec.diagnose.evidence import ALLOWED, FORM
+
+FloatArray = NDArray[np.float64]
+
+STEP = 0.1
+"""Of a coordinate, to either side, for a slope."""
+ROUNDS = 12
+"""Of Newton's method, each but the first by half of its step."""
+
+
+@dataclass(frozen=True)
+class Curve:
+    """What one line of the catalogue does to the mean coordinates: (g,) its own, rising, and (g, p) theirs."""
+
+    line: Line
+    at: FloatArray
+    change: FloatArray
+
+    def __call__(self, x: float) -> FloatArray:
+        """Return (p,) change at a coordinate of the line, no further than its ends."""
+        x = float(np.clip(x, self.at[0], self.at[-1]))
+        return np.array([np.interp(x, self.at, column) for column in self.change.T])
+
+    def slope(self, x: float) -> FloatArray:
+        """Return (p,) change per unit of the line's coordinate."""
+        low, high = np.clip((x - STEP, x + STEP), self.at[0], self.at[-1])
+        # Of a line every value of which fell, only the nominal one is known.
+        found: FloatArray = (self(high) - self(low)) / max(high - low, 1e-9)
+        return found
+
+
+@dataclass(frozen=True)
+class Asked:
+    """The bank, as far as the equations see it.
+
+    Attributes:
+        names: (p,) which parameter each coordinate is of, effect and parameter with a dot.
+        nominal: (p,) means of the nominal simulator.
+        curves: one a line of the bank, but for those that only say how another acts.
+        numerics: (variants, p) change when the same physics is computed otherwise.
+    """
+
+    names: tuple[str, ...]
+    nominal: FloatArray
+    curves: tuple[Curve, ...]
+    numerics: FloatArray
+
+    @classmethod
+    def of(cls, bank: Bank) -> Asked:
+        """Take the mean over the bank's tests: at each there is one rollout of a value."""
+        columns = asked_columns(bank)
+        curves = []
+        for line, change in zip(bank.lines, bank.changes, strict=True):
+            if line.base:
+                continue  # what it does hangs on how much there is of its effect: no curve of its own
+            mean = _mean(change[..., columns])
+            at = np.array([line.coordinate(value) for value in line.values])
+            there = np.isfinite(mean).all(axis=1)
+            at, mean = np.append(at[there], 0.0), np.vstack([mean[there], np.zeros(len(columns))])
+            order = np.argsort(at)
+            curves.append(Curve(line, at[order], mean[order]))
+        names = bank.features.names()
+        return cls(
+            tuple(names[k - 1].block for k in columns),
+            _mean(bank.nominal[..., columns].reshape(-1, len(columns))),
+            tuple(curves),
+            _mean(bank.variants[..., columns]),
+        )
+
+    def spread(self, seen: FloatArray, effects: Sequence[str], error: float) -> FloatArray:
+        """Return (p, p) covariance of (p,) mean coordinates with these effects as causes, and of all others a little.
+
+        Args:
+            seen: they, less nominal.
+            effects: names of the causes.
+            error: standard deviation of what no effect explains of a coordinate; a part of it, FORM, comes to it.
+        """
+        little = [ALLOWED * curve.slope(0.0) for curve in self.curves if curve.line.effect not in effects]
+        rows = np.array([*little, *self.numerics]).reshape(-1, len(seen))
+        found: FloatArray = rows.T @ rows + np.diag(error**2 + (FORM * seen) ** 2)
+        return found
+
+    def fitted(
+        self, seen: FloatArray, effects: Sequence[str], error: float, before: FloatArray, variance: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return how large effects are: coordinates (n,) of their lines, and covariance (n, n).
+
+        Where the effects leave more than they should of all coordinates together, each is believed so much less.
+
+        Args:
+            seen: (p,) mean coordinates, less nominal.
+            effects: names of the causes; the lines are :meth:`lines` of them.
+            error: see :meth:`spread`.
+            before: (n,) coordinates, as all other data have them.
+            variance: (n,) of these.
+        """
+        mine = self.lines(effects)
+        weigh: FloatArray = np.asarray(np.linalg.inv(self.spread(seen, effects, error)), dtype=np.float64)
+        x, left, slopes = self.nearest(seen, mine, weigh, before, variance)
+        times = float(left @ weigh @ left) / len(seen)
+        if times > 1.0:
+            weigh = weigh / times
+            x, left, slopes = self.nearest(seen, mine, weigh, before, variance)
+        inner = slopes @ weigh @ slopes.T + np.diag(1.0 / variance)
+        return x, np.asarray(np.linalg.inv(inner), dtype=np.float64)
+
+    def lines(self, effects: Sequence[str]) -> list[Curve]:
+        """Return the curves of these effects, in the bank's order."""
+        return [curve for curve in self.curves if curve.line.effect in effects]
+
+    def nearest(
+        self,
+        seen: FloatArray,
+        mine: Sequence[Curve],
+        weigh: FloatArray,
+        before: FloatArray,
+        variance: FloatArray,
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return (n,) the likeliest coordinates, (p,) what they leave of what was seen, and (n, p) slopes there."""
+        lower = np.array([curve.at[0] for curve in mine])
+        upper = np.array([curve.at[-1] for curve in mine])
+        known = np.diag(1.0 / variance)
+        x = np.clip(before, lower, upper)
+        for again in range(ROUNDS):
+            there, slopes = self._at(x, mine)
+            inner = slopes @ weigh @ slopes.T + known
+            aim = np.linalg.solve(inner, slopes @ weigh @ (seen - there + x @ slopes) + known @ before)
+            x = np.clip((x + aim) / 2.0 if again else aim, lower, upper)
+        there, slopes = self._at(x, mine)
+        return x, seen - there, slopes
+
+    def _at(self, x: FloatArray, mine: Sequence[Curve]) -> tuple[FloatArray, FloatArray]:
+        """Return (p,) what these lines do there together, and (n, p) slopes."""
+        p = len(self.names)
+        each = np.array([curve(c) for curve, c in zip(mine, x, strict=True)]).reshape(-1, p)
+        slopes = np.array([curve.slope(c) for curve, c in zip(mine, x, strict=True)]).reshape(-1, p)
+        return each.sum(axis=0), slopes
+
+
+@dataclass(frozen=True)
+class Heard:
+    """What the equations ask for at one machine.
+
+    Attributes:
+        asked: the bank at its tests.
+        seen: (p,) mean coordinates over its rollouts, less those of the nominal simulator at the same tests.
+        error: standard deviation of what no effect explains of one.
+    """
+
+    asked: Asked
+    seen: FloatArray
+    error: float
+
+    @classmethod
+    def of(cls, bank: Bank, rows: FloatArray, nominal: FloatArray, error: float) -> Heard | None:
+        """Take the means over n rollouts; None where nothing is asked, or not of all of them.
+
+        Args:
+            bank: of the simulator.
+            rows: (n, 1 + p) of the machine.
+            nominal: (n, 1 + p) of the simulator at the same tests.
+            error: of a coordinate.
+        """
+        columns = asked_columns(bank)
+        apart = (rows - nominal)[:, columns]
+        apart = apart[np.isfinite(apart).all(axis=1)]
+        if not apart.size:
+            return None
+        return cls(Asked.of(bank), apart.mean(axis=0), error)
+
+    @property
+    def effects(self) -> frozenset[str]:
+        """Return the effects of which a coordinate is asked for."""
+        return frozenset(name.split(".")[0] for name in self.asked.names)
+
+    def sized(
+        self, effects: Sequence[str], before: FloatArray, variance: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return how large effects are: see :meth:`Asked.fitted`."""
+        return self.asked.fitted(self.seen, effects, self.error, before, variance)
+
+
+def asked_columns(bank: Bank) -> NDArray[np.intp]:
+    """Return the columns of the bank's rows that the equations of motion ask for; the first column is ρ."""
+    names = bank.features.names()
+    return np.array([1 + k for k, f in enumerate(names) if f.statistic == "equation"], dtype=np.intp)
+
+
+def _mean(values: FloatArray) -> FloatArray:
+    """Return (..., p) means of (..., m, p) over the tests, of those that are finite."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # where every rollout fell there is none
+        return np.asarray(np.nanmean(values, axis=-2))

@@ -1,0 +1,79 @@
+"""How large the effects of a set are, with a little of everything else beside them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from s2r_spec.diagnose.asked import Heard
+from s2r_spec.diagnose.estimate import COVER, Sized, by_linear
+from s2r_spec.diagnose.evidence import ALLOWED, FORM, Set
+from s2r_spec.diagnose.joint import Joint, joint_fit, polished, reach, rephased
+from s2r_spec.diagnose.models import Part
+from s2r_spec.diagnose.prepare import State
+from s2r_spec.diagnose.together import Together
+
+WIDE = 3.0
+"""Standard deviation of a named effect, in parts of its typical size, once its value is all that is asked for."""
+
+
+def sized(state: State, weighed: Together, members: Set) -> Sized:
+    """Return where a set fits best, the set being given."""
+    found = weighed.fits.get(members) or state.beside(members)
+    if state.wide is not None:
+        # Names are told apart by data that are believed nearer than usual; a law that is not ours moves values by more.
+        state = state.wide
+        found = state.beside(members, found)
+    best = Sized(found.at, by_linear(state.data, members, state.temperature).deviation)
+    if not members:
+        return best
+    if not state.simulator.dear:
+        return _looked(state, members, best)
+    heard = state.heard
+    names = state.view.surrogate.catalogue.effects
+    deaf = tuple(k for k in members if heard is None or names[k] not in heard.effects)
+    if deaf:
+        best = _looked(state, deaf, best)
+    return best if heard is None or len(deaf) == len(members) else _told(state, members, best, found, heard)
+
+
+def _looked(state: State, effects: Set, best: Sized) -> Sized:
+    """Put the coordinates of these effects right by looks along their lines, the others held."""
+    view = state.view
+    part = Part(state.simulator, effects, best.at)
+    known = (view.data, view.variance, view.nuisances)
+    begin = best.at[part.lines]
+    if state.simulator.dear:
+        return replace(best, at=part.all(polished(part, *known, begin, WIDE)))
+    at = polished(part, *known, rephased(part, *known, begin, WIDE), WIDE)
+    near = COVER**2 * state.temperature
+    based = np.flatnonzero(part.based).tolist()
+    ends = {int(part.lines[k]): reach(part, *known, at, k, near) for k in based}
+    return replace(best, at=part.all(at), ends=ends)
+
+
+def _told(state: State, members: Set, best: Sized, found: Joint, heard: Heard) -> Sized:
+    """Let the equations of motion say how large these effects are, and fit a little of all others beside them."""
+    view, catalogue = state.view, state.view.surrogate.catalogue
+    lines = np.flatnonzero(np.isin(catalogue.owner, members) & ~catalogue.based)
+    # A closed loop is off as a whole: by the part of itself up to which a number is believed, times the roots of how
+    # many numbers count as one and of how far they are from what was believed of them.
+    doubt = FORM * np.sqrt(state.temperature * state.strain)
+    variance = best.deviation[lines] ** 2 + (doubt * best.at[lines]) ** 2
+    size, covariance = heard.sized([catalogue.effects[k] for k in members], best.at[lines], variance)
+    at, deviation = best.at.copy(), best.deviation.copy()
+    at[lines], deviation[lines] = size, np.sqrt(np.diag(covariance))
+    others = [k for k in range(len(catalogue.effects)) if k not in members]
+    rest = Part(state.simulator, others, at)
+    little = joint_fit(
+        rest,
+        view.data,
+        view.variance,
+        view.nuisances,
+        at[rest.lines],
+        found.jacobian[rest.lines],
+        ALLOWED,
+        exact=True,
+    )
+    return replace(best, at=rest.all(little.at), deviation=deviation)

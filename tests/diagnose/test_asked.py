@@ -1,0 +1,109 @@
+"""How large effects are, by what the equations of motion ask for."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from s2r_cart import SPEC
+
+import s2r_spec as s2r
+from s2r_spec.diagnose import bank as banks
+from s2r_spec.diagnose.asked import Asked, Curve, Heard, asked_columns
+from s2r_spec.diagnose.axes import Line
+from s2r_spec.diagnose.prepare import bench_of
+from tests.diagnose.test_equations import Felt
+
+ERROR = 0.03
+
+
+def line(effect):
+    return Line(effect, "size", "drive", "", 0.0, (-2.0, 2.0), 1.0, -2.0, 2.0, False, {})
+
+
+def curve(effect, at, change):
+    return Curve(line(effect), np.array(at), np.array(change, dtype=float))
+
+
+BENT = Asked(
+    ("a.size", "b.size"),
+    np.zeros(2),
+    (
+        # What is asked for bends, and b reads some of a.
+        curve("a", [-2.0, -1.0, 0.0, 1.0, 2.0], [[-0.8, 0.0], [-0.7, 0.0], [0, 0], [0.9, 0.2], [1.1, 0.4]]),
+        curve("b", [-2.0, 0.0, 2.0], [[0.0, -2.0], [0, 0], [0.0, 2.0]]),
+        curve("unheard", [-2.0, 0.0, 2.0], np.zeros((3, 2))),
+    ),
+    np.zeros((0, 2)),
+)
+
+
+def test_a_curve_is_followed_between_its_values_and_no_further():
+    bent = BENT.curves[0]
+    np.testing.assert_allclose(bent(0.5), [0.45, 0.1])
+    np.testing.assert_array_equal(bent(7.0), bent(2.0))
+    np.testing.assert_allclose(bent.slope(0.5), [0.9, 0.2])
+    assert np.isfinite(curve("fell", [0.0], [[0.0, 0.0]]).slope(0.0)).all()
+
+
+@pytest.mark.parametrize("true", [(1.6, 0.5), (-1.3, 0.9), (0.3, -0.4)])
+def test_sizes_follow_the_equations_through_a_bent_curve_where_nothing_else_is_known(true):
+    seen = BENT.curves[0](true[0]) + BENT.curves[1](true[1])
+    x, covariance = BENT.fitted(seen, ["a", "b"], 1e-3, np.zeros(2), np.full(2, 1e6))
+    np.testing.assert_allclose(x, true, atol=0.02)
+    assert (np.abs(x - true) < 2 * np.sqrt(np.diag(covariance))).all()
+
+
+def test_what_is_known_otherwise_stays_where_the_equations_say_nothing_or_less():
+    seen = BENT.curves[0](1.0)
+    before, variance = np.array([0.6, 0.7]), np.array([1e-6, 0.04])
+    x, covariance = BENT.fitted(seen, ["a", "unheard"], ERROR, before, variance)
+    np.testing.assert_allclose(
+        x, before, atol=1e-2
+    )  # a by its own variance, the other for want of a coordinate
+    np.testing.assert_allclose(np.diag(covariance), variance, rtol=0.01)
+    # believed as little as half of itself, a goes where the equations want it
+    x, _ = BENT.fitted(seen, ["a", "unheard"], ERROR, before, np.array([0.09, 0.04]))
+    assert x[0] == pytest.approx(1.0, abs=0.1)
+
+
+def test_effects_that_leave_more_than_they_should_are_sized_less_surely():
+    seen = BENT.curves[0](1.0)
+    odd = seen + np.array([0.0, 0.8])  # that no a explains
+    known = np.zeros(1), np.full(1, 1.0)
+    deviation = [np.sqrt(BENT.fitted(y, ["a"], ERROR, *known)[1][0, 0]) for y in (seen, odd)]
+    assert deviation[1] > 1.5 * deviation[0]
+
+
+@pytest.fixture(scope="module")
+def felt():
+    bench = bench_of(s2r.parse_spec(SPEC), "tracking", Felt())
+    bank = banks.simulate(bench)
+    return replace(bench, features=bank.features), bank
+
+
+@pytest.mark.parametrize("effects", [{"viscous": 1.5}, {"viscous": 1.0, "payload": 0.4}, {"payload": 0.5}])
+def test_a_closed_loop_that_says_too_little_is_put_right_by_the_equations(felt, effects):
+    bench, bank = felt
+    parameter = {one.effect: one.parameter for one in bank.lines}
+    machine = Felt().with_effects({name: {parameter[name]: x} for name, x in effects.items()})
+    rollouts = [(bank.tests[k % len(bank.tests)], 100 + k) for k in range(12)]
+    rows = np.array([bench.measure(machine.rollout(test, seed), test) for test, seed in rollouts])
+    nominal = np.array([bench.measure(Felt().rollout(test, seed), test) for test, seed in rollouts])
+    heard = Heard.of(bank, rows, nominal, ERROR)
+    assert set(effects) <= heard.effects
+    lines = heard.asked.lines(list(effects))
+    true = np.array([curve.line.coordinate(effects[curve.line.effect]) for curve in lines])
+    x, covariance = heard.sized(list(effects), 0.6 * true, (0.5 * true) ** 2)
+    assert (np.abs(x - true) < 0.5 * np.abs(0.6 * true - true)).all(), (x, true)
+    assert (np.abs(x - true) < 3.0 * np.sqrt(np.diag(covariance))).all(), (x, true)
+
+
+def test_a_machine_whose_records_lack_what_a_residual_needs_is_not_heard(felt):
+    bench, bank = felt
+    row = bench.measure(Felt().rollout(bank.tests[0], 0), bank.tests[0])
+    mute = row.copy()
+    mute[asked_columns(bank)] = np.nan
+    assert Heard.of(bank, mute[None], row[None], ERROR) is None
+    # one rollout of two is enough
+    heard = Heard.of(bank, np.array([mute, row]), np.array([row, row]), ERROR)
+    np.testing.assert_array_equal(heard.seen, 0.0)
