@@ -72,12 +72,8 @@ class Asked:
         for line, change in zip(bank.lines, bank.changes, strict=True):
             if line.base:
                 continue  # what it does hangs on how much there is of its effect: no curve of its own
-            mean = _mean(change[..., columns])
-            at = np.array([line.coordinate(value) for value in line.values])
-            there = np.isfinite(mean).all(axis=1)
-            at, mean = np.append(at[there], 0.0), np.vstack([mean[there], np.zeros(len(columns))])
-            order = np.argsort(at)
-            curves.append(Curve(line, at[order], mean[order]))
+            values = np.array([line.coordinate(value) for value in line.values])
+            curves.append(Curve(line, *_straight(values, _mean(change[..., columns]))))
         names = bank.features.names()
         return cls(
             tuple(names[k - 1].block for k in columns),
@@ -203,6 +199,24 @@ def asked_columns(bank: Bank) -> NDArray[np.intp]:
     """Return the columns of the bank's rows that the equations of motion ask for; the first column is ρ."""
     names = bank.features.names()
     return np.array([1 + k for k, f in enumerate(names) if f.statistic == "equation"], dtype=np.intp)
+
+
+def _straight(at: FloatArray, change: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return (g + 1,) coordinates, rising, with nominal among them, and (g + 1, p) changes.
+
+    Of a value at which every rollout fell, that is what the next one towards nominal makes of it, by proportion: the
+    equations ask for as much as there is.
+    """
+    there = np.isfinite(change).all(axis=1)
+    filled = np.where(there[:, None], change, 0.0)
+    for k in np.flatnonzero(~there):
+        nearer = np.flatnonzero(there & (at * at[k] > 0) & (np.abs(at) < abs(at[k])))
+        if len(nearer):
+            last = nearer[np.abs(at[nearer]).argmax()]
+            filled[k] = change[last] * at[k] / at[last]
+    whole = np.append(at, 0.0)
+    order = np.argsort(whole)
+    return np.asarray(whole[order]), np.vstack([filled, np.zeros(change.shape[1])])[order]
 
 
 def _mean(values: FloatArray) -> FloatArray:

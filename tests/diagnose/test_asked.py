@@ -8,7 +8,7 @@ from s2r_cart import SPEC
 
 import s2r_spec as s2r
 from s2r_spec.diagnose import bank as banks
-from s2r_spec.diagnose.asked import Asked, Curve, Heard, asked_columns
+from s2r_spec.diagnose.asked import Asked, Curve, Heard, _straight, asked_columns
 from s2r_spec.diagnose.axes import Line
 from s2r_spec.diagnose.prepare import bench_of
 from tests.diagnose.test_equations import Felt
@@ -42,7 +42,17 @@ def test_a_curve_is_followed_between_its_values_and_no_further():
     np.testing.assert_allclose(bent(0.5), [0.45, 0.1])
     np.testing.assert_array_equal(bent(7.0), bent(2.0))
     np.testing.assert_allclose(bent.slope(0.5), [0.9, 0.2])
-    assert np.isfinite(curve("fell", [0.0], [[0.0, 0.0]]).slope(0.0)).all()
+
+
+def test_where_every_rollout_fell_a_curve_goes_on_by_proportion():
+    at, change = _straight(
+        np.array([-2.0, -1.0, 0.5, 1.0]), np.array([[np.nan], [-0.8], [0.4], [np.nan]], dtype=float)
+    )
+    np.testing.assert_array_equal(at, [-2.0, -1.0, 0.0, 0.5, 1.0])
+    np.testing.assert_allclose(change[:, 0], [-1.6, -0.8, 0.0, 0.4, 0.8])
+    # of a side on which nothing stayed up nothing is known
+    _, change = _straight(np.array([-1.0, 1.0]), np.array([[np.nan], [0.9]]))
+    np.testing.assert_array_equal(change[:, 0], [0.0, 0.0, 0.9])
 
 
 @pytest.mark.parametrize("true", [(1.6, 0.5), (-1.3, 0.9), (0.3, -0.4)])
