@@ -207,7 +207,7 @@ def _straight(at: FloatArray, change: FloatArray) -> tuple[FloatArray, FloatArra
     Of a value at which every rollout fell, that is what the next one towards nominal makes of it, by proportion: the
     equations ask for as much as there is.
     """
-    there = np.isfinite(change).all(axis=1)
+    there = np.asarray(np.isfinite(change).all(axis=1))
     filled = np.where(there[:, None], change, 0.0)
     for k in np.flatnonzero(~there):
         nearer = np.flatnonzero(there & (at * at[k] > 0) & (np.abs(at) < abs(at[k])))

@@ -4,12 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from s2r_cart import SPEC
+from s2r_cart import SPEC, real
 
 import s2r_spec as s2r
 from s2r_spec.diagnose import bank as banks
 from s2r_spec.diagnose.asked import Asked, Curve, Heard, _straight, asked_columns
 from s2r_spec.diagnose.axes import Line
+from s2r_spec.diagnose.axes import line as line_of
 from s2r_spec.diagnose.prepare import bench_of
 from tests.diagnose.test_equations import Felt
 
@@ -117,3 +118,36 @@ def test_a_machine_whose_records_lack_what_a_residual_needs_is_not_heard(felt):
     # one rollout of two is enough
     heard = Heard.of(bank, np.array([mute, row]), np.array([row, row]), ERROR)
     np.testing.assert_array_equal(heard.seen, 0.0)
+
+
+@pytest.mark.parametrize("cost", [1e-3, 0.3])
+def test_only_a_dear_simulator_has_its_sizes_from_the_equations(cache, monkeypatch, cost):
+    told = []
+
+    def sized(self, effects, before, variance):
+        told.append((effects, before))
+        return np.full(len(before), 0.25), np.diag(np.full(len(before), 0.01**2))
+
+    monkeypatch.setattr(Heard, "sized", sized)
+    rng = np.random.default_rng(12)
+    tests = [{"vd": rng.uniform(0.2, 1), "acc": rng.uniform(1, 4)} for _ in range(24)]
+    seen = [(test, real(test, 12000 + i, {"viscous": 1.6})) for i, test in enumerate(tests)]
+    found = s2r.diagnose(s2r.parse_spec(SPEC), Felt(cost=cost), seen, cache=cache, where=False)
+    assert found.which.answer == ("viscous",)
+    (estimate,) = found.which.estimates
+    if cost < 0.1:
+        assert not told
+        assert estimate.low < 1.6 < estimate.high
+        return
+    ((effects, before),) = told
+    assert effects == ["viscous"]
+    viscous = next(e for e in Felt().effects() if e.name == "viscous")
+    of = line_of(viscous, viscous.parameters[0])
+    assert before[0] == pytest.approx(of.coordinate(1.6), rel=0.3)  # what the closed loop says goes in
+    # and what the equations say comes out, with their interval
+    assert estimate.value == pytest.approx(of.value(0.25))
+    assert estimate.high - estimate.low == pytest.approx(2 * 1.645 * 0.01 * of.typical)
+    assert found.patch["viscous"]["coefficient"] == estimate.value
+    # a little of all others is fitted beside what is too small now
+    assert found.tuned["viscous"]["coefficient"] == estimate.value
+    assert len(found.tuned) > 1

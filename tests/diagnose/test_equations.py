@@ -117,12 +117,12 @@ def test_only_effects_that_the_residuals_know_are_asked_for_and_the_bank_keeps_t
     assert not banks.simulate(bench_of(spec, "tracking", Cart())).features.probes
 
 
-def test_a_pair_is_named_by_a_simulator_with_residuals(tmp_path):
+def test_a_pair_is_named_by_a_simulator_with_residuals(cache):
     rng = np.random.default_rng(12)
     tests = [{"vd": rng.uniform(0.2, 1), "acc": rng.uniform(1, 4)} for _ in range(30)]
     effects = {"viscous": 1.6, "delay": 0.035}
     seen = [(test, real(test, 12000 + i, effects)) for i, test in enumerate(tests)]
-    found = s2r.diagnose(s2r.parse_spec(SPEC), Felt(), seen, cache=tmp_path)
+    found = s2r.diagnose(s2r.parse_spec(SPEC), Felt(), seen, cache=cache)
     assert found.which.ranked[0][0] == ("viscous", "delay"), found.which.ranked[:4]
     assert found.where.body is not None
 
