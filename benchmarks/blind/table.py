@@ -35,9 +35,10 @@ SETS = {
     "a1third": "of the A1, third",
     "a1fourth": "fourth",
     "a1fifth": "fifth",
-    "a1": "sixth",
+    "a1sixth": "sixth",
+    "a1": "seventh",
 }
-SHOWN = ("emps1", "emps4", "emps7", "emps9", "emps", "a1third", "a1fourth", "a1fifth", "a1")
+SHOWN = ("emps1", "emps4", "emps7", "emps9", "emps", "a1third", "a1fourth", "a1fifth", "a1sixth", "a1")
 """Those on the page."""
 RATES = {
     "single effects: it is the likeliest set": "top-1, single effects",
