@@ -9,7 +9,7 @@ with the effects' values. Their means over the rollouts say how large an effect 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,6 +25,8 @@ STEP = 0.1
 """Of a coordinate, to either side, for a slope."""
 ROUNDS = 12
 """Of Newton's method, each but the first by half of its step."""
+LOOKS = 2
+"""At the simulator, for what effects do together."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +81,7 @@ class Asked:
             tuple(names[k - 1].block for k in columns),
             _mean(bank.nominal[..., columns].reshape(-1, len(columns))),
             tuple(curves),
-            _mean(bank.variants[..., columns]),
+            np.nan_to_num(_mean(bank.variants[..., columns])),
         )
 
     def spread(self, seen: FloatArray, effects: Sequence[str], error: float) -> FloatArray:
@@ -157,12 +159,14 @@ class Heard:
     """What the equations ask for at one machine.
 
     Attributes:
-        asked: the bank at its tests.
+        asked: the bank.
+        columns: (p,) where the coordinates are in a row.
         seen: (p,) mean coordinates over its rollouts, less those of the nominal simulator at the same tests.
         error: standard deviation of what no effect explains of one.
     """
 
     asked: Asked
+    columns: NDArray[np.intp]
     seen: FloatArray
     error: float
 
@@ -181,7 +185,7 @@ class Heard:
         apart = apart[np.isfinite(apart).all(axis=1)]
         if not apart.size:
             return None
-        return cls(Asked.of(bank), apart.mean(axis=0), error)
+        return cls(Asked.of(bank), columns, apart.mean(axis=0), error)
 
     @property
     def effects(self) -> frozenset[str]:
@@ -189,10 +193,32 @@ class Heard:
         return frozenset(name.split(".")[0] for name in self.asked.names)
 
     def sized(
-        self, effects: Sequence[str], before: FloatArray, variance: FloatArray
+        self,
+        effects: Sequence[str],
+        before: FloatArray,
+        variance: FloatArray,
+        simulated: Callable[[FloatArray], FloatArray],
     ) -> tuple[FloatArray, FloatArray]:
-        """Return how large effects are: see :meth:`Asked.fitted`."""
-        return self.asked.fitted(self.seen, effects, self.error, before, variance)
+        """Return how large effects are: coordinates (n,) of their lines, and covariance (n, n).
+
+        The bank has one effect at a time. What several do together is put right by the simulator itself, where the
+        data have them and again where the equations move them to.
+
+        Args:
+            effects: names of the causes.
+            before: (n,) coordinates, as all other data have them.
+            variance: (n,) of these.
+            simulated: from (n,) coordinates to (rollouts, 1 + p) change of the simulator's rows from nominal.
+        """
+        mine = self.asked.lines(effects)
+        x, covariance = before, np.diag(variance)
+        for _ in range(LOOKS):
+            there = np.nan_to_num(_mean(simulated(x)[:, self.columns]))
+            alone = np.sum([curve(c) for curve, c in zip(mine, x, strict=True)], axis=0)
+            x, covariance = self.asked.fitted(
+                self.seen - (there - alone), effects, self.error, before, variance
+            )
+        return x, covariance
 
 
 def asked_columns(bank: Bank) -> NDArray[np.intp]:

@@ -276,6 +276,16 @@ class Simulator:
         means = [block.reshape(self.shots, len(places), -1).mean(axis=0) for block in rows]
         return [self._signatures.components(mean, kept) for mean in means]
 
+    def apart(self, at: FloatArray) -> FloatArray:
+        """Return (looks, 1 + p) change of ρ and of the features themselves from nominal, at the tests of a look."""
+        runs = tuple(
+            (self._layout.tests[i], seed_of(int(i), s)) for s in range(self.shots) for i in self._many
+        )
+        executor = self._executor if self._cost * len(runs) > WORTH else None
+        jobs = [Job(self.catalogue.values(at), (run,)) for run in runs]
+        rows = np.concatenate(run_jobs(self._bench, jobs, executor))
+        return np.asarray(rows - np.concatenate(self._nominal[: self.shots, self._many]))
+
     def variance(self, noise: FloatArray) -> FloatArray:
         """Return (q, k) scatter of a look, from (k,) that of one rollout."""
         of_tests = self._layout.projected_from(self._many) ** 2

@@ -120,8 +120,8 @@ class State:
     heard: Heard | None = None
     """What the equations of motion ask for, if they do."""
 
-    strain: float = 1.0
-    """What the joint fit leaves of the data, in units of what was believed at first; at least 1."""
+    usual: FloatArray | None = None
+    """(q, k) variance of the data as it is believed of any simulator, where they are believed otherwise."""
 
     @property
     def count(self) -> float:
@@ -296,7 +296,8 @@ def prepare(
         signatures, smooth, view, judge, p, simulator, simulator, best.at, best.jacobian, exact=True
     )
     heard = Heard.of(bank, rows, level[layout.place], asked_error)
-    return replace(found, tried=tried, heard=heard)
+    usual = believed(scatter, view.layout.level(view.data))
+    return replace(found, tried=tried, heard=heard, usual=usual)
 
 
 def _closer(wide: State, view: View, scatter: FloatArray) -> State:
@@ -389,7 +390,6 @@ def _state(
         of_smooth = seen_through(fitted, smooth.layout.project, wider, smooth.nuisances)
         through = evidence(linear(catalogue, of_smooth, smooth.data, wider, smooth.nuisances))
     warmth = temperature(_counted(view, smooth), fitted.misfit, judge.weights)
-    strain = max(misfit(fitted.rest, view.variance, view.nuisances), 1.0)
     return State(
         signatures,
         smooth,
@@ -403,7 +403,6 @@ def _state(
         simulator,
         fitted,
         warmth,
-        strain=strain,
     )
 
 

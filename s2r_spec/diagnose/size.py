@@ -5,14 +5,17 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from s2r_spec.diagnose.asked import Heard
 from s2r_spec.diagnose.estimate import COVER, Sized, by_linear
 from s2r_spec.diagnose.evidence import ALLOWED, FORM, Set
-from s2r_spec.diagnose.joint import Joint, joint_fit, polished, reach, rephased
+from s2r_spec.diagnose.joint import Joint, joint_fit, misfit, polished, reach, rephased
 from s2r_spec.diagnose.models import Part
 from s2r_spec.diagnose.prepare import State
 from s2r_spec.diagnose.together import Together
+
+FloatArray = NDArray[np.float64]
 
 WIDE = 3.0
 """Standard deviation of a named effect, in parts of its typical size, once its value is all that is asked for."""
@@ -35,6 +38,12 @@ def sized(state: State, weighed: Together, members: Set) -> Sized:
     deaf = tuple(k for k in members if heard is None or names[k] not in heard.effects)
     if deaf:
         best = _looked(state, deaf, best)
+    # A closed loop is off as a whole: by the part of itself up to which a number is believed, times the roots of how
+    # many numbers count as one and of what the fit leaves of them in units of what is believed.
+    usual = state.view.variance if state.usual is None else state.usual
+    left = misfit(found.rest, usual, state.view.nuisances)
+    doubt = FORM * np.sqrt(state.temperature * left)
+    best = replace(best, deviation=np.hypot(best.deviation, doubt * best.at))
     return best if heard is None or len(deaf) == len(members) else _told(state, members, best, found, heard)
 
 
@@ -57,11 +66,15 @@ def _told(state: State, members: Set, best: Sized, found: Joint, heard: Heard) -
     """Let the equations of motion say how large these effects are, and fit a little of all others beside them."""
     view, catalogue = state.view, state.view.surrogate.catalogue
     lines = np.flatnonzero(np.isin(catalogue.owner, members) & ~catalogue.based)
-    # A closed loop is off as a whole: by the part of itself up to which a number is believed, times the roots of how
-    # many numbers count as one and of how far they are from what was believed of them.
-    doubt = FORM * np.sqrt(state.temperature * state.strain)
-    variance = best.deviation[lines] ** 2 + (doubt * best.at[lines]) ** 2
-    size, covariance = heard.sized([catalogue.effects[k] for k in members], best.at[lines], variance)
+    chosen = [catalogue.effects[k] for k in members]
+
+    def simulated(x: FloatArray) -> FloatArray:
+        alone = np.zeros_like(best.at)
+        alone[catalogue.based] = best.at[catalogue.based]
+        alone[lines] = x
+        return state.simulator.apart(alone)
+
+    size, covariance = heard.sized(chosen, best.at[lines], best.deviation[lines] ** 2, simulated)
     at, deviation = best.at.copy(), best.deviation.copy()
     at[lines], deviation[lines] = size, np.sqrt(np.diag(covariance))
     others = [k for k in range(len(catalogue.effects)) if k not in members]
