@@ -54,10 +54,10 @@ def test_what_is_said_of_delays_and_of_sure_errors():
         if likeliest(case)[1] >= 0.9 and likeliest(case)[0] != truth(case["label"])
     ]
     assert sorted("+".join(w["effects"]) if w["kind"] == "unknown" else w["kind"] for w in wrong) == (
-        ["cubic_drag"] + ["pair"] * 6
+        ["cubic_drag"] + ["pair"] * 4
     )
     assert (
-        "a second effect that was missed, six times, and cubic drag that was called quadratic, once" in page
+        "a second effect that was missed, four times, and cubic drag that was called quadratic, once" in page
     )
 
 
