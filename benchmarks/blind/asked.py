@@ -15,13 +15,9 @@ Writes results/<set>_asked.json.
 
 from __future__ import annotations
 
-import argparse
-import json
 import sys
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from functools import cache
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -29,23 +25,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
-from machine import describe
+sys.path.insert(0, str(Path(__file__).parent))
+from opened import Opened, bench, rollouts
 
-from s2r_spec.backend import load_backend
 from s2r_spec.diagnose import bank as banks
-from s2r_spec.diagnose.ask import real_rollouts
 from s2r_spec.diagnose.asked import Asked
 from s2r_spec.diagnose.evidence import LARGE
-from s2r_spec.diagnose.prepare import bench_of, split
 from s2r_spec.diagnose.simulate import Bench
-from s2r_spec.spec import load_spec
 
 FloatArray = NDArray[np.float64]
-RESULTS = Path(__file__).parent / "results"
-ROOT = Path(__file__).parents[2]
-SETS = {"emps": ("specs/emps_tracking.stl", "emps"), "a1": ("specs/a1_velocity.stl", "sim")}
-"""Set → its spec and its simulator."""
 ERRORS = (0.03, 0.05, 0.08, 0.13, 0.2, 0.35)
 """Standard deviation of what no effect explains of a mean coordinate, in parts of typical sizes."""
 WEIGHTS = (0.0, 0.15, 0.3, 0.5, 1.0)
@@ -80,21 +68,17 @@ def log_evidence(asked: Asked, seen: FloatArray, members: tuple[str, ...], error
 @cache
 def known(name: str) -> tuple[Bench, Asked]:
     """Return a set's bench, and what its bank says of the equations, the same for all of its cases."""
-    path, simulator = SETS[name]
-    spec = load_spec(ROOT / path)
-    bench = bench_of(spec, spec.requirements[0], simulator)
-    bank = banks.bank(bench)
-    return replace(bench, features=bank.features), Asked.of(bank)
+    bank = banks.bank(bench(name))
+    return replace(bench(name), features=bank.features), Asked.of(bank)
 
 
 def coordinates(case: Path, name: str) -> FloatArray:
     """Return (p,) means over the rollouts that a diagnosis sees, less those of the nominal simulator."""
-    bench, asked = known(name)
-    rollouts = real_rollouts(bench, load_backend(f"log:{case}"), None, 0, None, lambda *_: None)
-    seen, _ = split(rollouts, 0)
-    assert bench.features is not None
+    ours, asked = known(name)
+    seen, _ = rollouts(ours, case)
+    assert ours.features is not None
     rows = [
-        bench.features.equations(trace, bench.backend, bench.matched.to_backend(test)) for test, trace in seen
+        ours.features.equations(trace, ours.backend, ours.matched.to_backend(test)) for test, trace in seen
     ]
     return np.asarray(np.nanmean(rows, axis=0) - asked.nominal)
 
@@ -125,23 +109,16 @@ def sizes(kept: dict[str, Any], asked: Asked, mean: FloatArray) -> list[tuple[fl
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("set", choices=tuple(SETS))
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("--workers", type=int, default=1)
-    given = parser.parse_args()
-    scores = json.loads((RESULTS / f"{given.set}_scores.json").read_text())["cases"]
-    names = list(scores)
-    cases = [given.folder / given.set / "public" / name for name in names]
-    _, asked = known(given.set)
+    opened = Opened.asked_for(__doc__)
+    scores = opened.cases()
+    _, asked = known(opened.name)
     effects = tuple(dict.fromkeys(curve.line.effect for curve in asked.curves))
-    with ProcessPoolExecutor(given.workers, mp_context=get_context("spawn")) as pool:
-        seen = list(pool.map(coordinates, cases, [given.set] * len(cases)))
+    seen = opened.over(coordinates, scores)
 
     rests, logs = [], {weight: [] for weight in WEIGHTS}
     parts: list[tuple[float, float]] = []
     told = {}
-    for name, mean in zip(names, seen, strict=True):
+    for name, mean in zip(scores, seen, strict=True):
         label = scores[name]["label"]
         clear = {n: round(float(x), 2) for n, x in zip(asked.names, mean, strict=True) if abs(x) > SHOWN}
         told[name] = {"kind": label["kind"], "effects": label["effects"], "asked for": clear}
@@ -167,15 +144,14 @@ def main() -> None:
         f"of the true size of {len(parts)} named parameters the answer has {answered}, the equations {equations} "
         f"(medians)"
     )
-    kept = {
-        "machine": describe(),
+    found = {
         "cases": told,
         "errors": errors,
         "known": len(rests),
         "part of the true size": {"of": len(parts), "answer": answered, "equations": equations},
         "log score by weight": mixed,
     }
-    (RESULTS / f"{given.set}_asked.json").write_text(json.dumps(kept, indent=1) + "\n")
+    opened.write("asked", found)
 
 
 if __name__ == "__main__":

@@ -213,11 +213,11 @@ class Heard:
         mine = self.asked.lines(effects)
         x, covariance = before, np.diag(variance)
         for _ in range(LOOKS):
-            there = np.nan_to_num(_mean(simulated(x)[:, self.columns]))
+            there = _mean(simulated(x)[:, self.columns])
             alone = np.sum([curve(c) for curve, c in zip(mine, x, strict=True)], axis=0)
-            x, covariance = self.asked.fitted(
-                self.seen - (there - alone), effects, self.error, before, variance
-            )
+            # Where these effects make every rollout fall, only the bank knows what they do.
+            together = np.nan_to_num(there - alone)
+            x, covariance = self.asked.fitted(self.seen - together, effects, self.error, before, variance)
         return x, covariance
 
 

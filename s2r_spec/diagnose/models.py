@@ -263,28 +263,27 @@ class Simulator:
 
     def _simulated(self, points: Sequence[FloatArray], places: NDArray[np.intp]) -> list[FloatArray]:
         """Return the same, by rollouts."""
+        kept = self._nominal[: self.shots, places].mean(axis=0)[:, self._signatures.kept]
+        means = [rows.mean(axis=0) for rows in self._rows(points, places)]
+        return [self._signatures.components(mean, kept) for mean in means]
+
+    def _rows(self, points: Sequence[FloatArray], places: NDArray[np.intp]) -> list[FloatArray]:
+        """Return (shots, len(places), 1 + p) rows of rollouts at each of these coordinates."""
         runs = tuple((self._layout.tests[i], seed_of(int(i), s)) for s in range(self.shots) for i in places)
         jobs = [Job(self.catalogue.values(at), runs) for at in points]
         executor = self._executor if self._cost * len(runs) * len(jobs) > WORTH else None
         if len(jobs) == 1 and executor is not None:
             # One simulator at many tests: shared out by tests.
             jobs = [Job(jobs[0].values, (run,)) for run in runs]
-            rows = [np.concatenate(run_jobs(self._bench, jobs, executor))]
+            found = [np.concatenate(run_jobs(self._bench, jobs, executor))]
         else:
-            rows = run_jobs(self._bench, jobs, executor)
-        kept = self._nominal[: self.shots, places].mean(axis=0)[:, self._signatures.kept]
-        means = [block.reshape(self.shots, len(places), -1).mean(axis=0) for block in rows]
-        return [self._signatures.components(mean, kept) for mean in means]
+            found = run_jobs(self._bench, jobs, executor)
+        return [rows.reshape(self.shots, len(places), -1) for rows in found]
 
-    def apart(self, at: FloatArray) -> FloatArray:
+    def row_change(self, at: FloatArray) -> FloatArray:
         """Return (looks, 1 + p) change of ρ and of the features themselves from nominal, at the tests of a look."""
-        runs = tuple(
-            (self._layout.tests[i], seed_of(int(i), s)) for s in range(self.shots) for i in self._many
-        )
-        executor = self._executor if self._cost * len(runs) > WORTH else None
-        jobs = [Job(self.catalogue.values(at), (run,)) for run in runs]
-        rows = np.concatenate(run_jobs(self._bench, jobs, executor))
-        return np.asarray(rows - np.concatenate(self._nominal[: self.shots, self._many]))
+        found = self._rows([at], self._many)[0] - self._nominal[: self.shots, self._many]
+        return np.asarray(found.reshape(-1, found.shape[-1]))
 
     def variance(self, noise: FloatArray) -> FloatArray:
         """Return (q, k) scatter of a look, from (k,) that of one rollout."""

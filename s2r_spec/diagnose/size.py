@@ -72,7 +72,7 @@ def _told(state: State, members: Set, best: Sized, found: Joint, heard: Heard) -
         alone = np.zeros_like(best.at)
         alone[catalogue.based] = best.at[catalogue.based]
         alone[lines] = x
-        return state.simulator.apart(alone)
+        return state.simulator.row_change(alone)
 
     size, covariance = heard.sized(chosen, best.at[lines], best.deviation[lines] ** 2, simulated)
     at, deviation = best.at.copy(), best.deviation.copy()

@@ -115,6 +115,15 @@ def test_a_closed_loop_that_says_too_little_is_put_right_by_the_equations(felt, 
     assert (np.abs(x - true) < 3.0 * np.sqrt(np.diag(covariance))).all(), (x, true)
 
 
+def test_where_the_named_effects_make_every_rollout_fall_the_bank_is_believed():
+    heard = Heard(BENT, np.array([1, 2]), BENT.curves[0](1.0), ERROR)
+    known = np.full(1, 0.7), np.full(1, 0.5)
+    fell, _ = heard.sized(["a"], *known, lambda x: np.full((3, 3), np.nan))
+    as_the_bank, _ = heard.sized(["a"], *known, lambda x: np.array([[0.0, *BENT.curves[0](float(x[0]))]]))
+    assert fell[0] == pytest.approx(1.0, abs=0.1)
+    np.testing.assert_allclose(fell, as_the_bank)
+
+
 def test_a_machine_whose_records_lack_what_a_residual_needs_is_not_heard(felt):
     bench, bank = felt
     row = bench.measure(Felt().rollout(bank.tests[0], 0), bank.tests[0])

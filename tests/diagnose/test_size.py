@@ -1,0 +1,58 @@
+"""How large the effects of a set are, with a little of everything else beside them."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from s2r_spec.diagnose import size
+from s2r_spec.diagnose.estimate import Sized
+
+AT = np.array([0.8, 0.02, -0.5])
+DEVIATION = np.array([0.03, 0.01, 0.04])
+
+
+def state(rest, usual, temperature=9.0):
+    """Return a dear simulator's, of three effects with a line each, of which the equations say nothing."""
+    variance = np.full(rest.shape, 0.01)
+    view = SimpleNamespace(
+        variance=variance,
+        nuisances=np.zeros((0, *rest.shape)),
+        surrogate=SimpleNamespace(catalogue=SimpleNamespace(effects=("a", "b", "c"))),
+    )
+    fit = SimpleNamespace(at=AT, rest=rest)
+    return SimpleNamespace(
+        wide=None,
+        beside=lambda members, near=None: fit,
+        data=None,
+        temperature=temperature,
+        simulator=SimpleNamespace(dear=True),
+        heard=None,
+        view=view,
+        usual=usual,
+    )
+
+
+@pytest.fixture
+def asked(monkeypatch):
+    """Let looks and linear data say what is known here."""
+    monkeypatch.setattr(size, "by_linear", lambda *_: Sized(AT, DEVIATION))
+    monkeypatch.setattr(size, "_looked", lambda state, effects, best: best)
+    return lambda rest, usual, **more: size.sized(state(rest, usual, **more), SimpleNamespace(fits={}), (0,))
+
+
+@pytest.mark.parametrize("left", [0.0, 0.25, 1.0, 4.0])
+def test_a_closed_loop_is_believed_to_a_part_of_itself_by_what_it_leaves(asked, left):
+    rest = np.full((2, 5), np.sqrt(left))
+    found = asked(rest, np.ones_like(rest))
+    doubt = size.FORM * np.sqrt(9.0 * left) * np.abs(AT)
+    np.testing.assert_allclose(found.deviation, np.hypot(DEVIATION, doubt))
+    np.testing.assert_array_equal(found.at, AT)
+
+
+def test_what_it_leaves_is_counted_in_units_of_what_is_usually_believed(asked):
+    rest = np.ones((2, 5))
+    nearer = asked(rest, np.full_like(rest, 4.0))
+    as_fitted = asked(rest, None)  # no other was kept: the variance of the fit itself
+    np.testing.assert_allclose(nearer.deviation, np.hypot(DEVIATION, size.FORM * 3.0 * 0.5 * np.abs(AT)))
+    np.testing.assert_allclose(as_fitted.deviation, np.hypot(DEVIATION, size.FORM * 3.0 * 10.0 * np.abs(AT)))
