@@ -16,8 +16,8 @@ from s2r_sim.effects.choice import world
 from s2r_sim.figures import LEGS
 from s2r_sim.parameters import read_test
 from s2r_sim.physics import Physics
-from s2r_sim.residuals import RESIDUALS, _weights, residuals
-from s2r_sim.residuals.motion import recorded
+from s2r_sim.residuals import RESIDUALS, WINDOW, residuals
+from s2r_sim.residuals.motion import hann, recorded
 from s2r_sim.residuals.world import Motion
 from s2r_sim.residuals.yielding import yielding
 from s2r_spec.backend import HasResiduals
@@ -106,7 +106,7 @@ KNOWN = [
     ("armature", {"inertia": 0.01}, "joint_torque", 10, 2),
     ("foot_drag", {"coefficient": 10.0}, "base_force", 20, 5),
     ("foot_drag", {"coefficient": 10.0}, "joint_torque", 5, 2),
-    ("ground_friction", {"factor": 0.2}, "grip", 30, 1),
+    ("ground_friction", {"factor": 0.2}, "grip", 300, 5),
     ("shear_creep", {"stiffness": 0.01}, "grip", 100, 5),
     ("shear_creep", {"stiffness": 0.01}, "slip", 5, 3),
     ("soft_ground", {"sink": 0.01}, "sinking", 10, 2),
@@ -132,6 +132,26 @@ def test_a_simulator_that_knows_an_effect_leaves_little_of_it(
     assert size(machine.residuals(trace, {"vd": 0.3})[residual]) < knowing * usual
 
 
+def test_noise_of_a_velocity_is_no_slide():
+    rng = np.random.default_rng(0)
+
+    def lacking(machine, knowing):
+        trace = machine.rollout({"vd": 0.3}, seed=1)
+        of = {"dq": 0.1, "vx": 0.02, "vy": 0.02}
+        noisy = {
+            name: values + of.get(name, 0.0) * rng.normal(size=values.shape)
+            for name, values in trace.channels.items()
+        }
+        return size(
+            knowing.residuals(Trace(trace.times, noisy, trace.units, trace.meta), {"vd": 0.3})["grip"]
+        )
+
+    slippery = SIM.with_effects({"ground_friction": {"factor": 0.2}})
+    bare = lacking(slippery, SIM)
+    assert lacking(SIM, SIM) < 0.05 * bare
+    assert lacking(slippery, slippery) < 0.05 * bare
+
+
 def test_a_residual_is_shown_every_field_of_the_world_that_changes_it():
     """What it is not shown it takes for nominal, in silence: so here all fields at once, and one by one."""
     trace = SIM.rollout({"vd": 0.3}, seed=1)
@@ -146,7 +166,7 @@ def test_a_residual_is_shown_every_field_of_the_world_that_changes_it():
         added = SIM.with_effects(values).added
         here = test.world(world(bare, added))
         asked = residuals(trace, SIM.settings, added, {"vd": 0.3})
-        window = _weights(trace.times)
+        window = hann(trace.times, WINDOW)
         half, n = len(window) // 2, len(trace) - 1
         for one in RESIDUALS:
             whole = one.of(Motion(log, SIM.settings.gains, test.world(bare), here, test))

@@ -32,7 +32,7 @@ from s2r_sim.figures import LEGS
 from s2r_sim.gains import Gains
 from s2r_sim.parameters import Test, read_test
 from s2r_sim.physics import Physics
-from s2r_sim.residuals.motion import Recorded, recorded
+from s2r_sim.residuals.motion import Recorded, hann, recorded
 from s2r_sim.residuals.world import Motion
 from s2r_sim.settings import Settings
 from s2r_spec.errors import TraceError, one_of
@@ -87,7 +87,7 @@ def residuals(
             f"no residual can be computed from the channels {one_of(trace.channels)}; the fewest are needed for "
             f"{_FEWEST.name!r}: {', '.join(_FEWEST.needs)}"
         )
-    window = _weights(trace.times)
+    window = hann(trace.times, WINDOW)
     if len(trace) < len(window) + 1:
         raise TraceError(
             f"residuals need {len(window) + 1} samples or more, and the trace has {len(trace)}; "
@@ -95,11 +95,10 @@ def residuals(
         )
     log = recorded(trace, settings.robot)
     bare, here = test.world(settings.physics), test.world(choice.world(settings.physics, effects))
-    half, n = len(window) // 2, len(trace) - 1
     return Trace(
-        (trace.times[:-1] + log.dt / 2)[half : n - half],
+        _inner(trace.times[:-1] + log.dt / 2, window),
         {
-            one.name: _smooth(
+            one.name: _averaged(
                 one, log, settings.gains, _shown(bare, one.knows), _shown(here, one.knows), test
             )
             for one in possible
@@ -110,14 +109,18 @@ def residuals(
 
 
 @lru_cache(maxsize=128)
-def _smooth(
+def _averaged(
     one: _Residual, log: Recorded, gains: Gains, bare: Physics, here: Physics, test: Test
 ) -> FloatArray:
     """Return (m, columns) of a residual, averaged; kept, for most worlds change one or two of them."""
-    window = _weights(log.trace.times)
-    half, n = len(window) // 2, len(log.trace) - 1
-    smooth: FloatArray = convolve1d(one.of(_moving(log, gains, bare, here, test)), window, axis=0)
-    return smooth[half : n - half]
+    window = hann(log.trace.times, WINDOW)
+    return _inner(convolve1d(one.of(_moving(log, gains, bare, here, test)), window, axis=0), window)
+
+
+def _inner(values: FloatArray, window: FloatArray) -> FloatArray:
+    """Return the rows around which there is a whole window."""
+    half = len(window) // 2
+    return values[half : len(values) - half]
 
 
 @lru_cache(maxsize=4)
@@ -264,11 +267,3 @@ RESIDUALS = (
 """``slip`` is forward, then left, both of the feet that touch; ``contact_timing`` is +1 where a foot touches
 while the gait has it in the air, −1 where it misses the ground."""
 _FEWEST = min(RESIDUALS, key=lambda one: len(one.needs))
-
-
-def _weights(times: FloatArray) -> FloatArray:
-    """Return Hann weights of an odd number, three at least, that add up to 1."""
-    period = float(np.median(np.diff(times))) if times.size > 1 else WINDOW
-    weights: FloatArray = np.hanning(2 * max(1, round(WINDOW / period / 2)) + 3)[1:-1]
-    weights /= weights.sum()
-    return weights

@@ -195,6 +195,14 @@ class Ground:
         return self.motion.pushed(self.motion.foot_force, self.arm)
 
 
+def hann(times: FloatArray, width: float) -> FloatArray:
+    """Return Hann weights over so many seconds: an odd number of them, three at least, that add up to 1."""
+    period = float(np.median(np.diff(times))) if times.size > 1 else width
+    weights: FloatArray = np.hanning(2 * max(1, round(width / period / 2)) + 3)[1:-1]
+    weights /= weights.sum()
+    return weights
+
+
 @lru_cache(maxsize=2)
 def recorded(trace: Trace, robot: Robot) -> Recorded:
     """Return the motion of a trace; the same object for as long as one trace is asked about."""

@@ -7,13 +7,14 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import convolve1d
 
 from s2r_sim.estimator import BLEND
 from s2r_sim.figures import GRAVITY, Robot
 from s2r_sim.gains import Gains
 from s2r_sim.parameters import Test
 from s2r_sim.physics import Physics
-from s2r_sim.residuals.motion import Ground, Recorded, ground
+from s2r_sim.residuals.motion import Ground, Recorded, ground, hann
 from s2r_sim.residuals.play import passed_on
 from s2r_sim.residuals.yielding import Yielding, yielding
 from s2r_sim.rotation import turned
@@ -23,8 +24,10 @@ IntArray = NDArray[np.int64]
 
 _STILL = 0.1
 """[rad/s] below which a joint's dry friction holds anything up to itself."""
-_SLIDES = 0.03
-"""[m/s] above which a foot slides, and its friction is used up."""
+_STICKS, _SLIDES = 0.03, 0.06
+"""[m/s] below the first a foot sticks, above the second it slides and its friction is used up; between, in part."""
+_FOR = 0.06
+"""[s] over which it does so on average: noise of measured velocities, or giving way under a first load, is no slide."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,8 +216,12 @@ class Motion:
         force, normal = self._pressed
         held = np.linalg.norm(force - normal[..., None] * self.ground.normal, axis=-1)
         over = held - self.world.friction * normal
-        slides = np.linalg.norm(self.slides, axis=-1) > _SLIDES
-        lacks: FloatArray = log.touches * np.where(slides, over, np.maximum(over, 0.0))
+        weights, touches = hann(log.trace.times, _FOR), log.touches[..., np.newaxis]
+        steadily = convolve1d(touches * self.slides, weights, axis=0)
+        steadily /= np.maximum(convolve1d(touches, weights, axis=0), 1e-9)
+        speed = np.linalg.norm(steadily, axis=-1)
+        used_up = np.clip((speed - _STICKS) / (_SLIDES - _STICKS), 0.0, 1.0)
+        lacks: FloatArray = log.touches * np.where(over < 0.0, used_up * over, over)
         return lacks
 
     @cached_property
