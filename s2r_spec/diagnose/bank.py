@@ -6,7 +6,7 @@ import hashlib
 import inspect
 import json
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import asdict, dataclass, replace
 from itertools import combinations
@@ -23,6 +23,7 @@ from s2r_spec.diagnose.equations import Equations, Probe
 from s2r_spec.diagnose.features import Block, Features
 from s2r_spec.diagnose.simulate import Bench, Job, Test, run_jobs
 from s2r_spec.errors import UsageError
+from s2r_spec.trace import Trace
 
 FloatArray = NDArray[np.float64]
 
@@ -169,7 +170,7 @@ def simulate(
     catalogue = catalogue_of(bench.backend)
     acts = {effect.name: _able(bench, effect, middle) for effect in catalogue}
     found = lines(catalogue, acts)
-    features = replace(features, probes=_probes(bench, found, middle))
+    features = replace(features, probes=_probes(bench, found, (middle, tests[0], tests[-1])))
     bench = replace(bench, features=features)
 
     runs = tuple((test, seed) for test in tests for seed in range(EFFECT_SEEDS))
@@ -235,19 +236,28 @@ def _able(bench: Bench, effect: Effect, test: Test) -> frozenset[str]:
     return frozenset(able)
 
 
-def _probes(bench: Bench, found: tuple[Line, ...], test: Test) -> tuple[Probe, ...]:
-    """Return the lines that change the residuals of a recorded motion."""
+def _probes(bench: Bench, found: tuple[Line, ...], tests: Sequence[Test]) -> tuple[Probe, ...]:
+    """Return the lines that change the residuals of a motion: of the nominal simulator, or of one that has them.
+
+    A friction that is not used up, or a limit that is not reached, says nothing of how much more of it there could be.
+    """
     units = {} if bench.features is None else bench.features.residual_units()
     if not isinstance(bench.backend, HasResiduals) or not units:
         return ()
-    trace = bench.run({}, test, 0)
-    params = bench.matched.to_backend(test)
+    nominal = bench.run({}, tests[0], 0)
     probes = []
     for line in found:
         value = line.at_typical()
         probe = Probe(line.effect, line.parameter, value, line.coordinate(value))
-        seen = None if line.base else Equations(bench.backend, (probe,), units).regressors(trace, params)
-        if seen is not None and np.any(seen[1]):
+        ask = Equations(bench.backend, (probe,), units)
+
+        def shows(trace: Trace, test: Test, ask: Equations = ask) -> bool:
+            seen = ask.regressors(trace, bench.matched.to_backend(test))
+            return seen is not None and bool(np.any(seen[1]))
+
+        if not line.base and (
+            shows(nominal, tests[0]) or any(shows(bench.run(line.at(value), t, 0), t) for t in tests)
+        ):
             probes.append(probe)
     return tuple(probes)
 

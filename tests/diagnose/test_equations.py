@@ -38,6 +38,19 @@ class Felt(Cart):
         return Trace(trace.times[:-1], channels, units, {"parts": {name: ["cart"] for name in channels}})
 
 
+class Held(Felt):
+    """A cart whose grease only shows where it drives harder than a nominal one does in the middle of the test space."""
+
+    most = 0.0
+
+    def residuals(self, trace, params=None):
+        dry = replace(self, added=tuple(pair for pair in self.added if pair[0] != "viscous"))
+        found = super().residuals(trace)
+        hard = trace["u"][:-1] > self.most
+        force = np.where(hard, found["force"], Felt.residuals(dry, trace)["force"])
+        return Trace(found.times, dict(found.channels) | {"force": force}, found.units, found.meta)
+
+
 class Rattling(Felt):
     """A motor that is driven as no effect of the catalogue says."""
 
@@ -115,6 +128,16 @@ def test_only_effects_that_the_residuals_know_are_asked_for_and_the_bank_keeps_t
     assert len(rows[0]) == 1 + len(made.features.names())
     assert [f.block for f in made.features.names() if f.statistic == "equation"] == names
     assert not banks.simulate(bench_of(spec, "tracking", Cart())).features.probes
+
+
+def test_an_effect_that_shows_only_in_a_motion_that_has_it_is_asked_for(monkeypatch):
+    bench = bench_of(s2r.parse_spec(SPEC), "tracking", Held())
+    tests = banks.simulate(bench_of(s2r.parse_spec(SPEC), "tracking", Cart())).tests
+    middle = tests[len(tests) // 2]
+    monkeypatch.setattr(Held, "most", float(bench.run({}, middle, 0)["u"].max()))
+    seen = Equations(Held(), PROBES[:1], UNITS).regressors(bench.run({}, middle, 0), middle)
+    assert not seen[1].any()
+    assert "viscous.coefficient" in [probe.name for probe in banks.simulate(bench).features.probes]
 
 
 def test_a_pair_is_named_by_a_simulator_with_residuals(cache):
