@@ -253,7 +253,7 @@ def _probes(bench: Bench, found: tuple[Line, ...], tests: Sequence[Test]) -> tup
 
         def shows(trace: Trace, test: Test, ask: Equations = ask) -> bool:
             seen = ask.regressors(trace, bench.matched.to_backend(test))
-            return seen is not None and bool(np.any(seen[1]))
+            return seen is not None and bool(np.any(seen.taken))
 
         if not line.base and (
             shows(nominal, tests[0]) or any(shows(bench.run(line.at(value), t, 0), t) for t in tests)

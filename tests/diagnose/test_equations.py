@@ -9,7 +9,7 @@ from s2r_cart import DAMPING, FORCE, GAIN, MASS, NOMINAL, SPEC, STEP, Cart, real
 
 import s2r_spec as s2r
 from s2r_spec.diagnose import bank as banks
-from s2r_spec.diagnose.equations import Equations, Probe
+from s2r_spec.diagnose.equations import SHRINKAGE, Equations, Probe, Regression
 from s2r_spec.diagnose.prepare import bench_of, equations_error
 from s2r_spec.diagnose.signatures import LEVEL
 from s2r_spec.errors import TraceError
@@ -95,6 +95,34 @@ def test_the_equations_are_believed_as_far_as_they_explain_the_residuals():
     assert equations_error(bench, [(test, Trace(trace.times, {"v": trace["v"]}, {"v": "m/s"}))]) == LEVEL
 
 
+def test_a_residual_that_nothing_explains_is_no_reason_to_blame_an_effect_that_shows_elsewhere():
+    rng = np.random.default_rng(0)
+    n = 400
+    # one effect in both residuals, of which the second has something else of its own along with it
+    taken = np.concatenate([np.sin(np.arange(n) / 9), np.cos(np.arange(n) / 7)])[None] * 3.0
+    other = np.concatenate([np.zeros(n), 12.0 * np.cos(np.arange(n) / 7 + 0.7)])
+    rest = 0.5 * taken[0] + other + 0.3 * rng.normal(size=2 * n)
+    found = Regression(rest, taken, np.repeat([0, 1], n)).weighed()
+    alone = Regression(rest[:n], taken[:, :n], np.zeros(n, dtype=int)).weighed()
+    assert abs(alone[0] - 0.5) < 0.05
+    assert abs(found[0] - 0.5) < 0.15
+    equally = rest @ taken[0] / (taken[0] @ taken[0])
+    assert abs(equally - 0.5) > 1.0
+
+
+def test_residuals_that_are_explained_are_all_believed_alike():
+    rng = np.random.default_rng(1)
+    taken = rng.normal(size=(3, 300))
+    rest = np.array([0.4, -1.2, 0.0]) @ taken + 0.5 * rng.normal(size=300)
+    plain = np.linalg.solve(taken @ taken.T / 300 + SHRINKAGE * np.eye(3), taken @ rest / 300)
+    np.testing.assert_allclose(Regression(rest, taken, np.repeat([0, 1, 2], 100)).weighed(), plain)
+
+
+def test_a_motion_of_which_no_sample_is_complete_asks_for_nothing():
+    empty = Regression(np.zeros(0), np.zeros((2, 0)), np.zeros(0, dtype=int))
+    np.testing.assert_array_equal(empty.weighed(), [0.0, 0.0])
+
+
 def test_a_record_without_what_a_residual_needs_has_no_such_numbers():
     trace = Felt().rollout({"vd": 0.8, "acc": 3.0}, 0)
     few = Trace(trace.times, {"v": trace["v"]}, {"v": "m/s"})
@@ -136,7 +164,7 @@ def test_an_effect_that_shows_only_in_a_motion_that_has_it_is_asked_for(monkeypa
     middle = tests[len(tests) // 2]
     monkeypatch.setattr(Held, "most", float(bench.run({}, middle, 0)["u"].max()))
     seen = Equations(Held(), PROBES[:1], UNITS).regressors(bench.run({}, middle, 0), middle)
-    assert not seen[1].any()
+    assert not seen.taken.any()
     assert "viscous.coefficient" in [probe.name for probe in banks.simulate(bench).features.probes]
 
 
