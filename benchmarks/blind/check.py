@@ -21,6 +21,9 @@ import sys
 import time
 from pathlib import Path
 
+sys.path.insert(0, str(Path(__file__).parent))
+from opened import kept
+
 ROOT = Path(__file__).parents[2]
 RESULTS = Path(__file__).parent / "results"
 SETS = {"emps": ("benchmarks.blind.emps.generate", "emps"), "a1": ("benchmarks.blind.a1.generate", "sim")}
@@ -85,21 +88,7 @@ def open_(name: str, folder: Path) -> None:
         print(run("s2r_spec", *opening))
     scores = json.loads(run("s2r_spec", "blind", "score", answers, "--json"))
     opened = json.loads((answers / "opened.json").read_text())
-    cases = {}
-    for case, label in opened["labels"].items():
-        answer = json.loads((answers / f"{case}.json").read_text())
-        which = answer["which"]
-        cases[case] = {
-            "label": label,
-            "verdict": answer["verdict"],
-            "answer": which["answer"],
-            "set": which["set"],
-            "posterior": {k: p for k, p in which["posterior"].items() if p >= 0.05},
-            "pairs": which["pairs"][:3],
-            "parameters": which["parameters"],
-            "how_far": answer["how_far"],
-            "rollouts": answer["rollouts"],
-        }
+    cases = kept(answers)
     machine = next(
         (
             line.split(":")[1].strip()
@@ -108,14 +97,14 @@ def open_(name: str, folder: Path) -> None:
         ),
         "unknown",
     )
-    kept = {
+    found = {
         "machine": machine,
         "frozen": opened["frozen"],
         "opened": opened["opened"],
         "scores": scores,
         "cases": cases,
     }
-    (RESULTS / f"{name}_scores.json").write_text(json.dumps(kept, indent=1, ensure_ascii=False) + "\n")
+    (RESULTS / f"{name}_scores.json").write_text(json.dumps(found, indent=1, ensure_ascii=False) + "\n")
     print(run("s2r_spec", "blind", "score", answers))
 
 

@@ -62,11 +62,8 @@ class Opened:
         return self.folder / f"{self.name}-answers"
 
     def cases(self) -> dict[str, dict[str, Any]]:
-        """Return case → its label and its frozen answer, as they were scored."""
-        found: dict[str, dict[str, Any]] = json.loads((RESULTS / f"{self.name}_scores.json").read_text())[
-            "cases"
-        ]
-        return found
+        """Return case → its label and the frozen answer that is in this folder."""
+        return kept(self.answers)
 
     def over(self, ask: Callable[..., Found], names: Iterable[str], *more: Sequence[Any]) -> list[Found]:
         """Return ``ask(public folder, set, ...)`` of every case, in order."""
@@ -80,6 +77,26 @@ class Opened:
         (RESULTS / f"{self.name}_{what}.json").write_text(text + "\n")
 
 
+def kept(answers: Path) -> dict[str, dict[str, Any]]:
+    """Return of every opened case what is kept of it: its label and its frozen answer."""
+    cases = {}
+    for case, label in json.loads((answers / "opened.json").read_text())["labels"].items():
+        answer = json.loads((answers / f"{case}.json").read_text())
+        which = answer["which"]
+        cases[case] = {
+            "label": label,
+            "verdict": answer["verdict"],
+            "answer": which["answer"],
+            "set": which["set"],
+            "posterior": {k: p for k, p in which["posterior"].items() if p >= 0.05},
+            "pairs": which["pairs"][:3],
+            "parameters": which["parameters"],
+            "how_far": answer["how_far"],
+            "rollouts": answer["rollouts"],
+        }
+    return cases
+
+
 @cache
 def bench(name: str) -> Bench:
     """Return a set's simulator, set up."""
@@ -90,4 +107,9 @@ def bench(name: str) -> Bench:
 
 def rollouts(of: Bench, case: Path) -> tuple[Rollouts, Rollouts]:
     """Return what a diagnosis saw of a case, and what it held out."""
+    made_with = load_spec(case / "spec.stl").hash
+    if made_with != of.spec.hash:
+        raise SystemExit(
+            f"{case} was made with another spec, {made_with}; look at it with the code of that time"
+        )
     return split(real_rollouts(of, load_backend(f"log:{case}"), None, 0, None, lambda *_: None), 0)

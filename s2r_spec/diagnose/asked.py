@@ -189,8 +189,14 @@ class Heard:
 
     @property
     def effects(self) -> frozenset[str]:
-        """Return the effects of which a coordinate is asked for."""
-        return frozenset(name.split(".")[0] for name in self.asked.names)
+        """Return the effects of which a coordinate says something: it moves by more than its error."""
+        place = {name: k for k, name in enumerate(self.asked.names)}
+        return frozenset(
+            curve.line.effect
+            for curve in self.asked.curves
+            if (name := f"{curve.line.effect}.{curve.line.parameter}") in place
+            and np.abs(curve.change[:, place[name]]).max() > self.error
+        )
 
     def sized(
         self,

@@ -16,12 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.backend import Backend, Effect, HasEffects, HasResiduals, HasVariants
-from s2r_spec.diagnose.axes import Line, lines
+from s2r_spec.diagnose.axes import Line, Values, lines
 from s2r_spec.diagnose.axes import line as line_of
 from s2r_spec.diagnose.design import grid
 from s2r_spec.diagnose.equations import Equations, Probe
 from s2r_spec.diagnose.features import Block, Features
-from s2r_spec.diagnose.simulate import Bench, Job, Test, run_jobs
+from s2r_spec.diagnose.simulate import Bench, Job, Test, blamed, run_jobs
 from s2r_spec.errors import UsageError
 from s2r_spec.trace import Trace
 
@@ -240,25 +240,37 @@ def _probes(bench: Bench, found: tuple[Line, ...], tests: Sequence[Test]) -> tup
     """Return the lines that change the residuals of a motion: of the nominal simulator, or of one that has them.
 
     A friction that is not used up, or a limit that is not reached, says nothing of how much more of it there could be.
+    Such a line is asked for at the value that shows most in its own motion.
     """
     units = {} if bench.features is None else bench.features.residual_units()
     if not isinstance(bench.backend, HasResiduals) or not units:
         return ()
-    nominal = bench.run({}, tests[0], 0)
+
+    def ran(values: Values, test: Test) -> Trace:
+        with blamed(bench, values, test, 0):
+            return bench.run(values, test, 0)
+
+    def shown(probe: Probe, trace: Trace, test: Test) -> float | None:
+        """Return the mean square of what it changes; None where that cannot be asked."""
+        seen = Equations(bench.backend, (probe,), units).regressors(trace, bench.matched.to_backend(test))
+        return None if seen is None else float(np.mean(seen[1] ** 2))
+
+    nominal = ran({}, tests[0])
     probes = []
     for line in found:
-        value = line.at_typical()
-        probe = Probe(line.effect, line.parameter, value, line.coordinate(value))
-        ask = Equations(bench.backend, (probe,), units)
-
-        def shows(trace: Trace, test: Test, ask: Equations = ask) -> bool:
-            seen = ask.regressors(trace, bench.matched.to_backend(test))
-            return seen is not None and bool(np.any(seen.taken))
-
-        if not line.base and (
-            shows(nominal, tests[0]) or any(shows(bench.run(line.at(value), t, 0), t) for t in tests)
-        ):
-            probes.append(probe)
+        if line.base:
+            continue
+        of = {v: Probe(line.effect, line.parameter, v, line.coordinate(v)) for v in line.values}
+        usual = Probe(line.effect, line.parameter, line.at_typical(), line.coordinate(line.at_typical()))
+        much = shown(usual, nominal, tests[0])
+        if much:
+            probes.append(usual)
+        elif much is not None:
+            # A line that cannot be asked of a nominal motion would leave it without any coordinate.
+            most = {v: max(shown(of[v], ran(line.at(v), test), test) or 0.0 for test in tests) for v in of}
+            best = max(most, key=lambda v: most[v])
+            if most[best] > 0.0:
+                probes.append(of[best])
     return tuple(probes)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pickle
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Executor, as_completed
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
@@ -104,13 +105,24 @@ def run_job(bench: Bench, job: Job) -> FloatArray:
     backend = bench.with_variant(job.variant) if job.variant else bench.with_effects(job.values)
     rows = []
     for test, seed in job.runs:
-        try:
+        with blamed(bench, job.values, test, seed):
             rows.append(bench.measure(backend.rollout(bench.matched.to_backend(test), seed), test))
-        except Exception as error:
-            raise BackendError(
-                f"backend {bench.backend.name!r} with {dict(job.values)}, at {dict(test)}, seed {seed}: {error}"
-            ) from None
     return np.array(rows)
+
+
+@contextmanager
+def blamed(bench: Bench, values: Values, test: Test, seed: int) -> Iterator[None]:
+    """Say which rollout it was that raised.
+
+    Raises:
+        BackendError: in place of any error; the sentence names the effects and the test.
+    """
+    try:
+        yield
+    except Exception as error:
+        raise BackendError(
+            f"backend {bench.backend.name!r} with {dict(values)}, at {dict(test)}, seed {seed}: {error}"
+        ) from None
 
 
 def _run_pickled(bench: bytes, job: Job) -> FloatArray:

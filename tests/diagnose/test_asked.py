@@ -124,6 +124,12 @@ def test_where_the_named_effects_make_every_rollout_fall_the_bank_is_believed():
     np.testing.assert_allclose(fell, as_the_bank)
 
 
+def test_an_effect_of_which_a_coordinate_hardly_moves_is_not_heard():
+    heard = Heard(replace(BENT, names=("a.size", "unheard.size")), np.array([1, 2]), np.zeros(2), ERROR)
+    assert heard.effects == {"a"}
+    assert replace(heard, error=2.0).effects == frozenset()
+
+
 def test_a_machine_whose_records_lack_what_a_residual_needs_is_not_heard(felt):
     bench, bank = felt
     row = bench.measure(Felt().rollout(bank.tests[0], 0), bank.tests[0])

@@ -9,10 +9,11 @@ from s2r_cart import DAMPING, FORCE, GAIN, MASS, NOMINAL, SPEC, STEP, Cart, real
 
 import s2r_spec as s2r
 from s2r_spec.diagnose import bank as banks
-from s2r_spec.diagnose.equations import SHRINKAGE, Equations, Probe, Regression
+from s2r_spec.diagnose.axes import line as line_of
+from s2r_spec.diagnose.equations import Equations, Probe
 from s2r_spec.diagnose.prepare import bench_of, equations_error
 from s2r_spec.diagnose.signatures import LEVEL
-from s2r_spec.errors import TraceError
+from s2r_spec.errors import BackendError, TraceError
 from s2r_spec.trace import Trace
 
 pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
@@ -95,32 +96,30 @@ def test_the_equations_are_believed_as_far_as_they_explain_the_residuals():
     assert equations_error(bench, [(test, Trace(trace.times, {"v": trace["v"]}, {"v": "m/s"}))]) == LEVEL
 
 
-def test_a_residual_that_nothing_explains_is_no_reason_to_blame_an_effect_that_shows_elsewhere():
-    rng = np.random.default_rng(0)
-    n = 400
-    # one effect in both residuals, of which the second has something else of its own along with it
-    taken = np.concatenate([np.sin(np.arange(n) / 9), np.cos(np.arange(n) / 7)])[None] * 3.0
-    other = np.concatenate([np.zeros(n), 12.0 * np.cos(np.arange(n) / 7 + 0.7)])
-    rest = 0.5 * taken[0] + other + 0.3 * rng.normal(size=2 * n)
-    found = Regression(rest, taken, np.repeat([0, 1], n)).weighed()
-    alone = Regression(rest[:n], taken[:, :n], np.zeros(n, dtype=int)).weighed()
-    assert abs(alone[0] - 0.5) < 0.05
-    assert abs(found[0] - 0.5) < 0.15
-    equally = rest @ taken[0] / (taken[0] @ taken[0])
-    assert abs(equally - 0.5) > 1.0
+def test_a_residual_without_a_single_instant_is_not_taken_for_an_absent_effect():
+    trace = Felt().with_effects({"viscous": {"coefficient": 1.5}}).rollout({"vd": 0.8, "acc": 3.0}, 0)
+    lost = Trace(trace.times, dict(trace.channels) | {"v": np.full(len(trace), np.nan)}, trace.units)
+    assert np.isnan(EQUATIONS.regressed(lost, {})).all()
+    assert np.isnan(EQUATIONS.unexplained(lost, {}))
+    # some instants are enough
+    some = trace["v"].copy()
+    some[: len(trace) // 2] = np.nan
+    half = Trace(trace.times, dict(trace.channels) | {"v": some}, trace.units)
+    assert EQUATIONS.regressed(half, {})[0] == pytest.approx(1.5, abs=0.4)
 
 
-def test_residuals_that_are_explained_are_all_believed_alike():
-    rng = np.random.default_rng(1)
-    taken = rng.normal(size=(3, 300))
-    rest = np.array([0.4, -1.2, 0.0]) @ taken + 0.5 * rng.normal(size=300)
-    plain = np.linalg.solve(taken @ taken.T / 300 + SHRINKAGE * np.eye(3), taken @ rest / 300)
-    np.testing.assert_allclose(Regression(rest, taken, np.repeat([0, 1, 2], 100)).weighed(), plain)
+def test_residuals_at_other_instants_with_an_effect_are_told_of():
+    class Shorter(Felt):
+        def residuals(self, trace, params=None):
+            found = super().residuals(trace, params)
+            if "delay" not in dict(self.added):
+                return found
+            channels = {name: values[5:] for name, values in found.channels.items()}
+            return Trace(found.times[5:], channels, found.units, found.meta)
 
-
-def test_a_motion_of_which_no_sample_is_complete_asks_for_nothing():
-    empty = Regression(np.zeros(0), np.zeros((2, 0)), np.zeros(0, dtype=int))
-    np.testing.assert_array_equal(empty.weighed(), [0.0, 0.0])
+    trace = Felt().rollout({"vd": 0.8, "acc": 3.0}, 0)
+    with pytest.raises(BackendError, match=r"with 'delay' are at other instants than without"):
+        Equations(Shorter(), PROBES, UNITS).regressed(trace, {})
 
 
 def test_a_record_without_what_a_residual_needs_has_no_such_numbers():
@@ -161,11 +160,35 @@ def test_only_effects_that_the_residuals_know_are_asked_for_and_the_bank_keeps_t
 def test_an_effect_that_shows_only_in_a_motion_that_has_it_is_asked_for(monkeypatch):
     bench = bench_of(s2r.parse_spec(SPEC), "tracking", Held())
     tests = banks.simulate(bench_of(s2r.parse_spec(SPEC), "tracking", Cart())).tests
-    middle = tests[len(tests) // 2]
-    monkeypatch.setattr(Held, "most", float(bench.run({}, middle, 0)["u"].max()))
-    seen = Equations(Held(), PROBES[:1], UNITS).regressors(bench.run({}, middle, 0), middle)
-    assert not seen.taken.any()
-    assert "viscous.coefficient" in [probe.name for probe in banks.simulate(bench).features.probes]
+    three = (tests[len(tests) // 2], tests[0], tests[-1])
+    motions = [bench.run({}, test, 0) for test in three]
+    monkeypatch.setattr(Held, "most", max(float(trace["u"].max()) for trace in motions))
+    for trace, test in zip(motions, three, strict=True):
+        assert not Equations(Held(), PROBES[:1], UNITS).regressors(trace, test)[1].any()
+    (probe,) = [p for p in banks.simulate(bench).features.probes if p.effect == "viscous"]
+    assert probe.value == 2.0 * line_of(*viscous()).typical  # the largest shows most
+
+
+def test_an_effect_that_cannot_be_asked_of_a_nominal_motion_silences_no_other():
+    class Fussy(Felt):
+        def residuals(self, trace, params=None):
+            if "coulomb" in dict(self.added) and trace["u"].max() < 3.6:
+                raise TraceError("not of so gentle a motion")
+            return super().residuals(trace, params)
+
+    bench = bench_of(s2r.parse_spec(SPEC), "tracking", Fussy())
+    made = banks.simulate(bench)
+    names = [probe.effect for probe in made.features.probes]
+    assert "coulomb" not in names
+    assert "viscous" in names
+    middle = made.tests[len(made.tests) // 2]
+    row = replace(bench, features=made.features).measure(bench.run({}, middle, 0), middle)
+    assert np.isfinite(row[-len(names) :]).all()
+
+
+def viscous():
+    effect = next(e for e in Felt().effects() if e.name == "viscous")
+    return effect, effect.parameters[0]
 
 
 def test_a_pair_is_named_by_a_simulator_with_residuals(cache):
