@@ -9,7 +9,7 @@ import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import asdict, dataclass, replace
-from itertools import combinations
+from itertools import combinations, islice
 from pathlib import Path
 
 import numpy as np
@@ -240,7 +240,7 @@ def _probes(bench: Bench, found: tuple[Line, ...], tests: Sequence[Test]) -> tup
     """Return the lines that change the residuals of a motion: of the nominal simulator, or of one that has them.
 
     A friction that is not used up, or a limit that is not reached, says nothing of how much more of it there could be.
-    Such a line is asked for at the value that shows most in its own motion.
+    Such a line is asked for at the value nearest to nominal that shows in its own motion.
     """
     units = {} if bench.features is None else bench.features.residual_units()
     if not isinstance(bench.backend, HasResiduals) or not units:
@@ -250,27 +250,26 @@ def _probes(bench: Bench, found: tuple[Line, ...], tests: Sequence[Test]) -> tup
         with blamed(bench, values, test, 0):
             return bench.run(values, test, 0)
 
-    def shown(probe: Probe, trace: Trace, test: Test) -> float | None:
-        """Return the mean square of what it changes; None where that cannot be asked."""
+    def shows(probe: Probe, trace: Trace, test: Test) -> bool | None:
+        """Return whether it changes anything; None where that cannot be asked."""
         seen = Equations(bench.backend, (probe,), units).regressors(trace, bench.matched.to_backend(test))
-        return None if seen is None else float(np.mean(seen[1] ** 2))
+        return None if seen is None else bool(np.any(seen[1]))
 
     nominal = ran({}, tests[0])
     probes = []
     for line in found:
-        if line.base:
+        # Nearest to nominal first, after the usual one: what is asked for is a slope.
+        values = dict.fromkeys(
+            (line.at_typical(), *sorted(line.values, key=lambda v: abs(line.coordinate(v))))
+        )
+        asked = [Probe(line.effect, line.parameter, v, line.coordinate(v)) for v in values]
+        if line.base or shows(asked[0], nominal, tests[0]) is None:
+            continue  # what cannot be asked of a nominal motion would leave it without any coordinate
+        if shows(asked[0], nominal, tests[0]):
+            probes.append(asked[0])
             continue
-        of = {v: Probe(line.effect, line.parameter, v, line.coordinate(v)) for v in line.values}
-        usual = Probe(line.effect, line.parameter, line.at_typical(), line.coordinate(line.at_typical()))
-        much = shown(usual, nominal, tests[0])
-        if much:
-            probes.append(usual)
-        elif much is not None:
-            # A line that cannot be asked of a nominal motion would leave it without any coordinate.
-            most = {v: max(shown(of[v], ran(line.at(v), test), test) or 0.0 for test in tests) for v in of}
-            best = max(most, key=lambda v: most[v])
-            if most[best] > 0.0:
-                probes.append(of[best])
+        shown = (p for p in asked if any(shows(p, ran(line.at(p.value), test), test) for test in tests))
+        probes.extend(islice(shown, 1))
     return tuple(probes)
 
 
