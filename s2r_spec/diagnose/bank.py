@@ -6,24 +6,23 @@ import hashlib
 import inspect
 import json
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import asdict, dataclass, replace
-from itertools import combinations, islice
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.backend import Backend, Effect, HasEffects, HasResiduals, HasVariants
-from s2r_spec.diagnose.axes import Line, Values, lines
+from s2r_spec.diagnose.axes import Line, lines
 from s2r_spec.diagnose.axes import line as line_of
 from s2r_spec.diagnose.design import grid
 from s2r_spec.diagnose.equations import Equations, Probe
 from s2r_spec.diagnose.features import Block, Features
 from s2r_spec.diagnose.simulate import Bench, Job, Test, blamed, run_jobs
 from s2r_spec.errors import UsageError
-from s2r_spec.trace import Trace
 
 FloatArray = NDArray[np.float64]
 
@@ -170,7 +169,7 @@ def simulate(
     catalogue = catalogue_of(bench.backend)
     acts = {effect.name: _able(bench, effect, middle) for effect in catalogue}
     found = lines(catalogue, acts)
-    features = replace(features, probes=_probes(bench, found, (middle, tests[0], tests[-1])))
+    features = replace(features, probes=_probes(bench, found, middle))
     bench = replace(bench, features=features)
 
     runs = tuple((test, seed) for test in tests for seed in range(EFFECT_SEEDS))
@@ -236,40 +235,21 @@ def _able(bench: Bench, effect: Effect, test: Test) -> frozenset[str]:
     return frozenset(able)
 
 
-def _probes(bench: Bench, found: tuple[Line, ...], tests: Sequence[Test]) -> tuple[Probe, ...]:
-    """Return the lines that change the residuals of a motion: of the nominal simulator, or of one that has them.
-
-    A friction that is not used up, or a limit that is not reached, says nothing of how much more of it there could be.
-    Such a line is asked for at the value nearest to nominal that shows in its own motion.
-    """
+def _probes(bench: Bench, found: tuple[Line, ...], test: Test) -> tuple[Probe, ...]:
+    """Return the lines that change the residuals of a recorded motion of the nominal simulator."""
     units = {} if bench.features is None else bench.features.residual_units()
     if not isinstance(bench.backend, HasResiduals) or not units:
         return ()
-
-    def ran(values: Values, test: Test) -> Trace:
-        with blamed(bench, values, test, 0):
-            return bench.run(values, test, 0)
-
-    def shows(probe: Probe, trace: Trace, test: Test) -> bool | None:
-        """Return whether it changes anything; None where that cannot be asked."""
-        seen = Equations(bench.backend, (probe,), units).regressors(trace, bench.matched.to_backend(test))
-        return None if seen is None else bool(np.any(seen[1]))
-
-    nominal = ran({}, tests[0])
+    with blamed(bench, {}, test, 0):
+        trace = bench.run({}, test, 0)
+    params = bench.matched.to_backend(test)
     probes = []
     for line in found:
-        # Nearest to nominal first, after the usual one: what is asked for is a slope.
-        values = dict.fromkeys(
-            (line.at_typical(), *sorted(line.values, key=lambda v: abs(line.coordinate(v))))
-        )
-        asked = [Probe(line.effect, line.parameter, v, line.coordinate(v)) for v in values]
-        if line.base or shows(asked[0], nominal, tests[0]) is None:
-            continue  # what cannot be asked of a nominal motion would leave it without any coordinate
-        if shows(asked[0], nominal, tests[0]):
-            probes.append(asked[0])
-            continue
-        shown = (p for p in asked if any(shows(p, ran(line.at(p.value), test), test) for test in tests))
-        probes.extend(islice(shown, 1))
+        value = line.at_typical()
+        probe = Probe(line.effect, line.parameter, value, line.coordinate(value))
+        seen = None if line.base else Equations(bench.backend, (probe,), units).regressors(trace, params)
+        if seen is not None and np.any(seen[1]):
+            probes.append(probe)
     return tuple(probes)
 
 

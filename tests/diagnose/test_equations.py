@@ -9,7 +9,6 @@ from s2r_cart import DAMPING, FORCE, GAIN, MASS, NOMINAL, SPEC, STEP, Cart, real
 
 import s2r_spec as s2r
 from s2r_spec.diagnose import bank as banks
-from s2r_spec.diagnose.axes import line as line_of
 from s2r_spec.diagnose.equations import Equations, Probe
 from s2r_spec.diagnose.prepare import bench_of, equations_error
 from s2r_spec.diagnose.signatures import LEVEL
@@ -37,19 +36,6 @@ class Felt(Cart):
             channels["controller"] = (u - np.clip(law, -self.limit, self.limit))[:-1]
         units = {name: {"force": "N", "controller": "V"}[name] for name in channels}
         return Trace(trace.times[:-1], channels, units, {"parts": {name: ["cart"] for name in channels}})
-
-
-class Held(Felt):
-    """A cart whose grease only shows where it drives harder than a nominal one does in the middle of the test space."""
-
-    most = 0.0
-
-    def residuals(self, trace, params=None):
-        dry = replace(self, added=tuple(pair for pair in self.added if pair[0] != "viscous"))
-        found = super().residuals(trace)
-        hard = trace["u"][:-1] > self.most
-        force = np.where(hard, found["force"], Felt.residuals(dry, trace)["force"])
-        return Trace(found.times, dict(found.channels) | {"force": force}, found.units, found.meta)
 
 
 class Rattling(Felt):
@@ -157,22 +143,6 @@ def test_only_effects_that_the_residuals_know_are_asked_for_and_the_bank_keeps_t
     assert not banks.simulate(bench_of(spec, "tracking", Cart())).features.probes
 
 
-def test_an_effect_that_shows_only_in_a_motion_that_has_it_is_asked_for(monkeypatch):
-    bench = bench_of(s2r.parse_spec(SPEC), "tracking", Held())
-    tests = banks.simulate(bench_of(s2r.parse_spec(SPEC), "tracking", Cart())).tests
-    three = (tests[len(tests) // 2], tests[0], tests[-1])
-    motions = [bench.run({}, test, 0) for test in three]
-    monkeypatch.setattr(Held, "most", max(float(trace["u"].max()) for trace in motions))
-    for trace, test in zip(motions, three, strict=True):
-        assert not Equations(Held(), PROBES[:1], UNITS).regressors(trace, test)[1].any()
-    (probe,) = [p for p in banks.simulate(bench).features.probes if p.effect == "viscous"]
-    # only what is nearest to nominal among those that show
-    typical = line_of(*viscous()).typical
-    own = bench.with_effects({"viscous": {"coefficient": 2.0 * typical}})
-    assert any(own.rollout(test, 0)["u"].max() > Held.most for test in three)
-    assert probe.value == typical
-
-
 def test_an_effect_that_cannot_be_asked_of_a_nominal_motion_silences_no_other():
     class Fussy(Felt):
         def residuals(self, trace, params=None):
@@ -188,11 +158,6 @@ def test_an_effect_that_cannot_be_asked_of_a_nominal_motion_silences_no_other():
     middle = made.tests[len(made.tests) // 2]
     row = replace(bench, features=made.features).measure(bench.run({}, middle, 0), middle)
     assert np.isfinite(row[-len(names) :]).all()
-
-
-def viscous():
-    effect = next(e for e in Felt().effects() if e.name == "viscous")
-    return effect, effect.parameters[0]
 
 
 def test_a_pair_is_named_by_a_simulator_with_residuals(cache):
