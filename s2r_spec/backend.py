@@ -201,10 +201,10 @@ class HasResiduals(Protocol):
 
         Returns:
             Channels (n,) or (n, k) with units, over the trace's times or a part of
-            them; differences that a filter or a derivative cannot give at the ends
-            are cut off, not padded, and as many whatever effects were added.
-            ``meta["parts"]`` gives, for every channel, the
-            names of what its columns belong to, one each ("FR calf", "base", "IMU").
+            them, the same whatever effects were added; differences that a filter or a
+            derivative cannot give at the ends are cut off, not padded. ``meta["parts"]``
+            gives, for every channel, the names of what its columns belong to, one each
+            ("FR calf", "base", "IMU").
 
         Raises:
             TraceError: the trace has none of the channels that any residual needs; the

@@ -85,20 +85,23 @@ class Equations:
             others = [self._residuals({p.effect: {p.parameter: p.value}}, trace, params) for p in self.probes]
         except TraceError:
             return None
-        taken = []
         for probe, other in zip(self.probes, others, strict=True):
             if [x.shape for x in other] != [x.shape for x in rest]:
                 raise BackendError(
                     f"residuals of the backend {self.backend.name!r} with {probe.effect!r} are at other instants than "
                     f"without; they must be at the same ones, whatever is added"
                 )
-            taken.append([(x - y).ravel() / probe.coordinate for x, y in zip(rest, other, strict=True)])
-        columns = [np.array([x.ravel(), *(of[k] for of in taken)]) for k, x in enumerate(rest)]
-        # A sample that was not recorded is left out of all of them.
-        there = [block[:, np.isfinite(block).all(axis=0)] for block in columns]
-        if any(block.shape[1] == 0 for block in there):
+        coordinates = np.array([p.coordinate for p in self.probes])[:, np.newaxis]
+        blocks = []
+        for bare, *with_effect in zip(rest, *others, strict=True):
+            own = bare.ravel()
+            taken = (own - np.array(with_effect).reshape(len(self.probes), own.size)) / coordinates
+            block = np.vstack([own, taken])
+            # A sample that was not recorded is left out of all of them.
+            blocks.append(block[:, np.isfinite(block).all(axis=0)])
+        if any(block.shape[1] == 0 for block in blocks):
             return None
-        whole = np.concatenate(there, axis=1)
+        whole = np.hstack(blocks)
         return whole[0], whole[1:]
 
     def _residuals(

@@ -10,9 +10,10 @@ from s2r_spec.diagnose.estimate import Sized
 
 AT = np.array([0.8, 0.02, -0.5])
 DEVIATION = np.array([0.03, 0.01, 0.04])
+TEMPERATURE = 9.0
 
 
-def state(rest, usual, temperature=9.0):
+def state(rest, usual):
     """Return a dear simulator's, of three effects with a line each, of which the equations say nothing."""
     variance = np.full(rest.shape, 0.01)
     view = SimpleNamespace(
@@ -25,7 +26,7 @@ def state(rest, usual, temperature=9.0):
         wide=None,
         beside=lambda members, near=None: fit,
         data=None,
-        temperature=temperature,
+        temperature=TEMPERATURE,
         simulator=SimpleNamespace(dear=True),
         heard=None,
         view=view,
@@ -38,14 +39,14 @@ def asked(monkeypatch):
     """Let looks and linear data say what is known here."""
     monkeypatch.setattr(size, "by_linear", lambda *_: Sized(AT, DEVIATION))
     monkeypatch.setattr(size, "_looked", lambda state, effects, best: best)
-    return lambda rest, usual, **more: size.sized(state(rest, usual, **more), SimpleNamespace(fits={}), (0,))
+    return lambda rest, usual: size.sized(state(rest, usual), SimpleNamespace(fits={}), (0,))
 
 
 @pytest.mark.parametrize("left", [0.0, 0.25, 1.0, 4.0])
 def test_a_closed_loop_is_believed_to_a_part_of_itself_by_what_it_leaves(asked, left):
     rest = np.full((2, 5), np.sqrt(left))
     found = asked(rest, np.ones_like(rest))
-    doubt = size.FORM * np.sqrt(9.0 * left) * np.abs(AT)
+    doubt = size.FORM * np.sqrt(TEMPERATURE * left) * np.abs(AT)
     np.testing.assert_allclose(found.deviation, np.hypot(DEVIATION, doubt))
     np.testing.assert_array_equal(found.at, AT)
 

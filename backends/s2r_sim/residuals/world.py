@@ -26,7 +26,7 @@ _STILL = 0.1
 """[rad/s] below which a joint's dry friction holds anything up to itself."""
 _STICKS, _SLIDES = 0.03, 0.06
 """[m/s] below the first a foot sticks, above the second it slides and its friction is used up; between, in part."""
-_FOR = 0.06
+_SLIDE_TIME = 0.06
 """[s] over which it does so on average: noise of measured velocities, or giving way under a first load, is no slide."""
 
 
@@ -216,7 +216,7 @@ class Motion:
         force, normal = self._pressed
         held = np.linalg.norm(force - normal[..., None] * self.ground.normal, axis=-1)
         over = held - self.world.friction * normal
-        weights, touches = hann(log.trace.times, _FOR), log.touches[..., np.newaxis]
+        weights, touches = hann(log.trace.times, _SLIDE_TIME), log.touches[..., np.newaxis]
         steadily = convolve1d(touches * self.slides, weights, axis=0)
         steadily /= np.maximum(convolve1d(touches, weights, axis=0), 1e-9)
         speed = np.linalg.norm(steadily, axis=-1)
