@@ -148,6 +148,26 @@ def score(cases: Answers) -> dict[str, Any]:
                 shown, lambda label, a: truth(label) <= set(a["which"]["set"])
             ),
         }
+    for name, some in (("single", single), ("pair", pair)):
+        shown = [(label, a) for label, a in some if _shows(label, a)]
+        if shown:
+            words = "that moves ρ or is isolable at its size"
+            rates |= {
+                f"{words}: exactly answered, {name}": _rate(shown, _answered),
+                f"{words}: first answer right, {name}": _rate(
+                    shown, lambda label, a: ranked(a)[0][0] == truth(label)
+                ),
+                f"{words}: likeliest named right, {name}": _rate(
+                    shown, lambda label, a: _named(a)[0] == truth(label)
+                ),
+                f"{words}: likeliest effects right, {name}": _rate(
+                    shown, lambda label, a: set(_members(a)[: len(truth(label))]) == truth(label)
+                ),
+            }
+            if name == "single":
+                rates[f"{words}: among the two likeliest answers, single"] = _rate(
+                    shown, lambda label, a: truth(label) in [s for s, _ in ranked(a)[:2]]
+                )
     inside = [share for label, a in cases if (share := _inside(label, a)) is not None]
     if inside:
         rates[f"at least {INSIDE:.0%} of Δρ in the window in which the effect acts"] = Rate(
@@ -225,6 +245,25 @@ def _isolable(label: Mapping[str, Any], answer: Mapping[str, Any]) -> bool:
     places = [found["effects"].index(name) for name in truth(label)]
     others = [s for k in places for i, s in enumerate(found["sigma"][k]) if i not in places]
     return min(others, default=math.inf) >= float(found["apart"])
+
+
+def _isolable_at_its_size(label: Mapping[str, Any], answer: Mapping[str, Any]) -> bool:
+    """Return whether the simulator alone says that each effect, as large as it is, can be told from every other.
+
+    One of its parameters is enough; of an answer from before these sizes were part of it none is.
+    """
+    told = set()
+    for one in answer["which"]["isolability"].get("least", ()):
+        value = label["effects"].get(one["effect"], {}).get(one["parameter"])
+        low, high = one["below"], one["above"]
+        if value is not None and ((low is not None and value <= low) or (high is not None and value >= high)):
+            told.add(one["effect"])
+    return told == truth(label)
+
+
+def _shows(label: Mapping[str, Any], answer: Mapping[str, Any]) -> bool:
+    """Return whether a single effect moves ρ, or all effects of a case are isolable at their size."""
+    return (label["kind"] == "single" and _moves(label, answer)) or _isolable_at_its_size(label, answer)
 
 
 def _inside(label: Mapping[str, Any], answer: Mapping[str, Any]) -> float | None:

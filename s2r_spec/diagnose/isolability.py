@@ -1,9 +1,10 @@
-"""Which effects could be told apart at all: known from the simulator alone, before any real test."""
+"""Which effects could be told apart, and from which size on: known from the simulator alone, before any real test."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,33 @@ FloatArray = NDArray[np.float64]
 
 APART = 3.0
 """Effects less than so many standard deviations apart are confounded."""
+SIZES = np.geomspace(1.0, 1.0 / 32.0, 16)
+"""Parts of a line's reach at which it is asked whether it could be told from everything else."""
+
+
+@dataclass(frozen=True)
+class Least:
+    """The values of a parameter from which on its effect differs from all that any other effect can imitate.
+
+    Attributes:
+        effect: its name.
+        parameter: its name.
+        unit: of the values.
+        nominal: the value that does nothing.
+        below: at this value and less it could be told from every other; None if at none in the bank.
+        above: the same at this value and more.
+    """
+
+    effect: str
+    parameter: str
+    unit: str
+    nominal: float
+    below: float | None
+    above: float | None
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the fields."""
+        return asdict(self)
 
 
 @dataclass(frozen=True)
@@ -25,11 +53,13 @@ class Isolability:
         effects: names.
         sigma: (K, K) in standard deviations; row: the true effect, column: what it is mistaken for.
         visible: (K,) distance of each from the nominal simulator.
+        least: from which size on each parameter's effect is :data:`APART` from all others.
     """
 
     effects: tuple[str, ...]
     sigma: FloatArray
     visible: FloatArray
+    least: tuple[Least, ...] = ()
 
     def confounded(self, effect: str) -> tuple[str, ...]:
         """Return the effects that cannot be told from this one, itself first."""
@@ -38,12 +68,13 @@ class Isolability:
         return (effect, *(name for i, name in enumerate(self.effects) if near[i] and i != k))
 
     def to_json(self) -> Mapping[str, object]:
-        """Return names and the matrix."""
+        """Return names, the matrix and the least sizes."""
         return {
             "effects": list(self.effects),
             "sigma": [[round(float(v), 2) for v in row] for row in self.sigma],
             "visible": [round(float(v), 2) for v in self.visible],
             "apart": APART,
+            "least": [one.to_json() for one in self.least],
         }
 
 
@@ -54,7 +85,7 @@ def isolability(
     nuisances: FloatArray,
     temperature: float,
 ) -> Isolability:
-    """Return how far any two effects are apart at these tests.
+    """Return how far any two effects are apart at these tests, and from which size on each could be told.
 
     D²_ab = min over c_b of (μ_a − c_b μ_b)ᵀ V⁻¹ (μ_a − c_b μ_b), with scatter, the background of all other
     effects, numerics and a form error of a tenth of μ_a in V. Of several parameters of an effect the pair
@@ -67,38 +98,81 @@ def isolability(
         nuisances: (v, q, k) what is no cause.
         temperature: by which evidence is divided before it is believed; distances shrink by its root.
     """
-    catalogue = surrogate.catalogue
-    lines = np.flatnonzero(~catalogue.based)
-    typical = [surrogate.secant(int(k), 1.0 if catalogue.upper[k] > 0 else -1.0) for k in lines]
-    columns = np.array([t.ravel() for t in typical])
-    owner = catalogue.owner[lines]
-    both = (catalogue.lower[lines] < 0) & (catalogue.upper[lines] > 0)
-    count = len(catalogue.effects)
+    distances = _Distances(surrogate, scatter, noise, nuisances, temperature)
+    owner = distances.owner
+    count = len(surrogate.catalogue.effects)
     sigma = np.full((count, count), np.inf)
     visible = np.zeros(count)
-    apart: list[tuple[int, float, FloatArray]] = []
-    for a in range(len(columns)):
-        v = (
-            np.outer(np.diag(scatter), np.diag(noise)) + FORM**2 * (typical[a] ** 2).sum(axis=0) + GROUND**2
-        ).ravel()
-        back = ALLOWED * columns[owner != owner[a]]
-        back = np.concatenate([back, nuisances.reshape(len(nuisances), columns.shape[1])])
-        # Woodbury: the background is of low rank.
-        u = back / np.sqrt(v)
-        inner = np.linalg.inv(np.eye(len(u)) + u @ u.T)
-        w = columns / np.sqrt(v)
-        gram = w @ w.T - (w @ u.T) @ inner @ (u @ w.T)
-        own = max(float(gram[a, a]), 0.0)
-        others = np.maximum(np.diag(gram), 1e-12)
-        # Two effects of one sign each are alike only if they push the same way.
-        along = np.where(both | both[a], gram[a], np.maximum(gram[a], 0.0))
-        left = np.maximum(own - along**2 / others, 0.0)
-        apart.append((int(owner[a]), own, left))
-        visible[owner[a]] = max(visible[owner[a]], np.sqrt(own))
-    for a, own, left in apart:
-        if np.sqrt(own) >= 0.3 * visible[a]:
-            nearest = np.full(count, np.inf)
-            np.minimum.at(nearest, owner, left)
-            sigma[a] = np.minimum(sigma[a], np.sqrt(nearest))
+    # Of an effect that can go either way the hardest to tell counts.
+    typical = [[distances.of(a, np.sign(end)) for end in distances.ends(a)] for a in range(len(owner))]
+    for a, found in enumerate(typical):
+        visible[owner[a]] = max(visible[owner[a]], *(own for own, _ in found))
+    for a, found in enumerate(typical):
+        for own, others in found:
+            if own >= 0.3 * visible[owner[a]]:
+                nearest = np.full(count, np.inf)
+                np.minimum.at(nearest, owner, others)
+                sigma[owner[a]] = np.minimum(sigma[owner[a]], nearest)
     sigma[np.diag_indices(count)] = 0.0
-    return Isolability(catalogue.effects, sigma / np.sqrt(temperature), visible / np.sqrt(temperature))
+    least = tuple(_least(distances, a) for a in range(len(owner)))
+    return Isolability(surrogate.catalogue.effects, sigma, visible, least)
+
+
+class _Distances:
+    """How far one parameter's effect, at a size, is from nothing and from all that each other parameter can imitate."""
+
+    def __init__(
+        self,
+        surrogate: Surrogate,
+        scatter: FloatArray,
+        noise: FloatArray,
+        nuisances: FloatArray,
+        temperature: float,
+    ) -> None:
+        catalogue = surrogate.catalogue
+        self.surrogate = surrogate
+        self.temperature = temperature
+        self.lines = np.flatnonzero(~catalogue.based)
+        self.owner = catalogue.owner[self.lines]
+        self.both = (catalogue.lower[self.lines] < 0) & (catalogue.upper[self.lines] > 0)
+        self.typical = np.array(
+            [surrogate.along(int(k), 1.0 if catalogue.upper[k] > 0 else -1.0).ravel() for k in self.lines]
+        )
+        self.nuisances = nuisances.reshape(len(nuisances), self.typical.shape[1])
+        self.floor = np.outer(np.diag(scatter), np.diag(noise)) + GROUND**2
+
+    def ends(self, a: int) -> tuple[float, ...]:
+        """Return how far the bank goes along a parameter's coordinate, on one side of nominal or on both."""
+        catalogue, k = self.surrogate.catalogue, self.lines[a]
+        return tuple(float(end) for end in (catalogue.lower[k], catalogue.upper[k]) if end)
+
+    def of(self, a: int, coordinate: float) -> tuple[float, FloatArray]:
+        """Return the distance from nothing, and (lines,) from each other one; infinite from its own effect's."""
+        seen = self.surrogate.along(int(self.lines[a]), coordinate)
+        v = (self.floor + FORM**2 * (seen**2).sum(axis=0)).ravel()
+        mine = self.owner == self.owner[a]
+        # Woodbury: the background is of low rank.
+        u = np.concatenate([ALLOWED * self.typical[~mine], self.nuisances]) / np.sqrt(v)
+        inner = np.linalg.inv(np.eye(len(u)) + u @ u.T)
+        one, w = seen.ravel() / np.sqrt(v), self.typical / np.sqrt(v)
+        background = u @ one
+        along = w @ one - w @ u.T @ (inner @ background)
+        own = max(float(one @ one - background @ inner @ background), 0.0)
+        others = np.maximum((w**2).sum(axis=1) - np.einsum("ij,jk,ik->i", w @ u.T, inner, w @ u.T), 1e-12)
+        # An effect of one sign imitates only what pushes its way.
+        along = np.where(self.both, along, np.maximum(along, 0.0))
+        left = np.where(mine, np.inf, np.maximum(own - along**2 / others, 0.0))
+        return float(np.sqrt(own / self.temperature)), np.sqrt(left / self.temperature)
+
+
+def _least(distances: _Distances, a: int) -> Least:
+    line = distances.surrogate.catalogue.curves[distances.lines[a]].line
+    found: dict[bool, float | None] = {False: None, True: None}
+    for end in distances.ends(a):
+        for size in SIZES * end:
+            own, others = distances.of(a, float(size))
+            if min(own, float(others.min())) < APART:
+                break
+            value = line.value(float(size))
+            found[value > line.nominal] = value
+    return Least(line.effect, line.parameter, line.unit, line.nominal, found[False], found[True])

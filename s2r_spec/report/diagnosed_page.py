@@ -77,6 +77,7 @@ def render(found: Diagnosis, spec: Spec, real: str = "") -> str:
         body=_body(found),
         shifts=_shifts(found),
         isolation=isolation(found.which.isolability, found.which.answer, "isolation"),
+        least=_least(found),
         sources=_flat(found.provenance),
         line=provenance(found),
         spec_text=spec.text,
@@ -181,6 +182,17 @@ def _shifts(found: Diagnosis) -> list[tuple[str, str, str]]:
         for part in found.where.body.shifted
         for shift in part.shifts
     ]
+
+
+def _least(found: Diagnosis) -> list[tuple[str, str, str]]:
+    """Return parameter, nominal value, and the values at which it could be told from every other effect."""
+    rows = []
+    for one in found.which.isolability.least:
+        words = [f"up to {one.below:.3g}"] if one.below is not None else []
+        words += [f"from {one.above:.3g} on"] if one.above is not None else []
+        told = f"{' and '.join(words)} {one.unit}".rstrip() if words else "at no size in the bank"
+        rows.append((f"{one.effect}.{one.parameter}", f"{one.nominal:.3g} {one.unit}".rstrip(), told))
+    return rows
 
 
 def _flat(values: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:

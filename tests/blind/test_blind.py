@@ -185,6 +185,25 @@ def test_effects_that_are_isolable_are_scored_by_themselves():
     assert "that moves ρ or is isolable: first answer right, single" not in score([(unheard, cases[0][1])])
 
 
+@pytest.mark.parametrize(
+    ("least", "of"), [((None, 2.0), 1), ((None, 2.5), 0), ((2.0, None), 1), ((1.0, 3.0), 0)]
+)
+def test_an_effect_counts_as_isolable_from_the_size_on_that_the_simulator_says(least, of):
+    answer = answered("named", "drag")
+    below, above = least
+    isolable = answer["which"]["isolability"] | {
+        "least": [
+            {"effect": "drag", "parameter": "coefficient", "unit": "", "nominal": 0.0, "below": below, "above": above},
+            {"effect": "mass", "parameter": "extra", "unit": "kg", "nominal": 0.0, "below": None, "above": 0.0},
+        ]
+    }  # fmt: skip
+    answer["which"]["isolability"] = isolable
+    found = score([(LABELS["case-a"], answer)])
+    words = "that moves ρ or is isolable at its size: first answer right, single"
+    assert found.get(words, {"of": 0})["of"] == of
+    assert of == 0 or found[words]["hits"] == 1
+
+
 @pytest.mark.parametrize(("window", "inside"), [([0.1, 0.2], 1), ([0.25, 0.9], 0), ([0.0, 9.0], 1)])
 def test_a_windowed_effect_is_scored_by_the_blame_inside_its_window(window, inside):
     label = LABELS["case-b"] | {"where": {"window": window}}

@@ -8,7 +8,6 @@ from scipy.stats import multivariate_normal
 
 from s2r_spec.diagnose.catalogue import Catalogue
 from s2r_spec.diagnose.evidence import ALLOWED, LARGE, MORE, Linear, evidence, ground, posterior, solved
-from s2r_spec.diagnose.isolability import isolability
 from s2r_spec.diagnose.joint import Joint, joint_fit, polished, reach, rephased
 from s2r_spec.diagnose.judge import _strangeness
 
@@ -251,24 +250,3 @@ def test_data_that_are_nothing_at_all_are_not_strange():
     data, *_ = drawn(0, np.zeros(EFFECTS))
     nothing = replace(data, toward=np.zeros(EFFECTS), energy=0.0, seen=0.0)
     assert np.isfinite(_strangeness(evidence(nothing), np.full(EFFECTS, 0.1))).all()
-
-
-def test_an_effect_that_these_tests_do_not_show_is_confounded_and_not_infinitely_apart():
-    class Bank:
-        catalogue = Catalogue(
-            (),
-            tuple("ab"),
-            np.arange(2),
-            np.arange(2),
-            np.zeros(2, dtype=bool),
-            -np.ones(2),
-            np.ones(2),
-            np.zeros(2),
-        )
-
-        def secant(self, line, coordinate):
-            return np.ones((1, 5)) * (3.0 if line == 0 else 0.0)
-
-    found = isolability(Bank(), np.eye(1), np.eye(5), np.zeros((0, 1, 5)), 1.0)
-    assert np.isfinite(found.sigma).all()
-    assert "a" in found.confounded("b")

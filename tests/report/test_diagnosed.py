@@ -12,7 +12,7 @@ import s2r_spec as s2r
 from s2r_spec.diagnose.diagnosis import Diagnosis, NextTest, Verdict, Which
 from s2r_spec.diagnose.estimate import Estimate
 from s2r_spec.diagnose.how_far import how_far
-from s2r_spec.diagnose.isolability import Isolability
+from s2r_spec.diagnose.isolability import Isolability, Least
 from s2r_spec.diagnose.where.attribution import attribute
 from s2r_spec.diagnose.where.body import Body, BodyPart, Shift
 from s2r_spec.diagnose.where.found import Where, where
@@ -85,6 +85,13 @@ def body_of(names):
     return Body((*parts, *(BodyPart(name, ()) for name in names[2:])), 10, 1.0, 534)
 
 
+LEAST = (
+    Least("friction", "force", "N", 0.0, None, 0.4321),
+    Least("delay", "time", "s", 0.0, None, None),
+    Least("payload", "mass", "kg", 5.0, 4.25, 6.0),
+)
+
+
 def diagnosis(dim, verdict=Verdict.NAMED, body=None, near=8.0, **changes):
     spec = spec_of(dim)
     tests, found = where_of(dim)
@@ -102,7 +109,7 @@ def diagnosis(dim, verdict=Verdict.NAMED, body=None, near=8.0, **changes):
         confounded=("friction", "delay") if verdict is Verdict.CONFOUNDED else answer,
         estimates=(Estimate("friction", "force", 1.5, 1.1, 2.2, "N"),) if answer else (),
         nearest_family="actuation",
-        isolability=Isolability(EFFECTS, sigma, np.array([9.0, 20.0, 30.0])),
+        isolability=Isolability(EFFECTS, sigma, np.array([9.0, 20.0, 30.0]), LEAST),
         next_test=NextTest(upcoming | {"gait": 2.0}, "with gait = 2", ("friction", "delay"), 4.0),
     )
     rng = np.random.default_rng(2)
@@ -176,6 +183,9 @@ def test_the_answer_comes_first_and_everything_is_there(shown):
         "FR calf: torque −1.25 N*m from 0.25 to 0.75 s",
         "FR foot: speed (rms) ±0.2 rad/s",
         "This assumes the real rollouts were run as their tests say",
+        "friction.force 0 N from 0.432 on N",
+        "delay.time 0 s at no size in the bank",
+        "payload.mass 5 kg up to 4.25 and from 6 on kg",
         "judge: single 0.9",
     ):
         assert said in words, said
