@@ -89,7 +89,8 @@ def isolability(
 
     D²_ab = min over c_b of (μ_a − c_b μ_b)ᵀ V⁻¹ (μ_a − c_b μ_b), with scatter, the background of all other
     effects, numerics and a form error of a tenth of μ_a in V. Of several parameters of an effect the pair
-    that is hardest to tell apart counts, among those of a that can be seen at all.
+    that is hardest to tell apart counts, among those of a that can be seen at all. For the least size a little of
+    a itself is in V, too: no machine is without it, and it is no cause.
 
     Args:
         surrogate: the bank at these tests.
@@ -104,7 +105,9 @@ def isolability(
     sigma = np.full((count, count), np.inf)
     visible = np.zeros(count)
     # Of an effect that can go either way the hardest to tell counts.
-    typical = [[distances.of(a, np.sign(end)) for end in distances.ends(a)] for a in range(len(owner))]
+    typical = [
+        [distances.of(a, np.sign(end), little=False) for end in distances.ends(a)] for a in range(len(owner))
+    ]
     for a, found in enumerate(typical):
         visible[owner[a]] = max(visible[owner[a]], *(own for own, _ in found))
     for a, found in enumerate(typical):
@@ -138,7 +141,8 @@ class _Distances:
         self.typical = np.array(
             [surrogate.along(int(k), 1.0 if catalogue.upper[k] > 0 else -1.0).ravel() for k in self.lines]
         )
-        self.nuisances = nuisances.reshape(len(nuisances), self.typical.shape[1])
+        nuisances = nuisances.reshape(len(nuisances), self.typical.shape[1])
+        self.background = np.concatenate([ALLOWED * self.typical, nuisances])  # (lines + variants, q·k)
         self.floor = np.outer(np.diag(scatter), np.diag(noise)) + GROUND**2
 
     def ends(self, a: int) -> tuple[float, ...]:
@@ -146,22 +150,29 @@ class _Distances:
         catalogue, k = self.surrogate.catalogue, self.lines[a]
         return tuple(float(end) for end in (catalogue.lower[k], catalogue.upper[k]) if end)
 
-    def of(self, a: int, coordinate: float) -> tuple[float, FloatArray]:
-        """Return the distance from nothing, and (lines,) from each other one; infinite from its own effect's."""
-        seen = self.surrogate.along(int(self.lines[a]), coordinate)
-        v = (self.floor + FORM**2 * (seen**2).sum(axis=0)).ravel()
+    def of(self, a: int, coordinate: float, little: bool) -> tuple[float, FloatArray]:
+        """Return the distance from nothing, and (lines,) from each other one; infinite from its own effect's.
+
+        ``little`` says that a little of the effect itself is no cause.
+        """
         mine = self.owner == self.owner[a]
+        seen = self.surrogate.along(int(self.lines[a]), coordinate)
+        root = 1.0 / np.sqrt((self.floor + FORM**2 * (seen**2).sum(axis=0)).ravel())
         # Woodbury: the background is of low rank.
-        u = np.concatenate([ALLOWED * self.typical[~mine], self.nuisances]) / np.sqrt(v)
+        u, w, one = self.background * root, self.typical * root, seen.ravel() * root
+        if little:
+            u[a] = ALLOWED / abs(coordinate) * one  # as it acts at this size, and not at its typical one
+        else:
+            u[: len(mine)][mine] = 0.0
         inner = np.linalg.inv(np.eye(len(u)) + u @ u.T)
-        one, w = seen.ravel() / np.sqrt(v), self.typical / np.sqrt(v)
-        background = u @ one
-        along = w @ one - w @ u.T @ (inner @ background)
-        own = max(float(one @ one - background @ inner @ background), 0.0)
-        others = np.maximum((w**2).sum(axis=1) - np.einsum("ij,jk,ik->i", w @ u.T, inner, w @ u.T), 1e-12)
+        w_u, one_u = w @ u.T, u @ one
+        own = max(float(one @ one - one_u @ inner @ one_u), 0.0)
+        along = w @ one - w_u @ inner @ one_u
+        others = np.maximum((w**2).sum(axis=1) - ((w_u @ inner) * w_u).sum(axis=1), 1e-12)
         # An effect of one sign imitates only what pushes its way.
         along = np.where(self.both, along, np.maximum(along, 0.0))
-        left = np.where(mine, np.inf, np.maximum(own - along**2 / others, 0.0))
+        left = np.maximum(own - along**2 / others, 0.0)
+        left = np.where(mine, np.inf, left)
         return float(np.sqrt(own / self.temperature)), np.sqrt(left / self.temperature)
 
 
@@ -170,7 +181,7 @@ def _least(distances: _Distances, a: int) -> Least:
     found: dict[bool, float | None] = {False: None, True: None}
     for end in distances.ends(a):
         for size in SIZES * end:
-            own, others = distances.of(a, float(size))
+            own, others = distances.of(a, float(size), little=True)
             if min(own, float(others.min())) < APART:
                 break
             value = line.value(float(size))
