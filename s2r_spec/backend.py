@@ -177,6 +177,15 @@ class HasEffects(Protocol):
 
 
 @runtime_checkable
+class HasChosen(Protocol):
+    """A backend that says which effects it was given: what a diagnosis looks for is then beyond these."""
+
+    def chosen(self) -> Mapping[str, Mapping[str, float]]:
+        """Return effect → parameter → value of all that was set by ``with_effects`` or by its options."""
+        ...
+
+
+@runtime_checkable
 class HasResiduals(Protocol):
     """A backend that can say what of a recorded motion its own model leaves unexplained.
 

@@ -103,6 +103,10 @@ class EmpsBackend:
         """Return the catalogue of physics that the nominal axis leaves out."""
         return tuple(CATALOGUE.values())
 
+    def chosen(self) -> Values:
+        """Return effect → parameter → value of what was set."""
+        return as_values(self.added)
+
     def with_effects(self, values: Values) -> Self:
         """Return the same backend with these effects added: ``{"coulomb": {"force": 20.0}}``.
 

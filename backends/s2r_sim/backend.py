@@ -23,6 +23,7 @@ from s2r_sim.options import read_options, write_options
 from s2r_sim.parameters import PARAMETERS, read_test
 from s2r_sim.settings import Settings
 from s2r_spec.backend import Channel, Effect, Parameter
+from s2r_spec.effects import as_values
 from s2r_spec.errors import MissingPackageError
 from s2r_spec.trace import Trace
 
@@ -92,6 +93,10 @@ class SimBackend:
         """Return the catalogue of physics that the nominal simulator leaves out."""
         return tuple(CATALOGUE.values())
 
+    def chosen(self) -> dict[str, dict[str, float]]:
+        """Return effect → parameter → value of what was set."""
+        return as_values(self.added)
+
     def with_effects(self, values: Mapping[str, Mapping[str, float]]) -> Self:
         """Return the same backend with these effects added: ``{"motor_strength": {"factor": 0.8}}``.
 
@@ -137,7 +142,7 @@ class SimBackend:
             "seed": seed,
             "qp_failures": record.qp_failures,
         }
-        if effects := self._effects_in_meta():
+        if effects := self.chosen():
             meta["effects"] = effects
         if record.fallen:
             meta["failure"] = "fall"
@@ -175,9 +180,6 @@ class SimBackend:
         from s2r_sim.residuals import residuals
 
         return residuals(trace, self.settings, self.added, params)
-
-    def _effects_in_meta(self) -> dict[str, dict[str, float]]:
-        return {name: dict(values) for name, values in self.added}
 
 
 def _ticks(seconds: float) -> int:

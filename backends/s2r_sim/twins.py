@@ -72,6 +72,6 @@ class TwinBackend(SimBackend):
         beyond = tuple(effect for effect in self.added if effect not in own)
         return ":".join(("twin", ",".join(filter(None, (self.place, write_options(self.settings, beyond))))))
 
-    def _effects_in_meta(self) -> dict[str, dict[str, float]]:
+    def chosen(self) -> dict[str, dict[str, float]]:
         """A twin stands in for a robot, which does not say what is different about it."""
         return {}

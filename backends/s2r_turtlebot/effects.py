@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Self
 
 from s2r_spec.backend import Effect, EffectParameter
-from s2r_spec.effects import Choice, Values, choose, read_word, settings, words
+from s2r_spec.effects import Choice, Values, as_values, choose, read_word, settings, words
 from s2r_spec.errors import UsageError
 from s2r_turtlebot import Body, Figures, TurtlebotBackend, ideal
 
@@ -157,6 +157,10 @@ class WearableTurtlebot(TurtlebotBackend):
     def effects(self) -> tuple[Effect, ...]:
         """Return the catalogue."""
         return CATALOGUE
+
+    def chosen(self) -> Values:
+        """Return effect → parameter → value of what was set."""
+        return as_values(self.added)
 
     def with_effects(self, values: Values) -> Self:
         """Return the same robot with these effects added: ``{"latency": {"delay": 0.1}}``.

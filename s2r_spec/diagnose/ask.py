@@ -12,6 +12,7 @@ import numpy as np
 
 from s2r_spec import logs
 from s2r_spec.backend import Backend, HasDuration, HasRecordings, load_backend
+from s2r_spec.diagnose.notes import as_simulated
 from s2r_spec.diagnose.simulate import Bench
 from s2r_spec.errors import UsageError
 from s2r_spec.rollouts.match import match
@@ -36,11 +37,11 @@ def real_rollouts(
     folder: Path | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> list[Rollout]:
-    """Return (test in the spec's units, trace) of every real rollout.
+    """Return (test in the spec's units, trace with channels in the simulator's) of every real rollout.
 
     Raises:
         UsageError: a rollout does not say its test, or that is outside the spec's ranges, or there are fewer
-            than six.
+            than six, or a channel is in a unit that does not convert.
     """
     names = bench.spec.space.names
     if isinstance(real, str):
@@ -58,7 +59,9 @@ def real_rollouts(
             raise UsageError(
                 f"a real rollout does not say its {missing[0]!r}; every test parameter is needed"
             )
-    found = [({name: test[name] for name in names}, trace) for test, trace in found][:budget]
+    found = [
+        ({name: test[name] for name in names}, as_simulated(trace, bench.backend)) for test, trace in found
+    ][:budget]
     for test, _ in found:
         bench.spec.space.vector(test)  # now, and not when all is simulated
     if len(found) < FEWEST:

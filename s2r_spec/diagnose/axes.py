@@ -9,6 +9,8 @@ from dataclasses import dataclass, field
 
 from s2r_spec.backend import Effect, EffectParameter
 
+BACKGROUND = 0.05
+"""Standard deviation of what every effect does unasked, in parts of its typical size."""
 STEPS = (0.25, 0.5, 1.0)
 """Values of a line, as parts of its typical high value; the last is the end of the range, if that is further."""
 _SCALE = re.compile(r"(?:deviation |normal[^,]*, *)(?P<scale>\d+(?:\.\d+)?(?:[eE][-+]?\d+)?)")

@@ -5,8 +5,9 @@ from __future__ import annotations
 import hashlib
 import inspect
 import json
+import math
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
 from dataclasses import asdict, dataclass, replace
 from itertools import combinations
@@ -15,14 +16,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.backend import Backend, Effect, HasEffects, HasResiduals, HasVariants
-from s2r_spec.diagnose.axes import Line, lines
+from s2r_spec.backend import Backend, Effect, HasChosen, HasEffects, HasResiduals, HasVariants
+from s2r_spec.diagnose.axes import BACKGROUND, STEPS, Line, lines
 from s2r_spec.diagnose.axes import line as line_of
 from s2r_spec.diagnose.design import grid
 from s2r_spec.diagnose.equations import Equations, Probe
 from s2r_spec.diagnose.features import Block, Features
 from s2r_spec.diagnose.simulate import Bench, Job, Test, blamed, run_jobs
-from s2r_spec.errors import UsageError
+from s2r_spec.errors import BackendError, UsageError
 
 FloatArray = NDArray[np.float64]
 
@@ -65,17 +66,31 @@ class Bank:
 
 
 def catalogue_of(backend: Backend) -> tuple[Effect, ...]:
-    """Return what the backend can add to itself.
+    """Return what the backend can add to itself; nominal is what it was given already, if it says so.
 
     Raises:
         UsageError: nothing, so no cause can be named.
+        BackendError: a parameter has no range around its nominal value.
     """
     if not isinstance(backend, HasEffects) or not backend.effects():
         raise UsageError(
             f"the backend {backend.name!r} declares no effects, so no cause can be named; "
             f"docs/how-to/effects.md says how to write them"
         )
-    return tuple(backend.effects())
+    chosen = backend.chosen() if isinstance(backend, HasChosen) else {}
+    return tuple(_checked(backend.name, effect, chosen.get(effect.name, {})) for effect in backend.effects())
+
+
+def _checked(backend: str, effect: Effect, chosen: Mapping[str, float]) -> Effect:
+    """Return the effect with what was chosen as nominal."""
+    for p in effect.parameters:
+        if not (p.low <= p.nominal <= p.high and p.low < p.high and math.isfinite(p.high - p.low)):
+            raise BackendError(
+                f"backend {backend!r}: the effect {effect.name!r} has {p.name!r} in [{p.low:g}, {p.high:g}] with the "
+                f"nominal value {p.nominal:g}; it needs finite ends, low < high, and a nominal value between them"
+            )
+    parameters = tuple(replace(p, nominal=float(chosen.get(p.name, p.nominal))) for p in effect.parameters)
+    return replace(effect, parameters=parameters)
 
 
 def key(bench: Bench) -> str:
@@ -170,6 +185,7 @@ def simulate(
     acts = {effect.name: _able(bench, effect, middle) for effect in catalogue}
     found = lines(catalogue, acts)
     features = replace(features, probes=_probes(bench, found, middle))
+    features = replace(features, little=_little(bench, features, found, middle))
     bench = replace(bench, features=features)
 
     runs = tuple((test, seed) for test in tests for seed in range(EFFECT_SEEDS))
@@ -233,6 +249,30 @@ def _able(bench: Bench, effect: Effect, test: Test) -> frozenset[str]:
         if not np.array_equal(changed, nominal, equal_nan=True):
             able.add(parameter.name)
     return frozenset(able)
+
+
+def _little(bench: Bench, features: Features, found: tuple[Line, ...], test: Test) -> FloatArray:
+    """Return (columns,) what a little of every effect makes of the residuals that the equations do not explain.
+
+    By proportion from the typical value, or from the largest part of it with which the test is survived. In the
+    features' scale.
+    """
+    if not features.probes:
+        return features.little
+    asked = features.asked(bench.backend)
+    squares = {name: np.zeros_like(unit) for name, unit in asked.units.items()}
+    for line in found:
+        typical = line.coordinate(line.at_typical())
+        for far in () if line.base else [part * typical for part in reversed(STEPS)]:
+            values = line.at(line.value(far))
+            with blamed(bench, values, test, 0):
+                trace = bench.run(values, test, 0)
+            left = asked.left(trace, bench.matched.to_backend(test)) if trace.failure is None else None
+            if left is not None:
+                for name, rms in left.items():
+                    squares[name] += (BACKGROUND / far * rms) ** 2
+                break
+    return features.of_residuals({name: np.sqrt(s) for name, s in squares.items()})
 
 
 def _probes(bench: Bench, found: tuple[Line, ...], test: Test) -> tuple[Probe, ...]:
@@ -308,6 +348,7 @@ def save(made: Bank, path: Path) -> None:
         scale=f.scale,
         reference=f.reference,
         pace=f.pace,
+        little=f.little,
         nominal=made.nominal,
         interactions=made.interactions,
         variants=made.variants,
@@ -328,6 +369,7 @@ def load(path: Path) -> Bank:
             tuple((a, b) for a, b in text["products"]),
             tuple((a, b) for a, b in text["rates"]),
             arrays["pace"],
+            arrays["little"],
             tuple(Probe(**p) for p in text["probes"]),
         )
         found = tuple(Line(**(one | {"values": tuple(one["values"])})) for one in text["lines"])

@@ -153,6 +153,7 @@ class Diagnosis:
         tuned: the same with a little of every other effect, as the data want it.
         provenance: version, seed, hashes.
         assumptions: what the answer rests on.
+        notes: what the real rollouts lack, a sentence each.
     """
 
     verdict: Verdict
@@ -164,6 +165,7 @@ class Diagnosis:
     tuned: Mapping[str, Mapping[str, float]]
     provenance: Mapping[str, Any]
     assumptions: tuple[str, ...]
+    notes: tuple[str, ...] = ()
 
     def improved(self, tuned: bool) -> Mapping[str, Mapping[str, float]]:
         """Return what to add to the simulator, with a little of everything if asked; empty where nothing is to be."""
@@ -184,4 +186,5 @@ class Diagnosis:
             "patch": {name: dict(values) for name, values in self.patch.items()},
             "tuned": {name: dict(values) for name, values in self.tuned.items()},
             "assumptions": list(self.assumptions),
+            "notes": list(self.notes),
         }

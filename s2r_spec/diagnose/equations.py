@@ -71,6 +71,19 @@ class Equations:
         rest, x = found
         return float(np.mean((rest - _ridge(rest, x) @ x) ** 2))
 
+    def left(self, trace: Trace, params: Mapping[str, float]) -> dict[str, FloatArray] | None:
+        """Return residual → (columns,) rms of what the regression leaves of it, in its unit; None as below."""
+        found = self._blocks(trace, params)
+        if found is None:
+            return None
+        x = _ridge(*_flat(found))
+        out = {}
+        for name, (bare, taken) in zip(self.units, found, strict=True):
+            squares = (bare - np.tensordot(x, taken, 1)) ** 2
+            counts = np.isfinite(squares).sum(axis=0)
+            out[name] = np.sqrt(np.nansum(squares, axis=0) / np.maximum(counts, 1))
+        return out
+
     def regressors(self, trace: Trace, params: Mapping[str, float]) -> tuple[FloatArray, FloatArray] | None:
         """Return (n,) nominal residuals in their units, and (probes, n) what one coordinate of each takes off them.
 
@@ -79,6 +92,16 @@ class Equations:
 
         Raises:
             BackendError: with an effect a residual has other instants than without.
+        """
+        found = self._blocks(trace, params)
+        return None if found is None else _flat(found)
+
+    def _blocks(
+        self, trace: Trace, params: Mapping[str, float]
+    ) -> list[tuple[FloatArray, FloatArray]] | None:
+        """Return of every residual (m, columns) itself and (probes, m, columns) what a coordinate takes off it.
+
+        A sample that was not recorded is NaN in all of them.
         """
         try:
             rest = self._residuals({}, trace, params)
@@ -91,18 +114,15 @@ class Equations:
                     f"residuals of the backend {self.backend.name!r} with {probe.effect!r} are at other instants than "
                     f"without; they must be at the same ones, whatever is added"
                 )
-        coordinates = np.array([p.coordinate for p in self.probes])[:, np.newaxis]
+        coordinates = np.array([p.coordinate for p in self.probes])[:, np.newaxis, np.newaxis]
         blocks = []
         for bare, *with_effect in zip(rest, *others, strict=True):
-            own = bare.ravel()
-            taken = (own - np.array(with_effect).reshape(len(self.probes), own.size)) / coordinates
-            block = np.vstack([own, taken])
-            # A sample that was not recorded is left out of all of them.
-            blocks.append(block[:, np.isfinite(block).all(axis=0)])
-        if any(block.shape[1] == 0 for block in blocks):
-            return None
-        whole = np.hstack(blocks)
-        return whole[0], whole[1:]
+            taken = (bare - np.array(with_effect).reshape(len(self.probes), *bare.shape)) / coordinates
+            recorded = np.isfinite(bare) & np.isfinite(taken).all(axis=0)
+            if not recorded.any():
+                return None
+            blocks.append((np.where(recorded, bare, np.nan), np.where(recorded, taken, np.nan)))
+        return blocks
 
     def _residuals(
         self, values: Mapping[str, Mapping[str, float]], trace: Trace, params: Mapping[str, float]
@@ -119,6 +139,16 @@ class Equations:
         if missing := [name for name in self.units if name not in found.channels]:
             raise TraceError(f"the residual {missing[0]!r} cannot be computed of this trace")
         return [found[name].reshape(len(found), -1) / unit for name, unit in self.units.items()]
+
+
+def _flat(blocks: Sequence[tuple[FloatArray, FloatArray]]) -> tuple[FloatArray, FloatArray]:
+    """Return (n,) and (probes, n) of all residuals, of the samples that were recorded."""
+    rest, taken = [], []
+    for bare, each in blocks:
+        recorded = np.isfinite(bare)
+        rest.append(bare[recorded])
+        taken.append(each[:, recorded])
+    return np.concatenate(rest), np.hstack(taken)
 
 
 def _ridge(rest: FloatArray, x: FloatArray) -> FloatArray:

@@ -25,10 +25,9 @@ from s2r_spec.diagnose.joint import TURN, Joint, Model, joint_fit
 FloatArray = NDArray[np.float64]
 Set = tuple[int, ...]
 
-BACKGROUND = 0.05
-"""Standard deviation of what every effect does unasked, in parts of its typical size."""
 ALLOWED = 0.06
-"""The same as the evidence reckons with it: the laws of the background are not ours either."""
+"""Standard deviation of what every effect does unasked, as the evidence reckons with it: more than
+:data:`~s2r_spec.diagnose.axes.BACKGROUND`, for the laws of the background are not ours either."""
 LARGE = 0.7
 """Standard deviation of an effect that is a cause, in parts of its typical size."""
 FORM = 0.1

@@ -78,6 +78,8 @@ class Features:
         products: pairs of block names whose columns are multiplied.
         rates: pairs of block names; the first is multiplied with how fast the second changes.
         pace: (columns,) rms rate of each column over the nominal rollouts, in ``scale`` per second.
+        little: (columns,) rms that a little of every effect makes of a residual and the equations do not explain, in
+            ``scale``; 0 if that is not known.
         probes: effects of which the equations of motion are asked; see :mod:`s2r_spec.diagnose.equations`.
     """
 
@@ -89,6 +91,7 @@ class Features:
     products: tuple[tuple[str, str], ...]
     rates: tuple[tuple[str, str], ...]
     pace: FloatArray
+    little: FloatArray
     probes: tuple[Probe, ...] = ()
 
     @classmethod
@@ -140,6 +143,7 @@ class Features:
             _products(blocks, flags),
             _rates(blocks, flags),
             np.where(pace > 1e-12, pace, 1.0),
+            np.zeros(len(scale)),
         )
 
     def names(self) -> tuple[Feature, ...]:
@@ -173,12 +177,24 @@ class Features:
         return tuple(out)
 
     def residual_units(self) -> dict[str, FloatArray]:
-        """Return residual → (columns,) in which it is measured."""
+        """Return residual → (columns,) in which the equations measure it: what they leave of it where nothing is wrong.
+
+        A model that is exact leaves next to nothing of its own motions; no machine is without a little of everything.
+        """
+        units = self.scale * np.hypot(1.0, self.little)
         return {
-            block.source.removeprefix(RESIDUAL): self.scale[part]
+            block.source.removeprefix(RESIDUAL): units[part]
             for block, part in zip(self.blocks, self._slices(), strict=True)
             if block.source.startswith(RESIDUAL)
         }
+
+    def of_residuals(self, values: Mapping[str, FloatArray]) -> FloatArray:
+        """Return (columns,) the values that residuals have, by name, and 0 for all else."""
+        out = np.zeros(len(self.scale))
+        for block, part in zip(self.blocks, self._slices(), strict=True):
+            if block.source.startswith(RESIDUAL):
+                out[part] = values[block.source.removeprefix(RESIDUAL)]
+        return out
 
     def equations(self, trace: Trace, backend: Backend, params: Mapping[str, float]) -> FloatArray:
         """Return (probes,): see :meth:`s2r_spec.diagnose.equations.Equations.regressed`."""

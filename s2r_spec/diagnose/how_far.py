@@ -105,13 +105,23 @@ class HowFar:
 
         The interval of the gap does not say so: one that is there at a single test has a wide one.
         """
-        surely = self.floor * (1.0 + SURELY / np.sqrt(max(len(self.tests), 1)))
-        return bool(self.before.mean > max(self.floor + self.background, surely))
+        return bool(self.before.mean > self._at_most)
+
+    @property
+    def _at_most(self) -> float:
+        """What the mean gap is of a machine with scatter and a little of everything alone."""
+        surely = self.floor * (1.0 + SURELY / float(np.sqrt(max(len(self.tests), 1))))
+        return max(self.floor + self.background, surely)
 
     @property
     def closed(self) -> bool:
         """Whether a material gap is (nearly) gone after the patch, and surely smaller."""
         return self.material and self.gone and self._surely_closes
+
+    @property
+    def harmful(self) -> bool:
+        """Whether the patch makes a material gap where there was none; at a single held-out test is enough."""
+        return self.after is not None and not self.material and self.after.mean > self._at_most
 
     @property
     def gone(self) -> bool:

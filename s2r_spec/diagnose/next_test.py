@@ -11,13 +11,21 @@ from s2r_spec.diagnose.axes import Values
 from s2r_spec.diagnose.diagnosis import NextTest
 from s2r_spec.diagnose.evidence import FORM
 from s2r_spec.diagnose.signatures import Signatures
-from s2r_spec.diagnose.simulate import Bench
+from s2r_spec.diagnose.simulate import Bench, Test
 
 FloatArray = NDArray[np.float64]
 
 
+NEAR = 0.02
+"""Of every parameter's range: a test no further than this from one that was run is not asked for again."""
+
+
 def next_test(
-    bench: Bench, signatures: Signatures, rivals: Sequence[tuple[str, Values]], protocols: bool
+    bench: Bench,
+    signatures: Signatures,
+    rivals: Sequence[tuple[str, Values]],
+    run: Sequence[Test],
+    protocols: bool,
 ) -> NextTest | None:
     """Return the test at which the likeliest two candidates differ most, simulated with the values fitted.
 
@@ -25,13 +33,14 @@ def next_test(
         bench: with the bank's features.
         signatures: for the units of the components.
         rivals: two candidates, name and values.
+        run: tests of which there are rollouts: what these could tell is told, and they are not asked for again.
         protocols: also try every parameter of the backend that the spec does not sweep, at its ends.
     """
     if len(rivals) < 2:
         return None
     tests = list(signatures.bank.tests)
     middle = tests[len(tests) // 2]
-    tried: list[tuple[Mapping[str, float], str, Mapping[str, float]]] = [(test, "", {}) for test in tests]
+    tried: list[tuple[Test, str, Test]] = [(test, "", {}) for test in tests if not _was_run(bench, test, run)]
     if protocols:
         swept = set(bench.spec.params)
         for parameter in bench.backend.parameters:
@@ -57,6 +66,13 @@ def next_test(
         if best is None or sigma > best.sigma:
             best = NextTest({**test, **extra}, words, tuple(name for name, _ in rivals[:2]), sigma)
     return best if best is not None and best.sigma > 1.0 else None
+
+
+def _was_run(bench: Bench, test: Test, run: Sequence[Test]) -> bool:
+    space = bench.spec.space
+    reach = NEAR * (space.upper - space.lower)
+    at = space.vector(test)
+    return any(bool(np.all(np.abs(space.vector(other) - at) <= reach)) for other in run)
 
 
 def _rows(

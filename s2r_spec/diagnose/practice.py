@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.diagnose.evidence import BACKGROUND
+from s2r_spec.diagnose.axes import BACKGROUND
 from s2r_spec.diagnose.layout import Layout
 from s2r_spec.diagnose.signatures import Curve, Signatures
 

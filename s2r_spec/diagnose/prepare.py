@@ -57,6 +57,8 @@ Progress = Callable[[str, int, int], None]
 
 HELD_OUT = 0.3
 """Part of the tests that the diagnosis does not see."""
+LEAST_TESTS = 9
+"""Different tests from which on that is three of them, the least that are held out."""
 SOURCES = (
     "axes", "catalogue", "design", "evidence", "joint", "judge", "layout", "logs", "models", "practice",
     "signatures",

@@ -13,18 +13,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.backend import Backend
+from s2r_spec.backend import Backend, HasRecordings, load_backend
 from s2r_spec.diagnose import bank as banks
 from s2r_spec.diagnose.ask import Rollouts, real_rollouts
+from s2r_spec.diagnose.axes import BACKGROUND
 from s2r_spec.diagnose.design import unit_box, weights
 from s2r_spec.diagnose.diagnosis import Diagnosis, Verdict, Which
 from s2r_spec.diagnose.estimate import by_linear, fit
-from s2r_spec.diagnose.evidence import BACKGROUND
 from s2r_spec.diagnose.how_far import HowFar, how_far
 from s2r_spec.diagnose.isolability import isolability
 from s2r_spec.diagnose.judge import Sets
 from s2r_spec.diagnose.next_test import next_test
-from s2r_spec.diagnose.prepare import Progress, State, bench_of, prepare, split
+from s2r_spec.diagnose.notes import notes
+from s2r_spec.diagnose.prepare import LEAST_TESTS, Progress, State, bench_of, prepare, split
 from s2r_spec.diagnose.simulate import Bench, Job, Test, run_jobs
 from s2r_spec.diagnose.size import sized
 from s2r_spec.diagnose.together import together
@@ -96,11 +97,20 @@ def diagnose(
     bank = banks.bank(bench, executor, lambda done, of: tell("simulating effects", done, of), cache)
     bench = replace(bench, features=bank.features)
     # The bank comes first: a simulator that cannot be diagnosed costs no rollout of the machine.
+    real = load_backend(real) if isinstance(real, str) else real
     rollouts = real_rollouts(bench, real, budget, seed, folder, lambda n, of: tell("real rollouts", n, of))
     seen, held = split(rollouts, seed)
+    lacking = notes(bench.backend, rollouts, _recorded(real), len(held), LEAST_TESTS)
     with kept_open(executor) as pool:
         state = prepare(bench, bank, seen, seed, cache, pool, tell)
-        return _answer(bench, state, seen, held, seed, pool, tell, where)
+        return replace(_answer(bench, state, seen, held, seed, pool, tell, where), notes=lacking)
+
+
+def _recorded(real: Rollouts | Backend) -> int:
+    """Return how many rollouts there were before anybody asked; 0 of a machine that is asked."""
+    if isinstance(real, Backend):
+        return len(real.recordings) if isinstance(real, HasRecordings) else 0
+    return len(real)
 
 
 def _answer(
@@ -134,7 +144,8 @@ def _answer(
         # every machine differs from its simulator in ways that nobody asked about.
         alarm, unknown = False, unknown * IMITATED
         # A gap that a little of everything would make needs no name, unless the traces are clear.
-        first_none = first_none or not (far.material or _clear(state.sets, *ranked[0]))
+        # Nor is what makes a gap where there is none its cause, however the traces look.
+        first_none = first_none or not (far.material or _clear(state.sets, *ranked[0])) or far.harmful
     if open_gap:
         # The patch does not close the gap that it should explain: at least as likely unknown as not.
         unknown = max(unknown, 0.5 + 0.5 * unknown)
@@ -163,7 +174,7 @@ def _answer(
     answer = () if nothing or verdict is Verdict.UNKNOWN else names[named]
     upcoming = None
     if verdict is not Verdict.NONE and ranked[0][1] * known < SURE:
-        upcoming = _next(bench, state, ranked, tell)
+        upcoming = _next(bench, state, ranked, [test for test, _ in (*seen, *held)], tell)
     families = {e.name: e.family for e in banks.catalogue_of(bench.backend)}
     which = Which(
         none=by_size[0][()],
@@ -334,7 +345,13 @@ def _confounded(
     return tuple(out)
 
 
-def _next(bench: Bench, state: State, ranked: list[tuple[tuple[int, ...], float]], tell: Progress) -> Any:
+def _next(
+    bench: Bench,
+    state: State,
+    ranked: list[tuple[tuple[int, ...], float]],
+    run: Sequence[Test],
+    tell: Progress,
+) -> Any:
     rivals: list[tuple[str, Mapping[str, Mapping[str, float]]]] = []
     for members, _ in ranked:
         if members and len(rivals) < 2:
@@ -343,7 +360,7 @@ def _next(bench: Bench, state: State, ranked: list[tuple[tuple[int, ...], float]
             )
             rivals.append((" + ".join(state.judge.effects[k] for k in members), best.values))
     tell("next test", 0, 1)
-    return next_test(bench, state.signatures, rivals, protocols=True)
+    return next_test(bench, state.signatures, rivals, run, protocols=True)
 
 
 def _where(

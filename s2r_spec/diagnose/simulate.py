@@ -121,7 +121,9 @@ def blamed(bench: Bench, values: Values, test: Test, seed: int) -> Iterator[None
         yield
     except Exception as error:
         raise BackendError(
-            f"backend {bench.backend.name!r} with {dict(values)}, at {dict(test)}, seed {seed}: {error}"
+            f"backend {bench.backend.name!r} with {dict(values)}, at {dict(test)}, seed {seed}: {error}; "
+            f"a rollout that cannot go on must end with meta['failure'], or the effect's range be narrower "
+            f"(docs/how-to/effects.md)"
         ) from None
 
 

@@ -55,7 +55,7 @@ def markup(found: Diagnosis, spec: Spec) -> str:
 
 def body(found: Diagnosis, spec: Spec) -> str:
     """Return all but the first line, as plain text."""
-    lines = ["", *_causes(found.which)]
+    lines = [*(f"  note: {line}" for line in found.notes), "", *_causes(found.which)]
     if found.where is not None:
         lines += ["", *_where(found.where, spec)]
     if found.how_far is not None:

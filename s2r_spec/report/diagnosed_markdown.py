@@ -21,6 +21,7 @@ def markdown(found: Diagnosis, spec: Spec) -> str:
     """Return the answer, then tables of causes and values, then what it stands on."""
     which = found.which
     lines = ["### s2r diagnose", "", f"**{found.verdict.value.upper()}**: {cell(found.reason)}", ""]
+    lines += [line for note in found.notes for line in (f"**Note**: {cell(note)}", "")]
     lines += [f"**Next**: {cell(next_step(found, spec))}", "", "| cause | probability |", "| --- | ---: |"]
     lines += [f"| {cell(cause(names))} | {p:.3f} |" for names, p in which.ranked[:SHOWN]]
     if which.estimates:

@@ -188,9 +188,10 @@ def _least(found: Diagnosis) -> list[tuple[str, str, str]]:
     """Return parameter, nominal value, and the values at which it could be told from every other effect."""
     rows = []
     for one in found.which.isolability.least:
-        words = [f"up to {one.below:.3g}"] if one.below is not None else []
-        words += [f"from {one.above:.3g} on"] if one.above is not None else []
-        told = f"{' and '.join(words)} {one.unit}".rstrip() if words else "at no size in the bank"
+        unit = f" {one.unit}" if one.unit else ""
+        words = [f"up to {one.below:.3g}{unit}"] if one.below is not None else []
+        words += [f"from {one.above:.3g}{unit} on"] if one.above is not None else []
+        told = " and ".join(words) or "at no size in the bank"
         rows.append((f"{one.effect}.{one.parameter}", f"{one.nominal:.3g} {one.unit}".rstrip(), told))
     return rows
 

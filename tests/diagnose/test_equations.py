@@ -143,6 +143,44 @@ def test_only_effects_that_the_residuals_know_are_asked_for_and_the_bank_keeps_t
     assert not banks.simulate(bench_of(spec, "tracking", Cart())).features.probes
 
 
+class Creeping(Felt):
+    """It slips where it lags further behind than it does with nothing wrong; no effect explains that."""
+
+    def residuals(self, trace, params=None):
+        found = super().residuals(trace, params)
+        lag = np.abs(trace["v_ref"] - trace["v"])[:-1]
+        slip = 1e3 * np.maximum(lag - 0.16 * params["acc"], 0.0)
+        return Trace(
+            found.times,
+            dict(found.channels) | {"slip": slip},
+            dict(found.units) | {"slip": "m/s^3"},
+            {"parts": {name: ["cart"] for name in (*found.channels, "slip")}},
+        )
+
+
+def test_what_the_equations_leave_is_told_of_each_residual():
+    machine = Felt().with_effects({"viscous": {"coefficient": 1.5}})
+    trace = machine.rollout({"vd": 0.8, "acc": 3.0}, 0)
+    left = EQUATIONS.left(trace, {})
+    bare = machine.residuals(trace)["force"] / 0.1
+    explained = Felt().residuals(trace)["force"] / 0.1
+    assert left["force"] == pytest.approx(np.sqrt((bare**2).mean()), rel=0.1)
+    assert left["force"] < 0.2 * np.sqrt((explained**2).mean())
+    assert np.sqrt(EQUATIONS.unexplained(trace, {})) == pytest.approx(float(left["force"][0]), rel=1e-6)
+    assert EQUATIONS.left(Trace(trace.times, {"v": trace["v"]}, {"v": "m/s"}), {}) is None
+
+
+def test_a_residual_is_measured_in_what_a_little_of_everything_leaves_of_it():
+    spec = s2r.parse_spec(SPEC)
+    plain, creeping = (banks.simulate(bench_of(spec, "tracking", one)) for one in (Felt(), Creeping()))
+    units, scale = creeping.features.residual_units(), plain.features.residual_units()
+    # A model that explains what effects do is measured as before; what it does not explain is believed less.
+    for name, unit in scale.items():
+        assert units[name] == pytest.approx(unit, rel=0.3), name
+    alone = creeping.features.scale[[b.source == "residual.slip" for b in creeping.features.blocks]]
+    assert units["slip"] > 1.5 * alone
+
+
 def test_an_effect_that_cannot_be_asked_of_a_nominal_motion_silences_no_other():
     class Fussy(Felt):
         def residuals(self, trace, params=None):

@@ -95,6 +95,10 @@ class Cart:
     def effects(self):
         return EFFECTS
 
+    def chosen(self):
+        names = {e.name: e.parameters[0].name for e in EFFECTS}
+        return {name: {names[name]: value} for name, value in self.added}
+
     def with_effects(self, values):
         merged = dict(self.added) | {name: next(iter(of.values())) for name, of in values.items()}
         return replace(self, added=tuple(sorted((n, v) for n, v in merged.items() if v != NOMINAL[n])))

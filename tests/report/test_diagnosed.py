@@ -183,9 +183,9 @@ def test_the_answer_comes_first_and_everything_is_there(shown):
         "FR calf: torque −1.25 N*m from 0.25 to 0.75 s",
         "FR foot: speed (rms) ±0.2 rad/s",
         "This assumes the real rollouts were run as their tests say",
-        "friction.force 0 N from 0.432 on N",
+        "friction.force 0 N from 0.432 N on",
         "delay.time 0 s at no size in the bank",
-        "payload.mass 5 kg up to 4.25 and from 6 on kg",
+        "payload.mass 5 kg up to 4.25 kg and from 6 kg on",
         "judge: single 0.9",
     ):
         assert said in words, said
