@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from s2r_spec import logs
-from s2r_spec.backend import Backend, HasDuration, HasRecordings, load_backend
+from s2r_spec.backend import Backend, HasDuration, HasRecordings, Recording, load_backend
 from s2r_spec.diagnose.notes import as_simulated
 from s2r_spec.diagnose.simulate import Bench
-from s2r_spec.errors import UsageError
+from s2r_spec.errors import TraceError, UsageError
 from s2r_spec.rollouts.match import match
 from s2r_spec.rollouts.seeds import Stream, rollout_seed
 from s2r_spec.trace import Trace
@@ -48,8 +48,8 @@ def real_rollouts(
         real = load_backend(real)
     if isinstance(real, HasRecordings) and isinstance(real, Backend):
         matched = match(bench.spec, bench.requirement, real)
-        pairs = [(matched.to_spec(r.params), r.trace) for r in real.recordings]
-        found = [(dict(test), trace) for test, trace in pairs if test is not None]
+        pairs = [(matched.to_spec(r.params), r) for r in real.recordings]
+        found = [(dict(test), _decided(bench, test, r)) for test, r in pairs if test is not None]
     elif isinstance(real, Backend):
         found = ask(bench, real, BUDGET if budget is None else budget, seed, folder, progress)
     else:
@@ -69,6 +69,23 @@ def real_rollouts(
             f"{len(found)} real rollouts are too few to tell a cause from scatter; {FEWEST} are the least"
         )
     return found
+
+
+def _decided(bench: Bench, test: Mapping[str, float], recording: Recording) -> Trace:
+    """Return the trace of a recording that the requirement can be decided of.
+
+    Raises:
+        UsageError: it cannot; the sentence names the file.
+    """
+    try:
+        bench.rho(recording.trace, test)
+    except TraceError as error:
+        why = str(error).partition(";")[0]
+        raise UsageError(
+            f"{recording.source}: {why}; leave it out of rollouts.csv, or, if the machine fell, say so in the "
+            f"trace's metadata (failure)"
+        ) from None
+    return recording.trace
 
 
 def _items(real: Iterable[Any]) -> Iterable[tuple[Mapping[str, float], Trace]]:

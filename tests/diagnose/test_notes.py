@@ -1,0 +1,170 @@
+"""What recordings are in the simulator's terms, and what is said of what they lack."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from s2r_cart import SPEC, Cart, real
+
+import s2r_spec as s2r
+from s2r_spec.diagnose import bank as banks
+from s2r_spec.diagnose.ask import real_rollouts
+from s2r_spec.diagnose.next_test import next_test
+from s2r_spec.diagnose.notes import as_simulated, notes
+from s2r_spec.diagnose.prepare import LEAST_TESTS, bench_of, split
+from s2r_spec.diagnose.signatures import Signatures
+from s2r_spec.errors import BackendError, UsageError
+from s2r_spec.trace import Trace
+
+pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
+TEST = {"vd": 0.8, "acc": 3.0}
+
+
+def recorded(**changes):
+    """Return a trace of the cart, with channels in other units, or other channels."""
+    trace = Cart().rollout(TEST, 0)
+    channels, units = dict(trace.channels), dict(trace.units)
+    for name, (values, unit) in changes.items():
+        channels[name] = values
+        units[name] = unit
+    return Trace(trace.times, channels, {n: u for n, u in units.items() if u})
+
+
+def many(count, tests, spoil=lambda trace: trace):
+    made = [{"vd": 0.2 + 0.8 * k / tests, "acc": 2.0} for k in range(tests)]
+    return [(made[i % tests], spoil(real(made[i % tests], i, {}))) for i in range(count)]
+
+
+def test_a_channel_in_another_unit_is_converted_and_one_without_is_taken_as_it_is():
+    plain = Cart().rollout(TEST, 0)
+    slow = as_simulated(recorded(v=(plain["v"] * 3.6, "km/h"), u=(plain["u"], "")), Cart())
+    np.testing.assert_allclose(slow["v"], plain["v"], rtol=1e-12)
+    np.testing.assert_array_equal(slow["u"], plain["u"])
+    assert slow.units["v"] == "m/s"
+
+
+def test_what_is_no_number_is_not_there():
+    plain = Cart().rollout(TEST, 0)
+    broken = plain["u"].copy()
+    broken[3:6] = np.inf
+    seen = as_simulated(recorded(u=(broken, "V")), Cart())["u"]
+    assert np.isnan(seen[3:6]).all()
+    assert np.isfinite(seen[6:]).all()
+
+
+@pytest.mark.parametrize(("unit", "words"), [("A", "does not convert to the V"), ("volts!", "no unit")])
+def test_a_unit_that_does_not_convert_gets_one_sentence(unit, words):
+    trace = recorded(u=(Cart().rollout(TEST, 0)["u"], unit))
+    with pytest.raises(UsageError, match=words) as raised:
+        as_simulated(trace, Cart())
+    assert "'u'" in str(raised.value)
+
+
+def test_declared_units_do_not_change_the_diagnosis(cache):
+    rng = np.random.default_rng(4)
+    tests = [{"vd": rng.uniform(0.2, 1), "acc": rng.uniform(1, 4)} for _ in range(12)]
+    runs = [(test, real(test, 400 + i, {"coulomb": 1.6})) for i, test in enumerate(tests)]
+
+    def in_other_units(trace):
+        channels = {n: x * (100.0 if n.startswith("v") else 1000.0) for n, x in trace.channels.items()}
+        units = {n: "cm/s" if n.startswith("v") else "mV" for n in trace.channels}
+        return replace(trace, channels=channels, units=units)
+
+    spec = s2r.parse_spec(SPEC)
+    plain, other = (
+        s2r.diagnose(spec, Cart(), some, cache=cache, where=False)
+        for some in (runs, [(test, in_other_units(trace)) for test, trace in runs])
+    )
+    assert plain.which.answer == other.which.answer == ("coulomb",)
+    for one, two in zip(plain.which.estimates, other.which.estimates, strict=True):
+        assert two.value == pytest.approx(one.value, rel=1e-6)
+
+
+def test_nothing_is_said_of_rollouts_that_lack_nothing():
+    runs = many(30, LEAST_TESTS)
+    _, held = split(runs, 0)
+    assert held
+    assert notes(Cart(), runs, len(runs), len(held), LEAST_TESTS) == ()
+
+
+def test_as_few_tests_as_are_told_are_enough_to_hold_some_out():
+    assert split(many(30, LEAST_TESTS), 0)[1]
+    assert not split(many(30, LEAST_TESTS - 1), 0)[1]
+
+
+def test_falls_missing_channels_few_tests_and_a_cut_budget_are_told():
+    def fallen(trace):
+        return replace(trace, meta=dict(trace.meta) | {"failure": "fall"})
+
+    def bare(trace):
+        rest = {n: x for n, x in trace.channels.items() if n != "v_meas"} | {"u": np.full(len(trace), np.nan)}
+        return Trace(trace.times, rest, {n: trace.units[n] for n in rest})
+
+    some = [(test, fallen(trace) if i < 4 else trace) for i, (test, trace) in enumerate(many(10, 5, bare))]
+    told = notes(Cart(), some, 25, 0, LEAST_TESTS)
+    assert told[0] == "only the first 10 of 25 recorded rollouts were used, as the budget says"
+    assert told[1].startswith("4 of 10 real rollouts ended early (fall): the cause is named from the others")
+    assert told[2].startswith("the real rollouts have no v_meas, u:")
+    assert told[3].endswith("that takes 9 different tests, and here are 5")
+    every = notes(Cart(), [(test, fallen(trace)) for test, trace in some], 10, 3, LEAST_TESTS)
+    assert every[0].endswith("the cause is named from what came before")
+    [one] = notes(Cart(), many(12, 1), 12, 4, LEAST_TESTS)
+    assert one.startswith("all real rollouts are of one test")
+
+
+def test_a_recording_that_ends_too_early_is_named_by_its_file(tmp_path):
+    for i, (test, trace) in enumerate(many(8, 8)):
+        short = (
+            trace
+            if i != 5
+            else Trace(trace.times[:50], {n: x[:50] for n, x in trace.channels.items()}, trace.units)
+        )
+        s2r.write_trace(short, tmp_path / f"r{i}.npz")
+        with (tmp_path / "rollouts.csv").open("a") as table:
+            table.write(("id,vd,acc\n" if not i else "") + f"r{i},{test['vd']},{test['acc']}\n")
+    bench = bench_of(s2r.parse_spec(SPEC), "tracking", Cart())
+    with pytest.raises(
+        UsageError, match=r"r5\.npz: 'tracking' looks 1\.99 s ahead, but the trace lasts 0\.49 s; leave"
+    ):
+        real_rollouts(bench, f"log:{tmp_path}", None, 0)
+
+
+def test_an_effect_that_is_in_the_simulator_is_what_nominal_is(cache):
+    patched = Cart().with_effects({"coulomb": {"force": 1.5}})
+    known = {effect.name: effect.parameters[0].nominal for effect in banks.catalogue_of(patched)}
+    assert known["coulomb"] == 1.5
+    assert known["viscous"] == 0.0
+    rng = np.random.default_rng(5)
+    tests = [{"vd": rng.uniform(0.2, 1), "acc": rng.uniform(1, 4)} for _ in range(30)]
+    runs = [(test, real(test, 700 + i, {})) for i, test in enumerate(tests)]
+    found = s2r.diagnose(s2r.parse_spec(SPEC), patched, runs, cache=cache, where=False)
+    # It is the machine that has less friction than the simulator was given.
+    assert found.which.answer == ("coulomb",), found.which.ranked[:3]
+    assert found.patch["coulomb"]["force"] < 0.4
+    assert found.how_far.share[0] > 0.8
+
+
+@pytest.mark.parametrize(("low", "high"), [(0.1, 0.8), (-2.0, -1.0), (0.0, 0.0), (0.0, float("inf"))])
+def test_a_range_without_the_nominal_value_gets_one_sentence(low, high):
+    class Odd(Cart):
+        def effects(self):
+            first, *rest = super().effects()
+            parameter = replace(first.parameters[0], low=low, high=high)
+            return (replace(first, parameters=(parameter,)), *rest)
+
+    with pytest.raises(
+        BackendError, match=r"'viscous' has 'coefficient' in \[.*\] with the nominal value 0; it needs"
+    ):
+        banks.catalogue_of(Odd())
+
+
+def test_a_test_that_was_run_is_not_asked_for_again():
+    bench = bench_of(s2r.parse_spec(SPEC), "tracking", Cart())
+    bank = banks.simulate(bench)
+    bench, signatures = replace(bench, features=bank.features), Signatures.of(bank)
+    rivals = [("payload", {"payload": {"mass": 1.0}}), ("motor", {"motor": {"factor": 0.75}})]
+    first = next_test(bench, signatures, rivals, [], protocols=False)
+    again = next_test(bench, signatures, rivals, [first.params], protocols=False)
+    assert again.params != first.params
+    assert again.sigma <= first.sigma
+    assert next_test(bench, signatures, rivals, bank.tests, protocols=False) is None
