@@ -22,6 +22,7 @@ from s2r_spec.cli.options import (
     Workers,
 )
 from s2r_spec.cli.output import AsJson, Output, Page, pageable, save, settle
+from s2r_spec.errors import UsageError
 
 Form = Annotated[str | None, typer.Option("--format", help="text, json or markdown.", show_default="text")]
 Budget = Annotated[int | None, typer.Option(min=6, help="Real rollouts to ask for, or to use at most.")]
@@ -67,6 +68,8 @@ def diagnose(
         forms = {"text": diagnosed.text, "json": diagnosed.as_json, "markdown": markdown}
         form = settle(form, as_json, output, forms)
         pageable(page)
+        if tuned and apply is None:
+            raise UsageError("--tuned says what --apply writes; give --apply FILE with it")
         parsed = load_spec(spec)
         name = f"diagnose-{spec.stem}-{sim}-{Path(real).name}"
         executor, folder, errors = begun(run, resume, name, seed, workers, scheduler, quiet)

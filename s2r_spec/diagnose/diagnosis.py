@@ -167,6 +167,10 @@ class Diagnosis:
     assumptions: tuple[str, ...]
     notes: tuple[str, ...] = ()
 
+    def __str__(self) -> str:
+        """Return verdict and reason; all else is in the fields."""
+        return f"{self.verdict.value}: {self.reason}"
+
     def improved(self, tuned: bool) -> Mapping[str, Mapping[str, float]]:
         """Return what to add to the simulator, with a little of everything if asked; empty where nothing is to be."""
         if self.verdict is Verdict.SPREAD:

@@ -59,3 +59,5 @@ def test_formats_and_places_that_cannot_be_are_said_before_anything_runs(cart):
     assert "there is no folder nowhere" in done.stderr
     done = cart(*words, "--json", "--format", "markdown", code=2)
     assert "give one of them" in done.stderr
+    done = cart(*words, "--tuned", code=2)
+    assert "give --apply FILE with it" in done.stderr

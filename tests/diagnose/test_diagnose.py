@@ -103,7 +103,9 @@ def test_effects_that_look_alike_are_known_before_any_real_test(find):
 
 
 def test_the_answer_is_a_distribution_and_repeatable(find):
-    first, second = (find({"coulomb": 1.5}, case=11).to_json() for _ in range(2))
+    found = find({"coulomb": 1.5}, case=11)
+    assert str(found) == f"{found.verdict.value}: {found.reason}"
+    first, second = found.to_json(), find({"coulomb": 1.5}, case=11).to_json()
     assert first == second
     which = first["which"]
     total = sum(which["posterior"].values()) + sum(p["probability"] for p in which["pairs"]) + which["others"]

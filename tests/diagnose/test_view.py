@@ -130,6 +130,7 @@ def test_a_gap_that_a_patch_may_close_for_all_that_its_interval_says_is_not_open
     assert found.material
     assert found.share[0] < 0.5 < 1.0 <= found.share[2]
     assert (found.open, found.unexplained) == (False, False)
+    assert not found.harmful
     half = how_far(real, np.zeros(9), 0.3 * real, 0.3 * real, tests, 0.01, 0.0, 3, "m")
     assert half.share[2] < 1.0
     assert (half.open, half.unexplained) == (True, True)
@@ -143,6 +144,12 @@ def test_a_gap_that_a_patch_may_close_for_all_that_its_interval_says_is_not_open
     worse = how_far(np.ones(9), np.zeros(9), -1.5 * np.ones(9), -1.5 * np.ones(9), tests, 0.01, 0.0, 3, "m")
     assert worse.share[2] < -1.0
     assert (worse.open, worse.unexplained) == (True, True)
+    assert not worse.harmful  # the gap was there before
+    small = 0.005 * np.ones(9)
+    one_test = np.where(np.arange(9) == 4, 3.0, small)
+    made = how_far(small, np.zeros(9), small - one_test, small, tests, 0.01, 0.0, 3, "m")
+    assert made.harmful
+    assert not made.material
 
 
 @pytest.mark.parametrize(
