@@ -17,9 +17,11 @@ from s2r_spec.backend import Backend, HasRecordings, load_backend
 from s2r_spec.diagnose import bank as banks
 from s2r_spec.diagnose.ask import Rollouts, real_rollouts
 from s2r_spec.diagnose.axes import BACKGROUND
+from s2r_spec.diagnose.catalogue import Catalogue
 from s2r_spec.diagnose.design import unit_box, weights
 from s2r_spec.diagnose.diagnosis import Diagnosis, Verdict, Which
 from s2r_spec.diagnose.estimate import by_linear, fit
+from s2r_spec.diagnose.evidence import Set
 from s2r_spec.diagnose.how_far import HowFar, how_far
 from s2r_spec.diagnose.isolability import isolability
 from s2r_spec.diagnose.judge import Sets
@@ -132,6 +134,9 @@ def _answer(
     tell("fitting the causes", 0, 1)
     catalogue = state.view.surrogate.catalogue
     best = sized(state, weighed, named)
+    large = _large(catalogue, named, best.at)
+    if large != named:
+        named, best = large, sized(state, weighed, large)
     fitted = fit(catalogue, named, best)
     tuned = catalogue.values(sized(state, weighed, ()).at if first_none else best.at)
     far = _how_far(bench, state, held, {} if first_none else fitted.values, tuned, seed, executor, tell)
@@ -139,6 +144,9 @@ def _answer(
     unknown = state.unknown
     alarm = unknown > state.judge.threshold and not first_none
     open_gap = far is not None and (far.open or (first_none and far.unexplained))
+    if far is not None and far.unclosed:
+        # What closes too little to vouch for a name is not named against the odds.
+        open_gap = open_gap or unknown > (1.0 - unknown) * ranked[0][1]
     if far is not None and (far.closed or not far.material):
         # Odd traces alone are no unknown cause of a gap that is explained, or that is not there:
         # every machine differs from its simulator in ways that nobody asked about.
@@ -319,6 +327,16 @@ def _background(state: State, bench: Bench, tests: Sequence[Test]) -> float:
             side = int(rng.choice(sides))
             row += slope[side] * side * BACKGROUND * abs(rng.normal())
     return float(np.quantile(np.abs(total).mean(axis=1), 0.95))
+
+
+def _large(catalogue: Catalogue, named: Set, at: FloatArray) -> Set:
+    """Return the effects that are there, of (K,) coordinates, by more than of any machine; all, if none is.
+
+    Sets are weighed before their values are put right: what turns out next to nothing then is no cause beside others.
+    """
+    lines = ~catalogue.based
+    sizes = {k: np.abs(at[lines & (catalogue.owner == k)]).max(initial=0.0) for k in named}
+    return tuple(k for k in named if sizes[k] >= BACKGROUND) or named
 
 
 def _confounded(

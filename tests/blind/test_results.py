@@ -37,6 +37,13 @@ def test_what_is_said_of_the_eighth_set_of_the_a1():
     assert f"Of {top['of']} single effects {top['hits']} are the likeliest set" in page
     assert one["hits"] == one["of"] == pair["of"]
     assert f"Of {pair['of']} pairs both effects are named in {pair['hits']} and one of them in all." in page
+    asked = json.loads((RESULTS / "a1_asked.json").read_text())
+    errors, part = asked["errors"], asked["part of the true size"]
+    assert (
+        f"the equations are off by {statistics.median(errors.values()):.2f} of a typical size (the median of "
+        f"{len(errors)} parameters; shear creep {errors['shear_creep.stiffness']:.2f}), and of {part['of']} true parameters that are "
+        f"named the median answer has {part['answer']:.2f} of the size"
+    ) in page
 
 
 def likeliest(case):
