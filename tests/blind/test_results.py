@@ -41,8 +41,8 @@ def test_what_is_said_of_the_eighth_set_of_the_a1():
     errors, part = asked["errors"], asked["part of the true size"]
     assert (
         f"the equations are off by {statistics.median(errors.values()):.2f} of a typical size (the median of "
-        f"{len(errors)} parameters; shear creep {errors['shear_creep.stiffness']:.2f}), and of {part['of']} true parameters that are "
-        f"named the median answer has {part['answer']:.2f} of the size"
+        f"{len(errors)} parameters; shear creep {errors['shear_creep.stiffness']:.2f}), and of {part['of']} true "
+        f"parameters that are named the median answer has {part['answer']:.2f} of the size"
     ) in page
 
 
