@@ -348,7 +348,8 @@ def _confounded(
     unless they all but rule it out.
     """
     out = list(named)
-    top = by_size[len(named)].get(named, 0.0)
+    # Of a set with an effect of next to nothing, which was left out of what is named, the rest is as likely as that.
+    top = max(p for sets in by_size.values() for names, p in sets.items() if set(named) <= set(names))
     for names, probability in by_size[len(named)].items():
         if probability < RULED_OUT * top or names == named:
             continue
