@@ -60,7 +60,7 @@ def _converted(values: FloatArray, name: str, recorded: str, wanted: str, simula
 
 
 def notes(
-    simulator: Backend, rollouts: Sequence[Rollout], recorded: int, held: int, least_tests: int
+    simulator: Backend, rollouts: Sequence[Rollout], recorded: int, held: int, least: tuple[int, int]
 ) -> tuple[str, ...]:
     """Return, a sentence each, what these rollouts lack for a diagnosis.
 
@@ -69,7 +69,7 @@ def notes(
         rollouts: that were used.
         recorded: how many there were.
         held: how many of them were held out.
-        least_tests: from how many different tests on some are held out.
+        least: from how many different tests, and rollouts, on some are held out.
     """
     found = []
     count = len(rollouts)
@@ -102,7 +102,7 @@ def notes(
         found.append("all real rollouts are of one test: of the others nothing was seen")
     if not held:
         found.append(
-            f"nothing was held out, so how far the gap shrinks was not measured: that takes {least_tests} different "
-            f"tests, and here are {len(tests)}"
+            f"nothing was held out, so how far the gap shrinks was not measured: that takes {least[1]} rollouts of "
+            f"{least[0]} different tests, and here are {count} of {len(tests)}"
         )
     return tuple(found)

@@ -57,8 +57,8 @@ Progress = Callable[[str, int, int], None]
 
 HELD_OUT = 0.3
 """Part of the tests that the diagnosis does not see."""
-LEAST_TESTS = 9
-"""Different tests from which on that is three of them, the least that are held out."""
+ENOUGH = (9, 2 * FEWEST)
+"""Different tests from which on that is three of them, and rollouts: of fewer none are held out."""
 SOURCES = (
     "axes", "catalogue", "design", "evidence", "joint", "judge", "layout", "logs", "models", "practice",
     "signatures",
@@ -219,7 +219,7 @@ def split(
     """Return the rollouts to diagnose with, and those held out: whole tests, drawn at random."""
     keys = list(dict.fromkeys(tuple(sorted(test.items())) for test, _ in rollouts))
     count = round(HELD_OUT * len(keys))
-    if count < 3 or len(rollouts) < 2 * FEWEST:
+    if count < 3 or len(rollouts) < ENOUGH[1]:
         if len(keys) > 1:
             return rollouts, []
         # One test alone: rollouts of it are all there is to hold out.

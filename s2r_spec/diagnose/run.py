@@ -27,7 +27,7 @@ from s2r_spec.diagnose.isolability import isolability
 from s2r_spec.diagnose.judge import Sets
 from s2r_spec.diagnose.next_test import next_test
 from s2r_spec.diagnose.notes import notes
-from s2r_spec.diagnose.prepare import LEAST_TESTS, Progress, State, bench_of, prepare, split
+from s2r_spec.diagnose.prepare import ENOUGH, Progress, State, bench_of, prepare, split
 from s2r_spec.diagnose.simulate import Bench, Job, Test, run_jobs
 from s2r_spec.diagnose.size import sized
 from s2r_spec.diagnose.together import together
@@ -102,7 +102,7 @@ def diagnose(
     real = load_backend(real) if isinstance(real, str) else real
     rollouts = real_rollouts(bench, real, budget, seed, folder, lambda n, of: tell("real rollouts", n, of))
     seen, held = split(rollouts, seed)
-    lacking = notes(bench.backend, rollouts, _recorded(real), len(held), LEAST_TESTS)
+    lacking = notes(bench.backend, rollouts, _recorded(real), len(held), ENOUGH)
     with kept_open(executor) as pool:
         state = prepare(bench, bank, seen, seed, cache, pool, tell)
         return replace(_answer(bench, state, seen, held, seed, pool, tell, where), notes=lacking)

@@ -11,7 +11,7 @@ from s2r_spec.diagnose import bank as banks
 from s2r_spec.diagnose.ask import real_rollouts
 from s2r_spec.diagnose.next_test import next_test
 from s2r_spec.diagnose.notes import as_simulated, notes
-from s2r_spec.diagnose.prepare import LEAST_TESTS, bench_of, split
+from s2r_spec.diagnose.prepare import ENOUGH, bench_of, split
 from s2r_spec.diagnose.signatures import Signatures
 from s2r_spec.errors import BackendError, UsageError
 from s2r_spec.trace import Trace
@@ -81,15 +81,15 @@ def test_declared_units_do_not_change_the_diagnosis(cache):
 
 
 def test_nothing_is_said_of_rollouts_that_lack_nothing():
-    runs = many(30, LEAST_TESTS)
+    runs = many(30, ENOUGH[0])
     _, held = split(runs, 0)
     assert held
-    assert notes(Cart(), runs, len(runs), len(held), LEAST_TESTS) == ()
+    assert notes(Cart(), runs, len(runs), len(held), ENOUGH) == ()
 
 
 def test_as_few_tests_as_are_told_are_enough_to_hold_some_out():
-    assert split(many(30, LEAST_TESTS), 0)[1]
-    assert not split(many(30, LEAST_TESTS - 1), 0)[1]
+    assert split(many(30, ENOUGH[0]), 0)[1]
+    assert not split(many(30, ENOUGH[0] - 1), 0)[1]
 
 
 def test_falls_missing_channels_few_tests_and_a_cut_budget_are_told():
@@ -101,14 +101,14 @@ def test_falls_missing_channels_few_tests_and_a_cut_budget_are_told():
         return Trace(trace.times, rest, {n: trace.units[n] for n in rest})
 
     some = [(test, fallen(trace) if i < 4 else trace) for i, (test, trace) in enumerate(many(10, 5, bare))]
-    told = notes(Cart(), some, 25, 0, LEAST_TESTS)
+    told = notes(Cart(), some, 25, 0, ENOUGH)
     assert told[0] == "only the first 10 of 25 recorded rollouts were used, as the budget says"
     assert told[1].startswith("4 of 10 real rollouts ended early (fall): the cause is named from the others")
     assert told[2].startswith("the real rollouts have no v_meas, u:")
-    assert told[3].endswith("that takes 9 different tests, and here are 5")
-    every = notes(Cart(), [(test, fallen(trace)) for test, trace in some], 10, 3, LEAST_TESTS)
+    assert told[3].endswith("that takes 12 rollouts of 9 different tests, and here are 10 of 5")
+    every = notes(Cart(), [(test, fallen(trace)) for test, trace in some], 10, 3, ENOUGH)
     assert every[0].endswith("the cause is named from what came before")
-    [one] = notes(Cart(), many(12, 1), 12, 4, LEAST_TESTS)
+    [one] = notes(Cart(), many(12, 1), 12, 4, ENOUGH)
     assert one.startswith("all real rollouts are of one test")
 
 
