@@ -92,14 +92,12 @@ def score(cases: Answers) -> dict[str, Any]:
     rates = {
         "answered exactly, single": _rate(single, _answered),
         "answered exactly, pair": _rate(pair, _answered),
-        "top-1, single effects": _rate(single, lambda label, a: ranked(a)[0][0] == truth(label)),
-        "top-1 among named effects, single": _rate(single, lambda label, a: _named(a)[0] == truth(label)),
-        "top-2, single effects": _rate(
-            single, lambda label, a: truth(label) in [s for s, _ in ranked(a)[:2]]
-        ),
+        "top-1, single effects": _rate(single, _first_right),
+        "top-1 among named effects, single": _rate(single, _named_right),
+        "top-2, single effects": _rate(single, _among_two),
         "most probable member, single": _rate(single, lambda label, a: {_members(a)[0]} == set(truth(label))),
         "in the answered set, single": _rate(single, lambda label, a: truth(label) <= set(a["which"]["set"])),
-        "exact pair first": _rate(pair, lambda label, a: _named(a)[0] == truth(label)),
+        "exact pair first": _rate(pair, _named_right),
         "one of the pair first": _rate(pair, lambda label, a: bool(_named(a)[0] & truth(label))),
         "two likeliest members are the pair": _rate(
             pair, lambda label, a: set(_members(a)[:2]) == truth(label)
@@ -110,7 +108,7 @@ def score(cases: Answers) -> dict[str, Any]:
         "unknown detected, all": _rate(unknown, lambda label, a: a["verdict"] == "none of these"),
         "known effects called unknown": _rate(known, lambda label, a: a["verdict"] == "none of these"),
         "null called anything else": _rate(null, lambda label, a: a["verdict"] not in NOTHING),
-        "right where sure": _rate(sure, lambda label, a: ranked(a)[0][0] == truth(label)),
+        "right where sure": _rate(sure, _first_right),
         "sure": Rate(len(sure), len(cases)),
         "true value in its 90 % interval": _coverage(single),
     }
@@ -124,12 +122,8 @@ def score(cases: Answers) -> dict[str, Any]:
         moving = [(label, a) for label, a in some if _moves(label, a)]
         if moving:
             rates |= {
-                f"that moves ρ: first answer right, {name}": _rate(
-                    moving, lambda label, a: ranked(a)[0][0] == truth(label)
-                ),
-                f"that moves ρ: likeliest named right, {name}": _rate(
-                    moving, lambda label, a: _named(a)[0] == truth(label)
-                ),
+                f"that moves ρ: first answer right, {name}": _rate(moving, _first_right),
+                f"that moves ρ: likeliest named right, {name}": _rate(moving, _named_right),
                 f"that moves ρ: likeliest effect right, {name}": _rate(
                     moving, lambda label, a: _members(a)[0] in truth(label)
                 ),
@@ -138,9 +132,7 @@ def score(cases: Answers) -> dict[str, Any]:
     if shown:
         words = "that moves ρ or is isolable"
         rates |= {
-            f"{words}: first answer right, single": _rate(
-                shown, lambda label, a: ranked(a)[0][0] == truth(label)
-            ),
+            f"{words}: first answer right, single": _rate(shown, _first_right),
             f"{words}: likeliest effect right, single": _rate(
                 shown, lambda label, a: {_members(a)[0]} == set(truth(label))
             ),
@@ -154,20 +146,14 @@ def score(cases: Answers) -> dict[str, Any]:
             words = "that moves ρ or is isolable at its size"
             rates |= {
                 f"{words}: exactly answered, {name}": _rate(shown, _answered),
-                f"{words}: first answer right, {name}": _rate(
-                    shown, lambda label, a: ranked(a)[0][0] == truth(label)
-                ),
-                f"{words}: likeliest named right, {name}": _rate(
-                    shown, lambda label, a: _named(a)[0] == truth(label)
-                ),
+                f"{words}: first answer right, {name}": _rate(shown, _first_right),
+                f"{words}: likeliest named right, {name}": _rate(shown, _named_right),
                 f"{words}: likeliest effects right, {name}": _rate(
                     shown, lambda label, a: set(_members(a)[: len(truth(label))]) == truth(label)
                 ),
             }
             if name == "single":
-                rates[f"{words}: among the two likeliest answers, single"] = _rate(
-                    shown, lambda label, a: truth(label) in [s for s, _ in ranked(a)[:2]]
-                )
+                rates[f"{words}: among the two likeliest answers, single"] = _rate(shown, _among_two)
     inside = [share for label, a in cases if (share := _inside(label, a)) is not None]
     if inside:
         rates[f"at least {INSIDE:.0%} of Δρ in the window in which the effect acts"] = Rate(
@@ -195,6 +181,18 @@ def _rate(cases: Answers, right: Any) -> Rate:
 def _answered(label: Mapping[str, Any], answer: Mapping[str, Any]) -> bool:
     """Return whether the answer, and not only what is likeliest, is the truth."""
     return frozenset(answer["which"]["answer"]) == truth(label)
+
+
+def _first_right(label: Mapping[str, Any], answer: Mapping[str, Any]) -> bool:
+    return ranked(answer)[0][0] == truth(label)
+
+
+def _among_two(label: Mapping[str, Any], answer: Mapping[str, Any]) -> bool:
+    return truth(label) in [s for s, _ in ranked(answer)[:2]]
+
+
+def _named_right(label: Mapping[str, Any], answer: Mapping[str, Any]) -> bool:
+    return _named(answer)[0] == truth(label)
 
 
 def _named(answer: Mapping[str, Any]) -> tuple[frozenset[str], list[tuple[frozenset[str], float]]]:

@@ -5,20 +5,23 @@ from __future__ import annotations
 import csv
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from s2r_spec import logs
 from s2r_spec.backend import Backend, HasDuration, HasRecordings, Recording, load_backend
-from s2r_spec.diagnose.notes import as_simulated
 from s2r_spec.diagnose.simulate import Bench
 from s2r_spec.errors import TraceError, UsageError
+from s2r_spec.lang.units import UnknownUnitError, parse_unit
 from s2r_spec.rollouts.match import match
 from s2r_spec.rollouts.seeds import Stream, rollout_seed
 from s2r_spec.trace import Trace
 
+FloatArray = NDArray[np.float64]
 Rollout = tuple[dict[str, float], Trace]
 Rollouts = Sequence[tuple[Mapping[str, float], Trace]]
 
@@ -69,6 +72,45 @@ def real_rollouts(
             f"{len(found)} real rollouts are too few to tell a cause from scatter; {FEWEST} are the least"
         )
     return found
+
+
+def as_simulated(trace: Trace, simulator: Backend) -> Trace:
+    """Return the trace with every channel in the unit that the simulator has for it, and NaN for what is no number.
+
+    A channel without a unit is taken to be in the simulator's.
+
+    Raises:
+        UsageError: a unit of the trace does not convert, or is none.
+    """
+    channels, units = dict(trace.channels), dict(trace.units)
+    for channel in simulator.channels:
+        name, recorded = channel.name, units.get(channel.name, "")
+        if name not in channels:
+            continue
+        values = channels[name]
+        if recorded and channel.unit and recorded != channel.unit:
+            values = _converted(values, name, recorded, channel.unit, simulator.name)
+            units[name] = channel.unit
+        channels[name] = (
+            values if np.isfinite(values).all() else np.where(np.isfinite(values), values, np.nan)
+        )
+    return replace(trace, channels=channels, units=units)
+
+
+def _converted(values: FloatArray, name: str, recorded: str, wanted: str, simulator: str) -> FloatArray:
+    try:
+        there, here = parse_unit(recorded), parse_unit(wanted)
+    except UnknownUnitError as error:
+        raise UsageError(
+            f"the channel {name!r} is recorded in {recorded!r}, and {error} is no unit that s2r knows"
+        ) from None
+    if not here.fits(there):
+        raise UsageError(
+            f"the channel {name!r} is recorded in {recorded}, which does not convert to the {wanted} that backend "
+            f"{simulator!r} has; correct the unit in the recording, or leave the channel out"
+        )
+    factor, offset = there.to(here)
+    return values if (factor, offset) == (1.0, 0.0) else factor * values + offset
 
 
 def _decided(bench: Bench, test: Mapping[str, float], recording: Recording) -> Trace:

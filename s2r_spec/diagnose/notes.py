@@ -1,62 +1,18 @@
-"""What the real rollouts are in the simulator's terms, and what they lack: units, channels, falls, tests."""
+"""What the real rollouts lack for a diagnosis: channels, tests, rollouts that ended whole."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.backend import Backend
-from s2r_spec.errors import UsageError
-from s2r_spec.lang.units import UnknownUnitError, parse_unit
 from s2r_spec.trace import Trace
 
-FloatArray = NDArray[np.float64]
 Rollout = tuple[dict[str, float], Trace]
 
 SHOWN = 6
 """Channels that are named in a note; of more the number is told."""
-
-
-def as_simulated(trace: Trace, simulator: Backend) -> Trace:
-    """Return the trace with every channel in the unit that the simulator has for it, and NaN for what is no number.
-
-    A channel without a unit is taken to be in the simulator's.
-
-    Raises:
-        UsageError: a unit of the trace does not convert, or is none.
-    """
-    channels, units = dict(trace.channels), dict(trace.units)
-    for channel in simulator.channels:
-        name, recorded = channel.name, units.get(channel.name, "")
-        if name not in channels:
-            continue
-        values = channels[name]
-        if recorded and channel.unit and recorded != channel.unit:
-            values = _converted(values, name, recorded, channel.unit, simulator.name)
-            units[name] = channel.unit
-        channels[name] = (
-            values if np.isfinite(values).all() else np.where(np.isfinite(values), values, np.nan)
-        )
-    return replace(trace, channels=channels, units=units)
-
-
-def _converted(values: FloatArray, name: str, recorded: str, wanted: str, simulator: str) -> FloatArray:
-    try:
-        there, here = parse_unit(recorded), parse_unit(wanted)
-    except UnknownUnitError as error:
-        raise UsageError(
-            f"the channel {name!r} is recorded in {recorded!r}, and {error} is no unit that s2r knows"
-        ) from None
-    if not here.fits(there):
-        raise UsageError(
-            f"the channel {name!r} is recorded in {recorded}, which does not convert to the {wanted} that backend "
-            f"{simulator!r} has; correct the unit in the recording, or leave the channel out"
-        )
-    factor, offset = there.to(here)
-    return values if (factor, offset) == (1.0, 0.0) else factor * values + offset
 
 
 def notes(

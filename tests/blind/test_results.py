@@ -79,6 +79,13 @@ def test_what_is_said_of_delays_and_of_sure_errors():
     )
 
 
+def test_what_the_page_on_logs_says_of_sure_answers():
+    sure = [case for case in cases_of("emps", "a1") if likeliest(case)[1] >= 0.9]
+    right = sum(likeliest(case)[0] == truth(case["label"]) for case in sure)
+    page = (ROOT / "docs" / "how-to" / "diagnose-logs.md").read_text()
+    assert f"answers of 0.9 and more were right in {right} of {len(sure)} cases" in page
+
+
 def test_what_is_said_of_windows():
     rate = json.loads((RESULTS / "emps_scores.json").read_text())["scores"][
         "at least 80% of Δρ in the window in which the effect acts"

@@ -8,9 +8,9 @@ from s2r_cart import SPEC, Cart, real
 
 import s2r_spec as s2r
 from s2r_spec.diagnose import bank as banks
-from s2r_spec.diagnose.ask import real_rollouts
+from s2r_spec.diagnose.ask import as_simulated, real_rollouts
 from s2r_spec.diagnose.next_test import next_test
-from s2r_spec.diagnose.notes import as_simulated, notes
+from s2r_spec.diagnose.notes import notes
 from s2r_spec.diagnose.prepare import ENOUGH, bench_of, split
 from s2r_spec.diagnose.signatures import Signatures
 from s2r_spec.errors import BackendError, UsageError
