@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import json
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from s2r_spec.cli.common import sentences
 
+if TYPE_CHECKING:
+    from s2r_spec.backend import Effect
+
 
 def backends(
-    name: Annotated[str | None, typer.Argument(help="Show this backend's channels and parameters.")] = None,
+    name: Annotated[
+        str | None, typer.Argument(help="Show this backend's parameters, channels and effects.")
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """List the installed backends, or what one of them offers."""
@@ -29,9 +34,19 @@ def backends(
         machine = registry.load_backend(name)
         parameters = [vars(p) for p in machine.parameters]
         channels = [vars(c) for c in machine.channels]
+        effects = machine.effects() if isinstance(machine, registry.HasEffects) else ()
         if as_json:
-            record = {"schema": "s2r.backend/1", "name": name, "model_hash": machine.model_hash}
-            print(json.dumps(record | {"parameters": parameters, "channels": channels}))
+            record: dict[str, Any] = {
+                "schema": "s2r.backend/1",
+                "name": name,
+                "model_hash": machine.model_hash,
+            }
+            record |= {
+                "parameters": parameters,
+                "channels": channels,
+                "effects": [_record(e) for e in effects],
+            }
+            print(json.dumps(record))
             return
         print(
             f"{machine.name}: rollouts of {machine.duration:g} s, about {machine.cost:g} s each on one core"
@@ -45,3 +60,17 @@ def backends(
         for c in machine.channels:
             size = f"[{c.width}]" if c.width > 1 else ""
             print(f"  {c.name + size:14} {c.unit or '1'}: {c.description}")
+        if effects:
+            print("effects, that `s2r diagnose` looks for")
+        for effect in effects:
+            print(f"  {effect.name} ({effect.family}): {effect.physics}")
+            for each in effect.parameters:
+                print(
+                    f"    {each.name:12} [{each.low:g}, {each.high:g}] {each.unit or '1'}, {each.nominal:g} is none; "
+                    f"{each.prior}"
+                )
+
+
+def _record(effect: Effect) -> dict[str, Any]:
+    parameters = [vars(p) for p in effect.parameters]
+    return {"name": effect.name, "family": effect.family, "physics": effect.physics, "parameters": parameters}

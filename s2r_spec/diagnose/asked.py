@@ -58,6 +58,7 @@ class Asked:
         names: (p,) which parameter each coordinate is of, effect and parameter with a dot.
         nominal: (p,) means of the nominal simulator.
         curves: one a line of the bank, but for those that only say how another acts.
+        turns: these: what they add to their effect where it is typically large.
         numerics: (variants, p) change when the same physics is computed otherwise.
     """
 
@@ -65,23 +66,32 @@ class Asked:
     nominal: FloatArray
     curves: tuple[Curve, ...]
     numerics: FloatArray
+    turns: tuple[Curve, ...] = ()
 
     @classmethod
     def of(cls, bank: Bank) -> Asked:
         """Take the mean over the bank's tests: at each there is one rollout of a value."""
         columns = asked_columns(bank)
-        curves = []
+        curves: dict[str, Curve] = {}
+        turns = []
         for line, change in zip(bank.lines, bank.changes, strict=True):
-            if line.base:
-                continue  # what it does hangs on how much there is of its effect: no curve of its own
             values = np.array([line.coordinate(value) for value in line.values])
-            curves.append(Curve(line, *_straight(values, _mean(change[..., columns]))))
+            seen = _mean(change[..., columns])
+            if line.base:
+                # What it does hangs on how much there is of its effect: no curve of its own.
+                seen = seen - sum(
+                    _at_base(curves[f"{line.effect}.{name}"], value) for name, value in line.base.items()
+                )
+                turns.append(Curve(line, *_straight(values, seen)))
+            else:
+                curves[line.name] = Curve(line, *_straight(values, seen))
         names = bank.features.names()
         return cls(
             tuple(names[k - 1].block for k in columns),
             _mean(bank.nominal[..., columns].reshape(-1, len(columns))),
-            tuple(curves),
+            tuple(curves.values()),
             np.nan_to_num(_mean(bank.variants[..., columns])),
+            tuple(turns),
         )
 
     def spread(self, seen: FloatArray, effects: Sequence[str], error: float) -> FloatArray:
@@ -225,6 +235,11 @@ class Heard:
             together = np.nan_to_num(there - alone)
             x, covariance = self.asked.fitted(self.seen - together, effects, self.error, before, variance)
         return x, covariance
+
+
+def _at_base(curve: Curve, value: float) -> FloatArray:
+    """Return (p,) what the line that holds another off nominal does by itself."""
+    return curve(curve.line.coordinate(value))
 
 
 def asked_columns(bank: Bank) -> NDArray[np.intp]:

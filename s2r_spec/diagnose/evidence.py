@@ -247,15 +247,50 @@ def _mine(data: Linear, sets: Sequence[Set]) -> NDArray[np.bool_]:
 
 def log_evidence(data: Linear, sets: Sequence[Set]) -> FloatArray:
     """Return (sets,) log evidence, up to one constant."""
+    usual = np.where(data.lines.based, TURN, ALLOWED)
+    covariance: FloatArray = np.asarray(np.linalg.inv(data.gram + np.diag(usual**-2.0)), dtype=np.float64)
+    mean = covariance @ data.toward
+    little = 0.5 * float(np.linalg.slogdet(covariance)[1] - 2.0 * np.log(usual).sum() + mean @ data.toward)
+    large = [tuple(np.flatnonzero(row).tolist()) for row in _mine(data, sets)]
+    return little + gained(covariance, mean, data.lines.side, large)
+
+
+def gained(
+    covariance: FloatArray,
+    mean: FloatArray,
+    side: FloatArray | NDArray[np.intp],
+    large: Sequence[tuple[int, ...]],
+) -> FloatArray:
+    """Return (n,) by how much log evidence grows if some lines are causes, and not a little of everything.
+
+    Args:
+        covariance: (K, K) of the coordinates if none is.
+        mean: (K,) of these.
+        side: (K,) 1 or −1 where a coordinate can only be of that sign, else 0.
+        large: n times, the places of the lines that are.
+    """
+    found = np.zeros(len(large))
+    for count in {len(lines) for lines in large} - {0}:
+        which = [n for n, lines in enumerate(large) if len(lines) == count]
+        found[which] = _updated(covariance, mean, side, np.array([large[n] for n in which], dtype=np.intp))
+    return found
+
+
+def _updated(
+    covariance: FloatArray, mean: FloatArray, side: FloatArray | NDArray[np.intp], lines: NDArray[np.intp]
+) -> FloatArray:
+    """Return the same for (n, count) lines: an update of low rank."""
     from scipy.special import log_ndtr
 
-    spread = _spreads(data, sets)
-    precision = data.gram + np.einsum("ij,si->sij", np.eye(len(data.toward)), spread**-2.0)
-    covariance = np.linalg.inv(precision)
-    mean = covariance @ data.toward
-    logs = 0.5 * np.linalg.slogdet(covariance)[1] - np.log(spread).sum(axis=1) + 0.5 * mean @ data.toward
-    deviation = np.sqrt(np.maximum(np.einsum("sii->si", covariance), 1e-300))
+    less, count = LARGE**-2.0 - ALLOWED**-2.0, lines.shape[1]
+    before = covariance[lines[:, :, None], lines[:, None, :]]
+    turned = np.eye(count) + less * before
+    inner = np.linalg.inv(turned)
+    there = np.einsum("nij,nj->ni", inner, mean[lines])
+    volume = -0.5 * np.linalg.slogdet(turned)[1] - count * np.log(LARGE / ALLOWED)
+    gain = -0.5 * less * np.einsum("ni,ni->n", mean[lines], there)
+    deviation = np.sqrt(np.maximum(np.einsum("nij,nji->ni", inner, before), 1e-300))
     # A law of one sign: only that half of the prior was there to begin with.
-    half = np.log(2.0) + log_ndtr(data.lines.side * mean / deviation)
-    found: FloatArray = logs + np.where(_mine(data, sets) & (data.lines.side != 0), half, 0.0).sum(axis=1)
+    half = np.log(2.0) + log_ndtr(side[lines] * there / deviation)
+    found: FloatArray = volume + gain + np.where(side[lines] != 0, half, 0.0).sum(axis=1)
     return found

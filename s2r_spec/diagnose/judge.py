@@ -49,7 +49,8 @@ class Weights:
     (``benchmarks/blind/weigh.py``), and are the same for every backend. That code also makes the sealed sets of the
     axis, with other seeds: for a machine of a third kind the numbers are untested.
 
-    A set A of effects scores  log evidence / temperature + trust · log P_network(A) − penalty[|A|]. The
+    A set A of effects scores  log evidence / temperature + trust · log P_network(A) − penalty[|A|], and, where the
+    equations of motion are asked by themselves (:mod:`s2r_spec.diagnose.told`), told · their log evidence more. The
     features hang together: n of them, each seen through a few functions of the test, count as ``independent``
     ones, and the temperature is n / independent, where the joint fit leaves what is usual of the data; where the
     simulator is nearer to the truth than that, it is less, as the root of what is left.
@@ -58,9 +59,10 @@ class Weights:
     independent: float
     trust: float
     penalty: tuple[float, float, float, float]
+    told: float
 
 
-WEIGHTS = Weights(50.0, 0.57, (0.0, 0.0, 2.9, 4.3))
+WEIGHTS = Weights(50.0, 0.57, (0.0, 0.0, 2.9, 4.3), 0.7)
 USUAL = 0.1
 """Misfit of the joint fit, in units of what is believed, for which ``independent`` is meant."""
 COLDEST = 1.0
@@ -104,9 +106,13 @@ class Judge:
         """Return (n, K) probabilities that an effect is among the causes, by the network alone."""
         return _voted(self.networks, description)
 
-    def sets(self, found: Evidence, p: FloatArray, temperature: float) -> Sets:
-        """Return the probability of every set, given that the catalogue has the causes."""
+    def sets(
+        self, found: Evidence, p: FloatArray, temperature: float, told: FloatArray | None = None
+    ) -> Sets:
+        """Return the probability of every set, given that the catalogue has the causes; ``told`` by the equations."""
         score = _score(found.members, found.logs, p, self.weights, temperature)
+        if told is not None:
+            score = score + self.weights.told * told
         return Sets(found.members, np.exp(score - logsumexp(score)))
 
     def unknown(self, found: Evidence, p: FloatArray) -> float:

@@ -47,6 +47,7 @@ from s2r_spec.diagnose.layout import SHOTS, Layout, functions
 from s2r_spec.diagnose.models import Part, Simulator, nominal_rows
 from s2r_spec.diagnose.signatures import LEVEL, Signatures
 from s2r_spec.diagnose.simulate import Bench
+from s2r_spec.diagnose.told import log_evidence
 from s2r_spec.diagnose.view import View
 from s2r_spec.rollouts.match import match
 from s2r_spec.spec import Spec
@@ -283,7 +284,8 @@ def prepare(
     if not simulator.dear:
         state = _state(signatures, smooth, view, judge, p, simulator, simulator, begin, first)
         return _closer(state, view, view.layout.variance(machine, own))
-    state = _state(signatures, smooth, view, judge, p, simulator, view.surrogate, begin, first)
+    heard = Heard.of(bank, rows, level[layout.place], asked_error)
+    state = _state(signatures, smooth, view, judge, p, simulator, view.surrogate, begin, first, heard=heard)
     # Where derivatives are the bank's, the fit of everything at once goes astray; that of a few effects does not.
     likely = [members for members, _ in state.sets.ranked()[:TRIED]]
     tried = {members: state.beside(members) for members in likely}
@@ -295,11 +297,10 @@ def prepare(
     scatter = layout.variance(machine, np.zeros_like(own)) + simulator.variance(there)
     view = replace(view, variance=_nearer(view, scatter, best))
     found = _state(
-        signatures, smooth, view, judge, p, simulator, simulator, best.at, best.jacobian, exact=True
+        signatures, smooth, view, judge, p, simulator, simulator, best.at, best.jacobian, True, heard
     )
-    heard = Heard.of(bank, rows, level[layout.place], asked_error)
     usual = believed(scatter, view.layout.level(view.data))
-    return replace(found, tried=tried, heard=heard, usual=usual)
+    return replace(found, tried=tried, usual=usual)
 
 
 def _closer(wide: State, view: View, scatter: FloatArray) -> State:
@@ -378,6 +379,7 @@ def _state(
     begin: FloatArray,
     first: FloatArray,
     exact: bool = False,
+    heard: Heard | None = None,
 ) -> State:
     """Fit the whole catalogue by a model, and weigh every set of effects."""
     catalogue = view.surrogate.catalogue
@@ -400,12 +402,20 @@ def _state(
         plain,
         found,
         p,
-        judge.sets(found, p, warmth),
+        judge.sets(found, p, warmth, told(heard, judge.effects, found.members)),
         judge.unknown(through, p),
         simulator,
         fitted,
         warmth,
+        heard=heard,
     )
+
+
+def told(heard: Heard | None, effects: Sequence[str], members: Sequence[Set]) -> FloatArray | None:
+    """Return (sets,) log evidence by what the equations of motion ask for, if they are asked by themselves."""
+    if heard is None:
+        return None
+    return log_evidence(heard.asked, heard.seen, [[effects[k] for k in chosen] for chosen in members])
 
 
 def _counted(view: View, smooth: View) -> float:

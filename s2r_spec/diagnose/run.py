@@ -17,20 +17,18 @@ from s2r_spec.backend import Backend, HasRecordings, load_backend
 from s2r_spec.diagnose import bank as banks
 from s2r_spec.diagnose.ask import Rollouts, real_rollouts
 from s2r_spec.diagnose.axes import BACKGROUND
-from s2r_spec.diagnose.catalogue import Catalogue
 from s2r_spec.diagnose.design import unit_box, weights
 from s2r_spec.diagnose.diagnosis import Diagnosis, Verdict, Which
 from s2r_spec.diagnose.estimate import by_linear, fit
-from s2r_spec.diagnose.evidence import Set
 from s2r_spec.diagnose.how_far import HowFar, how_far
 from s2r_spec.diagnose.isolability import isolability
-from s2r_spec.diagnose.judge import Sets
 from s2r_spec.diagnose.next_test import next_test
 from s2r_spec.diagnose.notes import notes
 from s2r_spec.diagnose.prepare import ENOUGH, Progress, State, bench_of, prepare, split
 from s2r_spec.diagnose.simulate import Bench, Job, Test, run_jobs
 from s2r_spec.diagnose.size import sized
 from s2r_spec.diagnose.together import together
+from s2r_spec.diagnose.verdict import SURE, clear, confounded, large, reason, spare
 from s2r_spec.diagnose.where.found import Where
 from s2r_spec.diagnose.where.found import where as find_where
 from s2r_spec.errors import UsageError
@@ -43,13 +41,6 @@ FloatArray = NDArray[np.float64]
 
 SHOTS = 3
 """Simulated rollouts per held-out test, before and after."""
-SURE = 0.9
-CLEAR = 0.7
-"""Probability from which on a set is named although the gap is not material; :data:`SURE` of each effect does, too."""
-RIVAL = 0.2
-"""A set this many times as likely as the first is a rival of it."""
-RULED_OUT = 0.05
-"""One less likely than this is ruled out, even where the two are hard to tell apart."""
 IMITATED = 0.1
 """An unknown cause is so much less likely once a patch has closed the held-out gap, or if there is none."""
 
@@ -134,9 +125,9 @@ def _answer(
     tell("fitting the causes", 0, 1)
     catalogue = state.view.surrogate.catalogue
     best = sized(state, weighed, named)
-    large = _large(catalogue, named, best.at)
-    if large != named:
-        named, best = large, sized(state, weighed, large)
+    there = large(catalogue, named, best.at)
+    if there != named:
+        named, best = there, sized(state, weighed, there)
     fitted = fit(catalogue, named, best)
     tuned = catalogue.values(sized(state, weighed, ()).at if first_none else best.at)
     far = _how_far(bench, state, held, {} if first_none else fitted.values, tuned, seed, executor, tell)
@@ -153,7 +144,7 @@ def _answer(
         alarm, unknown = False, unknown * IMITATED
         # A gap that a little of everything would make needs no name, unless the traces are clear.
         # Nor is what makes a gap where there is none its cause, however the traces look.
-        first_none = first_none or not (far.material or _clear(state.sets, *ranked[0])) or far.harmful
+        first_none = first_none or not (far.material or clear(state.sets, *ranked[0])) or far.harmful
     if open_gap:
         # The patch does not close the gap that it should explain: at least as likely unknown as not.
         unknown = max(unknown, 0.5 + 0.5 * unknown)
@@ -170,13 +161,13 @@ def _answer(
         state.smooth.nuisances,
         state.temperature,
     )
-    confounded = _confounded(isolable, names[named], by_size)
+    alike = confounded(isolable, names[named], by_size)
     verdict = Verdict.NAMED
     if alarm or open_gap:
         verdict = Verdict.UNKNOWN
     elif first_none:
         verdict = Verdict.SPREAD if far is not None and far.material else Verdict.NONE
-    elif len(confounded) > len(named):
+    elif len(alike) > len(named):
         verdict = Verdict.CONFOUNDED
     nothing = verdict in (Verdict.NONE, Verdict.SPREAD)
     answer = () if nothing or verdict is Verdict.UNKNOWN else names[named]
@@ -191,7 +182,7 @@ def _answer(
         pairs=by_size[2],
         triples=by_size[3],
         answer=answer,
-        confounded=confounded if answer else (),
+        confounded=alike if answer else (),
         estimates=() if nothing else fitted.estimates,
         nearest_family=families[names[named][0]],
         isolability=isolable,
@@ -199,7 +190,7 @@ def _answer(
     )
     return Diagnosis(
         verdict=verdict,
-        reason=_reason(verdict, which, far, names[named]),
+        reason=reason(verdict, which, far, names[named], spare(names[named], by_size)),
         where=_where(bench, seen + held, tuned, seed, executor, tell) if want_where else None,
         which=which,
         how_far=far,
@@ -274,15 +265,6 @@ def _how_far(
     )
 
 
-def _clear(sets: Sets, members: tuple[int, ...], probability: float) -> bool:
-    """Return whether the traces name these effects, although ρ does not need them; there may be more beside them."""
-    among = [
-        sum(p for s, p in zip(sets.members, sets.probability, strict=True) if effect in s)
-        for effect in members
-    ]
-    return bool(probability >= CLEAR or min(among, default=0.0) >= SURE)
-
-
 def _scatter(tests: Sequence[Test], real: FloatArray, simulated: float) -> float:
     """Return the standard deviation of ρ from run to run: of replicates where there are, else the simulator's."""
     of_test: dict[tuple[tuple[str, float], ...], list[float]] = {}
@@ -329,41 +311,6 @@ def _background(state: State, bench: Bench, tests: Sequence[Test]) -> float:
     return float(np.quantile(np.abs(total).mean(axis=1), 0.95))
 
 
-def _large(catalogue: Catalogue, named: Set, at: FloatArray) -> Set:
-    """Return the effects that are there, of (K,) coordinates, by more than of any machine; all, if none is.
-
-    Sets are weighed before their values are put right: what turns out next to nothing then is no cause beside others.
-    """
-    lines = ~catalogue.based
-    sizes = {k: np.abs(at[lines & (catalogue.owner == k)]).max(initial=0.0) for k in named}
-    return tuple(k for k in named if sizes[k] >= BACKGROUND) or named
-
-
-def _confounded(
-    isolable: Any, named: tuple[str, ...], by_size: Mapping[int, Mapping[tuple[str, ...], float]]
-) -> tuple[str, ...]:
-    """Return the named effects and whatever could be in the place of one of them, or beside them.
-
-    That is what these data leave nearly as likely, and what no data at these tests could tell from one of them
-    unless they all but rule it out.
-    """
-    out = list(named)
-    # Of a set with an effect of next to nothing, which was left out of what is named, the rest is as likely as that.
-    top = max(p for sets in by_size.values() for names, p in sets.items() if set(named) <= set(names))
-    for names, probability in by_size[len(named)].items():
-        if probability < RULED_OUT * top or names == named:
-            continue
-        extra = [n for n in names if n not in named]
-        lost = [n for n in named if n not in names]
-        near = probability >= RIVAL * top or extra[0] in isolable.confounded(lost[0])
-        if len(extra) == 1 and near and extra[0] not in out:
-            out.append(extra[0])
-    for names, probability in by_size.get(len(named) + 1, {}).items():
-        if probability >= RIVAL * top and set(named) < set(names):
-            out += [n for n in names if n not in out]
-    return tuple(out)
-
-
 def _next(
     bench: Bench,
     state: State,
@@ -399,29 +346,3 @@ def _where(
         tell("where", number + 1, len(rollouts))
     tests = [test for test, _ in rollouts]
     return find_where(bench.spec, bench.requirement, tests, real, simulated, seed, bench, improved, executor)
-
-
-def _reason(verdict: Verdict, which: Which, far: HowFar | None, named: tuple[str, ...]) -> str:
-    """Return the answer in one sentence."""
-    words = " and ".join(named)
-    share = far.share[0] if far and far.share else None
-    closes = (
-        f"; added to the simulator it closes {100 * share:.0f} % of the held-out gap"
-        if share is not None
-        else ""
-    )
-    if verdict in (Verdict.NONE, Verdict.SPREAD):
-        seen = "" if which.ranked[0][0] == ("none",) else f"; the traces do differ, most as with {words}"
-        little = "a few percent of every effect of the catalogue"
-        if far is None:
-            return f"the traces are as {little} would make them{seen}; no gap was held out to compare"
-        if verdict is Verdict.SPREAD:
-            part = "" if far.tuned_share is None else f" {100 * far.tuned_share[0]:.0f} % of"
-            return f"nothing stands out: {little} close{part} the held-out gap{seen}"
-        return f"the gap is no more than {little} would make it{seen}"
-    if verdict is Verdict.UNKNOWN:
-        return f"no effect of the catalogue explains the data; the nearest is {words} ({which.nearest_family}){closes}"
-    if verdict is Verdict.CONFOUNDED:
-        others = ", ".join(name for name in which.confounded if name not in named)
-        return f"{words} fits best, but these data do not rule out {others} in its place or beside it{closes}"
-    return f"{words} explains the data best{closes}"

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from s2r_spec.diagnose.evidence import Set, explained, log_evidence
 from s2r_spec.diagnose.joint import Joint
 from s2r_spec.diagnose.judge import Sets, temperature
-from s2r_spec.diagnose.prepare import State
+from s2r_spec.diagnose.prepare import State, told
 
 FloatArray = NDArray[np.float64]
 
@@ -103,4 +103,7 @@ def _weighed(state: State, fits: dict[Set, Joint]) -> Together:
     far = np.array([moved.get(s, usual) for s in members]) - usual
     logs = logs + np.clip(far, -HEARD[0] * warmth, HEARD[1] * warmth)
     evidence = replace(state.found, members=members, logs=logs)
-    return Together(state.judge.sets(evidence, state.memberships, warmth), logs, fits, warmth)
+    sets = state.judge.sets(
+        evidence, state.memberships, warmth, told(state.heard, state.judge.effects, members)
+    )
+    return Together(sets, logs, fits, warmth)

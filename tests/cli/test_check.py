@@ -248,7 +248,14 @@ def test_backends_lists_names_and_details(s2r):
     assert "sim " in shown
     assert "toy " in shown
     assert "vd " in s2r("backends", "toy", code=0).stdout
-    assert s2r.json("backends", "toy", code=0)["model_hash"] == "toy-1"
+    toy = s2r.json("backends", "toy", code=0)
+    assert toy["model_hash"] == "toy-1"
+    assert toy["effects"] == []
+    shown = s2r("backends", "emps", code=0).stdout
+    assert "  coulomb (friction): Dry friction" in shown
+    assert "force        [0, 80] N, 0 is none; half-normal, 20 N" in shown
+    first = s2r.json("backends", "emps", code=0)["effects"][0]
+    assert (first["name"], first["parameters"][0]["unit"]) == ("viscous", "N*s/m")
 
 
 def test_help_and_version(s2r):

@@ -1,5 +1,6 @@
 """How large effects are, by what the equations of motion ask for."""
 
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -142,7 +143,7 @@ def test_a_machine_whose_records_lack_what_a_residual_needs_is_not_heard(felt):
 
 
 @pytest.mark.parametrize("cost", [1e-3, 0.3])
-def test_only_a_dear_simulator_has_its_sizes_from_the_equations(cache, monkeypatch, cost):
+def test_only_a_dear_simulator_has_its_names_and_sizes_from_the_equations(cache, monkeypatch, cost):
     told = []
 
     def sized(self, effects, before, variance, simulated):
@@ -150,17 +151,27 @@ def test_only_a_dear_simulator_has_its_sizes_from_the_equations(cache, monkeypat
         return np.full(len(before), 0.25), np.diag(np.full(len(before), 0.01**2))
 
     monkeypatch.setattr(Heard, "sized", sized)
+    spoken = []
+
+    def log_evidence(asked, seen, sets):
+        # As if the equations all but ruled out what is there.
+        spoken.append(len(sets))
+        return np.array([-30.0 if "viscous" in members else 0.0 for members in sets])
+
     rng = np.random.default_rng(12)
     tests = [{"vd": rng.uniform(0.2, 1), "acc": rng.uniform(1, 4)} for _ in range(24)]
     seen = [(test, real(test, 12000 + i, {"viscous": 1.6})) for i, test in enumerate(tests)]
     found = s2r.diagnose(s2r.parse_spec(SPEC), Felt(cost=cost), seen, cache=cache, where=False)
+    monkeypatch.setattr(sys.modules["s2r_spec.diagnose.prepare"], "log_evidence", log_evidence)
+    without = s2r.diagnose(s2r.parse_spec(SPEC), Felt(cost=cost), seen, cache=cache, where=False)
+    assert (without.which.membership["viscous"] < 0.01) is bool(spoken) is (cost > 0.1)
     assert found.which.answer == ("viscous",)
     (estimate,) = found.which.estimates
     if cost < 0.1:
         assert not told
         assert estimate.low < 1.6 < estimate.high
         return
-    ((effects, before),) = told
+    effects, before = told[0]
     assert effects == ["viscous"]
     viscous = next(e for e in Felt().effects() if e.name == "viscous")
     of = line_of(viscous, viscous.parameters[0])

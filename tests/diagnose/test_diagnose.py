@@ -1,9 +1,11 @@
 """The cart's gap: named causes, none, several, and one that the catalogue lacks."""
 
 import json
+import re
 import subprocess
 import sys
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -244,3 +246,23 @@ def test_the_simulator_itself_has_no_material_gap(find, cache):
     same = [(test, Cart().rollout(test, 500 + i)) for i, test in enumerate(tests)]
     found = s2r.diagnose(spec, Cart(), same, cache=cache, where=False)
     assert found.verdict is Verdict.NONE, found.reason
+
+
+def test_the_page_on_logs_does_what_it_says(cache, monkeypatch, capsys):
+    """Its Python, with the cart in the place of the axis, whose bank would take half a minute."""
+    page = Path(__file__).parents[2] / "docs" / "how-to" / "diagnose-logs.md"
+    (code,) = re.findall(r"```python\n(.*?)```", page.read_text(), re.S)
+    for words, instead in {
+        's2r.load_spec("specs/emps_tracking.stl")': "s2r.parse_spec(SPEC)",
+        's2r.load_backend("emps:coulomb.force=20")': 'Cart().with_effects({"coulomb": {"force": 1.5}})',
+        '"emps"': "Cart()",
+    }.items():
+        assert code.count(words) == 1
+        code = code.replace(words, instead)
+    monkeypatch.setenv("S2R_CACHE", str(cache))
+    names = {"SPEC": SPEC, "Cart": Cart}
+    exec(code, names)
+    assert names["found"].which.answer == ("coulomb",)
+    shown = capsys.readouterr().out
+    assert "('coulomb',)" in shown
+    assert "closes" in shown

@@ -1,0 +1,131 @@
+"""Which effects are there, by what the equations of motion ask for.
+
+The coordinates that they ask for (:mod:`s2r_spec.diagnose.asked`) are each of one effect, off by a few hundredths of
+its typical size on a machine of another code, whatever the closed loop makes of the rest. The evidence is Gaussian:
+
+    seen = Σ_k J_k c_k + e,   c_k ~ N(0, LARGE²) for lines k of its effects that are off, N(0, ALLOWED²) for all others
+
+An effect of several parameters seldom has all of them off: all, and each alone, are as likely.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec.diagnose.asked import Asked, Curve
+from s2r_spec.diagnose.evidence import ALLOWED, FORM, LARGE, gained
+from s2r_spec.diagnose.logs import logsumexp
+
+FloatArray = NDArray[np.float64]
+
+ERRORS = (0.03, 0.05, 0.08, 0.13, 0.2)
+"""What no effect explains of a coordinate may be any of these, all as likely before they are seen."""
+ACROSS = 0.3
+"""Part of what an effect makes of others' coordinates that is not believed: it hangs on the rest of the machine."""
+LEAST = 0.15
+"""Coordinate to which a secant is taken where less is asked for."""
+
+
+def log_evidence(asked: Asked, seen: FloatArray, sets: Sequence[Sequence[str]]) -> FloatArray:
+    """Return (sets,) log evidence of (p,) mean coordinates, less nominal, up to one constant.
+
+    Args:
+        asked: the bank.
+        seen: what a machine's equations ask for.
+        sets: names of effects; a set with one that the bank does not have has none, −inf.
+    """
+    lines = [*asked.curves, *asked.turns]
+    own = [asked.names.index(c.line.name) if c.line.name in asked.names else None for c in lines]
+    rows = np.array(
+        [
+            _turned(c) if c.line.base else _secant(c, None if k is None else seen[k])
+            for c, k in zip(lines, own, strict=True)
+        ]
+    ).reshape(len(lines), len(seen))
+    side = np.array([_side(c) for c in lines])
+    ways = _ways(lines)
+    chosen: list[tuple[int, ...]] = []
+    place: list[int] = []
+    less: list[float] = []
+    for number, members in enumerate(sets):
+        able = [ways.get(name, []) for name in members]
+        for each in product(*able):
+            chosen.append(tuple(k for lines_of in each for k in lines_of))
+            place.append(number)
+            less.append(sum(np.log(len(of)) for of in able))
+    across = np.zeros(len(seen))
+    for row, k in zip(rows, own, strict=True):
+        if k is not None:
+            across += np.where(np.arange(len(seen)) == k, 0.0, ACROSS * row * seen[k]) ** 2
+    each_error = [
+        _spoken(asked, seen, rows, side, chosen, np.diag(error**2 + (FORM * seen) ** 2 + across))
+        for error in ERRORS
+    ]
+    logs = logsumexp(each_error, axis=0) - np.array(less)
+    found = np.full(len(sets), -np.inf)
+    np.logaddexp.at(found, np.array(place, dtype=np.intp), logs)
+    return found
+
+
+def _spoken(
+    asked: Asked,
+    seen: FloatArray,
+    rows: FloatArray,
+    side: FloatArray,
+    chosen: Sequence[tuple[int, ...]],
+    variance: FloatArray,
+) -> FloatArray:
+    """Return (chosen,) log evidence, if ``chosen`` lines are large and (p, p) is the variance of what is left."""
+    spread = variance + asked.numerics.T @ asked.numerics
+    weigh = np.linalg.inv(spread)
+    toward = rows @ weigh @ seen
+    covariance: FloatArray = np.asarray(
+        np.linalg.inv(rows @ weigh @ rows.T + np.eye(len(rows)) / ALLOWED**2), dtype=np.float64
+    )
+    mean = covariance @ toward
+    little = 0.5 * (mean @ toward - seen @ weigh @ seen)
+    little += 0.5 * (np.linalg.slogdet(covariance)[1] - np.linalg.slogdet(spread)[1]) - len(rows) * np.log(
+        ALLOWED
+    )
+    return little + gained(covariance, mean, side, chosen)
+
+
+def _ways(lines: Sequence[Curve]) -> dict[str, list[tuple[int, ...]]]:
+    """Return effect → which of its lines may be off together: all, or one that acts alone."""
+    of: dict[str, list[int]] = {}
+    for place, curve in enumerate(lines):
+        of.setdefault(curve.line.effect, []).append(place)
+    return {
+        effect: [tuple(mine), *((k,) for k in mine if len(mine) > 1 and not lines[k].line.base)]
+        for effect, mine in of.items()
+    }
+
+
+def _side(curve: Curve) -> float:
+    """Return 1 or −1 where a coordinate can only be of that sign, else 0."""
+    if curve.line.base or curve.at[0] < 0.0 < curve.at[-1]:
+        return 0.0
+    return 1.0 if curve.at[-1] > 0.0 else -1.0
+
+
+def _secant(curve: Curve, asked_for: float | None) -> FloatArray:
+    """Return (p,) change per unit of a line's coordinate, between nominal and what is asked for.
+
+    Of a line that has no coordinate of its own that is where it is large, on the longer side of its range.
+    """
+    low, high = float(curve.at[0]), float(curve.at[-1])
+    x = (LARGE if high >= -low else -LARGE) if asked_for is None else asked_for
+    x = min(max(x, low), high)
+    if abs(x) < LEAST:
+        x = LEAST if (x >= 0.0 and high > 0.0) or low >= 0.0 else -LEAST
+    return np.asarray(curve(x) / x)
+
+
+def _turned(curve: Curve) -> FloatArray:
+    """Return (p,) change per unit of a line that only says how its effect acts, with that at its typical size."""
+    low, high = max(float(curve.at[0]), -1.0), min(float(curve.at[-1]), 1.0)
+    return np.asarray((curve(high) - curve(low)) / max(high - low, 1e-9))

@@ -1,0 +1,109 @@
+"""From probabilities and a held-out gap to words: what is named, what cannot be told from it, what may not be there."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec.diagnose.axes import BACKGROUND
+from s2r_spec.diagnose.catalogue import Catalogue
+from s2r_spec.diagnose.diagnosis import Verdict, Which
+from s2r_spec.diagnose.evidence import Set
+from s2r_spec.diagnose.how_far import HowFar
+from s2r_spec.diagnose.judge import Sets
+
+FloatArray = NDArray[np.float64]
+
+SURE = 0.9
+CLEAR = 0.7
+"""Probability from which on a set is named although the gap is not material; :data:`SURE` of each effect does, too."""
+RIVAL = 0.2
+"""A set this many times as likely as the first is a rival of it."""
+RULED_OUT = 0.05
+"""One less likely than this is ruled out, even where the two are hard to tell apart."""
+
+
+def reason(
+    verdict: Verdict, which: Which, far: HowFar | None, named: tuple[str, ...], spare: tuple[str, ...]
+) -> str:
+    """Return the answer in one sentence."""
+    words = " and ".join(named)
+    fits, explains = ("fits", "explains") if len(named) == 1 else ("fit", "explain")
+    doubt = f", though {' or '.join(spare)} may not be there" if spare else ""
+    share = far.share[0] if far and far.share else None
+    closes = (
+        f"; added to the simulator it closes {100 * share:.0f} % of the held-out gap above scatter"
+        if share is not None
+        else ""
+    )
+    if verdict in (Verdict.NONE, Verdict.SPREAD):
+        seen = "" if which.ranked[0][0] == ("none",) else f"; the traces do differ, most as with {words}"
+        little = "a few percent of every effect of the catalogue"
+        if far is None:
+            return f"the traces are as {little} would make them{seen}; no gap was held out to compare"
+        if verdict is Verdict.SPREAD:
+            part = "" if far.tuned_share is None else f" {100 * far.tuned_share[0]:.0f} % of"
+            return f"nothing stands out: {little} close{part} the held-out gap above scatter{seen}"
+        return f"the gap is no more than {little} would make it{seen}"
+    if verdict is Verdict.UNKNOWN:
+        return f"no effect of the catalogue explains the data; the nearest is {words} ({which.nearest_family}){closes}"
+    if verdict is Verdict.CONFOUNDED:
+        others = ", ".join(name for name in which.confounded if name not in named)
+        return f"{words} {fits} best{doubt}, but these data do not rule out {others} in its place or beside it{closes}"
+    return f"{words} {explains} the data best{doubt}{closes}"
+
+
+def clear(sets: Sets, members: tuple[int, ...], probability: float) -> bool:
+    """Return whether the traces name these effects, although ρ does not need them; there may be more beside them."""
+    among = [
+        sum(p for s, p in zip(sets.members, sets.probability, strict=True) if effect in s)
+        for effect in members
+    ]
+    return bool(probability >= CLEAR or min(among, default=0.0) >= SURE)
+
+
+def large(catalogue: Catalogue, named: Set, at: FloatArray) -> Set:
+    """Return the effects that are there, of (K,) coordinates, by more than of any machine; all, if none is.
+
+    Sets are weighed before their values are put right: what turns out next to nothing then is no cause beside others.
+    """
+    lines = ~catalogue.based
+    sizes = {k: np.abs(at[lines & (catalogue.owner == k)]).max(initial=0.0) for k in named}
+    return tuple(k for k in named if sizes[k] >= BACKGROUND) or named
+
+
+def confounded(
+    isolable: Any, named: tuple[str, ...], by_size: Mapping[int, Mapping[tuple[str, ...], float]]
+) -> tuple[str, ...]:
+    """Return the named effects and whatever could be in the place of one of them, or beside them.
+
+    That is what these data leave nearly as likely, and what no data at these tests could tell from one of them
+    unless they all but rule it out.
+    """
+    out = list(named)
+    # Of a set with an effect of next to nothing, which was left out of what is named, the rest is as likely as that.
+    top = max(p for sets in by_size.values() for names, p in sets.items() if set(named) <= set(names))
+    for names, probability in by_size[len(named)].items():
+        if probability < RULED_OUT * top or names == named:
+            continue
+        extra = [n for n in names if n not in named]
+        lost = [n for n in named if n not in names]
+        near = probability >= RIVAL * top or extra[0] in isolable.confounded(lost[0])
+        if len(extra) == 1 and near and extra[0] not in out:
+            out.append(extra[0])
+    for names, probability in by_size.get(len(named) + 1, {}).items():
+        if probability >= RIVAL * top and set(named) < set(names):
+            out += [n for n in names if n not in out]
+    return tuple(out)
+
+
+def spare(named: tuple[str, ...], by_size: Mapping[int, Mapping[tuple[str, ...], float]]) -> tuple[str, ...]:
+    """Return those of several named effects without which the others are nearly as likely."""
+    without = {name: tuple(n for n in named if n != name) for name in named if len(named) > 1}
+    top = by_size[len(named)][named]
+    return tuple(
+        name for name, others in without.items() if by_size[len(others)].get(others, 0.0) >= RIVAL * top
+    )

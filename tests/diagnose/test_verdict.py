@@ -1,0 +1,79 @@
+"""What is said of a set of probabilities: what is named, what cannot be told from it, what may not be there."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+
+from s2r_spec.diagnose.axes import BACKGROUND
+from s2r_spec.diagnose.catalogue import Catalogue
+from s2r_spec.diagnose.judge import Sets
+from s2r_spec.diagnose.verdict import CLEAR, RIVAL, SURE, clear, confounded, large, spare
+
+A, B, C = ("a",), ("b",), ("c",)
+
+
+@dataclass(frozen=True)
+class Alike:
+    """An isolability matrix in which these two cannot be told apart."""
+
+    names: frozenset = field(default_factory=frozenset)
+
+    def confounded(self, name):
+        return tuple(self.names) if name in self.names else (name,)
+
+
+def by_size(**sets):
+    """``ab=0.4``: the probability of a and b."""
+    found = {0: {(): 0.0}, 1: dict.fromkeys([A, B, C], 0.0), 2: {}, 3: {}}
+    for names, probability in sets.items():
+        members = () if names == "none" else tuple(names)
+        found[len(members)][members] = probability
+    return found
+
+
+def test_a_set_nearly_as_likely_is_answered_with_the_first():
+    assert confounded(Alike(), A, by_size(a=0.5, b=0.5 * RIVAL)) == ("a", "b")
+    assert confounded(Alike(), A, by_size(a=0.5, b=0.4 * RIVAL)) == ("a",)
+    assert confounded(Alike(), A, by_size(a=0.5, ab=0.5 * RIVAL)) == ("a", "b")  # beside it
+    assert confounded(Alike(), ("a", "b"), by_size(ab=0.5, ac=0.2)) == ("a", "b", "c")
+
+
+def test_what_no_test_tells_apart_is_answered_with_it_unless_the_data_rule_it_out():
+    alike = Alike(frozenset("ab"))
+    assert confounded(alike, A, by_size(a=0.9, b=0.05)) == ("a", "b")
+    assert confounded(alike, A, by_size(a=0.9, b=0.01)) == ("a",)
+
+
+def test_the_rest_of_a_set_with_an_effect_of_next_to_nothing_is_as_likely_as_that():
+    """``ab`` was the first, and b turned out next to nothing: c is no rival of what is left."""
+    assert confounded(Alike(), A, by_size(ab=0.6, a=0.05, c=0.05)) == ("a", "b")
+
+
+def test_an_effect_without_which_the_others_are_nearly_as_likely_may_not_be_there():
+    assert spare(("a", "b"), by_size(ab=0.5, a=0.3)) == ("b",)
+    assert spare(("a", "b"), by_size(ab=0.5, a=0.3, b=0.2)) == ("a", "b")
+    assert spare(("a", "b"), by_size(ab=0.5, a=0.05)) == ()
+    assert spare(("a", "b", "c"), by_size(abc=0.4, ab=0.3)) == ("c",)
+    assert spare(A, by_size(a=0.5, none=0.4)) == ()  # whether there is a gap at all is asked elsewhere
+
+
+@pytest.mark.parametrize(
+    ("sets", "yes"),
+    [
+        ({(0,): CLEAR, (): 1 - CLEAR}, True),
+        ({(0,): 0.5, (0, 1): 0.25, (0, 2): SURE - 0.75, (): 1 - SURE}, True),  # whatever is beside it
+        ({(0,): 0.5, (1,): 0.5}, False),
+    ],
+)
+def test_traces_are_clear_where_a_set_is_likely_or_each_of_its_effects_all_but_sure(sets, yes):
+    assert clear(Sets(tuple(sets), np.array([*sets.values()])), (0,), sets[(0,)]) is yes
+
+
+def test_an_effect_of_next_to_nothing_is_not_named_beside_others():
+    none, owner, turns = np.zeros(3), np.array([0, 1, 1]), np.array([False, False, True])
+    catalogue = Catalogue((), ("a", "b"), owner, owner, turns, none - 1, none + 1, none)
+    little, much = 0.9 * BACKGROUND, 1.1 * BACKGROUND
+    assert large(catalogue, (0, 1), np.array([-much, little, 0.8])) == (0,)  # how b acts is no size
+    assert large(catalogue, (0, 1), np.array([much, -much, 0.0])) == (0, 1)
+    assert large(catalogue, (0, 1), np.array([little, little, 0.0])) == (0, 1)  # then all are as good as any
