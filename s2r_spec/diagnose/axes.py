@@ -87,13 +87,19 @@ def scale_of(parameter: EffectParameter) -> float:
     """Return the scale of the parameter's prior: its standard deviation where the text has one, else a third.
 
     In the coordinate of :func:`coordinate`. "half-normal, 0.4 N*m*s/rad" and "normal around 1, standard deviation 0.15"
-    are read; any other text counts as a third of the longer side of the range.
+    are read, and no more than that side of the range is believed; any other text counts as a third of it.
     """
     to, _ = coordinate(parameter)
     reach = max(abs(to(end) - to(parameter.nominal)) for end in (parameter.low, parameter.high))
     match = _SCALE.search(parameter.prior)
-    scale = float(match["scale"]) if match else 0.0
-    return scale if 0 < scale < reach else reach / 3.0
+    return min(float(match["scale"]), reach) if match and float(match["scale"]) > 0 else reach / 3.0
+
+
+def misread(parameter: EffectParameter) -> bool:
+    """Return whether a prior is meant to have a scale, but has none that :func:`scale_of` would find."""
+    meant = "normal" in parameter.prior or "deviation" in parameter.prior
+    match = _SCALE.search(parameter.prior)
+    return meant and not (match and float(match["scale"]) > 0)
 
 
 def line(effect: Effect, parameter: EffectParameter, base: Mapping[str, float] | None = None) -> Line:

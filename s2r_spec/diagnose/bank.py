@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.backend import Backend, Effect, HasChosen, HasEffects, HasResiduals, HasVariants
-from s2r_spec.diagnose.axes import BACKGROUND, STEPS, Line, lines
+from s2r_spec.diagnose.axes import BACKGROUND, STEPS, Line, lines, misread
 from s2r_spec.diagnose.axes import line as line_of
 from s2r_spec.diagnose.design import grid
 from s2r_spec.diagnose.equations import Equations, Probe
@@ -70,7 +70,7 @@ def catalogue_of(backend: Backend) -> tuple[Effect, ...]:
 
     Raises:
         UsageError: nothing, so no cause can be named.
-        BackendError: a parameter has no range around its nominal value.
+        BackendError: a parameter has no range around its nominal value, or its prior lacks the scale it should have.
     """
     if not isinstance(backend, HasEffects) or not backend.effects():
         raise UsageError(
@@ -88,6 +88,11 @@ def _checked(backend: str, effect: Effect, chosen: Mapping[str, float]) -> Effec
             raise BackendError(
                 f"backend {backend!r}: the effect {effect.name!r} has {p.name!r} in [{p.low:g}, {p.high:g}] with the "
                 f"nominal value {p.nominal:g}; it needs finite ends, low < high, and a nominal value between them"
+            )
+        if misread(p):
+            raise BackendError(
+                f"backend {backend!r}: the effect {effect.name!r} has {p.name!r} with the prior {p.prior!r}, in "
+                f"which no scale can be read; write 'half-normal, 20 N' or 'normal around 1, standard deviation 0.1'"
             )
     parameters = tuple(replace(p, nominal=float(chosen.get(p.name, p.nominal))) for p in effect.parameters)
     return replace(effect, parameters=parameters)

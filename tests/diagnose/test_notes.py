@@ -9,6 +9,7 @@ from s2r_cart import SPEC, Cart, real
 import s2r_spec as s2r
 from s2r_spec.diagnose import bank as banks
 from s2r_spec.diagnose.ask import as_simulated, real_rollouts
+from s2r_spec.diagnose.axes import line
 from s2r_spec.diagnose.next_test import next_test
 from s2r_spec.diagnose.notes import notes
 from s2r_spec.diagnose.prepare import ENOUGH, bench_of, split
@@ -156,6 +157,34 @@ def test_a_range_without_the_nominal_value_gets_one_sentence(low, high):
         BackendError, match=r"'viscous' has 'coefficient' in \[.*\] with the nominal value 0; it needs"
     ):
         banks.catalogue_of(Odd())
+
+
+@pytest.mark.parametrize(
+    ("prior", "typical"),
+    [
+        ("half-normal, 1 N*s/m", 0.5),
+        ("half-normal, 9 N*s/m", 1.0),  # no more than the range holds
+        ("uniform", 2 / 3),
+        ("half normal 1 N*s/m", None),
+        ("normal, standard deviation of 1", None),
+        ("half-normal, 0", None),
+    ],
+)
+def test_a_prior_that_should_have_a_scale_and_has_none_gets_one_sentence(prior, typical):
+    class Odd(Cart):
+        def effects(self):
+            first, *rest = super().effects()
+            parameter = replace(first.parameters[0], prior=prior)
+            return (replace(first, parameters=(parameter,)), *rest)
+
+    if typical is None:
+        with pytest.raises(
+            BackendError, match=r"'viscous' has 'coefficient' with the prior '.*', in which no scale"
+        ):
+            banks.catalogue_of(Odd())
+    else:
+        first = banks.catalogue_of(Odd())[0]
+        assert line(first, first.parameters[0]).typical == pytest.approx(4.0 * typical)
 
 
 def test_a_test_that_was_run_is_not_asked_for_again():
