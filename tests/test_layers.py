@@ -21,6 +21,7 @@ LAYERS = [
     {"certify"},
     {"rollouts"},
     {"spec"},
+    {"promises"},
     {"backend", "effects", "space"},
     {"robustness"},
     {"lang"},

@@ -10,13 +10,17 @@ import typer
 from s2r_spec.cli.common import sentences
 
 if TYPE_CHECKING:
-    from s2r_spec.backend import Effect
+    from s2r_spec.backend import Backend, Effect
 
 
 def backends(
     name: Annotated[
         str | None, typer.Argument(help="Show this backend's parameters, channels and effects.")
     ] = None,
+    check: Annotated[
+        bool,
+        typer.Option("--check", help="Try whether it keeps what a backend promises; exits with 1 if not."),
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """List the installed backends, or what one of them offers."""
@@ -32,6 +36,8 @@ def backends(
                     print(f"{key:12} {value}")
             return
         machine = registry.load_backend(name)
+        if check:
+            raise typer.Exit(_tried(machine, as_json))
         parameters = [vars(p) for p in machine.parameters]
         channels = [vars(c) for c in machine.channels]
         effects = machine.effects() if isinstance(machine, registry.HasEffects) else ()
@@ -69,6 +75,29 @@ def backends(
                     f"    {each.name:12} [{each.low:g}, {each.high:g}] {each.unit or '1'}, {each.nominal:g} is none; "
                     f"{each.prior}"
                 )
+
+
+def _tried(machine: Backend, as_json: bool) -> int:
+    """Print every promise as it is tried, and return the exit code."""
+    from s2r_spec.promises import promises
+
+    found = []
+    for promise in promises(machine):
+        found.append(promise)
+        if not as_json:
+            print(f"{'BROKEN' if promise.broken else 'kept  '}  {promise.words}")
+            for sentence in promise.broken + promise.remarks:
+                print(f"        {sentence}")
+    broken = sum(bool(promise.broken) for promise in found)
+    if as_json:
+        print(
+            json.dumps(
+                {"schema": "s2r.promises/1", "name": machine.name, "promises": [vars(p) for p in found]}
+            )
+        )
+    else:
+        print(f"{machine.name} keeps {len(found) - broken} of {len(found)} promises")
+    return 1 if broken else 0
 
 
 def _record(effect: Effect) -> dict[str, Any]:

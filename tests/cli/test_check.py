@@ -258,6 +258,15 @@ def test_backends_lists_names_and_details(s2r):
     assert (first["name"], first["parameters"][0]["unit"]) == ("viscous", "N*s/m")
 
 
+def test_backends_check_exits_with_one_if_a_promise_is_broken(s2r):
+    done = s2r("backends", "toy", "--check", code=0)
+    assert done.stdout.endswith("toy keeps 4 of 4 promises\n")
+    found = s2r.json("backends", "toy", "--check", code=0)
+    assert [p["broken"] for p in found["promises"]] == [[]] * 4
+    done = s2r("backends", "toy:raise", "--check", code=1)
+    assert "BROKEN  its default test runs\n        ValueError: the gyroscope is upside down" in done.stdout
+
+
 def test_help_and_version(s2r):
     assert "Exit codes" in s2r("check", "--help", code=0).stdout
     assert s2r("--version", code=0).stdout.startswith("s2r ")

@@ -1,0 +1,136 @@
+"""What a backend promises is tried, and what it breaks is said."""
+
+import re
+import sys
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from s2r_spec.backend import Channel
+from s2r_spec.promises import promises
+from s2r_spec.trace import Trace
+from tests.conftest import PLUGIN
+
+sys.path.append(str(PLUGIN))
+from s2r_cart import Cart
+from s2r_toy import Toy
+
+PAGE = Path(__file__).parents[1] / "docs" / "how-to" / "effects.md"
+
+
+def broken(backend):
+    return [sentence for promise in promises(backend) for sentence in promise.broken]
+
+
+def page_cart():
+    names = {}
+    exec(re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.S)[0], names)
+    return names["Cart"]()
+
+
+@pytest.mark.parametrize("backend", [Cart(), Toy(), page_cart()], ids=["cart", "toy", "page"])
+def test_a_backend_as_the_pages_ask_for_keeps_all(backend):
+    found = list(promises(backend))
+    assert [p.broken for p in found] == [[]] * len(found)
+    assert len(found) == (8 if hasattr(backend, "effects") else 4)
+
+
+def test_traces_that_are_not_as_declared_are_told():
+    class Odd(Cart):
+        def rollout(self, params, seed):
+            return Cart(self.added).rollout(params, seed)
+
+    first, second, *rest = Cart().channels
+    ghost = Channel("ghost", "m", "not there")
+    declared = (replace(first, unit="km/h"), replace(second, width=3), *rest, ghost)
+    said = broken(Odd(duration=3.0, channels=declared))
+    assert len(said) == 4
+    assert said[0] == "v is in m/s in the trace, but in km/h declared"
+    assert "ghost is declared, but is not in the trace" in said
+    assert said[1] == "v_ref has 1 columns in the trace, but 3 declared"
+    assert said[-1] == "a rollout ends at 1.99 s, but its duration is 3 s"
+
+
+def test_a_seed_that_does_not_fix_a_trace_is_told():
+    class Odd(Cart):
+        def rollout(self, params, seed):
+            trace = super().rollout(params, seed)
+            noisy = {
+                name: x + 1e-9 * np.random.default_rng().normal(size=x.shape)
+                for name, x in trace.channels.items()
+            }
+            return Trace(trace.times, noisy, trace.units)
+
+    assert "two rollouts with one seed differ; draw all random numbers from the seed" in broken(Odd())
+    honest = Odd(deterministic=False)
+    assert not any("one seed" in sentence for sentence in broken(honest))
+
+
+def test_ends_of_ranges_that_raise_are_told():
+    class Odd(Cart):
+        def rollout(self, params, seed):
+            if params["vd"] > 0.9 or dict(self.chosen()).get("coulomb", {}).get("force", 0.0) > 2.5:
+                raise ZeroDivisionError("stuck")
+            return super().rollout(params, seed)
+
+    said = broken(Odd())
+    assert any(re.fullmatch(r"vd = \S+ m/s: ZeroDivisionError: stuck", sentence) for sentence in said)
+    assert any(
+        sentence.startswith("coulomb.force = 3 N: ZeroDivisionError: stuck; a rollout") for sentence in said
+    )
+
+
+def test_a_backend_whose_default_test_raises_is_not_asked_for_more():
+    class Odd(Cart):
+        def rollout(self, params, seed):
+            raise RuntimeError("no battery")
+
+    (only,) = promises(Odd())
+    assert only.broken == ["RuntimeError: no battery"]
+
+
+@dataclass(frozen=True)
+class Careless(Cart):
+    """Its effects are there at nominal, act in the order of their adding, and have no name in the hash."""
+
+    order: tuple = ()
+
+    @property
+    def model_hash(self):
+        return "cart"
+
+    def with_effects(self, values):
+        return replace(super().with_effects(values), order=(*self.order, *values))
+
+    def chosen(self):
+        return {}
+
+    def rollout(self, params, seed):
+        trace = super().rollout(params, seed)
+        factor = 1.0 + 1e-6 * sum(k * ord(name[0]) for k, name in enumerate(self.order, 1))
+        return Trace(trace.times, {n: factor * x for n, x in trace.channels.items()}, trace.units)
+
+
+def test_effects_that_break_their_promises_are_told():
+    said = broken(Careless())
+    assert "viscous changes the trace though it is not there" in said
+    assert any(
+        sentence.startswith("viscous and coulomb do not give what coulomb and viscous give")
+        for sentence in said
+    )
+    assert "the model hash does not change with viscous: its rollouts would be mixed up" in said
+    assert any(
+        sentence.startswith("chosen() says {} of viscous, which was given {'coefficient'")
+        for sentence in said
+    )
+
+
+def test_an_effect_that_does_nothing_is_told():
+    class Odd(Cart):
+        def rollout(self, params, seed):
+            kept = tuple((name, value) for name, value in self.added if name != "tilt")
+            return Cart(kept).rollout(params, seed)
+
+    assert "tilt changes nothing in the default test, wherever in its range it is" in broken(Odd())
