@@ -5,10 +5,9 @@
 Every rollout that a diagnosis would see is regressed on what each effect would have explained in it
 (``s2r_spec/diagnose/equations.py``); here only the mean of these coordinates over a case's rollouts is looked at.
 Printed for each case: what is there, and what the equations ask for; then, over all known cases, the root mean square
-error of each coordinate, once what the bank says of the true effects is taken off it; and what would become of the
-frozen answers' log score if the evidence of these few numbers were heard beside them, with weights from 0 to 1. Their
-error is one of six sizes, all as likely before they are seen. Last, which part of the true sizes the answers have, and
-which the equations. This is for development: the labels are open.
+error of each coordinate, once what the bank says of the true effects is taken off it; how often the truth is what the
+equations alone speak for (``s2r_spec/diagnose/told.py``); and which part of the true sizes the answers have, and which
+the equations. This is for development: the labels are open.
 
 Writes results/<set>_asked.json.
 """
@@ -18,6 +17,7 @@ from __future__ import annotations
 import sys
 from dataclasses import replace
 from functools import cache
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -30,17 +30,14 @@ from opened import Opened, bench, rollouts
 
 from s2r_spec.diagnose import bank as banks
 from s2r_spec.diagnose.asked import Asked
-from s2r_spec.diagnose.evidence import LARGE
 from s2r_spec.diagnose.simulate import Bench
+from s2r_spec.diagnose.told import log_evidence
 
 FloatArray = NDArray[np.float64]
-ERRORS = (0.03, 0.05, 0.08, 0.13, 0.2, 0.35)
-"""Standard deviation of what no effect explains of a mean coordinate, in parts of typical sizes."""
-WEIGHTS = (0.0, 0.15, 0.3, 0.5, 1.0)
+PENALTY = 2.5
+"""Log odds against each effect in a set: there are twenty singles, and two hundred pairs."""
 SHOWN = 0.1
 """Coordinates below this are not printed."""
-UNLISTED = 1e-3
-"""Probability of a set that an answer does not list."""
 
 
 def expected(asked: Asked, values: dict[str, dict[str, float]]) -> FloatArray:
@@ -51,18 +48,6 @@ def expected(asked: Asked, values: dict[str, dict[str, float]]) -> FloatArray:
         if value != curve.line.nominal:
             total = total + curve(curve.line.coordinate(value))
     return total
-
-
-def log_evidence(asked: Asked, seen: FloatArray, members: tuple[str, ...], error: float) -> float:
-    """Return that of (p,) mean coordinates for these effects, by Laplace's method, others a little."""
-    mine = asked.lines(members)
-    before, wide = np.zeros(len(mine)), np.full(len(mine), LARGE**2)
-    spread = asked.spread(seen, members, error)
-    weigh = np.linalg.inv(spread)
-    x, rest, slopes = asked.nearest(seen, mine, weigh, before, wide)
-    inner = np.eye(len(mine)) + LARGE**2 * slopes @ weigh @ slopes.T
-    volume = np.linalg.slogdet(inner)[1] + np.linalg.slogdet(spread)[1]
-    return float(-0.5 * (rest @ weigh @ rest + x @ x / LARGE**2 + volume))
 
 
 @cache
@@ -83,13 +68,13 @@ def coordinates(case: Path, name: str) -> FloatArray:
     return np.asarray(np.nanmean(rows, axis=0) - asked.nominal)
 
 
-def candidates(kept: dict[str, Any], effects: tuple[str, ...]) -> dict[tuple[str, ...], float]:
-    """Return set → probability of a frozen answer: what it lists, every single effect, and the truth."""
-    found = {(): kept["posterior"].get("none", UNLISTED)}
-    found |= {(name,): kept["posterior"].get(name, UNLISTED) for name in effects}
-    found |= {tuple(sorted(pair["effects"])): pair["probability"] for pair in kept["pairs"]}
-    found.setdefault(tuple(sorted(kept["label"]["effects"])), UNLISTED)
-    return found
+def likeliest(asked: Asked, mean: FloatArray) -> tuple[tuple[str, ...], str]:
+    """Return the likeliest set of at most two effects, and the likeliest effect, with PENALTY for every effect."""
+    effects = tuple(dict.fromkeys(curve.line.effect for curve in asked.curves))
+    sets = [(), *((name,) for name in effects), *combinations(effects, 2)]
+    logs = log_evidence(asked, mean, sets) - PENALTY * np.array([len(members) for members in sets])
+    among = {name: logsumexp([v for s, v in zip(sets, logs, strict=True) if name in s]) for name in effects}
+    return sets[int(np.argmax(logs))], max(among, key=lambda name: among[name])
 
 
 def sizes(kept: dict[str, Any], asked: Asked, mean: FloatArray) -> list[tuple[float, float]]:
@@ -112,10 +97,9 @@ def main() -> None:
     opened = Opened.asked_for(__doc__)
     scores = opened.cases()
     _, asked = known(opened.name)
-    effects = tuple(dict.fromkeys(curve.line.effect for curve in asked.curves))
     seen = opened.over(coordinates, scores)
 
-    rests, logs = [], {weight: [] for weight in WEIGHTS}
+    rests, alone = [], []
     parts: list[tuple[float, float]] = []
     told = {}
     for name, mean in zip(scores, seen, strict=True):
@@ -127,29 +111,27 @@ def main() -> None:
             continue
         rests.append(mean - expected(asked, label["effects"]))
         parts += sizes(scores[name], asked, mean)
-        sets = candidates(scores[name], effects)
-        true = list(sets).index(tuple(sorted(label["effects"])))
-        speaks = np.array(
-            [logsumexp([log_evidence(asked, mean, s, error) for error in ERRORS]) for s in sets]
-        )
-        for weight in WEIGHTS:
-            both = np.log([*sets.values()]) + weight * speaks
-            logs[weight].append(float(both[true] - logsumexp(both)))
+        true = tuple(label["effects"])
+        members, first = likeliest(asked, mean)
+        alone.append((label["kind"], set(members) == set(true), first in true))
     errors = dict(zip(asked.names, np.sqrt(np.mean(np.square(rests), axis=0)).round(3).tolist(), strict=True))
-    mixed = {f"{weight:g}": round(float(np.mean(values)), 3) for weight, values in logs.items()}
-    print(f"root mean square error over {len(rests)} known cases: {errors}")
-    print(f"mean log probability of the truth, with the equations heard by a weight of: {mixed}")
     answered, equations = np.median(parts, axis=0).round(2).tolist()
     print(
         f"of the true size of {len(parts)} named parameters the answer has {answered}, the equations {equations} "
         f"(medians)"
     )
+    hits = {
+        kind: {"of": len(of), "set": sum(s for _, s, _ in of), "effect": sum(e for *_, e in of)}
+        for kind in dict.fromkeys(kind for kind, *_ in alone)
+        if (of := [row for row in alone if row[0] == kind])
+    }
+    print(f"spoken for by the equations alone, the set and an effect of it: {hits}")
     found = {
         "cases": told,
         "errors": errors,
         "known": len(rests),
         "part of the true size": {"of": len(parts), "answer": answered, "equations": equations},
-        "log score by weight": mixed,
+        "alone": hits,
     }
     opened.write("asked", found)
 

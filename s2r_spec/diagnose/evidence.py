@@ -252,12 +252,13 @@ def log_evidence(data: Linear, sets: Sequence[Set]) -> FloatArray:
     mean = covariance @ data.toward
     little = 0.5 * float(np.linalg.slogdet(covariance)[1] - 2.0 * np.log(usual).sum() + mean @ data.toward)
     large = [tuple(np.flatnonzero(row).tolist()) for row in _mine(data, sets)]
-    return little + gained(covariance, mean, data.lines.side, large)
+    return little + gained(covariance, mean, usual, data.lines.side, large)
 
 
 def gained(
     covariance: FloatArray,
     mean: FloatArray,
+    usual: FloatArray,
     side: FloatArray | NDArray[np.intp],
     large: Sequence[tuple[int, ...]],
 ) -> FloatArray:
@@ -266,29 +267,36 @@ def gained(
     Args:
         covariance: (K, K) of the coordinates if none is.
         mean: (K,) of these.
+        usual: (K,) their standard deviations before the data are seen, if none is; of one that is, LARGE.
         side: (K,) 1 or −1 where a coordinate can only be of that sign, else 0.
         large: n times, the places of the lines that are.
     """
     found = np.zeros(len(large))
     for count in {len(lines) for lines in large} - {0}:
         which = [n for n, lines in enumerate(large) if len(lines) == count]
-        found[which] = _updated(covariance, mean, side, np.array([large[n] for n in which], dtype=np.intp))
+        found[which] = _updated(
+            covariance, mean, usual, side, np.array([large[n] for n in which], dtype=np.intp)
+        )
     return found
 
 
 def _updated(
-    covariance: FloatArray, mean: FloatArray, side: FloatArray | NDArray[np.intp], lines: NDArray[np.intp]
+    covariance: FloatArray,
+    mean: FloatArray,
+    usual: FloatArray,
+    side: FloatArray | NDArray[np.intp],
+    lines: NDArray[np.intp],
 ) -> FloatArray:
     """Return the same for (n, count) lines: an update of low rank."""
     from scipy.special import log_ndtr
 
-    less, count = LARGE**-2.0 - ALLOWED**-2.0, lines.shape[1]
+    less = LARGE**-2.0 - usual[lines] ** -2.0
     before = covariance[lines[:, :, None], lines[:, None, :]]
-    turned = np.eye(count) + less * before
+    turned = np.eye(lines.shape[1]) + before * less[:, None, :]
     inner = np.linalg.inv(turned)
     there = np.einsum("nij,nj->ni", inner, mean[lines])
-    volume = -0.5 * np.linalg.slogdet(turned)[1] - count * np.log(LARGE / ALLOWED)
-    gain = -0.5 * less * np.einsum("ni,ni->n", mean[lines], there)
+    volume = -0.5 * np.linalg.slogdet(turned)[1] - np.log(LARGE / usual[lines]).sum(axis=1)
+    gain = -0.5 * np.einsum("ni,ni,ni->n", mean[lines], less, there)
     deviation = np.sqrt(np.maximum(np.einsum("nij,nji->ni", inner, before), 1e-300))
     # A law of one sign: only that half of the prior was there to begin with.
     half = np.log(2.0) + log_ndtr(side[lines] * there / deviation)

@@ -11,7 +11,8 @@ An effect of several parameters seldom has all of them off: all, and each alone,
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import product
+from dataclasses import dataclass
+from itertools import chain, product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,60 +39,72 @@ def log_evidence(asked: Asked, seen: FloatArray, sets: Sequence[Sequence[str]]) 
         seen: what a machine's equations ask for.
         sets: names of effects; a set with one that the bank does not have has none, −inf.
     """
-    lines = [*asked.curves, *asked.turns]
-    own = [asked.names.index(c.line.name) if c.line.name in asked.names else None for c in lines]
-    rows = np.array(
-        [
-            _turned(c) if c.line.base else _secant(c, None if k is None else seen[k])
-            for c, k in zip(lines, own, strict=True)
-        ]
-    ).reshape(len(lines), len(seen))
-    side = np.array([_side(c) for c in lines])
-    ways = _ways(lines)
+    lines = _Lines.near(asked, seen)
     chosen: list[tuple[int, ...]] = []
     place: list[int] = []
     less: list[float] = []
     for number, members in enumerate(sets):
-        able = [ways.get(name, []) for name in members]
+        able = [lines.ways.get(name, []) for name in members]
         for each in product(*able):
-            chosen.append(tuple(k for lines_of in each for k in lines_of))
+            chosen.append(tuple(chain(*each)))
             place.append(number)
             less.append(sum(np.log(len(of)) for of in able))
-    across = np.zeros(len(seen))
-    for row, k in zip(rows, own, strict=True):
-        if k is not None:
-            across += np.where(np.arange(len(seen)) == k, 0.0, ACROSS * row * seen[k]) ** 2
-    each_error = [
-        _spoken(asked, seen, rows, side, chosen, np.diag(error**2 + (FORM * seen) ** 2 + across))
-        for error in ERRORS
-    ]
-    logs = logsumexp(each_error, axis=0) - np.array(less)
+    known = np.diag((FORM * seen) ** 2 + lines.across) + asked.numerics.T @ asked.numerics
+    errors = [lines.spoken(seen, known + error**2 * np.eye(len(seen)), chosen) for error in ERRORS]
+    logs = logsumexp(errors, axis=0) - np.array(less)
     found = np.full(len(sets), -np.inf)
     np.logaddexp.at(found, np.array(place, dtype=np.intp), logs)
     return found
 
 
-def _spoken(
-    asked: Asked,
-    seen: FloatArray,
-    rows: FloatArray,
-    side: FloatArray,
-    chosen: Sequence[tuple[int, ...]],
-    variance: FloatArray,
-) -> FloatArray:
-    """Return (chosen,) log evidence, if ``chosen`` lines are large and (p, p) is the variance of what is left."""
-    spread = variance + asked.numerics.T @ asked.numerics
-    weigh = np.linalg.inv(spread)
-    toward = rows @ weigh @ seen
-    covariance: FloatArray = np.asarray(
-        np.linalg.inv(rows @ weigh @ rows.T + np.eye(len(rows)) / ALLOWED**2), dtype=np.float64
-    )
-    mean = covariance @ toward
-    little = 0.5 * (mean @ toward - seen @ weigh @ seen)
-    little += 0.5 * (np.linalg.slogdet(covariance)[1] - np.linalg.slogdet(spread)[1]) - len(rows) * np.log(
-        ALLOWED
-    )
-    return little + gained(covariance, mean, side, chosen)
+@dataclass(frozen=True)
+class _Lines:
+    """The bank's lines, straight between nominal and what is asked for.
+
+    Attributes:
+        rows: (K, p) what a unit of each does to the coordinates.
+        usual: (K,) standard deviation of each where its effect is no cause.
+        side: (K,) 1 or −1 where one can only be of that sign, else 0.
+        ways: effect → which of its lines may be off together: all, or one that acts alone.
+        across: (p,) variance of what effects make of the others' coordinates.
+    """
+
+    rows: FloatArray
+    usual: FloatArray
+    side: FloatArray
+    ways: dict[str, list[tuple[int, ...]]]
+    across: FloatArray
+
+    @classmethod
+    def near(cls, asked: Asked, seen: FloatArray) -> _Lines:
+        curves = [*asked.curves, *asked.turns]
+        rows = np.zeros((len(curves), len(seen)))
+        across = np.zeros(len(seen))
+        for row, curve in zip(rows, curves, strict=True):
+            if curve.line.base:
+                row[:] = _turned(curve)
+                continue
+            own = asked.names.index(curve.line.name) if curve.line.name in asked.names else None
+            row[:] = _secant(curve, None if own is None else seen[own])
+            if own is not None:
+                across += np.where(np.arange(len(seen)) == own, 0.0, ACROSS * row * seen[own]) ** 2
+        base = np.array([bool(curve.line.base) for curve in curves])
+        # How it acts matters as much as there is of it.
+        usual = np.where(base, ALLOWED**2, ALLOWED)
+        return cls(rows, usual, np.array([_side(curve) for curve in curves]), _ways(curves), across)
+
+    def spoken(self, seen: FloatArray, spread: FloatArray, chosen: Sequence[tuple[int, ...]]) -> FloatArray:
+        """Return (chosen,) log evidence, if ``chosen`` lines are large; ``spread`` (p, p) is of what is left."""
+        weigh = np.linalg.inv(spread)
+        toward = self.rows @ weigh @ seen
+        inner = self.rows @ weigh @ self.rows.T + np.diag(self.usual**-2.0)
+        covariance: FloatArray = np.asarray(np.linalg.inv(inner), dtype=np.float64)
+        mean = covariance @ toward
+        volume = (
+            np.linalg.slogdet(covariance)[1] - np.linalg.slogdet(spread)[1] - 2.0 * np.log(self.usual).sum()
+        )
+        little = 0.5 * float(mean @ toward - seen @ weigh @ seen + volume)
+        return little + gained(covariance, mean, self.usual, self.side, chosen)
 
 
 def _ways(lines: Sequence[Curve]) -> dict[str, list[tuple[int, ...]]]:
