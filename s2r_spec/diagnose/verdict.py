@@ -84,8 +84,7 @@ def confounded(
     unless they all but rule it out.
     """
     out = list(named)
-    # Of a set with an effect of next to nothing, which was left out of what is named, the rest is as likely as that.
-    top = max(p for sets in by_size.values() for names, p in sets.items() if set(named) <= set(names))
+    top = _first(named, by_size)
     for names, probability in by_size[len(named)].items():
         if probability < RULED_OUT * top or names == named:
             continue
@@ -103,7 +102,15 @@ def confounded(
 def spare(named: tuple[str, ...], by_size: Mapping[int, Mapping[tuple[str, ...], float]]) -> tuple[str, ...]:
     """Return those of several named effects without which the others are nearly as likely."""
     without = {name: tuple(n for n in named if n != name) for name in named if len(named) > 1}
-    top = by_size[len(named)][named]
+    top = _first(named, by_size)
     return tuple(
         name for name, others in without.items() if by_size[len(others)].get(others, 0.0) >= RIVAL * top
     )
+
+
+def _first(named: tuple[str, ...], by_size: Mapping[int, Mapping[tuple[str, ...], float]]) -> float:
+    """Return how likely what is named is.
+
+    Of a set with an effect of next to nothing, which was left out of what is named, the rest is as likely as that.
+    """
+    return max(p for sets in by_size.values() for names, p in sets.items() if set(named) <= set(names))

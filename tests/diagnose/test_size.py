@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 
 from s2r_spec.diagnose import size
-from s2r_spec.diagnose.catalogue import Catalogue
 from s2r_spec.diagnose.estimate import Sized
-from s2r_spec.diagnose.run import _confounded, _large
 
 AT = np.array([0.8, 0.02, -0.5])
 DEVIATION = np.array([0.03, 0.01, 0.04])
@@ -59,29 +57,3 @@ def test_what_it_leaves_is_counted_in_units_of_what_is_usually_believed(asked):
     as_fitted = asked(rest, None)  # no other was kept: the variance of the fit itself
     np.testing.assert_allclose(nearer.deviation, np.hypot(DEVIATION, size.FORM * 3.0 * 0.5 * np.abs(AT)))
     np.testing.assert_allclose(as_fitted.deviation, np.hypot(DEVIATION, size.FORM * 3.0 * 10.0 * np.abs(AT)))
-
-
-@pytest.mark.parametrize(
-    ("at", "left"),
-    [([0.8, 0.01, 0.3], (0, 1)), ([0.8, 0.3, 0.01], (0, 1)), ([0.8, 0.01, -0.02], (0,)), ([0.01, 0.0, 0.02], (0, 1))],
-)  # fmt: skip
-def test_what_turns_out_next_to_nothing_is_no_cause_beside_others(at, left):
-    # The second effect has two parameters; of either one is enough. If none is there, none is taken out.
-    none, owner = np.zeros(3), np.array([0, 1, 1])
-    lines = Catalogue((), ("a", "b"), owner, owner, none.astype(bool), none - 1, none + 1, none)
-    assert _large(lines, (0, 1), np.array(at)) == left
-
-
-def test_what_was_left_out_is_not_ruled_out_and_what_is_unlikely_is():
-    apart = SimpleNamespace(confounded=lambda name: (name,))
-    sets = {
-        0: {(): 0.02},
-        1: {("a",): 0.05},
-        2: {("a", "b"): 0.01, ("a", "d"): 0.03, ("b", "d"): 0.005},
-        3: {("a", "b", "c"): 0.8, ("a", "b", "d"): 0.02},
-    }
-    assert _confounded(apart, ("a", "b"), sets) == ("a", "b", "c")
-    sets[2]["a", "b"] = 0.6
-    sets[2]["a", "d"] = 0.2
-    sets[3]["a", "b", "c"] = 0.1
-    assert _confounded(apart, ("a", "b"), sets) == ("a", "b", "d")

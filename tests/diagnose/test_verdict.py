@@ -5,7 +5,6 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from s2r_spec.diagnose.axes import BACKGROUND
 from s2r_spec.diagnose.catalogue import Catalogue
 from s2r_spec.diagnose.judge import Sets
 from s2r_spec.diagnose.verdict import CLEAR, RIVAL, SURE, clear, confounded, large, spare
@@ -45,16 +44,13 @@ def test_what_no_test_tells_apart_is_answered_with_it_unless_the_data_rule_it_ou
     assert confounded(alike, A, by_size(a=0.9, b=0.01)) == ("a",)
 
 
-def test_the_rest_of_a_set_with_an_effect_of_next_to_nothing_is_as_likely_as_that():
-    """``ab`` was the first, and b turned out next to nothing: c is no rival of what is left."""
-    assert confounded(Alike(), A, by_size(ab=0.6, a=0.05, c=0.05)) == ("a", "b")
-
-
 def test_an_effect_without_which_the_others_are_nearly_as_likely_may_not_be_there():
     assert spare(("a", "b"), by_size(ab=0.5, a=0.3)) == ("b",)
     assert spare(("a", "b"), by_size(ab=0.5, a=0.3, b=0.2)) == ("a", "b")
     assert spare(("a", "b"), by_size(ab=0.5, a=0.05)) == ()
     assert spare(("a", "b", "c"), by_size(abc=0.4, ab=0.3)) == ("c",)
+    # of what is left of a set, as likely as that
+    assert spare(("a", "b"), by_size(abc=0.6, ab=0.05, a=0.05)) == ()
     assert spare(A, by_size(a=0.5, none=0.4)) == ()  # whether there is a gap at all is asked elsewhere
 
 
@@ -70,10 +66,27 @@ def test_traces_are_clear_where_a_set_is_likely_or_each_of_its_effects_all_but_s
     assert clear(Sets(tuple(sets), np.array([*sets.values()])), (0,), sets[(0,)]) is yes
 
 
-def test_an_effect_of_next_to_nothing_is_not_named_beside_others():
-    none, owner, turns = np.zeros(3), np.array([0, 1, 1]), np.array([False, False, True])
-    catalogue = Catalogue((), ("a", "b"), owner, owner, turns, none - 1, none + 1, none)
-    little, much = 0.9 * BACKGROUND, 1.1 * BACKGROUND
-    assert large(catalogue, (0, 1), np.array([-much, little, 0.8])) == (0,)  # how b acts is no size
-    assert large(catalogue, (0, 1), np.array([much, -much, 0.0])) == (0, 1)
-    assert large(catalogue, (0, 1), np.array([little, little, 0.0])) == (0, 1)  # then all are as good as any
+@pytest.mark.parametrize(
+    ("at", "left"),
+    [([0.8, 0.01, 0.3], (0, 1)), ([0.8, 0.3, 0.01], (0, 1)), ([0.8, 0.01, -0.02], (0,)), ([0.01, 0.0, 0.02], (0, 1))],
+)  # fmt: skip
+def test_what_turns_out_next_to_nothing_is_no_cause_beside_others(at, left):
+    # The second effect has two parameters; of either one is enough. If none is there, none is taken out.
+    none, owner = np.zeros(3), np.array([0, 1, 1])
+    lines = Catalogue((), ("a", "b"), owner, owner, none.astype(bool), none - 1, none + 1, none)
+    assert large(lines, (0, 1), np.array(at)) == left
+
+
+def test_what_was_left_out_is_not_ruled_out_and_what_is_unlikely_is():
+    apart = Alike()
+    sets = {
+        0: {(): 0.02},
+        1: {("a",): 0.05},
+        2: {("a", "b"): 0.01, ("a", "d"): 0.03, ("b", "d"): 0.005},
+        3: {("a", "b", "c"): 0.8, ("a", "b", "d"): 0.02},
+    }
+    assert confounded(apart, ("a", "b"), sets) == ("a", "b", "c")
+    sets[2]["a", "b"] = 0.6
+    sets[2]["a", "d"] = 0.2
+    sets[3]["a", "b", "c"] = 0.1
+    assert confounded(apart, ("a", "b"), sets) == ("a", "b", "d")

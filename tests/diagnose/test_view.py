@@ -8,11 +8,9 @@ import pytest
 from s2r_spec.diagnose.evidence import believed
 from s2r_spec.diagnose.how_far import how_far
 from s2r_spec.diagnose.joint import Joint, seen_through
-from s2r_spec.diagnose.judge import Sets
 from s2r_spec.diagnose.layout import SHOTS, Layout
 from s2r_spec.diagnose.models import Surrogate
 from s2r_spec.diagnose.prepare import LEAST, LEFT, TREND, _nearer, _of_replicates, _trend
-from s2r_spec.diagnose.run import _clear
 from s2r_spec.space import Axis, Space
 
 SPACE = Space((Axis("v", 0.0, 1.0, "m/s"),))
@@ -150,15 +148,6 @@ def test_a_gap_that_a_patch_may_close_for_all_that_its_interval_says_is_not_open
     made = how_far(small, np.zeros(9), small - one_test, small, tests, 0.01, 0.0, 3, "m")
     assert made.harmful
     assert not made.material
-
-
-@pytest.mark.parametrize(
-    ("probability", "named"),
-    [((0.1, 0.75, 0.1, 0.05), True), ((0.05, 0.5, 0.45, 0.0), True), ((0.3, 0.5, 0.2, 0.0), False)],
-)
-def test_a_cause_is_clear_by_its_set_or_by_itself_whatever_is_beside_it(probability, named):
-    sets = Sets(((), (0,), (0, 1), (1,)), np.array(probability))
-    assert _clear(sets, (0,), probability[1]) is named
 
 
 @pytest.mark.parametrize(("left", "part"), [(0.0, LEAST), (0.15, 0.15 / LEFT), (LEFT, 1.0), (4.0, 1.0)])
