@@ -201,6 +201,10 @@ def test_what_is_said_of_the_twins():
         for value in (v for values in found["has"].values() for v in values.values()):
             assert re.search(rf"(?<![\d.]){value:g}(?![\d.])|{1000 * value:g} ms", row[1]), (place, value)
         assert row[3] == f"{100 * found['share']['estimate']:.0f} %"
+        for effect, values in found["has"].items():  # "all values are within their intervals"
+            for name, value in values.items():
+                estimate = found["parameters"].get(effect, {}).get(name, {"low": value, "high": value})
+                assert estimate["low"] <= value <= estimate["high"], (place, effect)
     assert set(kept) == {"lab", "grass", "sand", "ramp"}
 
 
