@@ -5,25 +5,38 @@ Every promise is tried by rollouts of the backend's default test, and of the end
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import math
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
-from s2r_spec.backend import Backend, Effect, EffectParameter, HasChosen, HasEffects, HasResiduals
-from s2r_spec.errors import S2RError
+from s2r_spec.backend import (
+    Backend,
+    Effect,
+    EffectParameter,
+    HasChosen,
+    HasEffects,
+    HasRecordings,
+    HasResiduals,
+)
+from s2r_spec.diagnose.bank import catalogue_of
 from s2r_spec.trace import Trace
+
+FloatArray = NDArray[np.float64]
+Values = dict[str, dict[str, float]]
 
 SEED = 1
 HALF = 0.5
 """Where effects are tried: this part of the way from nominal to the farther end of the range."""
 KNOWN = 0.5
-"""A residual that knows an effect leaves less than this part of what the nominal model leaves of a rollout with it."""
+"""A residual that knows an effect well leaves less than this part of what the nominal model leaves of it."""
 SLACK = 1.5
 """In samples: by how much a rollout may be shorter or longer than the backend says."""
-
-Values = Mapping[str, Mapping[str, float]]
 
 
 @dataclass
@@ -42,36 +55,90 @@ class Promise:
 
 
 def promises(backend: Backend) -> Iterator[Promise]:
-    """Try every promise that the backend makes, one after the other."""
-    test = {p.name: p.default for p in backend.parameters}
-    first, error = _run(backend, test)
-    runs = Promise("its default test runs")
-    if first is None:
-        runs.broken.append(error)
-        yield runs
-        return
-    if first.failure is not None:
-        runs.remarks.append(f"it ends early: {first.failure}")
-    yield runs
-    yield _as_declared(backend, first)
-    yield _repeated(backend, test, first)
-    yield _ends(backend, test)
-    if isinstance(backend, HasEffects) and backend.effects():
-        yield _nominal(backend, test, first)
-        yield _ranges(backend, backend.effects(), test, first)
-        yield _order(backend, test)
-        yield _told(backend)
-        if isinstance(backend, HasResiduals):
-            yield _residuals(backend, test)
+    """Try every promise that the backend makes, one after the other; whatever it raises is a breach."""
+    trial = _Trial(backend)
+    checks: list[tuple[str, Callable[[_Trial, Promise], None]]] = [
+        ("its default test runs", _runs),
+        ("its traces have the channels that it declares, and last as long as it says", _declared),
+        ("test and seed fix a trace, bit for bit", _repeated),
+        ("every test parameter can be what its range says", _ends),
+    ]
+    if isinstance(backend, HasEffects):
+        checks += [
+            ("every effect has parameters, with ranges and priors that can be read", _catalogue),
+            ("an effect at its nominal values changes no bit", _nominal),
+            ("every effect can be what its range says, and does something there", _ranges),
+            ("effects can be added together, in any order", _order),
+            ("a machine with an effect has another hash, and says what it was given", _told),
+        ]
+    if isinstance(backend, HasEffects) and isinstance(backend, HasResiduals):
+        checks.append(
+            ("its residuals can be computed of its own rollouts, whatever effects are added", _residuals)
+        )
+    for words, check in checks:
+        promise = Promise(words)
+        try:
+            check(trial, promise)
+        except Exception as error:  # whatever a stranger's code raises
+            promise.broken.append(_said(error))
+        yield promise
+        if promise.broken and check in (_runs, _catalogue):
+            return  # the rest rests on it
 
 
-def _run(
-    backend: Backend, test: Mapping[str, float], seed: int = SEED
-) -> tuple[Trace, str] | tuple[None, str]:
-    try:
-        return backend.rollout(test, seed), ""
-    except Exception as error:
-        return None, f"{type(error).__name__}: {error}"
+class _Trial:
+    """A backend, its default test, and what comes of it."""
+
+    def __init__(self, backend: Backend) -> None:
+        self.backend = backend
+
+    @cached_property
+    def test(self) -> dict[str, float]:
+        return {p.name: p.default for p in self.backend.parameters}
+
+    @cached_property
+    def first(self) -> Trace:
+        return _rollout(self.backend, self.test)
+
+    @cached_property
+    def effects(self) -> tuple[Effect, ...]:
+        """The catalogue; nominal is what the backend was given, if it says so."""
+        return catalogue_of(self.backend)
+
+    @cached_property
+    def there(self) -> dict[str, Values]:
+        """Every effect, half there by the first of its parameters that alone changes the trace."""
+        return {effect.name: self._there(effect) for effect in self.effects}
+
+    def _there(self, effect: Effect) -> Values:
+        tried = [{effect.name: {p.name: _half(p)}} for p in effect.parameters]
+        if self.backend.deterministic:
+            for values in tried:
+                if not _same(self.first, _rollout(self.added(values), self.test)):
+                    return values
+        return tried[0]
+
+    def added(self, values: Mapping[str, Mapping[str, float]], to: object = None) -> Backend:
+        """Return the backend with these effects, or say that it is none."""
+        before = self.backend if to is None else to
+        assert isinstance(before, HasEffects)
+        machine = before.with_effects(values)
+        if not isinstance(machine, Backend):
+            raise TypeError(
+                f"with_effects({dict(values)}) returns {type(machine).__name__}, which is no backend"
+            )
+        return machine
+
+
+def _rollout(machine: Backend, test: Mapping[str, float]) -> Trace:
+    trace: object = machine.rollout(test, SEED)
+    if not isinstance(trace, Trace):
+        raise TypeError(f"rollout returns {type(trace).__name__}, which is no Trace")
+    return trace
+
+
+def _said(error: Exception) -> str:
+    return f"{type(error).__name__}: {error}"
 
 
 def _same(one: Trace, other: Trace) -> bool:
@@ -83,8 +150,27 @@ def _same(one: Trace, other: Trace) -> bool:
     )
 
 
-def _as_declared(backend: Backend, trace: Trace) -> Promise:
-    out = Promise("its traces have the channels that it declares, and last as long as it says")
+def _half(parameter: EffectParameter) -> float:
+    low, high, nominal = parameter.low, parameter.high, parameter.nominal
+    return nominal + HALF * ((high if high - nominal >= nominal - low else low) - nominal)
+
+
+def _runs(trial: _Trial, out: Promise) -> None:
+    names = Counter(p.name for p in trial.backend.parameters)
+    out.broken += [
+        f"the parameter {name} is declared {count} times" for name, count in names.items() if count > 1
+    ]
+    for p in trial.backend.parameters:
+        if not (p.low <= p.default <= p.high and math.isfinite(p.high - p.low)):
+            out.broken.append(
+                f"{p.name} has the default {p.default:g} in [{p.low:g}, {p.high:g}] {p.unit}".rstrip()
+            )
+    if trial.first.failure is not None:
+        out.remarks.append(f"it ends early: {trial.first.failure}")
+
+
+def _declared(trial: _Trial, out: Promise) -> None:
+    trace, backend = trial.first, trial.backend
     for channel in backend.channels:
         if channel.name not in trace.channels:
             out.broken.append(f"{channel.name} is declared, but is not in the trace")
@@ -94,174 +180,156 @@ def _as_declared(backend: Backend, trace: Trace) -> Promise:
             out.broken.append(
                 f"{channel.name} has {width} columns in the trace, but {channel.width} declared"
             )
-        if (unit := trace.units.get(channel.name, channel.unit)) != channel.unit:
+        unit = trace.units.get(channel.name, channel.unit)
+        if unit != channel.unit:
             out.broken.append(
                 f"{channel.name} is in {unit or '1'} in the trace, but in {channel.unit or '1'} declared"
             )
         if not np.isfinite(trace[channel.name]).all():
             out.remarks.append(f"{channel.name} has samples that are not finite")
     step = float(np.diff(trace.times).max()) if len(trace) > 1 else 0.0
-    if trace.failure is None and abs(float(trace.times[-1]) - backend.duration) > SLACK * step:
-        out.broken.append(
-            f"a rollout ends at {trace.times[-1]:g} s, but its duration is {backend.duration:g} s"
+    if (
+        trace.failure is None
+        and not isinstance(backend, HasRecordings)
+        and abs(trace.duration - backend.duration) > SLACK * step
+    ):
+        out.broken.append(f"a rollout lasts {trace.duration:g} s, but its duration is {backend.duration:g} s")
+
+
+def _repeated(trial: _Trial, out: Promise) -> None:
+    if not trial.backend.deterministic:
+        out.remarks.append(
+            "it promises no such thing: no rollout can be replayed, and an effect of little is not seen"
         )
-    return out
-
-
-def _repeated(backend: Backend, test: Mapping[str, float], first: Trace) -> Promise:
-    out = Promise("test and seed fix a trace, bit for bit")
-    again, error = _run(backend, test)
-    if not backend.deterministic:
-        out.remarks.append("it says that they do not: no rollout can be replayed")
-    elif again is None:
-        out.broken.append(f"the second rollout raised {error}")
-    elif not _same(first, again):
+    elif not _same(trial.first, _rollout(trial.backend, trial.test)):
         out.broken.append("two rollouts with one seed differ; draw all random numbers from the seed")
-    return out
 
 
-def _ends(backend: Backend, test: Mapping[str, float]) -> Promise:
-    out = Promise("every test parameter can be what its range says")
-    for p in backend.parameters:
+def _ends(trial: _Trial, out: Promise) -> None:
+    if isinstance(trial.backend, HasRecordings):
+        out.remarks.append("its tests are those that were recorded")
+        return
+    for p in trial.backend.parameters:
         for value in dict.fromkeys((p.low, p.high)):
-            trace, error = _run(backend, {**test, p.name: value})
-            at = f"{p.name} = {value:g} {p.unit}".rstrip()
-            if trace is None:
-                out.broken.append(f"{at}: {error}")
-            elif trace.failure is not None:
-                out.remarks.append(f"{at}: ends early ({trace.failure})")
-    return out
+            _tried(
+                out, f"{p.name} = {value:g} {p.unit}".rstrip(), trial.backend, {**trial.test, p.name: value}
+            )
 
 
-def _nominal(backend: HasEffects, test: Mapping[str, float], first: Trace) -> Promise:
-    out = Promise("an effect at its nominal values changes no bit")
-    for effect in backend.effects():
-        values = {effect.name: {p.name: _here(backend, effect, p) for p in effect.parameters}}
-        trace, error = _added(backend, values, test)
-        if trace is None:
-            out.broken.append(f"{effect.name}: {error}")
-        elif not _same(first, trace):
+def _tried(out: Promise, at: str, machine: Backend, test: Mapping[str, float]) -> Trace | None:
+    """Run a test; what it raises is a breach, and that it ends early a remark."""
+    try:
+        trace = _rollout(machine, test)
+    except Exception as error:
+        out.broken.append(f"{at}: {_said(error)}; a rollout that cannot go on ends with meta['failure']")
+        return None
+    if trace.failure is not None:
+        out.remarks.append(f"{at}: ends early ({trace.failure})")
+    return trace
+
+
+def _catalogue(trial: _Trial, out: Promise) -> None:
+    names = Counter(effect.name for effect in trial.effects)
+    out.broken += [
+        f"the effect {name} is declared {count} times" for name, count in names.items() if count > 1
+    ]
+    out.broken += [f"{effect.name} has no parameters" for effect in trial.effects if not effect.parameters]
+
+
+def _nominal(trial: _Trial, out: Promise) -> None:
+    if not trial.backend.deterministic:
+        out.remarks.append("not tried: no two rollouts are the same")
+        return
+    for effect in trial.effects:
+        values = {effect.name: {p.name: p.nominal for p in effect.parameters}}
+        if not _same(trial.first, _rollout(trial.added(values), trial.test)):
             out.broken.append(f"{effect.name} changes the trace though it is not there")
-    return out
 
 
-def _ranges(
-    backend: HasEffects, effects: tuple[Effect, ...], test: Mapping[str, float], first: Trace
-) -> Promise:
-    out = Promise("every effect can be what its range says, and does something there")
-    for effect in effects:
+def _ranges(trial: _Trial, out: Promise) -> None:
+    for effect in trial.effects:
         changed = False
         for p in effect.parameters:
             for value in dict.fromkeys((p.low, p.high)):
-                trace, error = _added(backend, {effect.name: {p.name: value}}, test)
-                at = f"{effect.name}.{p.name} = {value:g} {p.unit}".rstrip()
-                if trace is None:
-                    out.broken.append(f"{at}: {error}; a rollout that cannot go on ends with meta['failure']")
-                    continue
-                changed = changed or not _same(first, trace)
-                if trace.failure is not None:
-                    out.remarks.append(f"{at}: ends early ({trace.failure})")
+                # What says only how an effect acts does so where there is some of it.
+                values = {effect.name: {**trial.there[effect.name][effect.name], p.name: value}}
+                words = ", ".join(f"{name}={x:g}" for name, x in values[effect.name].items())
+                trace = _tried(out, f"{effect.name} with {words}", trial.added(values), trial.test)
+                changed = changed or trace is None or not _same(trial.first, trace)
         if not changed:
             out.broken.append(
                 f"{effect.name} changes nothing in the default test, wherever in its range it is"
             )
-    return out
 
 
-def _order(backend: HasEffects, test: Mapping[str, float]) -> Promise:
-    out = Promise("the order in which effects are added changes nothing")
-    for one, other in pairwise(backend.effects()):
-        traces = []
-        for values in ((one, other), (other, one)):
-            machine = backend
-            for effect in values:
-                machine = machine.with_effects(_half(backend, effect))
-            traces.append(_run(machine, test)[0] if isinstance(machine, Backend) else None)
-        if traces[0] is not None and traces[1] is not None and not _same(traces[0], traces[1]):
-            out.broken.append(
-                f"{one.name} and {other.name} do not give what {other.name} and {one.name} give"
-            )
-    return out
+def _order(trial: _Trial, out: Promise) -> None:
+    for one, other in pairwise(trial.there):
+        machines = [
+            trial.added(trial.there[last], trial.added(trial.there[first]))
+            for first, last in ((one, other), (other, one))
+        ]
+        traces = [_tried(out, f"{one} and {other}", machine, trial.test) for machine in machines]
+        if trial.backend.deterministic and None not in traces and not _same(*traces):  # type: ignore[arg-type]
+            out.broken.append(f"{one} and {other} do not give what {other} and {one} give")
+    everything = {name: values[name] for name, values in trial.there.items()}
+    _tried(out, "all effects together", trial.added(everything), trial.test)
 
 
-def _told(backend: HasEffects) -> Promise:
-    out = Promise("a machine with an effect has another hash, and says what it was given")
-    if not isinstance(backend, HasChosen):
+def _told(trial: _Trial, out: Promise) -> None:
+    if not isinstance(trial.backend, HasChosen):
         out.remarks.append("it has no chosen(): effects that it was given count as absent in a diagnosis")
-    for effect in backend.effects():
-        values = _half(backend, effect)
-        machine = backend.with_effects(values)
-        if getattr(machine, "model_hash", None) == getattr(backend, "model_hash", ""):
-            out.broken.append(
-                f"the model hash does not change with {effect.name}: its rollouts would be mixed up"
-            )
+    for name, values in trial.there.items():
+        machine = trial.added(values)
+        less = {name: {p: HALF * (x + _nominal_of(trial, name, p)) for p, x in values[name].items()}}
+        hashes = {trial.backend.model_hash, machine.model_hash, trial.added(less).model_hash}
+        if len(hashes) < 3:
+            out.broken.append(f"the model hash does not change with {name}: its rollouts would be mixed up")
         if isinstance(machine, HasChosen):
-            told, given = dict(machine.chosen().get(effect.name, {})), values[effect.name]
-            if any(name not in told or not np.isclose(told[name], value) for name, value in given.items()):
-                out.broken.append(f"chosen() says {told} of {effect.name}, which was given {given}")
-    return out
+            told, given = dict(machine.chosen().get(name, {})), values[name]
+            if any(p not in told or not np.isclose(told[p], x) for p, x in given.items()):
+                out.broken.append(f"chosen() says {told} of {name}, which was given {given}")
 
 
-def _residuals(backend: HasEffects, test: Mapping[str, float]) -> Promise:
-    out = Promise("its residuals can be computed of its own rollouts, whatever effects are added")
-    strange = []
-    for effect in backend.effects():
-        machine = backend.with_effects(_half(backend, effect))
-        trace, _ = _run(machine, test) if isinstance(machine, Backend) else (None, "")
-        if trace is None:
+def _nominal_of(trial: _Trial, effect: str, parameter: str) -> float:
+    return next(
+        p.nominal for e in trial.effects if e.name == effect for p in e.parameters if p.name == parameter
+    )
+
+
+def _residuals(trial: _Trial, out: Promise) -> None:
+    unknown, hardly = [], []
+    for name, values in trial.there.items():
+        machine = trial.added(values)
+        trace = _rollout(machine, trial.test)
+        bare, knowing = (_left(each, trace, trial.test) for each in (trial.backend, machine))
+        if {n: x.shape for n, x in bare.items()} != {n: x.shape for n, x in knowing.items()}:
+            out.broken.append(f"with {name} they are at other instants than without")
             continue
-        try:
-            bare, with_it = (_left(each, trace, test) for each in (backend, machine))
-        except S2RError as error:
-            out.broken.append(f"with {effect.name}: {error}")
-            continue
-        if {name: values.shape for name, values in bare.items()} != {n: v.shape for n, v in with_it.items()}:
-            out.broken.append(f"with {effect.name} they are at other instants than without")
-            continue
-        # In units of what is left without it, no residual outweighs the others.
-        whole = {name: float(np.sqrt(np.nanmean(values**2))) for name, values in bare.items()}
-        changed = [
-            name for name, values in with_it.items() if not np.array_equal(values, bare[name], equal_nan=True)
+        left = [
+            _rms(knowing[n]) / max(_rms(x), 1e-300)
+            for n, x in bare.items()
+            if not np.array_equal(x, knowing[n], equal_nan=True)
         ]
-        after = [
-            float(np.sqrt(np.nanmean(with_it[name] ** 2))) / max(whole[name], 1e-300) for name in changed
-        ]
-        if not changed or min(after) > KNOWN:
-            strange.append(effect.name)
-    if strange:
+        if not left:
+            unknown.append(name)
+        elif min(left) > KNOWN:
+            hardly.append(f"{name} ({100 * min(left):.0f} %)")
+    if unknown:
         out.remarks.append(
-            f"in the default test they do not know {', '.join(strange)}: with the effect in the model they leave as "
-            f"much as without, so the equations of motion cannot be asked for it there"
+            f"they do not know {', '.join(unknown)}, at least in the default test: of these the equations say nothing"
         )
-    return out
+    if hardly:
+        out.remarks.append(
+            f"with the effect in the model they leave more than half of what they leave without: {', '.join(hardly)}; "
+            f"of these the equations say little in the default test"
+        )
 
 
-def _left(machine: object, trace: Trace, test: Mapping[str, float]) -> dict[str, np.ndarray]:
+def _left(machine: Backend, trace: Trace, test: Mapping[str, float]) -> dict[str, FloatArray]:
     assert isinstance(machine, HasResiduals)
-    found = machine.residuals(trace, test)
-    return {name: np.asarray(values) for name, values in found.channels.items()}
+    return {name: np.asarray(values) for name, values in machine.residuals(trace, test).channels.items()}
 
 
-def _half(backend: HasEffects, effect: Effect) -> dict[str, dict[str, float]]:
-    """Return the effect, there by its first parameter."""
-    first = effect.parameters[0]
-    here = _here(backend, effect, first)
-    end = first.high if first.high - here >= here - first.low else first.low
-    return {effect.name: {first.name: here + HALF * (end - here)}}
-
-
-def _here(backend: HasEffects, effect: Effect, parameter: EffectParameter) -> float:
-    """Return where the backend is as it stands: nominal, or what it was given."""
-    chosen = backend.chosen() if isinstance(backend, HasChosen) else {}
-    return float(chosen.get(effect.name, {}).get(parameter.name, parameter.nominal))
-
-
-def _added(
-    backend: HasEffects, values: Values, test: Mapping[str, float]
-) -> tuple[Trace, str] | tuple[None, str]:
-    try:
-        machine = backend.with_effects(values)
-    except Exception as error:
-        return None, f"{type(error).__name__}: {error}"
-    assert isinstance(machine, Backend)
-    return _run(machine, test)
+def _rms(values: FloatArray) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(known**2))) if known.size else 0.0

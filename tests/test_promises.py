@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from s2r_spec.backend import Channel
+from s2r_spec.backend import Channel, Effect, EffectParameter, load_backend
 from s2r_spec.promises import promises
 from s2r_spec.trace import Trace
 from tests.conftest import PLUGIN
@@ -34,7 +34,7 @@ def page_cart():
 def test_a_backend_as_the_pages_ask_for_keeps_all(backend):
     found = list(promises(backend))
     assert [p.broken for p in found] == [[]] * len(found)
-    assert len(found) == (8 if hasattr(backend, "effects") else 4)
+    assert len(found) == (9 if hasattr(backend, "effects") else 4)
 
 
 def test_traces_that_are_not_as_declared_are_told():
@@ -50,7 +50,7 @@ def test_traces_that_are_not_as_declared_are_told():
     assert said[0] == "v is in m/s in the trace, but in km/h declared"
     assert "ghost is declared, but is not in the trace" in said
     assert said[1] == "v_ref has 1 columns in the trace, but 3 declared"
-    assert said[-1] == "a rollout ends at 1.99 s, but its duration is 3 s"
+    assert said[-1] == "a rollout lasts 1.99 s, but its duration is 3 s"
 
 
 def test_a_seed_that_does_not_fix_a_trace_is_told():
@@ -76,10 +76,8 @@ def test_ends_of_ranges_that_raise_are_told():
             return super().rollout(params, seed)
 
     said = broken(Odd())
-    assert any(re.fullmatch(r"vd = \S+ m/s: ZeroDivisionError: stuck", sentence) for sentence in said)
-    assert any(
-        sentence.startswith("coulomb.force = 3 N: ZeroDivisionError: stuck; a rollout") for sentence in said
-    )
+    assert any(re.fullmatch(r"vd = \S+ m/s: ZeroDivisionError: stuck; a rollout .*", s) for s in said)
+    assert any(s.startswith("coulomb with force=3: ZeroDivisionError: stuck; a rollout") for s in said)
 
 
 def test_a_backend_whose_default_test_raises_is_not_asked_for_more():
@@ -134,3 +132,100 @@ def test_an_effect_that_does_nothing_is_told():
             return Cart(kept).rollout(params, seed)
 
     assert "tilt changes nothing in the default test, wherever in its range it is" in broken(Odd())
+
+
+@dataclass(frozen=True)
+class Placed(Cart):
+    """A load with a place, declared before its mass: the place acts only where there is some mass."""
+
+    stuck: float = 1.0
+
+    def effects(self):
+        place = EffectParameter("place", "m", -0.2, 0.2, 0.0, "normal, 0.05 m")
+        mass = EffectParameter("mass", "kg", 0.0, 3.0, 0.0, "half-normal, 0.7 kg")
+        return (Effect("load", "inertia", "A load.", (place, mass)),)
+
+    def with_effects(self, values):
+        return replace(self, added=tuple(sorted({**dict(self.added), **values["load"]}.items())))
+
+    def chosen(self):
+        return {"load": dict(self.added)} if self.added else {}
+
+    def rollout(self, params, seed):
+        load = {"place": 0.0, "mass": 0.0} | dict(self.added)
+        if load["mass"] and abs(load["place"]) > self.stuck:
+            raise ValueError("it topples")
+        trace = Cart().rollout(params, seed)
+        return Trace(
+            trace.times,
+            {n: x * (1 + 0.1 * load["mass"] * (1 + load["place"])) for n, x in trace.channels.items()},
+        )
+
+
+def test_a_parameter_that_says_only_how_an_effect_acts_is_tried_where_there_is_some():
+    assert broken(Placed()) == []
+    said = broken(Placed(stuck=0.1))
+    assert len(said) == 2
+    assert all(s.startswith("load with mass=1.5, place=") and "ValueError: it topples" in s for s in said)
+
+
+def test_effects_that_cannot_be_added_together_are_told():
+    class Odd(Cart):
+        def rollout(self, params, seed):
+            if len(self.added) > 1:
+                raise ValueError("one at a time")
+            return super().rollout(params, seed)
+
+    said = broken(Odd())
+    assert any(s.startswith("viscous and coulomb: ValueError: one at a time") for s in said)
+    assert said[-1].startswith("all effects together: ValueError")
+
+
+def test_where_no_two_rollouts_are_the_same_effects_are_not_blamed():
+    class Noisy(Cart):
+        def rollout(self, params, seed):
+            return super().rollout(params, np.random.default_rng().integers(2**31))
+
+    found = list(promises(Noisy(deterministic=False)))
+    assert [p.broken for p in found] == [[]] * 9
+    assert any("not tried" in remark for p in found for remark in p.remarks)
+
+
+def odd(**more):
+    return type("Odd", (Cart,), more)()
+
+
+FIRST, *REST = Cart().effects()
+NO_PRIOR = replace(FIRST, parameters=(replace(FIRST.parameters[0], prior="half normal 1"),))
+
+
+@pytest.mark.parametrize(
+    ("backend", "sentence"),
+    [
+        (odd(rollout=lambda *_: {"v": 1}), "TypeError: rollout returns dict, which is no Trace"),
+        (odd(with_effects=lambda *_: None), "which is no backend"),
+        (odd(with_effects=lambda self, values: 1 / 0), "ZeroDivisionError: division by zero"),
+        (odd(effects=lambda self: (replace(FIRST, parameters=()),)), "viscous has no parameters"),
+        (odd(effects=lambda self: (FIRST, FIRST)), "the effect viscous is declared 2 times"),
+        (odd(effects=lambda self: (NO_PRIOR, *REST)), "in which no scale can be read"),
+        (odd(chosen=lambda self: {}["x"]), "KeyError: 'x'"),
+        (
+            Cart(parameters=(replace(Cart().parameters[0], default=9.0),)),
+            "vd has the default 9 in [0, 1.5] m/s",
+        ),
+        (odd(residuals=lambda *_: {}["x"]), "KeyError: 'x'"),
+    ],
+)
+def test_whatever_a_backend_raises_is_a_sentence(backend, sentence):
+    assert any(sentence in said for said in broken(backend)), broken(backend)
+
+
+def test_a_folder_of_recordings_keeps_what_it_can(tmp_path):
+    rows = ["id,vd [m/s],acc [m/s^2]"]
+    for k, (vd, acc) in enumerate([(0.3, 1.0), (0.9, 3.0), (0.5, 2.0)]):
+        trace = Cart(duration=1.0 + 0.2 * k).rollout({"vd": vd, "acc": acc}, k)
+        np.savez(tmp_path / f"r{k}.npz", t=100.0 + trace.times, **trace.channels)
+        rows.append(f"r{k},{vd},{acc}")
+    (tmp_path / "rollouts.csv").write_text("\n".join(rows) + "\n")
+    found = list(promises(load_backend(f"log:{tmp_path}")))
+    assert [p.broken for p in found] == [[]] * 4, found

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from s2r_spec.cli.common import sentences
+from s2r_spec.errors import UsageError
 
 if TYPE_CHECKING:
     from s2r_spec.backend import Backend, Effect
@@ -27,6 +28,8 @@ def backends(
     with sentences(as_json):
         from s2r_spec import backend as registry
 
+        if name is None and check:
+            raise UsageError("say which backend to check: s2r backends NAME --check")
         if name is None:
             found = {key: point.value for key, point in registry.installed().items()}
             if as_json:
@@ -101,5 +104,6 @@ def _tried(machine: Backend, as_json: bool) -> int:
 
 
 def _record(effect: Effect) -> dict[str, Any]:
+    """Return what the protocol says of an effect; a backend's own may have functions besides."""
     parameters = [vars(p) for p in effect.parameters]
     return {"name": effect.name, "family": effect.family, "physics": effect.physics, "parameters": parameters}

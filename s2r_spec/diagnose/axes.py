@@ -13,7 +13,10 @@ BACKGROUND = 0.05
 """Standard deviation of what every effect does unasked, in parts of its typical size."""
 STEPS = (0.25, 0.5, 1.0)
 """Values of a line, as parts of its typical high value; the last is the end of the range, if that is further."""
-_SCALE = re.compile(r"(?:deviation |normal[^,]*, *)(?P<scale>\d+(?:\.\d+)?(?:[eE][-+]?\d+)?)")
+_SCALE = re.compile(
+    r"(?:deviation |normal\b[^,]*, *)(?P<scale>\d*\.?\d+(?:[eE][-+]?\d+)?) *(?P<unit>.*)", re.IGNORECASE
+)
+_MEANT = re.compile(r"\bnormal\b|\bdeviation\b", re.IGNORECASE)
 
 Values = Mapping[str, Mapping[str, float]]
 
@@ -91,15 +94,19 @@ def scale_of(parameter: EffectParameter) -> float:
     """
     to, _ = coordinate(parameter)
     reach = max(abs(to(end) - to(parameter.nominal)) for end in (parameter.low, parameter.high))
-    match = _SCALE.search(parameter.prior)
-    return min(float(match["scale"]), reach) if match and float(match["scale"]) > 0 else reach / 3.0
+    scale = _scale(parameter)
+    return min(scale, reach) if scale else reach / 3.0
 
 
 def misread(parameter: EffectParameter) -> bool:
-    """Return whether a prior is meant to have a scale, but has none that :func:`scale_of` would find."""
-    meant = "normal" in parameter.prior or "deviation" in parameter.prior
+    """Return whether a prior is meant to have a scale, but none in the parameter's unit can be read in it."""
+    return bool(_MEANT.search(parameter.prior)) and not _scale(parameter)
+
+
+def _scale(parameter: EffectParameter) -> float:
+    """Return the number that the prior has as its scale, or 0."""
     match = _SCALE.search(parameter.prior)
-    return meant and not (match and float(match["scale"]) > 0)
+    return float(match["scale"]) if match and match["unit"].strip() in ("", parameter.unit) else 0.0
 
 
 def line(effect: Effect, parameter: EffectParameter, base: Mapping[str, float] | None = None) -> Line:
@@ -143,11 +150,10 @@ def lines(effects: Iterable[Effect], acts: Mapping[str, frozenset[str]] | None =
     out = []
     for effect in effects:
         able = (acts or {}).get(effect.name, frozenset(p.name for p in effect.parameters))
-        first = next((p for p in effect.parameters if p.name in able), None)
-        for parameter in effect.parameters:
-            if parameter.name in able:
-                out.append(line(effect, parameter))
-            elif first is not None:
-                held = line(effect, first).at_typical()
-                out.append(line(effect, parameter, {first.name: held}))
+        acting = [p for p in effect.parameters if p.name in able]
+        out += [line(effect, parameter) for parameter in acting]
+        if acting:
+            # These only say how the first acts, and come after it, whatever the catalogue's order is.
+            held = {acting[0].name: line(effect, acting[0]).at_typical()}
+            out += [line(effect, p, held) for p in effect.parameters if p.name not in able]
     return tuple(out)

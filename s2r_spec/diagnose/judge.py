@@ -47,7 +47,8 @@ class Weights:
     On practice cases the networks are at home and the evidence is not needed; on a machine it is the other
     way round. So these come from twins by other code, made for development and never used for a score
     (``benchmarks/blind/weigh.py``), and are the same for every backend. That code also makes the sealed sets of the
-    axis, with other seeds: for a machine of a third kind the numbers are untested.
+    axis, with other seeds: for a machine of a third kind the numbers are untested. ``told`` is of the A1 alone:
+    whether the equations are asked by themselves is decided by what a rollout costs, not by how much they tell.
 
     A set A of effects scores  log evidence / temperature + trust · log P_network(A) − penalty[|A|], and, where the
     equations of motion are asked by themselves (:mod:`s2r_spec.diagnose.told`), told · their log evidence more. The

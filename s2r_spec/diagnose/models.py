@@ -63,9 +63,7 @@ class Surrogate:
     def secant(self, line: int, coordinate: float) -> FloatArray:
         """Return (q, k): change per unit between nominal and this coordinate, or one nearby that can be seen."""
         at = self._knots[line][0]
-        x = float(np.clip(coordinate, at[0], at[-1]))
-        if abs(x) < LEAST:
-            x = LEAST if (x >= 0 and at[-1] > 0) or at[0] >= 0 else -LEAST
+        x = seen_from(coordinate, at[0], at[-1])
         found: FloatArray = self.along(line, x) / x
         return found
 
@@ -326,6 +324,14 @@ class Part:
     def jacobian(self, at: FloatArray, change: FloatArray) -> FloatArray:
         """Return (lines, q, k): see :class:`~s2r_spec.diagnose.joint.Model`."""
         return self._whole.jacobian(self.all(at), change, self.lines)[self.lines]
+
+
+def seen_from(coordinate: float, low: float, high: float) -> float:
+    """Return this coordinate of a line between these ends, or one nearby at which its effect can be seen."""
+    x = float(np.clip(coordinate, low, high))
+    if abs(x) >= LEAST:
+        return x
+    return float(np.clip(LEAST if (x >= 0.0 and high > 0.0) or low >= 0.0 else -LEAST, low, high))
 
 
 def seed_of(test: int, shot: int) -> int:

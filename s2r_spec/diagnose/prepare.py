@@ -402,7 +402,7 @@ def _state(
         plain,
         found,
         p,
-        judge.sets(found, p, warmth, told(heard, judge.effects, found.members)),
+        judge.sets(found, p, warmth, by_equations(heard, judge.effects, found.members)),
         judge.unknown(through, p),
         simulator,
         fitted,
@@ -411,7 +411,7 @@ def _state(
     )
 
 
-def told(heard: Heard | None, effects: Sequence[str], members: Sequence[Set]) -> FloatArray | None:
+def by_equations(heard: Heard | None, effects: Sequence[str], members: Sequence[Set]) -> FloatArray | None:
     """Return (sets,) log evidence by what the equations of motion ask for, if they are asked by themselves."""
     if heard is None:
         return None

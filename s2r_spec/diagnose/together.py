@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from s2r_spec.diagnose.evidence import Set, explained, log_evidence
 from s2r_spec.diagnose.joint import Joint
 from s2r_spec.diagnose.judge import Sets, temperature
-from s2r_spec.diagnose.prepare import State, told
+from s2r_spec.diagnose.prepare import State, by_equations
 
 FloatArray = NDArray[np.float64]
 
@@ -104,6 +104,6 @@ def _weighed(state: State, fits: dict[Set, Joint]) -> Together:
     logs = logs + np.clip(far, -HEARD[0] * warmth, HEARD[1] * warmth)
     evidence = replace(state.found, members=members, logs=logs)
     sets = state.judge.sets(
-        evidence, state.memberships, warmth, told(state.heard, state.judge.effects, members)
+        evidence, state.memberships, warmth, by_equations(state.heard, state.judge.effects, members)
     )
     return Together(sets, logs, fits, warmth)

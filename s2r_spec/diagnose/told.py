@@ -5,7 +5,9 @@ its typical size on a machine of another code, whatever the closed loop makes of
 
     seen = Σ_k J_k c_k + e,   c_k ~ N(0, LARGE²) for lines k of its effects that are off, N(0, ALLOWED²) for all others
 
-An effect of several parameters seldom has all of them off: all, and each alone, are as likely.
+A law of one sign has that half of the prior; a line that only says how its effect acts is N(0, ALLOWED⁴) where there is
+none. In e are an error that all coordinates share, a part FORM of each, ACROSS, and the simulator's variants. An effect
+of several parameters seldom has all of them off: all, and each alone, are as likely.
 """
 
 from __future__ import annotations
@@ -20,6 +22,7 @@ from numpy.typing import NDArray
 from s2r_spec.diagnose.asked import Asked, Curve
 from s2r_spec.diagnose.evidence import ALLOWED, FORM, LARGE, gained
 from s2r_spec.diagnose.logs import logsumexp
+from s2r_spec.diagnose.models import seen_from
 
 FloatArray = NDArray[np.float64]
 
@@ -27,8 +30,6 @@ ERRORS = (0.03, 0.05, 0.08, 0.13, 0.2)
 """What no effect explains of a coordinate may be any of these, all as likely before they are seen."""
 ACROSS = 0.3
 """Part of what an effect makes of others' coordinates that is not believed: it hangs on the rest of the machine."""
-LEAST = 0.15
-"""Coordinate to which a secant is taken where less is asked for."""
 
 
 def log_evidence(asked: Asked, seen: FloatArray, sets: Sequence[Sequence[str]]) -> FloatArray:
@@ -131,10 +132,7 @@ def _secant(curve: Curve, asked_for: float | None) -> FloatArray:
     Of a line that has no coordinate of its own that is where it is large, on the longer side of its range.
     """
     low, high = float(curve.at[0]), float(curve.at[-1])
-    x = (LARGE if high >= -low else -LARGE) if asked_for is None else asked_for
-    x = min(max(x, low), high)
-    if abs(x) < LEAST:
-        x = LEAST if (x >= 0.0 and high > 0.0) or low >= 0.0 else -LEAST
+    x = seen_from((LARGE if high >= -low else -LARGE) if asked_for is None else asked_for, low, high)
     return np.asarray(curve(x) / x)
 
 

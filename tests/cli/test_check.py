@@ -263,6 +263,7 @@ def test_backends_check_exits_with_one_if_a_promise_is_broken(s2r):
     assert done.stdout.endswith("toy keeps 4 of 4 promises\n")
     found = s2r.json("backends", "toy", "--check", code=0)
     assert [p["broken"] for p in found["promises"]] == [[]] * 4
+    assert "say which backend to check" in s2r("backends", "--check", code=2).stderr
     done = s2r("backends", "toy:raise", "--check", code=1)
     assert "BROKEN  its default test runs\n        ValueError: the gyroscope is upside down" in done.stdout
 
