@@ -64,6 +64,7 @@ class Which:
         triples: three effects → P(these three).
         answer: the effects named; () for none or unknown.
         confounded: what the data cannot tell from the answer, the answer included.
+        spare: effects of the answer that may not be there: without them the others are nearly as likely.
         estimates: parameters of the answer.
         nearest_family: family of the likeliest effect, also when none of them is it.
         isolability: known before any real test.
@@ -81,6 +82,7 @@ class Which:
     nearest_family: str
     isolability: Isolability
     next_test: NextTest | None
+    spare: tuple[str, ...] = ()
 
     @property
     def membership(self) -> dict[str, float]:
@@ -120,6 +122,7 @@ class Which:
             "membership": {name: round(p, 6) for name, p in self.membership.items()},
             "answer": list(self.answer),
             "set": list(self.confounded),
+            "spare": list(self.spare),
             "parameters": _parameters(self.estimates),
             "nearest_family": self.nearest_family,
             "isolability": self.isolability.to_json(),

@@ -187,10 +187,11 @@ def _answer(
         nearest_family=families[names[named][0]],
         isolability=isolable,
         next_test=upcoming,
+        spare=spare(names[named], by_size) if answer else (),
     )
     return Diagnosis(
         verdict=verdict,
-        reason=reason(verdict, which, far, names[named], spare(names[named], by_size)),
+        reason=reason(verdict, which, far, names[named]),
         where=_where(bench, seen + held, tuned, seed, executor, tell) if want_where else None,
         which=which,
         how_far=far,

@@ -26,13 +26,11 @@ RULED_OUT = 0.05
 """One less likely than this is ruled out, even where the two are hard to tell apart."""
 
 
-def reason(
-    verdict: Verdict, which: Which, far: HowFar | None, named: tuple[str, ...], spare: tuple[str, ...]
-) -> str:
+def reason(verdict: Verdict, which: Which, far: HowFar | None, named: tuple[str, ...]) -> str:
     """Return the answer in one sentence."""
     words = " and ".join(named)
     fits, explains = ("fits", "explains") if len(named) == 1 else ("fit", "explain")
-    doubt = f", though {' or '.join(spare)} may not be there" if spare else ""
+    doubt = f", though {' or '.join(which.spare)} may not be there" if which.spare else ""
     share = far.share[0] if far and far.share else None
     closes = (
         f"; added to the simulator it closes {100 * share:.0f} % of the held-out gap above scatter"

@@ -164,10 +164,13 @@ def test_a_range_without_the_nominal_value_gets_one_sentence(low, high):
     [
         ("half-normal, 1 N*s/m", 0.5),
         ("half-normal, 9 N*s/m", 1.0),  # no more than the range holds
+        ("Half-Normal, .5 N*s/m", 0.25),
         ("uniform", 2 / 3),
+        ("uniform, as normally mounted", 2 / 3),
         ("half normal 1 N*s/m", None),
         ("normal, standard deviation of 1", None),
         ("half-normal, 0", None),
+        ("half-normal, 20 mN*s/m", None),  # in another unit
     ],
 )
 def test_a_prior_that_should_have_a_scale_and_has_none_gets_one_sentence(prior, typical):

@@ -1,0 +1,36 @@
+"""The catalogue as lines, and where a line is looked at."""
+
+import pytest
+
+from s2r_spec.backend import Effect, EffectParameter
+from s2r_spec.diagnose.axes import lines
+from s2r_spec.diagnose.models import LEAST, seen_from
+
+PLACE = EffectParameter("place", "m", -0.2, 0.2, 0.0, "normal, 0.05 m")
+MASS = EffectParameter("mass", "kg", 0.0, 3.0, 0.0, "half-normal, 0.7 kg")
+
+
+@pytest.mark.parametrize("parameters", [(PLACE, MASS), (MASS, PLACE)])
+def test_what_only_says_how_an_effect_acts_comes_after_what_acts(parameters):
+    mass, place = lines([Effect("load", "inertia", "", parameters)], {"load": frozenset({"mass"})})
+    assert (mass.name, mass.base) == ("load.mass", {})
+    assert (place.name, place.base) == ("load.place", {"mass": mass.at_typical()})
+
+
+def test_an_effect_that_never_acts_has_no_lines():
+    assert lines([Effect("load", "inertia", "", (PLACE, MASS))], {"load": frozenset()}) == ()
+
+
+@pytest.mark.parametrize(
+    ("coordinate", "low", "high", "there"),
+    [
+        (0.6, -2.0, 2.0, 0.6),
+        (0.04, -2.0, 2.0, LEAST),
+        (-0.04, -2.0, 2.0, -LEAST),
+        (0.0, -2.0, 0.0, -LEAST),
+        (0.04, -2.0, 0.05, 0.05),  # a range may end before
+        (3.0, 0.0, 2.0, 2.0),
+    ],
+)
+def test_a_line_is_looked_at_where_its_effect_can_be_seen(coordinate, low, high, there):
+    assert seen_from(coordinate, low, high) == pytest.approx(there)
