@@ -6,8 +6,9 @@ Every rollout that a diagnosis would see is regressed on what each effect would 
 (``s2r_spec/diagnose/equations.py``); here only the mean of these coordinates over a case's rollouts is looked at.
 Printed for each case: what is there, and what the equations ask for; then, over all known cases, the root mean square
 error of each coordinate, once what the bank says of the true effects is taken off it; how often the truth is what the
-equations alone speak for (``s2r_spec/diagnose/told.py``); and which part of the true sizes the answers have, and which
-the equations. This is for development: the labels are open.
+equations alone speak for (``s2r_spec/diagnose/told.py``); what would become of the frozen answers' log score if they
+were heard by so much more, or less, than they were; and which part of the true sizes the answers have, and which the
+equations. This is for development: the labels are open.
 
 Writes results/<set>_asked.json.
 """
@@ -34,6 +35,10 @@ from s2r_spec.diagnose.simulate import Bench
 from s2r_spec.diagnose.told import log_evidence
 
 FloatArray = NDArray[np.float64]
+WEIGHTS = (-0.7, -0.3, 0.0, 0.3, 0.7, 1.0)
+"""By how much more than in the frozen answers the equations are heard."""
+UNLISTED = 1e-3
+"""Probability of a set that an answer does not list."""
 PENALTY = 2.5
 """Log odds against each effect in a set: there are twenty singles, and two hundred pairs."""
 SHOWN = 0.1
@@ -77,6 +82,15 @@ def likeliest(asked: Asked, mean: FloatArray) -> tuple[tuple[str, ...], str]:
     return sets[int(np.argmax(logs))], max(among, key=lambda name: among[name])
 
 
+def candidates(kept: dict[str, Any], effects: tuple[str, ...]) -> dict[tuple[str, ...], float]:
+    """Return set → probability of a frozen answer: what it lists, every single effect, and the truth."""
+    found = {(): kept["posterior"].get("none", UNLISTED)}
+    found |= {(name,): kept["posterior"].get(name, UNLISTED) for name in effects}
+    found |= {tuple(sorted(pair["effects"])): pair["probability"] for pair in kept["pairs"]}
+    found.setdefault(tuple(sorted(kept["label"]["effects"])), UNLISTED)
+    return found
+
+
 def sizes(kept: dict[str, Any], asked: Asked, mean: FloatArray) -> list[tuple[float, float]]:
     """Return, of each true parameter that a frozen answer sizes, which part of it the answer and the equations have."""
     found = []
@@ -99,7 +113,8 @@ def main() -> None:
     _, asked = known(opened.name)
     seen = opened.over(coordinates, scores)
 
-    rests, alone = [], []
+    effects = tuple(dict.fromkeys(curve.line.effect for curve in asked.curves))
+    rests, alone, logs = [], [], {weight: [] for weight in WEIGHTS}
     parts: list[tuple[float, float]] = []
     told = {}
     for name, mean in zip(scores, seen, strict=True):
@@ -114,6 +129,11 @@ def main() -> None:
         true = tuple(label["effects"])
         members, first = likeliest(asked, mean)
         alone.append((label["kind"], set(members) == set(true), first in true))
+        listed = candidates(scores[name], effects)
+        place, speaks = list(listed).index(tuple(sorted(true))), log_evidence(asked, mean, list(listed))
+        for weight in WEIGHTS:
+            both = np.log(np.maximum([*listed.values()], 1e-9)) + weight * speaks
+            logs[weight].append(float(both[place] - logsumexp(both)))
     errors = dict(zip(asked.names, np.sqrt(np.mean(np.square(rests), axis=0)).round(3).tolist(), strict=True))
     answered, equations = np.median(parts, axis=0).round(2).tolist()
     print(
@@ -126,12 +146,15 @@ def main() -> None:
         if (of := [row for row in alone if row[0] == kind])
     }
     print(f"spoken for by the equations alone, the set and an effect of it: {hits}")
+    heard = {f"{weight:+g}": round(float(np.mean(values)), 3) for weight, values in logs.items()}
+    print(f"mean log probability of the truth, with the equations heard by so much more: {heard}")
     found = {
         "cases": told,
         "errors": errors,
         "known": len(rests),
         "part of the true size": {"of": len(parts), "answer": answered, "equations": equations},
         "alone": hits,
+        "log score if heard more": heard,
     }
     opened.write("asked", found)
 
