@@ -29,7 +29,8 @@ SETS = {
     "emps7": "seventh",
     "emps8": "eighth",
     "emps9": "ninth",
-    "emps": "tenth",
+    "emps10": "tenth",
+    "emps": "eleventh",
     "a1first": "of the A1, first",
     "a1second": "second",
     "a1third": "of the A1, third",
@@ -37,9 +38,10 @@ SETS = {
     "a1fifth": "fifth",
     "a1sixth": "sixth",
     "a1seventh": "seventh",
-    "a1": "eighth",
+    "a1eighth": "eighth",
+    "a1": "ninth",
 }
-SHOWN = ("emps1", "emps4", "emps7", "emps9", "emps", "a1third", "a1fifth", "a1sixth", "a1seventh", "a1")
+SHOWN = ("emps1", "emps4", "emps7", "emps10", "emps", "a1third", "a1sixth", "a1seventh", "a1eighth", "a1")
 """Those on the page."""
 RATES = {
     "single effects: it is the likeliest set": "top-1, single effects",
