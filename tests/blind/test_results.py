@@ -312,5 +312,7 @@ def test_what_is_said_of_the_real_axis():
         f"{100 * tuned['estimate']:.0f} % with a little of everything"
     )
     assert said in page, said
-    assert "though viscous may not be there" in friction["text"]  # "leaves open whether the viscous part is there"
+    assert (
+        "though viscous may not be there" in friction["text"]
+    )  # "leaves open whether the viscous part is there"
     assert kept["pulses"]["verdict"] == "none of these"
