@@ -209,7 +209,7 @@ def test_what_is_said_of_the_equations_alone():
 
 def test_what_is_said_of_how_much_could_be_closed():
     page = " ".join(PAGE.read_text().split())
-    for name, of in (("emps10", "axis' tenth"), ("a1seventh", "A1's seventh")):
+    for name, of in (("emps10", "axis' tenth"), ("a1", "A1's ninth")):
         kept = json.loads((RESULTS / f"{name}_reach.json").read_text())
         one = kept["of a material gap, single effects"]
         several = kept["of a material gap, several"]
