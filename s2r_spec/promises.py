@@ -69,7 +69,7 @@ def promises(backend: Backend) -> Iterator[Promise]:
             ("an effect at its nominal values changes no bit", _nominal),
             ("every effect can be what its range says, and does something there", _ranges),
             ("effects can be added together, in any order", _order),
-            ("a machine with an effect has another hash, and says what it was given", _told),
+            ("a machine with an effect has another hash, and says what it was given", _identity),
         ]
     if isinstance(backend, HasEffects) and isinstance(backend, HasResiduals):
         checks.append(
@@ -271,11 +271,11 @@ def _order(trial: _Trial, out: Promise) -> None:
         traces = [_tried(out, f"{one} and {other}", machine, trial.test) for machine in machines]
         if trial.backend.deterministic and None not in traces and not _same(*traces):  # type: ignore[arg-type]
             out.broken.append(f"{one} and {other} do not give what {other} and {one} give")
-    everything = {name: values[name] for name, values in trial.there.items()}
+    everything = {name: values for one in trial.there.values() for name, values in one.items()}
     _tried(out, "all effects together", trial.added(everything), trial.test)
 
 
-def _told(trial: _Trial, out: Promise) -> None:
+def _identity(trial: _Trial, out: Promise) -> None:
     if not isinstance(trial.backend, HasChosen):
         out.remarks.append("it has no chosen(): effects that it was given count as absent in a diagnosis")
     for name, values in trial.there.items():

@@ -145,6 +145,7 @@ def main() -> None:
         for kind in dict.fromkeys(kind for kind, *_ in alone)
         if (of := [row for row in alone if row[0] == kind])
     }
+    print(f"root mean square error over {len(rests)} known cases: {errors}")
     print(f"spoken for by the equations alone, the set and an effect of it: {hits}")
     heard = {f"{weight:+g}": round(float(np.mean(values)), 3) for weight, values in logs.items()}
     print(f"mean log probability of the truth, with the equations heard by so much more: {heard}")

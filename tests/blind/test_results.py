@@ -28,6 +28,12 @@ def test_what_is_said_of_single_effects_that_move_rho():
     assert MOVES == 3.0
 
 
+def asked(name):
+    """What the equations ask for in a set: errors of the coordinates, part of the true sizes, and all of it."""
+    kept = json.loads((RESULTS / f"{name}_asked.json").read_text())
+    return kept["errors"], kept["part of the true size"], kept
+
+
 def test_what_is_said_of_the_eighth_set_of_the_a1():
     scores = json.loads((RESULTS / "a1eighth_scores.json").read_text())["scores"]
     page = " ".join(PAGE.read_text().split())
@@ -37,8 +43,7 @@ def test_what_is_said_of_the_eighth_set_of_the_a1():
     assert f"Of {top['of']} single effects {top['hits']} are the likeliest set" in page
     assert one["hits"] == one["of"] == pair["of"]
     assert f"Of {pair['of']} pairs both effects are named in {pair['hits']} and one of them in all." in page
-    asked = json.loads((RESULTS / "a1eighth_asked.json").read_text())
-    errors, part = asked["errors"], asked["part of the true size"]
+    errors, part, _ = asked("a1eighth")
     assert (
         f"the equations are off by {statistics.median(errors.values()):.2f} of a typical size (the median of "
         f"{len(errors)} parameters; shear creep {errors['shear_creep.stiffness']:.2f}), and of {part['of']} true "
@@ -63,8 +68,8 @@ def test_what_is_said_of_the_ninth_set_of_the_a1():
     )
     assert one["hits"] == one["of"] == pair["of"]
     assert effect["hits"] == effect["of"] == first["of"]
-    asked = json.loads((RESULTS / "a1_asked.json").read_text())
-    alone, part = asked["alone"], asked["part of the true size"]
+    _, part, kept = asked("a1")
+    alone = kept["alone"]
     said = (
         f"Of {top['of']} single effects {top['hits']} are the likeliest set; of the {first['of']} that move ρ or are "
         f"isolable at their size, {first['hits']}, and the likeliest effect is the true one in all of these.",
@@ -79,12 +84,12 @@ def test_what_is_said_of_the_ninth_set_of_the_a1():
 
 
 def test_what_is_said_of_the_weight_of_the_equations():
-    heard = json.loads((RESULTS / "a1eighth_asked.json").read_text())["log score if heard more"]
+    heard = asked("a1eighth")[2]["log score if heard more"]
     page = " ".join(PAGE.read_text().split())
     assert f"of the truth of {heard['+0.7']:.2f} in place of {heard['+0']:.2f} (" in page
     assert max(heard, key=lambda weight: heard[weight]) == "+0.7"
     # The ninth set's answers were made with this weight: more of it would do harm.
-    ninth = json.loads((RESULTS / "a1_asked.json").read_text())["log score if heard more"]
+    ninth = asked("a1")[2]["log score if heard more"]
     assert max(ninth, key=lambda weight: ninth[weight]) == "+0"
 
 
@@ -187,20 +192,19 @@ def test_what_is_said_of_the_worst_test():
 
 
 def test_what_is_said_of_the_equations_alone():
-    kept = json.loads((RESULTS / "a1seventh_asked.json").read_text())
-    errors, scores = kept["errors"], kept["log score by weight"]
+    errors, part, kept = asked("a1seventh")
+    scores = kept["log score by weight"]
     page = " ".join(PAGE.read_text().split())
     assert (
         f"to within {statistics.median(errors.values()):.2f} of its typical size (the median of {len(errors)} "
         f"parameters; ground friction {errors['ground_friction.factor']:.2f})"
     ) in page
     assert f"would be {scores['0.3']:.2f} instead of {scores['0']:.2f}." in page
-    part = kept["part of the true size"]
     assert (
         f"of {part['of']} true parameters the median answer has {part['answer']:.2f} of the size, the equations alone "
         f"{part['equations']:.2f}, and"
     ) in page
-    axis = json.loads((RESULTS / "emps10_asked.json").read_text())
+    axis = asked("emps10")[2]
     heard, alone = (axis["log score by weight"][weight] for weight in ("0.3", "0"))
     assert (
         f"({axis['errors']['mass.extra']:.2f} off), it would be {heard:.2f} instead of {alone:.2f}," in page

@@ -2,6 +2,7 @@
 
 import sys
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -84,6 +85,24 @@ def test_effects_that_leave_more_than_they_should_are_sized_less_surely():
     known = np.zeros(1), np.full(1, 1.0)
     deviation = [np.sqrt(BENT.fitted(y, ["a"], ERROR, *known)[1][0, 0]) for y in (seen, odd)]
     assert deviation[1] > 1.5 * deviation[0]
+
+
+def test_how_an_effect_acts_is_what_it_adds_to_the_effect_itself():
+    """Of a load at a place, the place's own part: the bank has it with the load at its typical size."""
+    size = line("load")
+    place = replace(size, parameter="place", base={"size": 1.0})
+    both = np.array([[[2.0, 1.0 + 0.5 * x]] for x in (-2.0, 2.0)])  # (values, tests, columns), ρ first
+    bank = SimpleNamespace(
+        features=SimpleNamespace(names=lambda: [SimpleNamespace(statistic="equation", block="load.size")]),
+        nominal=np.zeros((1, 1, 2)),
+        lines=(size, place),
+        changes=(np.array([[[0.0, -2.0]], [[0.0, 2.0]]]), both),
+        variants=np.zeros((0, 1, 2)),
+    )
+    asked = Asked.of(bank)
+    assert [c.line.name for c in asked.curves] == ["load.size"]
+    (turn,) = asked.turns
+    np.testing.assert_allclose([turn(x)[0] for x in (-2.0, 0.0, 2.0)], [-1.0, 0.0, 1.0])
 
 
 @pytest.fixture(scope="module")
