@@ -88,6 +88,12 @@ def test_what_is_said_of_the_weight_of_the_equations():
     page = " ".join(PAGE.read_text().split())
     assert f"of the truth of {heard['+0.7']:.2f} in place of {heard['+0']:.2f} (" in page
     assert max(heard, key=lambda weight: heard[weight]) == "+0.7"
+    axis = asked("emps")[2]["log score if heard more"]
+    assert (
+        f"would make {axis['+0.7']:.2f} of {axis['+0']:.2f} in the eleventh set, and 0.3 would make it"
+        in page
+    )
+    assert f"and 0.3 would make it {axis['+0.3']:.2f} (" in page
     # The ninth set's answers were made with this weight: more of it would do harm.
     ninth = asked("a1")[2]["log score if heard more"]
     assert max(ninth, key=lambda weight: ninth[weight]) == "+0"
