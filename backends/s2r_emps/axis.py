@@ -58,8 +58,10 @@ def simulate(
     gap = p.half_gap
     motor = MOTOR_SHARE * p.mass
     carriage = mass - motor
+    yields, twist = p.compliance, 0.0
 
-    seen, v = start  # of the motor, on whose shaft the encoder sits
+    # Of the motor, on whose shaft the encoder sits. A joint that yields is taken to be in balance at every tick.
+    seen, v = start
     q = seen - wobble * sin(TURN * seen + turned)
     ql, vl = q, v  # of the carriage; without play they are one
     seen -= h * v
@@ -70,7 +72,7 @@ def simulate(
     speeds: list[float] = []
     exp_, sin_ = exp, sin
     for k, (asked, on, error, push) in enumerate(_ticks(reference, powered, draws)):
-        before, seen = seen, q + error
+        before, seen = seen, q + twist + error
         if wobble:
             seen += wobble * sin_(TURN * q + turned)
         speed += smooth * ((seen - before) / h - speed)
@@ -100,6 +102,7 @@ def simulate(
                 lost = h * brake / mass
                 new = new - lost if new > lost else new + lost if new < -lost else 0.0
             q += h * (v + new) / 2
+            twist = yields * (force - motor * (new - v) / h)
             v = vl = new
             ql = q
             continue
@@ -115,6 +118,7 @@ def simulate(
             fast = slow
         q += h * (v + fast) / 2
         ql += h * (vl + slow) / 2
+        twist = yields * (force - motor * (fast - v) / h)
         v, vl = fast, slow
         # An impact lies within a tick; the sum of the overlap over ticks would be a spring that is not there.
         if abs(q - ql) > gap:

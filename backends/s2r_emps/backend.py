@@ -115,6 +115,15 @@ class EmpsBackend:
         """
         return replace(self, added=choose("emps", CATALOGUE.values(), self.added, values))
 
+    def variants(self) -> dict[str, Self]:
+        """Return the same axis, idealised otherwise: a screw, a noise that is as good as ours."""
+        from s2r_emps.variants import variants
+
+        return {
+            name: replace(self, physics=physics, noise=noise)
+            for name, (physics, noise) in variants(self.physics, self.noise).items()
+        }
+
     def with_duration(self, seconds: float) -> Self:
         """Return the same backend with rollouts of this length, rounded up to a whole tick."""
         return replace(self, duration=seconds)

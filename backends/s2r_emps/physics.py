@@ -69,6 +69,8 @@ class Physics:
     """[s] time constant of the drive's current."""
     sag: float = 0.0
     """Part of the force that is lost at full voltage; in proportion to the voltage below it."""
+    compliance: float = 0.0
+    """[m/N] by which the motor turns further than the carriage moves, per force between them."""
     half_gap: float = 0.0
     """[m] by which the carriage can be away from the middle of the play between it and the motor."""
     speed_filter: float = 0.0

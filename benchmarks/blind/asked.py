@@ -3,14 +3,13 @@
     python benchmarks/blind/asked.py a1 FOLDER       # FOLDER: of `check.py freeze`, after `open`
 
 Every rollout that a diagnosis would see is regressed on what each effect would have explained in it
-(``s2r_spec/diagnose/equations.py``); here only the mean of these coordinates over a case's rollouts is looked at.
+(``s2r_spec/diagnose/equations.py``); here only what all rollouts of a case say together is looked at.
 Printed for each case: what is there, and what the equations ask for; then, over all known cases, the root mean square
 error of each coordinate, once what the bank says of the true effects is taken off it; how often the truth is what the
 equations alone speak for (``s2r_spec/diagnose/told.py``); what would become of the frozen answers' log score if they
-were heard by so much more than they were; and which part of the true sizes the answers have, and which the
-equations. This is for development: the labels are open.
-
-Writes results/<set>_asked.json.
+were heard by so much more than they were; which part of the true sizes the answers have, and which the
+equations; and what they ask for on average of effects that are not there, with instruments and without.
+This is for development: the labels are open.
 """
 
 from __future__ import annotations
@@ -30,7 +29,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 from opened import Opened, bench, rollouts
 
 from s2r_spec.diagnose import bank as banks
-from s2r_spec.diagnose.asked import Asked
+from s2r_spec.diagnose.asked import Asked, asked_columns, pooled
 from s2r_spec.diagnose.simulate import Bench
 from s2r_spec.diagnose.told import log_evidence
 
@@ -56,21 +55,34 @@ def expected(asked: Asked, values: dict[str, dict[str, float]]) -> FloatArray:
 
 
 @cache
-def known(name: str) -> tuple[Bench, Asked]:
-    """Return a set's bench, and what its bank says of the equations, the same for all of its cases."""
+def known(name: str) -> tuple[Bench, banks.Bank, Asked]:
+    """Return a set's bench, its bank, and what that says of the equations, the same for all of its cases."""
     bank = banks.bank(bench(name))
-    return replace(bench(name), features=bank.features), Asked.of(bank)
+    return replace(bench(name), features=bank.features), bank, Asked.of(bank)
 
 
 def coordinates(case: Path, name: str) -> FloatArray:
-    """Return (p,) means over the rollouts that a diagnosis sees, less those of the nominal simulator."""
-    ours, asked = known(name)
+    """Return (p,) of all rollouts that a diagnosis sees, less those of the nominal simulator."""
+    ours, bank, asked = known(name)
     seen, _ = rollouts(ours, case)
+    rows = [ours.measure(trace, test) for test, trace in seen]
+    weights = ours.weights([test for test, _ in seen])
+    return pooled(np.array(rows)[:, asked_columns(bank)], weights) - asked.nominal
+
+
+def least_squares(case: Path, name: str) -> FloatArray:
+    """Return the same without instruments: means of regressions of one rollout each."""
+    ours, *_ = known(name)
     assert ours.features is not None
-    rows = [
-        ours.features.equations(trace, ours.backend, ours.matched.to_backend(test)) for test, trace in seen
-    ]
-    return np.asarray(np.nanmean(rows, axis=0) - asked.nominal)
+    seen, _ = rollouts(ours, case)
+    apart = []
+    for place, (test, trace) in enumerate(seen):
+        machine, nominal = (
+            ours.features.equations(each, ours.backend, ours.matched.to_backend(test))
+            for each in (trace, ours.run({}, test, place))
+        )
+        apart.append(machine - nominal)
+    return np.asarray(np.nanmean(apart, axis=0))
 
 
 def likeliest(asked: Asked, mean: FloatArray) -> tuple[tuple[str, ...], str]:
@@ -88,6 +100,20 @@ def candidates(kept: dict[str, Any], effects: tuple[str, ...]) -> dict[tuple[str
     found |= {(name,): kept["posterior"].get(name, UNLISTED) for name in effects}
     found |= {tuple(sorted(pair["effects"])): pair["probability"] for pair in kept["pairs"]}
     found.setdefault(tuple(sorted(kept["label"]["effects"])), UNLISTED)
+    return found
+
+
+def not_there(asked: Asked, seen: list[FloatArray], scores: dict[str, dict[str, Any]]) -> dict[str, float]:
+    """Return the mean coordinate of each parameter over the known cases without its effect."""
+    known_ones = [
+        (mean, kept["label"]["effects"])
+        for mean, kept in zip(seen, scores.values(), strict=True)
+        if kept["label"]["kind"] != "unknown"
+    ]
+    found = {}
+    for place, name in enumerate(asked.names):
+        values = [mean[place] for mean, effects in known_ones if name.split(".")[0] not in effects]
+        found[name] = round(float(np.mean(values)), 3) + 0.0
     return found
 
 
@@ -110,8 +136,10 @@ def sizes(kept: dict[str, Any], asked: Asked, mean: FloatArray) -> list[tuple[fl
 def main() -> None:
     opened = Opened.asked_for(__doc__)
     scores = opened.cases()
-    _, asked = known(opened.name)
+    *_, asked = known(opened.name)
     seen = opened.over(coordinates, scores)
+    instrumented = known(opened.name)[1].features.instrumented
+    bare = opened.over(least_squares, scores) if instrumented else []
 
     effects = tuple(dict.fromkeys(curve.line.effect for curve in asked.curves))
     rests, alone, logs = [], [], {weight: [] for weight in WEIGHTS}
@@ -149,6 +177,11 @@ def main() -> None:
     print(f"spoken for by the equations alone, the set and an effect of it: {hits}")
     heard = {f"{weight:+g}": round(float(np.mean(values)), 3) for weight, values in logs.items()}
     print(f"mean log probability of the truth, with the equations heard by so much more: {heard}")
+    absent = {"with instruments" if instrumented else "least squares": not_there(asked, seen, scores)}
+    if instrumented:
+        absent["least squares"] = not_there(asked, bare, scores)
+    for how, means in absent.items():
+        print(f"asked for on average of effects that are not there, {how}: {means}")
     found = {
         "cases": told,
         "errors": errors,
@@ -156,6 +189,7 @@ def main() -> None:
         "part of the true size": {"of": len(parts), "answer": answered, "equations": equations},
         "alone": hits,
         "log score if heard more": heard,
+        "of effects that are not there": absent,
     }
     opened.write("asked", found)
 

@@ -56,7 +56,7 @@ class Asked:
 
     Attributes:
         names: (p,) which parameter each coordinate is of, effect and parameter with a dot.
-        nominal: (p,) means of the nominal simulator.
+        nominal: (p,) of the nominal simulator.
         curves: one a line of the bank, but for those that only say how another acts.
         turns: these: what they add to their effect where it is typically large.
         numerics: (variants, p) change when the same physics is computed otherwise.
@@ -70,13 +70,13 @@ class Asked:
 
     @classmethod
     def of(cls, bank: Bank) -> Asked:
-        """Take the mean over the bank's tests: at each there is one rollout of a value."""
+        """Pool the bank's tests: at each there is one rollout of a value."""
         columns = asked_columns(bank)
         curves: dict[str, Curve] = {}
         turns = []
         for line, change in zip(bank.lines, bank.changes, strict=True):
             values = np.array([line.coordinate(value) for value in line.values])
-            seen = _mean(change[..., columns])
+            seen = pooled(change[..., columns], bank.weights)
             if line.base:
                 # What it does hangs on how much there is of its effect: no curve of its own.
                 seen = seen - sum(
@@ -88,9 +88,9 @@ class Asked:
         names = bank.features.names()
         return cls(
             tuple(names[k - 1].block for k in columns),
-            _mean(bank.nominal[..., columns].reshape(-1, len(columns))),
+            pooled(_mean(bank.nominal[..., columns]), bank.weights),
             tuple(curves.values()),
-            np.nan_to_num(_mean(bank.variants[..., columns])),
+            np.nan_to_num(pooled(bank.variants[..., columns], bank.weights)),
             tuple(turns),
         )
 
@@ -181,21 +181,23 @@ class Heard:
     error: float
 
     @classmethod
-    def of(cls, bank: Bank, rows: FloatArray, nominal: FloatArray, error: float) -> Heard | None:
-        """Take the means over n rollouts; None where nothing is asked, or not of all of them.
+    def of(
+        cls, bank: Bank, rows: FloatArray, nominal: FloatArray, error: float, weights: FloatArray
+    ) -> Heard | None:
+        """Pool n rollouts; None where nothing is asked, or not of one of them.
 
         Args:
             bank: of the simulator.
             rows: (n, 1 + p) of the machine.
             nominal: (n, 1 + p) of the simulator at the same tests.
             error: of a coordinate.
+            weights: (n, q, q) of the q coordinates at these tests.
         """
         columns = asked_columns(bank)
         apart = (rows - nominal)[:, columns]
-        apart = apart[np.isfinite(apart).all(axis=1)]
-        if not apart.size:
+        if not columns.size or not np.isfinite(apart).all(axis=1).any():
             return None
-        return cls(Asked.of(bank), columns, apart.mean(axis=0), error)
+        return cls(Asked.of(bank), columns, pooled(apart, weights), error)
 
     @property
     def effects(self) -> frozenset[str]:
@@ -214,6 +216,7 @@ class Heard:
         before: FloatArray,
         variance: FloatArray,
         simulated: Callable[[FloatArray], FloatArray],
+        weights: FloatArray,
     ) -> tuple[FloatArray, FloatArray]:
         """Return how large effects are: coordinates (n,) of their lines, and covariance (n, n).
 
@@ -225,11 +228,12 @@ class Heard:
             before: (n,) coordinates, as all other data have them.
             variance: (n,) of these.
             simulated: from (n,) coordinates to (rollouts, 1 + p) change of the simulator's rows from nominal.
+            weights: (rollouts, q, q) of the coordinates that the equations ask for in these.
         """
         mine = self.asked.lines(effects)
         x, covariance = before, np.diag(variance)
         for _ in range(LOOKS):
-            there = _mean(simulated(x)[:, self.columns])
+            there = pooled(simulated(x)[:, self.columns], weights)
             alone = np.sum([curve(c) for curve, c in zip(mine, x, strict=True)], axis=0)
             # Where these effects make every rollout fall, only the bank knows what they do.
             together = np.nan_to_num(there - alone)
@@ -266,8 +270,23 @@ def _straight(at: FloatArray, change: FloatArray) -> tuple[FloatArray, FloatArra
     return np.asarray(whole[order]), np.vstack([filled, np.zeros(change.shape[1])])[order]
 
 
+def pooled(values: FloatArray, weights: FloatArray) -> FloatArray:
+    """Return (..., q) one estimate from (..., m, q) of m tests, by (m, q, q) weights; of those that are finite.
+
+    Ridge regressions of one rollout each, each weighed by what its rollout says: that is the regression of all of
+    them at once. Mass and motor gain are the same in one test; a payload that differs between tests tells them apart.
+    """
+    there = np.asarray(np.isfinite(values).all(axis=-1))
+    total = np.einsum("mij,...mj->...i", weights, np.where(there[..., np.newaxis], values, 0.0))
+    whole = np.einsum("...m,mij->...ij", there.astype(np.float64), weights)
+    some = np.asarray(there.any(axis=-1))
+    whole = np.where(some[..., np.newaxis, np.newaxis], whole, np.eye(values.shape[-1]))
+    found = np.linalg.solve(whole, total[..., np.newaxis])[..., 0]
+    return np.asarray(np.where(some[..., np.newaxis], found, np.nan))
+
+
 def _mean(values: FloatArray) -> FloatArray:
-    """Return (..., p) means of (..., m, p) over the tests, of those that are finite."""
+    """Return (..., p) means of (..., m, p), of those that are finite."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # where every rollout fell there is none
         return np.asarray(np.nanmean(values, axis=-2))

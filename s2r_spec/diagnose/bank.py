@@ -7,7 +7,7 @@ import inspect
 import json
 import math
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import asdict, dataclass, replace
 from itertools import combinations
@@ -20,7 +20,7 @@ from s2r_spec.backend import Backend, Effect, HasChosen, HasEffects, HasResidual
 from s2r_spec.diagnose.axes import BACKGROUND, STEPS, Line, lines, misread
 from s2r_spec.diagnose.axes import line as line_of
 from s2r_spec.diagnose.design import grid
-from s2r_spec.diagnose.equations import Equations, Probe
+from s2r_spec.diagnose.equations import LITTLE, Equations, Probe
 from s2r_spec.diagnose.features import Block, Features
 from s2r_spec.diagnose.simulate import Bench, Job, Test, blamed, run_jobs
 from s2r_spec.errors import BackendError, UsageError
@@ -32,6 +32,8 @@ NOMINAL_SEEDS = 12
 EFFECT_SEEDS = 1
 """Common random numbers make one rollout enough: it is compared with the nominal one of the same seed."""
 VARIANT_SEEDS = 2
+STRONG = 0.5
+"""Part of every regressor that instruments must hold: weak ones are worse than none."""
 PAIR_TESTS = 3
 """Tests, spread over the space, at which pairs are simulated together, once each."""
 
@@ -50,6 +52,7 @@ class Bank:
         pairs: lines that were simulated together, at their typical values.
         pair_tests: places in ``tests`` where that was done.
         variants: (variants, m, 1 + p): mean change when the same physics is computed otherwise.
+        weights: (m, q, q) by which the q coordinates that the equations of motion ask for count at each test.
         interactions: (pairs, pair tests, 1 + p): what is left when both single changes are taken off.
     """
 
@@ -62,6 +65,7 @@ class Bank:
     pair_tests: tuple[int, ...]
     interactions: FloatArray
     variants: FloatArray
+    weights: FloatArray
     rollouts: int
 
 
@@ -191,6 +195,7 @@ def simulate(
     found = lines(catalogue, acts)
     features = replace(features, probes=_probes(bench, found, middle))
     features = replace(features, little=_little(bench, features, found, middle))
+    features = replace(features, instrumented=_instrumented(bench, features, (tests[0], middle, tests[-1])))
     bench = replace(bench, features=features)
 
     runs = tuple((test, seed) for test in tests for seed in range(EFFECT_SEEDS))
@@ -234,6 +239,7 @@ def simulate(
         pair_tests,
         interactions,
         np.array(computed).reshape(len(computed), m, nominal.shape[-1]),
+        bench.weights(tests),
         sum(len(job.runs) for job in jobs) + len(traces),
     )
 
@@ -298,6 +304,24 @@ def _probes(bench: Bench, found: tuple[Line, ...], test: Test) -> tuple[Probe, .
     return tuple(probes)
 
 
+def _instrumented(bench: Bench, features: Features, tests: Sequence[Test]) -> bool:
+    """Return whether nominal rollouts hold most of every regressor that there is of another one at the same test."""
+    if not features.probes:
+        return False
+    whole = held = np.zeros(len(features.probes))
+    for test in tests:
+        instruments = bench.nominal_motion(features, test)
+        if instruments is None:
+            return False
+        with blamed(bench, {}, test, 0):
+            trace = bench.run({}, test, 0)
+        own, theirs = features.asked(bench.backend).strength(
+            trace, bench.matched.to_backend(test), instruments
+        )
+        whole, held = whole + own, held + theirs
+    return bool(np.all((held >= STRONG * whole) | (whole < LITTLE * len(tests))))
+
+
 def _mean_change(rows: FloatArray, nominal: FloatArray) -> FloatArray:
     """Return (values, m, 1 + p) mean differences of (values, m, seeds, 1 + p) from (m, seeds, 1 + p).
 
@@ -339,6 +363,7 @@ def save(made: Bank, path: Path) -> None:
             "products": f.products,
             "rates": f.rates,
             "probes": [asdict(p) for p in f.probes],
+            "instrumented": f.instrumented,
             "tests": [dict(t) for t in made.tests],
             "lines": [asdict(one) for one in made.lines],
             "pairs": made.pairs,
@@ -357,6 +382,7 @@ def save(made: Bank, path: Path) -> None:
         nominal=made.nominal,
         interactions=made.interactions,
         variants=made.variants,
+        weights=made.weights,
         **changes,  # type: ignore[arg-type]
     )
 
@@ -376,6 +402,7 @@ def load(path: Path) -> Bank:
             arrays["pace"],
             arrays["little"],
             tuple(Probe(**p) for p in text["probes"]),
+            text["instrumented"],
         )
         found = tuple(Line(**(one | {"values": tuple(one["values"])})) for one in text["lines"])
         return Bank(
@@ -388,5 +415,6 @@ def load(path: Path) -> Bank:
             tuple(text["pair_tests"]),
             arrays["interactions"],
             arrays["variants"],
+            arrays["weights"],
             text["rollouts"],
         )

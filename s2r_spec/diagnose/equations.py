@@ -3,9 +3,16 @@
 A simulator whose residuals know the effects that were added to it says of any recorded
 motion what each would have explained there, at every instant and without a rollout. The
 nominal residual is regressed on all of these at once. What comes out is no estimate to be
-believed, for laws differ and noise in a regressor draws it towards nothing; it is a feature
-like any other, of which the bank says what every effect makes of it. But two effects that
-are the same in the means of a rollout seldom are at every instant.
+believed, for laws differ; it is a feature like any other, of which the bank says what every
+effect makes of it. But two effects that are the same in the means of a rollout seldom are at
+every instant.
+
+In a closed loop regressors are of the same noise as what is regressed on them: least squares
+finds less mass and less motor gain on every machine, for without both there would be no
+residual at all. Where the nominal simulator's regressors at the same test, of other random
+numbers, hold most of the machine's, these are instruments: two-stage least squares is free of
+that (A. Janot, P.-O. Vandanjon, M. Gautier, "A generic instrumental variable approach for
+industrial robot identification", IEEE Trans. Control Systems Technology 22(1), 2014).
 """
 
 from __future__ import annotations
@@ -24,6 +31,8 @@ FloatArray = NDArray[np.float64]
 
 SHRINKAGE = 0.1
 """Ridge of the regression, a mean square in the residuals' units: a smaller regressor is hardly asked for."""
+LITTLE = 1e-3
+"""Ridge of the projection on instruments, the same: there is no probe without one."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +51,39 @@ class Probe:
 
 
 @dataclass(frozen=True)
+class Instruments:
+    """Regressors of the nominal simulator at one test, of random numbers that no machine's rollout has.
+
+    Attributes:
+        times: (m,) since the rollout began [s].
+        taken: (probes, m, columns) of every residual, in the order of its units.
+    """
+
+    times: FloatArray
+    taken: tuple[FloatArray, ...]
+
+    def at(self, times: FloatArray) -> tuple[FloatArray, ...]:
+        """Return ``taken`` at other times; NaN before the first and after the last."""
+        if np.array_equal(times, self.times):
+            return self.taken
+        # A sample's own time must not fall out by a rounding.
+        slack = 0.5 * (self.times[-1] - self.times[0]) / max(len(self.times) - 1, 1)
+        inside = (times >= self.times[0] - slack) & (times <= self.times[-1] + slack)
+        return tuple(
+            np.where(inside[:, np.newaxis], _interpolated(times, self.times, each), np.nan)
+            for each in self.taken
+        )
+
+    @property
+    def weight(self) -> FloatArray:
+        """Return (probes, probes) by which coordinates at this test count beside those at others."""
+        whole = np.concatenate([each.reshape(len(each), -1) for each in self.taken], axis=1)
+        recorded = whole[:, np.isfinite(whole).all(axis=0)]
+        gram: FloatArray = recorded @ recorded.T / max(recorded.shape[1], 1)
+        return gram + SHRINKAGE * np.eye(len(whole))
+
+
+@dataclass(frozen=True)
 class Equations:
     """A simulator whose residuals know its effects, and what it is asked about a recorded motion.
 
@@ -55,30 +97,36 @@ class Equations:
     probes: Sequence[Probe]
     units: Mapping[str, FloatArray]
 
-    def regressed(self, trace: Trace, params: Mapping[str, float]) -> FloatArray:
+    def regressed(
+        self, trace: Trace, params: Mapping[str, float], instruments: Instruments | None = None
+    ) -> FloatArray:
         """Return (probes,) coordinates, by ridge regression of nominal residuals; NaN where one of these is missing.
 
-        ``params`` are those of the test, as the backend takes them.
+        Args:
+            trace: of any machine.
+            params: of the test, as the backend takes them.
+            instruments: at that test; None for least squares.
         """
-        found = self.regressors(trace, params)
-        return np.full(len(self.probes), np.nan) if found is None else _ridge(*found)
+        found = self._columns(trace, params, instruments)
+        return np.full(len(self.probes), np.nan) if found is None else found.coordinates
 
-    def unexplained(self, trace: Trace, params: Mapping[str, float]) -> float:
+    def unexplained(
+        self, trace: Trace, params: Mapping[str, float], instruments: Instruments | None = None
+    ) -> float:
         """Return the mean square of the residuals that the regression leaves, in their units; NaN as above."""
-        found = self.regressors(trace, params)
+        found = self._columns(trace, params, instruments)
         if found is None:
             return float("nan")
-        rest, x = found
-        return float(np.mean((rest - _ridge(rest, x) @ x) ** 2))
+        return float(np.mean((found.rest - found.coordinates @ found.taken) ** 2))
 
     def left(self, trace: Trace, params: Mapping[str, float]) -> dict[str, FloatArray] | None:
-        """Return residual → (columns,) rms of what the regression leaves of it, in its unit; None as below."""
+        """Return residual → (columns,) rms of what least squares leaves of it, in its unit; None as below."""
         found = self._blocks(trace, params)
         if found is None:
             return None
-        x = _ridge(*_flat(found))
+        x = _flat(found).coordinates
         out = {}
-        for name, (bare, taken) in zip(self.units, found, strict=True):
+        for name, bare, taken in zip(self.units, found.rest, found.taken, strict=True):
             squares = (bare - np.tensordot(x, taken, 1)) ** 2
             counts = np.isfinite(squares).sum(axis=0)
             out[name] = np.sqrt(np.nansum(squares, axis=0) / np.maximum(counts, 1))
@@ -93,19 +141,45 @@ class Equations:
         Raises:
             BackendError: with an effect a residual has other instants than without.
         """
+        found = self._columns(trace, params, None)
+        return None if found is None else (found.rest, found.taken)
+
+    def instruments(self, traces: Sequence[Trace], params: Mapping[str, float]) -> Instruments | None:
+        """Return the mean regressors of nominal rollouts of one test, as far as all of them go; None as above."""
+        found = [self._blocks(trace, params) for trace in traces]
+        blocks = [each for each in found if each is not None]
+        if not blocks or len(blocks) < len(found):
+            return None
+        m = min(len(each.times) for each in blocks)
+        means = [np.mean([each.taken[k][:, :m] for each in blocks], axis=0) for k in range(len(self.units))]
+        return Instruments(blocks[0].times[:m], tuple(means))
+
+    def strength(
+        self, trace: Trace, params: Mapping[str, float], instruments: Instruments
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return (probes,) mean squares of the regressors, and of what instruments hold of them."""
+        found = self._columns(trace, params, instruments)
+        if found is None:
+            nothing = np.zeros(len(self.probes))
+            return nothing, nothing
+        return (found.taken**2).mean(axis=1), (found.held**2).mean(axis=1)
+
+    def _columns(
+        self, trace: Trace, params: Mapping[str, float], instruments: Instruments | None
+    ) -> _Columns | None:
         found = self._blocks(trace, params)
-        return None if found is None else _flat(found)
+        if found is None:
+            return None
+        columns = _flat(found, None if instruments is None else instruments.at(found.times))
+        return columns if columns.rest.size else None
 
-    def _blocks(
-        self, trace: Trace, params: Mapping[str, float]
-    ) -> list[tuple[FloatArray, FloatArray]] | None:
-        """Return of every residual (m, columns) itself and (probes, m, columns) what a coordinate takes off it.
-
-        A sample that was not recorded is NaN in all of them.
-        """
+    def _blocks(self, trace: Trace, params: Mapping[str, float]) -> _Blocks | None:
+        """Return every residual, and what a coordinate of each effect takes off it; None if one has not a sample."""
         try:
-            rest = self._residuals({}, trace, params)
-            others = [self._residuals({p.effect: {p.parameter: p.value}}, trace, params) for p in self.probes]
+            times, rest = self._residuals({}, trace, params)
+            others = [
+                self._residuals({p.effect: {p.parameter: p.value}}, trace, params)[1] for p in self.probes
+            ]
         except TraceError:
             return None
         for probe, other in zip(self.probes, others, strict=True):
@@ -115,19 +189,20 @@ class Equations:
                     f"without; they must be at the same ones, whatever is added"
                 )
         coordinates = np.array([p.coordinate for p in self.probes])[:, np.newaxis, np.newaxis]
-        blocks = []
+        bares, takens = [], []
         for bare, *with_effect in zip(rest, *others, strict=True):
             taken = (bare - np.array(with_effect).reshape(len(self.probes), *bare.shape)) / coordinates
             recorded = np.isfinite(bare) & np.isfinite(taken).all(axis=0)
             if not recorded.any():
                 return None
-            blocks.append((np.where(recorded, bare, np.nan), np.where(recorded, taken, np.nan)))
-        return blocks
+            bares.append(np.where(recorded, bare, np.nan))
+            takens.append(np.where(recorded, taken, np.nan))
+        return _Blocks(times - trace.times[0], tuple(bares), tuple(takens))
 
     def _residuals(
         self, values: Mapping[str, Mapping[str, float]], trace: Trace, params: Mapping[str, float]
-    ) -> list[FloatArray]:
-        """Return every residual (m, columns) of the simulator with these effects, in its units.
+    ) -> tuple[FloatArray, list[FloatArray]]:
+        """Return (m,) times and every residual (m, columns) of the simulator with these effects, in its units.
 
         Raises:
             TraceError: one of them is missing.
@@ -138,20 +213,61 @@ class Equations:
         found = machine.residuals(trace, params)
         if missing := [name for name in self.units if name not in found.channels]:
             raise TraceError(f"the residual {missing[0]!r} cannot be computed of this trace")
-        return [found[name].reshape(len(found), -1) / unit for name, unit in self.units.items()]
+        return found.times, [found[name].reshape(len(found), -1) / unit for name, unit in self.units.items()]
 
 
-def _flat(blocks: Sequence[tuple[FloatArray, FloatArray]]) -> tuple[FloatArray, FloatArray]:
-    """Return (n,) and (probes, n) of all residuals, of the samples that were recorded."""
-    rest, taken = [], []
-    for bare, each in blocks:
-        recorded = np.isfinite(bare)
+@dataclass(frozen=True)
+class _Blocks:
+    """A recorded motion, in residuals; a sample that was not recorded is NaN in all of them.
+
+    Attributes:
+        times: (m,) since the motion began [s].
+        rest: (m, columns) of every residual.
+        taken: (probes, m, columns) of every residual: what a coordinate takes off it.
+    """
+
+    times: FloatArray
+    rest: tuple[FloatArray, ...]
+    taken: tuple[FloatArray, ...]
+
+
+@dataclass(frozen=True)
+class _Columns:
+    """The same in one row: (n,) residuals, (probes, n) what is taken off them, and what instruments hold of that."""
+
+    rest: FloatArray
+    taken: FloatArray
+    held: FloatArray
+
+    @property
+    def coordinates(self) -> FloatArray:
+        """Return (probes,) by how much of each the residuals are explained."""
+        gram = self.held @ self.held.T / self.rest.size + SHRINKAGE * np.eye(len(self.held))
+        return np.asarray(np.linalg.solve(gram, self.held @ self.rest / self.rest.size), dtype=np.float64)
+
+
+def _flat(blocks: _Blocks, instruments: Sequence[FloatArray] | None = None) -> _Columns:
+    """Return all residuals of the samples that were recorded, and for which there are instruments."""
+    rest, taken, beside = [], [], []
+    for bare, each, by in zip(blocks.rest, blocks.taken, instruments or blocks.taken, strict=True):
+        recorded = np.isfinite(bare) & np.isfinite(by).all(axis=0)
         rest.append(bare[recorded])
         taken.append(each[:, recorded])
-    return np.concatenate(rest), np.hstack(taken)
+        beside.append(by[:, recorded])
+    whole = np.hstack(taken)
+    held = whole if instruments is None else _held(whole, np.hstack(beside))
+    return _Columns(np.concatenate(rest), whole, held)
 
 
-def _ridge(rest: FloatArray, x: FloatArray) -> FloatArray:
-    """Return (probes,) by how much of each of (probes, n) the (n,) are explained."""
-    gram = x @ x.T / rest.size + SHRINKAGE * np.eye(len(x))
-    return np.asarray(np.linalg.solve(gram, x @ rest / rest.size), dtype=np.float64)
+def _held(taken: FloatArray, instruments: FloatArray) -> FloatArray:
+    """Return (probes, n): the projection of (probes, n) regressors on (probes, n) instruments."""
+    n = max(taken.shape[1], 1)
+    gram = instruments @ instruments.T / n + LITTLE * np.eye(len(instruments))
+    return np.asarray(np.linalg.solve(gram, instruments @ taken.T / n).T @ instruments, dtype=np.float64)
+
+
+def _interpolated(times: FloatArray, known: FloatArray, values: FloatArray) -> FloatArray:
+    """Return (probes, m, columns) at ``times`` of (probes, n, columns) at the ``known`` ones."""
+    rows = values.transpose(0, 2, 1).reshape(-1, len(known))
+    found = np.array([np.interp(times, known, row) for row in rows])
+    return found.reshape(values.shape[0], values.shape[2], len(times)).transpose(0, 2, 1)

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.backend import Backend, HasResiduals
-from s2r_spec.diagnose.equations import Equations, Probe
+from s2r_spec.diagnose.equations import Equations, Instruments, Probe
 from s2r_spec.errors import TraceError, UsageError
 from s2r_spec.trace import Trace
 
@@ -81,6 +81,7 @@ class Features:
         little: (columns,) rms that a little of every effect makes of a residual and the equations do not explain, in
             ``scale``; 0 if that is not known.
         probes: effects of which the equations of motion are asked; see :mod:`s2r_spec.diagnose.equations`.
+        instrumented: whether the nominal simulator's own motions are instruments for that.
     """
 
     duration: float
@@ -93,6 +94,7 @@ class Features:
     pace: FloatArray
     little: FloatArray
     probes: tuple[Probe, ...] = ()
+    instrumented: bool = False
 
     @classmethod
     def of_nominal(cls, traces: Sequence[Trace], duration: float) -> Features:
@@ -196,9 +198,15 @@ class Features:
                 out[part] = values[block.source.removeprefix(RESIDUAL)]
         return out
 
-    def equations(self, trace: Trace, backend: Backend, params: Mapping[str, float]) -> FloatArray:
+    def equations(
+        self,
+        trace: Trace,
+        backend: Backend,
+        params: Mapping[str, float],
+        instruments: Instruments | None = None,
+    ) -> FloatArray:
         """Return (probes,): see :meth:`s2r_spec.diagnose.equations.Equations.regressed`."""
-        return self.asked(backend).regressed(trace, params) if self.probes else np.zeros(0)
+        return self.asked(backend).regressed(trace, params, instruments) if self.probes else np.zeros(0)
 
     def asked(self, backend: Backend) -> Equations:
         """Return what the equations of motion of a backend are asked."""

@@ -47,23 +47,24 @@ class Weights:
     On practice cases the networks are at home and the evidence is not needed; on a machine it is the other
     way round. So these come from twins by other code, made for development and never used for a score
     (``benchmarks/blind/weigh.py``), and are the same for every backend. That code also makes the sealed sets of the
-    axis, with other seeds: for a machine of a third kind the numbers are untested. ``told`` is of the A1 alone:
-    whether the equations are asked by themselves is decided by what a rollout costs, not by how much they tell.
+    axis, with other seeds: for a machine of a third kind the numbers are untested.
 
-    A set A of effects scores  log evidence / temperature + trust · log P_network(A) − penalty[|A|], and, where the
-    equations of motion are asked by themselves (:mod:`s2r_spec.diagnose.told`), told · their log evidence more. The
-    features hang together: n of them, each seen through a few functions of the test, count as ``independent``
-    ones, and the temperature is n / independent, where the joint fit leaves what is usual of the data; where the
-    simulator is nearer to the truth than that, it is less, as the root of what is left.
+    A set A of effects scores  log evidence / temperature + trust · log P_network(A) − penalty[|A|]. Where the equations
+    of motion are asked by themselves (:mod:`s2r_spec.diagnose.told`) it is told · their log evidence more, and the
+    networks are trusted by ``beside`` alone. The features hang together: n of them, each seen through a few functions
+    of the test, count as ``independent`` ones, and the temperature is n / independent, where the joint fit leaves
+    what is usual of the data; where the simulator is nearer to the truth than that, it is less, as the root of what
+    is left.
     """
 
     independent: float
     trust: float
     penalty: tuple[float, float, float, float]
     told: float
+    beside: float
 
 
-WEIGHTS = Weights(50.0, 0.57, (0.0, 0.0, 2.9, 4.3), 0.7)
+WEIGHTS = Weights(50.0, 0.57, (0.0, 0.0, 2.9, 4.3), 0.6, 0.4)
 USUAL = 0.1
 """Misfit of the joint fit, in units of what is believed, for which ``independent`` is meant."""
 COLDEST = 1.0
@@ -111,9 +112,11 @@ class Judge:
         self, found: Evidence, p: FloatArray, temperature: float, told: FloatArray | None = None
     ) -> Sets:
         """Return the probability of every set, given that the catalogue has the causes; ``told`` by the equations."""
-        score = _score(found.members, found.logs, p, self.weights, temperature)
-        if told is not None:
-            score = score + self.weights.told * told
+        w = self.weights
+        if told is None:
+            score = _score(found.members, found.logs, p, w, temperature, w.trust)
+        else:
+            score = _score(found.members, found.logs, p, w, temperature, w.beside) + w.told * told
         return Sets(found.members, np.exp(score - logsumexp(score)))
 
     def unknown(self, found: Evidence, p: FloatArray) -> float:
@@ -181,10 +184,15 @@ def temperature(count: float, misfit: float, weights: Weights) -> float:
 
 
 def _score(
-    members: tuple[tuple[int, ...], ...], logs: FloatArray, p: FloatArray, w: Weights, temperature: float
+    members: tuple[tuple[int, ...], ...],
+    logs: FloatArray,
+    p: FloatArray,
+    w: Weights,
+    temperature: float,
+    trust: float,
 ) -> FloatArray:
     vote, size = votes(members, p)
-    found: FloatArray = (logs - logs.max()) / temperature + w.trust * vote - np.array(w.penalty)[size]
+    found: FloatArray = (logs - logs.max()) / temperature + trust * vote - np.array(w.penalty)[size]
     return found
 
 
@@ -343,7 +351,12 @@ def _practice(
     hits: dict[str, list[bool]] = {"single": [], "pair": [], "triple": [], "none": [], "sure": []}
     for s in solved:
         score = _score(
-            s.found.members, s.found.logs, s.p, weights, temperature(s.data.size, s.misfit, weights)
+            s.found.members,
+            s.found.logs,
+            s.p,
+            weights,
+            temperature(s.data.size, s.misfit, weights),
+            weights.trust,
         )
         first = int(np.argmax(score))
         right = s.found.members[first] == s.case.effects

@@ -283,6 +283,11 @@ class Simulator:
         found = self._rows([at], self._many)[0] - self._nominal[: self.shots, self._many]
         return np.asarray(found.reshape(-1, found.shape[-1]))
 
+    def weights(self) -> FloatArray:
+        """Return (looks, q, q) by which the coordinates that the equations ask for count in these rows."""
+        each = self._bench.weights([self._layout.tests[i] for i in self._many])
+        return np.tile(each, (self.shots, 1, 1))
+
     def variance(self, noise: FloatArray) -> FloatArray:
         """Return (q, k) scatter of a look, from (k,) that of one rollout."""
         of_tests = self._layout.projected_from(self._many) ** 2

@@ -281,10 +281,12 @@ def prepare(
     tell("fitting the whole catalogue", 0, 1)
     begin = _beginning(smooth, not simulator.dear)
     first = view.surrogate.jacobian(begin)
+    heard = None
+    if simulator.dear or bank.features.instrumented:
+        heard = Heard.of(bank, rows, level[layout.place], asked_error, bench.weights(tests))
     if not simulator.dear:
-        state = _state(signatures, smooth, view, judge, p, simulator, simulator, begin, first)
+        state = _state(signatures, smooth, view, judge, p, simulator, simulator, begin, first, heard=heard)
         return _closer(state, view, view.layout.variance(machine, own))
-    heard = Heard.of(bank, rows, level[layout.place], asked_error)
     state = _state(signatures, smooth, view, judge, p, simulator, view.surrogate, begin, first, heard=heard)
     # Where derivatives are the bank's, the fit of everything at once goes astray; that of a few effects does not.
     likely = [members for members, _ in state.sets.ranked()[:TRIED]]
@@ -326,6 +328,7 @@ def _closer(wide: State, view: View, scatter: FloatArray) -> State:
         wide.simulator,
         best.at,
         best.jacobian,
+        heard=wide.heard,
     )
     # The detector of unknown causes learnt from data that were believed as usual.
     return replace(found, unknown=wide.unknown, reached=wide.reached, wide=wide)

@@ -6,13 +6,14 @@ import pickle
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Executor, as_completed
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.backend import Backend, HasEffects, HasVariants
 from s2r_spec.diagnose.axes import Values
+from s2r_spec.diagnose.equations import Instruments
 from s2r_spec.diagnose.features import Features, with_residuals
 from s2r_spec.errors import BackendError, UsageError
 from s2r_spec.rollouts.match import Matched
@@ -21,6 +22,16 @@ from s2r_spec.trace import Trace
 
 FloatArray = NDArray[np.float64]
 Test = Mapping[str, float]
+
+INSTRUMENT_SEEDS = (2_000_003, 2_000_004, 2_000_005)
+"""Of rollouts that are instruments: no other rollout of a simulator has these."""
+
+
+class _Kept(dict[tuple[tuple[str, float], ...], Instruments | None]):
+    """Instruments that were made in this process; they are not sent to another."""
+
+    def __reduce__(self) -> tuple[type[_Kept], tuple[()]]:
+        return _Kept, ()
 
 
 @dataclass(frozen=True)
@@ -40,6 +51,7 @@ class Bench:
     requirement: str
     matched: Matched
     features: Features | None = None
+    _kept: _Kept = field(default_factory=_Kept, init=False, repr=False, compare=False)
 
     def with_effects(self, values: Values) -> Backend:
         """Return the backend with these effects; the same one for none."""
@@ -75,14 +87,40 @@ class Bench:
         rho = self.rho(trace, test)
         if self.features is None:
             return np.array([rho])
-        equations = self.features.equations(trace, self.backend, self.matched.to_backend(test))
+        equations = self.features.equations(
+            trace, self.backend, self.matched.to_backend(test), self.instruments(test)
+        )
         return np.concatenate([[rho], self.features.vector(self.seen(trace, test)), equations])
 
     def unexplained(self, trace: Trace, test: Test) -> float:
         """Return the mean square that no effect's equations explain of the nominal residuals; NaN if none is asked."""
         if self.features is None or not self.features.probes:
             return float("nan")
-        return self.features.asked(self.backend).unexplained(trace, self.matched.to_backend(test))
+        asked = self.features.asked(self.backend)
+        return asked.unexplained(trace, self.matched.to_backend(test), self.instruments(test))
+
+    def instruments(self, test: Test) -> Instruments | None:
+        """Return the instruments at a test, made once in a process; None where they are not used."""
+        if self.features is None or not self.features.instrumented:
+            return None
+        place = tuple(sorted(test.items()))
+        if place not in self._kept:
+            self._kept[place] = self.nominal_motion(self.features, test)
+        return self._kept[place]
+
+    def weights(self, tests: Sequence[Test]) -> FloatArray:
+        """Return (tests, p, p) by which coordinates that the equations ask for count; 1 where all count alike."""
+        probes = () if self.features is None else self.features.probes
+        found = [self.instruments(test) for test in tests]
+        return np.array([np.eye(len(probes)) if each is None else each.weight for each in found])
+
+    def nominal_motion(self, features: Features, test: Test) -> Instruments | None:
+        """Return the regressors of the nominal simulator at a test."""
+        traces = []
+        for seed in INSTRUMENT_SEEDS:
+            with blamed(self, {}, test, seed):
+                traces.append(self.run({}, test, seed))
+        return features.asked(self.backend).instruments(traces, self.matched.to_backend(test))
 
 
 @dataclass(frozen=True)

@@ -74,7 +74,8 @@ def _told(state: State, members: Set, best: Sized, found: Joint, heard: Heard) -
         alone[lines] = x
         return state.simulator.row_change(alone)
 
-    size, covariance = heard.sized(chosen, best.at[lines], best.deviation[lines] ** 2, simulated)
+    weights = state.simulator.weights()
+    size, covariance = heard.sized(chosen, best.at[lines], best.deviation[lines] ** 2, simulated, weights)
     at, deviation = best.at.copy(), best.deviation.copy()
     at[lines], deviation[lines] = size, np.sqrt(np.diag(covariance))
     others = [k for k in range(len(catalogue.effects)) if k not in members]

@@ -10,7 +10,7 @@ from s2r_cart import SPEC, real
 
 import s2r_spec as s2r
 from s2r_spec.diagnose import bank as banks
-from s2r_spec.diagnose.asked import Asked, Curve, Heard, _straight, asked_columns
+from s2r_spec.diagnose.asked import Asked, Curve, Heard, _straight, asked_columns, pooled
 from s2r_spec.diagnose.axes import Line
 from s2r_spec.diagnose.axes import line as line_of
 from s2r_spec.diagnose.prepare import bench_of
@@ -98,6 +98,7 @@ def test_how_an_effect_acts_is_what_it_adds_to_the_effect_itself():
         lines=(size, place),
         changes=(np.array([[[0.0, -2.0]], [[0.0, 2.0]]]), both),
         variants=np.zeros((0, 1, 2)),
+        weights=np.ones((1, 1, 1)),
     )
     asked = Asked.of(bank)
     assert [c.line.name for c in asked.curves] == ["load.size"]
@@ -120,7 +121,8 @@ def test_a_closed_loop_that_says_too_little_is_put_right_by_the_equations(felt, 
     rollouts = [(bank.tests[k % len(bank.tests)], 100 + k) for k in range(12)]
     rows = np.array([bench.measure(machine.rollout(test, seed), test) for test, seed in rollouts])
     nominal = np.array([bench.measure(Felt().rollout(test, seed), test) for test, seed in rollouts])
-    heard = Heard.of(bank, rows, nominal, ERROR)
+    weights = bench.weights([test for test, _ in rollouts])
+    heard = Heard.of(bank, rows, nominal, ERROR, weights)
     assert set(effects) <= heard.effects
     lines = heard.asked.lines(list(effects))
     true = np.array([curve.line.coordinate(effects[curve.line.effect]) for curve in lines])
@@ -130,7 +132,7 @@ def test_a_closed_loop_that_says_too_little_is_put_right_by_the_equations(felt, 
         added = Felt().with_effects(values)
         return np.array([bench.measure(added.rollout(test, seed), test) for test, seed in rollouts]) - nominal
 
-    x, covariance = heard.sized(list(effects), 0.6 * true, (0.5 * true) ** 2, simulated)
+    x, covariance = heard.sized(list(effects), 0.6 * true, (0.5 * true) ** 2, simulated, weights)
     assert (np.abs(x - true) < 0.5 * np.abs(0.6 * true - true)).all(), (x, true)
     assert (np.abs(x - true) < 3.0 * np.sqrt(np.diag(covariance))).all(), (x, true)
 
@@ -138,8 +140,10 @@ def test_a_closed_loop_that_says_too_little_is_put_right_by_the_equations(felt, 
 def test_where_the_named_effects_make_every_rollout_fall_the_bank_is_believed():
     heard = Heard(BENT, np.array([1, 2]), BENT.curves[0](1.0), ERROR)
     known = np.full(1, 0.7), np.full(1, 0.5)
-    fell, _ = heard.sized(["a"], *known, lambda x: np.full((3, 3), np.nan))
-    as_the_bank, _ = heard.sized(["a"], *known, lambda x: np.array([[0.0, *BENT.curves[0](float(x[0]))]]))
+    fell, _ = heard.sized(["a"], *known, lambda x: np.full((3, 3), np.nan), np.stack([np.eye(2)] * 3))
+    as_the_bank, _ = heard.sized(
+        ["a"], *known, lambda x: np.array([[0.0, *BENT.curves[0](float(x[0]))]]), np.eye(2)[None]
+    )
     assert fell[0] == pytest.approx(1.0, abs=0.1)
     np.testing.assert_allclose(fell, as_the_bank)
 
@@ -155,17 +159,22 @@ def test_a_machine_whose_records_lack_what_a_residual_needs_is_not_heard(felt):
     row = bench.measure(Felt().rollout(bank.tests[0], 0), bank.tests[0])
     mute = row.copy()
     mute[asked_columns(bank)] = np.nan
-    assert Heard.of(bank, mute[None], row[None], ERROR) is None
+    weights = bench.weights([bank.tests[0]] * 2)
+    assert Heard.of(bank, mute[None], row[None], ERROR, weights[:1]) is None
     # one rollout of two is enough
-    heard = Heard.of(bank, np.array([mute, row]), np.array([row, row]), ERROR)
+    heard = Heard.of(bank, np.array([mute, row]), np.array([row, row]), ERROR, weights)
     np.testing.assert_array_equal(heard.seen, 0.0)
 
 
-@pytest.mark.parametrize("cost", [1e-3, 0.3])
-def test_only_a_dear_simulator_has_its_names_and_sizes_from_the_equations(cache, monkeypatch, cost):
-    told = []
+@pytest.mark.parametrize(("cost", "strong"), [(1e-3, False), (1e-3, True), (0.3, True)])
+def test_whose_names_and_sizes_are_from_the_equations(cache, tmp_path, monkeypatch, cost, strong):
+    """Names where instruments are strong or the simulator is dear, sizes where it is dear."""
+    dear, told = cost > 0.1, []
+    if not strong:
+        monkeypatch.setattr(banks, "_instrumented", lambda *_: False)
+        cache = tmp_path
 
-    def sized(self, effects, before, variance, simulated):
+    def sized(self, effects, before, variance, simulated, weights):
         told.append((effects, before))
         return np.full(len(before), 0.25), np.diag(np.full(len(before), 0.01**2))
 
@@ -175,7 +184,7 @@ def test_only_a_dear_simulator_has_its_names_and_sizes_from_the_equations(cache,
     def log_evidence(asked, seen, sets):
         # As if the equations all but ruled out what is there.
         spoken.append(len(sets))
-        return np.array([-30.0 if "viscous" in members else 0.0 for members in sets])
+        return np.array([-60.0 if "viscous" in members else 0.0 for members in sets])
 
     rng = np.random.default_rng(12)
     tests = [{"vd": rng.uniform(0.2, 1), "acc": rng.uniform(1, 4)} for _ in range(24)]
@@ -183,10 +192,10 @@ def test_only_a_dear_simulator_has_its_names_and_sizes_from_the_equations(cache,
     found = s2r.diagnose(s2r.parse_spec(SPEC), Felt(cost=cost), seen, cache=cache, where=False)
     monkeypatch.setattr(sys.modules["s2r_spec.diagnose.prepare"], "log_evidence", log_evidence)
     without = s2r.diagnose(s2r.parse_spec(SPEC), Felt(cost=cost), seen, cache=cache, where=False)
-    assert (without.which.membership["viscous"] < 0.01) is bool(spoken) is (cost > 0.1)
+    assert (without.which.membership["viscous"] < 0.01) is bool(spoken) is (strong or dear)
     assert found.which.answer == ("viscous",)
     (estimate,) = found.which.estimates
-    if cost < 0.1:
+    if not dear:
         assert not told
         assert estimate.low < 1.6 < estimate.high
         return
@@ -202,3 +211,25 @@ def test_only_a_dear_simulator_has_its_names_and_sizes_from_the_equations(cache,
     # a little of all others is fitted beside what is too small now
     assert found.tuned["viscous"]["coefficient"] == estimate.value
     assert len(found.tuned) > 1
+
+
+def test_ridge_regressions_of_one_test_each_are_pooled_to_one_of_all():
+    """Where the regressors' products are as the weights have them, exactly."""
+    rng = np.random.default_rng(3)
+    x = rng.normal(size=(5, 3, 40)) * rng.uniform(0.1, 2.0, size=(5, 3, 1))
+    true = np.array([1.0, -0.5, 0.2])
+    y = np.einsum("p,mpn->mn", true, x) + 0.1 * rng.normal(size=(5, 40))
+    weights = x @ x.swapaxes(1, 2) / 40 + 0.1 * np.eye(3)
+    each = np.linalg.solve(weights, np.einsum("mpn,mn->mp", x, y)[..., None] / 40)[..., 0]
+    together = np.concatenate(list(x), axis=1)
+    whole = together @ together.T / 200 + 0.1 * np.eye(3)
+    np.testing.assert_allclose(
+        pooled(each, weights), np.linalg.solve(whole, together @ y.ravel() / 200), rtol=1e-9
+    )
+    # a rollout that could not be asked does not count, and of none there is nothing
+    some = each.copy()
+    some[[1, 3]] = np.nan
+    np.testing.assert_allclose(pooled(some, weights), pooled(each[[0, 2, 4]], weights[[0, 2, 4]]))
+    assert np.isnan(pooled(np.full((5, 3), np.nan), weights)).all()
+    # where all count alike it is their mean
+    np.testing.assert_allclose(pooled(each, np.stack([np.eye(3)] * 5)), each.mean(axis=0))

@@ -1,0 +1,122 @@
+"""Instruments: the nominal simulator's own motion, for equations of motion in a closed loop."""
+
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import s2r_spec as s2r
+from s2r_emps import EmpsBackend
+from s2r_emps.noise import Noise
+from s2r_spec.diagnose import bank as banks
+from s2r_spec.diagnose.equations import Equations, Instruments, Probe
+from s2r_spec.diagnose.features import Features
+from s2r_spec.diagnose.prepare import bench_of
+from s2r_spec.diagnose.simulate import Bench
+from s2r_spec.trace import Trace
+
+MOVE = {"speed": 0.1, "accel": 1.0, "payload": 0.0}
+PROBES = (Probe("mass", "extra", 12.0, 1.0), Probe("motor_gain", "factor", 1.1, 1.0))
+EQUATIONS = Equations(EmpsBackend(), PROBES, {"force": np.array([1.0])})
+
+
+def moved(backend, times):
+    return [backend.rollout(MOVE, seed) for seed in range(times)]
+
+
+def asked(machine, instruments):
+    return np.mean([EQUATIONS.regressed(trace, MOVE, instruments) for trace in moved(machine, 6)], axis=0)
+
+
+@pytest.fixture(scope="module")
+def instruments():
+    return EQUATIONS.instruments([EmpsBackend().rollout(MOVE, seed) for seed in (100, 101, 102)], MOVE)
+
+
+def test_a_disturbance_is_taken_for_less_of_everything_without_instruments_and_not_with_them(instruments):
+    # Without mass and without gain there would be no residual at all.
+    pushed = EmpsBackend(noise=replace(Noise(), disturbance=3.0))
+    without, with_them = asked(pushed, None), asked(pushed, instruments)
+    assert np.all(without < -2.0)
+    assert np.all(np.abs(with_them) < 0.2 * np.abs(without))
+
+
+def test_with_instruments_an_effect_that_is_there_is_asked_for():
+    heavier = EmpsBackend().with_effects({"mass": {"extra": 12.0}})
+    alone = Equations(EmpsBackend(), PROBES[:1], {"force": np.array([1.0])})
+    by = alone.instruments([EmpsBackend().rollout(MOVE, 100)], MOVE)
+    found = np.mean([alone.regressed(trace, MOVE, by)[0] for trace in moved(heavier, 6)])
+    assert found == pytest.approx(1.0, abs=0.1)
+
+
+def test_what_instruments_hold_of_a_regressor_says_how_strong_they_are(instruments):
+    whole, held = EQUATIONS.strength(EmpsBackend().rollout(MOVE, 0), MOVE, instruments)
+    assert np.all(held > 0.95 * whole)
+    assert np.all(held <= whole)
+    rng = np.random.default_rng(0)
+    noise = Instruments(instruments.times, tuple(rng.normal(size=x.shape) for x in instruments.taken))
+    whole, held = EQUATIONS.strength(EmpsBackend().rollout(MOVE, 0), MOVE, noise)
+    assert np.all(held < 0.05 * whole)
+
+
+def test_instruments_are_read_at_the_times_of_the_recording(instruments):
+    assert instruments.at(instruments.times) is instruments.taken
+    between = 0.5 * (instruments.times[:-1] + instruments.times[1:])
+    found = instruments.at(np.append(between, instruments.times[-1] + 1.0))[0]
+    middle = 0.5 * (instruments.taken[0][:, :-1] + instruments.taken[0][:, 1:])
+    np.testing.assert_allclose(found[:, :-1], middle)
+    assert np.isnan(found[:, -1]).all()  # after the simulator's rollout there is none
+
+
+def test_a_recording_that_goes_on_longer_is_asked_as_far_as_the_instruments_go(instruments):
+    long = EmpsBackend(duration=4.0).rollout(MOVE, 0)
+    short = EmpsBackend().rollout(MOVE, 0)
+    np.testing.assert_allclose(
+        EQUATIONS.regressed(long, MOVE, instruments),
+        EQUATIONS.regressed(short, MOVE, instruments),
+        atol=0.05,
+    )
+
+
+def test_where_no_instrument_can_be_made_there_is_none():
+    bare = Trace(np.arange(400) / 1000, {"q": np.zeros(400)}, {"q": "m"})
+    assert EQUATIONS.instruments([bare], MOVE) is None
+
+
+@pytest.fixture(scope="module")
+def bench():
+    spec = s2r.load_spec("specs/emps_tracking.stl")
+    found = bench_of(spec, spec.requirements[0], EmpsBackend())
+    traces = [found.seen(found.run({}, MOVE, seed), MOVE) for seed in range(2)]
+    features = Features.of_nominal(traces, found.backend.duration)
+    return replace(found, features=replace(features, probes=PROBES, instrumented=True))
+
+
+def test_instruments_of_a_test_are_made_once_and_not_sent_to_workers(bench):
+    before = pickle.dumps(bench)
+    first = bench.instruments(MOVE)
+    assert first is not None
+    assert bench.instruments(dict(reversed(MOVE.items()))) is first
+    assert pickle.dumps(bench) == before
+    assert replace(bench, features=replace(bench.features, instrumented=False)).instruments(MOVE) is None
+
+
+def test_other_features_have_other_instruments(bench):
+    loud = replace(bench, features=replace(bench.features, scale=2.0 * bench.features.scale))
+    ratio = bench.instruments(MOVE).taken[0] / loud.instruments(MOVE).taken[0]
+    np.testing.assert_allclose(ratio, 2.0)
+
+
+class Shaken(EmpsBackend):
+    """An axis whose every run follows a reference of its own: nominal runs say nothing of each other."""
+
+    def rollout(self, params, seed):
+        other = params | {"speed": 0.05 + 0.02 * (seed % 8), "accel": 0.5 + 0.2 * (seed % 7)}
+        return super().rollout(other, seed)
+
+
+@pytest.mark.parametrize(("kind", "strong"), [(EmpsBackend, True), (Shaken, False)])
+def test_weak_instruments_are_not_used(bench, kind, strong):
+    ours: Bench = replace(bench, backend=kind())
+    assert banks._instrumented(ours, bench.features, (MOVE, MOVE | {"speed": 0.2})) is strong
