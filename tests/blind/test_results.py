@@ -7,6 +7,7 @@ from pathlib import Path
 
 from benchmarks.blind.table import SETS, SHOWN, reliability, table
 from s2r_spec.blind.score import MOVES, truth
+from s2r_spec.diagnose.judge import WEIGHTS
 from s2r_spec.spec import load_spec
 
 ROOT = Path(__file__).parents[2]
@@ -86,17 +87,16 @@ def test_what_is_said_of_the_ninth_set_of_the_a1():
 def test_what_is_said_of_the_weight_of_the_equations():
     heard = asked("a1eighth")[2]["log score if heard more"]
     page = " ".join(PAGE.read_text().split())
-    assert f"of the truth of {heard['+0.7']:.2f} in place of {heard['+0']:.2f} (" in page
-    assert max(heard, key=lambda weight: heard[weight]) == "+0.7"
-    axis = asked("emps")[2]["log score if heard more"]
     assert (
-        f"would make {axis['+0.7']:.2f} of {axis['+0']:.2f} in the eleventh set, and 0.3 would make it"
+        f"a mean log probability of {heard['+0.7']:.2f} in place of {heard['+0']:.2f} with a weight of 0.7"
         in page
     )
-    assert f"and 0.3 would make it {axis['+0.3']:.2f} (" in page
-    # The ninth set's answers were made with this weight: more of it would do harm.
-    ninth = asked("a1")[2]["log score if heard more"]
-    assert max(ninth, key=lambda weight: ninth[weight]) == "+0"
+    assert max(heard, key=lambda weight: heard[weight]) == "+0.7"
+    assert (
+        f"with a weight of {WEIGHTS.told:g}, and the networks are trusted by {WEIGHTS.beside:g} in place of"
+        in page
+    )
+    assert f"in place of {WEIGHTS.trust:g}: both" in page
 
 
 def likeliest(case):
@@ -322,7 +322,8 @@ def test_what_is_said_of_the_real_axis():
         f"{100 * tuned['estimate']:.0f} % with a little of everything"
     )
     assert said in page, said
-    assert (
-        "though viscous may not be there" in friction["text"]
-    )  # "leaves open whether the viscous part is there"
+    assert "though speed_filter may not be there" in friction["text"]
+    before, after = friction["control law leaves"]
+    assert f"leaves {before:.4f} V of the recorded voltage, and {after:.4f} V with that filter" in page
+    assert friction["parameters"]["speed_filter"]["time"]["low"] == 0.0
     assert kept["pulses"]["verdict"] == "none of these"

@@ -1,7 +1,5 @@
 """The same axis, idealised otherwise: nobody's cause of a gap."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
