@@ -9,7 +9,8 @@ from scipy.stats import multivariate_normal
 
 from s2r_spec.diagnose.asked import Asked, Curve
 from s2r_spec.diagnose.axes import Line
-from s2r_spec.diagnose.evidence import ALLOWED, FORM, LARGE
+from s2r_spec.diagnose.evidence import ALLOWED, FORM, LARGE, Evidence
+from s2r_spec.diagnose.judge import WEIGHTS, Judge
 from s2r_spec.diagnose.told import ACROSS, ERRORS, log_evidence
 
 NAMES = ("a.size", "b.size", "c.x", "c.y", "push.size")
@@ -92,3 +93,20 @@ def test_what_cannot_be_is_not_spoken_for():
     assert back[push] < back[none]
     logs = log_evidence(ASKED, np.zeros(len(NAMES)), [(), ("stranger",), ("a", "stranger")])
     assert logs[1:].tolist() == [-np.inf, -np.inf]
+
+
+def test_where_the_equations_speak_the_networks_are_trusted_less():
+    members = ((), (0,), (1,), (0, 1))
+    logs, p, told = np.array([-9.0, -3.0, 0.0, -1.0]), np.array([0.9, 0.2]), np.array([-5.0, 0.0, -4.0, -1.0])
+    evidence = Evidence(members, logs, np.zeros(4), np.zeros(4), 1.0)
+    judge = Judge(("a", "b"), (), WEIGHTS, None, 0.5, {})
+    odds = np.log(p / (1.0 - p))
+    vote = np.array([0.0, odds[0], odds[1], odds.sum()])
+    least = np.array(WEIGHTS.penalty)[[0, 1, 1, 2]]
+    for heard, score in (
+        (None, logs / 2.0 + WEIGHTS.trust * vote - least),
+        (told, logs / 2.0 + WEIGHTS.beside * vote - least + WEIGHTS.told * told),
+    ):
+        found = judge.sets(evidence, p, 2.0, heard)
+        np.testing.assert_allclose(found.probability, np.exp(score - logsumexp(score)))
+    assert WEIGHTS.beside < WEIGHTS.trust
