@@ -150,9 +150,9 @@ class Equations:
         blocks = [each for each in found if each is not None]
         if not blocks or len(blocks) < len(found):
             return None
-        m = min(len(each.times) for each in blocks)
-        means = [np.mean([each.taken[k][:, :m] for each in blocks], axis=0) for k in range(len(self.units))]
-        return Instruments(blocks[0].times[:m], tuple(means))
+        times = blocks[0].times
+        each = [Instruments(block.times, block.taken).at(times) for block in blocks]
+        return Instruments(times, tuple(np.mean(of, axis=0) for of in zip(*each, strict=True)))
 
     def strength(
         self, trace: Trace, params: Mapping[str, float], instruments: Instruments

@@ -79,6 +79,18 @@ def test_a_recording_that_goes_on_longer_is_asked_as_far_as_the_instruments_go(i
     )
 
 
+def test_nominal_rollouts_that_end_or_are_sampled_otherwise_count_where_they_are():
+    whole, other = EmpsBackend().rollout(MOVE, 100), EmpsBackend().rollout(MOVE, 101)
+    both = EQUATIONS.instruments([whole, other], MOVE)
+    short = Trace(other.times[:1500], {n: x[:1500] for n, x in other.channels.items()}, other.units)
+    found = EQUATIONS.instruments([whole, short], MOVE)
+    there = np.isfinite(found.taken[0]).all(axis=(0, 2))
+    assert 1300 < there.sum() < 1500
+    inner = slice(100, 1200)  # the residuals' filter sees the end from farther away
+    np.testing.assert_allclose(found.taken[0][:, inner], both.taken[0][:, inner], atol=0.02)
+    assert np.isfinite(found.weight).all()
+
+
 def test_where_no_instrument_can_be_made_there_is_none():
     bare = Trace(np.arange(400) / 1000, {"q": np.zeros(400)}, {"q": "m"})
     assert EQUATIONS.instruments([bare], MOVE) is None
