@@ -30,18 +30,19 @@ SETS = {
     "emps8": "eighth",
     "emps9": "ninth",
     "emps10": "tenth",
-    "emps": "eleventh",
+    "emps11": "eleventh",
+    "emps": "twelfth",
     "a1first": "of the A1, first",
     "a1second": "second",
     "a1third": "of the A1, third",
     "a1fourth": "fourth",
     "a1fifth": "fifth",
-    "a1sixth": "sixth",
+    "a1sixth": "of the A1, sixth",
     "a1seventh": "seventh",
     "a1eighth": "eighth",
     "a1": "ninth",
 }
-SHOWN = ("emps1", "emps4", "emps7", "emps10", "emps", "a1third", "a1sixth", "a1seventh", "a1eighth", "a1")
+SHOWN = ("emps1", "emps7", "emps10", "emps11", "emps", "a1sixth", "a1seventh", "a1eighth", "a1")
 """Those on the page."""
 RATES = {
     "single effects: it is the likeliest set": "top-1, single effects",
