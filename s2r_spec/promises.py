@@ -23,6 +23,7 @@ from s2r_spec.backend import (
     HasEffects,
     HasRecordings,
     HasResiduals,
+    HasVariants,
 )
 from s2r_spec.diagnose.bank import catalogue_of
 from s2r_spec.trace import Trace
@@ -33,6 +34,10 @@ Values = dict[str, dict[str, float]]
 SEED = 1
 HALF = 0.5
 """Where effects are tried: this part of the way from nominal to the farther end of the range."""
+VERY_LITTLE = 1e-6
+"""The same part, of next to nothing."""
+OTHERWISE = 0.5
+"""Of what another seed changes: next to nothing of an effect changes less of most channels."""
 KNOWN = 0.5
 """A residual that knows an effect well leaves less than this part of what the nominal model leaves of it."""
 SLACK = 1.5
@@ -69,12 +74,15 @@ def promises(backend: Backend) -> Iterator[Promise]:
             ("an effect at its nominal values changes no bit", _nominal),
             ("every effect can be what its range says, and does something there", _ranges),
             ("effects can be added together, in any order", _order),
+            ("its random numbers do not depend on effects", _draws),
             ("a machine with an effect has another hash, and says what it was given", _identity),
         ]
     if isinstance(backend, HasEffects) and isinstance(backend, HasResiduals):
         checks.append(
             ("its residuals can be computed of its own rollouts, whatever effects are added", _residuals)
         )
+    if isinstance(backend, HasVariants):
+        checks.append(("its variants are the same machine, computed otherwise", _variants))
     for words, check in checks:
         promise = Promise(words)
         try:
@@ -150,9 +158,15 @@ def _same(one: Trace, other: Trace) -> bool:
     )
 
 
-def _half(parameter: EffectParameter) -> float:
+def _half(parameter: EffectParameter, part: float = HALF) -> float:
     low, high, nominal = parameter.low, parameter.high, parameter.nominal
-    return nominal + HALF * ((high if high - nominal >= nominal - low else low) - nominal)
+    return nominal + part * ((high if high - nominal >= nominal - low else low) - nominal)
+
+
+def _apart(one: Trace, other: Trace) -> dict[str, float]:
+    """Return channel → rms difference of two traces, as far as both go."""
+    size = min(len(one), len(other))
+    return {name: _rms(values[:size] - other[name][:size]) for name, values in one.channels.items()}
 
 
 def _runs(trial: _Trial, out: Promise) -> None:
@@ -273,6 +287,40 @@ def _order(trial: _Trial, out: Promise) -> None:
             out.broken.append(f"{one} and {other} do not give what {other} and {one} give")
     everything = {name: values for one in trial.there.values() for name, values in one.items()}
     _tried(out, "all effects together", trial.added(everything), trial.test)
+
+
+def _draws(trial: _Trial, out: Promise) -> None:
+    if not trial.backend.deterministic:
+        out.remarks.append("not tried: no two rollouts are the same")
+        return
+    seeds = _apart(trial.first, trial.backend.rollout(trial.test, SEED + 1))
+    noisy = [name for name, change in seeds.items() if change > 0.0]
+    for effect in trial.effects if noisy else ():
+        values = {effect.name: {p.name: _half(p, VERY_LITTLE) for p in effect.parameters}}
+        trace = _tried(out, f"next to nothing of {effect.name}", trial.added(values), trial.test)
+        if trace is not None and trace.channels.keys() == trial.first.channels.keys():
+            change = _apart(trial.first, trace)
+            if np.median([change[name] / seeds[name] for name in noisy]) > OTHERWISE:
+                out.broken.append(
+                    f"next to nothing of {effect.name} changes as much as another seed; draw all random numbers "
+                    f"before anything that depends on an effect"
+                )
+
+
+def _variants(trial: _Trial, out: Promise) -> None:
+    assert isinstance(trial.backend, HasVariants)
+    for name, machine in trial.backend.variants().items():
+        trace = _tried(out, f"the variant {name!r}", machine, trial.test)
+        if trace is None:
+            continue
+        if trace.channels.keys() != trial.first.channels.keys():
+            out.broken.append(f"the variant {name!r} has other channels")
+        elif trial.backend.deterministic and _same(trial.first, trace):
+            out.broken.append(f"the variant {name!r} is the simulator itself")
+        if machine.model_hash == trial.backend.model_hash:
+            out.broken.append(
+                f"the model hash does not change with the variant {name!r}: its rollouts would be mixed up"
+            )
 
 
 def _identity(trial: _Trial, out: Promise) -> None:

@@ -34,7 +34,7 @@ def page_cart():
 def test_a_backend_as_the_pages_ask_for_keeps_all(backend):
     found = list(promises(backend))
     assert [p.broken for p in found] == [[]] * len(found)
-    assert len(found) == (9 if hasattr(backend, "effects") else 4)
+    assert len(found) == (10 if hasattr(backend, "effects") else 4)
 
 
 def test_traces_that_are_not_as_declared_are_told():
@@ -169,6 +169,33 @@ def test_a_parameter_that_says_only_how_an_effect_acts_is_tried_where_there_is_s
     assert all(s.startswith("load with mass=1.5, place=") and "ValueError: it topples" in s for s in said)
 
 
+def test_random_numbers_that_depend_on_effects_are_told():
+    class Odd(Cart):
+        def rollout(self, params, seed):
+            return super().rollout(params, seed + 1000 * bool(self.added))
+
+    said = broken(Odd())
+    assert any(s.startswith("next to nothing of viscous changes as much as another seed") for s in said)
+
+
+def test_variants_that_are_none_are_told():
+    class Varied(Cart):
+        def variants(self):
+            mute = type(
+                "Mute", (Cart,), {"rollout": lambda self, *_: Trace(np.arange(2.0), {"v": np.zeros(2)})}
+            )
+            heavier = replace(Cart(), added=(("payload", 0.01),))
+            return {"itself": Cart(), "mute": mute(), "heavier": heavier}
+
+    said = [s for s in broken(Varied()) if "variant" in s]
+    assert said == [
+        "the variant 'itself' is the simulator itself",
+        "the model hash does not change with the variant 'itself': its rollouts would be mixed up",
+        "the variant 'mute' has other channels",
+        "the model hash does not change with the variant 'mute': its rollouts would be mixed up",
+    ]
+
+
 def test_effects_that_cannot_be_added_together_are_told():
     class Odd(Cart):
         def rollout(self, params, seed):
@@ -187,7 +214,7 @@ def test_where_no_two_rollouts_are_the_same_effects_are_not_blamed():
             return super().rollout(params, np.random.default_rng().integers(2**31))
 
     found = list(promises(Noisy(deterministic=False)))
-    assert [p.broken for p in found] == [[]] * 9
+    assert [p.broken for p in found] == [[]] * 10
     assert any("not tried" in remark for p in found for remark in p.remarks)
 
 
