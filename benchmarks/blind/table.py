@@ -40,9 +40,10 @@ SETS = {
     "a1sixth": "of the A1, sixth",
     "a1seventh": "seventh",
     "a1eighth": "eighth",
-    "a1": "ninth",
+    "a1ninth": "ninth",
+    "a1": "tenth",
 }
-SHOWN = ("emps1", "emps7", "emps10", "emps11", "emps", "a1sixth", "a1seventh", "a1eighth", "a1")
+SHOWN = ("emps7", "emps10", "emps11", "emps", "a1sixth", "a1seventh", "a1eighth", "a1ninth", "a1")
 """Those on the page."""
 RATES = {
     "single effects: it is the likeliest set": "top-1, single effects",
