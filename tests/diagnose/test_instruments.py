@@ -114,6 +114,20 @@ def test_instruments_of_a_test_are_made_once_and_not_sent_to_workers(bench):
     assert replace(bench, features=replace(bench.features, instrumented=False)).instruments(MOVE) is None
 
 
+def test_the_features_of_a_rollout_are_asked_with_instruments(bench):
+    trace = EmpsBackend(noise=replace(Noise(), disturbance=3.0)).rollout(MOVE, 1)
+    ours = bench.features.asked(bench.backend)
+    by, bare = ours.regressed(trace, MOVE, bench.instruments(MOVE)), ours.regressed(trace, MOVE)
+    row = bench.measure(trace, MOVE)
+    np.testing.assert_array_equal(row[-len(PROBES) :], by)
+    assert np.all(np.abs(by) < np.abs(bare))
+    left = bench.unexplained(trace, MOVE)
+    assert left == ours.unexplained(trace, MOVE, bench.instruments(MOVE)) > ours.unexplained(trace, MOVE)
+    weights = bench.weights([MOVE, MOVE | {"payload": 20.0}])
+    assert weights.shape == (2, 2, 2)
+    assert not np.allclose(*weights)
+
+
 def test_other_features_have_other_instruments(bench):
     loud = replace(bench, features=replace(bench.features, scale=2.0 * bench.features.scale))
     ratio = bench.instruments(MOVE).taken[0] / loud.instruments(MOVE).taken[0]
