@@ -298,7 +298,8 @@ def conclude_gap(
 def pairs_of(journals: Mapping[str, Journal], per_real: int) -> list[Pair]:
     """Return the pairs of two journals (of both ``SIDES``) that have all simulated rollouts of theirs."""
     simulated: dict[tuple[int, int], list[float]] = {}
-    for record in journals["sim"].records():
+    # Not as they came: a mean of the same numbers in another order is another one in its last bit.
+    for record in sorted(journals["sim"].records(), key=lambda record: (record.query, record.replicate)):
         key = record.query, record.replicate // SIMULATED_PER_REAL
         simulated.setdefault(key, []).append(record.rho)
     return [
