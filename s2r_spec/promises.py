@@ -119,7 +119,7 @@ class _Trial:
         return {effect.name: self._there(effect) for effect in self.effects}
 
     def _there(self, effect: Effect) -> Values:
-        tried = [{effect.name: {p.name: _half(p)}} for p in effect.parameters]
+        tried = [{effect.name: {p.name: _towards(p, HALF)}} for p in effect.parameters]
         if self.backend.deterministic:
             for values in tried:
                 if not _same(self.first, _rollout(self.added(values), self.test)):
@@ -158,7 +158,8 @@ def _same(one: Trace, other: Trace) -> bool:
     )
 
 
-def _half(parameter: EffectParameter, part: float = HALF) -> float:
+def _towards(parameter: EffectParameter, part: float) -> float:
+    """Return the value at this part of the way from nominal to the farther end of the range."""
     low, high, nominal = parameter.low, parameter.high, parameter.nominal
     return nominal + part * ((high if high - nominal >= nominal - low else low) - nominal)
 
@@ -296,7 +297,7 @@ def _draws(trial: _Trial, out: Promise) -> None:
     seeds = _apart(trial.first, trial.backend.rollout(trial.test, SEED + 1))
     noisy = [name for name, change in seeds.items() if change > 0.0]
     for effect in trial.effects if noisy else ():
-        values = {effect.name: {p.name: _half(p, VERY_LITTLE) for p in effect.parameters}}
+        values = {effect.name: {p.name: _towards(p, VERY_LITTLE) for p in effect.parameters}}
         trace = _tried(out, f"next to nothing of {effect.name}", trial.added(values), trial.test)
         if trace is not None and trace.channels.keys() == trial.first.channels.keys():
             change = _apart(trial.first, trace)

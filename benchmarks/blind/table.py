@@ -26,7 +26,7 @@ SETS = {
     "emps4": "fourth",
     "emps5": "fifth",
     "emps6": "sixth",
-    "emps7": "seventh",
+    "emps7": "of the axis, seventh",
     "emps8": "eighth",
     "emps9": "ninth",
     "emps10": "tenth",

@@ -9,9 +9,9 @@ every instant.
 
 In a closed loop regressors are of the same noise as what is regressed on them: least squares
 finds less mass and less motor gain on every machine, for without both there would be no
-residual at all. Where the nominal simulator's regressors at the same test, of other random
-numbers, hold most of the machine's, these are instruments: two-stage least squares is free of
-that (A. Janot, P.-O. Vandanjon, M. Gautier, "A generic instrumental variable approach for
+residual at all. Where nominal rollouts of one test, of other random numbers, hold most of each
+other's regressors, they serve the machine's as instruments: two-stage least squares is nearly
+free of that (A. Janot, P.-O. Vandanjon, M. Gautier, "A generic instrumental variable approach for
 industrial robot identification", IEEE Trans. Control Systems Technology 22(1), 2014).
 """
 

@@ -29,6 +29,15 @@ def test_what_is_said_of_single_effects_that_move_rho():
     assert MOVES == 3.0
 
 
+LARGE = "that moves ρ or is isolable at its size: "
+
+
+def rates(name, *keys):
+    """Return the rates of a set with these names, in their order."""
+    scores = json.loads((RESULTS / f"{name}_scores.json").read_text())["scores"]
+    return [scores[key] for key in keys]
+
+
 def asked(name):
     """What the equations ask for in a set: errors of the coordinates, part of the true sizes, and all of it."""
     kept = json.loads((RESULTS / f"{name}_asked.json").read_text())
@@ -36,11 +45,8 @@ def asked(name):
 
 
 def test_what_is_said_of_the_eighth_set_of_the_a1():
-    scores = json.loads((RESULTS / "a1eighth_scores.json").read_text())["scores"]
     page = " ".join(PAGE.read_text().split())
-    top, pair, one = (
-        scores[name] for name in ("top-1, single effects", "exact pair first", "one of the pair first")
-    )
+    top, pair, one = rates("a1eighth", "top-1, single effects", "exact pair first", "one of the pair first")
     assert f"Of {top['of']} single effects {top['hits']} are the likeliest set" in page
     assert one["hits"] == one["of"] == pair["of"]
     assert f"Of {pair['of']} pairs both effects are named in {pair['hits']} and one of them in all." in page
@@ -53,19 +59,15 @@ def test_what_is_said_of_the_eighth_set_of_the_a1():
 
 
 def test_what_is_said_of_the_ninth_set_of_the_a1():
-    scores = json.loads((RESULTS / "a1ninth_scores.json").read_text())["scores"]
     page = " ".join(PAGE.read_text().split())
-    large = "that moves ρ or is isolable at its size: "
-    top, pair, one, first, effect, held = (
-        scores[name]
-        for name in (
-            "top-1, single effects",
-            "exact pair first",
-            "one of the pair first",
-            large + "first answer right, single",
-            large + "likeliest effects right, single",
-            "true value in its 90 % interval",
-        )
+    top, pair, one, first, effect, held = rates(
+        "a1ninth",
+        "top-1, single effects",
+        "exact pair first",
+        "one of the pair first",
+        LARGE + "first answer right, single",
+        LARGE + "likeliest effects right, single",
+        "true value in its 90 % interval",
     )
     assert one["hits"] == one["of"] == pair["of"]
     assert effect["hits"] == effect["of"] == first["of"]
@@ -85,22 +87,18 @@ def test_what_is_said_of_the_ninth_set_of_the_a1():
 
 
 def test_what_is_said_of_the_tenth_set_of_the_a1():
-    scores = json.loads((RESULTS / "a1_scores.json").read_text())["scores"]
-    before = json.loads((RESULTS / "a1ninth_scores.json").read_text())["scores"]
     page = " ".join(PAGE.read_text().split())
-    large = "that moves ρ or is isolable at its size: "
-    top, one, pair, first, effect, sure = (
-        scores[name]
-        for name in (
-            "top-1, single effects",
-            "most probable member, single",
-            "exact pair first",
-            large + "first answer right, single",
-            large + "likeliest effects right, single",
-            "right where sure",
-        )
+    top, one, pair, first, effect, sure = rates(
+        "a1",
+        "top-1, single effects",
+        "most probable member, single",
+        "exact pair first",
+        LARGE + "first answer right, single",
+        LARGE + "likeliest effects right, single",
+        "right where sure",
     )
-    alone, was = asked("a1")[2]["alone"], before["right where sure"]
+    (was,) = rates("a1ninth", "right where sure")
+    alone = asked("a1")[2]["alone"]
     said = (
         f"of {top['of']} single effects {top['hits']} are the likeliest set and {one['hits']} the likeliest effect; of "
         f"the {first['of']} that move ρ or are isolable at their size, {first['hits']} and {effect['hits']}; of "
@@ -203,15 +201,8 @@ def test_what_is_said_of_the_twelfth_set_of_the_axis():
         for case in cases_of("emps")
         if case["label"]["kind"] == "single" and set(case["label"]["effects"]) <= late
     ]
-    scores = json.loads((RESULTS / "emps_scores.json").read_text())["scores"]
-    top, second, pair, one = (
-        scores[name]
-        for name in (
-            "top-1, single effects",
-            "top-2, single effects",
-            "exact pair first",
-            "one of the pair first",
-        )
+    top, second, pair, one = rates(
+        "emps", "top-1, single effects", "top-2, single effects", "exact pair first", "one of the pair first"
     )
     assert one["hits"] == one["of"] == pair["of"]
     ours = asked("emps")[2]["log score if heard more"]

@@ -1,5 +1,8 @@
 """The same axis, idealised otherwise: nobody's cause of a gap."""
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -45,3 +48,26 @@ def test_the_variants_differ_from_nominal_by_little_and_by_no_effect():
         assert np.abs(trace["q"] - nominal["q"]).max() < 2e-5, name  # m, of 2 mm that the spec allows
         assert variant.chosen() == {}
         assert variant.model_hash != backend.model_hash
+
+
+def test_a_delay_differs_from_a_lag_by_what_a_screw_does_that_yields():
+    nominal = EmpsBackend(noise=Noise.off())
+    screw = replace(nominal.variants()["a screw that yields"], noise=Noise.off())
+    rigid, yielding, delay, lag = (
+        machine.rollout(SIDE, 0)["u"]
+        for machine in (
+            nominal,
+            screw,
+            nominal.with_effects({"delay": {"time": 0.0015}}),
+            nominal.with_effects({"current_lag": {"time": 0.0015}}),
+        )
+    )
+    apart, bent = lag - delay, yielding - rigid
+    millivolts = [1000 * np.sqrt(np.mean(x**2)) for x in (apart, bent)]
+    page = (Path(__file__).parents[2] / "docs" / "explanation" / "diagnosis.md").read_text()
+    said = (
+        "these differ by {:.1f} mV of the voltage (rms, in a hard test), and a rigid screw from one that yields by "
+        "{:.1f} mV"
+    )
+    assert said.format(*millivolts) in " ".join(page.split())
+    assert np.corrcoef(apart, bent)[0, 1] > 0.9
