@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from s2r_spec import logs
 from s2r_spec.backend import Backend, HasDuration, HasRecordings, Recording, load_backend
+from s2r_spec.diagnose.notes import CUT
 from s2r_spec.diagnose.simulate import Bench
 from s2r_spec.errors import TraceError, UsageError
 from s2r_spec.lang.units import UnknownUnitError, parse_unit
@@ -63,7 +64,11 @@ def real_rollouts(
                 f"a real rollout does not say its {missing[0]!r}; every test parameter is needed"
             )
     found = [
-        ({name: test[name] for name in names}, as_simulated(trace, bench.backend)) for test, trace in found
+        (
+            {name: test[name] for name in names},
+            cut(as_simulated(trace, bench.backend), bench.backend.duration),
+        )
+        for test, trace in found
     ][:budget]
     for test, _ in found:
         bench.spec.space.vector(test)  # now, and not when all is simulated
@@ -72,6 +77,25 @@ def real_rollouts(
             f"{len(found)} real rollouts are too few to tell a cause from scatter; {FEWEST} are the least"
         )
     return found
+
+
+def cut(trace: Trace, duration: float) -> Trace:
+    """Return what a trace has of its first ``duration`` seconds: what comes after has no like in the simulator.
+
+    One that failed stays as it is, for when it failed is part of what it says.
+    """
+    since = trace.times - trace.times[0]
+    # A sample's own time must not fall out by a rounding, nor one sample more be a longer recording.
+    step = trace.duration / max(len(trace) - 1, 1)
+    kept = since <= duration + 0.5 * step
+    if trace.failure is not None or since[-1] <= duration + 1.5 * step:
+        return trace
+    return Trace(
+        trace.times[kept],
+        {name: values[kept] for name, values in trace.channels.items()},
+        trace.units,
+        dict(trace.meta) | {CUT: duration},
+    )
 
 
 def as_simulated(trace: Trace, simulator: Backend) -> Trace:

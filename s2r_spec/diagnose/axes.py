@@ -121,7 +121,10 @@ def line(effect: Effect, parameter: EffectParameter, base: Mapping[str, float] |
             continue
         reach = min(2.0 * scale_of(parameter), abs(side))
         typical = max(typical, reach)
-        parts = [*STEPS, min(abs(side) / reach, 2.0)] if abs(side) > 1.3 * reach else STEPS
+        # The range bounds the search: its end is simulated, however far beyond the prior's scale.
+        beyond = abs(side) / reach
+        further = [] if beyond <= 1.3 else [beyond] if beyond <= 2.6 else [2.0, beyond]
+        parts = [*STEPS, *further]
         steps = [back(middle + math.copysign(part * reach, side)) for part in parts]
         values += [min(max(value, parameter.low), parameter.high) for value in steps]
     return Line(

@@ -10,6 +10,7 @@ from typing import Any
 from s2r_spec.diagnose.estimate import Estimate
 from s2r_spec.diagnose.how_far import HowFar
 from s2r_spec.diagnose.isolability import Isolability
+from s2r_spec.diagnose.remainder import Remainder
 from s2r_spec.diagnose.where.found import Where
 
 SCHEMA = "s2r/diagnosis/1"
@@ -152,6 +153,8 @@ class Diagnosis:
         where: the gap over tests, time, formula and body; None when it was not asked for.
         which: see there.
         how_far: None with fewer than three held-out tests.
+        left: what the equations of motion leave of the machine that they do not leave of the improved simulator, and
+            where, largest surplus first; empty where residuals do not know the effects.
         patch: effects and values to add to the simulator; empty when none is named.
         tuned: the same with a little of every other effect, as the data want it.
         provenance: version, seed, hashes.
@@ -169,6 +172,7 @@ class Diagnosis:
     provenance: Mapping[str, Any]
     assumptions: tuple[str, ...]
     notes: tuple[str, ...] = ()
+    left: tuple[Remainder, ...] = ()
 
     def __str__(self) -> str:
         """Return verdict and reason; all else is in the fields."""
@@ -190,6 +194,7 @@ class Diagnosis:
             "which": self.which.to_json(),
             "where": None if self.where is None else self.where.to_json(),
             "how_far": None if self.how_far is None else self.how_far.to_json(),
+            "left": [each.to_json() for each in self.left],
             "patch": {name: dict(values) for name, values in self.patch.items()},
             "tuned": {name: dict(values) for name, values in self.tuned.items()},
             "assumptions": list(self.assumptions),

@@ -121,7 +121,7 @@ class Equations:
 
     def left(self, trace: Trace, params: Mapping[str, float]) -> dict[str, FloatArray] | None:
         """Return residual → (columns,) rms of what least squares leaves of it, in its unit; None as below."""
-        found = self._blocks(trace, params)
+        found = self.motion(trace, params)
         if found is None:
             return None
         x = _flat(found).coordinates
@@ -135,18 +135,14 @@ class Equations:
     def regressors(self, trace: Trace, params: Mapping[str, float]) -> tuple[FloatArray, FloatArray] | None:
         """Return (n,) nominal residuals in their units, and (probes, n) what one coordinate of each takes off them.
 
-        None where a residual cannot be computed, or not at a single instant: an effect that shows in it alone would be
-        taken for absent.
-
-        Raises:
-            BackendError: with an effect a residual has other instants than without.
+        None, and raises, as :meth:`motion`.
         """
         found = self._columns(trace, params, None)
         return None if found is None else (found.rest, found.taken)
 
     def instruments(self, traces: Sequence[Trace], params: Mapping[str, float]) -> Instruments | None:
         """Return the mean regressors of nominal rollouts of one test, as far as all of them go; None as above."""
-        found = [self._blocks(trace, params) for trace in traces]
+        found = [self.motion(trace, params) for trace in traces]
         blocks = [each for each in found if each is not None]
         if not blocks or len(blocks) < len(found):
             return None
@@ -167,14 +163,21 @@ class Equations:
     def _columns(
         self, trace: Trace, params: Mapping[str, float], instruments: Instruments | None
     ) -> _Columns | None:
-        found = self._blocks(trace, params)
+        found = self.motion(trace, params)
         if found is None:
             return None
         columns = _flat(found, None if instruments is None else instruments.at(found.times))
         return columns if columns.rest.size else None
 
-    def _blocks(self, trace: Trace, params: Mapping[str, float]) -> _Blocks | None:
-        """Return every residual, and what a coordinate of each effect takes off it; None if one has not a sample."""
+    def motion(self, trace: Trace, params: Mapping[str, float]) -> Motion | None:
+        """Return every residual, and what a coordinate of each effect takes off it.
+
+        None where a residual cannot be computed, or not at a single instant: an effect that shows in it alone would be
+        taken for absent.
+
+        Raises:
+            BackendError: with an effect a residual has other instants than without.
+        """
         try:
             times, rest = self._residuals({}, trace, params)
             others = [
@@ -197,7 +200,7 @@ class Equations:
                 return None
             bares.append(np.where(recorded, bare, np.nan))
             takens.append(np.where(recorded, taken, np.nan))
-        return _Blocks(times - trace.times[0], tuple(bares), tuple(takens))
+        return Motion(times - trace.times[0], tuple(bares), tuple(takens))
 
     def _residuals(
         self, values: Mapping[str, Mapping[str, float]], trace: Trace, params: Mapping[str, float]
@@ -217,7 +220,7 @@ class Equations:
 
 
 @dataclass(frozen=True)
-class _Blocks:
+class Motion:
     """A recorded motion, in residuals; a sample that was not recorded is NaN in all of them.
 
     Attributes:
@@ -229,6 +232,14 @@ class _Blocks:
     times: FloatArray
     rest: tuple[FloatArray, ...]
     taken: tuple[FloatArray, ...]
+
+    def asked(self, instruments: Instruments | None) -> tuple[FloatArray, FloatArray]:
+        """Return (probes,) coordinates, and (probes, probes) by which these count beside those of other rollouts."""
+        columns = _flat(self, None if instruments is None else instruments.at(self.times))
+        if not columns.rest.size:
+            nothing = np.full(len(columns.taken), np.nan)
+            return nothing, np.full((len(nothing), len(nothing)), np.nan)
+        return columns.coordinates, columns.gram if instruments is None else instruments.weight
 
 
 @dataclass(frozen=True)
@@ -242,11 +253,18 @@ class _Columns:
     @property
     def coordinates(self) -> FloatArray:
         """Return (probes,) by how much of each the residuals are explained."""
-        gram = self.held @ self.held.T / self.rest.size + SHRINKAGE * np.eye(len(self.held))
-        return np.asarray(np.linalg.solve(gram, self.held @ self.rest / self.rest.size), dtype=np.float64)
+        return np.asarray(
+            np.linalg.solve(self.gram, self.held @ self.rest / self.rest.size), dtype=np.float64
+        )
+
+    @property
+    def gram(self) -> FloatArray:
+        """Return (probes, probes) mean products of what instruments hold, and the ridge."""
+        found: FloatArray = self.held @ self.held.T / self.rest.size + SHRINKAGE * np.eye(len(self.held))
+        return found
 
 
-def _flat(blocks: _Blocks, instruments: Sequence[FloatArray] | None = None) -> _Columns:
+def _flat(blocks: Motion, instruments: Sequence[FloatArray] | None = None) -> _Columns:
     """Return all residuals of the samples that were recorded, and for which there are instruments."""
     rest, taken, beside = [], [], []
     for bare, each, by in zip(blocks.rest, blocks.taken, instruments or blocks.taken, strict=True):

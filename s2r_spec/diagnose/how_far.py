@@ -81,6 +81,7 @@ class HowFar:
         tuned_share: the same of ``tuned``.
         oracle: the gap after, as the bank predicts it for the best of all single effects.
         oracle_share: part of what the oracle closes that the named effects close.
+        seen: gap of the nominal simulator at the tests that were not held out; None where that is not asked.
         beyond: at most this part of all tests has a larger gap than any held-out one, with 95 % confidence.
         tests: the held-out ones, signed.
     """
@@ -98,6 +99,7 @@ class HowFar:
     oracle_share: float | None
     beyond: float
     tests: tuple[HeldOut, ...] = ()
+    seen: Gap | None = None
 
     @property
     def material(self) -> bool:
@@ -106,6 +108,11 @@ class HowFar:
         The interval of the gap does not say so: one that is there at a single test has a wide one.
         """
         return bool(self.before.mean > self._at_most)
+
+    @property
+    def elsewhere(self) -> bool:
+        """Whether the gap is material where the diagnosis looked, but not at the few tests that were held out."""
+        return not self.material and self.seen is not None and self.seen.mean > self._at_most
 
     @property
     def _at_most(self) -> float:
@@ -187,6 +194,8 @@ class HowFar:
             "floor": self.floor,
             "background": self.background,
             "material": self.material,
+            "seen": None if self.seen is None else self.seen.to_json(),
+            "elsewhere": self.elsewhere,
             "share": _interval_json(self.share),
             "tuned_share": _interval_json(self.tuned_share),
             "oracle_gap": self.oracle,
@@ -220,6 +229,7 @@ def how_far(
     unit: str,
     oracle: float | None = None,
     seed: int = 0,
+    seen: Gap | None = None,
 ) -> HowFar:
     """Compare held-out ρ with the mean ρ of either simulator at the same tests.
 
@@ -235,6 +245,7 @@ def how_far(
         unit: of ρ.
         oracle: mean gap after the best that the catalogue could do.
         seed: of the resampling.
+        seen: see :class:`HowFar`.
     """
     keys = [tuple(sorted(test.items())) for test in tests]
     groups = np.array([keys.index(key) for key in keys])
@@ -287,6 +298,7 @@ def how_far(
             )
             for g in np.unique(groups)
         ),
+        seen,
     )
 
 

@@ -183,6 +183,11 @@ class Simulator:
         )
 
     @property
+    def nominal_rho(self) -> FloatArray:
+        """Return (n,) mean ρ of the nominal rollouts at every real test."""
+        return np.asarray(self._nominal[..., 0].mean(axis=0))
+
+    @property
     def dear(self) -> bool:
         """Whether derivatives along every line by simulation would take too long."""
         return self.too_dear_for(len(self._few))

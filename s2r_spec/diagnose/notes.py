@@ -11,6 +11,8 @@ from s2r_spec.trace import Trace
 
 Rollout = tuple[dict[str, float], Trace]
 
+CUT = "cut at"
+"""In the metadata of a recording of which only the begin is used: until when [s]."""
 SHOWN = 6
 """Channels that are named in a note; of more the number is told."""
 
@@ -40,6 +42,12 @@ def notes(
             else "the cause is named from the others"
         )
         found.append(f"{len(fell)} of {count} real rollouts ended early ({kinds}): {used}")
+    longer = [trace.meta[CUT] for _, trace in rollouts if CUT in trace.meta]
+    if longer:
+        found.append(
+            f"{len(longer)} of {count} real rollouts go on after the simulator's end: only their first "
+            f"{longer[0]:g} s are used"
+        )
     lacking = [
         channel.name
         for channel in simulator.channels

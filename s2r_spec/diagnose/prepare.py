@@ -71,6 +71,8 @@ MOSTLY = 0.5
 """An effect that alone explains more than this part of the data is where the joint fit starts."""
 TREND = 0.7
 """Where a few functions of the test hold less than this part of the data, every test is seen by itself."""
+AT_MOST = 1.5
+"""Times its variance that scatter may have: it is known from few replicates, or from the simulator."""
 FREE = 5
 """Degrees of freedom from which on replicates say how much a machine scatters."""
 WILDEST = 50.0
@@ -125,6 +127,11 @@ class State:
 
     usual: FloatArray | None = None
     """(q, k) variance of the data as it is believed of any simulator, where they are believed otherwise."""
+
+    @property
+    def nominal_rho(self) -> FloatArray:
+        """Return (rollouts,) mean ρ of the nominal simulator at the test of each real rollout."""
+        return self.simulator.nominal_rho[self.smooth.layout.place]
 
     @property
     def count(self) -> float:
@@ -429,14 +436,21 @@ def _counted(view: View, smooth: View) -> float:
 def _trend(
     layout: Layout, each: Layout, means: FloatArray, signatures: Signatures, machine: FloatArray
 ) -> float:
-    """Return the part of the data (n, k) that a few functions of the test hold, corrected for how many they are."""
-    variance = believed(each.variance(machine, np.diag(signatures.noise)))
+    """Return the part of the data (n, k) beyond scatter that a few functions of the test hold.
+
+    Corrected for how many functions these are. What scatter may have left is no lack of a trend: of a small effect
+    that is most of it.
+    """
+    scatter = each.variance(machine, np.diag(signatures.noise))
+    variance = believed(scatter)
     rest = means - functions(layout.points) @ (layout.project @ means)
     n, q = len(means), len(layout.project)
     if n <= q:
         return 1.0
-    whole = float((means**2 / variance).sum()) / n
-    return 1.0 - float((rest**2 / variance).sum()) / (n - q) / max(whole, 1e-12)
+    alone = float((scatter / variance).sum()) / n
+    whole = float((means**2 / variance).sum()) / n - alone
+    left = float((rest**2 / variance).sum()) / (n - q) - AT_MOST * alone
+    return 1.0 - left / max(whole, 1e-12) if left > 0.0 else 1.0
 
 
 def equations_error(bench: Bench, rollouts: list[tuple[dict[str, float], Trace]]) -> float:

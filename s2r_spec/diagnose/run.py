@@ -20,11 +20,12 @@ from s2r_spec.diagnose.axes import BACKGROUND
 from s2r_spec.diagnose.design import unit_box, weights
 from s2r_spec.diagnose.diagnosis import Diagnosis, Verdict, Which
 from s2r_spec.diagnose.estimate import by_linear, fit
-from s2r_spec.diagnose.how_far import HowFar, how_far
+from s2r_spec.diagnose.how_far import HowFar, gap, how_far
 from s2r_spec.diagnose.isolability import isolability
 from s2r_spec.diagnose.next_test import next_test
 from s2r_spec.diagnose.notes import notes
 from s2r_spec.diagnose.prepare import ENOUGH, Progress, State, bench_of, prepare, split
+from s2r_spec.diagnose.remainder import remainders
 from s2r_spec.diagnose.simulate import Bench, Job, Test, run_jobs
 from s2r_spec.diagnose.size import sized
 from s2r_spec.diagnose.together import together
@@ -41,6 +42,10 @@ FloatArray = NDArray[np.float64]
 
 SHOTS = 3
 """Simulated rollouts per held-out test, before and after."""
+MACHINES, BANK_MACHINES = 20, 200
+"""Random ones with a little of every effect: that many are simulated, or made from the bank."""
+REPLICATED = 5
+"""Degrees of freedom from which on replicates say how much ρ scatters."""
 IMITATED = 0.1
 """An unknown cause is so much less likely once a patch has closed the held-out gap, or if there is none."""
 
@@ -130,7 +135,10 @@ def _answer(
         named, best = there, sized(state, weighed, there)
     fitted = fit(catalogue, named, best)
     tuned = catalogue.values(sized(state, weighed, ()).at if first_none else best.at)
-    far = _how_far(bench, state, held, {} if first_none else fitted.values, tuned, seed, executor, tell)
+    far = _how_far(bench, state, seen, held, {} if first_none else fitted.values, tuned, seed, executor, tell)
+    left = remainders(
+        bench, seen + held, tuned, seed, executor, lambda done, of: tell("what is left", done, of)
+    )
 
     unknown = state.unknown
     alarm = unknown > state.judge.threshold and not first_none
@@ -138,15 +146,18 @@ def _answer(
     if far is not None and far.unclosed:
         # What closes too little to vouch for a name is not named against the odds.
         open_gap = open_gap or unknown > (1.0 - unknown) * ranked[0][1]
+    strange = far is not None and (far.material or far.elsewhere) and any(each.material for each in left)
     if far is not None and (far.closed or not far.material):
         # Odd traces alone are no unknown cause of a gap that is explained, or that is not there:
         # every machine differs from its simulator in ways that nobody asked about.
         alarm, unknown = False, unknown * IMITATED
         # A gap that a little of everything would make needs no name, unless the traces are clear.
         # Nor is what makes a gap where there is none its cause, however the traces look.
-        first_none = first_none or not (far.material or clear(state.sets, *ranked[0])) or far.harmful
-    if open_gap:
-        # The patch does not close the gap that it should explain: at least as likely unknown as not.
+        named_anyway = far.material or far.elsewhere or clear(state.sets, *ranked[0])
+        first_none = first_none or not named_anyway or far.harmful
+    if open_gap or strange:
+        # The patch does not close the gap that it should explain, or something is left that no effect leaves: at
+        # least as likely unknown as not.
         unknown = max(unknown, 0.5 + 0.5 * unknown)
     names = {members: tuple(effects[k] for k in members) for members in state.sets.members}
     known = 1.0 - unknown
@@ -163,10 +174,11 @@ def _answer(
     )
     alike = confounded(isolable, names[named], by_size)
     verdict = Verdict.NAMED
-    if alarm or open_gap:
+    if alarm or open_gap or strange:
         verdict = Verdict.UNKNOWN
     elif first_none:
-        verdict = Verdict.SPREAD if far is not None and far.material else Verdict.NONE
+        somewhere = far is not None and (far.material or far.elsewhere)
+        verdict = Verdict.SPREAD if somewhere else Verdict.NONE
     elif len(alike) > len(named):
         verdict = Verdict.CONFOUNDED
     nothing = verdict in (Verdict.NONE, Verdict.SPREAD)
@@ -191,10 +203,11 @@ def _answer(
     )
     return Diagnosis(
         verdict=verdict,
-        reason=reason(verdict, which, far, names[named]),
+        reason=reason(verdict, which, far, names[named], left),
         where=_where(bench, seen + held, tuned, seed, executor, tell) if want_where else None,
         which=which,
         how_far=far,
+        left=left,
         patch=fitted.values if answer else {},
         tuned=tuned,
         provenance={
@@ -223,6 +236,7 @@ ASSUMPTIONS = (
 def _how_far(
     bench: Bench,
     state: State,
+    seen: list[tuple[dict[str, float], Trace]],
     held: list[tuple[dict[str, float], Trace]],
     values: Mapping[str, Mapping[str, float]],
     tuned: Mapping[str, Mapping[str, float]],
@@ -247,10 +261,12 @@ def _how_far(
     at = [place[tuple(sorted(test.items()))] for test in tests]
     means = [block[:, 0].reshape(len(distinct), SHOTS).mean(axis=1)[at] for block in rows]
     oracle = _oracle(bench, state, tests, real, means[0])
-    # What the cause makes unsteady scatters more than the nominal simulator does.
-    patched = rows[-1][:, 0].reshape(len(distinct), SHOTS)
-    own = max(state.signatures.rho_noise, float(np.sqrt(patched.var(axis=1, ddof=1).mean())))
-    noise = _scatter(tests, real, own)
+    # What the cause makes unsteady scatters more than the nominal simulator does; and either more at some tests.
+    variances = [block[:, 0].reshape(len(distinct), SHOTS).var(axis=1, ddof=1)[at] for block in rows]
+    own = float(np.sqrt(np.maximum(variances[0], variances[-1])).mean())
+    diagnosed = [test for test, _ in seen]
+    others = np.array([bench.rho(trace, test) for test, trace in seen])
+    noise = _scatter(diagnosed + tests, np.concatenate([others, real]), own)
     return how_far(
         real,
         means[0],
@@ -258,22 +274,30 @@ def _how_far(
         means[1],
         tests,
         noise,
-        _background(state, bench, tests),
+        _background(state, bench, tests, seed, executor),
         SHOTS,
         bench.spec.unit(bench.requirement),
         oracle,
         seed,
+        gap(others - state.nominal_rho, state.smooth.layout.place, seed),
     )
 
 
 def _scatter(tests: Sequence[Test], real: FloatArray, simulated: float) -> float:
-    """Return the standard deviation of ρ from run to run: of replicates where there are, else the simulator's."""
+    """Return the standard deviation of ρ from run to run: of replicates where there are, else the simulator's.
+
+    The mean of that over the tests: one, at which a motor saturates, may scatter as much as all others together.
+    """
     of_test: dict[tuple[tuple[str, float], ...], list[float]] = {}
     for test, rho in zip(tests, real.tolist(), strict=True):
         of_test.setdefault(tuple(sorted(test.items())), []).append(rho)
-    squares = sum(float(((np.array(mine) - np.mean(mine)) ** 2).sum()) for mine in of_test.values())
-    free = len(tests) - len(of_test)
-    return float(np.sqrt(squares / free)) if free >= 5 else simulated
+    several = [np.array(mine) for mine in of_test.values() if len(mine) > 1]
+    free = sum(len(mine) - 1 for mine in several)
+    if free < REPLICATED:
+        return simulated
+    # The mean |difference| of two normal numbers is 2/√π of their standard deviation.
+    apart = [float(np.abs(mine[:, None] - mine).sum()) / len(mine) for mine in several]
+    return sum(apart) / free * float(np.sqrt(np.pi)) / 2.0
 
 
 def _from_bank(state: State, bench: Bench, tests: Sequence[Test]) -> FloatArray:
@@ -295,20 +319,36 @@ def _oracle(
     return float(min(gaps))
 
 
-def _background(state: State, bench: Bench, tests: Sequence[Test]) -> float:
-    """Return the mean gap in ρ that a little of every effect makes, at most, in 19 of 20 random machines."""
-    w = _from_bank(state, bench, tests)
+def _background(
+    state: State, bench: Bench, tests: Sequence[Test], seed: int, executor: Callable[[], Executor] | None
+) -> float:
+    """Return the mean gap in ρ that a little of every effect makes, at most, in 19 of 20 random machines.
+
+    By the simulator where rollouts are cheap: at a test at which a motor saturates a little makes much, and the bank
+    would have that at every test next to it.
+    """
     rng = np.random.default_rng(0)
-    total = np.zeros((200, len(tests)))
-    for curve in state.signatures.curves:
-        if curve.line.base:
-            continue
-        sides = [s for s in (-1, 1) if (curve.coordinates * s > 0).any()]
-        near = {s: min((c for c in curve.coordinates if c * s > 0), key=abs) for s in sides}
-        slope = {s: w @ curve.rho[list(curve.coordinates).index(near[s])] / near[s] for s in sides}
-        for row in total:
-            side = int(rng.choice(sides))
-            row += slope[side] * side * BACKGROUND * abs(rng.normal())
+    catalogue = state.view.surrogate.catalogue
+    dear = state.simulator.dear
+    at = np.zeros((BANK_MACHINES if dear else MACHINES, len(catalogue.based)))
+    for line in np.flatnonzero(~catalogue.based).tolist():
+        sides = [side for side, end in ((-1, catalogue.lower[line]), (1, catalogue.upper[line])) if end]
+        at[:, line] = rng.choice(sides, len(at)) * BACKGROUND * np.abs(rng.normal(size=len(at)))
+    if dear:
+        w = _from_bank(state, bench, tests)
+        total = np.zeros((len(at), len(tests)))
+        for line, curve in enumerate(state.signatures.curves):
+            for side in () if catalogue.based[line] else (-1, 1):
+                if beyond := [c for c in curve.coordinates if c * side > 0]:
+                    near = min(beyond, key=abs)
+                    slope = w @ curve.rho[list(curve.coordinates).index(near)] / near
+                    total += np.outer(np.where(at[:, line] * side > 0, at[:, line], 0.0), slope)
+    else:
+        distinct = [dict(key) for key in dict.fromkeys(tuple(sorted(test.items())) for test in tests)]
+        runs = tuple((test, rollout_seed(seed, n, SHOTS, Stream.GAP_SIM)) for n, test in enumerate(distinct))
+        jobs = [Job({}, runs), *(Job(catalogue.values(each), runs) for each in at)]
+        nominal, *others = run_jobs(replace(bench, features=None), jobs, executor)
+        total = np.array([(rows - nominal)[:, 0] for rows in others])
     return float(np.quantile(np.abs(total).mean(axis=1), 0.95))
 
 

@@ -134,8 +134,12 @@ class Job:
     """Of the simulator, where it is not the simulator itself that runs."""
 
 
-def run_job(bench: Bench, job: Job) -> FloatArray:
-    """Return (runs, p + 1) of :meth:`Bench.measure`.
+Read = Callable[[Bench, Trace, Test], FloatArray]
+"""What is kept of a rollout: one row of numbers."""
+
+
+def run_job(bench: Bench, job: Job, read: Read = Bench.measure) -> FloatArray:
+    """Return (runs, p + 1) of :meth:`Bench.measure`, or what else is read of each rollout.
 
     Raises:
         BackendError: the backend raised; the sentence names the effects and the test.
@@ -144,7 +148,7 @@ def run_job(bench: Bench, job: Job) -> FloatArray:
     rows = []
     for test, seed in job.runs:
         with blamed(bench, job.values, test, seed):
-            rows.append(bench.measure(backend.rollout(bench.matched.to_backend(test), seed), test))
+            rows.append(read(bench, backend.rollout(bench.matched.to_backend(test), seed), test))
     return np.array(rows)
 
 
@@ -165,9 +169,9 @@ def blamed(bench: Bench, values: Values, test: Test, seed: int) -> Iterator[None
         ) from None
 
 
-def _run_pickled(bench: bytes, job: Job) -> FloatArray:
+def _run_pickled(bench: bytes, job: Job, read: Read) -> FloatArray:
     """In a worker: the bench is unpickled once, and known by its bytes."""
-    return run_job(_unpickled(bench), job)
+    return run_job(_unpickled(bench), job, read)
 
 
 _KNOWN: dict[bytes, Bench] = {}
@@ -185,6 +189,7 @@ def run_jobs(
     jobs: Sequence[Job],
     executor: Callable[[], Executor] | None = None,
     progress: Callable[[int, int], None] | None = None,
+    read: Read = Bench.measure,
 ) -> list[FloatArray]:
     """Return :func:`run_job` of each job, in their order.
 
@@ -193,12 +198,13 @@ def run_jobs(
         jobs: see there.
         executor: makes a pool; None runs everything in this process.
         progress: is told how many jobs are done, and of how many.
+        read: see there; a function that another process can be sent.
 
     Raises:
         BackendError: a rollout raised, or a worker died.
     """
     results: dict[int, FloatArray] = {}
-    for index, rows in _outcomes(bench, jobs, executor):
+    for index, rows in _outcomes(bench, jobs, executor, read):
         results[index] = rows
         if progress is not None:
             progress(len(results), len(jobs))
@@ -206,15 +212,15 @@ def run_jobs(
 
 
 def _outcomes(
-    bench: Bench, jobs: Sequence[Job], executor: Callable[[], Executor] | None
+    bench: Bench, jobs: Sequence[Job], executor: Callable[[], Executor] | None, read: Read
 ) -> Iterator[tuple[int, FloatArray]]:
     pickled = None if executor is None else _pickled(bench)
     if executor is None or pickled is None or len(jobs) < 2:
         for index, job in enumerate(jobs):
-            yield index, run_job(bench, job)
+            yield index, run_job(bench, job, read)
         return
     with executor() as pool:
-        futures = {pool.submit(_run_pickled, pickled, job): index for index, job in enumerate(jobs)}
+        futures = {pool.submit(_run_pickled, pickled, job, read): index for index, job in enumerate(jobs)}
         try:
             for future in as_completed(futures):
                 yield futures[future], future.result()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from s2r_spec.diagnose.diagnosis import Verdict, Which
 from s2r_spec.diagnose.evidence import Set
 from s2r_spec.diagnose.how_far import HowFar
 from s2r_spec.diagnose.judge import Sets
+from s2r_spec.diagnose.remainder import Remainder
 
 FloatArray = NDArray[np.float64]
 
@@ -26,7 +27,13 @@ RULED_OUT = 0.05
 """One less likely than this is ruled out, even where the two are hard to tell apart."""
 
 
-def reason(verdict: Verdict, which: Which, far: HowFar | None, named: tuple[str, ...]) -> str:
+def reason(
+    verdict: Verdict,
+    which: Which,
+    far: HowFar | None,
+    named: tuple[str, ...],
+    left: Sequence[Remainder] = (),
+) -> str:
     """Return the answer in one sentence."""
     words = " and ".join(named)
     fits, explains = ("fits", "explains") if len(named) == 1 else ("fit", "explain")
@@ -42,12 +49,16 @@ def reason(verdict: Verdict, which: Which, far: HowFar | None, named: tuple[str,
         little = "a few percent of every effect of the catalogue"
         if far is None:
             return f"the traces are as {little} would make them{seen}; no gap was held out to compare"
+        if verdict is Verdict.SPREAD and far.elsewhere:
+            return f"nothing stands out: the gap is more than {little} would make it, but at no held-out test{seen}"
         if verdict is Verdict.SPREAD:
             part = "" if far.tuned_share is None else f" {100 * far.tuned_share[0]:.0f} % of"
             return f"nothing stands out: {little} close{part} the held-out gap above scatter{seen}"
         return f"the gap is no more than {little} would make it{seen}"
     if verdict is Verdict.UNKNOWN:
-        return f"no effect of the catalogue explains the data; the nearest is {words} ({which.nearest_family}){closes}"
+        strange = [f"{each} is left of the motion" for each in left[:1] if each.material]
+        nearest = f"the nearest is {words} ({which.nearest_family}){closes}"
+        return "; ".join(["no effect of the catalogue explains the data", *strange, nearest])
     if verdict is Verdict.CONFOUNDED:
         others = ", ".join(name for name in which.confounded if name not in named)
         return f"{words} {fits} best{doubt}, but these data do not rule out {others} in its place or beside it{closes}"

@@ -57,7 +57,7 @@ def body(found: Diagnosis, spec: Spec) -> str:
     """Return all but the first line, as plain text."""
     lines = [*(f"  note: {line}" for line in found.notes), "", *_causes(found.which)]
     if found.where is not None:
-        lines += ["", *_where(found.where, spec)]
+        lines += ["", *_where(found, found.where, spec)]
     if found.how_far is not None:
         lines += ["", *_shrinks(found.how_far)]
     lines += ["", f"  next: {next_step(found, spec)}", ""]
@@ -129,8 +129,18 @@ def body_words(where: Where) -> tuple[str, ...]:
     )
 
 
-def _where(where: Where, spec: Spec) -> list[str]:
-    first, *rest = (*where_words(where, spec), *body_words(where))
+def left_words(found: Diagnosis) -> tuple[str, ...]:
+    """Return sentences: what no effect explains of the motion, and where."""
+    if not found.left:
+        return ()
+    told = [f"{each}, which no effect explains" for each in found.left if each.material]
+    return tuple(told[:PARTS]) or (
+        "nothing is left of the motion that the improved simulator does not leave",
+    )
+
+
+def _where(found: Diagnosis, where: Where, spec: Spec) -> list[str]:
+    first, *rest = (*where_words(where, spec), *body_words(where), *left_words(found))
     return [f"  where: {first}", *(f"    {line}" for line in rest)]
 
 

@@ -8,6 +8,7 @@ from s2r_spec.report.diagnosed import (
     body_words,
     cause,
     gap_title,
+    left_words,
     provenance,
     shrink_rows,
     where_words,
@@ -33,7 +34,7 @@ def markdown(found: Diagnosis, spec: Spec) -> str:
     if set(which.confounded) > set(which.answer) != set():
         lines += ["", f"These data cannot tell apart: {cell(', '.join(which.confounded))}."]
     if found.where is not None:
-        told = (*where_words(found.where, spec), *body_words(found.where))
+        told = (*where_words(found.where, spec), *body_words(found.where), *left_words(found))
         lines += ["", "Where:", "", *(f"- {cell(line)}" for line in told)]
     if found.how_far is not None:
         lines += ["", f"{cell(gap_title(found.how_far))}:", ""]

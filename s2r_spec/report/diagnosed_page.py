@@ -9,7 +9,15 @@ from typing import Any
 
 from s2r_spec.diagnose.diagnosis import Diagnosis, Verdict
 from s2r_spec.diagnose.where.attribution import Part
-from s2r_spec.report.diagnosed import body_words, cause, gap_title, provenance, shrink_rows, where_words
+from s2r_spec.report.diagnosed import (
+    body_words,
+    cause,
+    gap_title,
+    left_words,
+    provenance,
+    shrink_rows,
+    where_words,
+)
 from s2r_spec.report.figures.blame import blame
 from s2r_spec.report.figures.canvas import Picture
 from s2r_spec.report.figures.isolation import isolation
@@ -70,7 +78,7 @@ def render(found: Diagnosis, spec: Spec, real: str = "") -> str:
         far_title="" if found.how_far is None else gap_title(found.how_far),
         far_pictures=_far(found, spec),
         where=() if found.where is None else [w.replace("`", "") for w in where_words(found.where, spec)],
-        told=() if found.where is None else body_words(found.where),
+        told=() if found.where is None else (*body_words(found.where), *left_words(found)),
         trace=None if found.where is None else blame(found.where, spec, "trace"),
         formula=() if found.where is None else formula(found.where.pair.parts, found.where.pair.delta),
         formula_unit="" if found.where is None else found.where.pair.unit,

@@ -14,6 +14,7 @@ class Stream(IntEnum):
     GAP_SIM = 1
     GAP_REAL = 2
     FORETELL = 3
+    REMAINDER = 4
 
 
 def rollout_seed(seed: int, query: int, replicate: int, stream: Stream = Stream.CHECK) -> int:
