@@ -123,7 +123,7 @@ def line(effect: Effect, parameter: EffectParameter, base: Mapping[str, float] |
         typical = max(typical, reach)
         # The range bounds the search: its end is simulated, however far beyond the prior's scale.
         beyond = abs(side) / reach
-        further = [] if beyond <= 1.3 else [beyond] if beyond <= 2.6 else [2.0, beyond]
+        further = [] if beyond <= 1.05 else [beyond] if beyond <= 2.6 else [2.0, beyond]
         parts = [*STEPS, *further]
         steps = [back(middle + math.copysign(part * reach, side)) for part in parts]
         values += [min(max(value, parameter.low), parameter.high) for value in steps]

@@ -8,7 +8,7 @@ from s2r_cart import SPEC, Cart, real
 
 import s2r_spec as s2r
 from s2r_spec.diagnose import bank as banks
-from s2r_spec.diagnose.ask import as_simulated, real_rollouts
+from s2r_spec.diagnose.ask import as_simulated, cut, real_rollouts
 from s2r_spec.diagnose.axes import line
 from s2r_spec.diagnose.next_test import next_test
 from s2r_spec.diagnose.notes import notes
@@ -42,6 +42,30 @@ def test_a_channel_in_another_unit_is_converted_and_one_without_is_taken_as_it_i
     np.testing.assert_allclose(slow["v"], plain["v"], rtol=1e-12)
     np.testing.assert_array_equal(slow["u"], plain["u"])
     assert slow.units["v"] == "m/s"
+
+
+def test_of_a_longer_recording_what_the_simulator_has_is_used():
+    plain = Cart().rollout(TEST, 0)
+    step = plain.times[1] - plain.times[0]
+    more = np.concatenate([plain.times, plain.times[-1] + step * np.arange(1, 200)]) + 7.0
+    channels = {name: np.concatenate([x, np.full(199, 5.0)]) for name, x in plain.channels.items()}
+    longer = Trace(more, channels, plain.units)
+    found = cut(longer, Cart().duration)
+    assert abs(len(found) - len(plain)) <= 1
+    np.testing.assert_array_equal(found["u"][: len(plain)], plain["u"][: len(found)])
+    assert cut(plain, Cart().duration) is plain
+    # When it fell is part of what a fall says.
+    fell = Trace(more, channels, plain.units, {"failure": "fall"})
+    assert cut(fell, Cart().duration) is fell
+
+
+def test_that_recordings_are_longer_is_told():
+    tests = many(8, 8)
+    longer = [(test, cut(trace, Cart().duration / 2)) for test, trace in tests]
+    told = notes(Cart(), longer, 8, 3, ENOUGH)
+    assert told == (
+        f"8 of 8 real rollouts go on after the simulator's end: only their first {Cart().duration / 2:g} s are used",
+    )
 
 
 def test_what_is_no_number_is_not_there():

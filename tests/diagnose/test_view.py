@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from s2r_spec.diagnose.evidence import believed
-from s2r_spec.diagnose.how_far import how_far
+from s2r_spec.diagnose.how_far import gap, how_far
 from s2r_spec.diagnose.joint import Joint, seen_through
 from s2r_spec.diagnose.layout import SHOTS, Layout
 from s2r_spec.diagnose.models import Surrogate
 from s2r_spec.diagnose.prepare import LEAST, LEFT, TREND, _nearer, _of_replicates, _trend
+from s2r_spec.diagnose.run import _scatter
 from s2r_spec.space import Axis, Space
 
 SPACE = Space((Axis("v", 0.0, 1.0, "m/s"),))
@@ -38,6 +39,21 @@ def test_a_limit_that_is_reached_at_one_test_is_not():
     means = np.zeros((15, 3))
     means[14] = 20.0
     assert trend(means) < TREND
+
+
+def test_scatter_is_no_lack_of_a_trend():
+    # A gap that is hardly more than its scatter leaves most of itself to scatter, whatever the functions are.
+    rng = np.random.default_rng(0)
+    found = []
+    for _ in range(40):
+        scatter = np.sqrt(0.01 * (1.0 + 1.0 / SHOTS)) * rng.normal(size=(15, 3))
+        found.append((trend(scatter), trend(0.1 + scatter)))
+    alone, small = np.array(found).T
+    assert np.mean(alone < TREND) < 0.1
+    assert np.mean(small < TREND) < 0.1
+    # And where there is a limit besides, it is still seen.
+    limited = scatter + np.where(np.arange(15) == 14, 20.0, 0.0)[:, np.newaxis]
+    assert trend(limited) < TREND
 
 
 def test_each_test_by_itself_scatters_as_its_own_rollouts_do():
@@ -117,6 +133,30 @@ def test_scatter_alone_is_rarely_a_material_gap_and_one_bad_test_is_one():
     assert found.before.low < found.floor
     assert found.material
     assert found.open
+
+
+def test_a_gap_at_tests_that_were_not_held_out_is_told_apart():
+    tests, none = [{"v": k / 9} for k in range(9)], np.full(9, 1e-4)
+    seen = gap(np.array([1e-4] * 20 + [0.5]), np.arange(21))
+    found = how_far(none, np.zeros(9), None, np.zeros(9), tests, 1e-3, 0.0, 3, "m", seen=seen)
+    assert (found.material, found.elsewhere) == (False, True)
+    assert found.to_json()["elsewhere"] is True
+    assert found.to_json()["seen"]["worst"] == 0.5
+    both = how_far(none + 1.0, np.zeros(9), None, np.zeros(9), tests, 1e-3, 0.0, 3, "m", seen=seen)
+    assert (both.material, both.elsewhere) == (True, False)
+    quiet = gap(np.full(21, 1e-4), np.arange(21))
+    assert not how_far(none, np.zeros(9), None, np.zeros(9), tests, 1e-3, 0.0, 3, "m", seen=quiet).elsewhere
+
+
+def test_rho_scatters_as_replicates_do_and_one_unsteady_test_counts_as_one():
+    rng = np.random.default_rng(0)
+    tests = [{"v": float(k)} for k in range(40) for _ in range(3)]
+    even = 0.02 * rng.normal(size=120)
+    assert _scatter(tests, even, 9.0) == pytest.approx(0.02, rel=0.2)
+    # One of forty tests scatters a hundred times as much: the mean |Δρ| is 3.5 times, the mean square 16.
+    wild = even * np.where(np.arange(120) < 3, 100.0, 1.0)
+    assert _scatter(tests, wild, 9.0) == pytest.approx(0.02 * 139 / 40, rel=0.5)
+    assert _scatter(tests[:6], even[:6], 9.0) == 9.0  # of two tests three each: four degrees of freedom
 
 
 def test_a_gap_that_a_patch_may_close_for_all_that_its_interval_says_is_not_open():
