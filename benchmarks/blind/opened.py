@@ -93,6 +93,7 @@ def kept(answers: Path) -> dict[str, dict[str, Any]]:
             "parameters": which["parameters"],
             "least": [one for one in which["isolability"]["least"] if one["effect"] in label["effects"]],
             "how_far": answer["how_far"],
+            "left": answer.get("left", [])[:1],
             "rollouts": answer["rollouts"],
         }
     return cases

@@ -112,6 +112,12 @@ def score(cases: Answers) -> dict[str, Any]:
         "sure": Rate(len(sure), len(cases)),
         "true value in its 90 % interval": _coverage(single),
     }
+    if any(a.get("left") for _, a in cases):
+        explicable = [(label, a) for label, a in known if _material(a)]
+        rates |= {
+            "something left of the motion, unknown with a material gap": _rate(material, _strange),
+            "something left of the motion, known with a material gap": _rate(explicable, _strange),
+        }
     attributed = [(label, a) for label, a in cases if a.get("where") and a["where"].get("delta")]
     if attributed:
         rates |= {
@@ -208,6 +214,11 @@ def _members(answer: Mapping[str, Any]) -> list[str]:
 
 def _material(answer: Mapping[str, Any]) -> bool:
     return bool(answer["how_far"] and answer["how_far"]["material"])
+
+
+def _strange(label: Mapping[str, Any], answer: Mapping[str, Any]) -> bool:
+    """Return whether more is left of the motion than is allowed for."""
+    return any(each["surplus"] > 1.0 for each in answer.get("left", ()))
 
 
 def _adds_up(label: Mapping[str, Any], answer: Mapping[str, Any]) -> bool:

@@ -167,6 +167,23 @@ def test_a_gap_for_which_nothing_was_named_counts_as_not_closed():
     assert found["answered exactly, single"]["hits"] == 1
 
 
+def test_whether_something_is_left_of_the_motion_is_scored_for_known_and_unknown_causes():
+    label, gap_there = {"kind": "single", "effects": {"mass": {"extra": 1.0}}}, {"how_far": far(0.1)}
+    strange = {"kind": "unknown", "effects": {"gust": {"force": 9.0}}}
+    named, lost = answered("named", "mass") | gap_there, answered("none of these", "unknown") | gap_there
+    told = [
+        (label, named | {"left": [{"surplus": 0.4}]}),
+        (label, named | {"left": []}),  # of a simulator that cannot say
+        (strange, lost | {"left": [{"surplus": 1.7}, {"surplus": 0.2}]}),
+        (strange, lost | {"left": [{"surplus": 0.9}]}),
+    ]
+    found = score(told)
+    assert found["something left of the motion, known with a material gap"]["hits"] == 0
+    of_unknown = found["something left of the motion, unknown with a material gap"]
+    assert (of_unknown["hits"], of_unknown["of"]) == (1, 2)
+    assert not any("left of the motion" in name for name in score(told[1:2]))
+
+
 def test_where_is_scored_by_its_sums_and_bounds():
     right = ANSWERS["case-a"] | {"where": where(-0.3, -0.3, [-0.4, -0.2])}
     wrong = ANSWERS["case-a"] | {"where": where(-0.3, -0.29, [-0.2, -0.1])}
