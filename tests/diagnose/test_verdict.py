@@ -1,13 +1,16 @@
 """What is said of a set of probabilities: what is named, what cannot be told from it, what may not be there."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
 
 from s2r_spec.diagnose.catalogue import Catalogue
+from s2r_spec.diagnose.diagnosis import Verdict, Which
+from s2r_spec.diagnose.how_far import gap, how_far
 from s2r_spec.diagnose.judge import Sets
-from s2r_spec.diagnose.verdict import CLEAR, RIVAL, SURE, clear, confounded, large, spare
+from s2r_spec.diagnose.remainder import Remainder
+from s2r_spec.diagnose.verdict import CLEAR, RIVAL, SURE, clear, confounded, large, reason, spare
 
 A, B, C = ("a",), ("b",), ("c",)
 
@@ -42,6 +45,28 @@ def test_what_no_test_tells_apart_is_answered_with_it_unless_the_data_rule_it_ou
     alike = Alike(frozenset("ab"))
     assert confounded(alike, A, by_size(a=0.9, b=0.05)) == ("a", "b")
     assert confounded(alike, A, by_size(a=0.9, b=0.01)) == ("a",)
+
+
+WHICH = Which(0.1, 0.7, {"a": 0.2}, {}, {}, (), (), (), "friction", None, None)
+
+
+def test_what_is_left_of_the_motion_says_why_none_of_these():
+    left = Remainder("force", 0, "q", 0.1, 0.12, 25.0, "N", "m", 1.4)
+    words = reason(Verdict.UNKNOWN, WHICH, None, A, (left,))
+    assert words == (
+        "no effect of the catalogue explains the data; +25 N of force where q is between 0.1 and 0.12 m is left "
+        "of the motion; the nearest is a (friction)"
+    )
+    assert "force" not in reason(Verdict.UNKNOWN, WHICH, None, A, (replace(left, surplus=0.9),))
+
+
+def test_a_gap_that_the_held_out_tests_do_not_show_is_not_said_to_be_none():
+    tests, quiet = [{"v": k / 9} for k in range(9)], np.full(9, 1e-4)
+    seen = gap(np.array([1e-4] * 20 + [0.5]), np.arange(21))
+    far = how_far(quiet, np.zeros(9), None, quiet, tests, 1e-3, 0.0, 3, "m", seen=seen)
+    words = reason(Verdict.SPREAD, WHICH, far, A)
+    assert words.startswith("nothing stands out: the gap is more than a few percent of every effect")
+    assert "at no held-out test" in words
 
 
 def test_an_effect_without_which_the_others_are_nearly_as_likely_may_not_be_there():

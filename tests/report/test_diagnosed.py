@@ -13,6 +13,7 @@ from s2r_spec.diagnose.diagnosis import Diagnosis, NextTest, Verdict, Which
 from s2r_spec.diagnose.estimate import Estimate
 from s2r_spec.diagnose.how_far import how_far
 from s2r_spec.diagnose.isolability import Isolability, Least
+from s2r_spec.diagnose.remainder import Remainder
 from s2r_spec.diagnose.where.attribution import attribute
 from s2r_spec.diagnose.where.body import Body, BodyPart, Shift
 from s2r_spec.diagnose.where.found import Where, where
@@ -201,6 +202,26 @@ def test_the_gap_is_drawn_over_any_test_space(dim, pictures):
     for k, start in enumerate(pictures):
         assert page.pictures[k].startswith(start)
     assert "the backend computes no residuals" in page.text
+
+
+PUSH = Remainder("torque", 1, "", 0.5, 0.6, -3.25, "N*m", "s", 1.8)
+QUIET = replace(PUSH, column=2, along="u", low=-np.inf, surplus=0.6)
+
+
+def test_what_no_effect_leaves_is_said_in_every_form():
+    found, spec = diagnosis(1, left=(PUSH, QUIET))
+    words = "-3.25 N*m of torque between 0.5 and 0.6 s, which no effect explains"
+    assert words in diagnosed.text(found, spec)
+    assert words in Page(diagnosed_page.render(found, spec)).text
+    assert words.replace("N*m", r"N\*m") in markdown(found, spec)
+    assert diagnosed.text(found, spec).count("no effect explains") == 1
+    written = json.loads(diagnosed.as_json(found, spec))
+    jsonschema.validate(written, jsonform.schema("s2r/diagnosis/1"))
+    assert [each["low"] for each in written["left"]] == [0.5, None]
+    still, _ = diagnosis(1, left=(QUIET,))
+    assert "nothing is left of the motion that" in diagnosed.text(still, spec)
+    silent, _ = diagnosis(1)
+    assert "left of the motion" not in diagnosed.text(silent, spec)
 
 
 def test_over_one_parameter_held_out_tests_stand_on_the_curve(shown):
