@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -26,12 +27,32 @@ from opened import kept
 
 ROOT = Path(__file__).parents[2]
 RESULTS = Path(__file__).parent / "results"
-SETS = {"emps": ("benchmarks.blind.emps.generate", "emps"), "a1": ("benchmarks.blind.a1.generate", "sim")}
+SETS = {
+    "emps": ("benchmarks.blind.emps.generate", "emps"),
+    "a1": ("benchmarks.blind.a1.generate", "sim"),
+    "arm": ("benchmarks.blind.arm.generate", "arm"),
+    "quad": ("benchmarks.blind.quad.generate", "quad"),
+}
+"""Set → what makes it, and its simulator."""
 
 
-def run(*words: object) -> str:
+def offered(name: str) -> dict[str, str]:
+    """Return the environment in which a set's simulator is offered: one of a set's own lies beside its machine."""
+    own = Path(__file__).parent / name / "simulator"
+    if not own.exists():
+        return dict(os.environ)
+    before = os.environ.get("PYTHONPATH")
+    return os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, (str(own), before)))}
+
+
+def run(name: str, *words: object) -> str:
     done = subprocess.run(
-        [sys.executable, "-m", *map(str, words)], cwd=ROOT, check=True, stdout=subprocess.PIPE, text=True
+        [sys.executable, "-m", *map(str, words)],
+        cwd=ROOT,
+        env=offered(name),
+        check=True,
+        stdout=subprocess.PIPE,
+        text=True,
     )
     return done.stdout.strip()
 
@@ -42,7 +63,7 @@ def freeze(name: str, cases: int, folder: Path, workers: int) -> None:
     if not made.exists():
         # Nothing is scored on the generator's further rollouts: a diagnosis holds out some of its own.
         spread = ("--workers", workers) if name == "a1" else ()
-        print(run(generator, "--cases", cases, "--out", made, "--held-out", 0, *spread))
+        print(run(name, generator, "--cases", cases, "--out", made, "--held-out", 0, *spread))
     if not list((made / "public").glob("*.commit")):
         sealing = (
             "blind",
@@ -53,7 +74,7 @@ def freeze(name: str, cases: int, folder: Path, workers: int) -> None:
             "--keys",
             folder / f"{name}-keys",
         )
-        print(run("s2r_spec", *sealing))
+        print(run(name, "s2r_spec", *sealing))
     answers = folder / f"{name}-answers"
     begin = time.perf_counter()
     freezing = (
@@ -67,7 +88,7 @@ def freeze(name: str, cases: int, folder: Path, workers: int) -> None:
         "--workers",
         workers,
     )
-    print(run("s2r_spec", *freezing))
+    print(run(name, "s2r_spec", *freezing))
     print(f"{time.perf_counter() - begin:.0f} s, bank and practice included where they were not on disk")
     RESULTS.mkdir(exist_ok=True)
     shutil.copy(answers / "manifest.json", RESULTS / f"{name}_manifest.json")
@@ -85,8 +106,8 @@ def open_(name: str, folder: Path) -> None:
         answers,
     )
     if not (answers / "opened.json").exists():
-        print(run("s2r_spec", *opening))
-    scores = json.loads(run("s2r_spec", "blind", "score", answers, "--json"))
+        print(run(name, "s2r_spec", *opening))
+    scores = json.loads(run(name, "s2r_spec", "blind", "score", answers, "--json"))
     opened = json.loads((answers / "opened.json").read_text())
     cases = kept(answers)
     machine = next(
@@ -105,7 +126,7 @@ def open_(name: str, folder: Path) -> None:
         "cases": cases,
     }
     (RESULTS / f"{name}_scores.json").write_text(json.dumps(found, indent=1, ensure_ascii=False) + "\n")
-    print(run("s2r_spec", "blind", "score", answers))
+    print(run(name, "s2r_spec", "blind", "score", answers))
 
 
 def main() -> None:

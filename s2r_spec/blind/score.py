@@ -237,7 +237,9 @@ def _between(label: Mapping[str, Any], answer: Mapping[str, Any]) -> bool:
         return True
     low, high = where["switch"]["bounds"]
     slack = 1e-9 + 1e-6 * abs(where["delta"])
-    return bool(low - slack <= where["delta"] <= high + slack)
+    # What one side lost by ending early no predicate decided.
+    decided = where["delta"] - where.get("ended", 0.0)
+    return bool(low - slack <= decided <= high + slack)
 
 
 def _moves(label: Mapping[str, Any], answer: Mapping[str, Any]) -> bool:

@@ -187,6 +187,8 @@ def test_whether_something_is_left_of_the_motion_is_scored_for_known_and_unknown
 def test_where_is_scored_by_its_sums_and_bounds():
     right = ANSWERS["case-a"] | {"where": where(-0.3, -0.3, [-0.4, -0.2])}
     wrong = ANSWERS["case-a"] | {"where": where(-0.3, -0.29, [-0.2, -0.1])}
+    fell = ANSWERS["case-a"] | {"where": where(-0.7, -0.7, [-0.4, -0.2]) | {"ended": -0.4}}
+    assert score([(LABELS["case-a"], fell)])["Δρ within what the two critical predicates allow"]["hits"] == 1
     found = score([(LABELS["case-a"], right), (LABELS["case-a"], wrong)])
     assert found["attribution sums to Δρ, over time and over channels"]["hits"] == 1
     assert found["Δρ within what the two critical predicates allow"]["hits"] == 1

@@ -1,0 +1,6 @@
+"""A quadrotor for the blinded check: simulator and real machine by someone outside, who did not know the diagnosis.
+
+``simulator/`` offers the backend ``quad`` where it is on the PYTHONPATH; :mod:`benchmarks.blind.quad.machine` is the
+machine, which imports nothing of it. Cases are drawn and written as the arm's (:mod:`benchmarks.blind.arm.cases`).
+Nothing here is hardware.
+"""

@@ -1,0 +1,242 @@
+"""A planar quadrotor (x, z, pitch) with a cascaded PID, released in the wind of a fan and sent sideways, then up.
+
+Someone outside wrote it, with its catalogue, to be diagnosed; the machine next door is theirs, too.
+It has no residuals and no variants: all that a diagnosis has are whole flights.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from s2r_spec import Trace
+from s2r_spec.backend import Channel, Effect, EffectParameter, Parameter
+from s2r_spec.effects import Choice, Values, as_values, choose, read_word, settings, words
+from s2r_spec.errors import UsageError
+
+Array = NDArray[np.float64]
+
+TC, SUB, PRE, DUR = 0.005, 2, 0.0, 5.0  # control period, physics steps per period, time before log, log
+EVERY = 4  # control periods from one sample of the log to the next
+NPRE, NLOG = round(PRE / TC), round(DUR / TC)
+N = NPRE + NLOG + 1
+
+CHANNELS = (
+    Channel("x", "m", "measured position"),
+    Channel("z", "m", "measured height"),
+    Channel("vx", "m/s", "estimated velocity"),
+    Channel("vz", "m/s", "estimated climb rate"),
+    Channel("pitch", "rad", "measured pitch, nose towards +x"),
+    Channel("rate", "rad/s", "pitch rate by gyro"),
+    Channel("pitch_ref", "rad", "pitch that the position loop asks for"),
+    Channel("u_front", "N", "thrust asked of the front rotor"),
+    Channel("u_rear", "N", "thrust asked of the rear rotor"),
+    Channel("x_ref", "m", "position asked for"),
+    Channel("z_ref", "m", "height asked for"),
+)
+PARAMETERS = (
+    Parameter("dx", "m", -2.0, 2.0, 1.0, "how far it is sent sideways"),
+    Parameter("height", "m", 0.4, 1.5, 1.0, "height over ground at the start"),
+    Parameter("fan", "m/s", 0.0, 3.0, 0.0, "wind that the fan is set to, towards +x"),
+)
+
+
+def _effect(
+    name: str,
+    family: str,
+    physics: str,
+    parameter: str,
+    unit: str,
+    low: float,
+    high: float,
+    nominal: float,
+    prior: str,
+) -> Effect:
+    return Effect(name, family, physics, (EffectParameter(parameter, unit, low, high, nominal, prior),))
+
+
+CATALOGUE = (
+    _effect(
+        "thrust_loss", "actuation", "Both rotors make this part of the thrust that is asked for.",
+        "factor", "", 0.75, 1.15, 1.0, "normal around 1, standard deviation 0.05",
+    ),
+    _effect(
+        "rotor_lag", "actuation", "Thrust follows the command slower by this time constant.",
+        "time", "s", 0.0, 0.07, 0.0, "half-normal, 0.015 s",
+    ),
+    _effect(
+        "payload", "inertia", "Mass that the controller does not know of, at the centre.",
+        "mass", "kg", 0.0, 0.4, 0.0, "half-normal, 0.08 kg",
+    ),
+    _effect(
+        "com_offset", "inertia", "The centre of mass is this much ahead of the rotors' middle.",
+        "ahead", "m", -0.03, 0.03, 0.0, "normal, 0.006 m",
+    ),
+    _effect(
+        "drag", "aerodynamics", "More drag, in proportion to airspeed.",
+        "rate", "kg/s", 0.0, 0.8, 0.0, "half-normal, 0.15 kg/s",
+    ),
+    _effect(
+        "ground_effect", "aerodynamics", "Near the ground rotors push harder, by this share at the ground.",
+        "share", "", 0.0, 0.6, 0.0, "half-normal, 0.12",
+    ),
+    _effect(
+        "wind", "environment", "A steady horizontal wind besides the fan's.",
+        "speed", "m/s", -4.0, 4.0, 0.0, "normal, 0.8 m/s",
+    ),
+    _effect(
+        "pitch_bias", "sensing", "The attitude estimate is this much too high.",
+        "angle", "rad", -0.1, 0.1, 0.0, "normal, 0.02 rad",
+    ),
+    _effect(
+        "command_delay", "timing", "Commands reach the rotors this much later.",
+        "time", "s", 0.0, 0.04, 0.0, "half-normal, 0.008 s",
+    ),
+    _effect(
+        "battery_sag", "actuation", "Thrust falls by this share per second of the flight, from its start.",
+        "rate", "1/s", 0.0, 0.1, 0.0, "half-normal, 0.015 1/s",
+    ),
+)  # fmt: skip
+ORDER = tuple((e.name, e.parameters[0].name, e.parameters[0].nominal) for e in CATALOGUE)
+
+
+@njit(cache=True)
+def _minjerk(s):
+    """Return a smooth step from 0 to 1 and its two derivatives."""
+    s = min(max(s, 0.0), 1.0)
+    return s**3 * (10 - 15 * s + 6 * s * s), 30 * s * s * (1 - s) ** 2, 60 * s - 180 * s * s + 120 * s**3
+
+
+@njit(cache=True)
+def _fly(dx, height, fan, eff, meas, gust, once):
+    """Return (samples, 11) in the order of CHANNELS, and whether it crashed; ``eff`` is in the order of ORDER."""
+    factor, tlag, mass, ahead, drag, ground, wind, bias, delay, sag = eff
+    M0, IY, ARM, G, UMAX = 1.2, 0.012, 0.12, 9.81, 11.0
+    h = TC / SUB
+    m = M0 + mass
+    keep = np.exp(-h / (0.03 + tlag))
+    x, z, th, vx, vz, q = 0.02 * once[0], height + 0.02 * once[1], 0.0, 0.0, 0.0, 0.0
+    tf = tr = 0.5 * M0 * G
+    ix = iz = ia = 0.0
+    wx = wz = 0.0
+    front, rear = np.empty(N), np.empty(N)
+    out = np.empty((NLOG // EVERY + 1, 11))
+    rows = 0
+    fell = 0
+    for k in range(N):
+        t = (k - NPRE) * TC
+        a, av, aa = _minjerk((t - 0.2) / 1.6)
+        b, bv, ba = _minjerk((t - 2.4) / 1.0)
+        xr, vxr, axr = dx * a, dx * av / 1.6, dx * aa / 2.56
+        zr, vzr, azr = height + 0.3 * b, 0.3 * bv, 0.3 * ba
+        # what is measured
+        mx, mz = x + 0.005 * meas[k, 0], z + 0.005 * meas[k, 1]
+        mvx, mvz = vx + 0.02 * meas[k, 2], vz + 0.02 * meas[k, 3]
+        mth, mq = th + bias + 0.001 * once[2] + 0.003 * meas[k, 4], q + 0.02 * meas[k, 5]
+        # cascade
+        ex, ez = xr - mx, zr - mz
+        ix += TC * ex
+        iz += TC * ez
+        ax = axr + 5.0 * ex + 4.0 * (vxr - mvx) + 2.5 * ix
+        az = azr + 9.0 * ez + 5.0 * (vzr - mvz) + 5.0 * iz
+        thr = min(max(np.arctan2(ax, G), -0.6), 0.6)
+        ea = thr - mth
+        ia = min(max(ia + TC * ea, -0.3), 0.3)
+        total = M0 * (G + az) / max(np.cos(mth), 0.5)
+        tau = IY * (100.0 * ea - 16.0 * mq + 80.0 * ia)
+        uf = min(max(0.5 * total - 0.5 * tau / ARM, 0.0), UMAX)
+        ur = min(max(0.5 * total + 0.5 * tau / ARM, 0.0), UMAX)
+        front[k], rear[k] = uf, ur
+        if k >= NPRE and (k - NPRE) % EVERY == 0:
+            r = out[rows]
+            r[0], r[1], r[2], r[3], r[4], r[5] = mx, mz, mvx, mvz, mth, mq
+            r[6], r[7], r[8], r[9], r[10] = thr, uf, ur, xr, zr
+            rows += 1
+        # gusts
+        wx += -wx * TC / 0.8 + 0.3 * np.sqrt(2 * TC / 0.8) * gust[k, 0]
+        wz += -wz * TC / 0.5 + 0.15 * np.sqrt(2 * TC / 0.5) * gust[k, 1]
+        # plant
+        back = min(delay / TC, float(k))
+        whole = int(back)
+        part = back - whole
+        i0, i1 = k - whole, max(k - whole - 1, 0)
+        cf = front[i0] + part * (front[i1] - front[i0])
+        cr = rear[i0] + part * (rear[i1] - rear[i0])
+        fade = factor * (1.0 - sag * max(t, 0.0)) * (1 + 0.005 * once[3])
+        for _ in range(SUB):
+            tf = cf + keep * (tf - cf)
+            tr = cr + keep * (tr - cr)
+            lift = fade * (1.0 + ground * np.exp(-max(z, 0.0) / 0.3))
+            pf, pr = lift * tf, lift * tr
+            vair, wair = vx - (fan + wind + 0.1 * once[4] + wx), vz - wz
+            fx = -(0.12 * vair + 0.05 * abs(vair) * vair) - drag * vair
+            fz = -0.25 * wair - drag * wair
+            T = pf + pr
+            vx += h * (T * np.sin(th) + fx) / m
+            vz += h * ((T * np.cos(th) + fz) / m - G)
+            q += h * (ARM * (pr - pf) + ahead * T) / IY
+            x += h * vx
+            z += h * vz
+            th += h * q
+        if z < 0.0 or abs(th) > 1.3 or abs(x) > 6.0 or z > 8.0:
+            fell = 1
+            break
+    return out[: max(rows, 1)], fell
+
+
+@dataclass(frozen=True)
+class Quad:
+    """A quadrotor in a plane, sent sideways and up by a cascade of position and attitude loops."""
+
+    added: Choice = ()
+    deterministic = True
+    duration = DUR
+    cost = 1.5e-3
+    channels = CHANNELS
+    parameters = PARAMETERS
+
+    @property
+    def name(self) -> str:
+        return ":".join(filter(None, ("quad", ",".join(words(self.added)))))
+
+    @property
+    def model_hash(self) -> str:
+        return hashlib.sha256(repr(self.added).encode() + Path(__file__).read_bytes()).hexdigest()
+
+    def effects(self) -> tuple[Effect, ...]:
+        return CATALOGUE
+
+    def with_effects(self, values: Values) -> Quad:
+        return replace(self, added=choose("quad", CATALOGUE, self.added, values))
+
+    def chosen(self) -> dict[str, dict[str, float]]:
+        return as_values(self.added)
+
+    def rollout(self, params: Mapping[str, float], seed: int) -> Trace:
+        dx, height, fan = (p.check(params.get(p.name, p.default)) for p in PARAMETERS)
+        chosen = settings(CATALOGUE, self.added)
+        eff = tuple(float(chosen.get(e, {p: v})[p]) for e, p, v in ORDER)
+        rng = np.random.default_rng(seed)
+        once, gust, meas = rng.normal(size=5), rng.normal(size=(N, 2)), rng.normal(size=(N, 6))
+        out, fell = _fly(dx, height, fan, eff, meas, gust, once)
+        units = {c.name: c.unit for c in CHANNELS}
+        times = TC * EVERY * np.arange(len(out))
+        channels = dict(zip(units, out.T.copy(), strict=True))
+        return Trace(times, channels, units, {"failure": "crashed"} if fell else {})
+
+
+def quad(options: str = "") -> Quad:
+    """Return the quadrotor with the effects that ``options`` say: words ``effect.parameter=value``."""
+    backend = Quad()
+    for word in filter(None, options.split(",")):
+        values = read_word(word)
+        if values is None:
+            raise UsageError(f"quad has no option {word!r}")
+        backend = backend.with_effects(values)
+    return backend
