@@ -203,10 +203,14 @@ def _averaged(values: FloatArray, place: NDArray[np.intp], count: int) -> FloatA
 
 
 def summed(cells: Cells, bench: Bench, trace: Trace, test: Test) -> FloatArray:
-    """Return one row of a rollout: (cells,), (probes, cells), a regression's (probes,) and (probes, probes) weight."""
+    """Return one row of a rollout: (cells,), (probes, cells), a regression's (probes,) and (probes, probes) weight.
+
+    NaN where residuals cannot be computed, and of a rollout that ended early: no equation here is of a fall.
+    """
     features = bench.features
     assert features is not None
-    motion = features.asked(bench.backend).motion(trace, bench.matched.to_backend(test))
+    whole = trace.failure is None
+    motion = features.asked(bench.backend).motion(trace, bench.matched.to_backend(test)) if whole else None
     probes, count = len(features.probes), len(cells.places())
     if motion is None:
         return np.full(count + probes * (count + probes + 1), np.nan)

@@ -198,14 +198,18 @@ def test_what_is_said_of_the_twelfth_set_of_the_axis():
     late = {"delay", "current_lag", "speed_filter", "mass", "motor_gain"}
     hard = [
         case
-        for case in cases_of("emps")
+        for case in cases_of("emps12")
         if case["label"]["kind"] == "single" and set(case["label"]["effects"]) <= late
     ]
     top, second, pair, one = rates(
-        "emps", "top-1, single effects", "top-2, single effects", "exact pair first", "one of the pair first"
+        "emps12",
+        "top-1, single effects",
+        "top-2, single effects",
+        "exact pair first",
+        "one of the pair first",
     )
     assert one["hits"] == one["of"] == pair["of"]
-    ours = asked("emps")[2]["log score if heard more"]
+    ours = asked("emps12")[2]["log score if heard more"]
     assert max(ours, key=lambda weight: ours[weight]) == "+0"
     said = (
         f"{bare['mass.extra']:.2f} and {bare['motor_gain.factor']:.2f} of a typical size on average where neither is "

@@ -95,6 +95,14 @@ def test_recordings_without_what_a_residual_needs_have_no_part_in_it(bench):
     assert both[0].along in ("q", "q_ref")
 
 
+def test_a_fall_has_no_part_in_it(bench):
+    push = rollouts(bench, {}, lambda t: t["q"] > 0.1)
+    fell = [(test, Trace(t.times, t.channels, t.units, {"failure": "fall"})) for test, t in push]
+    assert remainders(bench, fell, {}) == ()
+    quiet = rollouts(bench, {})
+    assert not any(each.material for each in remainders(bench, quiet + fell, {}))
+
+
 def test_cells_are_as_many_as_their_means_and_lie_side_by_side(bench):
     machine = rollouts(bench, {})
     cells = Cells.of(bench, [trace for _, trace in machine])
