@@ -47,7 +47,7 @@ class Weights:
     On practice cases the networks are at home and the evidence is not needed; on a machine it is the other
     way round. So these come from twins by other code, made for development and never used for a score
     (``benchmarks/blind/weigh.py``), and are the same for every backend. That code also makes the sealed sets of the
-    axis, with other seeds: for a machine of a third kind the numbers are untested.
+    axis, with other seeds; an arm and a quadrotor, on which none of them was chosen, have sets of their own.
 
     A set A of effects scores  log evidence / temperature + trust · log P_network(A) − penalty[|A|]. Where the equations
     of motion are asked by themselves (:mod:`s2r_spec.diagnose.told`) it is told · their log evidence more, and the
