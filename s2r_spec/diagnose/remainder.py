@@ -26,6 +26,7 @@ from s2r_spec.diagnose.asked import pooled
 from s2r_spec.diagnose.equations import Motion
 from s2r_spec.diagnose.evidence import ALLOWED
 from s2r_spec.diagnose.simulate import Bench, Job, Test, run_jobs
+from s2r_spec.diagnose.where.body import named
 from s2r_spec.rollouts.seeds import Stream, rollout_seed
 from s2r_spec.trace import Trace
 
@@ -65,6 +66,7 @@ class Remainder:
     Attributes:
         residual: of which.
         column: of it.
+        part: of the machine that the column is of, where the residual is of several; else "".
         along: channel whose values bound the cell; "" for time.
         low: where the cell begins, in the channel's unit [or s]; -inf if nowhere.
         high: where it ends.
@@ -76,6 +78,7 @@ class Remainder:
 
     residual: str
     column: int
+    part: str
     along: str
     low: float
     high: float
@@ -91,7 +94,7 @@ class Remainder:
 
     def __str__(self) -> str:
         """Return it in words."""
-        what = f"{self.size:+.3g} {self.unit} of {self.residual}"
+        what = f"{self.size:+.3g} {self.unit} of {self.residual}{f' at {self.part}' if self.part else ''}"
         ends = f"{self.low:.3g} and {self.high:.3g} {self.along_unit}".strip()
         if not self.along:
             return f"{what} between {ends}"
@@ -344,6 +347,12 @@ def _beyond(
     return size, np.where((n >= FEWEST_ROLLOUTS) & moved, np.nan_to_num(surplus), 0.0)
 
 
+def _part(residuals: Trace, residual: str, column: int, width: int) -> str:
+    """Return what a column belongs to, or its number; "" where there is but one."""
+    part = named(residuals, residual, width)[column]
+    return "" if width == 1 else f"column {column}" if part == residual else part
+
+
 def _largest(
     bench: Bench, cells: Cells, size: FloatArray, surplus: FloatArray, rollout: tuple[Test, Trace]
 ) -> tuple[Remainder, ...]:
@@ -353,15 +362,18 @@ def _largest(
     assert isinstance(backend, HasResiduals)
     test, trace = rollout
     scales = features.residual_units()
-    units = dict(trace.units) | dict(backend.residuals(trace, bench.matched.to_backend(test)).units)
+    found = backend.residuals(trace, bench.matched.to_backend(test))
+    units = dict(trace.units) | dict(found.units)
     out: dict[tuple[str, int], Remainder] = {}
     places = cells.places()
     for k in np.argsort(-surplus, kind="stable"):
         residual, column, along, low, high = places[k]
         if (residual, column) not in out and surplus[k] > 0.0:
+            width = len(scales[residual])
             out[residual, column] = Remainder(
                 residual,
                 column,
+                _part(found, residual, column, width),
                 along,
                 low,
                 high,

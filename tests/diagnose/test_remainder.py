@@ -11,7 +11,7 @@ from s2r_emps import EmpsBackend
 from s2r_spec.diagnose.equations import Probe
 from s2r_spec.diagnose.features import Features
 from s2r_spec.diagnose.prepare import bench_of
-from s2r_spec.diagnose.remainder import FEWEST_ROLLOUTS, Cells, Remainder, remainders
+from s2r_spec.diagnose.remainder import FEWEST_ROLLOUTS, Cells, Remainder, _part, remainders
 from s2r_spec.trace import Trace
 
 PROBES = (
@@ -120,8 +120,22 @@ def test_cells_are_as_many_as_their_means_and_lie_side_by_side(bench):
     assert counted == pytest.approx(motion.rest[0].mean(), abs=0.3)
 
 
+def test_a_column_of_many_is_told_by_the_part_it_is_of_or_by_its_number():
+    two = Trace(
+        np.arange(3.0),
+        {"torque": np.zeros((3, 2)), "force": np.zeros(3)},
+        {},
+        {"parts": {"torque": ["hip", "knee"]}},
+    )
+    assert [_part(two, "torque", k, 2) for k in (0, 1)] == ["hip", "knee"]
+    assert _part(two, "force", 0, 1) == ""
+    assert _part(two.only(["torque"]), "torque", 1, 2) == "knee"
+    bare = Trace(two.times, {"torque": two["torque"]}, {})
+    assert _part(bare, "torque", 1, 2) == "column 1"
+
+
 def test_an_end_that_is_nowhere_is_said_so_and_is_no_number_in_json():
-    beyond = Remainder("motor", 2, "tau", 10.0, np.inf, -3.2, "N*m", "N*m", 2.0)
+    beyond = Remainder("motor", 2, "", "tau", 10.0, np.inf, -3.2, "N*m", "N*m", 2.0)
     assert str(beyond) == "-3.2 N*m of motor where tau is above 10 N*m"
     assert str(replace(beyond, low=-np.inf, high=-4.0)) == "-3.2 N*m of motor where tau is below -4 N*m"
     assert beyond.to_json()["high"] is None

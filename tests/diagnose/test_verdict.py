@@ -51,7 +51,7 @@ WHICH = Which(0.1, 0.7, {"a": 0.2}, {}, {}, (), (), (), "friction", None, None)
 
 
 def test_what_is_left_of_the_motion_says_why_none_of_these():
-    left = Remainder("force", 0, "q", 0.1, 0.12, 25.0, "N", "m", 1.4)
+    left = Remainder("force", 0, "", "q", 0.1, 0.12, 25.0, "N", "m", 1.4)
     words = reason(Verdict.UNKNOWN, WHICH, None, A, (left,))
     assert words == (
         "no effect of the catalogue explains the data; +25 N of force where q is between 0.1 and 0.12 m is left "

@@ -204,13 +204,13 @@ def test_the_gap_is_drawn_over_any_test_space(dim, pictures):
     assert "the backend computes no residuals" in page.text
 
 
-PUSH = Remainder("torque", 1, "", 0.5, 0.6, -3.25, "N*m", "s", 1.8)
+PUSH = Remainder("torque", 1, "FR calf", "", 0.5, 0.6, -3.25, "N*m", "s", 1.8)
 QUIET = replace(PUSH, column=2, along="u", low=-np.inf, surplus=0.6)
 
 
 def test_what_no_effect_leaves_is_said_in_every_form():
     found, spec = diagnosis(1, left=(PUSH, QUIET))
-    words = "-3.25 N*m of torque between 0.5 and 0.6 s, which no effect explains"
+    words = "-3.25 N*m of torque at FR calf between 0.5 and 0.6 s, which no effect explains"
     assert words in diagnosed.text(found, spec)
     assert words in Page(diagnosed_page.render(found, spec)).text
     assert words.replace("N*m", r"N\*m") in markdown(found, spec)

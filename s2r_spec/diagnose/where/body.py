@@ -252,12 +252,12 @@ def _columns(every: Sequence[Residuals]) -> list[_Column]:
     for name in first.channels:
         width = _width(first, name)
         if all(name in one.trace.channels and _width(one.trace, name) == width for one in every):
-            names = _named(first, name, width)
+            names = named(first, name, width)
             found += [_Column(name, k, "mean", first.units.get(name, ""), names[k]) for k in range(width)]
     return found + [replace(one, kind="rms") for one in found]
 
 
-def _named(trace: Trace, channel: str, width: int) -> list[str]:
+def named(trace: Trace, channel: str, width: int) -> list[str]:
     """Return what each column belongs to; the channel itself where the backend does not say."""
     declared = trace.meta.get("parts", {})
     names = [str(name) for name in declared.get(channel, ())] if isinstance(declared, Mapping) else []
