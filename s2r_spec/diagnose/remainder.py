@@ -305,7 +305,7 @@ def remainders(
         warnings.simplefilter("ignore", RuntimeWarning)  # of cells into which no rollout reaches
         numerics = [np.nanmean(other - plain, axis=0) for other in others]
         size, surplus = _beyond(machine, own, numerics, np.array([column for column, *_ in cells.numbered()]))
-    return _largest(bench, cells, size, surplus, rollouts[0])
+    return _largest(bench, cells, size, surplus, rollouts[int(np.argmax(whole))])
 
 
 def _beyond(

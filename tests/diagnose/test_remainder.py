@@ -90,7 +90,7 @@ def test_recordings_without_what_a_residual_needs_have_no_part_in_it(bench):
     push = rollouts(bench, {}, lambda t: (t["q"] > 0.10) & (t["q"] < 0.125))
     mute = [(test, trace.only(["q"])) for test, trace in rollouts(bench, {})]
     assert remainders(bench, mute, {}) == ()
-    both = remainders(bench, push + mute, {})
+    both = remainders(bench, mute + push, {})
     assert both[0].material
     assert both[0].along in ("q", "q_ref")
 
