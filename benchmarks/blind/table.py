@@ -42,11 +42,12 @@ SETS = {
     "a1seventh": "seventh",
     "a1eighth": "eighth",
     "a1ninth": "ninth",
-    "a1": "tenth",
+    "a1tenth": "tenth",
+    "a1": "eleventh",
     "arm": "of the arm",
     "quad": "of the quadrotor",
 }
-SHOWN = ("emps10", "emps11", "emps12", "emps", "a1eighth", "a1ninth", "a1", "arm", "quad")
+SHOWN = ("emps10", "emps11", "emps12", "emps", "a1ninth", "a1tenth", "a1", "arm", "quad")
 """Those on the page."""
 RATES = {
     "single effects: it is the likeliest set": "top-1, single effects",
