@@ -127,8 +127,8 @@ def test_what_is_said_of_the_eleventh_set_of_the_a1():
     assert one["hits"] == one["of"] == pair["of"]
     said = (
         f"of {len(cases_of('a1'))} cases {top['of']} have a single effect, and {top['hits']} of these are the "
-        f"likeliest set; of {pair['of']} pairs none is, and one of the two is named in each; both unknown causes with a "
-        f"material gap are seen, and none of {called['of']} known ones is called unknown"
+        f"likeliest set; of {pair['of']} pairs none is, and one of the two is named in each; both unknown causes with "
+        f"a material gap are seen, and none of {called['of']} known ones is called unknown"
     )
     assert said in page, said
 
