@@ -15,6 +15,7 @@ import s2r_spec as s2r
 from s2r_spec.backend import Effect, EffectParameter
 from s2r_spec.diagnose.diagnosis import Verdict
 from s2r_spec.diagnose.models import Simulator
+from s2r_spec.diagnose.remainder import Remainder
 from s2r_spec.errors import UsageError
 
 pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
@@ -92,6 +93,31 @@ def test_a_cause_that_the_catalogue_lacks_is_none_of_these(find):
     assert found.which.answer == ()
     assert found.which.unknown > 0.3
     assert found.which.nearest_family
+
+
+@pytest.mark.parametrize(
+    ("effects", "surplus", "verdict"),
+    [
+        ({"coulomb": 1.5}, 1.4, Verdict.UNKNOWN),
+        ({"coulomb": 1.5}, 0.9, Verdict.NAMED),
+        ({}, 1.4, Verdict.NONE),  # every machine does something that its simulator does not
+    ],
+)
+def test_what_no_effect_leaves_of_a_material_gap_is_none_of_these(
+    find, monkeypatch, effects, surplus, verdict
+):
+    push = Remainder("force", 0, "", "v", 0.3, 0.4, 2.5, "N", "m/s", surplus)
+    run = sys.modules["s2r_spec.diagnose.run"]
+    monkeypatch.setattr(run, "remainders", lambda *rest, **more: (push,))
+    found = find(effects, case=11 if effects else 13)
+    assert found.left == (push,)
+    assert (found.verdict is Verdict.UNKNOWN) is (verdict is Verdict.UNKNOWN), found.reason
+    if verdict is Verdict.UNKNOWN:
+        assert "+2.5 N of force where v is between 0.3 and 0.4 m/s is left of the motion" in found.reason
+        assert found.which.unknown >= 0.5
+        assert found.patch == {}
+    else:
+        assert "is left" not in found.reason
 
 
 def test_effects_that_look_alike_are_known_before_any_real_test(find):
