@@ -163,10 +163,10 @@ class Cells:
                     out += [(name, column, channel, float(a), float(b)) for a, b in pairwise(ends)]
         return out
 
-    def numbered(self) -> list[tuple[int, str]]:
-        """Return the number of its column, of all residuals', and the channel of every cell."""
+    def columns(self) -> NDArray[np.intp]:
+        """Return (cells,) the number of each one's column, of all residuals'."""
         numbers: dict[tuple[str, int], int] = {}
-        return [(numbers.setdefault((r, c), len(numbers)), along) for r, c, along, *_ in self.places()]
+        return np.array([numbers.setdefault(place[:2], len(numbers)) for place in self.places()])
 
     def means(self, motion: Motion, trace: Trace) -> tuple[FloatArray, FloatArray]:
         """Return (cells,) means of the residuals, and (probes, cells) of what is taken off them; NaN where too few."""
@@ -304,7 +304,7 @@ def remainders(
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # of cells into which no rollout reaches
         numerics = [np.nanmean(other - plain, axis=0) for other in others]
-        size, surplus = _beyond(machine, own, numerics, np.array([column for column, *_ in cells.numbered()]))
+        size, surplus = _beyond(machine, own, numerics, cells.columns())
     return _largest(bench, cells, size, surplus, rollouts[int(np.argmax(whole))])
 
 

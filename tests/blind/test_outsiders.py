@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 
 from benchmarks.blind.arm import machine as arm
-from benchmarks.blind.arm.cases import SIZES, Case, drawn_tests, make_case, stratified
-from benchmarks.blind.arm.written import main, write_case
 from benchmarks.blind.emps.cases import KINDS
+from benchmarks.blind.emps.generate import write_case
+from benchmarks.blind.outsiders.cases import SIZES, Case, drawn_tests, make_case, stratified
+from benchmarks.blind.outsiders.generate import main
 from benchmarks.blind.quad import machine as quad
 from s2r_spec import backend, load_backend, load_spec
 from s2r_spec.blind.score import score
@@ -119,7 +120,7 @@ def test_the_command_makes_a_set_that_can_be_read_and_says_nothing_of_its_labels
 def test_a_written_case_is_read_as_it_was_run(name, cases, tmp_path):
     case = cases[name]["unknown"]
     further = Case(case.rollouts[:3], case.rollouts[3:4], case.label)
-    write_case(further, MACHINES[name].SPEC, "0123", tmp_path)
+    write_case(further, "0123", tmp_path, MACHINES[name].SPEC)
     same(LogBackend(str(tmp_path / "public" / "0123")).recorded(), further.rollouts)
     same(LogBackend(str(tmp_path / "sealed" / "0123")).recorded(), further.held_out)
     assert json.loads((tmp_path / "sealed" / "0123.json").read_text()) == {"id": "0123", **case.label}

@@ -17,7 +17,7 @@ ROOT = Path(__file__).parents[3]
 sys.path[:0] = [str(ROOT), str(ROOT / "backends")]
 
 from benchmarks.blind.arm import machine  # noqa: E402
-from benchmarks.blind.arm.written import main  # noqa: E402
+from benchmarks.blind.outsiders.generate import main  # noqa: E402
 
 if __name__ == "__main__":
     main(machine, __doc__)

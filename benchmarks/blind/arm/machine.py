@@ -18,7 +18,7 @@ from numba import njit
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from benchmarks.blind.arm.cases import linear
+from benchmarks.blind.outsiders.cases import linear
 from s2r_spec.trace import Trace
 
 VERSION = "arm/1"

@@ -17,19 +17,33 @@ import secrets
 import shutil
 import sys
 from pathlib import Path
+from typing import Any, Protocol
 
 import numpy as np
 
 ROOT = Path(__file__).parents[3]
 sys.path[:0] = [str(ROOT), str(ROOT / "backends")]
 
-from benchmarks.blind.emps.cases import KINDS, MIX, SPEC, Case, CaseKind, Rollouts, plan, realise  # noqa: E402
+from benchmarks.blind.emps.cases import KINDS, MIX, SPEC, CaseKind, Rollouts, plan, realise  # noqa: E402
 from s2r_spec import logs  # noqa: E402
 from s2r_spec.spec import load_spec  # noqa: E402
 
 BUDGETS = (20, 30, 60)
 BATCH = 10
 """Cases that run side by side."""
+
+
+class Written(Protocol):
+    """What is written of a case, of this machine or of another."""
+
+    @property
+    def rollouts(self) -> Rollouts: ...
+
+    @property
+    def held_out(self) -> Rollouts: ...
+
+    @property
+    def label(self) -> dict[str, Any]: ...
 
 
 def kinds_of(rng: np.random.Generator, count: int) -> list[CaseKind]:
@@ -40,10 +54,10 @@ def kinds_of(rng: np.random.Generator, count: int) -> list[CaseKind]:
     return [kinds[int(k)] for k in rng.permutation(count)]
 
 
-def write_folder(rollouts: Rollouts, folder: Path) -> None:
+def write_folder(rollouts: Rollouts, folder: Path, spec: Path = SPEC) -> None:
     """Write rollouts as ``log:FOLDER`` reads them."""
     folder.mkdir(parents=True)
-    units = load_spec(SPEC).space.units
+    units = load_spec(spec).space.units
     with (folder / "rollouts.csv").open("w", newline="") as stream:
         table = csv.writer(stream, lineterminator="\n")
         table.writerow(["id", *(f"{name} [{unit}]" for name, unit in units.items())])
@@ -52,12 +66,12 @@ def write_folder(rollouts: Rollouts, folder: Path) -> None:
             table.writerow([f"run-{k:02d}", *(test[name] for name in units)])
 
 
-def write_case(case: Case, name: str, out: Path) -> None:
+def write_case(case: Written, name: str, out: Path, spec: Path = SPEC) -> None:
     """Write what is public and what is not."""
-    write_folder(case.rollouts, out / "public" / name)
-    shutil.copy(SPEC, out / "public" / name / "spec.stl")
+    write_folder(case.rollouts, out / "public" / name, spec)
+    shutil.copy(spec, out / "public" / name / "spec.stl")
     if case.held_out:
-        write_folder(case.held_out, out / "sealed" / name)
+        write_folder(case.held_out, out / "sealed" / name, spec)
     (out / "sealed").mkdir(exist_ok=True)
     (out / "sealed" / f"{name}.json").write_text(json.dumps({"id": name, **case.label}, indent=1) + "\n")
 

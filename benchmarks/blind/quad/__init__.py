@@ -1,6 +1,6 @@
 """A quadrotor for the blinded check: simulator and real machine by someone outside, who did not know the diagnosis.
 
 ``simulator/`` offers the backend ``quad`` where it is on the PYTHONPATH; :mod:`benchmarks.blind.quad.machine` is the
-machine, which imports nothing of it. Cases are drawn and written as the arm's (:mod:`benchmarks.blind.arm.cases`).
+machine, which imports nothing of it. Cases are those of :mod:`benchmarks.blind.outsiders`.
 Nothing here is hardware.
 """

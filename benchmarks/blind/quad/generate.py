@@ -16,7 +16,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[3]
 sys.path[:0] = [str(ROOT), str(ROOT / "backends")]
 
-from benchmarks.blind.arm.written import main  # noqa: E402
+from benchmarks.blind.outsiders.generate import main  # noqa: E402
 from benchmarks.blind.quad import machine  # noqa: E402
 
 if __name__ == "__main__":

@@ -18,7 +18,7 @@ from numba import njit
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from benchmarks.blind.arm.cases import Cause, linear
+from benchmarks.blind.outsiders.cases import Cause, linear
 from s2r_spec.trace import Trace
 
 VERSION = "quad/1"
