@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from s2r_spec.diagnose.axes import Values
 from s2r_spec.diagnose.diagnosis import NextTest
 from s2r_spec.diagnose.evidence import FORM
+from s2r_spec.diagnose.isolability import ALIKE
 from s2r_spec.diagnose.signatures import Signatures
 from s2r_spec.diagnose.simulate import Bench, Test
 
@@ -60,6 +61,8 @@ def next_test(
         if rows is None:
             continue
         difference = rows[0] - rows[1]
+        if (difference**2).sum() < ALIKE[0] ** 2 * max((rows[:2] ** 2).sum(axis=1)):
+            continue  # laws a little off would make them the same
         form = FORM**2 * max(float((rows[2:] ** 2).sum(axis=1).max()), 1e-12) / len(difference)
         v = signatures.noise + form * np.eye(len(difference))
         sigma = float(np.sqrt(max(difference @ np.linalg.solve(v, difference), 0.0)))

@@ -22,6 +22,7 @@ from s2r_spec.diagnose.diagnosis import Diagnosis, Verdict, Which
 from s2r_spec.diagnose.estimate import by_linear, fit
 from s2r_spec.diagnose.how_far import HowFar, gap, how_far
 from s2r_spec.diagnose.isolability import isolability
+from s2r_spec.diagnose.kin import shared
 from s2r_spec.diagnose.next_test import next_test
 from s2r_spec.diagnose.notes import notes
 from s2r_spec.diagnose.prepare import ENOUGH, Progress, State, bench_of, prepare, split
@@ -124,6 +125,13 @@ def _answer(
     effects = state.judge.effects
     weighed = together(state, lambda done, of: tell("simulating sets", done, of))
     state = replace(state, sets=weighed.sets, temperature=weighed.temperature)
+    isolable = isolability(
+        state.smooth.surrogate,
+        state.smooth.layout.scatter,
+        state.signatures.noise,
+        state.smooth.nuisances,
+        state.temperature,
+    )
     ranked = state.sets.ranked()
     first_none = not ranked[0][0]
     named = next(members for members, _ in ranked if members)
@@ -159,19 +167,13 @@ def _answer(
         # The patch does not close the gap that it should explain, or something is left that no effect leaves: at
         # least as likely unknown as not.
         unknown = max(unknown, 0.5 + 0.5 * unknown)
-    names = {members: tuple(effects[k] for k in members) for members in state.sets.members}
     known = 1.0 - unknown
     by_size: dict[int, dict[tuple[str, ...], float]] = {0: {}, 1: {}, 2: {}, 3: {}}
-    for members, probability in zip(state.sets.members, state.sets.probability, strict=True):
+    told = shared(state.sets, isolable.kin)
+    names = {members: tuple(effects[k] for k in members) for members in told.members}
+    for members, probability in zip(told.members, told.probability, strict=True):
         by_size[len(members)][names[members]] = known * float(probability)
 
-    isolable = isolability(
-        state.smooth.surrogate,
-        state.smooth.layout.scatter,
-        state.signatures.noise,
-        state.smooth.nuisances,
-        state.temperature,
-    )
     alike = confounded(isolable, names[named], by_size)
     verdict = Verdict.NAMED
     if alarm or open_gap or strange:
@@ -184,8 +186,8 @@ def _answer(
     nothing = verdict in (Verdict.NONE, Verdict.SPREAD)
     answer = () if nothing or verdict is Verdict.UNKNOWN else names[named]
     upcoming = None
-    if verdict is not Verdict.NONE and ranked[0][1] * known < SURE:
-        upcoming = _next(bench, state, ranked, [test for test, _ in (*seen, *held)], tell)
+    if verdict is not Verdict.NONE and told.probability.max() * known < SURE:
+        upcoming = _next(bench, state, told.ranked(), [test for test, _ in (*seen, *held)], tell)
     families = {e.name: e.family for e in banks.catalogue_of(bench.backend)}
     which = Which(
         none=by_size[0][()],

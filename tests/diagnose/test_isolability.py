@@ -112,3 +112,27 @@ def test_the_least_sizes_go_with_the_matrix_into_the_answer():
     told = found(curve("a", UP, strong(1.0), 0.0), curve("b", BOTH, strong(0.0, 1.0))).to_json()
     assert [one["effect"] for one in told["least"]] == ["a", "b"]
     assert set(told["least"][0]) == {"effect", "parameter", "unit", "nominal", "below", "above"}
+
+
+def turned(by, noise=1.0):
+    """Return two effects whose signatures are at this angle."""
+    a, b = 300.0 * np.ones(20), 300.0 * np.tile([1.0, -1.0], 10)
+    one, other = curve("a", UP, a, 0.0), curve("b", UP, np.cos(by) * a + np.sin(by) * b, 0.0)
+    return found(one, other, noise=noise)
+
+
+def test_effects_of_which_a_law_a_little_off_makes_the_other_are_confounded_however_clear_they_are():
+    near, far = turned(0.2), turned(0.8)
+    assert near.sigma[0, 1] > APART
+    assert near.confounded("a") == ("a", "b")
+    assert near.kin.tolist() == [[0.0, 1.0], [1.0, 0.0]]
+    assert far.kin[0, 1] == 0.0
+    assert far.confounded("a") == ("a",)
+    between = [turned(by).kin[0, 1] for by in np.linspace(0.2, 0.8, 61)]
+    assert any(0.0 < kin < 1.0 for kin in between)
+    assert between == sorted(between, reverse=True)
+
+
+@pytest.mark.parametrize("noise", [1e-4, 1.0, 100.0])
+def test_how_far_effects_are_of_one_kind_does_not_hang_on_what_scatters(noise):
+    assert turned(0.2, noise).differs[0, 1] == pytest.approx(turned(0.2).differs[0, 1], rel=0.1)

@@ -110,7 +110,7 @@ def diagnosis(dim, verdict=Verdict.NAMED, body=None, near=8.0, **changes):
         confounded=("friction", "delay") if verdict is Verdict.CONFOUNDED else answer,
         estimates=(Estimate("friction", "force", 1.5, 1.1, 2.2, "N"),) if answer else (),
         nearest_family="actuation",
-        isolability=Isolability(EFFECTS, sigma, np.array([9.0, 20.0, 30.0]), LEAST),
+        isolability=Isolability(EFFECTS, sigma, np.array([9.0, 20.0, 30.0]), 1.0 - np.eye(3), LEAST),
         next_test=NextTest(upcoming | {"gait": 2.0}, "with gait = 2", ("friction", "delay"), 4.0),
     )
     rng = np.random.default_rng(2)
@@ -247,7 +247,7 @@ def test_four_legs_are_drawn_and_any_other_machine_is_rows(one, shown):
 
 def test_confounded_pairs_are_marked():
     page = Page(diagnosed_page.render(*diagnosis(0, Verdict.CONFOUNDED, near=1.0)))
-    assert any("less than 3: friction and delay" in alt for alt in page.pictures)
+    assert any("less than 3, or of one kind: friction and delay" in alt for alt in page.pictures)
     assert "These data cannot tell apart: friction, delay." in page.text
     assert "To tell them apart, run the test again with gait = 2" in page.text
 

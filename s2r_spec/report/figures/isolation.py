@@ -33,7 +33,7 @@ def order(found: Isolability) -> list[int]:
 def pairs(found: Isolability) -> list[tuple[str, str]]:
     """Return the confounded pairs, nearest first."""
     near = np.minimum(found.sigma, found.sigma.T)
-    chosen = [(a, b) for a, b in zip(*np.nonzero(near < APART), strict=True) if a < b]
+    chosen = [(a, b) for a, b in zip(*np.nonzero(found.alike), strict=True) if a < b]
     return [
         (found.effects[a], found.effects[b]) for a, b in sorted(chosen, key=lambda ab: near[ab[0], ab[1]])
     ]
@@ -44,6 +44,7 @@ def isolation(found: Isolability, answer: Collection[str], name: str) -> Picture
     placed = order(found)
     count = len(placed)
     sigma = np.minimum(found.sigma, found.sigma.T)[np.ix_(placed, placed)]
+    alike = found.alike[np.ix_(placed, placed)]
     names = [found.effects[k] for k in placed]
     most = 4 * APART
     shown = np.clip(sigma, 0.0, most)
@@ -59,7 +60,7 @@ def isolation(found: Isolability, answer: Collection[str], name: str) -> Picture
         )
         for a in range(count):
             for b in range(count):
-                if a != b and sigma[a, b] < APART:
+                if alike[a, b]:
                     axes.add_patch(Rectangle((b - 0.5, a - 0.5), 1, 1, fill=False, ec=BAD, lw=1.6))
                 if a != b and count <= _NUMBERS:
                     words = f"{sigma[a, b]:.1f}" if sigma[a, b] < 10 else f"{min(sigma[a, b], 999):.0f}"
@@ -89,12 +90,13 @@ def isolation(found: Isolability, answer: Collection[str], name: str) -> Picture
         f" and {len(near) - 6} more" if len(near) > 6 else ""
     )
     alt = f"Map of how many standard deviations any two of {count} effects are apart at these tests; " + (
-        f"less than {APART:g}: {words}" if near else f"all are {APART:g} or more apart"
+        f"less than {APART:g}, or of one kind: {words}" if near else f"all are {APART:g} or more apart"
     )
     caption = (
         "Before any real test: how far each effect, at its typical size, is from the nearest that another can imitate. "
         + (
-            f"Red frames: less than {APART:g} σ, so that these tests may not tell them apart ({words})."
+            f"Red frames: less than {APART:g} σ, or so much of one kind that a law a fifth off makes one the other: "
+            f"these tests may not tell them apart ({words})."
             if near
             else f"Every two are at least {APART:g} σ apart: these tests can tell all effects of the catalogue apart."
         )
