@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.diagnose.catalogue import Catalogue
-from s2r_spec.diagnose.evidence import Linear, posterior
+from s2r_spec.diagnose.evidence import FORM, Linear, posterior
 
 FloatArray = NDArray[np.float64]
 
@@ -79,9 +79,12 @@ def by_linear(data: Linear, chosen: Sequence[int], temperature: float) -> Sized:
 
 
 def fit(catalogue: Catalogue, chosen: Sequence[int], sized: Sized) -> Fit:
-    """Return the values of these effects, with intervals."""
+    """Return the values of these effects, with intervals.
+
+    However well a value fits, it is that of our law: the machine's is another by a part FORM of it.
+    """
     at = np.clip(sized.at, catalogue.lower, catalogue.upper)
-    spread = COVER * sized.deviation
+    spread = COVER * np.hypot(sized.deviation, np.where(catalogue.based, 0.0, FORM * at))
     estimates = []
     for k, curve in enumerate(catalogue.curves):
         line = curve.line

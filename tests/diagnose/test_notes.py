@@ -224,3 +224,15 @@ def test_a_test_that_was_run_is_not_asked_for_again():
     assert again.params != first.params
     assert again.sigma <= first.sigma
     assert next_test(bench, signatures, rivals, bank.tests, protocols=False) is None
+
+
+def test_no_test_is_said_to_tell_apart_what_laws_a_little_off_would_make_the_same():
+    bench = bench_of(s2r.parse_spec(SPEC), "tracking", Cart())
+    bank = banks.simulate(bench)
+    bench, signatures = replace(bench, features=bank.features), Signatures.of(bank)
+
+    def rivals(more):
+        return [("payload", {"payload": {"mass": 1.0}}), ("more", {"payload": {"mass": 1.0 + more}})]
+
+    assert next_test(bench, signatures, rivals(0.2), [], protocols=False) is None
+    assert next_test(bench, signatures, rivals(1.0), [], protocols=False).separates == ("payload", "more")

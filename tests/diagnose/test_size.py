@@ -6,7 +6,11 @@ import numpy as np
 import pytest
 
 from s2r_spec.diagnose import size
-from s2r_spec.diagnose.estimate import Sized
+from s2r_spec.diagnose.axes import Line
+from s2r_spec.diagnose.catalogue import Catalogue
+from s2r_spec.diagnose.estimate import COVER, Sized, fit
+from s2r_spec.diagnose.evidence import FORM
+from s2r_spec.diagnose.signatures import Curve
 
 AT = np.array([0.8, 0.02, -0.5])
 DEVIATION = np.array([0.03, 0.01, 0.04])
@@ -57,3 +61,14 @@ def test_what_it_leaves_is_counted_in_units_of_what_is_usually_believed(asked):
     as_fitted = asked(rest, None)  # no other was kept: the variance of the fit itself
     np.testing.assert_allclose(nearer.deviation, np.hypot(DEVIATION, size.FORM * 3.0 * 0.5 * np.abs(AT)))
     np.testing.assert_allclose(as_fitted.deviation, np.hypot(DEVIATION, size.FORM * 3.0 * 10.0 * np.abs(AT)))
+
+
+def test_a_value_that_fits_exactly_is_still_one_of_our_law():
+    line = Line("friction", "force", "drive", "N", 0.0, (5.0, 10.0), 10.0, 0.0, 20.0)
+    curve = Curve(line, np.array([0.5, 1.0]), np.zeros((2, 1, 3)), np.zeros((2, 1)))
+    catalogue = Catalogue.of([curve])
+    [exact] = fit(catalogue, (0,), Sized(np.array([0.6]), np.zeros(1))).estimates
+    assert exact.value == pytest.approx(6.0)
+    assert (exact.low, exact.high) == pytest.approx((6.0 * (1 - COVER * FORM), 6.0 * (1 + COVER * FORM)))
+    [known] = fit(catalogue, (0,), Sized(np.array([0.6]), np.array([0.2]))).estimates
+    assert known.low < 6.0 - COVER * 2.0 < exact.low
