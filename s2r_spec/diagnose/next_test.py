@@ -61,11 +61,12 @@ def next_test(
         if rows is None:
             continue
         difference = rows[0] - rows[1]
-        if (difference**2).sum() < ALIKE[0] ** 2 * max((rows[:2] ** 2).sum(axis=1)):
-            continue  # laws a little off would make them the same
         form = FORM**2 * max(float((rows[2:] ** 2).sum(axis=1).max()), 1e-12) / len(difference)
         v = signatures.noise + form * np.eye(len(difference))
-        sigma = float(np.sqrt(max(difference @ np.linalg.solve(v, difference), 0.0)))
+        apart, *sizes = (max(float(x @ np.linalg.solve(v, x)), 0.0) for x in (difference, *rows[:2]))
+        if apart < ALIKE[0] ** 2 * max(sizes):
+            continue  # laws a little off would make them the same
+        sigma = float(np.sqrt(apart))
         if best is None or sigma > best.sigma:
             best = NextTest({**test, **extra}, words, tuple(name for name, _ in rivals[:2]), sigma)
     return best if best is not None and best.sigma > 1.0 else None

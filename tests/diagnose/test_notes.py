@@ -218,7 +218,7 @@ def test_a_test_that_was_run_is_not_asked_for_again():
     bench = bench_of(s2r.parse_spec(SPEC), "tracking", Cart())
     bank = banks.simulate(bench)
     bench, signatures = replace(bench, features=bank.features), Signatures.of(bank)
-    rivals = [("payload", {"payload": {"mass": 1.0}}), ("motor", {"motor": {"factor": 0.75}})]
+    rivals = [("payload", {"payload": {"mass": 1.0}}), ("viscous", {"viscous": {"coefficient": 4.0}})]
     first = next_test(bench, signatures, rivals, [], protocols=False)
     again = next_test(bench, signatures, rivals, [first.params], protocols=False)
     assert again.params != first.params
