@@ -198,16 +198,16 @@ def simulate(
     features = replace(features, instrumented=_instrumented(bench, features, (tests[0], middle, tests[-1])))
     bench = replace(bench, features=features)
 
-    runs = tuple((test, seed) for test in tests for seed in range(EFFECT_SEEDS))
-    jobs = [Job({}, tuple((test, seed) for seed in range(NOMINAL_SEEDS))) for test in tests]
+    runs = _runs(tests, EFFECT_SEEDS)
+    jobs = [Job({}, _runs(tests, NOMINAL_SEEDS, [place])) for place in range(len(tests))]
     jobs += [Job(line.at(value), runs) for line in found for value in line.values]
     pairs, pair_tests = _pairs(found), _pair_tests(len(tests))
-    both = tuple((tests[place], 0) for place in pair_tests)
+    both = _runs(tests, 1, pair_tests)
     jobs += [
         Job(found[i].at(found[i].at_typical()) | found[j].at(found[j].at_typical()), both) for i, j in pairs
     ]
     others = tuple(bench.backend.variants()) if isinstance(bench.backend, HasVariants) else ()
-    several = tuple((test, seed) for test in tests for seed in range(VARIANT_SEEDS))
+    several = _runs(tests, VARIANT_SEEDS)
     jobs += [Job({}, several, name) for name in others]
     rows = run_jobs(bench, jobs, executor, progress)
 
@@ -242,6 +242,17 @@ def simulate(
         bench.weights(tests),
         sum(len(job.runs) for job in jobs) + len(traces),
     )
+
+
+def _runs(
+    tests: Sequence[Test], seeds: int, places: Sequence[int] | None = None
+) -> tuple[tuple[Test, int], ...]:
+    """Return so many runs at each of these places among the tests: the first of each place's own random numbers.
+
+    Were they the same at all tests, one draw of uneven ground would be what uneven ground does on average.
+    """
+    some = range(len(tests)) if places is None else places
+    return tuple((tests[place], place * NOMINAL_SEEDS + seed) for place in some for seed in range(seeds))
 
 
 def _able(bench: Bench, effect: Effect, test: Test) -> frozenset[str]:

@@ -13,6 +13,7 @@ from s2r_spec.diagnose import bank as banks
 from s2r_spec.diagnose.asked import Asked, Curve, Heard, _straight, asked_columns, pooled
 from s2r_spec.diagnose.axes import Line
 from s2r_spec.diagnose.axes import line as line_of
+from s2r_spec.diagnose.evidence import FORM
 from s2r_spec.diagnose.prepare import bench_of
 from tests.diagnose.test_equations import Felt
 
@@ -204,9 +205,9 @@ def test_whose_names_and_sizes_are_from_the_equations(cache, tmp_path, monkeypat
     viscous = next(e for e in Felt().effects() if e.name == "viscous")
     of = line_of(viscous, viscous.parameters[0])
     assert before[0] == pytest.approx(of.coordinate(1.6), rel=0.3)  # what the closed loop says goes in
-    # and what the equations say comes out, with their interval
+    # and what the equations say comes out, with their interval, and that the law is not the machine's
     assert estimate.value == pytest.approx(of.value(0.25))
-    assert estimate.high - estimate.low == pytest.approx(2 * 1.645 * 0.01 * of.typical)
+    assert estimate.high - estimate.low == pytest.approx(2 * 1.645 * np.hypot(0.01, FORM * 0.25) * of.typical)
     assert found.patch["viscous"]["coefficient"] == estimate.value
     # a little of all others is fitted beside what is too small now
     assert found.tuned["viscous"]["coefficient"] == estimate.value

@@ -236,3 +236,23 @@ def test_no_test_is_said_to_tell_apart_what_laws_a_little_off_would_make_the_sam
 
     assert next_test(bench, signatures, rivals(0.2), [], protocols=False) is None
     assert next_test(bench, signatures, rivals(1.0), [], protocols=False).separates == ("payload", "more")
+
+
+class Uneven(Cart):
+    """A rail that leans one way or the other, by how a rollout begins."""
+
+    def rollout(self, params, seed):
+        sign = np.random.default_rng([seed, 7]).choice([-1.0, 1.0])
+        added = tuple((name, sign * value if name == "tilt" else value) for name, value in self.added)
+        return Cart.rollout(replace(self, added=added), params, seed)
+
+
+def test_what_an_effect_does_on_average_is_not_one_draw_of_it():
+    bank = banks.simulate(bench_of(s2r.parse_spec(SPEC), "tracking", Uneven()))
+    lean = next(
+        change for line, change in zip(bank.lines, bank.changes, strict=True) if line.effect == "tilt"
+    )
+    moved = np.nanmax(np.abs(lean), axis=(0, 1))
+    column = int(np.nanargmax(np.abs(lean / np.where(moved > 0, moved, 1.0)).mean(axis=(0, 1))))
+    assert {-1.0, 1.0} <= set(np.sign(lean[-1, :, column]).tolist())
+    assert np.ptp(lean[-1, :, column]) > 0.5 * moved[column]
