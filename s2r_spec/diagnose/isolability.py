@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -85,6 +85,12 @@ class Isolability:
         """Return the effects that cannot be told from this one, itself first."""
         near = self.alike[self.effects.index(effect)]
         return (effect, *(self.effects[i] for i in np.flatnonzero(near)))
+
+    def kinds(self, effects: Collection[str]) -> tuple[tuple[str, str], ...]:
+        """Return the pairs of these that are of one kind, in catalogue order."""
+        pairs = zip(*np.nonzero(np.triu(self.kin == 1.0)), strict=True)
+        named = ((self.effects[a], self.effects[b]) for a, b in pairs)
+        return tuple(pair for pair in named if set(pair) <= set(effects))
 
     def to_json(self) -> Mapping[str, object]:
         """Return names, the matrix and the least sizes."""

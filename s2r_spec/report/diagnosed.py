@@ -87,9 +87,22 @@ def _causes(which: Which) -> list[str]:
         for e in which.estimates:
             value = f"{e.value:.4g} {e.unit}".rstrip()
             lines.append(f"  {f'{e.effect}.{e.parameter}':42} {value}  [{e.low:.4g}, {e.high:.4g}]")
-    if set(which.confounded) > set(which.answer) != set():
-        lines += ["", f"  these data cannot tell apart: {', '.join(which.confounded)}"]
+    if words := doubt(which):
+        lines += ["", f"  {words}"]
     return lines
+
+
+def doubt(which: Which) -> str:
+    """Return what cannot be told apart, and what of it by no data; nothing if the answer stands alone."""
+    if not set(which.confounded) > set(which.answer) != set():
+        return ""
+    words = f"these data cannot tell apart: {', '.join(which.confounded)}"
+    kinds = [f"{a} and {b}" for a, b in which.isolability.kinds(which.confounded)]
+    return (
+        f"{words}; a law a little off makes {', '.join(kinds)} the same in these tests, however many"
+        if kinds
+        else words
+    )
 
 
 def where_words(where: Where, spec: Spec) -> tuple[str, ...]:

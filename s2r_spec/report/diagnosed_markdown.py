@@ -7,6 +7,7 @@ from s2r_spec.report.diagnosed import (
     SHOWN,
     body_words,
     cause,
+    doubt,
     gap_title,
     left_words,
     provenance,
@@ -31,8 +32,8 @@ def markdown(found: Diagnosis, spec: Spec) -> str:
             value = cell(f"{e.value:.4g} {e.unit}".rstrip())
             interval = cell(f"[{e.low:.4g}, {e.high:.4g}] {e.unit}".rstrip())
             lines.append(f"| {cell(f'{e.effect}.{e.parameter}')} | {value} | {interval} |")
-    if set(which.confounded) > set(which.answer) != set():
-        lines += ["", f"These data cannot tell apart: {cell(', '.join(which.confounded))}."]
+    if words := doubt(which):
+        lines += ["", f"{cell(words[0].upper() + words[1:])}."]
     if found.where is not None:
         told = (*where_words(found.where, spec), *body_words(found.where), *left_words(found))
         lines += ["", "Where:", "", *(f"- {cell(line)}" for line in told)]

@@ -12,6 +12,7 @@ from s2r_spec.diagnose.where.attribution import Part
 from s2r_spec.report.diagnosed import (
     body_words,
     cause,
+    doubt,
     gap_title,
     left_words,
     provenance,
@@ -73,7 +74,7 @@ def render(found: Diagnosis, spec: Spec, real: str = "") -> str:
         next=_unbroken(next_step(found, spec)),
         causes=causes(found),
         estimates=[_estimate(e) for e in found.which.estimates],
-        confounded=_confounded(found),
+        confounded=doubt(found.which),
         far=() if found.how_far is None else shrink_rows(found.how_far),
         far_title="" if found.how_far is None else gap_title(found.how_far),
         far_pictures=_far(found, spec),
@@ -158,13 +159,6 @@ def _estimate(e: Any) -> tuple[str, str, str, Bar]:
         f"[{e.low:.4g}, {e.high:.4g}] {e.unit}".rstrip(),
         bar,
     )
-
-
-def _confounded(found: Diagnosis) -> str:
-    which = found.which
-    if set(which.confounded) > set(which.answer) != set():
-        return f"These data cannot tell apart: {', '.join(which.confounded)}."
-    return ""
 
 
 def _far(found: Diagnosis, spec: Spec) -> list[Picture]:

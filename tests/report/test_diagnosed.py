@@ -245,6 +245,22 @@ def test_four_legs_are_drawn_and_any_other_machine_is_rows(one, shown):
     assert picture.alt.startswith("2 of 2 parts show")
 
 
+def test_what_no_data_tell_apart_is_said_to_be_so():
+    found, spec = diagnosis(0, Verdict.CONFOUNDED)
+    assert diagnosed.doubt(found.which) == "these data cannot tell apart: friction, delay"
+    differs = 1.0 - np.eye(3)
+    differs[0, 1] = 0.2  # one way is enough
+    differs[1, 2] = 0.1  # payload is not in doubt
+    isolable = replace(found.which.isolability, differs=differs)
+    assert isolable.kinds(EFFECTS) == (("friction", "delay"), ("delay", "payload"))
+    alike = replace(found, which=replace(found.which, isolability=isolable))
+    words = "cannot tell apart: friction, delay; a law a little off makes friction and delay the same in these tests, however many"
+    assert f"these data {words}" in diagnosed.text(alike, spec)
+    for shown in (markdown(alike, spec), Page(diagnosed_page.render(alike, spec)).text):
+        assert f"These data {words}." in shown
+    assert diagnosed.doubt(replace(found.which, answer=())) == ""
+
+
 def test_confounded_pairs_are_marked():
     page = Page(diagnosed_page.render(*diagnosis(0, Verdict.CONFOUNDED, near=1.0)))
     assert any("less than 3, or of one kind: friction and delay" in alt for alt in page.pictures)
