@@ -254,7 +254,10 @@ def test_what_no_data_tell_apart_is_said_to_be_so():
     isolable = replace(found.which.isolability, differs=differs)
     assert isolable.kinds(EFFECTS) == (("friction", "delay"), ("delay", "payload"))
     alike = replace(found, which=replace(found.which, isolability=isolable))
-    words = "cannot tell apart: friction, delay; a law a little off makes friction and delay the same in these tests, however many"
+    words = (
+        "cannot tell apart: friction, delay; a law a little off makes friction and delay the same in these tests, "
+        "however many"
+    )
     assert f"these data {words}" in diagnosed.text(alike, spec)
     for shown in (markdown(alike, spec), Page(diagnosed_page.render(alike, spec)).text):
         assert f"These data {words}." in shown
