@@ -13,7 +13,7 @@ from pathlib import Path
 
 RESULTS = Path(__file__).parent / "results"
 KINDS = (("delay", "current_lag"), ("mass", "motor_gain"), ("command_delay", "rotor_lag"))
-SETS = ("emps8", "emps9", "emps10", "emps11", "emps12", "emps", "quad")
+SETS = ("emps8", "emps9", "emps10", "emps11", "emps12", "emps13", "quad1")
 CLEAR = 0.8
 """Part of the two effects' probability that the likelier one has where the evidence is clear."""
 
