@@ -102,7 +102,8 @@ def test_what_is_said_of_the_tenth_set_of_the_a1():
     (was,) = rates("a1ninth", "right where sure")
     alone = asked("a1tenth")[2]["alone"]
     said = (
-        f"of {top['of']} single effects {top['hits']} are the likeliest set and {one['hits']} the likeliest effect; of "
+        f"of {top['of']} single effects {top['hits']} are the likeliest set and {one['hits']} the likeliest "
+        f"effect; of "
         f"the {first['of']} that move ρ or are isolable at their size, {first['hits']} and {effect['hits']}; of "
         f"{pair['of']} pairs both effects are named in {pair['hits']}.",
         f"Answers of 0.9 and more are right in {sure['hits']} of {sure['of']}, not in {was['hits']} of {was['of']}.",
@@ -128,8 +129,10 @@ def test_what_is_said_of_the_eleventh_set_of_the_a1():
     assert unknown["hits"] == unknown["of"] == 2
     assert one["hits"] == one["of"] == pair["of"]
     said = (
-        f"of {len(cases_of('a1eleventh'))} cases {top['of']} have a single effect, and {top['hits']} of these are the "
-        f"likeliest set; of {pair['of']} pairs none is, and one of the two is named in each; both unknown causes with "
+        f"of {len(cases_of('a1eleventh'))} cases {top['of']} have a single effect, and {top['hits']} of these "
+        f"are the "
+        f"likeliest set; of {pair['of']} pairs none is, and one of the two is named in each; both unknown "
+        f"causes with "
         f"a material gap are seen, and none of {called['of']} known ones is called unknown"
     )
     assert said in page, said
@@ -296,7 +299,8 @@ def test_what_is_said_of_the_twelfth_set_of_the_axis():
         f"right in {alone['single']['set']} of its {alone['single']['of']} single effects and in "
         f"{alone['pair']['set']} of its {alone['pair']['of']} pairs",
         f"of the truth {heard['+0.7']:.2f} in place of {heard['+0']:.2f}. In the twelfth that is {ours['+0']:.2f} (",
-        f"Of its {top['of']} single effects {top['hits']} are the likeliest set, the truth is one of the two likeliest "
+        f"Of its {top['of']} single effects {top['hits']} are the likeliest set, the truth is one of the two "
+        f"likeliest "
         f"answers in {second['hits']}, and of {pair['of']} pairs both effects are named in {pair['hits']} and one of "
         "them in all",
         f"({len(hard)} delays, lags, filters, masses and gains, of which it knows "
@@ -332,11 +336,14 @@ def test_what_is_said_of_the_thirteenth_set_of_the_axis():
     known, others = (sum(likeliest(c)[0] == truth(c["label"]) for c in some) for some in (hard, other))
     said = (
         f"Of {unknown['of']} unknown causes with a material gap {unknown['hits']} are seen (the twelfth "
-        f"{before['hits']} of {before['of']}), {left['hits']} of them by what they leave of the motion, where none of "
+        f"{before['hits']} of {before['of']}), {left['hits']} of them by what they leave of the motion, where "
+        f"none of "
         f"{quiet['of']} known causes with a material gap leaves more than is allowed; none of {called['of']} known "
         f"causes is called *none of these*, and none of {null['of']} machines",
-        f"Of {pair['of']} pairs both effects are named in {pair['hits']}, of {large['of']} that are isolable at their "
-        f"size in {large['hits']}. Of its {top['of']} single effects {top['hits']} are the likeliest set, the truth is "
+        f"Of {pair['of']} pairs both effects are named in {pair['hits']}, of {large['of']} that are isolable "
+        f"at their "
+        f"size in {large['hits']}. Of its {top['of']} single effects {top['hits']} are the likeliest set, the "
+        f"truth is "
         f"one of the two likeliest answers in {second['hits']} and in the answered set in {among['hits']}: it has "
         f"{len(hard)} delays, lags, filters, masses and gains, of which it knows {known}, and of the other "
         f"{len(other)} it knows {others}. The mean log probability of the truth is "
@@ -389,7 +396,8 @@ def test_what_is_said_of_the_equations_alone():
     ) in page
     assert f"would be {scores['0.3']:.2f} instead of {scores['0']:.2f}." in page
     assert (
-        f"of {part['of']} true parameters the median answer has {part['answer']:.2f} of the size, the equations alone "
+        f"of {part['of']} true parameters the median answer has {part['answer']:.2f} of the size, the "
+        f"equations alone "
         f"{part['equations']:.2f}, and"
     ) in page
     axis = asked("emps10")[2]
@@ -409,7 +417,8 @@ def test_what_is_said_of_how_much_could_be_closed():
         near = "answer closes nearly as much as the true cause"
         assert (
             f"the {of} set the truth closes {true} % of a single effect's gap (the median of {one['cases']}), the "
-            f"answers {answer} % (in {one[near]} nearly as much as the truth), and with a little of everything {tuned} "
+            f"answers {answer} % (in {one[near]} nearly as much as the truth), and with a little of everything "
+            f"{tuned} "
             "%"
         ) in page
         true, answer, tuned = (round(100 * several[key]) for key in ("true cause", "answer", "tuned"))
@@ -554,7 +563,8 @@ def test_what_is_said_of_sets_since_effects_of_one_kind_share_their_probability(
     ]
     assert len(relatives) == unknown["of"] - unknown["hits"]
     for words in (
-        f"Of 40 single effects of the axis {top['hits']} are the likeliest set, {large['hits']} of the {large['of']} that "
+        f"Of 40 single effects of the axis {top['hits']} are the likeliest set, {large['hits']} of the "
+        f"{large['of']} that "
         f"move ρ or are isolable at their size, and all {second['hits']} one of the two likeliest answers; of the "
         f"{len(missed)} others {sum(kinds_apart('emps', c) for c in missed)} are a delay that is likelier a lag. All "
         f"{sure['of']} answers of 0.9 and more are right, and {inside['hits']} of {inside['of']} true values are in "
@@ -576,10 +586,13 @@ def test_what_is_said_of_sets_since_effects_of_one_kind_share_their_probability(
     wrong = [c["label"]["effects"] for c in cases_of("quad") if likeliest(c)[1] >= 0.9 and not right(c)]
     assert [list(effects) for effects in wrong] == [["weak_rear_rotor"]]
     words = (
-        f"In the quadrotor's second set {top['hits']} of 40 are the likeliest set; the {len(missed)} others are rotor lags "
-        f"that look like a delay, second likeliest, and {among['hits']} of the 40 are in the set answered. {sure['hits']} of "
+        f"In the quadrotor's second set {top['hits']} of 40 are the likeliest set; the {len(missed)} others "
+        f"are rotor lags "
+        f"that look like a delay, second likeliest, and {among['hits']} of the 40 are in the set answered. "
+        f"{sure['hits']} of "
         f"{sure['of']} answers of 0.9 and more are right (the other is a weak rotor), {inside['hits']} of "
-        f"{inside['of']} true values are in their interval, {pair['hits']} of {pair['of']} pairs are the likeliest set, "
+        f"{inside['of']} true values are in their interval, {pair['hits']} of {pair['of']} pairs are the "
+        f"likeliest set, "
         f"{unknown['hits']} of {unknown['of']} unknown causes with a material gap are seen."
     )
     assert words in page, words
@@ -590,9 +603,12 @@ def test_what_is_said_of_sets_since_effects_of_one_kind_share_their_probability(
     assert unknown["hits"] == unknown["of"]
     assert null["hits"] == 0
     words = (
-        f"In the arm's second set, which has no such effects, {top['hits']} of 40 are the likeliest set ({limits} of the "
-        f"{len(missed)} others are torque limits), {pair['hits']} of {pair['of']} pairs, {sure['hits']} of {sure['of']} "
-        f"answers of 0.9 and more are right, {inside['hits']} of {inside['of']} true values are in their interval, and all "
+        f"In the arm's second set, which has no such effects, {top['hits']} of 40 are the likeliest set "
+        f"({limits} of the "
+        f"{len(missed)} others are torque limits), {pair['hits']} of {pair['of']} pairs, {sure['hits']} of "
+        f"{sure['of']} "
+        f"answers of 0.9 and more are right, {inside['hits']} of {inside['of']} true values are in their "
+        f"interval, and all "
         f"{unknown['of']} unknown causes with a material gap are seen."
     )
     assert words in page, words
@@ -619,6 +635,7 @@ def test_what_is_said_of_effects_of_one_kind():
     page = " ".join(PAGE.read_text().split())
     right_, of = every.split(" of ")
     assert (
-        f"there were {of} single delays, lags, masses and motor gains; the true one was likelier than the other of its "
+        f"there were {of} single delays, lags, masses and motor gains; the true one was likelier than the "
+        f"other of its "
         f"kind in {right_}, and where the evidence was clear in {clear} (`python benchmarks/blind/kin.py`)"
     ) in page
