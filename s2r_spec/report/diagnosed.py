@@ -97,11 +97,9 @@ def doubt(which: Which) -> str:
     if not set(which.confounded) > set(which.answer) != set():
         return ""
     words = f"these data cannot tell apart: {', '.join(which.confounded)}"
-    kinds = [f"{a} and {b}" for a, b in which.isolability.kinds(which.confounded)]
+    kinds = ", ".join(f"{a} and {b}" for a, b in which.isolability.kinds(which.confounded))
     return (
-        f"{words}; a law a little off makes {', '.join(kinds)} the same in these tests, however many"
-        if kinds
-        else words
+        f"{words}; a law a little off makes {kinds} the same in these tests, however many" if kinds else words
     )
 
 
