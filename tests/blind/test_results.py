@@ -614,6 +614,33 @@ def test_what_is_said_of_sets_since_effects_of_one_kind_share_their_probability(
     assert words in page, words
 
 
+def test_what_is_said_of_the_twelfth_set_of_the_a1():
+    page = " ".join(PAGE.read_text().split())
+    top, large, pair, one, unknown, called, null = rates(
+        "a1",
+        "top-1, single effects",
+        LARGE + "first answer right, single",
+        "exact pair first",
+        "one of the pair first",
+        "unknown with a material gap detected",
+        "known effects called unknown",
+        "null called anything else",
+    )
+    cases = cases_of("a1")
+    missed = [c["label"]["effects"] for c in cases if c["label"]["kind"] == "single" and not right(c)]
+    assert sorted(next(iter(effects)) for effects in missed) == ["roughness", "torque_speed_line"]
+    assert (unknown["hits"], unknown["of"]) == (1, 1)
+    assert (
+        f"made for 30 cases, {len(cases)} of which could be answered in the time there was. Of {top['of']} single "
+        "effects "
+        f"{top['hits']} are the likeliest set, of the {large['of']} that move ρ or are isolable at their size "
+        f"{large['hits']}; missed are a speed-torque line and 2 mm of uneven ground. Of {pair['of']} pairs "
+        f"{pair['hits']} is the likeliest set, and of {one['hits']} one of the two is the likeliest effect. The one "
+        f"unknown cause with a material gap is seen, {called['hits']} of {called['of']} known ones are called *none of "
+        f"these*, and {null['hits']} of {null['of']} machines with nothing wrong was called something else."
+    ) in page
+
+
 def test_what_is_said_of_uneven_ground():
     rough = [
         case
