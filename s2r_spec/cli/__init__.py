@@ -1,11 +1,12 @@
 """The command line: ``s2r check``, ``gap``, ``certify``, ``diagnose``, ``monitor`` and their helpers.
 
 One file a command, no mathematics. Exit codes: 0 holds, 1 violated, 2 usage or
-spec error, 3 unknown, 4 backend or internal error, 130 interrupted.
+spec error, 3 unknown, 4 backend or internal error, 130 interrupted, 141 nobody read on.
 """
 
 from __future__ import annotations
 
+import errno
 import sys
 import traceback
 
@@ -29,6 +30,8 @@ from s2r_spec.cli import (
     report,
 )
 
+UNREAD = 141
+"""As of a shell's command that writes to a pipe whose reader has gone: 128 + SIGPIPE."""
 EXIT_CODES = "Exit codes: 0 holds, 1 violated, 2 usage or spec error, 3 unknown, 4 backend or internal error."
 
 app = typer.Typer(
@@ -72,6 +75,10 @@ def main() -> None:
     try:
         app()
     except SystemExit as end:
+        cause = end.__context__
+        if isinstance(cause, OSError) and cause.errno == errno.EPIPE:
+            # The parser's own 1 would say that the requirement is violated.
+            sys.exit(UNREAD)
         # What the parser of the command line refuses is said on stderr only.
         if as_json and end.code == 2 and not common.error_was_printed():
             common.print_error(2, "the command line is not understood: see stderr")

@@ -360,3 +360,13 @@ def test_a_wrong_name_is_said_before_anything_runs(s2r):
 
 def test_what_the_command_line_refuses_is_one_object_too(s2r):
     assert s2r.json("check", "x.stl", "--seed", "-1", code=2)["schema"] == "s2r.error/1"
+
+
+def test_a_reader_that_goes_away_is_not_told_that_the_requirement_is_violated(s2r):
+    words = ("check", s2r.spec(), "-b", "toy:slow", "--run", "cut")
+    process = subprocess.Popen(s2r.command(*words), cwd=s2r.folder, stderr=subprocess.PIPE)
+    process.stderr.readline()
+    process.stderr.close()
+    assert process.wait(timeout=300) == 141
+    # It goes on from what there is.
+    assert s2r.json("check", s2r.spec(), "-b", "toy:slow", "-q", "--resume", "cut", code=0)["results"]
