@@ -55,6 +55,18 @@ def test_an_effect_is_named_sized_and_closes_the_gap(find, name, value):
     assert found.how_far.tuned.mean < found.how_far.before.mean
 
 
+@pytest.mark.parametrize("effects", [{"payload": 1.2}, {"motor": 0.8}])
+def test_effects_of_one_kind_are_answered_as_a_set_however_clear_the_data_are(find, effects):
+    found = find(effects, case=5)
+    assert ("payload", "motor") in found.which.isolability.kinds(("payload", "motor", "delay"))
+    assert found.verdict is Verdict.CONFOUNDED
+    assert set(found.which.confounded) == {"payload", "motor"}
+    first, second = (found.which.singles[name] for name in ("payload", "motor"))
+    assert first + second > 0.85
+    assert max(first, second) < 2.0 * min(first, second)
+    assert found.how_far.after.mean < found.how_far.before.mean
+
+
 def test_two_effects_are_named_together(find):
     found = find({"coulomb": 1.2, "speed_scale": 0.85}, case=12)
     assert set(found.which.answer) == {"coulomb", "speed_scale"}, found.which.ranked[:4]
