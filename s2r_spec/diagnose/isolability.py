@@ -22,7 +22,8 @@ ALIKE = (0.38, 0.43)
 """Laws that are a fifth off can meet where effects differ by less than the first part of themselves: a lag of second
 order lies halfway from a delay to one of first order. From the second part on effects are of two kinds. Delay and lag,
 mass and motor gain of the machines of the blind check lie below, and are exchanged as often as not
-(``benchmarks/blind/kin.py``); an arm's torque constant and the mass of its forearm, which are told apart, above."""
+(``benchmarks/blind/kin.py``); an arm's torque constant and the mass of its forearm, which are told apart, about the
+second."""
 
 
 @dataclass(frozen=True)

@@ -230,7 +230,7 @@ def _answer(
 ASSUMPTIONS = (
     "the real rollouts were run as their tests say, and none was left out",
     "the probabilities weigh evidence and networks by fixed numbers from development twins; on sealed twins those of "
-    "0.9 and more were right less often than they say (docs/explanation/diagnosis.md)",
+    "0.8 to 0.9 were right less often than they say (docs/explanation/diagnosis.md)",
     "an effect that the catalogue lacks, but that a member imitates, is named as that member",
 )
 
