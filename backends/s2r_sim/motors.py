@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from s2r_sim.compiled import compiled
 from s2r_sim.figures import Robot
 from s2r_sim.physics import MotorCommand, Physics
 
@@ -102,11 +103,7 @@ class Motors:
 
     def _limit_at_speed(self, strength: float) -> None:
         """Torque that drives a joint is limited by a line through no torque at v times the top speed."""
-        left = 2.0 * (self._physics.voltage - np.abs(self._dq) / self._top_speed)
-        driving = strength * self._limit * np.clip(left, 0.0, 1.0)
-        full = strength * self._limit
-        self._range[:, 0] = -np.where(self._dq < 0.0, driving, full)
-        self._range[:, 1] = np.where(self._dq > 0.0, driving, full)
+        _limited(self._dq, self._range, self._physics.voltage, self._top_speed, strength * self._limit)
 
     def _cross_the_gap(self, law: Law, strength: float) -> None:
         """Let rotors turn freely between the flanks of their gears, and push only against a flank."""
@@ -115,12 +112,48 @@ class Motors:
         _, play, speed = self.state
         # The loop is closed on the rotor's side, at q + play.
         self._control -= law.kp * play + law.kd * speed
-        torque = strength * self._control + self._minus_kp * self._q + self._minus_kd * self._dq
-        torque = np.clip(torque, self._range[:, 0], self._range[:, 1])
-        pushes = ((play >= gap) & (torque > 0.0)) | ((play <= -gap) & (torque < 0.0))
-        speed = np.where(pushes, 0.0, speed + torque / physics.armature * dt)
-        play = np.clip(play + speed * dt, -gap, gap)
-        speed = np.where(np.abs(play) >= gap, 0.0, speed)
+        motion = (self._q, self._dq, self._control, self._range)
+        actuators = (self._gain, self._minus_kp, self._minus_kd)
+        play, speed = _crossed(*motion, *actuators, play, speed, strength, gap, physics.armature, dt)
         self.state = self.state._replace(play=play, play_speed=speed)
-        for actuator in (self._gain, self._minus_kp, self._minus_kd):
-            actuator[:] = np.where(pushes, strength if actuator is self._gain else actuator, 0.0)
+
+
+@compiled
+def _limited(dq: FloatArray, within: FloatArray, voltage: float, top_speed: float, full: float) -> None:
+    """Write (12, 2) the least and the largest torque [N m] at (12,) speeds [rad/s]."""
+    for j in range(dq.shape[0]):
+        driving = full * min(max(2.0 * (voltage - abs(dq[j]) / top_speed), 0.0), 1.0)
+        within[j, 0] = -(driving if dq[j] < 0.0 else full)
+        within[j, 1] = driving if dq[j] > 0.0 else full
+
+
+@compiled
+def _crossed(
+    q: FloatArray,
+    dq: FloatArray,
+    control: FloatArray,
+    within: FloatArray,
+    gain: FloatArray,
+    minus_kp: FloatArray,
+    minus_kd: FloatArray,
+    play: FloatArray,
+    speed: FloatArray,
+    strength: float,
+    gap: float,
+    armature: float,
+    dt: float,
+) -> tuple[FloatArray, FloatArray]:
+    """Return (12,) angle and speed of rotors a step later; where one is on no flank, the joint loses its actuator."""
+    now, pace = np.empty_like(play), np.empty_like(speed)
+    for j in range(play.shape[0]):
+        torque = strength * control[j] + minus_kp[j] * q[j] + minus_kd[j] * dq[j]
+        torque = min(max(torque, within[j, 0]), within[j, 1])
+        pushes = (play[j] >= gap and torque > 0.0) or (play[j] <= -gap and torque < 0.0)
+        pace[j] = 0.0 if pushes else speed[j] + torque / armature * dt
+        now[j] = min(max(play[j] + pace[j] * dt, -gap), gap)
+        if abs(now[j]) >= gap:
+            pace[j] = 0.0
+        gain[j] = strength if pushes else 0.0
+        minus_kp[j] = minus_kp[j] if pushes else 0.0
+        minus_kd[j] = minus_kd[j] if pushes else 0.0
+    return now, pace

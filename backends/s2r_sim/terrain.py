@@ -3,32 +3,29 @@
 from __future__ import annotations
 
 from math import atan, cos, hypot, pi, radians, sin, sqrt, tan
-from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from s2r_sim.compiled import compiled
 from s2r_sim.physics import Physics
+
+FloatArray = NDArray[np.float64]
 
 _WAVES = 24
 _LENGTHS = (0.2, 0.6)
 """[m] shortest and longest wavelength."""
 
 
-class _Wave(NamedTuple):
-    kx: float
-    ky: float
-    phase: float
-
-
-def _waves() -> tuple[_Wave, ...]:
+def _waves() -> FloatArray:
+    """Return (waves, 3): wave number along x and along y [rad/m], and phase [rad]."""
     rng = np.random.default_rng(1)
     length, heading, phase = (
         rng.uniform(_LENGTHS[0], _LENGTHS[1], _WAVES),
         *rng.uniform(0, 2 * pi, (2, _WAVES)),
     )
     k = 2 * pi / length
-    waves = zip((k * np.cos(heading)).tolist(), (k * np.sin(heading)).tolist(), phase.tolist(), strict=True)
-    return tuple(_Wave(*wave) for wave in waves)
+    return np.column_stack([k * np.cos(heading), k * np.sin(heading), phase])
 
 
 _UNEVEN = _waves()
@@ -52,8 +49,18 @@ def surface(
     height, slope_x, slope_y = mean_height(physics, x), tan(radians(physics.slope)), 0.0
     if scale == 0.0:
         return height, slope_x, slope_y
-    for kx, ky, phase in _UNEVEN:
-        angle = kx * (x + origin[0]) + ky * (y + origin[1]) + phase
+    return _added(_UNEVEN, scale, x + origin[0], y + origin[1], height, slope_x)
+
+
+@compiled
+def _added(
+    waves: FloatArray, scale: float, x: float, y: float, height: float, slope_x: float
+) -> tuple[float, float, float]:
+    """Return height and slopes with (waves, 3) on top of them."""
+    slope_y = 0.0
+    for k in range(waves.shape[0]):
+        kx, ky = waves[k, 0], waves[k, 1]
+        angle = kx * x + ky * y + waves[k, 2]
         height += scale * cos(angle)
         slope_x -= scale * kx * sin(angle)
         slope_y -= scale * ky * sin(angle)
