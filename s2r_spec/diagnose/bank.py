@@ -24,6 +24,7 @@ from s2r_spec.diagnose.equations import LITTLE, Equations, Probe
 from s2r_spec.diagnose.features import Block, Features
 from s2r_spec.diagnose.simulate import Bench, Job, Test, blamed, run_jobs
 from s2r_spec.errors import BackendError, UsageError
+from s2r_spec.trace import Trace
 
 FloatArray = NDArray[np.float64]
 
@@ -34,6 +35,8 @@ EFFECT_SEEDS = 1
 VARIANT_SEEDS = 2
 STRONG = 0.5
 """Part of every regressor that instruments must hold: weak ones are worse than none."""
+SAME = 0.95
+"""Part of a residual of every machine that one and the same coordinates explain if they stand for no machine."""
 PAIR_TESTS = 3
 """Tests, spread over the space, at which pairs are simulated together, once each."""
 
@@ -194,8 +197,10 @@ def simulate(
     acts = {effect.name: _able(bench, effect, middle) for effect in catalogue}
     found = lines(catalogue, acts)
     features = replace(features, probes=_probes(bench, found, middle))
+    three = (tests[0], middle, tests[-1])
+    features = replace(features, scales=_scales(bench, features, found, three, executor))
     features = replace(features, little=_little(bench, features, found, middle))
-    features = replace(features, instrumented=_instrumented(bench, features, (tests[0], middle, tests[-1])))
+    features = replace(features, instrumented=_instrumented(bench, features, three))
     bench = replace(bench, features=features)
 
     runs = _runs(tests, EFFECT_SEEDS)
@@ -315,6 +320,61 @@ def _probes(bench: Bench, found: tuple[Line, ...], test: Test) -> tuple[Probe, .
     return tuple(probes)
 
 
+def _scales(
+    bench: Bench,
+    features: Features,
+    found: tuple[Line, ...],
+    tests: Sequence[Test],
+    executor: Callable[[], Executor] | None,
+) -> dict[str, list[float]]:
+    """Return the residuals that a model without mass and motors explains, and what tells how much is left of a model.
+
+    At each test such a model has the coordinates by which the equations explain any machine, whatever its effects.
+    See :mod:`s2r_spec.diagnose.equations`.
+    """
+    if not features.probes:
+        return {}
+    names, p = list(features.residual_units()), len(features.probes)
+    machines = [line.at(line.values[-1]) for line in found]
+    jobs = [Job(values, tuple((test, k) for test in tests)) for k, values in enumerate(machines)]
+    rows = np.array(run_jobs(replace(bench, features=features), jobs, executor, read=_moments))
+    voids: dict[str, list[FloatArray]] = {name: [] for name in names}
+    for at_test in rows.reshape(len(jobs), len(tests), len(names), -1).transpose(1, 2, 0, 3):
+        for name, moments in zip(names, at_test, strict=True):
+            known = moments[np.isfinite(moments).all(axis=1) & (moments[:, 0] > 0.0)]
+            # Every machine counts by the part of its residual that is explained.
+            size, toward, gram = np.split((known / known[:, :1]).sum(axis=0), [1, 1 + p])
+            gram = gram.reshape(p, p)
+            x = np.linalg.lstsq(gram, toward, rcond=1e-9)[0]
+            left = float(size[0] - 2.0 * x @ toward + x @ gram @ x)
+            if len(known) > 1 and left < (1.0 - SAME) * size[0]:
+                voids[name].append(x)
+    out = {}
+    for name, each in voids.items():
+        if len(each) == len(tests):
+            g = np.linalg.lstsq(np.array(each), np.ones(len(each)), rcond=1e-6)[0]
+            if np.allclose(np.array(each) @ g, 1.0, atol=1.0 - SAME):
+                out[name] = g.tolist()
+    return out
+
+
+def _moments(bench: Bench, trace: Trace, test: Test) -> FloatArray:
+    """Return (residuals · (1 + p + p²),) mean products of each nominal residual and its p regressors, or NaN."""
+    assert bench.features is not None
+    asked = bench.features.asked(bench.backend)
+    p = len(asked.probes)
+    motion = asked.motion(trace, bench.matched.to_backend(test)) if trace.failure is None else None
+    if motion is None:
+        return np.full(len(asked.units) * (1 + p + p * p), np.nan)
+    out: list[FloatArray] = []
+    for bare, taken in zip(motion.rest, motion.taken, strict=True):
+        there = np.isfinite(bare)
+        both = np.vstack([bare[there], taken[:, there]])
+        gram = both @ both.T / both.shape[1]
+        out += [gram[0], gram[1:, 1:].ravel()]
+    return np.concatenate(out)
+
+
 def _instrumented(bench: Bench, features: Features, tests: Sequence[Test]) -> bool:
     """Return whether nominal rollouts hold most of every regressor that there is of another one at the same test."""
     if not features.probes:
@@ -374,6 +434,7 @@ def save(made: Bank, path: Path) -> None:
             "products": f.products,
             "rates": f.rates,
             "probes": [asdict(p) for p in f.probes],
+            "scales": dict(f.scales),
             "instrumented": f.instrumented,
             "tests": [dict(t) for t in made.tests],
             "lines": [asdict(one) for one in made.lines],
@@ -413,6 +474,7 @@ def load(path: Path) -> Bank:
             arrays["pace"],
             arrays["little"],
             tuple(Probe(**p) for p in text["probes"]),
+            text["scales"],
             text["instrumented"],
         )
         found = tuple(Line(**(one | {"values": tuple(one["values"])})) for one in text["lines"])

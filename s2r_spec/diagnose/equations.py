@@ -13,12 +13,21 @@ residual at all. Where nominal rollouts of one test, of other random numbers, ho
 other's regressors, they serve the machine's as instruments: two-stage least squares is nearly
 free of that (A. Janot, P.-O. Vandanjon, M. Gautier, "A generic instrumental variable approach for
 industrial robot identification", IEEE Trans. Control Systems Technology 22(1), 2014).
+
+Where effects scale all that a model has, a model without mass and without motors explains every
+motion: that is asked for of any machine whose laws are not ours, whatever its causes, and no
+instrument helps. With v the coordinates of that model, which a bank finds, and g·v = 1, the
+residual r of coordinates x is
+
+    (r − T x) / (1 − g·x) = r − (T − r gᵀ) z,    z = x / (1 − g·x)
+
+and z is what is asked for: for no model at all it would have to be infinite.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,11 +100,13 @@ class Equations:
         backend: nominal.
         probes: what its residuals are regressed on.
         units: residual → (columns,) in which it is measured.
+        scales: residual → g (probes,), of those that no model at all would explain.
     """
 
     backend: Backend
     probes: Sequence[Probe]
     units: Mapping[str, FloatArray]
+    scales: Mapping[str, Sequence[float]] = field(default_factory=dict)
 
     def regressed(
         self, trace: Trace, params: Mapping[str, float], instruments: Instruments | None = None
@@ -193,13 +204,16 @@ class Equations:
                 )
         coordinates = np.array([p.coordinate for p in self.probes])[:, np.newaxis, np.newaxis]
         bares, takens = [], []
-        for bare, *with_effect in zip(rest, *others, strict=True):
+        for name, bare, *with_effect in zip(self.units, rest, *others, strict=True):
             taken = (bare - np.array(with_effect).reshape(len(self.probes), *bare.shape)) / coordinates
+            if name in self.scales:
+                taken = taken - np.multiply.outer(np.asarray(self.scales[name]), bare)
             recorded = np.isfinite(bare) & np.isfinite(taken).all(axis=0)
             if not recorded.any():
                 return None
-            bares.append(np.where(recorded, bare, np.nan))
-            takens.append(np.where(recorded, taken, np.nan))
+            whole = bool(recorded.all())
+            bares.append(bare if whole else np.where(recorded, bare, np.nan))
+            takens.append(taken if whole else np.where(recorded, taken, np.nan))
         return Motion(times - trace.times[0], tuple(bares), tuple(takens))
 
     def _residuals(
@@ -268,10 +282,13 @@ def _flat(blocks: Motion, instruments: Sequence[FloatArray] | None = None) -> _C
     """Return all residuals of the samples that were recorded, and for which there are instruments."""
     rest, taken, beside = [], [], []
     for bare, each, by in zip(blocks.rest, blocks.taken, instruments or blocks.taken, strict=True):
-        recorded = np.isfinite(bare) & np.isfinite(by).all(axis=0)
-        rest.append(bare[recorded])
-        taken.append(each[:, recorded])
-        beside.append(by[:, recorded])
+        recorded = np.isfinite(bare) & (True if by is each else np.isfinite(by).all(axis=0))
+        chosen = [bare[np.newaxis], each] + ([] if by is each else [by])
+        # Where all was recorded there is nothing to look up.
+        flat = [x.reshape(len(x), -1) if recorded.all() else x[:, recorded] for x in chosen]
+        rest.append(flat[0][0])
+        taken.append(flat[1])
+        beside.append(flat[-1])
     whole = np.hstack(taken)
     held = whole if instruments is None else _held(whole, np.hstack(beside))
     return _Columns(np.concatenate(rest), whole, held)

@@ -89,7 +89,7 @@ LEFT = 0.3
 """What the best of the likeliest sets should leave of the data, in units of what is believed."""
 LEAST = 0.03
 """Part of the usual variance that is believed at least."""
-DISTRUSTED = (1.0, 2.0, 4.0)
+DISTRUSTED = (1.0, 2.0, 4.0, 8.0)
 """Multiples of the usual error that the equations' coordinates may have."""
 USUALLY = 10.0
 """Degrees of freedom that it is worth that all numbers scatter by the same multiple of the simulator's scatter."""

@@ -6,8 +6,9 @@ its typical size on a machine of another code, whatever the closed loop makes of
     seen = Σ_k J_k c_k + e,   c_k ~ N(0, LARGE²) for lines k of its effects that are off, N(0, ALLOWED²) for all others
 
 A law of one sign has that half of the prior; a line that only says how its effect acts is N(0, ALLOWED⁴) where there is
-none. In e are an error that all coordinates share, a part FORM of each, ACROSS, and the simulator's variants. An effect
-of several parameters seldom has all of them off: all, and each alone, are as likely.
+none. In e are an error that all coordinates share, a part FORM of each, ACROSS, and the simulator's variants. Seldom
+one coordinate says nothing: a cause that the catalogue lacks pulls it, or one that it has where its law is another. An
+effect of several parameters seldom has all of them off: all, and each alone, are as likely.
 """
 
 from __future__ import annotations
@@ -26,8 +27,13 @@ from s2r_spec.diagnose.models import seen_from
 
 FloatArray = NDArray[np.float64]
 
-ERRORS = (0.03, 0.05, 0.08, 0.13, 0.2)
-"""What no effect explains of a coordinate may be any of these, all as likely before they are seen."""
+ERRORS = (0.03, 0.05, 0.08, 0.13, 0.2, 0.35, 0.6, 1.0)
+"""What no effect explains of a coordinate may be any of these, all as likely before they are seen: a few hundredths on
+twins, but of a machine whose laws nobody wrote down as much as a typical effect."""
+ASTRAY = 0.003
+"""How likely one of the coordinates says nothing."""
+ANYWHERE = 2.0
+"""Standard deviation of one that does."""
 ACROSS = 0.3
 """Part of what an effect makes of others' coordinates that is not believed: it hangs on the rest of the machine."""
 
@@ -51,8 +57,14 @@ def log_evidence(asked: Asked, seen: FloatArray, sets: Sequence[Sequence[str]]) 
             place.append(number)
             less.append(sum(np.log(len(of)) for of in able))
     known = np.diag((FORM * seen) ** 2 + lines.across) + asked.numerics.T @ asked.numerics
-    errors = [lines.spoken(seen, known + error**2 * np.eye(len(seen)), chosen) for error in ERRORS]
-    logs = logsumexp(errors, axis=0) - np.array(less)
+    p = len(seen)
+    common = [known + error**2 * np.eye(p) for error in ERRORS]
+    right = logsumexp([lines.spoken(seen, spread, chosen) for spread in common], axis=0)
+    stray = [ANYWHERE**2 * np.diag(one) for one in np.eye(p)]
+    wrong = logsumexp(
+        [lines.spoken(seen, spread + one, chosen) for spread in common for one in stray], axis=0
+    )
+    logs = np.logaddexp(np.log1p(-ASTRAY) + right, np.log(ASTRAY / p) + wrong) - np.array(less)
     found = np.full(len(sets), -np.inf)
     np.logaddexp.at(found, np.array(place, dtype=np.intp), logs)
     return found

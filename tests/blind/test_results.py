@@ -445,9 +445,15 @@ def test_what_is_said_of_the_real_go2():
     page = " ".join(PAGE.read_text().split())
     closed, tuned = (100 * kept["how_far"][key]["estimate"] for key in ("share", "tuned_share"))
     assert (
-        f"*{kept['verdict']}*, nearest {' and '.join(kept['parameters'])}, which close {closed:.0f} % of the held-out "
+        f"*{kept['verdict']}*, nearest {' and '.join(kept['parameters'])}, which closes {closed:.0f} % of the held-out "
         f"gap, and {tuned:.0f} % with a little of everything"
     ) in page
+    (found,) = kept["parameters"]["viscous_friction"].values()
+    given = kept["given_by_its_model_file"]["viscous_friction"]["coefficient"]
+    assert (
+        f"Its {found['estimate']:.2f} N*m*s/rad are less than half of what the model file says ({given})"
+        in page
+    )
 
 
 def test_what_is_said_of_simpler_ways():

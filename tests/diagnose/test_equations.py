@@ -82,6 +82,59 @@ def test_the_equations_are_believed_as_far_as_they_explain_the_residuals():
     assert equations_error(bench, [(test, Trace(trace.times, {"v": trace["v"]}, {"v": "m/s"}))]) == LEVEL
 
 
+@pytest.fixture(scope="module")
+def felt():
+    return banks.simulate(bench_of(s2r.parse_spec(SPEC), "tracking", Felt())).features
+
+
+def coordinates(features, values):
+    """Return (probes,) of an effect each at these values."""
+    x = np.zeros(len(features.probes))
+    for place, probe in enumerate(features.probes):
+        if probe.effect in values:
+            off = values[probe.effect] - NOMINAL[probe.effect]
+            x[place] = off * probe.coordinate / (probe.value - NOMINAL[probe.effect])
+    return x
+
+
+def by_force(features, scales):
+    return Equations(Felt(), features.probes, {"force": features.residual_units()["force"]}, scales)
+
+
+def mean_asked(equations, machine, test, instruments=None):
+    return np.mean(
+        [equations.regressed(machine.rollout(test, k), test, instruments) for k in range(8)], axis=0
+    )
+
+
+def test_no_model_at_all_explains_any_motion_and_is_not_asked_for(felt):
+    # without mass, damping and motor there would be no force
+    void = coordinates(felt, {"payload": -MASS, "motor": 0.0, "viscous": -DAMPING})
+    assert list(felt.scales) == ["force"]  # the controller's residual is there without a cart
+    assert np.dot(felt.scales["force"], void) == pytest.approx(1.0, abs=1e-3)
+    test, place = {"vd": 0.8, "acc": 3.0}, [probe.effect for probe in felt.probes].index
+    rattling = Rattling().with_effects({"viscous": {"coefficient": 1.5}})
+    free, scaled = by_force(felt, {}), by_force(felt, felt.scales)
+    nominal = [Felt().rollout(test, seed) for seed in (100, 101, 102)]
+    for instruments in (None, free.instruments(nominal, test)):
+        nearly = mean_asked(free, rattling, test, instruments)
+        assert np.linalg.norm(nearly - void) < 0.6 * np.linalg.norm(void)
+    found = np.abs(mean_asked(scaled, rattling, test, scaled.instruments(nominal, test)))
+    assert int(found.argmax()) == place("viscous")
+    assert max(found[place("payload")], found[place("motor")]) < 0.2
+
+
+def test_coordinates_are_asked_for_in_parts_of_what_is_left_of_the_model(felt):
+    g = np.array(felt.scales["force"])
+    weaker = Felt().with_effects({"motor": {"factor": 0.6}})
+    found = mean_asked(by_force(felt, felt.scales), weaker, {"vd": 0.8, "acc": 3.0})
+    x = coordinates(felt, {"motor": 0.6})
+    # of no model at all nothing is known: along that the ridge has its way
+    across = np.eye(len(g)) - np.outer(g, g) / (g @ g)
+    np.testing.assert_allclose(across @ found, across @ (x / (1.0 - g @ x)), atol=0.05)
+    assert np.abs(across @ found - across @ x).max() > 0.05
+
+
 def test_a_residual_without_a_single_instant_is_not_taken_for_an_absent_effect():
     trace = Felt().with_effects({"viscous": {"coefficient": 1.5}}).rollout({"vd": 0.8, "acc": 3.0}, 0)
     lost = Trace(trace.times, dict(trace.channels) | {"v": np.full(len(trace), np.nan)}, trace.units)
@@ -135,6 +188,7 @@ def test_only_effects_that_the_residuals_know_are_asked_for_and_the_bank_keeps_t
     banks.save(made, tmp_path / "bank.npz")
     again = banks.load(tmp_path / "bank.npz")
     assert again.features.probes == made.features.probes
+    assert again.features.scales == made.features.scales
     trace, test = bench.run({}, made.tests[0], 3), made.tests[0]
     rows = [replace(bench, features=one.features).measure(trace, test) for one in (made, again)]
     np.testing.assert_array_equal(*rows)

@@ -11,7 +11,7 @@ from s2r_spec.diagnose.asked import Asked, Curve
 from s2r_spec.diagnose.axes import Line
 from s2r_spec.diagnose.evidence import ALLOWED, FORM, LARGE, Evidence
 from s2r_spec.diagnose.judge import WEIGHTS, Judge
-from s2r_spec.diagnose.told import ACROSS, ERRORS, log_evidence
+from s2r_spec.diagnose.told import ACROSS, ANYWHERE, ASTRAY, ERRORS, log_evidence
 
 NAMES = ("a.size", "b.size", "c.x", "c.y", "push.size")
 ONE = np.eye(len(NAMES))
@@ -55,18 +55,39 @@ def test_it_is_the_evidence_of_the_stated_model():
     ways = {"a": [[0]], "b": [[1]], "c": [[2, 3], [2], [3]], "hidden": [[5]]}
     across = (ACROSS * rows[0] * seen[0]) ** 2 * (1 - ONE[0])
 
-    def density(large, error):
+    def density(large, error, stray):
         little = np.where(np.arange(len(owner)) == 6, ALLOWED**2, ALLOWED)  # where a little of a push acts
         prior = np.where(np.isin(np.arange(len(owner)), large), LARGE, little)
         rest = np.diag(error**2 + (FORM * seen) ** 2 + across) + ASKED.numerics.T @ ASKED.numerics
-        return multivariate_normal(cov=rest + (rows.T * prior**2) @ rows).logpdf(seen)
+        rest += ANYWHERE**2 * np.diag(np.arange(len(NAMES)) == stray)
+        part = 1.0 - ASTRAY if stray is None else ASTRAY / len(NAMES)
+        return np.log(part) + multivariate_normal(cov=rest + (rows.T * prior**2) @ rows).logpdf(seen)
 
     exact = []
     for members in TWO_SIDED:
         of = [[*chain(*each)] for each in product(*(ways[name] for name in members))]
-        exact.append(logsumexp([density(large, e) for large in of for e in ERRORS]) - np.log(len(of)))
+        each = [density(large, e, k) for large in of for e in ERRORS for k in (None, *range(len(NAMES)))]
+        exact.append(logsumexp(each) - np.log(len(of)))
     found = log_evidence(ASKED, seen, TWO_SIDED)
     np.testing.assert_allclose(found - found[0], np.array(exact) - exact[0], atol=1e-8)
+
+
+def test_one_coordinate_that_is_astray_does_not_silence_all_others():
+    alone, both = (
+        [0.6, 0.2, 0.0, 0.0, 0.0],
+        [0.6, 0.2, 4.0, 0.0, 0.0],
+    )  # only an unknown cause makes so much of c
+    a, none = SETS.index(("a",)), SETS.index(())
+    (_, logs), (_, astray) = first(alone), first(both)
+    assert astray[a] - astray[none] > 0.7 * (logs[a] - logs[none])
+
+
+def test_a_machine_whose_every_coordinate_is_off_speaks_for_no_set():
+    within, beyond = ([0.5, -0.5, 0.6, 0.4, -0.7], [2.0, -2.0, 2.5, -1.5, -2.0])
+    spreads = [
+        np.ptp([logs[SETS.index((name,))] for name in EFFECTS]) for _, logs in map(first, (within, beyond))
+    ]
+    assert max(spreads) < 6.0
 
 
 @pytest.mark.parametrize(
