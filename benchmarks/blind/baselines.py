@@ -29,7 +29,7 @@ from opened import Opened, bench, rollouts
 from s2r_spec.blind.score import Rate, ranked, truth
 from s2r_spec.diagnose import bank as banks
 from s2r_spec.diagnose.joint import joint_fit
-from s2r_spec.diagnose.prepare import prepare
+from s2r_spec.diagnose.prepare import compare
 from s2r_spec.diagnose.simulate import Bench
 
 FREE = 3.0
@@ -47,12 +47,12 @@ def named(case: Path, name: str) -> dict[str, str]:
     """Return what each baseline would name."""
     ours, bank = known(name)
     seen = [run for part in rollouts(ours, case) for run in part]
-    state = prepare(ours, bank, seen, 0, None, None, lambda *_: None)
-    view = state.view
+    compared = compare(ours, bank, seen, None, lambda *_: None)
+    view = compared.view
     catalogue, surrogate = view.surrogate.catalogue, view.surrogate
     begin = surrogate.turned(view.data, view.variance)
     free = joint_fit(
-        state.simulator,
+        compared.simulator,
         view.data,
         view.variance,
         view.nuisances,

@@ -256,7 +256,7 @@ def _straight(at: FloatArray, change: FloatArray) -> tuple[FloatArray, FloatArra
     """Return (g + 1,) coordinates, rising, with nominal among them, and (g + 1, p) changes.
 
     Of a value at which every rollout fell, that is what the next one towards nominal makes of it, by proportion: the
-    equations ask for as much as there is.
+    equations ask for about as much as there is.
     """
     there = np.asarray(np.isfinite(change).all(axis=1))
     filled = np.where(there[:, None], change, 0.0)

@@ -36,7 +36,11 @@ VARIANT_SEEDS = 2
 STRONG = 0.5
 """Part of every regressor that instruments must hold: weak ones are worse than none."""
 SAME = 0.95
-"""Part of a residual of every machine that one and the same coordinates explain if they stand for no machine."""
+"""Part of a residual of each and every machine that the same coordinates explain if they stand for no model at all."""
+NOTHING = 1e-6
+"""A residual is none if its mean square is less than this part of the largest machine's."""
+ALIKE = 0.01
+"""Such coordinates that differ by no more between tests are the same at all of them."""
 PAIR_TESTS = 3
 """Tests, spread over the space, at which pairs are simulated together, once each."""
 
@@ -197,8 +201,8 @@ def simulate(
     acts = {effect.name: _able(bench, effect, middle) for effect in catalogue}
     found = lines(catalogue, acts)
     features = replace(features, probes=_probes(bench, found, middle))
-    three = (tests[0], middle, tests[-1])
-    features = replace(features, scales=_scales(bench, features, found, three, executor))
+    three = tuple({place: tests[place] for place in (0, len(tests) // 2, len(tests) - 1)}.values())
+    features = replace(features, voids=_voids(bench, features, found, three, executor))
     features = replace(features, little=_little(bench, features, found, middle))
     features = replace(features, instrumented=_instrumented(bench, features, three))
     bench = replace(bench, features=features)
@@ -245,7 +249,7 @@ def simulate(
         interactions,
         np.array(computed).reshape(len(computed), m, nominal.shape[-1]),
         bench.weights(tests),
-        sum(len(job.runs) for job in jobs) + len(traces),
+        sum(len(job.runs) for job in jobs) + len(traces) + 2 * len(found) * len(three),
     )
 
 
@@ -320,42 +324,60 @@ def _probes(bench: Bench, found: tuple[Line, ...], test: Test) -> tuple[Probe, .
     return tuple(probes)
 
 
-def _scales(
+def _voids(
     bench: Bench,
     features: Features,
     found: tuple[Line, ...],
     tests: Sequence[Test],
     executor: Callable[[], Executor] | None,
 ) -> dict[str, list[float]]:
-    """Return the residuals that a model without mass and motors explains, and what tells how much is left of a model.
+    """Return the residuals that a model without mass and motors explains, and g that tells how much is left of a model.
 
-    At each test such a model has the coordinates by which the equations explain any machine, whatever its effects.
+    At each test such a model has the coordinates by which the equations explain every machine, whatever its effects.
     See :mod:`s2r_spec.diagnose.equations`.
     """
     if not features.probes:
         return {}
     names, p = list(features.residual_units()), len(features.probes)
-    machines = [line.at(line.values[-1]) for line in found]
+    machines = [line.at(value) for line in found for value in (line.values[0], line.values[-1])]
     jobs = [Job(values, tuple((test, k) for test in tests)) for k, values in enumerate(machines)]
     rows = np.array(run_jobs(replace(bench, features=features), jobs, executor, read=_moments))
-    voids: dict[str, list[FloatArray]] = {name: [] for name in names}
-    for at_test in rows.reshape(len(jobs), len(tests), len(names), -1).transpose(1, 2, 0, 3):
-        for name, moments in zip(names, at_test, strict=True):
-            known = moments[np.isfinite(moments).all(axis=1) & (moments[:, 0] > 0.0)]
-            # Every machine counts by the part of its residual that is explained.
-            size, toward, gram = np.split((known / known[:, :1]).sum(axis=0), [1, 1 + p])
-            gram = gram.reshape(p, p)
-            x = np.linalg.lstsq(gram, toward, rcond=1e-9)[0]
-            left = float(size[0] - 2.0 * x @ toward + x @ gram @ x)
-            if len(known) > 1 and left < (1.0 - SAME) * size[0]:
-                voids[name].append(x)
+    by_test = rows.reshape(len(jobs), len(tests), len(names), -1).transpose(2, 1, 0, 3)
+    known = [[_shown(of_test) for of_test in of_name] for of_name in by_test]
+    moved = [
+        np.any([_regressors(each, p).sum(axis=0) > LITTLE for each in of_name], axis=0) for of_name in known
+    ]
     out = {}
-    for name, each in voids.items():
-        if len(each) == len(tests):
-            g = np.linalg.lstsq(np.array(each), np.ones(len(each)), rcond=1e-6)[0]
-            if np.allclose(np.array(each) @ g, 1.0, atol=1.0 - SAME):
+    for k, (name, of_name) in enumerate(zip(names, known, strict=True)):
+        # Of an effect that another residual knows, too, that one says how large it is.
+        elsewhere = any(np.any(moved[k] & other) for j, other in enumerate(moved) if j != k)
+        nothing = [_nothing(each, p) for each in of_name if 2 * len(each) >= len(jobs)]
+        there = [x for x in nothing if x is not None]
+        if len(there) == len(tests) and not elsewhere:
+            g = np.linalg.lstsq(np.array(there), np.ones(len(there)), rcond=ALIKE)[0]
+            if np.allclose(np.array(there) @ g, 1.0, atol=1.0 - SAME):
                 out[name] = g.tolist()
     return out
+
+
+def _shown(moments: FloatArray) -> FloatArray:
+    """Return those of (machines, 1 + p + p²) that show in a residual, in parts of its mean square."""
+    finite = moments[np.isfinite(moments).all(axis=1)]
+    some = finite[finite[:, 0] > NOTHING * finite[:, 0].max(initial=0.0)]
+    return np.asarray(some / some[:, :1])
+
+
+def _regressors(moments: FloatArray, p: int) -> FloatArray:
+    """Return (machines, p) mean squares of the regressors."""
+    return moments[:, 1 + p :: p + 1]
+
+
+def _nothing(moments: FloatArray, p: int) -> FloatArray | None:
+    """Return (p,) the coordinates that explain a residual of every one of (machines, 1 + p + p²), if there are any."""
+    toward, grams = moments[:, 1 : 1 + p], moments[:, 1 + p :].reshape(-1, p, p)
+    x = np.linalg.lstsq(grams.sum(axis=0), toward.sum(axis=0), rcond=1e-9)[0]
+    left = 1.0 - 2.0 * toward @ x + np.einsum("i,kij,j->k", x, grams, x)
+    return x if len(moments) > 1 and left.max() < 1.0 - SAME else None
 
 
 def _moments(bench: Bench, trace: Trace, test: Test) -> FloatArray:
@@ -434,7 +456,7 @@ def save(made: Bank, path: Path) -> None:
             "products": f.products,
             "rates": f.rates,
             "probes": [asdict(p) for p in f.probes],
-            "scales": dict(f.scales),
+            "voids": dict(f.voids),
             "instrumented": f.instrumented,
             "tests": [dict(t) for t in made.tests],
             "lines": [asdict(one) for one in made.lines],
@@ -474,7 +496,7 @@ def load(path: Path) -> Bank:
             arrays["pace"],
             arrays["little"],
             tuple(Probe(**p) for p in text["probes"]),
-            text["scales"],
+            text["voids"],
             text["instrumented"],
         )
         found = tuple(Line(**(one | {"values": tuple(one["values"])})) for one in text["lines"])

@@ -21,7 +21,9 @@ residual r of coordinates x is
 
     (r − T x) / (1 − g·x) = r − (T − r gᵀ) z,    z = x / (1 − g·x)
 
-and z is what is asked for: for no model at all it would have to be infinite.
+and z is what is asked for: for no model at all it would have to be infinite. How much is left of
+a machine that is weaker *and* lighter no motion says; what a regression leaves is told as if all
+were. A residual that shares effects with others is regressed as it is.
 """
 
 from __future__ import annotations
@@ -100,13 +102,13 @@ class Equations:
         backend: nominal.
         probes: what its residuals are regressed on.
         units: residual → (columns,) in which it is measured.
-        scales: residual → g (probes,), of those that no model at all would explain.
+        voids: residual → g (probes,), of those that no model at all would explain.
     """
 
     backend: Backend
     probes: Sequence[Probe]
     units: Mapping[str, FloatArray]
-    scales: Mapping[str, Sequence[float]] = field(default_factory=dict)
+    voids: Mapping[str, Sequence[float]] = field(default_factory=dict)
 
     def regressed(
         self, trace: Trace, params: Mapping[str, float], instruments: Instruments | None = None
@@ -206,8 +208,8 @@ class Equations:
         bares, takens = [], []
         for name, bare, *with_effect in zip(self.units, rest, *others, strict=True):
             taken = (bare - np.array(with_effect).reshape(len(self.probes), *bare.shape)) / coordinates
-            if name in self.scales:
-                taken = taken - np.multiply.outer(np.asarray(self.scales[name]), bare)
+            if name in self.voids:
+                taken = taken - np.multiply.outer(np.asarray(self.voids[name]), bare)
             recorded = np.isfinite(bare) & np.isfinite(taken).all(axis=0)
             if not recorded.any():
                 return None
@@ -240,7 +242,7 @@ class Motion:
     Attributes:
         times: (m,) since the motion began [s].
         rest: (m, columns) of every residual.
-        taken: (probes, m, columns) of every residual: what a coordinate takes off it.
+        taken: (probes, m, columns) of every residual: what a coordinate takes off it, as far as that shows in z.
     """
 
     times: FloatArray
@@ -282,16 +284,20 @@ def _flat(blocks: Motion, instruments: Sequence[FloatArray] | None = None) -> _C
     """Return all residuals of the samples that were recorded, and for which there are instruments."""
     rest, taken, beside = [], [], []
     for bare, each, by in zip(blocks.rest, blocks.taken, instruments or blocks.taken, strict=True):
-        recorded = np.isfinite(bare) & (True if by is each else np.isfinite(by).all(axis=0))
-        chosen = [bare[np.newaxis], each] + ([] if by is each else [by])
-        # Where all was recorded there is nothing to look up.
-        flat = [x.reshape(len(x), -1) if recorded.all() else x[:, recorded] for x in chosen]
-        rest.append(flat[0][0])
-        taken.append(flat[1])
-        beside.append(flat[-1])
+        recorded = np.isfinite(bare)
+        if by is not each:
+            recorded &= np.isfinite(by).all(axis=0)
+        rest.append(bare[recorded])
+        taken.append(_where(recorded, each))
+        beside.append(taken[-1] if by is each else _where(recorded, by))
     whole = np.hstack(taken)
     held = whole if instruments is None else _held(whole, np.hstack(beside))
     return _Columns(np.concatenate(rest), whole, held)
+
+
+def _where(recorded: NDArray[np.bool_], values: FloatArray) -> FloatArray:
+    """Return (probes, n) of (probes, m, columns) values; where all was recorded nothing is looked up."""
+    return values.reshape(len(values), recorded.size) if recorded.all() else values[:, recorded]
 
 
 def _held(taken: FloatArray, instruments: FloatArray) -> FloatArray:

@@ -81,7 +81,7 @@ class Features:
         little: (columns,) rms that a little of every effect makes of a residual and the equations do not explain, in
             ``scale``; 0 if that is not known.
         probes: effects of which the equations of motion are asked; see :mod:`s2r_spec.diagnose.equations`.
-        scales: residual → a number for each of these, where a model without mass and motors would explain it.
+        voids: residual → g, one number a probe, where a model without mass and motors would explain it.
         instrumented: whether the nominal simulator's own motions are instruments for that.
     """
 
@@ -95,7 +95,7 @@ class Features:
     pace: FloatArray
     little: FloatArray
     probes: tuple[Probe, ...] = ()
-    scales: Mapping[str, Sequence[float]] = field(default_factory=dict)
+    voids: Mapping[str, Sequence[float]] = field(default_factory=dict)
     instrumented: bool = False
 
     @classmethod
@@ -212,7 +212,7 @@ class Features:
 
     def asked(self, backend: Backend) -> Equations:
         """Return what the equations of motion of a backend are asked."""
-        return Equations(backend, self.probes, self.residual_units(), self.scales)
+        return Equations(backend, self.probes, self.residual_units(), self.voids)
 
     def referred(self, feature: Feature) -> float:
         """Return ``reference`` of a feature's column."""

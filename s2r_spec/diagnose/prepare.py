@@ -242,16 +242,43 @@ def split(
     return seen, held
 
 
-def prepare(
+@dataclass(frozen=True)
+class Compared:
+    """Real rollouts beside the simulator at the same tests: what there is to be explained, before anything is.
+
+    Attributes:
+        rows: (n, 1 + p) of the real rollouts.
+        available: (1 + p,) which columns are known of most of them.
+        asked_error: see :func:`equations_error`.
+        signatures: of these columns.
+        level: (tests, 1 + p) mean of the nominal simulator.
+        own: (k,) variance of the simulator's numbers from run to run.
+        machine: (k,) the same of the machine's.
+        smooth: the data through a few functions of the test.
+        view: the data as they are fitted; see :class:`State`.
+        simulator: seen likewise.
+    """
+
+    rows: FloatArray
+    available: NDArray[np.bool_]
+    asked_error: float
+    signatures: Signatures
+    level: FloatArray
+    own: FloatArray
+    machine: FloatArray
+    smooth: View
+    view: View
+    simulator: Simulator
+
+
+def compare(
     bench: Bench,
     bank: banks.Bank,
     seen: list[tuple[dict[str, float], Trace]],
-    seed: int,
-    cache: Path | None,
     executor: Callable[[], Executor] | None,
     tell: Progress,
-) -> State:
-    """Fit the whole catalogue to the rollouts in ``seen``, and weigh every set of effects."""
+) -> Compared:
+    """Run the nominal simulator at the tests of the rollouts in ``seen``, and see both alike."""
     rows = np.array([bench.measure(trace, test) for test, trace in seen])
     complete = np.array([trace.failure is None for _, trace in seen])
     usable = rows[complete] if complete.any() else rows
@@ -260,7 +287,6 @@ def prepare(
         bench, [rollout for rollout, ran in zip(seen, complete, strict=True) if ran] or seen
     )
     signatures = Signatures.of(bank, available, asked_error)
-    judge = judge_of(bench, signatures, available, asked_error, seed, cache, tell)
     tests = [test for test, _ in seen]
     layout = Layout.of(bench.spec.space, bank.tests, tests)
     tell("the simulator at the real tests", 0, 1)
@@ -281,6 +307,27 @@ def prepare(
         # What happens at a few tests only, or varies without a trend, is not seen through a few functions.
         view = View.of(signatures, catalogue, each, means, machine, own)
         simulator = Simulator(bench, signatures, view.surrogate, view.layout, nominal, executor)
+    return Compared(rows, available, asked_error, signatures, level, own, machine, smooth, view, simulator)
+
+
+def prepare(
+    bench: Bench,
+    bank: banks.Bank,
+    seen: list[tuple[dict[str, float], Trace]],
+    seed: int,
+    cache: Path | None,
+    executor: Callable[[], Executor] | None,
+    tell: Progress,
+) -> State:
+    """Fit the whole catalogue to the rollouts in ``seen``, and weigh every set of effects."""
+    compared = compare(bench, bank, seen, executor, tell)
+    signatures, smooth, view, simulator = (
+        compared.signatures,
+        compared.smooth,
+        compared.view,
+        compared.simulator,
+    )
+    judge = judge_of(bench, signatures, compared.available, compared.asked_error, seed, cache, tell)
     p = judge.memberships(describe(smooth.data)[None])[0]
     if view is not smooth:
         # The networks learnt from data with a trend, and saw only what of these has one: they abstain.
@@ -290,20 +337,24 @@ def prepare(
     first = view.surrogate.jacobian(begin)
     heard = None
     if simulator.dear or bank.features.instrumented:
-        heard = Heard.of(bank, rows, level[layout.place], asked_error, bench.weights(tests))
+        nominal = compared.level[smooth.layout.place]
+        weights = bench.weights([test for test, _ in seen])
+        heard = Heard.of(bank, compared.rows, nominal, compared.asked_error, weights)
     if not simulator.dear:
         state = _state(signatures, smooth, view, judge, p, simulator, simulator, begin, first, heard=heard)
-        return _closer(state, view, view.layout.variance(machine, own))
+        return _closer(state, view, view.layout.variance(compared.machine, compared.own))
     state = _state(signatures, smooth, view, judge, p, simulator, view.surrogate, begin, first, heard=heard)
     # Where derivatives are the bank's, the fit of everything at once goes astray; that of a few effects does not.
     likely = [members for members, _ in state.sets.ranked()[:TRIED]]
     tried = {members: state.beside(members) for members in likely}
     best = min(tried.values(), key=lambda fit: fit.cost)
     # A gait that a cause has made unsteady scatters as the nominal one does not.
-    there = _shrunk(*simulator.scattered(best.at), own)
-    if there.sum() > UNSTEADY * own.sum():
+    there = _shrunk(*simulator.scattered(best.at), compared.own)
+    if there.sum() > UNSTEADY * compared.own.sum():
         simulator = simulator.steadier(SHOTS)
-    scatter = layout.variance(machine, np.zeros_like(own)) + simulator.variance(there)
+    scatter = smooth.layout.variance(compared.machine, np.zeros_like(compared.own)) + simulator.variance(
+        there
+    )
     view = replace(view, variance=_nearer(view, scatter, best))
     found = _state(
         signatures, smooth, view, judge, p, simulator, simulator, best.at, best.jacobian, True, heard

@@ -9,6 +9,7 @@ from s2r_cart import DAMPING, FORCE, GAIN, MASS, NOMINAL, SPEC, STEP, Cart, real
 
 import s2r_spec as s2r
 from s2r_spec.diagnose import bank as banks
+from s2r_spec.diagnose.axes import line
 from s2r_spec.diagnose.equations import Equations, Probe
 from s2r_spec.diagnose.prepare import bench_of, equations_error
 from s2r_spec.diagnose.signatures import LEVEL
@@ -97,8 +98,8 @@ def coordinates(features, values):
     return x
 
 
-def by_force(features, scales):
-    return Equations(Felt(), features.probes, {"force": features.residual_units()["force"]}, scales)
+def by_force(features, voids):
+    return Equations(Felt(), features.probes, {"force": features.residual_units()["force"]}, voids)
 
 
 def mean_asked(equations, machine, test, instruments=None):
@@ -110,11 +111,11 @@ def mean_asked(equations, machine, test, instruments=None):
 def test_no_model_at_all_explains_any_motion_and_is_not_asked_for(felt):
     # without mass, damping and motor there would be no force
     void = coordinates(felt, {"payload": -MASS, "motor": 0.0, "viscous": -DAMPING})
-    assert list(felt.scales) == ["force"]  # the controller's residual is there without a cart
-    assert np.dot(felt.scales["force"], void) == pytest.approx(1.0, abs=1e-3)
+    assert list(felt.voids) == ["force"]  # the controller's residual is there without a cart
+    assert np.dot(felt.voids["force"], void) == pytest.approx(1.0, abs=1e-3)
     test, place = {"vd": 0.8, "acc": 3.0}, [probe.effect for probe in felt.probes].index
     rattling = Rattling().with_effects({"viscous": {"coefficient": 1.5}})
-    free, scaled = by_force(felt, {}), by_force(felt, felt.scales)
+    free, scaled = by_force(felt, {}), by_force(felt, felt.voids)
     nominal = [Felt().rollout(test, seed) for seed in (100, 101, 102)]
     for instruments in (None, free.instruments(nominal, test)):
         nearly = mean_asked(free, rattling, test, instruments)
@@ -124,10 +125,65 @@ def test_no_model_at_all_explains_any_motion_and_is_not_asked_for(felt):
     assert max(found[place("payload")], found[place("motor")]) < 0.2
 
 
+def voids(features, backend=None, effects=NOMINAL):
+    """Find them with the effects that are given, of which alone the equations are asked."""
+    bench = bench_of(s2r.parse_spec(SPEC), "tracking", backend or Felt())
+    found = tuple(
+        line(effect, effect.parameters[0]) for effect in bench.backend.effects() if effect.name in effects
+    )
+    probes = tuple(probe for probe in features.probes if probe.effect in effects)
+    tests = [{"vd": 0.8, "acc": 3.0}, {"vd": 0.4, "acc": 2.0}]
+    return banks._voids(bench, replace(features, probes=probes, voids={}), found, tests, None)
+
+
+def test_an_effect_that_explains_itself_is_not_no_model_at_all(felt):
+    assert voids(felt, effects=("viscous",)) == {}
+    assert voids(felt, effects=("viscous", "payload")) == {}
+    assert list(voids(felt, effects=("viscous", "payload", "motor"))) == ["force"]
+
+
+def test_a_simulator_without_noise_is_nothing_likewise(felt, monkeypatch):
+    class Quiet:
+        def normal(self, size=None):
+            return np.zeros(size) if size else 0.0
+
+    usual = voids(felt)["force"]
+    monkeypatch.setattr(np.random, "default_rng", lambda seed: Quiet())
+    assert voids(felt)["force"] == pytest.approx(usual, abs=1e-3)
+
+
+class Driven(Felt):
+    """Its force on the motor is measured, too: what that says of the motor holds as it is."""
+
+    def rollout(self, params, seed):
+        trace = super().rollout(params, seed)
+        pull = (NOMINAL | dict(self.added))["motor"] * FORCE * trace["u"]
+        return Trace(trace.times, dict(trace.channels) | {"pull": pull}, dict(trace.units) | {"pull": "N"})
+
+    def residuals(self, trace, params=None):
+        found = super().residuals(trace, params)
+        drive = trace["pull"] - (NOMINAL | dict(self.added))["motor"] * FORCE * trace["u"]
+        noise = 0.01 * np.sin(np.arange(len(drive)) * 1.7)
+        return Trace(
+            found.times,
+            dict(found.channels) | {"drive": (drive + noise)[:-1]},
+            dict(found.units) | {"drive": "N"},
+            {"parts": {name: ["cart"] for name in (*found.channels, "drive")}},
+        )
+
+
+def test_what_another_residual_says_of_an_effect_is_asked_of_both():
+    features = banks.simulate(bench_of(s2r.parse_spec(SPEC), "tracking", Driven())).features
+    assert features.voids == {}
+    weak = Driven().with_effects({"motor": {"factor": 0.6}})
+    found = mean_asked(features.asked(Driven()), weak, {"vd": 0.8, "acc": 3.0})
+    np.testing.assert_allclose(found, coordinates(features, {"motor": 0.6}), atol=0.05)
+
+
 def test_coordinates_are_asked_for_in_parts_of_what_is_left_of_the_model(felt):
-    g = np.array(felt.scales["force"])
+    g = np.array(felt.voids["force"])
     weaker = Felt().with_effects({"motor": {"factor": 0.6}})
-    found = mean_asked(by_force(felt, felt.scales), weaker, {"vd": 0.8, "acc": 3.0})
+    found = mean_asked(by_force(felt, felt.voids), weaker, {"vd": 0.8, "acc": 3.0})
     x = coordinates(felt, {"motor": 0.6})
     # of no model at all nothing is known: along that the ridge has its way
     across = np.eye(len(g)) - np.outer(g, g) / (g @ g)
@@ -188,7 +244,7 @@ def test_only_effects_that_the_residuals_know_are_asked_for_and_the_bank_keeps_t
     banks.save(made, tmp_path / "bank.npz")
     again = banks.load(tmp_path / "bank.npz")
     assert again.features.probes == made.features.probes
-    assert again.features.scales == made.features.scales
+    assert again.features.voids == made.features.voids
     trace, test = bench.run({}, made.tests[0], 3), made.tests[0]
     rows = [replace(bench, features=one.features).measure(trace, test) for one in (made, again)]
     np.testing.assert_array_equal(*rows)

@@ -10,6 +10,7 @@ import s2r_spec as s2r
 from s2r_emps import EmpsBackend
 from s2r_emps.noise import Noise
 from s2r_spec.diagnose import bank as banks
+from s2r_spec.diagnose.axes import line
 from s2r_spec.diagnose.equations import Equations, Instruments, Probe
 from s2r_spec.diagnose.features import Features
 from s2r_spec.diagnose.prepare import bench_of
@@ -146,3 +147,20 @@ class Shaken(EmpsBackend):
 def test_weak_instruments_are_not_used(bench, kind, strong):
     ours: Bench = replace(bench, backend=kind())
     assert banks._instrumented(ours, bench.features, (MOVE, MOVE | {"speed": 0.2})) is strong
+
+
+def test_a_model_whose_mass_differs_between_tests_is_left_in_parts_of_its_motor_gain_alone(bench):
+    catalogue = {effect.name: effect for effect in EmpsBackend().effects()}
+    chosen = [catalogue[name] for name in ("viscous", "coulomb", "mass", "motor_gain")]
+    found = tuple(line(effect, effect.parameters[0]) for effect in chosen)
+
+    def voids(*tests):
+        return banks._voids(bench, bench.features, found, [MOVE | test for test in tests], None)
+
+    # at 1.1 times the gain its coordinate is 1: no gain at all is -10
+    several = voids({}, {"payload": 10.0}, {"payload": 20.0})
+    assert several == {"force": pytest.approx([0.0, -0.1], abs=1e-3)}
+    # at one payload no mass says as well that nothing is left
+    mass, gain = voids({}, {"speed": 0.15}, {"speed": 0.2})["force"]
+    assert -0.1 < gain < -0.01
+    assert mass < -0.01

@@ -87,7 +87,7 @@ def test_a_machine_whose_every_coordinate_is_off_speaks_for_no_set():
     spreads = [
         np.ptp([logs[SETS.index((name,))] for name in EFFECTS]) for _, logs in map(first, (within, beyond))
     ]
-    assert max(spreads) < 6.0
+    assert max(spreads) < 3.0
 
 
 @pytest.mark.parametrize(
