@@ -45,13 +45,14 @@ SETS = {
     "a1ninth": "ninth",
     "a1tenth": "of the A1, tenth",
     "a1eleventh": "eleventh",
-    "a1": "twelfth",
+    "a1twelfth": "twelfth",
+    "a1": "thirteenth",
     "arm1": "of the arm, first",
     "arm": "second",
     "quad1": "of the quadrotor, first",
     "quad": "second",
 }
-SHOWN = ("emps13", "emps", "a1tenth", "a1eleventh", "a1", "arm1", "arm", "quad1", "quad")
+SHOWN = ("emps13", "emps", "a1eleventh", "a1twelfth", "a1", "arm1", "arm", "quad1", "quad")
 """Those on the page."""
 RATES = {
     "single effects: it is the likeliest set": "top-1, single effects",

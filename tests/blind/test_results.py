@@ -621,7 +621,7 @@ def test_what_is_said_of_sets_since_effects_of_one_kind_share_their_probability(
 def test_what_is_said_of_the_twelfth_set_of_the_a1():
     page = " ".join(PAGE.read_text().split())
     top, large, pair, one, unknown, called, null = rates(
-        "a1",
+        "a1twelfth",
         "top-1, single effects",
         LARGE + "first answer right, single",
         "exact pair first",
@@ -630,7 +630,7 @@ def test_what_is_said_of_the_twelfth_set_of_the_a1():
         "known effects called unknown",
         "null called anything else",
     )
-    cases = cases_of("a1")
+    cases = cases_of("a1twelfth")
     missed = [c["label"]["effects"] for c in cases if c["label"]["kind"] == "single" and not right(c)]
     assert sorted(next(iter(effects)) for effects in missed) == ["roughness", "torque_speed_line"]
     assert (unknown["hits"], unknown["of"]) == (1, 1)
