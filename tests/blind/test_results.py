@@ -183,7 +183,9 @@ def test_what_is_said_of_delays_and_of_sure_errors():
     words = f"Of {len(sure)} answers of 0.9 and more {len(wrong)} are wrong"
     assert words in page, (words, wrong)
     pairs = [effects for effects in wrong if len(effects) == 2]
-    assert f"{len(pairs)} times one of a pair was missed" in page
+    limits = sum("torque_limit" in effects for effects in pairs)
+    assert (len(pairs), limits) == (3, 2)
+    assert f"{len(pairs)} times one of a pair was missed (a torque limit twice, a speed-torque line)" in page
 
 
 def test_what_is_said_of_machines_that_it_was_not_made_for():
@@ -642,6 +644,48 @@ def test_what_is_said_of_the_twelfth_set_of_the_a1():
         f"{pair['hits']} is the likeliest set, and of {one['hits']} one of the two is the likeliest effect. The one "
         f"unknown cause with a material gap is seen, {called['hits']} of {called['of']} known ones are called *none of "
         f"these*, and {null['hits']} of {null['of']} machines with nothing wrong was called something else."
+    ) in page
+
+
+def test_what_is_said_of_the_thirteenth_set_of_the_a1():
+    page = " ".join(PAGE.read_text().split())
+    top, large, pair, one, unknown, called, null, inside = rates(
+        "a1",
+        "top-1, single effects",
+        LARGE + "first answer right, single",
+        "exact pair first",
+        "one of the pair first",
+        "unknown with a material gap detected",
+        "known effects called unknown",
+        "null called anything else",
+        "true value in its 90 % interval",
+    )
+    cases = cases_of("a1")
+    missed: dict[str, list[float]] = {}
+    for case in cases:
+        if case["label"]["kind"] == "single" and not right(case):
+            ((name, values),) = case["label"]["effects"].items()
+            missed.setdefault(name, []).append(max(values.values(), key=abs))
+    viscous, rough = sorted(missed["viscous_friction"]), sorted(missed["roughness"])
+    others = {"torque_speed_line", "velocity_scale", "backlash", "attitude_bias"}
+    assert {name: len(values) for name, values in missed.items()} == {
+        "viscous_friction": 2,
+        "roughness": 2,
+        **dict.fromkeys(others, 1),
+    }
+    assert (unknown["hits"], null["hits"]) == (unknown["of"], 0)
+    assert (
+        f"was made for 90 cases, {len(cases)} of which could be answered in the time there was. Of {top['of']} single "
+        f"effects {top['hits']} are the likeliest set, of the {large['of']} that move ρ or are isolable at their size "
+        f"{large['hits']}. Missed are 2 viscous frictions of {viscous[0]:.2f} and {viscous[1]:.2f} N*m*s/rad, 2 uneven "
+        f"grounds ({1e3 * rough[0]:.1f} and {1e3 * rough[1]:.1f} mm), a speed-torque line, a velocity scale of "
+        f"{missed['velocity_scale'][0]:.2f}, play of {1e3 * missed['backlash'][0]:.0f} mrad, and a pitch of "
+        f"{missed['attitude_bias'][0]:.1f} degrees that is called *none of these*. Of {pair['of']} pairs "
+        f"{pair['hits']} are the likeliest set, and in {one['hits']} one of the two is the likeliest effect. All "
+        f"{unknown['of']} unknown causes with a material gap are seen, {called['hits']} of {called['of']} known ones "
+        "is "
+        f"called *none of these*, and none of {null['of']} machines with nothing wrong is called anything else. "
+        f"{inside['hits']} of {inside['of']} true values are in their interval."
     ) in page
 
 
