@@ -474,6 +474,17 @@ def test_what_is_said_of_simpler_ways():
         assert words in page, words
 
 
+def test_what_is_said_of_simpler_ways_on_the_a1():
+    kept = json.loads((RESULTS / "a1_baselines.json").read_text())
+    rates = {name: rate["hits"] for name, rate in kept["rates"].items()}
+    count = kept["rates"]["ρ only"]["of"]
+    assert (
+        f"Of the {count} of the A1's thirteenth the same ways name {rates['joint least squares']}, "
+        f"{rates['single fits']} and {rates['ρ only']}, chance {count * kept['chance']:.0f}, and `s2r diagnose` "
+        f"{rates['s2r diagnose, likeliest cause']}."
+    ) in " ".join(PAGE.read_text().split())
+
+
 def test_what_is_said_of_the_twins():
     kept = json.loads((ROOT / "benchmarks" / "results" / "twins_diagnose.json").read_text())["twins"]
     rows = [line.strip("| ").split(" | ") for line in PAGE.read_text().splitlines() if line.startswith("| `")]
