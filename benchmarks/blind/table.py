@@ -44,7 +44,7 @@ SETS = {
     "a1eighth": "eighth",
     "a1ninth": "ninth",
     "a1tenth": "of the A1, tenth",
-    "a1eleventh": "eleventh",
+    "a1eleventh": "of the A1, eleventh",
     "a1twelfth": "twelfth",
     "a1": "thirteenth",
     "arm1": "of the arm, first",
