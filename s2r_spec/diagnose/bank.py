@@ -39,8 +39,8 @@ SAME = 0.95
 """Part of a residual of each and every machine that the same coordinates explain if they stand for no model at all."""
 NOTHING = 1e-6
 """A residual is none if its mean square is less than this part of the largest machine's."""
-ALIKE = 0.01
-"""Such coordinates that differ by no more between tests are the same at all of them."""
+AGREE = 0.01
+"""Such coordinates that differ by no more, in parts of themselves, are the same at all tests."""
 PAIR_TESTS = 3
 """Tests, spread over the space, at which pairs are simulated together, once each."""
 
@@ -354,7 +354,7 @@ def _voids(
         nothing = [_nothing(each, p) for each in of_name if 2 * len(each) >= len(jobs)]
         there = [x for x in nothing if x is not None]
         if len(there) == len(tests) and not elsewhere:
-            g = np.linalg.lstsq(np.array(there), np.ones(len(there)), rcond=ALIKE)[0]
+            g = np.linalg.lstsq(np.array(there), np.ones(len(there)), rcond=AGREE)[0]
             if np.allclose(np.array(there) @ g, 1.0, atol=1.0 - SAME):
                 out[name] = g.tolist()
     return out

@@ -288,14 +288,14 @@ def _flat(blocks: Motion, instruments: Sequence[FloatArray] | None = None) -> _C
         if by is not each:
             recorded &= np.isfinite(by).all(axis=0)
         rest.append(bare[recorded])
-        taken.append(_where(recorded, each))
-        beside.append(taken[-1] if by is each else _where(recorded, by))
+        taken.append(_chosen(recorded, each))
+        beside.append(taken[-1] if by is each else _chosen(recorded, by))
     whole = np.hstack(taken)
     held = whole if instruments is None else _held(whole, np.hstack(beside))
     return _Columns(np.concatenate(rest), whole, held)
 
 
-def _where(recorded: NDArray[np.bool_], values: FloatArray) -> FloatArray:
+def _chosen(recorded: NDArray[np.bool_], values: FloatArray) -> FloatArray:
     """Return (probes, n) of (probes, m, columns) values; where all was recorded nothing is looked up."""
     return values.reshape(len(values), recorded.size) if recorded.all() else values[:, recorded]
 

@@ -321,12 +321,8 @@ def prepare(
 ) -> State:
     """Fit the whole catalogue to the rollouts in ``seen``, and weigh every set of effects."""
     compared = compare(bench, bank, seen, executor, tell)
-    signatures, smooth, view, simulator = (
-        compared.signatures,
-        compared.smooth,
-        compared.view,
-        compared.simulator,
-    )
+    signatures, simulator = compared.signatures, compared.simulator
+    smooth, view = compared.smooth, compared.view
     judge = judge_of(bench, signatures, compared.available, compared.asked_error, seed, cache, tell)
     p = judge.memberships(describe(smooth.data)[None])[0]
     if view is not smooth:
@@ -352,9 +348,8 @@ def prepare(
     there = _shrunk(*simulator.scattered(best.at), compared.own)
     if there.sum() > UNSTEADY * compared.own.sum():
         simulator = simulator.steadier(SHOTS)
-    scatter = smooth.layout.variance(compared.machine, np.zeros_like(compared.own)) + simulator.variance(
-        there
-    )
+    steady = np.zeros_like(compared.own)
+    scatter = smooth.layout.variance(compared.machine, steady) + simulator.variance(there)
     view = replace(view, variance=_nearer(view, scatter, best))
     found = _state(
         signatures, smooth, view, judge, p, simulator, simulator, best.at, best.jacobian, True, heard

@@ -631,18 +631,20 @@ def test_what_is_said_of_sets_since_effects_of_one_kind_share_their_probability(
     assert words in page, words
 
 
+OF_THE_A1 = (
+    "top-1, single effects",
+    LARGE + "first answer right, single",
+    "exact pair first",
+    "one of the pair first",
+    "unknown with a material gap detected",
+    "known effects called unknown",
+    "null called anything else",
+)
+
+
 def test_what_is_said_of_the_twelfth_set_of_the_a1():
     page = " ".join(PAGE.read_text().split())
-    top, large, pair, one, unknown, called, null = rates(
-        "a1twelfth",
-        "top-1, single effects",
-        LARGE + "first answer right, single",
-        "exact pair first",
-        "one of the pair first",
-        "unknown with a material gap detected",
-        "known effects called unknown",
-        "null called anything else",
-    )
+    top, large, pair, one, unknown, called, null = rates("a1twelfth", *OF_THE_A1)
     cases = cases_of("a1twelfth")
     missed = [c["label"]["effects"] for c in cases if c["label"]["kind"] == "single" and not right(c)]
     assert sorted(next(iter(effects)) for effects in missed) == ["roughness", "torque_speed_line"]
@@ -661,15 +663,7 @@ def test_what_is_said_of_the_twelfth_set_of_the_a1():
 def test_what_is_said_of_the_thirteenth_set_of_the_a1():
     page = " ".join(PAGE.read_text().split())
     top, large, pair, one, unknown, called, null, inside = rates(
-        "a1",
-        "top-1, single effects",
-        LARGE + "first answer right, single",
-        "exact pair first",
-        "one of the pair first",
-        "unknown with a material gap detected",
-        "known effects called unknown",
-        "null called anything else",
-        "true value in its 90 % interval",
+        "a1", *OF_THE_A1, "true value in its 90 % interval"
     )
     cases = cases_of("a1")
     missed: dict[str, list[float]] = {}

@@ -125,9 +125,9 @@ def test_no_model_at_all_explains_any_motion_and_is_not_asked_for(felt):
     assert max(found[place("payload")], found[place("motor")]) < 0.2
 
 
-def voids(features, backend=None, effects=NOMINAL):
+def voids(features, effects=NOMINAL):
     """Find them with the effects that are given, of which alone the equations are asked."""
-    bench = bench_of(s2r.parse_spec(SPEC), "tracking", backend or Felt())
+    bench = bench_of(s2r.parse_spec(SPEC), "tracking", Felt())
     found = tuple(
         line(effect, effect.parameters[0]) for effect in bench.backend.effects() if effect.name in effects
     )
