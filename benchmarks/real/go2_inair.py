@@ -36,6 +36,7 @@ from s2r_spec.errors import TraceError
 from s2r_spec.trace import Trace
 
 FloatArray = NDArray[np.float64]
+Twelve = tuple[float, ...]
 
 SPEC = Path(__file__).with_suffix(".stl")
 KP, KD = 20.0, 1.5
@@ -59,9 +60,9 @@ _MIRROR = np.tile([1.0, 1.0, 1.0, -1.0, 1.0, 1.0], 2)
 class Joints:
     """What effects change; defaults are ideal."""
 
-    armature: float = 0.0
-    damping: float = 0.0
-    friction: float = 0.0
+    armature: Twelve = (0.0,) * 12
+    damping: Twelve = (0.0,) * 12
+    friction: Twelve = (0.0,) * 12
     delay: float = 0.0
     strength: float = 1.0
     speed_gain: float = 1.0
@@ -84,24 +85,30 @@ def _one(
     return (EffectParameter(name, unit, low, high, nominal, prior),)
 
 
-_ANGLES = tuple(
-    EffectParameter(joint, "rad", -0.15, 0.15, 0.0, "normal, 0.02 rad") for joint in ("hip", "thigh", "calf")
-)
+def _each(unit: str, low: float, high: float, prior: str) -> tuple[EffectParameter, ...]:
+    """Return one for each kind of joint: a calf is driven through a linkage with a reduction of its own."""
+    return tuple(EffectParameter(joint, unit, low, high, 0.0, prior) for joint in ("hip", "thigh", "calf"))
+
+
+def _plus(now: Twelve, hip: float, thigh: float, calf: float) -> Twelve:
+    return tuple(x + more for x, more in zip(now, (hip, thigh, calf) * 4, strict=True))
+
+
 CATALOGUE = (
     JointEffect(
-        "armature", "inertia", "Rotor inertia is felt at every joint.",
-        _one("inertia", "kg*m^2", 0.0, 0.1, 0.0, "half-normal, 0.02 kg*m^2"),
-        lambda j, inertia: replace(j, armature=j.armature + inertia),
+        "armature", "inertia", "Rotor inertia is felt at the joints.",
+        _each("kg*m^2", 0.0, 0.1, "half-normal, 0.02 kg*m^2"),
+        lambda j, hip, thigh, calf: replace(j, armature=_plus(j.armature, hip, thigh, calf)),
     ),
     JointEffect(
-        "viscous_friction", "friction", "Every joint is held back in proportion to its speed.",
-        _one("coefficient", "N*m*s/rad", 0.0, 2.0, 0.0, "half-normal, 0.4 N*m*s/rad"),
-        lambda j, coefficient: replace(j, damping=j.damping + coefficient),
+        "viscous_friction", "friction", "The joints are held back in proportion to their speed.",
+        _each("N*m*s/rad", 0.0, 2.0, "half-normal, 0.4 N*m*s/rad"),
+        lambda j, hip, thigh, calf: replace(j, damping=_plus(j.damping, hip, thigh, calf)),
     ),
     JointEffect(
-        "dry_friction", "friction", "Coulomb friction of this torque acts at every joint.",
-        _one("torque", "N*m", 0.0, 2.0, 0.0, "half-normal, 0.4 N*m"),
-        lambda j, torque: replace(j, friction=j.friction + torque),
+        "dry_friction", "friction", "Coulomb friction acts at the joints.",
+        _each("N*m", 0.0, 2.0, "half-normal, 0.4 N*m"),
+        lambda j, hip, thigh, calf: replace(j, friction=_plus(j.friction, hip, thigh, calf)),
     ),
     JointEffect(
         "delay", "timing", "The commanded angles reach the motors this much later.",
@@ -120,7 +127,7 @@ CATALOGUE = (
     ),
     JointEffect(
         "encoder_offset", "sensing", "The zero of the encoders is off; hips of both sides outwards.",
-        _ANGLES,
+        _each("rad", -0.15, 0.15, "normal, 0.02 rad"),
         lambda j, hip, thigh, calf: replace(
             j, hip_offset=j.hip_offset + hip, thigh_offset=j.thigh_offset + thigh, calf_offset=j.calf_offset + calf
         ),
@@ -143,9 +150,9 @@ CHANNELS = (
     ),
 )
 GIVEN = {
-    "armature": {"inertia": 0.01},
-    "viscous_friction": {"coefficient": 0.6},
-    "dry_friction": {"torque": 0.2},
+    "armature": {"hip": 0.01, "thigh": 0.01, "calf": 0.01},
+    "viscous_friction": {"hip": 0.6, "thigh": 0.6, "calf": 0.6},
+    "dry_friction": {"hip": 0.2, "thigh": 0.2, "calf": 0.2},
 }
 """Joint figures in the recording's model file."""
 

@@ -67,7 +67,7 @@ class Which:
         confounded: what the data cannot tell from the answer, the answer included.
         spare: effects of the answer that may not be there: without them the others are nearly as likely.
         estimates: parameters of the answer.
-        nearest_family: family of the likeliest effect, also when none of them is it.
+        nearest_family: family of the likeliest effects, of each if they differ, also when none of them is it.
         isolability: known before any real test.
         next_test: see there; None when the answer is sure.
     """

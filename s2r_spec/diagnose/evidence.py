@@ -83,6 +83,17 @@ class Linear:
         toward[mine] = 0.0
         return replace(self, gram=gram, toward=toward)
 
+    def believed_less(self, times: float) -> Linear:
+        """Return the same with so many times the variance."""
+        return replace(
+            self,
+            gram=self.gram / times,
+            toward=self.toward / times,
+            energy=self.energy / times,
+            seen=self.seen / times,
+            scale=self.scale * times,
+        )
+
 
 def linear(
     lines: Catalogue,

@@ -198,7 +198,7 @@ def _answer(
         answer=answer,
         confounded=alike if answer else (),
         estimates=() if nothing else fitted.estimates,
-        nearest_family=families[names[named][0]],
+        nearest_family=" and ".join(dict.fromkeys(families[name] for name in names[named])),
         isolability=isolable,
         next_test=upcoming,
         spare=spare(names[named], by_size) if answer else (),

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.diagnose.asked import Heard
+from s2r_spec.diagnose.catalogue import Catalogue
 from s2r_spec.diagnose.estimate import COVER, Sized, by_linear
 from s2r_spec.diagnose.evidence import ALLOWED, FORM, Set
 from s2r_spec.diagnose.joint import Joint, joint_fit, misfit, polished, reach, rephased
@@ -19,6 +20,10 @@ FloatArray = NDArray[np.float64]
 
 WIDE = 3.0
 """Standard deviation of a named effect, in parts of its typical size, once its value is all that is asked for."""
+PULLED = 4.0
+"""Mean square of the other effects' coordinates, in units of what is allowed, from which on they are not a little."""
+LESS, AT_MOST = 4.0, 256.0
+"""Then the data are believed so many times less, and again; up to the second."""
 
 
 def sized(state: State, weighed: Together, members: Set) -> Sized:
@@ -28,6 +33,9 @@ def sized(state: State, weighed: Together, members: Set) -> Sized:
         # Names are told apart by data that are believed nearer than usual; a law that is not ours moves values by more.
         state = state.wide
         found = state.beside(members, found)
+    usual = state.view.variance if state.usual is None else state.usual
+    if members:
+        state, found = _with_a_little(state, members, found)
     best = Sized(found.at, by_linear(state.data, members, state.temperature).deviation)
     if not members:
         return best
@@ -40,11 +48,30 @@ def sized(state: State, weighed: Together, members: Set) -> Sized:
         best = _looked(state, deaf, best)
     # A closed loop is off as a whole: by the part of itself up to which a number is believed, times the roots of how
     # many numbers count as one and of what the fit leaves of them in units of what is believed.
-    usual = state.view.variance if state.usual is None else state.usual
     left = misfit(found.rest, usual, state.view.nuisances)
     doubt = FORM * np.sqrt(state.temperature * left)
     best = replace(best, deviation=np.hypot(best.deviation, doubt * best.at))
     return best if heard is None or len(deaf) == len(members) else _told(state, members, best, found, heard)
+
+
+def pulled(catalogue: Catalogue, members: Set, at: FloatArray) -> float:
+    """Return the mean square of all other effects' coordinates (K,), in units of what is allowed."""
+    others = ~np.isin(catalogue.owner, members) & ~catalogue.based
+    return float(((at[others] / ALLOWED) ** 2).mean()) if others.any() else 0.0
+
+
+def _with_a_little(state: State, members: Set, found: Joint) -> tuple[State, Joint]:
+    """Believe the data less until no more than a little of everything else is asked for beside the set.
+
+    What no effect of the catalogue explains is shared out among all that can imitate some of it, and the named ones
+    would lose most of their size to the others.
+    """
+    times = 1.0
+    while times < AT_MOST and pulled(state.view.surrogate.catalogue, members, found.at) > PULLED:
+        times *= LESS
+        state = state.believed_less(LESS)
+        found = state.beside(members, found)
+    return state, found
 
 
 def _looked(state: State, effects: Set, best: Sized) -> Sized:

@@ -450,12 +450,30 @@ def test_what_is_said_of_the_real_go2():
         f"*{kept['verdict']}*, nearest {' and '.join(kept['parameters'])}, which closes {closed:.0f} % of the held-out "
         f"gap, and {tuned:.0f} % with a little of everything"
     ) in page
-    (found,) = kept["parameters"]["viscous_friction"].values()
-    given = kept["given_by_its_model_file"]["viscous_friction"]["coefficient"]
-    assert (
-        f"Its {found['estimate']:.2f} N*m*s/rad are less than half of what the model file says ({given})"
-        in page
+    friction, inertia = (
+        {k: v["estimate"] for k, v in kept["parameters"][name].items()}
+        for name in ("dry_friction", "armature")
     )
+    assert (
+        f"Of the calves it says {friction['calf']:.2f} N*m of dry friction and {inertia['calf']:.3f} kg*m^2 of armature"
+    ) in page
+    for values in (friction, inertia):
+        assert all(0.25 < values[joint] / values["calf"] < 0.5 for joint in ("hip", "thigh"))
+    fit = json.loads((ROOT / "benchmarks" / "real" / "go2_fit.json").read_text())
+    dry, viscous, armature = fit["of_kinds"].values()
+    calves = [force for name, force in fit["of_each_joint"]["dry_friction [N*m]"].items() if "calf" in name]
+    for said in (
+        f"says {dry['calf']:.2f} N*m and {armature['calf']:.3f} kg*m^2 of the calves",
+        f"viscous friction of {min(viscous.values()):.2f} to {max(viscous.values()):.2f} N*m*s/rad as well, "
+        f"and closes {100 * fit['of_kinds_closes']:.0f} %",
+        f"it closes {100 * fit['of_each_joint_closes']:.0f} %",
+        f"four calves differ from {min(calves):.2f} to {max(calves):.2f} N*m",
+        f"({kept['given_by_its_model_file']['viscous_friction']['calf']} N*m*s/rad",
+    ):
+        assert said in page
+    for name, values in (("dry_friction", dry), ("armature", armature)):
+        for joint, value in values.items():
+            assert kept["parameters"][name][joint]["low"] < value < kept["parameters"][name][joint]["high"]
 
 
 def test_what_is_said_of_simpler_ways():

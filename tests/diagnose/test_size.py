@@ -12,9 +12,10 @@ from s2r_spec.diagnose.estimate import COVER, Sized, fit
 from s2r_spec.diagnose.evidence import FORM
 from s2r_spec.diagnose.signatures import Curve
 
-AT = np.array([0.8, 0.02, -0.5])
+AT = np.array([0.8, 0.02, -0.05])
 DEVIATION = np.array([0.03, 0.01, 0.04])
 TEMPERATURE = 9.0
+CATALOGUE = SimpleNamespace(effects=("a", "b", "c"), owner=np.arange(3), based=np.zeros(3, dtype=np.bool_))
 
 
 def state(rest, usual):
@@ -23,7 +24,7 @@ def state(rest, usual):
     view = SimpleNamespace(
         variance=variance,
         nuisances=np.zeros((0, *rest.shape)),
-        surrogate=SimpleNamespace(catalogue=SimpleNamespace(effects=("a", "b", "c"))),
+        surrogate=SimpleNamespace(catalogue=CATALOGUE),
     )
     fit = SimpleNamespace(at=AT, rest=rest)
     return SimpleNamespace(
@@ -72,3 +73,49 @@ def test_a_value_that_fits_exactly_is_still_one_of_our_law():
     assert (exact.low, exact.high) == pytest.approx((6.0 * (1 - COVER * FORM), 6.0 * (1 + COVER * FORM)))
     [known] = fit(catalogue, (0,), Sized(np.array([0.6]), np.array([0.2]))).estimates
     assert known.low < 6.0 - COVER * 2.0 < exact.low
+
+
+class Ridge:
+    """A state of linear data whose fit is in closed form: three effects, and a direction that none of them has."""
+
+    jacobian = np.array([[3.0, 0.0, 0.0, 0.5], [2.0, 2.0, 0.0, 0.0], [2.0, 0.0, 2.0, 0.0]])
+
+    def __init__(self, data, times=1.0):
+        self.data, self.times = data, times
+        self.view = SimpleNamespace(surrogate=SimpleNamespace(catalogue=CATALOGUE))
+
+    def believed_less(self, times):
+        return Ridge(self.data, self.times * times)
+
+    def beside(self, members, near=None):
+        spread = np.where(np.isin(CATALOGUE.owner, members), 0.7, size.ALLOWED)
+        weight = 400.0 / self.times
+        inner = weight * self.jacobian @ self.jacobian.T + np.diag(spread**-2.0)
+        return SimpleNamespace(at=np.linalg.solve(inner, weight * self.jacobian @ self.data))
+
+
+def test_what_no_effect_explains_takes_nothing_from_the_named_one():
+    # A law that is not ours: by the others its largest part is imitated.
+    machine = Ridge(np.array([1.8, 0.6, 0.6, -0.2]))
+    alone = machine.jacobian[0] @ machine.data / (machine.jacobian[0] @ machine.jacobian[0])
+    before = machine.beside((0,))
+    assert before.at[0] < 0.5 * alone
+    believed, found = size._with_a_little(machine, (0,), before)
+    assert size.pulled(CATALOGUE, (0,), found.at) <= size.PULLED
+    assert abs(found.at[0] - alone) < 0.25 * alone
+    assert believed.times > 1.0
+
+
+def test_a_machine_with_a_little_of_everything_is_believed_as_before():
+    truth = np.array([0.8, 0.06, -0.1])
+    machine = Ridge(truth @ Ridge.jacobian)
+    before = machine.beside((0,))
+    believed, found = size._with_a_little(machine, (0,), before)
+    assert believed is machine
+    assert found is before
+
+
+def test_data_of_which_nothing_is_believed_are_not_believed_less_for_ever():
+    machine = Ridge(np.array([1e6, -1e6, 1e6, 1e6]))
+    believed, _ = size._with_a_little(machine, (0,), machine.beside((0,)))
+    assert believed.times == size.AT_MOST

@@ -22,6 +22,7 @@ from s2r_spec.diagnose.where.space import Band, InSpace
 from s2r_spec.report import diagnosed, diagnosed_page, jsonform
 from s2r_spec.report.diagnosed_markdown import markdown
 from s2r_spec.report.figures.robot import is_quadruped, robot
+from s2r_spec.report.nextstep import next_step
 from s2r_spec.trace import Trace
 from tests.report.test_html import Page
 
@@ -292,6 +293,15 @@ def test_every_verdict_says_what_to_do_next(verdict, code, start):
     assert record["exit_code"] == code
     assert record["next"].endswith(".")
     assert record["next"] in diagnosed.text(found, spec)
+
+
+def test_where_to_look_is_the_part_that_shifts_most_and_not_the_clearest():
+    small = Shift("torque", 0, "rms", "N*m", 0.0, 2.0, 0.4, 0.4, 90.0, 1e-9, 1e-6)
+    large = Shift("torque", 1, "rms", "N*m", 0.5, 1.0, 1.1, 1.1, 20.0, 1e-9, 1e-6)
+    other = Shift("wrench", 0, "rms", "N", 0.0, 2.0, 9.0, 9.0, 10.0, 1e-9, 1e-6)
+    parts = (BodyPart("RR thigh", (small,)), BodyPart("FL calf", (large,)), BodyPart("base", (other,)))
+    unknown, spec = diagnosis(1, Verdict.UNKNOWN, body=Body(parts, 10, 2.0, 100))
+    assert "catalogue lacks at the FL calf (torque, 0.50 to 1.00 s)" in next_step(unknown, spec)
 
 
 def test_json_is_what_the_schema_says(one):

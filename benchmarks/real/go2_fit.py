@@ -1,0 +1,121 @@
+"""What a plain least-squares fit says of the real Go2 in the air: a second opinion on `go2_diagnose.py`.
+
+    python benchmarks/real/go2_fit.py --data ../shared/data/go2_inair          # minutes, once
+
+The simulator's joint angles are fitted to the recorded ones of the seconds that the diagnosis may see, first with dry
+friction, viscous friction and armature of each kind of joint (hip, thigh, calf), then with friction of each of the
+twelve joints by itself. Nobody asks here which effects there are: they are given. Printed and written to
+go2_fit.json are the values, and how much of the gap in ρ they close in the seconds that were held out.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+sys.path[:0] = [str(Path(__file__).parents[2]), str(Path(__file__).parents[1])]
+
+from machine import describe  # noqa: E402
+
+from benchmarks.real.go2_diagnose import SECONDS, shorter  # noqa: E402
+from benchmarks.real.go2_inair import JOINTS, Go2InAir, Joints, segments  # noqa: E402
+from s2r_spec.diagnose.prepare import split  # noqa: E402
+from s2r_spec.trace import Trace  # noqa: E402
+
+RESULTS = Path(__file__).with_suffix(".json")
+EVERY = 4
+"""Samples, of which one is fitted."""
+LOOKS = 10
+"""Steps of the fit, at most."""
+FloatArray = NDArray[np.float64]
+Rollouts = list[tuple[dict[str, float], Trace]]
+
+
+class Fitted(Go2InAir):
+    """The same robot with joints as a fit has them."""
+
+    joints: Joints
+
+    def _joints(self) -> Joints:
+        return self.joints
+
+
+def robot(data: Path, joints: Joints) -> Go2InAir:
+    """Return it."""
+    made = Fitted(data, SECONDS)
+    object.__setattr__(made, "joints", joints)
+    return made
+
+
+def of_kinds(x: FloatArray) -> Joints:
+    """Return joints with (9,) dry friction [N*m], viscous friction [N*m*s/rad] and armature [kg*m^2] of each kind."""
+    dry, viscous, armature = (tuple(map(float, np.tile(part, 4))) for part in x.reshape(3, 3))
+    return Joints(friction=dry, damping=viscous, armature=armature)
+
+
+def of_joints(x: FloatArray) -> Joints:
+    """Return joints with (24,) dry and viscous friction of each."""
+    return Joints(friction=tuple(map(float, x[:12])), damping=tuple(map(float, x[12:])))
+
+
+def main() -> None:
+    """Fit, print, write."""
+    from scipy.optimize import least_squares
+
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--data", type=Path, required=True, help="folder with go2.xml and traj_0.npz")
+    data = parser.parse_args().data
+    spec = shorter()
+    (requirement,) = spec.requirements
+    seen, held = split(segments(data, SECONDS), 0)
+
+    def gap(joints: Joints) -> float:
+        model = robot(data, joints)
+        apart = [
+            spec.robustness(trace, test)[requirement]
+            - spec.robustness(model.rollout(test, 0), test)[requirement]
+            for test, trace in held
+        ]
+        return float(np.abs(apart).mean())
+
+    def fitted(make: Any, begin: list[float]) -> FloatArray:
+        def left(x: FloatArray) -> FloatArray:
+            model = robot(data, make(x))
+            rows = [(model.rollout(test, 0)["q"] - trace["q"])[::EVERY].ravel() for test, trace in seen]
+            return np.concatenate(rows)
+
+        return np.asarray(
+            least_squares(left, begin, bounds=(0.0, 3.0), diff_step=0.05, max_nfev=LOOKS).x, dtype=np.float64
+        )
+
+    before = gap(Joints())
+    kinds = fitted(of_kinds, [0.2] * 3 + [0.2] * 3 + [0.02] * 3)
+    each = fitted(of_joints, [0.3] * 12 + [0.2] * 12)
+    names = ("dry_friction [N*m]", "viscous_friction [N*m*s/rad]", "armature [kg*m^2]")
+    kept = {
+        "machine": describe("mujoco", "scipy"),
+        "held_out": len(held),
+        "gap_before": round(before, 4),
+        "of_kinds": {
+            name: dict(zip(("hip", "thigh", "calf"), np.round(part, 4).tolist(), strict=True))
+            for name, part in zip(names, kinds.reshape(3, 3), strict=True)
+        },
+        "of_kinds_closes": round(1.0 - gap(of_kinds(kinds)) / before, 3),
+        "of_each_joint": {
+            name: dict(zip(JOINTS, np.round(part, 3).tolist(), strict=True))
+            for name, part in zip(names, each.reshape(2, 12), strict=False)
+        },
+        "of_each_joint_closes": round(1.0 - gap(of_joints(each)) / before, 3),
+    }
+    print(json.dumps(kept, indent=1))
+    RESULTS.write_text(json.dumps(kept, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()
