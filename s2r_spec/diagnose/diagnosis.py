@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any
 
@@ -63,6 +63,7 @@ class Which:
         singles: effect → P(it alone).
         pairs: two effects → P(these two).
         triples: three effects → P(these three).
+        larger: more of them → P(these), of those that data asked for that three do not explain.
         answer: the effects named; () for none or unknown.
         confounded: what the data cannot tell from the answer, the answer included.
         spare: effects of the answer that may not be there: without them the others are nearly as likely.
@@ -84,13 +85,18 @@ class Which:
     isolability: Isolability
     next_test: NextTest | None
     spare: tuple[str, ...] = ()
+    larger: Mapping[tuple[str, ...], float] = field(default_factory=dict)
+
+    @property
+    def several(self) -> dict[tuple[str, ...], float]:
+        """Return two effects and more → P(these)."""
+        return {**self.pairs, **self.triples, **self.larger}
 
     @property
     def membership(self) -> dict[str, float]:
         """Return effect → probability that it is among the causes, likeliest first."""
         sets: dict[tuple[str, ...], float] = {(name,): p for name, p in self.singles.items()}
-        sets.update(self.pairs)
-        sets.update(self.triples)
+        sets |= self.several
         total = dict.fromkeys(self.singles, 0.0)
         for names, p in sets.items():
             for name in names:
@@ -102,16 +108,13 @@ class Which:
         """Return every answer with its probability, likeliest first: sets of effects, ("none",), ("unknown",)."""
         answers: dict[tuple[str, ...], float] = {("none",): self.none, ("unknown",): self.unknown}
         answers |= {(name,): p for name, p in self.singles.items()}
-        answers.update(self.pairs)
-        answers.update(self.triples)
+        answers |= self.several
         return sorted(answers.items(), key=lambda item: -item[1])
 
     def to_json(self) -> dict[str, Any]:
-        """Return a JSON object; pairs and triples below one in a thousand are summed up in ``others``."""
+        """Return a JSON object; sets of several below one in a thousand are summed up in ``others``."""
         rounded = {name: round(p, 6) for name, p in self.singles.items()}
-        several: dict[tuple[str, ...], float] = {}
-        several.update(self.pairs)
-        several.update(self.triples)
+        several = self.several
         shown = {names: p for names, p in several.items() if p >= 1e-3}
         return {
             "posterior": {"none": round(self.none, 6), "unknown": round(self.unknown, 6), **rounded},

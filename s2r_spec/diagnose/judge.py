@@ -63,6 +63,13 @@ class Weights:
     told: float
     beside: float
 
+    def penalties(self, size: NDArray[np.int64]) -> FloatArray:
+        """Return what sets of so many effects lose; beyond the last of ``penalty`` each costs as much as that did."""
+        known = np.array(self.penalty)
+        beyond = np.maximum(size - (len(known) - 1), 0)
+        found: FloatArray = known[np.minimum(size, len(known) - 1)] + beyond * (known[-1] - known[-2])
+        return found
+
 
 WEIGHTS = Weights(50.0, 0.57, (0.0, 0.0, 2.9, 4.3), 0.6, 0.4)
 USUAL = 0.1
@@ -192,7 +199,7 @@ def _score(
     trust: float,
 ) -> FloatArray:
     vote, size = votes(members, p)
-    found: FloatArray = (logs - logs.max()) / temperature + trust * vote - np.array(w.penalty)[size]
+    found: FloatArray = (logs - logs.max()) / temperature + trust * vote - w.penalties(size)
     return found
 
 

@@ -29,7 +29,7 @@ from s2r_spec.diagnose.prepare import ENOUGH, Progress, State, bench_of, prepare
 from s2r_spec.diagnose.remainder import remainders
 from s2r_spec.diagnose.simulate import Bench, Job, Test, run_jobs
 from s2r_spec.diagnose.size import sized
-from s2r_spec.diagnose.together import together
+from s2r_spec.diagnose.together import LARGEST, together
 from s2r_spec.diagnose.verdict import SURE, clear, confounded, large, reason, spare
 from s2r_spec.diagnose.where.found import Where
 from s2r_spec.diagnose.where.found import where as find_where
@@ -168,7 +168,7 @@ def _answer(
         # least as likely unknown as not.
         unknown = max(unknown, 0.5 + 0.5 * unknown)
     known = 1.0 - unknown
-    by_size: dict[int, dict[tuple[str, ...], float]] = {0: {}, 1: {}, 2: {}, 3: {}}
+    by_size: dict[int, dict[tuple[str, ...], float]] = {size: {} for size in range(LARGEST + 2)}
     told = shared(state.sets, isolable.kin)
     names = {members: tuple(effects[k] for k in members) for members in told.members}
     for members, probability in zip(told.members, told.probability, strict=True):
@@ -195,6 +195,7 @@ def _answer(
         singles={n[0]: p for n, p in by_size[1].items()},
         pairs=by_size[2],
         triples=by_size[3],
+        larger={names: p for size in range(4, LARGEST + 1) for names, p in by_size[size].items()},
         answer=answer,
         confounded=alike if answer else (),
         estimates=() if nothing else fitted.estimates,

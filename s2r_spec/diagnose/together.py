@@ -6,7 +6,7 @@ is judged by what the simulator does there; and what the best of them leaves say
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,8 +26,13 @@ MOST = 13
 """Sets that are simulated at all."""
 BEFORE_GROWTH = 9
 """Of these, at most, before sets grow: on, while one that was not simulated is the likeliest."""
-LARGEST = 3
+SEARCHED = 3
+"""Effects in the largest sets that are searched without being asked for: of more only those are weighed that add one
+effect to the likeliest."""
+LARGEST = 6
 """Effects in a set."""
+FURTHER = 4
+"""Sets that are simulated more for each effect beyond these."""
 HEARD = (2.0, 3.0)
 """A look lowers a set's log probability by no more than the first, for a fit may stop in a wrong valley, and raises
 it by no more than the second."""
@@ -53,12 +58,14 @@ class Together:
 def together(state: State, progress: Callable[[int, int], None]) -> Together:
     """Simulate the likeliest sets, and put what they cost in the place of what the linear evidence made of them."""
     fits: dict[Set, Joint] = {}
+    grown: dict[Set, None] = {}
+    most = MOST
     found = Together(state.sets, state.found.logs, fits, state.temperature)
 
     def look(members: Set) -> Together:
         fits[members] = state.beside(members)
-        progress(len(fits), MOST)
-        return _weighed(state, fits)
+        progress(len(fits), most)
+        return _weighed(state, fits, grown)
 
     first = FEW if state.simulator.dear else LIKELIEST
     while len(fits) < BEFORE_GROWTH:
@@ -70,27 +77,40 @@ def together(state: State, progress: Callable[[int, int], None]) -> Together:
     while True:
         best = min(fits, key=lambda s: fits[s].cost)
         wider = [tuple(sorted((*best, k))) for k in state.missing(fits[best].rest, best)]
-        further = [s for s in wider if s not in fits] if len(best) < LARGEST else []
+        further = [s for s in wider if s not in fits] if len(best) < SEARCHED else []
         if not further or len(fits) + len(further) > MOST:
             break
         for members in further:
             found = look(members)
-    while len(fits) < MOST:
+    while True:
         # An effect is named beside others only if without it, too, it was the simulator that was asked.
         named = found.sets.ranked()[0][0]
         fewer = [tuple(k for k in named if k != left) for left in named] if len(named) > 1 else []
         untried = [members for members in (named, *fewer) if members not in fits]
-        if not untried:
+        if untried and len(fits) < most:
+            found = look(untried[0])
+            continue
+        # Of four effects at their usual sizes the fourth is more than a little beside three, and not everything else.
+        larger = dict.fromkeys(_with_one_more(named, len(state.judge.effects)))
+        if not SEARCHED <= len(named) < LARGEST or larger.keys() <= grown.keys():
             break
-        found = look(untried[0])
+        grown.update(larger)
+        most = min(most + FURTHER, MOST + FURTHER * (LARGEST - SEARCHED))
+        found = _weighed(state, fits, grown)
     return found
 
 
-def _weighed(state: State, fits: dict[Set, Joint]) -> Together:
-    """Return all sets, those that were simulated by what they cost."""
+def _with_one_more(members: Set, effects: int) -> list[Set]:
+    """Return the sets that have one effect more, of so many."""
+    return [tuple(sorted((*members, k))) for k in range(effects) if k not in members]
+
+
+def _weighed(state: State, fits: dict[Set, Joint], grown: Iterable[Set] = ()) -> Together:
+    """Return all sets, and those that have ``grown``; those that were simulated by what they cost."""
     misfit = min(fit.misfit for fit in (state.fitted, *fits.values()))
     warmth = temperature(state.count, misfit, state.judge.weights)
-    members = (*state.found.members, *(s for s in fits if s not in set(state.found.members)))
+    known = set(state.found.members)
+    members = (*state.found.members, *dict.fromkeys(s for s in (*fits, *grown) if s not in known))
     more = log_evidence(state.data, members[len(state.found.members) :])
     logs = np.concatenate([state.found.logs, more])
     # Half of this was taken for what a set leaves of the data, in units of the joint fit's own misfit, and for what

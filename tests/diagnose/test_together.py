@@ -1,12 +1,13 @@
 """Which sets of effects the simulator itself is asked about."""
 
+from itertools import combinations
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from s2r_spec.diagnose import together as module
-from s2r_spec.diagnose.judge import Sets
+from s2r_spec.diagnose.judge import WEIGHTS, Sets
 from s2r_spec.diagnose.together import Together, together
 
 BEFORE = {
@@ -33,7 +34,7 @@ def test_an_effect_is_named_beside_others_only_if_the_simulator_was_asked_withou
     monkeypatch.setattr(
         module,
         "_weighed",
-        lambda state, fits: Together(
+        lambda state, fits, grown: Together(
             sets(BEFORE | {s: simulated[s] for s in fits}), np.zeros(len(BEFORE)), dict(fits), 1.0
         ),
     )
@@ -45,9 +46,64 @@ def test_an_effect_is_named_beside_others_only_if_the_simulator_was_asked_withou
         simulator=SimpleNamespace(dear=dear),
         beside=lambda members: looked.append(members) or SimpleNamespace(cost=-simulated[members], rest=None),
         missing=lambda rest, members: [],
+        judge=SimpleNamespace(effects=("a", "b", "c")),
     )
     found = together(state, lambda done, of: None)
     named = found.sets.ranked()[0][0]
     assert named == (0, 1)
     assert {(0,), (1,)} <= set(found.fits)
     assert len(looked) == len(set(looked))
+
+
+def machine(monkeypatch, causes, effects, paid=3.0):
+    """Return a state of which every effect that is a cause pays, any other costs; four and more are not in the list."""
+    few = [s for size in range(4) for s in combinations(range(effects), size)]
+    looked = []
+
+    def log(members):
+        return paid * len(set(members) & set(causes)) - 2.0 * len(set(members) - set(causes))
+
+    def weighed(state, fits, grown):
+        known = dict.fromkeys((*few, *fits, *grown))
+        return Together(sets({s: log(s) for s in known}), np.zeros(len(known)), dict(fits), 1.0)
+
+    monkeypatch.setattr(module, "_weighed", weighed)
+    return looked, SimpleNamespace(
+        sets=sets({s: log(s) for s in few}),
+        found=SimpleNamespace(logs=np.zeros(len(few))),
+        temperature=1.0,
+        simulator=SimpleNamespace(dear=False),
+        beside=lambda members: looked.append(members) or SimpleNamespace(cost=-log(members), rest=None),
+        missing=lambda rest, members: [],
+        judge=SimpleNamespace(effects=tuple("abcdefgh"[:effects])),
+    )
+
+
+@pytest.mark.parametrize("causes", [(0, 2, 3, 5), (0, 1, 2, 4, 6), (0, 1, 2, 3, 4, 5)])
+def test_a_machine_with_more_than_three_effects_has_all_of_them_named(monkeypatch, causes):
+    looked, state = machine(monkeypatch, causes, 8)
+    found = together(state, lambda done, of: None)
+    assert found.sets.ranked()[0][0] == causes
+    assert causes in found.fits
+    assert (
+        len(looked) == len(set(looked)) <= module.MOST + module.FURTHER * (module.LARGEST - module.SEARCHED)
+    )
+
+
+def test_no_set_is_larger_than_the_largest_and_none_grows_that_does_not_pay(monkeypatch):
+    looked, state = machine(monkeypatch, range(8), 8)
+    found = together(state, lambda done, of: None)
+    assert len(found.sets.ranked()[0][0]) == module.LARGEST
+    looked, state = machine(monkeypatch, (1, 2), 8)
+    together(state, lambda done, of: None)
+    assert max(map(len, looked)) <= module.SEARCHED
+    looked, state = machine(monkeypatch, (0, 1, 2), 3)  # a catalogue that has no more
+    assert together(state, lambda done, of: None).sets.ranked()[0][0] == (0, 1, 2)
+
+
+def test_more_effects_than_were_counted_cost_as_much_as_the_last():
+    known = WEIGHTS.penalty
+    step = known[3] - known[2]
+    np.testing.assert_allclose(
+        WEIGHTS.penalties(np.arange(6)), [*known, known[3] + step, known[3] + 2.0 * step]
+    )
