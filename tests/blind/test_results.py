@@ -553,6 +553,7 @@ def test_what_is_said_of_the_real_axis():
     )
     assert said in page, said
     assert "though speed_filter may not be there" in friction["text"]
+    assert "do not rule out offset in its place or beside it" in friction["text"]
     before, after = friction["control law leaves"]
     assert f"leaves {before:.4f} V of the recorded voltage, and {after:.4f} V with that filter" in page
     assert friction["parameters"]["speed_filter"]["time"]["low"] == 0.0
