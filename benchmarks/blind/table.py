@@ -32,8 +32,9 @@ SETS = {
     "emps10": "tenth",
     "emps11": "eleventh",
     "emps12": "twelfth",
-    "emps13": "of the axis, thirteenth",
-    "emps": "fourteenth",
+    "emps13": "thirteenth",
+    "emps14": "of the axis, fourteenth",
+    "emps": "fifteenth",
     "a1first": "of the A1, first",
     "a1second": "second",
     "a1third": "of the A1, third",
@@ -48,11 +49,12 @@ SETS = {
     "a1twelfth": "twelfth",
     "a1": "thirteenth",
     "arm1": "of the arm, first",
-    "arm": "second",
+    "arm2": "of the arm, second",
+    "arm": "third",
     "quad1": "of the quadrotor, first",
     "quad": "second",
 }
-SHOWN = ("emps13", "emps", "a1eleventh", "a1twelfth", "a1", "arm1", "arm", "quad1", "quad")
+SHOWN = ("emps14", "emps", "a1eleventh", "a1twelfth", "a1", "arm2", "arm", "quad1", "quad")
 """Those on the page."""
 RATES = {
     "single effects: it is the likeliest set": "top-1, single effects",

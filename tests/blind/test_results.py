@@ -183,9 +183,14 @@ def test_what_is_said_of_delays_and_of_sure_errors():
     words = f"Of {len(sure)} answers of 0.9 and more {len(wrong)} are wrong"
     assert words in page, (words, wrong)
     pairs = [effects for effects in wrong if len(effects) == 2]
-    limits = sum("torque_limit" in effects for effects in pairs)
-    assert (len(pairs), limits) == (3, 2)
-    assert f"{len(pairs)} times one of a pair was missed (a torque limit twice, a speed-torque line)" in page
+    small = {"encoder_ripple", "supply_sag", "torque_speed_line", "torque_limit"}
+    assert all(len(set(effects) & small) == 1 for effects in pairs)
+    assert set().union(*pairs) >= small
+    assert (
+        f"{len(pairs)} times one of a pair was missed (a ripple of the encoder, a sagging supply, "
+        f"a speed-torque line, a "
+        "torque limit)"
+    ) in page
 
 
 def test_what_is_said_of_machines_that_it_was_not_made_for():
@@ -447,7 +452,8 @@ def test_what_is_said_of_the_real_go2():
     page = " ".join(PAGE.read_text().split())
     closed, tuned = (100 * kept["how_far"][key]["estimate"] for key in ("share", "tuned_share"))
     assert (
-        f"*{kept['verdict']}*, nearest {' and '.join(kept['parameters'])}, which closes {closed:.0f} % of the held-out "
+        f"*{kept['verdict']}*, nearest {' and '.join(kept['parameters'])}, which closes "
+        f"{closed:.0f} % of the held-out "
         f"gap, and {tuned:.0f} % with a little of everything"
     ) in page
     friction, inertia = (
@@ -455,7 +461,8 @@ def test_what_is_said_of_the_real_go2():
         for name in ("dry_friction", "armature")
     )
     assert (
-        f"Of the calves it says {friction['calf']:.2f} N*m of dry friction and {inertia['calf']:.3f} kg*m^2 of armature"
+        f"Of the calves it says {friction['calf']:.2f} N*m of dry friction and "
+        f"{inertia['calf']:.3f} kg*m^2 of armature"
     ) in page
     for values in (friction, inertia):
         assert all(0.25 < values[joint] / values["calf"] < 0.5 for joint in ("hip", "thigh"))
@@ -587,8 +594,8 @@ def test_what_is_said_of_sets_since_effects_of_one_kind_share_their_probability(
         "unknown with a material gap detected",
         "null called anything else",
     )
-    top, second, large, sure, inside, pair, unknown, null = rates("emps", *keys)
-    cases = cases_of("emps")
+    top, second, large, sure, inside, pair, unknown, null = rates("emps14", *keys)
+    cases = cases_of("emps14")
     single, pairs = ([c for c in cases if c["label"]["kind"] == kind] for kind in ("single", "pair"))
     missed, lost = ([c for c in some if not right(c)] for some in (single, pairs))
     assert second["hits"] == second["of"]
@@ -632,8 +639,8 @@ def test_what_is_said_of_sets_since_effects_of_one_kind_share_their_probability(
     )
     assert words in page, words
 
-    top, second, large, sure, inside, pair, unknown, null = rates("arm", *keys)
-    missed = [c for c in cases_of("arm") if c["label"]["kind"] == "single" and not right(c)]
+    top, second, large, sure, inside, pair, unknown, null = rates("arm2", *keys)
+    missed = [c for c in cases_of("arm2") if c["label"]["kind"] == "single" and not right(c)]
     limits = sum("torque_limit" in c["label"]["effects"] for c in missed)
     assert unknown["hits"] == unknown["of"]
     assert null["hits"] == 0
@@ -648,6 +655,118 @@ def test_what_is_said_of_sets_since_effects_of_one_kind_share_their_probability(
         f"{unknown['of']} unknown causes with a material gap are seen."
     )
     assert words in page, words
+
+
+def test_what_is_said_of_the_fifteenth_set_of_the_axis():
+    page = " ".join(PAGE.read_text().split())
+    top, second, large, sure, inside, pair, one, unknown, called, null = rates(
+        "emps",
+        "top-1, single effects",
+        "top-2, single effects",
+        LARGE + "first answer right, single",
+        "right where sure",
+        "true value in its 90 % interval",
+        "exact pair first",
+        "one of the pair first",
+        "unknown with a material gap detected",
+        "known effects called unknown",
+        "null called anything else",
+    )
+    cases = cases_of("emps")
+    missed, lost = (
+        [c for c in cases if c["label"]["kind"] == kind and not right(c)] for kind in ("single", "pair")
+    )
+    late = sum(set(c["label"]["effects"]) == {"delay"} for c in missed)
+    fewer, more = (
+        sum(test(set(c["label"]["effects"]), set(likeliest(c)[0])) for c in lost)
+        for test in (lambda true, said: said < true, lambda true, said: said > true)
+    )
+    assert one["hits"] == one["of"]
+    assert fewer + more + sum(kinds_apart(c) for c in lost) >= len(lost) - 2
+    assert max(len(likeliest(c)[0]) for c in cases) <= 3
+    for words in (
+        f"Of 40 single effects of the axis {top['hits']} are the likeliest set and "
+        f"{second['hits']} one of the two likeliest answers, "
+        f"of the {large['of']} that move ρ or are isolable at their size {large['hits']}; {late} "
+        f"of the {len(missed)} "
+        f"others are delays that are likelier a lag, and one is a sagging supply that is called *none of these*. Of "
+        f"{pair['of']} pairs {pair['hits']} are the likeliest set, and one of the two is the "
+        f"likeliest effect in all: in "
+        f"{fewer} of the other {len(lost)} only one of the two is named, in {more} a third is added.",
+        f"Of {unknown['of']} unknown causes with a material gap {unknown['hits']} are seen, {called['hits']} of "
+        f"{called['of']} known ones are called *none of these*, {null['hits']} of {null['of']} "
+        f"machines with nothing wrong "
+        f"was called something else, {sure['hits']} of {sure['of']} answers of 0.9 and more are right, and "
+        f"{inside['hits']} of {inside['of']} true values are in their interval.",
+    ):
+        assert words in page, words
+
+
+def test_what_is_said_of_the_third_set_of_the_arm():
+    page = " ".join(PAGE.read_text().split())
+    top, pair, sure, inside, unknown, called, null, single, pairs = rates(
+        "arm",
+        "top-1, single effects",
+        "exact pair first",
+        "right where sure",
+        "true value in its 90 % interval",
+        "unknown with a material gap detected",
+        "known effects called unknown",
+        "null called anything else",
+        "shrink, single",
+        "shrink, pair",
+    )
+    missed, lost = (
+        [c["label"]["effects"] for c in cases_of("arm") if c["label"]["kind"] == kind and not right(c)]
+        for kind in ("single", "pair")
+    )
+    assert all(set(effects) == {"torque_limit"} for effects in missed)
+    assert inside["hits"] == inside["of"]
+    assert unknown["hits"] == unknown["of"]
+    assert called["hits"] == null["hits"] == 0
+    assert max(len(likeliest(c)[0]) for c in cases_of("arm")) <= 3
+    for words in (
+        f"In the arm's third set {top['hits']} of {top['of']} are the likeliest set (the "
+        f"{len(missed)} others are torque "
+        f"limits), {pair['hits']} of {pair['of']} pairs (a torque limit has a part in "
+        f"{sum('torque_limit' in effects for effects in lost)} of the {len(lost)} others), "
+        f"{sure['hits']} of {sure['of']} "
+        f"answers of 0.9 and more are right, all {inside['of']} true values are in their interval, "
+        f"all {unknown['of']} "
+        f"unknown causes with a material gap are seen, none of {called['of']} known ones is called "
+        f"*none of these*, and "
+        f"none of {null['of']} machines with nothing wrong anything else. The patch closes "
+        f"{100 * single['ratio of sums']:.0f} % of the single effects' gaps and "
+        f"{100 * pairs['ratio of sums']:.0f} % of "
+        f"the pairs'.",
+    ):
+        assert words in page, words
+
+
+def test_what_is_said_of_more_than_three_effects():
+    page = " ".join(PAGE.read_text().split())
+    kept = json.loads((RESULTS / "several.json").read_text())
+    five, four = (
+        (kept[f"{count} effects, sets up to 6"], kept[f"{count} effects, sets up to 3"]) for count in (5, 4)
+    )
+    assert five[0]["fitted and not there"] == five[1]["fitted and not there"]
+    sure = [sum(one[k]["answers of 0.9 and more"] for one in (five, four)) for k in (0, 1)]
+    assert sure[0] == 0
+    assert sum(one[1]["of these right"] for one in (five, four)) == 0
+    whole = five[0]["all and no other"] + four[0]["all and no other"]
+    for words in (
+        f"asked of {five[0]['machines'] + four[0]['machines']} machines",
+        f"Of five effects {five[0]['of these fitted']} of {five[0]['effects']} are among the fitted ones instead of "
+        f"{five[1]['of these fitted']}, and {five[0]['fitted and not there']} that are not there in either case; the "
+        f"named ones close {100 * five[0]['closed, median']:.0f} % of the gap instead of "
+        f"{100 * five[1]['closed, median']:.0f} %",
+        f"Of four effects {four[0]['of these fitted']} of {four[0]['effects']} instead of "
+        f"{four[1]['of these fitted']}, "
+        f"with {four[0]['fitted and not there']} instead of {four[1]['fitted and not there']} that are not there",
+        f"Of {sure[1]} answers of 0.9 and more with sets up to three none was all that is there",
+        f"Only {whole} of the {five[0]['machines'] + four[0]['machines']} have all of their effects named",
+    ):
+        assert words in page, words
 
 
 OF_THE_A1 = (
@@ -674,7 +793,8 @@ def test_what_is_said_of_the_twelfth_set_of_the_a1():
         f"{top['hits']} are the likeliest set, of the {large['of']} that move ρ or are isolable at their size "
         f"{large['hits']}; missed are a speed-torque line and 2 mm of uneven ground. Of {pair['of']} pairs "
         f"{pair['hits']} is the likeliest set, and of {one['hits']} one of the two is the likeliest effect. The one "
-        f"unknown cause with a material gap is seen, {called['hits']} of {called['of']} known ones are called *none of "
+        f"unknown cause with a material gap is seen, {called['hits']} of {called['of']} known ones "
+        f"are called *none of "
         f"these*, and {null['hits']} of {null['of']} machines with nothing wrong was called something else."
     ) in page
 
@@ -699,9 +819,12 @@ def test_what_is_said_of_the_thirteenth_set_of_the_a1():
     }
     assert (unknown["hits"], null["hits"]) == (unknown["of"], 0)
     assert (
-        f"was made for 90 cases, {len(cases)} of which could be answered in the time there was. Of {top['of']} single "
-        f"effects {top['hits']} are the likeliest set, of the {large['of']} that move ρ or are isolable at their size "
-        f"{large['hits']}. Missed are 2 viscous frictions of {viscous[0]:.2f} and {viscous[1]:.2f} N*m*s/rad, 2 uneven "
+        f"was made for 90 cases, {len(cases)} of which could be answered in the time there was. Of "
+        f"{top['of']} single "
+        f"effects {top['hits']} are the likeliest set, of the {large['of']} that move ρ or are "
+        f"isolable at their size "
+        f"{large['hits']}. Missed are 2 viscous frictions of {viscous[0]:.2f} and {viscous[1]:.2f} "
+        f"N*m*s/rad, 2 uneven "
         f"grounds ({1e3 * rough[0]:.1f} and {1e3 * rough[1]:.1f} mm), a speed-torque line, a velocity scale of "
         f"{missed['velocity_scale'][0]:.2f}, play of {1e3 * missed['backlash'][0]:.0f} mrad, and a pitch of "
         f"{missed['attitude_bias'][0]:.1f} degrees that is called *none of these*. Of {pair['of']} pairs "

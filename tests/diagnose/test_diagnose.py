@@ -55,6 +55,24 @@ def test_an_effect_is_named_sized_and_closes_the_gap(find, name, value):
     assert found.how_far.tuned.mean < found.how_far.before.mean
 
 
+@pytest.mark.parametrize(
+    "effects",
+    [
+        {"coulomb": 1.5, "viscous": 2.0, "tilt": -1.4, "speed_scale": 0.85},
+        {"coulomb": 1.5, "tilt": 1.4, "delay": 0.04, "speed_scale": 1.15},
+    ],
+)
+def test_a_machine_with_four_effects_has_all_four_named(find, effects):
+    found = find(effects, case=11, where=False)
+    assert found.verdict in (Verdict.NAMED, Verdict.CONFOUNDED), found.reason
+    assert set(found.which.answer) == set(effects)
+    (named,) = [names for names in found.which.larger if set(names) == set(effects)]
+    assert found.which.ranked[0][0] == named
+    assert all(found.which.membership[name] > 0.8 for name in effects)
+    assert list(named) in [one["effects"] for one in found.to_json()["which"]["pairs"]]
+    assert found.how_far.share[0] > 0.8
+
+
 @pytest.mark.parametrize("effects", [{"payload": 1.2}, {"motor": 0.8}])
 def test_effects_of_one_kind_are_answered_as_a_set_however_clear_the_data_are(find, effects):
     found = find(effects, case=5)
