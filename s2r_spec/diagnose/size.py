@@ -34,6 +34,7 @@ def sized(state: State, weighed: Together, members: Set) -> Sized:
         state = state.wide
         found = state.beside(members, found)
     usual = state.view.variance if state.usual is None else state.usual
+    warmth = state.temperature
     if members:
         state, found = _with_a_little(state, members, found)
     best = Sized(found.at, by_linear(state.data, members, state.temperature).deviation)
@@ -49,7 +50,7 @@ def sized(state: State, weighed: Together, members: Set) -> Sized:
     # A closed loop is off as a whole: by the part of itself up to which a number is believed, times the roots of how
     # many numbers count as one and of what the fit leaves of them in units of what is believed.
     left = misfit(found.rest, usual, state.view.nuisances)
-    doubt = FORM * np.sqrt(state.temperature * left)
+    doubt = FORM * np.sqrt(warmth * left)
     best = replace(best, deviation=np.hypot(best.deviation, doubt * best.at))
     return best if heard is None or len(deaf) == len(members) else _told(state, members, best, found, heard)
 

@@ -59,13 +59,14 @@ def together(state: State, progress: Callable[[int, int], None]) -> Together:
     """Simulate the likeliest sets, and put what they cost in the place of what the linear evidence made of them."""
     fits: dict[Set, Joint] = {}
     grown: dict[Set, None] = {}
+    told: dict[Set, float] = {}
     most = MOST
     found = Together(state.sets, state.found.logs, fits, state.temperature)
 
     def look(members: Set) -> Together:
         fits[members] = state.beside(members)
         progress(len(fits), most)
-        return _weighed(state, fits, grown)
+        return _weighed(state, fits, grown, told)
 
     first = FEW if state.simulator.dear else LIKELIEST
     while len(fits) < BEFORE_GROWTH:
@@ -96,7 +97,7 @@ def together(state: State, progress: Callable[[int, int], None]) -> Together:
             break
         grown.update(larger)
         most = min(most + FURTHER, MOST + FURTHER * (LARGEST - SEARCHED))
-        found = _weighed(state, fits, grown)
+        found = _weighed(state, fits, grown, told)
     return found
 
 
@@ -105,8 +106,11 @@ def _with_one_more(members: Set, effects: int) -> list[Set]:
     return [tuple(sorted((*members, k))) for k in range(effects) if k not in members]
 
 
-def _weighed(state: State, fits: dict[Set, Joint], grown: Iterable[Set] = ()) -> Together:
-    """Return all sets, and those that have ``grown``; those that were simulated by what they cost."""
+def _weighed(state: State, fits: dict[Set, Joint], grown: Iterable[Set], told: dict[Set, float]) -> Together:
+    """Return all sets, and those that have ``grown``; those that were simulated by what they cost.
+
+    What the equations say of a set is kept in ``told``: of one of many parameters that takes a while.
+    """
     misfit = min(fit.misfit for fit in (state.fitted, *fits.values()))
     warmth = temperature(state.count, misfit, state.judge.weights)
     known = set(state.found.members)
@@ -123,7 +127,16 @@ def _weighed(state: State, fits: dict[Set, Joint], grown: Iterable[Set] = ()) ->
     far = np.array([moved.get(s, usual) for s in members]) - usual
     logs = logs + np.clip(far, -HEARD[0] * warmth, HEARD[1] * warmth)
     evidence = replace(state.found, members=members, logs=logs)
-    sets = state.judge.sets(
-        evidence, state.memberships, warmth, by_equations(state.heard, state.judge.effects, members)
-    )
+    heard = None
+    if state.heard is not None:
+        new = [s for s in members if s not in told]
+        told.update(zip(new, _by_equations(state, new), strict=True))
+        heard = np.array([told[s] for s in members])
+    sets = state.judge.sets(evidence, state.memberships, warmth, heard)
     return Together(sets, logs, fits, warmth)
+
+
+def _by_equations(state: State, members: list[Set]) -> list[float]:
+    """Return what the equations of motion say of these sets; they are asked."""
+    found = by_equations(state.heard, state.judge.effects, members) if members else None
+    return [] if found is None else found.tolist()

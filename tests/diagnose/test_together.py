@@ -34,7 +34,7 @@ def test_an_effect_is_named_beside_others_only_if_the_simulator_was_asked_withou
     monkeypatch.setattr(
         module,
         "_weighed",
-        lambda state, fits, grown: Together(
+        lambda state, fits, grown, told: Together(
             sets(BEFORE | {s: simulated[s] for s in fits}), np.zeros(len(BEFORE)), dict(fits), 1.0
         ),
     )
@@ -63,7 +63,7 @@ def machine(monkeypatch, causes, effects, paid=3.0):
     def log(members):
         return paid * len(set(members) & set(causes)) - 2.0 * len(set(members) - set(causes))
 
-    def weighed(state, fits, grown):
+    def weighed(state, fits, grown, told):
         known = dict.fromkeys((*few, *fits, *grown))
         return Together(sets({s: log(s) for s in known}), np.zeros(len(known)), dict(fits), 1.0)
 
