@@ -41,6 +41,16 @@ def test_nominal_effects_change_no_bit_and_others_change_the_trace():
         assert np.abs(worn.rollout({"start": 3.0}, 0)["q"] - plain["q"]).max() > 0.001
 
 
+@pytest.mark.parametrize("name", ["armature", "viscous_friction", "dry_friction"])
+@pytest.mark.parametrize("joint", ["hip", "thigh", "calf"])
+def test_what_one_kind_of_joint_has_shows_most_at_that_kind(name, joint):
+    effect = next(effect for effect in CATALOGUE if effect.name == name)
+    worn = ROBOT.with_effects({name: {joint: some(effect)[joint]}})
+    moved = np.abs(worn.rollout({"start": 3.0}, 0)["q"] - ROBOT.rollout({"start": 3.0}, 0)["q"]).mean(axis=0)
+    by_kind = dict(zip(("hip", "thigh", "calf"), moved.reshape(4, 3).sum(axis=0), strict=True))
+    assert max(by_kind, key=by_kind.get) == joint
+
+
 @pytest.mark.parametrize(
     "name", ["armature", "viscous_friction", "motor_strength", "delay", "encoder_offset"]
 )

@@ -4,8 +4,8 @@
 
 The simulator's joint angles are fitted to the recorded ones of the seconds that the diagnosis may see, first with dry
 friction, viscous friction and armature of each kind of joint (hip, thigh, calf), then with friction of each of the
-twelve joints by itself. Nobody asks here which effects there are: they are given. Printed and written to
-go2_fit.json are the values, and how much of the gap in ρ they close in the seconds that were held out.
+twelve joints by itself, and armature of each kind. Nobody asks here which effects there are: they are given. Printed
+and written to go2_fit.json are the values, and how much of the gap in ρ they close in the seconds that were held out.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from s2r_spec.trace import Trace  # noqa: E402
 RESULTS = Path(__file__).with_suffix(".json")
 EVERY = 4
 """Samples, of which one is fitted."""
-LOOKS = 10
+LOOKS = 20
 """Steps of the fit, at most."""
 FloatArray = NDArray[np.float64]
 Rollouts = list[tuple[dict[str, float], Trace]]
@@ -60,8 +60,9 @@ def of_kinds(x: FloatArray) -> Joints:
 
 
 def of_joints(x: FloatArray) -> Joints:
-    """Return joints with (24,) dry and viscous friction of each."""
-    return Joints(friction=tuple(map(float, x[:12])), damping=tuple(map(float, x[12:])))
+    """Return joints with (27,) dry and viscous friction of each, and armature of each kind."""
+    dry, viscous, armature = (tuple(map(float, part)) for part in (x[:12], x[12:24], np.tile(x[24:], 4)))
+    return Joints(friction=dry, damping=viscous, armature=armature)
 
 
 def main() -> None:
@@ -84,19 +85,18 @@ def main() -> None:
         ]
         return float(np.abs(apart).mean())
 
-    def fitted(make: Any, begin: list[float]) -> FloatArray:
+    def fitted(make: Any, begin: list[float]) -> tuple[FloatArray, bool]:
         def left(x: FloatArray) -> FloatArray:
             model = robot(data, make(x))
             rows = [(model.rollout(test, 0)["q"] - trace["q"])[::EVERY].ravel() for test, trace in seen]
             return np.concatenate(rows)
 
-        return np.asarray(
-            least_squares(left, begin, bounds=(0.0, 3.0), diff_step=0.05, max_nfev=LOOKS).x, dtype=np.float64
-        )
+        found = least_squares(left, begin, bounds=(0.0, 3.0), diff_step=0.05, ftol=1e-3, max_nfev=LOOKS)
+        return np.asarray(found.x, dtype=np.float64), bool(found.status > 0)
 
     before = gap(Joints())
-    kinds = fitted(of_kinds, [0.2] * 3 + [0.2] * 3 + [0.02] * 3)
-    each = fitted(of_joints, [0.3] * 12 + [0.2] * 12)
+    kinds, kinds_done = fitted(of_kinds, [0.2] * 3 + [0.2] * 3 + [0.02] * 3)
+    each, each_done = fitted(of_joints, [0.3] * 12 + [0.2] * 12 + [0.02] * 3)
     names = ("dry_friction [N*m]", "viscous_friction [N*m*s/rad]", "armature [kg*m^2]")
     kept = {
         "machine": describe("mujoco", "scipy"),
@@ -106,11 +106,13 @@ def main() -> None:
             name: dict(zip(("hip", "thigh", "calf"), np.round(part, 4).tolist(), strict=True))
             for name, part in zip(names, kinds.reshape(3, 3), strict=True)
         },
+        "of_kinds_converged": kinds_done,
         "of_kinds_closes": round(1.0 - gap(of_kinds(kinds)) / before, 3),
         "of_each_joint": {
             name: dict(zip(JOINTS, np.round(part, 3).tolist(), strict=True))
-            for name, part in zip(names, each.reshape(2, 12), strict=False)
+            for name, part in zip(names, each[:24].reshape(2, 12), strict=False)
         },
+        "of_each_joint_converged": each_done,
         "of_each_joint_closes": round(1.0 - gap(of_joints(each)) / before, 3),
     }
     print(json.dumps(kept, indent=1))

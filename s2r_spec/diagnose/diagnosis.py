@@ -63,7 +63,7 @@ class Which:
         singles: effect → P(it alone).
         pairs: two effects → P(these two).
         triples: three effects → P(these three).
-        larger: more of them → P(these), of those that data asked for that three do not explain.
+        larger: more of them → P(these), where sets of three and more are the likeliest.
         answer: the effects named; () for none or unknown.
         confounded: what the data cannot tell from the answer, the answer included.
         spare: effects of the answer that may not be there: without them the others are nearly as likely.

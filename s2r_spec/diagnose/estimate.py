@@ -62,11 +62,18 @@ class Sized:
         deviation: (K,) standard deviations of them.
         ends: line that only says how an effect acts → between which coordinates it may be, where that was looked for:
             of a phase linear data know one valley.
+        free: (K,) coordinates of the fit in which others take what they can, where ``at`` is not it.
     """
 
     at: FloatArray
     deviation: FloatArray
     ends: Mapping[int, tuple[float, float]] = field(default_factory=dict)
+    free: FloatArray | None = None
+
+    @property
+    def tuned(self) -> FloatArray:
+        """Return (K,) coordinates that close most of a gap: whatever takes the part of what the catalogue lacks."""
+        return self.at if self.free is None else self.free
 
 
 def by_linear(data: Linear, chosen: Sequence[int], temperature: float) -> Sized:

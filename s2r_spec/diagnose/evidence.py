@@ -84,7 +84,7 @@ class Linear:
         return replace(self, gram=gram, toward=toward)
 
     def believed_less(self, times: float) -> Linear:
-        """Return the same with so many times the variance."""
+        """Return the same with so many times the variance, that of the nuisances included."""
         return replace(
             self,
             gram=self.gram / times,

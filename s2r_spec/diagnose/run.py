@@ -142,7 +142,7 @@ def _answer(
     if there != named:
         named, best = there, sized(state, weighed, there)
     fitted = fit(catalogue, named, best)
-    tuned = catalogue.values(sized(state, weighed, ()).at if first_none else best.at)
+    tuned = catalogue.values((sized(state, weighed, ()) if first_none else best).tuned)
     far = _how_far(bench, state, seen, held, {} if first_none else fitted.values, tuned, seed, executor, tell)
     left = remainders(
         bench, seen + held, tuned, seed, executor, lambda done, of: tell("what is left", done, of)

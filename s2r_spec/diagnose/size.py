@@ -34,10 +34,11 @@ def sized(state: State, weighed: Together, members: Set) -> Sized:
         state = state.wide
         found = state.beside(members, found)
     usual = state.view.variance if state.usual is None else state.usual
-    warmth = state.temperature
+    warmth, free = state.temperature, found.at
     if members:
         state, found = _with_a_little(state, members, found)
-    best = Sized(found.at, by_linear(state.data, members, state.temperature).deviation)
+    deviation = by_linear(state.data, members, state.temperature).deviation
+    best = Sized(found.at, deviation, free=None if found.at is free else free)
     if not members:
         return best
     if not state.simulator.dear:

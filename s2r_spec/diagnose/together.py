@@ -23,16 +23,14 @@ LIKELIEST = 5
 """Sets that are simulated at first; of a dear simulator :data:`FEW`."""
 FEW = 3
 MOST = 13
-"""Sets that are simulated at all."""
+"""Sets that are simulated at all, while none of more effects than are searched is the likeliest."""
 BEFORE_GROWTH = 9
 """Of these, at most, before sets grow: on, while one that was not simulated is the likeliest."""
 SEARCHED = 3
-"""Effects in the largest sets that are searched without being asked for: of more only those are weighed that add one
-effect to the likeliest."""
+"""Effects in the largest sets that are searched without being asked for: of more only those are weighed that differ by
+one effect from the likeliest."""
 LARGEST = 6
 """Effects in a set."""
-FURTHER = 4
-"""Sets that are simulated more for each effect beyond these."""
 HEARD = (2.0, 3.0)
 """A look lowers a set's log probability by no more than the first, for a fit may stop in a wrong valley, and raises
 it by no more than the second."""
@@ -60,10 +58,9 @@ def together(state: State, progress: Callable[[int, int], None]) -> Together:
     fits: dict[Set, Joint] = {}
     grown: dict[Set, None] = {}
     told: dict[Set, float] = {}
-    most = MOST
     found = Together(state.sets, state.found.logs, fits, state.temperature)
 
-    def look(members: Set) -> Together:
+    def look(members: Set, most: int = MOST) -> Together:
         fits[members] = state.beside(members)
         progress(len(fits), most)
         return _weighed(state, fits, grown, told)
@@ -88,22 +85,26 @@ def together(state: State, progress: Callable[[int, int], None]) -> Together:
         named = found.sets.ranked()[0][0]
         fewer = [tuple(k for k in named if k != left) for left in named] if len(named) > 1 else []
         untried = [members for members in (named, *fewer) if members not in fits]
+        # For each size that was not searched one set, and it without each of its effects.
+        most = MOST + sum(range(SEARCHED + 2, len(named) + 2))
         if untried and len(fits) < most:
-            found = look(untried[0])
+            found = look(untried[0], most)
             continue
         # Of four effects at their usual sizes the fourth is more than a little beside three, and not everything else.
-        larger = dict.fromkeys(_with_one_more(named, len(state.judge.effects)))
-        if not SEARCHED <= len(named) < LARGEST or larger.keys() <= grown.keys():
+        near = dict.fromkeys(_next_to(named, len(state.judge.effects)))
+        if len(named) < SEARCHED or near.keys() <= grown.keys():
             break
-        grown.update(larger)
-        most = min(most + FURTHER, MOST + FURTHER * (LARGEST - SEARCHED))
+        grown.update(near)
         found = _weighed(state, fits, grown, told)
     return found
 
 
-def _with_one_more(members: Set, effects: int) -> list[Set]:
-    """Return the sets that have one effect more, of so many."""
-    return [tuple(sorted((*members, k))) for k in range(effects) if k not in members]
+def _next_to(members: Set, effects: int) -> list[Set]:
+    """Return the sets with one effect more, of so many, and with another one if sets of this size were not searched."""
+    others = [k for k in range(effects) if k not in members]
+    wider = [(*members, k) for k in others] if len(members) < LARGEST else []
+    swapped = [(*(m for m in members if m != left), k) for left in members for k in others]
+    return [tuple(sorted(s)) for s in wider + (swapped if len(members) > SEARCHED else [])]
 
 
 def _weighed(state: State, fits: dict[Set, Joint], grown: Iterable[Set], told: dict[Set, float]) -> Together:

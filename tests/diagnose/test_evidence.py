@@ -65,6 +65,15 @@ def test_the_posterior_is_that_of_the_stated_model():
     np.testing.assert_allclose(covariance, prior - gain @ j.T @ prior, atol=1e-9)
 
 
+def test_data_that_are_believed_less_have_so_many_times_the_variance():
+    data, j, y = drawn(1, [0.8, 0.0, 0.0, 0.0])
+    prior = np.diag(np.array([LARGE, ALLOWED, ALLOWED, ALLOWED]) ** 2)
+    gain = prior @ j @ np.linalg.inv(9.0 * np.eye(SIZE) + j.T @ prior @ j)
+    mean, covariance = posterior(data.believed_less(9.0), (0,))
+    np.testing.assert_allclose(mean, gain @ y, atol=1e-9)
+    np.testing.assert_allclose(covariance, prior - gain @ j.T @ prior, atol=1e-9)
+
+
 def test_an_effect_of_one_sign_gains_on_its_side_and_loses_on_the_other():
     free, *_ = drawn(2, [0.7, 0.0, 0.0, 0.0])
     right, *_ = drawn(2, [0.7, 0.0, 0.0, 0.0], side=1)

@@ -81,8 +81,10 @@ class Ridge:
     jacobian = np.array([[3.0, 0.0, 0.0, 0.5], [2.0, 2.0, 0.0, 0.0], [2.0, 0.0, 2.0, 0.0]])
 
     def __init__(self, data, times=1.0):
-        self.data, self.times = data, times
-        self.view = SimpleNamespace(surrogate=SimpleNamespace(catalogue=CATALOGUE))
+        self.data, self.times, self.temperature = data, times, TEMPERATURE
+        self.wide = self.usual = self.heard = None
+        self.simulator = SimpleNamespace(dear=False)
+        self.view = SimpleNamespace(variance=times, surrogate=SimpleNamespace(catalogue=CATALOGUE))
 
     def believed_less(self, times):
         return Ridge(self.data, self.times * times)
@@ -119,3 +121,14 @@ def test_data_of_which_nothing_is_believed_are_not_believed_less_for_ever():
     machine = Ridge(np.array([1e6, -1e6, 1e6, 1e6]))
     believed, _ = size._with_a_little(machine, (0,), machine.beside((0,)))
     assert believed.times == size.AT_MOST
+
+
+def test_what_takes_the_part_of_what_is_lacking_stays_in_the_tuned_simulator(monkeypatch):
+    monkeypatch.setattr(size, "by_linear", lambda *_: Sized(AT, DEVIATION))
+    monkeypatch.setattr(size, "_looked", lambda state, effects, best: best)
+    for data, lacking in ((np.array([1.8, 0.6, 0.6, -0.2]), True), (np.array([2.4, 0.1, 0.1, 0.4]), False)):
+        machine = Ridge(data)
+        first = machine.beside((0,))
+        found = size.sized(machine, SimpleNamespace(fits={(0,): first}), (0,))
+        assert bool(found.at[0] > first.at[0]) is lacking
+        np.testing.assert_array_equal(found.tuned, first.at)

@@ -85,9 +85,17 @@ def test_a_machine_with_more_than_three_effects_has_all_of_them_named(monkeypatc
     found = together(state, lambda done, of: None)
     assert found.sets.ranked()[0][0] == causes
     assert causes in found.fits
-    assert (
-        len(looked) == len(set(looked)) <= module.MOST + module.FURTHER * (module.LARGEST - module.SEARCHED)
-    )
+    assert len(looked) == len(set(looked))
+    assert all(tuple(k for k in causes if k != left) in found.fits for left in causes)
+
+
+def test_what_imitates_one_of_four_effects_is_weighed_in_its_place(monkeypatch):
+    _, state = machine(monkeypatch, (0, 2, 3, 7), 8)
+    found = together(state, lambda done, of: None)
+    known = set(found.sets.members)
+    swapped = {tuple(sorted({0, 2, 3, 7} - {out} | {new})) for out in (0, 2, 3, 7) for new in (1, 4, 5, 6)}
+    assert swapped <= known
+    assert not [s for s in known if len(s) == 4 and len(set(s) & {0, 2, 3, 7}) < 2]
 
 
 def test_no_set_is_larger_than_the_largest_and_none_grows_that_does_not_pay(monkeypatch):
