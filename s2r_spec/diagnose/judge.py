@@ -49,12 +49,13 @@ class Weights:
     (``benchmarks/blind/weigh.py``), and are the same for every backend. That code also makes the sealed sets of the
     axis, with other seeds; an arm and a quadrotor, on which none of them was chosen, have sets of their own.
 
-    A set A of effects scores  log evidence / temperature + trust · log P_network(A) − penalty[|A|]. Where the equations
-    of motion are asked by themselves (:mod:`s2r_spec.diagnose.told`) it is told · their log evidence more, and the
-    networks are trusted by ``beside`` alone. The features hang together: n of them, each seen through a few functions
-    of the test, count as ``independent`` ones, and the temperature is n / independent, where the joint fit leaves
-    what is usual of the data; where the simulator is nearer to the truth than that, it is less, as the root of what
-    is left.
+    A set A of effects scores log evidence / temperature + trust · log P_network(A) − penalty[|A|]. Where the
+    equations of motion are asked by themselves (:mod:`s2r_spec.diagnose.told`) it is told · their log evidence more,
+    and the networks are trusted by ``beside`` alone. Of traces that look like nothing they practised on they know
+    little: either trust is times P(the cause is in the catalogue), by the traces. The features hang together: n of
+    them, each seen through a few functions of the test, count as ``independent`` ones, and the temperature is n /
+    independent, where the joint fit leaves what is usual of the data; where the simulator is nearer to the truth than
+    that, it is less, as the root of what is left.
     """
 
     independent: float
@@ -116,14 +117,27 @@ class Judge:
         return _voted(self.networks, description)
 
     def sets(
-        self, found: Evidence, p: FloatArray, temperature: float, told: FloatArray | None = None
+        self,
+        found: Evidence,
+        p: FloatArray,
+        temperature: float,
+        unknown: float,
+        told: FloatArray | None = None,
     ) -> Sets:
-        """Return the probability of every set, given that the catalogue has the causes; ``told`` by the equations."""
+        """Return the probability of every set, given that the catalogue has the causes.
+
+        Args:
+            found: evidence.
+            p: (K,) votes of the networks.
+            temperature: by which log evidence is divided.
+            unknown: probability that the cause is not in the catalogue, by the traces; see :class:`Weights`.
+            told: (sets,) log evidence by the equations, if they are asked.
+        """
         w = self.weights
-        if told is None:
-            score = _score(found.members, found.logs, p, w, temperature, w.trust)
-        else:
-            score = _score(found.members, found.logs, p, w, temperature, w.beside) + w.told * told
+        trust = (w.trust if told is None else w.beside) * (1.0 - unknown)
+        score = _score(found.members, found.logs, p, w, temperature, trust)
+        if told is not None:
+            score = score + w.told * told
         return Sets(found.members, np.exp(score - logsumexp(score)))
 
     def unknown(self, found: Evidence, p: FloatArray) -> float:

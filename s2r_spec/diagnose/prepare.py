@@ -392,9 +392,9 @@ def _closer(wide: State, view: View, scatter: FloatArray) -> State:
         best.at,
         best.jacobian,
         heard=wide.heard,
+        unknown=wide.unknown,  # its detector learnt from data that were believed as usual
     )
-    # The detector of unknown causes learnt from data that were believed as usual.
-    return replace(found, unknown=wide.unknown, reached=wide.reached, wide=wide)
+    return replace(found, reached=wide.reached, wide=wide)
 
 
 def _reached(state: State) -> dict[int, float]:
@@ -446,20 +446,22 @@ def _state(
     first: FloatArray,
     exact: bool = False,
     heard: Heard | None = None,
+    unknown: float | None = None,
 ) -> State:
-    """Fit the whole catalogue by a model, and weigh every set of effects."""
+    """Fit the whole catalogue by a model, and weigh every set of effects; ``unknown`` if that is not to be asked."""
     catalogue = view.surrogate.catalogue
     fitted, plain, variance = solved(
         model, catalogue, view.data, view.variance, view.nuisances, begin, first, exact
     )
     found = through = evidence(plain)
-    if view.layout.apart:
+    if unknown is None and view.layout.apart:
         of_smooth = seen_through(fitted, smooth.layout.project, smooth.variance, smooth.nuisances)
         more = ground(catalogue, of_smooth, smooth.data, smooth.variance, smooth.nuisances)
         wider = smooth.variance + more**2
         of_smooth = seen_through(fitted, smooth.layout.project, wider, smooth.nuisances)
         through = evidence(linear(catalogue, of_smooth, smooth.data, wider, smooth.nuisances))
     warmth = temperature(_counted(view, smooth), fitted.misfit, judge.weights)
+    unknown = judge.unknown(through, p) if unknown is None else unknown
     return State(
         signatures,
         smooth,
@@ -468,8 +470,8 @@ def _state(
         plain,
         found,
         p,
-        judge.sets(found, p, warmth, by_equations(heard, judge.effects, found.members)),
-        judge.unknown(through, p),
+        judge.sets(found, p, warmth, unknown, by_equations(heard, judge.effects, found.members)),
+        unknown,
         simulator,
         fitted,
         warmth,

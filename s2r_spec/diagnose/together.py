@@ -133,7 +133,7 @@ def _weighed(state: State, fits: dict[Set, Joint], grown: Iterable[Set], told: d
         new = [s for s in members if s not in told]
         told.update(zip(new, _by_equations(state, new), strict=True))
         heard = np.array([told[s] for s in members])
-    sets = state.judge.sets(evidence, state.memberships, warmth, heard)
+    sets = state.judge.sets(evidence, state.memberships, warmth, state.unknown, heard)
     return Together(sets, logs, fits, warmth)
 
 

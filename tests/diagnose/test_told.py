@@ -116,7 +116,8 @@ def test_what_cannot_be_is_not_spoken_for():
     assert logs[1:].tolist() == [-np.inf, -np.inf]
 
 
-def test_where_the_equations_speak_the_networks_are_trusted_less():
+@pytest.mark.parametrize("unknown", [0.0, 0.6])
+def test_where_the_equations_speak_or_the_traces_are_strange_the_networks_are_trusted_less(unknown):
     members = ((), (0,), (1,), (0, 1))
     logs, p, told = np.array([-9.0, -3.0, 0.0, -1.0]), np.array([0.9, 0.2]), np.array([-5.0, 0.0, -4.0, -1.0])
     evidence = Evidence(members, logs, np.zeros(4), np.zeros(4), 1.0)
@@ -125,9 +126,9 @@ def test_where_the_equations_speak_the_networks_are_trusted_less():
     vote = np.array([0.0, odds[0], odds[1], odds.sum()])
     least = np.array(WEIGHTS.penalty)[[0, 1, 1, 2]]
     for heard, score in (
-        (None, logs / 2.0 + WEIGHTS.trust * vote - least),
-        (told, logs / 2.0 + WEIGHTS.beside * vote - least + WEIGHTS.told * told),
+        (None, logs / 2.0 + WEIGHTS.trust * (1.0 - unknown) * vote - least),
+        (told, logs / 2.0 + WEIGHTS.beside * (1.0 - unknown) * vote - least + WEIGHTS.told * told),
     ):
-        found = judge.sets(evidence, p, 2.0, heard)
+        found = judge.sets(evidence, p, 2.0, unknown, heard)
         np.testing.assert_allclose(found.probability, np.exp(score - logsumexp(score)))
     assert WEIGHTS.beside < WEIGHTS.trust
