@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import Enum
 from typing import Any
 
@@ -61,9 +61,7 @@ class Which:
         none: P(no effect of the catalogue is material).
         unknown: P(the cause is not in the catalogue).
         singles: effect → P(it alone).
-        pairs: two effects → P(these two).
-        triples: three effects → P(these three).
-        larger: more of them → P(these), where sets of three and more are the likeliest.
+        several: two effects and more → P(these); more than three only where three and more are the likeliest.
         answer: the effects named; () for none or unknown.
         confounded: what the data cannot tell from the answer, the answer included.
         spare: effects of the answer that may not be there: without them the others are nearly as likely.
@@ -76,8 +74,7 @@ class Which:
     none: float
     unknown: float
     singles: Mapping[str, float]
-    pairs: Mapping[tuple[str, ...], float]
-    triples: Mapping[tuple[str, ...], float]
+    several: Mapping[tuple[str, ...], float]
     answer: tuple[str, ...]
     confounded: tuple[str, ...]
     estimates: tuple[Estimate, ...]
@@ -85,12 +82,6 @@ class Which:
     isolability: Isolability
     next_test: NextTest | None
     spare: tuple[str, ...] = ()
-    larger: Mapping[tuple[str, ...], float] = field(default_factory=dict)
-
-    @property
-    def several(self) -> dict[tuple[str, ...], float]:
-        """Return two effects and more → P(these)."""
-        return {**self.pairs, **self.triples, **self.larger}
 
     @property
     def membership(self) -> dict[str, float]:
@@ -114,15 +105,14 @@ class Which:
     def to_json(self) -> dict[str, Any]:
         """Return a JSON object; sets of several below one in a thousand are summed up in ``others``."""
         rounded = {name: round(p, 6) for name, p in self.singles.items()}
-        several = self.several
-        shown = {names: p for names, p in several.items() if p >= 1e-3}
+        shown = {names: p for names, p in self.several.items() if p >= 1e-3}
         return {
             "posterior": {"none": round(self.none, 6), "unknown": round(self.unknown, 6), **rounded},
             "pairs": [
                 {"effects": list(names), "probability": round(p, 6)}
                 for names, p in sorted(shown.items(), key=lambda item: -item[1])
             ],
-            "others": round(sum(several.values()) - sum(shown.values()), 6),
+            "others": round(sum(self.several.values()) - sum(shown.values()), 6),
             "membership": {name: round(p, 6) for name, p in self.membership.items()},
             "answer": list(self.answer),
             "set": list(self.confounded),

@@ -66,7 +66,7 @@ def test_a_machine_with_four_effects_has_all_four_named(find, effects):
     found = find(effects, case=11, where=False)
     assert found.verdict in (Verdict.NAMED, Verdict.CONFOUNDED), found.reason
     assert set(found.which.answer) == set(effects)
-    (named,) = [names for names in found.which.larger if set(names) == set(effects)]
+    (named,) = [names for names in found.which.several if set(names) == set(effects)]
     assert found.which.ranked[0][0] == named
     assert all(found.which.membership[name] > 0.8 for name in effects)
     assert list(named) in [one["effects"] for one in found.to_json()["which"]["pairs"]]
