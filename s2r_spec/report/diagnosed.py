@@ -130,14 +130,15 @@ def body_words(where: Where) -> tuple[str, ...]:
     """Return sentences: which parts of the machine show what their model does not explain."""
     if where.body is None:
         return (where.no_body,)
-    if not where.body.shifted:
+    most = where.body.most
+    if most is None:
         return (
             f"no part of the machine does what its model does not explain ({where.body.asked} questions)",
         )
-    return tuple(
-        f"{part.name}: {said(part.shifts[0])}, which the model does not explain"
-        for part in where.body.shifted[:PARTS]
-    )
+    told = [(part, part.shifts[0]) for part in where.body.shifted[:PARTS]]
+    if most[0] not in where.body.shifted[:PARTS]:
+        told.append(most)  # where the next step looks first
+    return tuple(f"{part.name}: {said(shift)}, which the model does not explain" for part, shift in told)
 
 
 def left_words(found: Diagnosis) -> tuple[str, ...]:

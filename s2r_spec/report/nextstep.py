@@ -55,15 +55,12 @@ def test_in_words(test: NextTest, spec: Spec) -> str:
 
 
 def _place(found: Diagnosis) -> str:
-    """Return where to look: the part of which the residual that shows most clearly shifts most, or when."""
+    """Return where to look: the part that shifts most, or when."""
     where = found.where
     if where is None:
         return ""
-    if where.body is not None and where.body.shifted:
-        # Of many rollouts every part's shift is clear, and the clearest may be a small one.
-        clearest = where.body.shifted[0].shifts[0].channel
-        alike = [(p, s) for p in where.body.shifted for s in p.shifts if s.channel == clearest]
-        part, shift = max(alike, key=lambda one: one[1].size)
+    if where.body is not None and (most := where.body.most) is not None:
+        part, shift = most
         return f" at the {part.name} ({shift.channel}, {shift.begin:.2f} to {shift.end:.2f} s)"
     window = max(where.windows(), key=lambda one: abs(one["delta"]))
     return f" that acts from {window['begin']:.2f} to {window['end']:.2f} s"

@@ -298,9 +298,19 @@ def test_where_to_look_is_the_part_that_shifts_most_and_not_the_clearest():
     small = Shift("torque", 0, "rms", "N*m", 0.0, 2.0, 0.4, 0.4, 90.0, 1e-9, 1e-6)
     large = Shift("torque", 1, "rms", "N*m", 0.5, 1.0, 1.1, 1.1, 20.0, 1e-9, 1e-6)
     other = Shift("wrench", 0, "rms", "N", 0.0, 2.0, 9.0, 9.0, 10.0, 1e-9, 1e-6)
-    parts = (BodyPart("RR thigh", (small,)), BodyPart("FL calf", (large,)), BodyPart("base", (other,)))
-    unknown, spec = diagnosis(1, Verdict.UNKNOWN, body=Body(parts, 10, 2.0, 100))
+    parts = [BodyPart("RR thigh", (small,)), BodyPart("FL calf", (large,)), BodyPart("base", (other,))]
+    unknown, spec = diagnosis(1, Verdict.UNKNOWN, body=Body(tuple(parts), 10, 2.0, 100))
     assert "catalogue lacks at the FL calf (torque, 0.50 to 1.00 s)" in next_step(unknown, spec)
+    assert [line.split(":")[0] for line in diagnosed.body_words(unknown.where)] == [
+        "RR thigh",
+        "FL calf",
+        "base",
+    ]
+    clearer = [BodyPart(f"{leg} hip", (small,)) for leg in ("FL", "FR", "RL", "RR")]
+    unknown, spec = diagnosis(1, Verdict.UNKNOWN, body=Body((*clearer, *parts), 10, 2.0, 100))
+    told = diagnosed.body_words(unknown.where)
+    assert [line.split(":")[0] for line in told] == ["FL hip", "FR hip", "RL hip", "FL calf"]
+    assert "1.1" in told[-1]
 
 
 def test_json_is_what_the_schema_says(one):

@@ -118,6 +118,18 @@ class Body:
         """Return the parts of which a residual shifts."""
         return tuple(part for part in self.parts if part.shifts)
 
+    @property
+    def most(self) -> tuple[BodyPart, Shift] | None:
+        """Return the part of which the residual that shows most clearly anywhere shifts most; None where none does.
+
+        Of many rollouts every part's shift is clear, and the clearest may be a small one.
+        """
+        if not self.shifted:
+            return None
+        clearest = self.shifted[0].shifts[0].channel
+        alike = [(part, shift) for part in self.shifted for shift in part.shifts if shift.channel == clearest]
+        return max(alike, key=lambda one: one[1].size)
+
     def to_json(self) -> dict[str, Any]:
         """Return plain data for JSON."""
         return {
