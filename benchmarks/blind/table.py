@@ -46,15 +46,16 @@ SETS = {
     "a1ninth": "ninth",
     "a1tenth": "of the A1, tenth",
     "a1eleventh": "of the A1, eleventh",
-    "a1twelfth": "twelfth",
-    "a1": "thirteenth",
+    "a1twelfth": "of the A1, twelfth",
+    "a1thirteenth": "thirteenth",
+    "a1": "fourteenth",
     "arm1": "of the arm, first",
     "arm2": "of the arm, second",
     "arm": "third",
     "quad1": "of the quadrotor, first",
     "quad": "second",
 }
-SHOWN = ("emps14", "emps", "a1eleventh", "a1twelfth", "a1", "arm2", "arm", "quad1", "quad")
+SHOWN = ("emps14", "emps", "a1twelfth", "a1thirteenth", "a1", "arm2", "arm", "quad1", "quad")
 """Those on the page."""
 RATES = {
     "single effects: it is the likeliest set": "top-1, single effects",

@@ -500,7 +500,7 @@ def test_what_is_said_of_simpler_ways():
 
 
 def test_what_is_said_of_simpler_ways_on_the_a1():
-    kept = json.loads((RESULTS / "a1_baselines.json").read_text())
+    kept = json.loads((RESULTS / "a1thirteenth_baselines.json").read_text())
     rates = {name: rate["hits"] for name, rate in kept["rates"].items()}
     count = kept["rates"]["ρ only"]["of"]
     assert (
@@ -806,9 +806,9 @@ def test_what_is_said_of_the_twelfth_set_of_the_a1():
 def test_what_is_said_of_the_thirteenth_set_of_the_a1():
     page = " ".join(PAGE.read_text().split())
     top, large, pair, one, unknown, called, null, inside = rates(
-        "a1", *OF_THE_A1, "true value in its 90 % interval"
+        "a1thirteenth", *OF_THE_A1, "true value in its 90 % interval"
     )
-    cases = cases_of("a1")
+    cases = cases_of("a1thirteenth")
     missed: dict[str, list[float]] = {}
     for case in cases:
         if case["label"]["kind"] == "single" and not right(case):
