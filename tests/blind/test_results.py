@@ -840,6 +840,47 @@ def test_what_is_said_of_the_thirteenth_set_of_the_a1():
     ) in page
 
 
+def test_what_is_said_of_the_fourteenth_set_of_the_a1():
+    page = " ".join(PAGE.read_text().split())
+    top, large, pair, one, unknown, called, null, named, two, left, still, inside = rates(
+        "a1",
+        *OF_THE_A1,
+        "top-1 among named effects, single",
+        "top-2, single effects",
+        "something left of the motion, unknown with a material gap",
+        "something left of the motion, known with a material gap",
+        "true value in its 90 % interval",
+    )
+    cases = cases_of("a1")
+    missed: dict[str, list[tuple[float, bool]]] = {}
+    for case in cases:
+        if case["label"]["kind"] == "single" and not right(case):
+            ((name, values),) = case["label"]["effects"].items()
+            size = max(values.values(), key=abs)
+            missed.setdefault(name, []).append((size, case["verdict"] == "none of these"))
+    rub, pitch = sorted(missed["dry_friction"]), sorted(missed["attitude_bias"])
+    counts = {"dry_friction": 2, "attitude_bias": 2, "torque_speed_line": 2, "foot_drag": 1, "com_offset": 1}
+    assert {name: len(of) for name, of in missed.items()} == counts
+    strange = {name: sum(called for _, called in of) for name, of in missed.items()}
+    assert strange == {name: int(name in ("torque_speed_line", "com_offset")) for name in counts}
+    assert (unknown["hits"], still["hits"], null["hits"]) == (unknown["of"], 0, 0)
+    assert (
+        f"was made for 110 cases, {len(cases)} of which could be answered in the time there was. Of {top['of']} "
+        f"single effects {top['hits']} are the likeliest set, of the {large['of']} that move ρ or are isolable at "
+        f"their size {large['hits']}; with *none of these* and *no effect* left aside it would be {named['hits']} of "
+        f"the {named['of']}, and the truth is one of the two likeliest answers in {two['hits']}. Missed are 2 dry "
+        f"frictions ({rub[0][0]:.2f} and {rub[1][0]:.2f} N*m), 2 pitches ({pitch[0][0]:.1f} and {pitch[1][0]:.1f} "
+        f"degrees), a weak drag, and 2 speed-torque lines and a centre of mass "
+        f"{1e3 * missed['com_offset'][0][0]:.0f} mm off, of which the last and one of the others are called *none of "
+        f"these*. Of {pair['of']} pairs {pair['hits']} are the likeliest set, and in {one['hits']} one of the two is "
+        f"the likeliest effect. All {unknown['of']} unknown causes with a material gap are seen, {left['hits']} of "
+        f"them by what they leave of the motion, where none of {still['of']} known causes leaves more than is "
+        f"allowed; {called['hits']} of {called['of']} known ones are called *none of these*, none of {null['of']} "
+        f"machines with nothing wrong is called anything else, and {inside['hits']} of {inside['of']} true values "
+        "are in their interval."
+    ) in page
+
+
 def test_what_is_said_of_uneven_ground():
     rough = [
         case
