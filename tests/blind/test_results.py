@@ -9,6 +9,7 @@ from pathlib import Path
 
 from benchmarks.blind.kin import KINDS
 from benchmarks.blind.table import LATEST, SETS, SHOWN, reliability, table
+from benchmarks.blind.trust import WAYS, summary
 from s2r_spec.blind.score import MOVES, truth
 from s2r_spec.diagnose.judge import WEIGHTS
 from s2r_spec.spec import load_spec
@@ -878,6 +879,22 @@ def test_what_is_said_of_the_fourteenth_set_of_the_a1():
         f"allowed; {called['hits']} of {called['of']} known ones are called *none of these*, none of {null['of']} "
         f"machines with nothing wrong is called anything else, and {inside['hits']} of {inside['of']} true values "
         "are in their interval."
+    ) in page
+
+
+def test_what_is_said_of_how_far_networks_are_trusted():
+    page = " ".join(PAGE.read_text().split())
+    kept = list(json.loads((RESULTS / "a1_trust.json").read_text()).values())
+    assert all(len({tuple(c["ways"][way]["likeliest"]) for way in WAYS[:2]}) == 1 for c in kept)
+    counts = [sum(len(case["effects"]) == size for case in kept) for size in (1, 2)]
+    means = re.findall(r"mean log probability (\S+)", summary({str(n): case for n, case in enumerate(kept)}))
+    now, full, none = means[:3]
+    pairs_now, pairs_full, pairs_none = means[3:]
+    assert (
+        f"with the networks trusted in full, as before, no likeliest set would be another, and the mean log "
+        f"probability of the truth, among sets of the catalogue, would be {full} for the {counts[0]} single effects "
+        f"in place of {now}, and {pairs_full} for the {counts[1]} pairs in place of {pairs_now}; without networks "
+        f"{none} and {pairs_none} ([result](../../benchmarks/blind/results/a1_trust.json)"
     ) in page
 
 
