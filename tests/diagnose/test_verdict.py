@@ -47,7 +47,7 @@ def test_what_no_test_tells_apart_is_answered_with_it_unless_the_data_rule_it_ou
     assert confounded(alike, A, by_size(a=0.9, b=0.01)) == ("a",)
 
 
-WHICH = Which(0.1, 0.7, {"a": 0.2}, {}, {}, (), (), (), "friction", None, None)
+WHICH = Which(0.1, 0.7, {"a": 0.2}, {}, (), (), (), "friction", None, None)
 
 
 def test_what_is_left_of_the_motion_says_why_none_of_these():
