@@ -47,7 +47,9 @@ def rows(name: str, folder: Path) -> list[Row]:
         state = prepare(bench, bank, seen, 0, None, None, lambda *_: None)
         true = tuple(sorted(state.judge.effects.index(e) for e in label["effects"]))
         if true in state.found.members:
-            vote, sizes = votes(state.found.members, state.memberships)
+            abstained = np.full(len(state.judge.effects), 0.5)
+            said = abstained if state.memberships is None else state.memberships
+            vote, sizes = votes(state.found.members, said)
             weighed = together(state, lambda *_: None)
             # What the temperature would be of one independent number.
             cold = weighed.temperature * state.judge.weights.independent

@@ -15,7 +15,7 @@ from s2r_spec.diagnose.evidence import Evidence, Linear, Set, believed, evidence
 from s2r_spec.diagnose.layout import Layout
 from s2r_spec.diagnose.logs import logsumexp
 from s2r_spec.diagnose.models import Surrogate
-from s2r_spec.diagnose.practice import Case, Practice
+from s2r_spec.diagnose.practice import KINDS, Case, Practice
 from s2r_spec.diagnose.signatures import Signatures
 from s2r_spec.space import Space
 
@@ -49,7 +49,8 @@ class Weights:
     (``benchmarks/blind/weigh.py``), and are the same for every backend. That code also makes the sealed sets of the
     axis, with other seeds; an arm and a quadrotor, on which none of them was chosen, have sets of their own.
 
-    A set A of effects scores log evidence / temperature + trust · log P_network(A) − penalty[|A|]. Where the
+    A set A of effects scores log evidence / temperature + trust · log P_network(A) − penalty[|A|], the penalty being
+    that of a catalogue of ``catalogue`` effects; see :meth:`penalties`. Where the
     equations of motion are asked by themselves (:mod:`s2r_spec.diagnose.told`) it is told · their log evidence more,
     and the networks are trusted by ``beside`` alone. Of traces that look like nothing they practised on they know
     little: either trust is times P(the cause is in the catalogue), by the traces. The features hang together: n of
@@ -63,16 +64,29 @@ class Weights:
     penalty: tuple[float, float, float, float]
     told: float
     beside: float
+    catalogue: int
 
-    def penalties(self, size: NDArray[np.int64]) -> FloatArray:
-        """Return what sets of so many effects lose; beyond the last of ``penalty`` each costs as much as that did."""
+    def penalties(self, size: NDArray[np.int64], effects: int, trust: float | None) -> FloatArray:
+        """Return what sets of so many effects lose.
+
+        Beyond the last of ``penalty`` each effect costs as much as that did. In a larger catalogue there are more sets
+        of a size, and each is so much less likely. Networks know on how many effects they practised, and say so as far
+        as they are trusted; where they abstain, it is said of no effect at all, too.
+
+        Args:
+            size: of each set.
+            effects: in the catalogue.
+            trust: in the networks; None where they abstain.
+        """
         known = np.array(self.penalty)
         beyond = np.maximum(size - (len(known) - 1), 0)
         found: FloatArray = known[np.minimum(size, len(known) - 1)] + beyond * (known[-1] - known[-2])
-        return found
+        more = _sets_of(size, effects) - _sets_of(size, self.catalogue)
+        nothing = 0.0 if trust is not None else -float(np.log(effects * KINDS[0] / KINDS[1]))
+        return np.where(size > 0, found + (1.0 - (trust or 0.0)) * more, nothing)
 
 
-WEIGHTS = Weights(50.0, 0.57, (0.0, 0.0, 2.9, 4.3), 0.6, 0.4)
+WEIGHTS = Weights(50.0, 0.57, (0.0, 0.0, 2.9, 4.3), 0.6, 0.4, 12)
 USUAL = 0.1
 """Misfit of the joint fit, in units of what is believed, for which ``independent`` is meant."""
 COLDEST = 1.0
@@ -119,7 +133,7 @@ class Judge:
     def sets(
         self,
         found: Evidence,
-        p: FloatArray,
+        p: FloatArray | None,
         temperature: float,
         unknown: float,
         told: FloatArray | None = None,
@@ -128,20 +142,22 @@ class Judge:
 
         Args:
             found: evidence.
-            p: (K,) votes of the networks.
+            p: (K,) votes of the networks; None if they abstain.
             temperature: by which log evidence is divided.
             unknown: probability that the cause is not in the catalogue, by the traces; see :class:`Weights`.
             told: (sets,) log evidence by the equations, if they are asked.
         """
         w = self.weights
         trust = (w.trust if told is None else w.beside) * (1.0 - unknown)
-        score = _score(found.members, found.logs, p, w, temperature, trust)
+        score = _score(found.members, found.logs, p, w, temperature, trust, len(self.effects))
         if told is not None:
             score = score + w.told * told
         return Sets(found.members, np.exp(score - logsumexp(score)))
 
-    def unknown(self, found: Evidence, p: FloatArray) -> float:
-        """Return the probability that the cause is not in the catalogue, by the traces alone."""
+    def unknown(self, found: Evidence, p: FloatArray | None) -> float:
+        """Return the probability that the cause is not in the catalogue, by the traces alone; ``p`` as above."""
+        if p is None:
+            p = np.full(len(self.effects), 0.5)
         return float(self.stranger.predict_proba(_strangeness(found, p)[None])[0, 1])
 
 
@@ -204,17 +220,29 @@ def temperature(count: float, misfit: float, weights: Weights) -> float:
     return max(count / weights.independent * float(np.sqrt(min(misfit / USUAL, 1.0))), COLDEST)
 
 
+def _sets_of(size: NDArray[np.int64], effects: int) -> FloatArray:
+    """Return the logarithm of how many sets there are of a size, for every single effect."""
+    from scipy.special import gammaln
+
+    return np.asarray(
+        gammaln(effects + 1.0) - gammaln(size + 1.0) - gammaln(effects - size + 1.0) - np.log(effects)
+    )
+
+
 def _score(
     members: tuple[tuple[int, ...], ...],
     logs: FloatArray,
-    p: FloatArray,
+    p: FloatArray | None,
     w: Weights,
     temperature: float,
     trust: float,
+    effects: int,
 ) -> FloatArray:
+    score: FloatArray = (logs - logs.max()) / temperature
+    if p is None:
+        return score - w.penalties(np.array([len(a) for a in members]), effects, None)
     vote, size = votes(members, p)
-    found: FloatArray = (logs - logs.max()) / temperature + trust * vote - w.penalties(size)
-    return found
+    return score + trust * vote - w.penalties(size, effects, trust)
 
 
 def votes(members: tuple[tuple[int, ...], ...], p: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:
@@ -378,6 +406,7 @@ def _practice(
             weights,
             temperature(s.data.size, s.misfit, weights),
             weights.trust,
+            len(s.p),
         )
         first = int(np.argmax(score))
         right = s.found.members[first] == s.case.effects

@@ -107,7 +107,8 @@ class State:
     judge: Judge
     data: Linear
     found: Evidence
-    memberships: FloatArray
+    memberships: FloatArray | None
+    """Votes of the networks; None where they abstain."""
     sets: Sets
     unknown: float
     simulator: Simulator
@@ -334,10 +335,8 @@ def prepare(
     signatures, simulator = compared.signatures, compared.simulator
     smooth, view = compared.smooth, compared.view
     judge = judge_of(bench, signatures, compared.available, compared.asked_error, seed, cache, tell)
-    p = judge.memberships(describe(smooth.data)[None])[0]
-    if view is not smooth:
-        # The networks learnt from data with a trend, and saw only what of these has one: they abstain.
-        p = np.full_like(p, 0.5)
+    # The networks learnt from data with a trend: where what has none matters, too, they abstain.
+    p = judge.memberships(describe(smooth.data)[None])[0] if view is smooth else None
     tell("fitting the whole catalogue", 0, 1)
     begin = _beginning(smooth, not simulator.dear)
     first = view.surrogate.jacobian(begin)
@@ -439,7 +438,7 @@ def _state(
     smooth: View,
     view: View,
     judge: Judge,
-    p: FloatArray,
+    p: FloatArray | None,
     simulator: Simulator,
     model: Model,
     begin: FloatArray,

@@ -1,6 +1,7 @@
 """Which sets of effects the simulator itself is asked about."""
 
 from itertools import combinations
+from math import comb
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 
 from s2r_spec.diagnose import together as module
 from s2r_spec.diagnose.judge import WEIGHTS, Sets
+from s2r_spec.diagnose.practice import KINDS
 from s2r_spec.diagnose.together import Together, together
 
 BEFORE = {
@@ -113,5 +115,29 @@ def test_more_effects_than_were_counted_cost_as_much_as_the_last():
     known = WEIGHTS.penalty
     step = known[3] - known[2]
     np.testing.assert_allclose(
-        WEIGHTS.penalties(np.arange(6)), [*known, known[3] + step, known[3] + 2.0 * step]
+        WEIGHTS.penalties(np.arange(6), WEIGHTS.catalogue, 0.5),
+        [*known, known[3] + step, known[3] + 2.0 * step],
     )
+
+
+@pytest.mark.parametrize("effects", [2, 4, 12, 30])
+def test_the_sets_of_a_size_are_as_likely_together_in_a_small_catalogue_as_in_a_large_one(effects):
+    size = np.arange(1, min(effects, 4) + 1)
+
+    def together_of(catalogue, trust):
+        count = np.array([comb(catalogue, n) / catalogue for n in size])
+        return np.log(count) - WEIGHTS.penalties(size, catalogue, trust)
+
+    usual = together_of(WEIGHTS.catalogue, None)
+    np.testing.assert_allclose(together_of(effects, None), usual, atol=1e-12)
+    # Networks bring their part of it.
+    lost, less = (WEIGHTS.penalties(size, effects, trust) for trust in (None, 0.4))
+    known = WEIGHTS.penalties(size, WEIGHTS.catalogue, None)
+    np.testing.assert_allclose(less - known, 0.6 * (lost - known), atol=1e-12)
+
+
+def test_where_networks_abstain_no_effect_is_as_likely_as_in_practice():
+    for effects in (3, 12):
+        none, single = -WEIGHTS.penalties(np.arange(2), effects, None)
+        assert np.exp(none) / (effects * np.exp(single)) == pytest.approx(KINDS[0] / KINDS[1])
+    assert WEIGHTS.penalties(np.arange(2), 12, 0.4).tolist() == [0.0, 0.0]

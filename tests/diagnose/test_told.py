@@ -124,11 +124,15 @@ def test_where_the_equations_speak_or_the_traces_are_strange_the_networks_are_tr
     judge = Judge(("a", "b"), (), WEIGHTS, None, 0.5, {})
     odds = np.log(p / (1.0 - p))
     vote = np.array([0.0, odds[0], odds[1], odds.sum()])
-    least = np.array(WEIGHTS.penalty)[[0, 1, 1, 2]]
-    for heard, score in (
-        (None, logs / 2.0 + WEIGHTS.trust * (1.0 - unknown) * vote - least),
-        (told, logs / 2.0 + WEIGHTS.beside * (1.0 - unknown) * vote - least + WEIGHTS.told * told),
+    size = np.array([0, 1, 1, 2])
+    for heard, said, trust in (
+        (None, p, WEIGHTS.trust * (1.0 - unknown)),
+        (told, p, WEIGHTS.beside * (1.0 - unknown)),
+        (None, None, None),
+        (told, None, None),
     ):
-        found = judge.sets(evidence, p, 2.0, unknown, heard)
+        score = logs / 2.0 - WEIGHTS.penalties(size, 2, trust) + (trust or 0.0) * vote
+        score = score + (WEIGHTS.told * told if heard is not None else 0.0)
+        found = judge.sets(evidence, said, 2.0, unknown, heard)
         np.testing.assert_allclose(found.probability, np.exp(score - logsumexp(score)))
     assert WEIGHTS.beside < WEIGHTS.trust
