@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import math
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
@@ -147,10 +148,17 @@ def _decided(bench: Bench, test: Mapping[str, float], recording: Recording) -> T
         bench.rho(recording.trace, test)
     except TraceError as error:
         why = str(error).partition(";")[0]
-        raise UsageError(
-            f"{recording.source}: {why}; leave it out of rollouts.csv, or, if the machine fell, say so in the "
-            f"trace's metadata (failure)"
-        ) from None
+        horizon = bench.spec.horizon(bench.requirement)
+        if "is NaN" in why:
+            what = f"{why}; fill in the recording what is missing, or leave the rollout out of rollouts.csv"
+        elif recording.trace.duration < horizon < math.inf:
+            what = (
+                f"{why}; leave it out of rollouts.csv, or, if the machine fell, say so in the trace's metadata "
+                f"(failure)"
+            )
+        else:
+            what = str(error)
+        raise UsageError(f"{recording.source}: {what}") from None
     return recording.trace
 
 

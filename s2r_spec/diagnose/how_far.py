@@ -115,6 +115,11 @@ class HowFar:
         return not self.material and self.seen is not None and self.seen.mean > self._at_most
 
     @property
+    def shows(self) -> bool:
+        """Whether the gap is material anywhere that was looked."""
+        return self.material or self.elsewhere
+
+    @property
     def _at_most(self) -> float:
         """What the mean gap is of a machine with scatter and a little of everything alone."""
         surely = self.floor * (1.0 + SURELY / float(np.sqrt(max(len(self.tests), 1))))

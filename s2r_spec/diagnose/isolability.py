@@ -26,6 +26,10 @@ mass and motor gain of the machines of the blind check lie below, and are exchan
 second."""
 
 
+SEEN = 0.1
+"""Standard deviations from nominal, from which on an effect has a law that another may be of one kind with."""
+
+
 @dataclass(frozen=True)
 class Least:
     """The values of a parameter from which on its effect differs from all that any other effect can imitate.
@@ -75,7 +79,9 @@ class Isolability:
         near = np.minimum(self.differs, self.differs.T)
         found: FloatArray = np.clip((ALIKE[1] - near) / (ALIKE[1] - ALIKE[0]), 0.0, 1.0)
         found[np.diag_indices(len(found))] = 0.0
-        return found
+        # Of what cannot be seen at its typical size no law is known.
+        seen = self.visible > SEEN
+        return found * np.outer(seen, seen)
 
     @property
     def alike(self) -> NDArray[np.bool_]:

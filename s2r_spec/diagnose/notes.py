@@ -3,45 +3,86 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from s2r_spec.backend import Backend
+from s2r_spec.backend import HasResiduals
+from s2r_spec.diagnose.simulate import Bench, blamed
+from s2r_spec.errors import TraceError
 from s2r_spec.trace import Trace
 
 Rollout = tuple[dict[str, float], Trace]
 
 CUT = "cut at"
 """In the metadata of a recording of which only the begin is used: until when [s]."""
+UNITS = {
+    "1000 times": 1e3,
+    "a thousandth of": 1e-3,
+    "100 times": 1e2,
+    "a hundredth of": 1e-2,
+    "57 times": 180.0 / np.pi,
+    "a 57th of": np.pi / 180.0,
+}
+"""Factors by which a channel is off whose unit was forgotten: milli and kilo, centi, degrees."""
+NEAR = 1.2
+"""A factor is one of these if it is this many times as much at most."""
+COMPARED = 5
+"""Rollouts that are compared with the simulator for it, at most."""
 SHOWN = 6
 """Channels that are named in a note; of more the number is told."""
 
 
-def notes(
-    simulator: Backend, rollouts: Sequence[Rollout], recorded: int, held: int, least: tuple[int, int]
-) -> tuple[str, ...]:
+@dataclass(frozen=True)
+class Used:
+    """Which of the real rollouts a diagnosis is of.
+
+    Attributes:
+        rollouts: that there are.
+        count: how many of them it is of; of the others all failed.
+        begun: whether a cause is named without some of these, that failed too.
+        held: how many of them were held out.
+        recorded: how many more there were that nobody asked for, and these; 0 of a machine that is asked.
+    """
+
+    rollouts: Sequence[Rollout]
+    count: int
+    begun: bool
+    held: int
+    recorded: int
+
+
+def notes(bench: Bench, used: Used, least: tuple[int, int], idle: Sequence[str] = ()) -> tuple[str, ...]:
     """Return, a sentence each, what these rollouts lack for a diagnosis.
 
     Args:
-        simulator: whose channels they should have.
-        rollouts: that were used.
-        recorded: how many there were.
-        held: how many of them were held out.
+        bench: the simulator whose channels they should have.
+        used: the rollouts.
         least: from how many different tests, and rollouts, on some are held out.
+        idle: effects of the catalogue that change nothing at any test.
     """
     found = []
-    count = len(rollouts)
-    if recorded > count:
-        found.append(f"only the first {count} of {recorded} recorded rollouts were used, as the budget says")
+    rollouts, count = used.rollouts, len(used.rollouts)
+    if idle:
+        found.append(
+            f"at the tests of this spec the simulator does the same with and without {', '.join(idle)}: no data can "
+            f"say whether that is there, and it is left out of the catalogue"
+        )
+    if used.recorded > count:
+        found.append(
+            f"only the first {count} of {used.recorded} recorded rollouts were used, as the budget says"
+        )
     fell = [trace.failure for _, trace in rollouts if trace.failure is not None]
     if fell:
         kinds = ", ".join(sorted({str(failure) for failure in fell}))
-        used = (
-            "the cause is named from what came before"
-            if len(fell) == count
-            else "the cause is named from the others"
-        )
-        found.append(f"{len(fell)} of {count} real rollouts ended early ({kinds}): {used}")
+        early = f"{len(fell)} of {count} real rollouts ended early ({kinds})"
+        if used.count < count:
+            found.append(f"{early} and {'is' if len(fell) == 1 else 'are'} left out: why is not asked")
+        elif used.begun:
+            found.append(f"{early}: the cause is named from the others, the gap in ρ is that of all")
+        else:
+            found.append(f"{early}: the cause is named from what came before, too, which says little")
     longer = [trace.meta[CUT] for _, trace in rollouts if CUT in trace.meta]
     if longer:
         found.append(
@@ -50,7 +91,7 @@ def notes(
         )
     lacking = [
         channel.name
-        for channel in simulator.channels
+        for channel in bench.backend.channels
         if all(
             channel.name not in trace.channels or not np.isfinite(trace[channel.name]).any()
             for _, trace in rollouts
@@ -61,12 +102,64 @@ def notes(
         found.append(
             f"the real rollouts have no {', '.join(lacking[:SHOWN])}{more}: what shows there alone cannot be told"
         )
+    found += _without_residuals(bench, rollouts)
+    found += _odd_units(bench, rollouts)
     tests = {tuple(sorted(test.items())) for test, _ in rollouts}
     if len(tests) == 1 and rollouts[0][0]:
         found.append("all real rollouts are of one test: of the others nothing was seen")
-    if not held:
+    if not used.held:
         found.append(
             f"nothing was held out, so how far the gap shrinks was not measured: that takes {least[1]} rollouts of "
             f"{least[0]} different tests, and here are {count} of {len(tests)}"
         )
     return tuple(found)
+
+
+def _without_residuals(bench: Bench, rollouts: Sequence[Rollout]) -> list[str]:
+    """Return why no residual of the simulator's model can be computed, if none can of any rollout."""
+    if not isinstance(bench.backend, HasResiduals):
+        return []
+    why = ""
+    for test, trace in rollouts:
+        try:
+            bench.backend.residuals(trace, bench.matched.to_backend(test))
+            return []
+        except TraceError as error:
+            why = str(error)
+    return [
+        f"the equations of motion could be asked of no real rollout ({why}): causes are told by the channels alone"
+    ]
+
+
+def _odd_units(bench: Bench, rollouts: Sequence[Rollout]) -> list[str]:
+    """Return which channels are larger or smaller than the simulator's as if their unit were another."""
+    ran = [(test, trace) for test, trace in rollouts if trace.failure is None][:COMPARED]
+    factors: dict[str, list[float]] = {}
+    for test, trace in ran:
+        with blamed(bench, {}, test, 0):
+            simulated = bench.run({}, test, 0)
+        for channel in bench.backend.channels:
+            name = channel.name
+            if channel.unit and name in trace.channels and name in simulated.channels:
+                here, there = (_rms(x[name]) for x in (simulated, trace))
+                if here > 0.0 and there > 0.0:
+                    factors.setdefault(name, []).append(there / here)
+    found = []
+    for name, of in factors.items():
+        # One that is next to nothing in either is no matter of units.
+        steady = len(of) == len(ran) and max(of) < NEAR**2 * min(of)
+        middle = float(np.median(of))
+        for words, factor in UNITS.items() if steady else ():
+            if 1.0 / NEAR < middle / factor < NEAR:
+                unit = next(c.unit for c in bench.backend.channels if c.name == name)
+                found.append(
+                    f"{name} of the real rollouts is about {words} the simulator's: is it in {unit}? If not, say its "
+                    f"unit in the recording"
+                )
+    return found
+
+
+def _rms(values: NDArray[np.float64]) -> float:
+    """Return the root mean square of what is a number; 0 of nothing."""
+    known = values[np.isfinite(values)]
+    return float(np.sqrt((known**2).mean())) if known.size else 0.0

@@ -60,6 +60,8 @@ HELD_OUT = 0.3
 """Part of the tests that the diagnosis does not see."""
 ENOUGH = (9, 2 * FEWEST)
 """Different tests from which on that is three of them, and rollouts: of fewer none are held out."""
+ACCIDENTS = 0.1
+"""Part of the rollouts, or one of them, that may have failed by accident, and is left out."""
 SOURCES = (
     "axes", "catalogue", "design", "evidence", "joint", "judge", "layout", "logs", "models", "practice",
     "signatures",
@@ -230,6 +232,31 @@ def bench_of(spec: Spec, requirement: str, sim: Backend | str) -> Bench:
         backend = backend.with_duration(horizon)
     banks.catalogue_of(backend)
     return Bench(backend, spec, requirement, match(spec, requirement, backend))
+
+
+def without_accidents(rollouts: list[tuple[dict[str, float], Trace]]) -> list[tuple[dict[str, float], Trace]]:
+    """Return the rollouts without those that failed, if these are few and enough are left.
+
+    One fall outweighs all else in ρ, and says nothing of where the others differ from the simulator. Where falls are
+    common they are what differs, and count.
+    """
+    ran = _whole(rollouts)
+    failed = len(rollouts) - len(ran)
+    few = failed <= max(1, int(ACCIDENTS * len(rollouts)))
+    return ran if few and len(ran) >= FEWEST else rollouts
+
+
+def comparable(rollouts: list[tuple[dict[str, float], Trace]]) -> list[tuple[dict[str, float], Trace]]:
+    """Return those of which a cause is named: that did not fail, if these are enough, and at least half.
+
+    What was recorded up to a fall has not the means, spreads and ripples of a whole rollout.
+    """
+    ran = _whole(rollouts)
+    return ran if len(ran) >= max(FEWEST, (len(rollouts) + 1) // 2) else rollouts
+
+
+def _whole(rollouts: list[tuple[dict[str, float], Trace]]) -> list[tuple[dict[str, float], Trace]]:
+    return [(test, trace) for test, trace in rollouts if trace.failure is None]
 
 
 def split(

@@ -21,11 +21,21 @@ from s2r_spec.diagnose.design import unit_box, weights
 from s2r_spec.diagnose.diagnosis import Diagnosis, Verdict, Which
 from s2r_spec.diagnose.estimate import by_linear, fit
 from s2r_spec.diagnose.how_far import HowFar, gap, how_far
+from s2r_spec.diagnose.idle import active
 from s2r_spec.diagnose.isolability import isolability
 from s2r_spec.diagnose.kin import shared
 from s2r_spec.diagnose.next_test import next_test
-from s2r_spec.diagnose.notes import notes
-from s2r_spec.diagnose.prepare import ENOUGH, Progress, State, bench_of, prepare, split
+from s2r_spec.diagnose.notes import Used, notes
+from s2r_spec.diagnose.prepare import (
+    ENOUGH,
+    Progress,
+    State,
+    bench_of,
+    comparable,
+    prepare,
+    split,
+    without_accidents,
+)
 from s2r_spec.diagnose.remainder import remainders
 from s2r_spec.diagnose.simulate import Bench, Job, Test, run_jobs
 from s2r_spec.diagnose.size import sized
@@ -93,15 +103,19 @@ def diagnose(
     name = spec.requirements[0] if requirement is None else requirement
     bench = bench_of(spec, name, sim)
     tell = progress or (lambda stage, done, of: None)
-    bank = banks.bank(bench, executor, lambda done, of: tell("simulating effects", done, of), cache)
+    bank, idle = active(
+        banks.bank(bench, executor, lambda done, of: tell("simulating effects", done, of), cache)
+    )
     bench = replace(bench, features=bank.features)
     # The bank comes first: a simulator that cannot be diagnosed costs no rollout of the machine.
     real = load_backend(real) if isinstance(real, str) else real
     rollouts = real_rollouts(bench, real, budget, seed, folder, lambda n, of: tell("real rollouts", n, of))
-    seen, held = split(rollouts, seed)
-    lacking = notes(bench.backend, rollouts, _recorded(real), len(held), ENOUGH)
+    used = without_accidents(rollouts)
+    seen, held = split(used, seed)
+    told = Used(rollouts, len(used), len(comparable(seen)) < len(seen), len(held), _recorded(real))
+    lacking = notes(bench, told, ENOUGH, idle)
     with kept_open(executor) as pool:
-        state = prepare(bench, bank, seen, seed, cache, pool, tell)
+        state = prepare(bench, bank, comparable(seen), seed, cache, pool, tell)
         return replace(_answer(bench, state, seen, held, seed, pool, tell, where), notes=lacking)
 
 
@@ -143,7 +157,9 @@ def _answer(
         named, best = there, sized(state, weighed, there)
     fitted = fit(catalogue, named, best)
     tuned = catalogue.values((sized(state, weighed, ()) if first_none else best).tuned)
-    far = _how_far(bench, state, seen, held, {} if first_none else fitted.values, tuned, seed, executor, tell)
+    far = _how_far(
+        bench, state, comparable(seen), held, {} if first_none else fitted.values, tuned, seed, executor, tell
+    )
     left = remainders(
         bench, seen + held, tuned, seed, executor, lambda done, of: tell("what is left", done, of)
     )
@@ -154,14 +170,14 @@ def _answer(
     if far is not None and far.unclosed:
         # What closes too little to vouch for a name is not named against the odds.
         open_gap = open_gap or unknown > (1.0 - unknown) * ranked[0][1]
-    strange = far is not None and (far.material or far.elsewhere) and any(each.material for each in left)
+    strange = far is not None and far.shows and any(each.material for each in left)
     if far is not None and (far.closed or not far.material):
         # Odd traces alone are no unknown cause of a gap that is explained, or that is not there:
         # every machine differs from its simulator in ways that nobody asked about.
         alarm, unknown = False, unknown * IMITATED
         # A gap that a little of everything would make needs no name, unless the traces are clear.
         # Nor is what makes a gap where there is none its cause, however the traces look.
-        named_anyway = far.material or far.elsewhere or clear(state.sets, *ranked[0])
+        named_anyway = far.shows or clear(state.sets, *ranked[0])
         first_none = first_none or not named_anyway or far.harmful
     if open_gap or strange:
         # The patch does not close the gap that it should explain, or something is left that no effect leaves: at
@@ -179,14 +195,14 @@ def _answer(
     if alarm or open_gap or strange:
         verdict = Verdict.UNKNOWN
     elif first_none:
-        somewhere = far is not None and (far.material or far.elsewhere)
+        somewhere = far is not None and far.shows
         verdict = Verdict.SPREAD if somewhere else Verdict.NONE
     elif len(alike) > len(named):
         verdict = Verdict.CONFOUNDED
     nothing = verdict in (Verdict.NONE, Verdict.SPREAD)
     answer = () if nothing or verdict is Verdict.UNKNOWN else names[named]
     upcoming = None
-    if verdict is not Verdict.NONE and told.probability.max() * known < SURE:
+    if verdict not in (Verdict.NONE, Verdict.UNKNOWN) and told.probability.max() * known < SURE:
         upcoming = _next(bench, state, told.ranked(), [test for test, _ in (*seen, *held)], tell)
     families = {e.name: e.family for e in banks.catalogue_of(bench.backend)}
     which = Which(
@@ -267,7 +283,10 @@ def _how_far(
     own = float(np.sqrt(np.maximum(variances[0], variances[-1])).mean())
     diagnosed = [test for test, _ in seen]
     others = np.array([bench.rho(trace, test) for test, trace in seen])
-    noise = _scatter(diagnosed + tests, np.concatenate([others, real]), own)
+    # A fall scatters by as much as it counts for: with it in the floor, no fall would be a gap.
+    stood = np.array([trace.failure is None for _, trace in (*seen, *held)])
+    ran = [test for test, whole in zip(diagnosed + tests, stood, strict=True) if whole]
+    noise = _scatter(ran, np.concatenate([others, real])[stood], own)
     return how_far(
         real,
         means[0],
@@ -368,7 +387,7 @@ def _next(
             )
             rivals.append((" + ".join(state.judge.effects[k] for k in members), best.values))
     tell("next test", 0, 1)
-    return next_test(bench, state.signatures, rivals, run, protocols=True)
+    return next_test(bench, state.signatures, rivals, run, protocols=True, temperature=state.temperature)
 
 
 def _where(

@@ -40,9 +40,9 @@ def reason(
     doubt = f", though {' or '.join(which.spare)} may not be there" if which.spare else ""
     share = far.share[0] if far and far.share else None
     closes = (
-        f"; added to the simulator it closes {100 * share:.0f} % of the held-out gap above scatter"
-        if share is not None
-        else ""
+        ""
+        if share is None
+        else f"; added to the simulator it closes {_part(share)} the held-out gap above scatter"
     )
     if verdict in (Verdict.NONE, Verdict.SPREAD):
         seen = "" if which.ranked[0][0] == ("none",) else f"; the traces do differ, most as with {words}"
@@ -59,10 +59,17 @@ def reason(
         strange = [f"{each} is left of the motion" for each in left[:1] if each.material]
         nearest = f"the nearest is {words} ({which.nearest_family}){closes}"
         return "; ".join(["no effect of the catalogue explains the data", *strange, nearest])
+    if far is not None and not far.shows:
+        closes = "; the gap in ρ is no more than a few percent of every effect of the catalogue would make it"
     if verdict is Verdict.CONFOUNDED:
         others = ", ".join(name for name in which.confounded if name not in named)
         return f"{words} {fits} best{doubt}, but these data do not rule out {others} in its place or beside it{closes}"
     return f"{words} {explains} the data best{doubt}{closes}"
+
+
+def _part(share: float) -> str:
+    """Return how much of a gap a patch closes, in words."""
+    return "none of" if share <= 0.0 else "all of" if share > 1.0 else f"{100 * share:.0f} % of"
 
 
 def clear(sets: Sets, members: tuple[int, ...], probability: float) -> bool:

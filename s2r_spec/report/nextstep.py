@@ -23,6 +23,11 @@ def next_step(found: Diagnosis, spec: Spec) -> str:
                 "--sim patched:FILE), and bound the gap that is left with s2r gap on fresh rollouts"
             )
             return f"{use}; to see whether one cause stands out, {test}." if test else f"{use}."
+        case Verdict.NAMED if found.how_far is not None and not found.how_far.shows:
+            return (
+                "For this requirement the simulator may stay as it is; add what is named (s2r diagnose … --apply FILE, "
+                "then --sim patched:FILE) where the motion itself matters."
+            )
         case Verdict.NAMED:
             use = (
                 "Add what is named to the simulator (s2r diagnose … --apply FILE, then --sim patched:FILE), and bound "
@@ -37,11 +42,10 @@ def next_step(found: Diagnosis, spec: Spec) -> str:
                 f"was found that tells them apart."
             )
         case Verdict.UNKNOWN:
-            look = (
+            return (
                 f"Look for a cause that the catalogue lacks{_place(found)}, and write it as an effect "
-                f"(docs/how-to/effects.md)"
+                f"(docs/how-to/effects.md)."
             )
-            return f"{look}; or first {test}." if test else f"{look}."
 
 
 def test_in_words(test: NextTest, spec: Spec) -> str:
@@ -55,7 +59,9 @@ def test_in_words(test: NextTest, spec: Spec) -> str:
 
 
 def _place(found: Diagnosis) -> str:
-    """Return where to look: the part that shifts most, or when."""
+    """Return where to look: what no effect leaves of the motion, or the part that shifts most, or when."""
+    if found.left and found.left[0].material:
+        return f" and that leaves {found.left[0]}"
     where = found.where
     if where is None:
         return ""

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from s2r_cart import SPEC, VOLTAGE, Cart, real
+from s2r_cart import EFFECTS, SPEC, VOLTAGE, Cart, real
 
 import s2r_spec as s2r
 from s2r_spec.backend import Effect, EffectParameter
@@ -17,6 +17,7 @@ from s2r_spec.diagnose.diagnosis import Verdict
 from s2r_spec.diagnose.models import Simulator
 from s2r_spec.diagnose.remainder import Remainder
 from s2r_spec.errors import UsageError
+from s2r_spec.trace import Trace
 
 pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
 
@@ -83,6 +84,63 @@ def test_effects_of_one_kind_are_answered_as_a_set_however_clear_the_data_are(fi
     assert first + second > 0.8
     assert max(first, second) < 2.0 * min(first, second)
     assert found.how_far.after.mean < found.how_far.before.mean
+
+
+def failed(rollouts, chosen):
+    """Return the rollouts, some of them cut short by a fall."""
+
+    def cut(trace, k):
+        last = len(trace) * (3 + k % 5) // 10
+        channels = {name: values[:last] for name, values in trace.channels.items()}
+        return Trace(trace.times[:last], channels, trace.units, dict(trace.meta) | {"failure": "fall"})
+
+    return [(test, cut(t, k) if k in chosen else t) for k, (test, t) in enumerate(rollouts)]
+
+
+@pytest.mark.parametrize("case", [2, 3])
+def test_a_fall_or_three_of_thirty_change_nothing_that_is_said_of_the_others(cache, case):
+    spec, runs = s2r.parse_spec(SPEC), rollouts({"coulomb": 1.2}, 11)
+    fallen = {2: [4], 3: [0, 9, 17]}[case]
+    found = s2r.diagnose(spec, Cart(), failed(runs, fallen), cache=cache)
+    without = [run for k, run in enumerate(runs) if k not in fallen]
+    alone = s2r.diagnose(spec, Cart(), without, cache=cache)
+    assert f"{len(fallen)} of 30 real rollouts ended early (fall)" in found.notes[0]
+    assert found.verdict is Verdict.NAMED
+    assert found.to_json() | {"notes": []} == alone.to_json() | {"notes": []}
+
+
+def test_where_many_fall_the_cause_is_that_of_the_others_and_the_gap_that_of_all(cache):
+    spec, runs = s2r.parse_spec(SPEC), rollouts({"coulomb": 1.2}, 11)
+    found = s2r.diagnose(spec, Cart(), failed(runs, range(0, 30, 3)), cache=cache, where=False)
+    assert found.notes[0].endswith("the cause is named from the others, the gap in ρ is that of all")
+    assert found.which.membership["coulomb"] > 0.9 * (1.0 - found.which.unknown)
+    # A fall counts as −1, and no effect of the catalogue makes one.
+    assert found.how_far.before.mean > 0.1
+    assert found.how_far.floor < 0.05
+    assert found.verdict is Verdict.UNKNOWN
+
+
+class Painted(Cart):
+    """A cart one of whose effects does nothing."""
+
+    def effects(self):
+        (colour,) = EFFECTS[0].parameters
+        return (
+            *super().effects(),
+            replace(EFFECTS[0], name="paint", parameters=(replace(colour, name="shade"),)),
+        )
+
+    def with_effects(self, values):
+        return super().with_effects({name: of for name, of in values.items() if name != "paint"})
+
+
+def test_an_effect_that_does_nothing_is_told_and_no_rival(cache):
+    spec, runs = s2r.parse_spec(SPEC), rollouts({"coulomb": 1.2}, 11)
+    found = s2r.diagnose(spec, Painted(), runs, cache=cache, where=False)
+    assert "with and without paint:" in found.notes[0]
+    assert found.verdict is Verdict.NAMED
+    assert found.which.answer == ("coulomb",)
+    assert "paint" not in found.which.singles
 
 
 def test_two_effects_are_named_together(find):

@@ -11,14 +11,15 @@ from s2r_spec.diagnose import bank as banks
 from s2r_spec.diagnose.ask import as_simulated, cut, real_rollouts
 from s2r_spec.diagnose.axes import line
 from s2r_spec.diagnose.next_test import next_test
-from s2r_spec.diagnose.notes import notes
+from s2r_spec.diagnose.notes import Used, notes
 from s2r_spec.diagnose.prepare import ENOUGH, bench_of, split
 from s2r_spec.diagnose.signatures import Signatures
-from s2r_spec.errors import BackendError, UsageError
+from s2r_spec.errors import BackendError, TraceError, UsageError
 from s2r_spec.trace import Trace
 
 pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
 TEST = {"vd": 0.8, "acc": 3.0}
+BENCH = bench_of(s2r.parse_spec(SPEC), "tracking", Cart())
 
 
 def recorded(**changes):
@@ -62,7 +63,7 @@ def test_of_a_longer_recording_what_the_simulator_has_is_used():
 def test_that_recordings_are_longer_is_told():
     tests = many(8, 8)
     longer = [(test, cut(trace, Cart().duration / 2)) for test, trace in tests]
-    told = notes(Cart(), longer, 8, 3, ENOUGH)
+    told = notes(BENCH, Used(longer, 8, False, 3, 8), ENOUGH)
     assert told == (
         f"8 of 8 real rollouts go on after the simulator's end: only their first {Cart().duration / 2:g} s are used",
     )
@@ -109,7 +110,7 @@ def test_nothing_is_said_of_rollouts_that_lack_nothing():
     runs = many(30, ENOUGH[0])
     _, held = split(runs, 0)
     assert held
-    assert notes(Cart(), runs, len(runs), len(held), ENOUGH) == ()
+    assert notes(BENCH, Used(runs, len(runs), False, len(held), len(runs)), ENOUGH) == ()
 
 
 def test_as_few_tests_as_are_told_are_enough_to_hold_some_out():
@@ -126,15 +127,54 @@ def test_falls_missing_channels_few_tests_and_a_cut_budget_are_told():
         return Trace(trace.times, rest, {n: trace.units[n] for n in rest})
 
     some = [(test, fallen(trace) if i < 4 else trace) for i, (test, trace) in enumerate(many(10, 5, bare))]
-    told = notes(Cart(), some, 25, 0, ENOUGH)
+    told = notes(BENCH, Used(some, 10, True, 0, 25), ENOUGH)
     assert told[0] == "only the first 10 of 25 recorded rollouts were used, as the budget says"
     assert told[1].startswith("4 of 10 real rollouts ended early (fall): the cause is named from the others")
     assert told[2].startswith("the real rollouts have no v_meas, u:")
     assert told[3].endswith("that takes 12 rollouts of 9 different tests, and here are 10 of 5")
-    every = notes(Cart(), [(test, fallen(trace)) for test, trace in some], 10, 3, ENOUGH)
-    assert every[0].endswith("the cause is named from what came before")
-    [one] = notes(Cart(), many(12, 1), 12, 4, ENOUGH)
+    every = [(test, fallen(trace)) for test, trace in some]
+    assert notes(BENCH, Used(every, 10, False, 3, 10), ENOUGH)[0].endswith(
+        "the cause is named from what came before, too, which says little"
+    )
+    assert notes(BENCH, Used(some[3:], 6, False, 3, 7), ENOUGH)[0] == (
+        "1 of 7 real rollouts ended early (fall) and is left out: why is not asked"
+    )
+    [one] = notes(BENCH, Used(many(12, 1), 12, False, 4, 12), ENOUGH)
     assert one.startswith("all real rollouts are of one test")
+
+
+@pytest.mark.parametrize(("times", "words"), [(1e3, "about 1000 times"), (np.pi / 180.0, "about a 57th of")])
+def test_a_channel_in_a_unit_that_was_not_said_is_told(times, words):
+    def spoilt(trace):
+        units = {name: unit for name, unit in trace.units.items() if name != "v_meas"}
+        return Trace(
+            trace.times, dict(trace.channels) | {"v_meas": times * trace["v_meas"]}, units, trace.meta
+        )
+
+    [one] = notes(BENCH, Used(many(12, 9, spoilt), 12, False, 4, 12), ENOUGH)
+    assert one.startswith(f"v_meas of the real rollouts is {words} the simulator's: is it in m/s?")
+
+
+class Blind(Cart):
+    """A cart whose residuals need a channel that no recording has."""
+
+    def residuals(self, trace, params):
+        raise TraceError("the channel 'nothing' is missing")
+
+
+def test_that_the_equations_could_not_be_asked_is_told():
+    bench = bench_of(s2r.parse_spec(SPEC), "tracking", Blind())
+    [one] = notes(bench, Used(many(12, 9), 12, False, 4, 12), ENOUGH)
+    assert one.startswith(
+        "the equations of motion could be asked of no real rollout (the channel 'nothing' is missing)"
+    )
+
+
+def test_what_changes_nothing_is_told():
+    [one] = notes(BENCH, Used(many(12, 9), 12, False, 4, 12), ENOUGH, ("paint", "name"))
+    assert one.startswith(
+        "at the tests of this spec the simulator does the same with and without paint, name:"
+    )
 
 
 def test_a_recording_that_ends_too_early_is_named_by_its_file(tmp_path):
@@ -235,7 +275,13 @@ def test_no_test_is_said_to_tell_apart_what_laws_a_little_off_would_make_the_sam
         return [("payload", {"payload": {"mass": 1.0}}), ("more", {"payload": {"mass": 1.0 + more}})]
 
     assert next_test(bench, signatures, rivals(0.2), [], protocols=False) is None
-    assert next_test(bench, signatures, rivals(1.0), [], protocols=False).separates == ("payload", "more")
+    assert next_test(bench, signatures, rivals(1.0), [], protocols=False) is None  # it is only fitted larger
+    both = [*rivals(0.0)[:1], ("coulomb", {"coulomb": {"force": 1.0}})]
+    plain = next_test(bench, signatures, both, [], protocols=False)
+    assert plain.separates == ("payload", "coulomb")
+    # What the diagnosis would not believe is not promised.
+    warm = next_test(bench, signatures, both, [], protocols=False, temperature=4.0)
+    assert warm is None or warm.sigma == pytest.approx(plain.sigma / 2.0)
 
 
 class Uneven(Cart):
