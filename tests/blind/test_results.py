@@ -666,7 +666,7 @@ def missed_in(name, kind):
 def test_what_is_said_of_the_fifteenth_set_of_the_axis():
     page = " ".join(PAGE.read_text().split())
     top, second, large, sure, inside, pair, one, unknown, called, null = rates(
-        "emps",
+        "emps15",
         "top-1, single effects",
         "top-2, single effects",
         LARGE + "first answer right, single",
@@ -678,7 +678,7 @@ def test_what_is_said_of_the_fifteenth_set_of_the_axis():
         "known effects called unknown",
         "null called anything else",
     )
-    missed, lost = (missed_in("emps", kind) for kind in ("single", "pair"))
+    missed, lost = (missed_in("emps15", kind) for kind in ("single", "pair"))
     others = [c for c in missed if set(c["label"]["effects"]) != {"delay"}]
     late = len(missed) - len(others)
     assert [(list(c["label"]["effects"]), c["verdict"]) for c in others] == [
@@ -691,7 +691,7 @@ def test_what_is_said_of_the_fifteenth_set_of_the_axis():
     )
     assert one["hits"] == one["of"]
     assert fewer + more == len(lost)
-    assert max(len(likeliest(c)[0]) for c in cases_of("emps")) <= 3
+    assert max(len(likeliest(c)[0]) for c in cases_of("emps15")) <= 3
     for words in (
         f"Of 40 single effects of the axis {top['hits']} are the likeliest set and "
         f"{second['hits']} one of the two likeliest answers, "
@@ -713,7 +713,7 @@ def test_what_is_said_of_the_fifteenth_set_of_the_axis():
 def test_what_is_said_of_the_third_set_of_the_arm():
     page = " ".join(PAGE.read_text().split())
     top, pair, sure, inside, unknown, called, null, single, pairs = rates(
-        "arm",
+        "arm3",
         "top-1, single effects",
         "exact pair first",
         "right where sure",
@@ -724,12 +724,12 @@ def test_what_is_said_of_the_third_set_of_the_arm():
         "shrink, single",
         "shrink, pair",
     )
-    missed, lost = ([c["label"]["effects"] for c in missed_in("arm", kind)] for kind in ("single", "pair"))
+    missed, lost = ([c["label"]["effects"] for c in missed_in("arm3", kind)] for kind in ("single", "pair"))
     assert all(set(effects) == {"torque_limit"} for effects in missed)
     assert inside["hits"] == inside["of"]
     assert unknown["hits"] == unknown["of"]
     assert called["hits"] == null["hits"] == 0
-    assert max(len(likeliest(c)[0]) for c in cases_of("arm")) <= 3
+    assert max(len(likeliest(c)[0]) for c in cases_of("arm3")) <= 3
     for words in (
         f"In the arm's third set {top['hits']} of {top['of']} are the likeliest set (the "
         f"{len(missed)} others are torque "
@@ -844,7 +844,7 @@ def test_what_is_said_of_the_thirteenth_set_of_the_a1():
 def test_what_is_said_of_the_fourteenth_set_of_the_a1():
     page = " ".join(PAGE.read_text().split())
     top, large, pair, one, unknown, called, null, named, two, left, still, inside = rates(
-        "a1",
+        "a1fourteenth",
         *OF_THE_A1,
         "top-1 among named effects, single",
         "top-2, single effects",
@@ -852,7 +852,7 @@ def test_what_is_said_of_the_fourteenth_set_of_the_a1():
         "something left of the motion, known with a material gap",
         "true value in its 90 % interval",
     )
-    cases = cases_of("a1")
+    cases = cases_of("a1fourteenth")
     missed: dict[str, list[tuple[float, bool]]] = {}
     for case in cases:
         if case["label"]["kind"] == "single" and not right(case):
@@ -884,7 +884,7 @@ def test_what_is_said_of_the_fourteenth_set_of_the_a1():
 
 def test_what_is_said_of_how_far_networks_are_trusted():
     page = " ".join(PAGE.read_text().split())
-    kept = list(json.loads((RESULTS / "a1_trust.json").read_text()).values())
+    kept = list(json.loads((RESULTS / "a1fourteenth_trust.json").read_text()).values())
     assert all(len({tuple(c["ways"][way]["likeliest"]) for way in WAYS[:2]}) == 1 for c in kept)
     counts = [sum(len(case["effects"]) == size for case in kept) for size in (1, 2)]
     means = re.findall(r"mean log probability (\S+)", summary({str(n): case for n, case in enumerate(kept)}))
@@ -894,7 +894,7 @@ def test_what_is_said_of_how_far_networks_are_trusted():
         f"with the networks trusted in full, as before, no likeliest set would be another, and the mean log "
         f"probability of the truth, among sets of the catalogue, would be {full} for the {counts[0]} single effects "
         f"in place of {now}, and {pairs_full} for the {counts[1]} pairs in place of {pairs_now}; without networks "
-        f"{none} and {pairs_none} ([result](../../benchmarks/blind/results/a1_trust.json)"
+        f"{none} and {pairs_none} ([result](../../benchmarks/blind/results/a1fourteenth_trust.json)"
     ) in page
 
 
