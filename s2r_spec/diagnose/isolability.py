@@ -26,6 +26,8 @@ mass and motor gain of the machines of the blind check lie below, and are exchan
 second."""
 
 
+SAME = 0.02
+"""Effects of which the nearest imitation leaves less than this part are one and the same to every channel."""
 SEEN = 0.1
 """Standard deviations from nominal, from which on an effect has a law that another may be of one kind with."""
 
@@ -88,6 +90,14 @@ class Isolability:
         """Return (K, K): which effects cannot be told apart, by these data or by any; nothing is like itself."""
         found: NDArray[np.bool_] = (np.minimum(self.sigma, self.sigma.T) < APART) | (self.kin == 1.0)
         return found & ~np.eye(len(found), dtype=np.bool_)
+
+    def same(self, one: Collection[int], other: Collection[int]) -> bool:
+        """Return whether two sets of places are told apart by nothing: one effect is exchanged for another like it."""
+        mine, its = set(one) - set(other), set(other) - set(one)
+        if not len(mine) == len(its) == 1:
+            return False
+        (a,), (b,) = mine, its
+        return bool(min(self.differs[a, b], self.differs[b, a]) < SAME)
 
     def confounded(self, effect: str) -> tuple[str, ...]:
         """Return the effects that cannot be told from this one, itself first."""

@@ -22,7 +22,7 @@ from s2r_spec.diagnose.diagnosis import Diagnosis, Verdict, Which
 from s2r_spec.diagnose.estimate import by_linear, fit
 from s2r_spec.diagnose.how_far import HowFar, gap, how_far
 from s2r_spec.diagnose.idle import active
-from s2r_spec.diagnose.isolability import isolability
+from s2r_spec.diagnose.isolability import Isolability, isolability
 from s2r_spec.diagnose.kin import shared
 from s2r_spec.diagnose.next_test import next_test
 from s2r_spec.diagnose.notes import Used, notes
@@ -203,7 +203,7 @@ def _answer(
     answer = () if nothing or verdict is Verdict.UNKNOWN else names[named]
     upcoming = None
     if verdict not in (Verdict.NONE, Verdict.UNKNOWN) and told.probability.max() * known < SURE:
-        upcoming = _next(bench, state, told.ranked(), [test for test, _ in (*seen, *held)], tell)
+        upcoming = _next(bench, state, isolable, told.ranked(), [test for test, _ in (*seen, *held)], tell)
     families = {e.name: e.family for e in banks.catalogue_of(bench.backend)}
     which = Which(
         none=by_size[0][()],
@@ -375,13 +375,15 @@ def _background(
 def _next(
     bench: Bench,
     state: State,
+    isolable: Isolability,
     ranked: list[tuple[tuple[int, ...], float]],
     run: Sequence[Test],
     tell: Progress,
 ) -> Any:
     rivals: list[tuple[str, Mapping[str, Mapping[str, float]]]] = []
+    first = next((members for members, _ in ranked if members), ())
     for members, _ in ranked:
-        if members and len(rivals) < 2:
+        if members and len(rivals) < 2 and not isolable.same(first, members):
             best = fit(
                 state.view.surrogate.catalogue, members, by_linear(state.data, members, state.temperature)
             )

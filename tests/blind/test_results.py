@@ -894,16 +894,16 @@ def test_what_is_said_of_the_fifteenth_set_of_the_a1():
         assert case["verdict"] in ("no material gap", "no single cause")
     assert set(missed) == {"attitude_bias", "encoder_offset", "soft_ground", "velocity_bias"}
     assert (
-        f"It is {len(cases_of('a1'))} of the 70 cases of the fourteenth's draw that had not been reached, answered by the "
-        f"code of that set. Of {top['of']} single effects {top['hits']} are the likeliest set, of the {large['of']} "
-        f"that move ρ or are isolable at their size {large['hits']}. Missed are a pitch of "
+        f"It is {len(cases_of('a1'))} of the 70 cases of the fourteenth's draw that had not been reached, answered by "
+        f"the code of that set. Of {top['of']} single effects {top['hits']} are the likeliest set, of the "
+        f"{large['of']} that move ρ or are isolable at their size {large['hits']}. Missed are a pitch of "
         f"{missed['attitude_bias']:.1f} degrees, a thigh encoder {1e3 * missed['encoder_offset']:.0f} mrad off, "
         f"{1e3 * missed['soft_ground']:.0f} mm of soft ground and a lateral velocity bias of "
         f"{1e3 * missed['velocity_bias']:.0f} mm/s, in all of which the gap is not material or nothing stands out. Of "
-        f"{pair['of']} pairs {pair['hits']} are the likeliest set, and in {one['hits']} one of the two is the likeliest "
-        f"effect. All {unknown['of']} unknown causes with a material gap are seen, {called['hits']} of {called['of']} "
-        f"known ones are called *none of these*, {null['hits']} of {null['of']} machines with nothing wrong is called "
-        f"anything else, and {inside['hits']} of {inside['of']} true values are in their interval."
+        f"{pair['of']} pairs {pair['hits']} are the likeliest set, and in {one['hits']} one of the two is the likeli"
+        f"est effect. All {unknown['of']} unknown causes with a material gap are seen, {called['hits']} of "
+        f"{called['of']} known ones are called *none of these*, {null['hits']} of {null['of']} machines with nothing "
+        f"wrong is called anything else, and {inside['hits']} of {inside['of']} true values are in their interval."
     ) in page
 
 

@@ -143,6 +143,28 @@ def test_an_effect_that_does_nothing_is_told_and_no_rival(cache):
     assert "paint" not in found.which.singles
 
 
+class Twice(Cart):
+    """A cart whose dry friction stands in the catalogue under two names."""
+
+    def effects(self):
+        (rub,) = [effect for effect in super().effects() if effect.name == "coulomb"]
+        return (*super().effects(), replace(rub, name="rub"))
+
+    def with_effects(self, values):
+        force = sum(values.get(name, {}).get("force", 0.0) for name in ("coulomb", "rub"))
+        rest = {name: of for name, of in values.items() if name not in ("coulomb", "rub")}
+        return super().with_effects(rest | ({"coulomb": {"force": force}} if force else {}))
+
+
+def test_no_test_is_proposed_to_tell_apart_what_is_the_same(cache):
+    spec, runs = s2r.parse_spec(SPEC), rollouts({"coulomb": 1.2}, 11)
+    found = s2r.diagnose(spec, Twice(), runs, cache=cache, where=False)
+    assert set(found.which.answer) <= {"coulomb", "rub"}
+    assert {"coulomb", "rub"} <= set(found.which.confounded)
+    planned = found.which.next_test
+    assert planned is None or not {"coulomb", "rub"} <= set(planned.separates)
+
+
 def test_two_effects_are_named_together(find):
     found = find({"coulomb": 1.2, "speed_scale": 0.85}, case=12)
     assert set(found.which.answer) == {"coulomb", "speed_scale"}, found.which.ranked[:4]
