@@ -18,7 +18,7 @@ from machine import describe
 
 from s2r_spec.backend import load_backend
 from s2r_spec.diagnose.ask import real_rollouts
-from s2r_spec.diagnose.prepare import bench_of, split
+from s2r_spec.diagnose.prepare import bench_of, comparable, split, without_accidents
 from s2r_spec.diagnose.simulate import Bench
 from s2r_spec.spec import load_spec
 from s2r_spec.trace import Trace
@@ -108,10 +108,12 @@ def bench(name: str) -> Bench:
 
 
 def rollouts(of: Bench, case: Path) -> tuple[Rollouts, Rollouts]:
-    """Return what a diagnosis saw of a case, and what it held out."""
+    """Return what a diagnosis names the cause of a case from, and what it held out."""
     made_with = load_spec(case / "spec.stl").hash
     if made_with != of.spec.hash:
         raise SystemExit(
             f"{case} was made with another spec, {made_with}; look at it with the code of that time"
         )
-    return split(real_rollouts(of, load_backend(f"log:{case}"), None, 0, None, lambda *_: None), 0)
+    recorded = real_rollouts(of, load_backend(f"log:{case}"), None, 0, None, lambda *_: None)
+    seen, held = split(without_accidents(recorded), 0)
+    return comparable(seen), held
