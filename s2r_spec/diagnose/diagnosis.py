@@ -132,6 +132,7 @@ def _parameters(estimates: tuple[Estimate, ...]) -> dict[str, Any]:
             "low": e.low,
             "high": e.high,
             "unit": e.unit,
+            "at_end": e.at_end,
         }
     return found
 

@@ -17,6 +17,8 @@ COVER = 1.645
 """Standard deviations to either end of a 90 % interval."""
 SEEN = 0.5
 """A further parameter of an effect is named from so many standard deviations off nominal on."""
+AT_END = 1e-3
+"""A value that is nearer to an end of its range, in parts of the way there from nominal, stands at it."""
 
 
 @dataclass(frozen=True)
@@ -30,6 +32,8 @@ class Estimate:
         low: of the 90 % interval.
         high: of the 90 % interval.
         unit: of the three.
+        at_end: whether the value stands at an end of its range, past which nothing was tried; no value that only says
+            how an effect acts does.
     """
 
     effect: str
@@ -38,6 +42,7 @@ class Estimate:
     low: float
     high: float
     unit: str
+    at_end: bool = False
 
 
 @dataclass(frozen=True)
@@ -105,7 +110,9 @@ def fit(catalogue: Catalogue, chosen: Sequence[int], sized: Sized) -> Fit:
             line.value(float(np.clip(x, catalogue.lower[k], catalogue.upper[k])))
             for x in (min(at[k] - spread[k], least), max(at[k] + spread[k], most))
         )
+        end = catalogue.upper[k] if at[k] > 0 else catalogue.lower[k]
+        at_end = bool(not catalogue.based[k] and end and abs(at[k] / end) > 1.0 - AT_END)
         estimates.append(
-            Estimate(line.effect, line.parameter, line.value(float(at[k])), low, high, line.unit)
+            Estimate(line.effect, line.parameter, line.value(float(at[k])), low, high, line.unit, at_end)
         )
     return Fit(tuple(estimates), catalogue.values(at, chosen))

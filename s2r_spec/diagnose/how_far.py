@@ -146,6 +146,21 @@ class HowFar:
         return self.unclosed and not self._may_close
 
     @property
+    def short(self) -> bool:
+        """Whether what is named surely leaves a part of a material gap, whatever a little of every other closes."""
+        return self.material and self.share is not None and self.share[2] < GONE
+
+    @property
+    def leaves_more(self) -> bool:
+        """Whether the gap after what is named is surely more than scatter and a little of everything."""
+        return self.material and self.after is not None and self.after.low > self._at_most
+
+    @property
+    def better_tuned(self) -> bool:
+        """Whether a little of every other effect beside the named ones surely closes more than these alone."""
+        return self.share is not None and self.tuned_share is not None and self.tuned_share[1] > self.share[2]
+
+    @property
     def unclosed(self) -> bool:
         """Whether most of a material gap is left by what was tried, as far as a few held-out tests say."""
         return self.material and self.tuned_share is not None and self._closes < CLOSED

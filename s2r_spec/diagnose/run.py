@@ -170,6 +170,9 @@ def _answer(
     if far is not None and far.unclosed:
         # What closes too little to vouch for a name is not named against the odds.
         open_gap = open_gap or unknown > (1.0 - unknown) * ranked[0][1]
+    if far is not None and far.short and any(e.at_end for e in fitted.estimates):
+        # As much of it as the catalogue has is not enough.
+        open_gap = True
     strange = far is not None and far.shows and any(each.material for each in left)
     if far is not None and (far.closed or not far.material):
         # Odd traces alone are no unknown cause of a gap that is explained, or that is not there:

@@ -36,6 +36,7 @@ def reason(
 ) -> str:
     """Return the answer in one sentence."""
     words = " and ".join(named)
+    ends = [f"{e.effect}.{e.parameter} stands at the end of its range" for e in which.estimates if e.at_end]
     fits, explains = ("fits", "explains") if len(named) == 1 else ("fit", "explain")
     doubt = f", though {' or '.join(which.spare)} may not be there" if which.spare else ""
     share = far.share[0] if far and far.share else None
@@ -58,9 +59,12 @@ def reason(
     if verdict is Verdict.UNKNOWN:
         strange = [f"{each} is left of the motion" for each in left[:1] if each.material]
         nearest = f"the nearest is {words} ({which.nearest_family}){closes}"
-        return "; ".join(["no effect of the catalogue explains the data", *strange, nearest])
+        return "; ".join(["no effect of the catalogue explains the data", *strange, nearest, *ends])
     if far is not None and not far.shows:
         closes = "; the gap in ρ is no more than a few percent of every effect of the catalogue would make it"
+    elif far is not None and far.leaves_more:
+        closes += ", and leaves more than a few percent of every effect would make"
+    closes = "".join([closes, *(f"; {end}" for end in ends)])
     if verdict is Verdict.CONFOUNDED:
         others = ", ".join(name for name in which.confounded if name not in named)
         return f"{words} {fits} best{doubt}, but these data do not rule out {others} in its place or beside it{closes}"

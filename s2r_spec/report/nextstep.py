@@ -29,9 +29,12 @@ def next_step(found: Diagnosis, spec: Spec) -> str:
                 "then --sim patched:FILE) where the motion itself matters."
             )
         case Verdict.NAMED:
+            what, tuned = ("what is named", "")
+            if found.how_far is not None and found.how_far.better_tuned:
+                what, tuned = ("what is named, with a little of everything else,", " --tuned")
             use = (
-                "Add what is named to the simulator (s2r diagnose … --apply FILE, then --sim patched:FILE), and bound "
-                "the gap that is left with s2r gap on fresh rollouts"
+                f"Add {what} to the simulator (s2r diagnose … --apply FILE{tuned}, then --sim patched:FILE), and "
+                f"bound the gap that is left with s2r gap on fresh rollouts"
             )
             return f"{use}; to be surer of the name, {test}." if test else f"{use}."
         case Verdict.CONFOUNDED:
@@ -42,9 +45,15 @@ def next_step(found: Diagnosis, spec: Spec) -> str:
                 f"was found that tells them apart."
             )
         case Verdict.UNKNOWN:
+            ends = [f"{e.effect}.{e.parameter}" for e in which.estimates if e.at_end]
+            wider = (
+                f"; or widen the range of {' and '.join(ends)}, if the machine could have more of it"
+                if ends
+                else ""
+            )
             return (
                 f"Look for a cause that the catalogue lacks{_place(found)}, and write it as an effect "
-                f"(docs/how-to/effects.md)."
+                f"(docs/how-to/effects.md){wider}."
             )
 
 

@@ -73,6 +73,10 @@ def test_a_value_that_fits_exactly_is_still_one_of_our_law():
     assert (exact.low, exact.high) == pytest.approx((6.0 * (1 - COVER * FORM), 6.0 * (1 + COVER * FORM)))
     [known] = fit(catalogue, (0,), Sized(np.array([0.6]), np.array([0.2]))).estimates
     assert known.low < 6.0 - COVER * 2.0 < exact.low
+    [past] = fit(catalogue, (0,), Sized(np.array([1.3]), np.zeros(1))).estimates
+    [nominal] = fit(catalogue, (0,), Sized(np.array([-0.2]), np.zeros(1))).estimates  # of one side only
+    assert (past.value, nominal.value) == (10.0, 0.0)
+    assert [e.at_end for e in (exact, past, nominal)] == [False, True, False]
 
 
 class Ridge:

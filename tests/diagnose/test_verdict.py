@@ -7,6 +7,7 @@ import pytest
 
 from s2r_spec.diagnose.catalogue import Catalogue
 from s2r_spec.diagnose.diagnosis import Verdict, Which
+from s2r_spec.diagnose.estimate import Estimate
 from s2r_spec.diagnose.how_far import gap, how_far
 from s2r_spec.diagnose.judge import Sets
 from s2r_spec.diagnose.remainder import Remainder
@@ -58,6 +59,19 @@ def test_what_is_left_of_the_motion_says_why_none_of_these():
         "of the motion; the nearest is a (friction)"
     )
     assert "force" not in reason(Verdict.UNKNOWN, WHICH, None, A, (replace(left, surplus=0.9),))
+
+
+def test_a_value_at_the_end_of_its_range_and_what_a_little_of_everything_would_not_leave_are_said():
+    tests = [{"v": k / 9} for k in range(9)]
+    far = how_far(np.ones(9), np.zeros(9), np.full(9, 0.5), np.ones(9), tests, 0.01, 0.1, 3, "m")
+    at_end = replace(WHICH, estimates=(Estimate("a", "mass", 500.0, 300.0, 500.0, "kg", at_end=True),))
+    words = reason(Verdict.NAMED, at_end, far, A)
+    assert words == (
+        "a explains the data best; added to the simulator it closes 50 % of the held-out gap above scatter, and leaves "
+        "more than a few percent of every effect would make; a.mass stands at the end of its range"
+    )
+    assert reason(Verdict.UNKNOWN, at_end, far, A).endswith("; a.mass stands at the end of its range")
+    assert "more than" not in reason(Verdict.NAMED, WHICH, replace(far, after=far.tuned), A)
 
 
 def test_a_gap_that_the_held_out_tests_do_not_show_is_not_said_to_be_none():

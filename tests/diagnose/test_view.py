@@ -120,6 +120,16 @@ def test_a_gap_is_open_only_if_a_little_of_everything_does_not_close_it_either()
     assert far(named=0.7, tuned=0.1).gone is True
 
 
+def test_what_is_named_falls_short_whatever_a_little_of_everything_closes():
+    assert far(named=0.5, tuned=0.1).short
+    assert far(named=0.5, tuned=0.1).leaves_more
+    assert far(named=0.5, tuned=0.1).better_tuned
+    enough = far(named=0.05, tuned=0.05)
+    assert (False, False, False) == (enough.short, enough.leaves_more, enough.better_tuned)
+    no_gap = how_far(np.zeros(9), np.zeros(9), None, None, [{"v": k} for k in range(9)], 0.01, 0.05, 3, "m")
+    assert (False, False, False) == (no_gap.short, no_gap.leaves_more, no_gap.better_tuned)
+
+
 def test_scatter_alone_is_rarely_a_material_gap_and_one_bad_test_is_one():
     rng, tests = np.random.default_rng(0), [{"v": k / 9} for k in range(9)]
     spread = 0.01 * np.sqrt(1.0 + 1.0 / 3.0)

@@ -294,6 +294,20 @@ def test_every_verdict_says_what_to_do_next(verdict, code, start):
     assert record["next"] in diagnosed.text(found, spec)
 
 
+def test_the_next_step_says_where_a_range_is_too_narrow_and_where_the_rest_helps():
+    found, spec = diagnosis(1, Verdict.UNKNOWN)
+    narrow = replace(found.which, estimates=(Estimate("friction", "force", 9.0, 8.0, 9.0, "N", at_end=True),))
+    words = next_step(replace(found, which=narrow), spec)
+    assert words.endswith("; or widen the range of friction.force, if the machine could have more of it.")
+    named, _ = diagnosis(1)
+    assert "--tuned" not in next_step(named, spec)
+    better = replace(named.how_far, share=(0.5, 0.4, 0.6), tuned_share=(0.9, 0.8, 1.0))
+    assert "--apply FILE --tuned, then" in next_step(replace(named, how_far=better), spec)
+    assert json.loads(diagnosed.as_json(replace(found, which=narrow), spec))["which"]["parameters"][
+        "friction"
+    ]["force"]["at_end"]
+
+
 def test_where_to_look_is_the_part_that_shifts_most_and_not_the_clearest():
     small = Shift("torque", 0, "rms", "N*m", 0.0, 2.0, 0.4, 0.4, 90.0, 1e-9, 1e-6)
     large = Shift("torque", 1, "rms", "N*m", 0.5, 1.0, 1.1, 1.1, 20.0, 1e-9, 1e-6)
