@@ -125,9 +125,9 @@ def test_what_is_named_falls_short_whatever_a_little_of_everything_closes():
     assert far(named=0.5, tuned=0.1).leaves_more
     assert far(named=0.5, tuned=0.1).better_tuned
     enough = far(named=0.05, tuned=0.05)
-    assert (False, False, False) == (enough.short, enough.leaves_more, enough.better_tuned)
+    assert (enough.short, enough.leaves_more, enough.better_tuned) == (False, False, False)
     no_gap = how_far(np.zeros(9), np.zeros(9), None, None, [{"v": k} for k in range(9)], 0.01, 0.05, 3, "m")
-    assert (False, False, False) == (no_gap.short, no_gap.leaves_more, no_gap.better_tuned)
+    assert (no_gap.short, no_gap.leaves_more, no_gap.better_tuned) == (False, False, False)
 
 
 def test_scatter_alone_is_rarely_a_material_gap_and_one_bad_test_is_one():
