@@ -82,6 +82,7 @@ class HowFar:
         oracle: the gap after, as the bank predicts it for the best of all single effects.
         oracle_share: part of what the oracle closes that the named effects close.
         seen: gap of the nominal simulator at the tests that were not held out; None where that is not asked.
+        moved: whether one of these had been held out first, and alone showed a material gap.
         beyond: at most this part of all tests has a larger gap than any held-out one, with 95 % confidence.
         tests: the held-out ones, signed.
     """
@@ -100,6 +101,7 @@ class HowFar:
     beyond: float
     tests: tuple[HeldOut, ...] = ()
     seen: Gap | None = None
+    moved: bool = False
 
     @property
     def material(self) -> bool:
@@ -112,7 +114,9 @@ class HowFar:
     @property
     def elsewhere(self) -> bool:
         """Whether the gap is material where the diagnosis looked, but not at the few tests that were held out."""
-        return not self.material and self.seen is not None and self.seen.mean > self._at_most
+        return not self.material and (
+            self.moved or (self.seen is not None and self.seen.mean > self._at_most)
+        )
 
     @property
     def shows(self) -> bool:
@@ -164,6 +168,17 @@ class HowFar:
     def unclosed(self) -> bool:
         """Whether most of a material gap is left by what was tried, as far as a few held-out tests say."""
         return self.material and self.tuned_share is not None and self._closes < CLOSED
+
+    @property
+    def overlooked(self) -> bool:
+        """Whether most of a material gap is left, and the diagnosis looked where there is none."""
+        return self.unclosed and self.seen is not None and self.seen.mean <= self._at_most
+
+    @property
+    def odd(self) -> tuple[HeldOut, ...]:
+        """The held-out tests with a gap that a little of everything does not make, largest first."""
+        large = [test for test in self.tests if abs(test.before) > self._at_most]
+        return tuple(sorted(large, key=lambda test: -abs(test.before)))
 
     @property
     def unexplained(self) -> bool:

@@ -115,6 +115,15 @@ def notes(bench: Bench, used: Used, least: tuple[int, int], idle: Sequence[str] 
     return tuple(found)
 
 
+def looked_again(tests: int) -> str:
+    """Return what is said where so many tests had been held out that alone show a gap."""
+    which, its = ("a test", "its place") if tests == 1 else (f"{tests} tests", "their places")
+    return (
+        f"the gap showed at tests alone that had been held out, and what was found did not close it: {which} of them "
+        f"{'was' if tests == 1 else 'were'} diagnosed with after all, and others held out in {its}"
+    )
+
+
 def _without_residuals(bench: Bench, rollouts: Sequence[Rollout]) -> list[str]:
     """Return why no residual of the simulator's model can be computed, if none can of any rollout."""
     if not isinstance(bench.backend, HasResiduals):

@@ -46,7 +46,7 @@ from s2r_spec.diagnose.judge import Judge, Sets, describe, temperature, train
 from s2r_spec.diagnose.layout import SHOTS, Layout, functions
 from s2r_spec.diagnose.models import Part, Simulator, nominal_rows
 from s2r_spec.diagnose.signatures import LEVEL, Signatures
-from s2r_spec.diagnose.simulate import Bench
+from s2r_spec.diagnose.simulate import Bench, Test
 from s2r_spec.diagnose.told import log_evidence
 from s2r_spec.diagnose.view import View
 from s2r_spec.rollouts.match import match
@@ -278,6 +278,35 @@ def split(
     seen = [r for r in rollouts if tuple(sorted(r[0].items())) not in out]
     held = [r for r in rollouts if tuple(sorted(r[0].items())) in out]
     return seen, held
+
+
+def exchanged(
+    seen: list[tuple[dict[str, float], Trace]],
+    held: list[tuple[dict[str, float], Trace]],
+    shown: Sequence[Test],
+    seed: int,
+) -> tuple[list[tuple[dict[str, float], Trace]], list[tuple[dict[str, float], Trace]]]:
+    """Return what to diagnose with and what to hold out, after held-out tests changed places with as many others.
+
+    Where one test of all shows the gap, as with a motor that saturates there, it says more of the cause if it is
+    looked at than if it is held out.
+
+    Args:
+        seen: rollouts diagnosed with.
+        held: rollouts held out.
+        shown: tests of the latter that are to be looked at.
+        seed: draws those that take their places.
+    """
+
+    def key(test: Test) -> tuple[tuple[str, float], ...]:
+        return tuple(sorted(test.items()))
+
+    moved = {key(test) for test in shown}
+    others = list(dict.fromkeys(key(test) for test, _ in seen))
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(7, 1)))
+    hidden = {others[i] for i in rng.permutation(len(others))[: len(moved)]}
+    out = [r for r in seen if key(r[0]) in hidden] + [r for r in held if key(r[0]) not in moved]
+    return [r for r in seen if key(r[0]) not in hidden] + [r for r in held if key(r[0]) in moved], out
 
 
 @dataclass(frozen=True)

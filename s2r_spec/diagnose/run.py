@@ -25,13 +25,14 @@ from s2r_spec.diagnose.idle import active
 from s2r_spec.diagnose.isolability import Isolability, isolability
 from s2r_spec.diagnose.kin import shared
 from s2r_spec.diagnose.next_test import next_test
-from s2r_spec.diagnose.notes import Used, notes
+from s2r_spec.diagnose.notes import Used, looked_again, notes
 from s2r_spec.diagnose.prepare import (
     ENOUGH,
     Progress,
     State,
     bench_of,
     comparable,
+    exchanged,
     prepare,
     split,
     without_accidents,
@@ -116,7 +117,22 @@ def diagnose(
     lacking = notes(bench, told, ENOUGH, idle)
     with kept_open(executor) as pool:
         state = prepare(bench, bank, comparable(seen), seed, cache, pool, tell)
-        return replace(_answer(bench, state, seen, held, seed, pool, tell, where), notes=lacking)
+        found = _answer(bench, state, seen, held, seed, pool, tell, where)
+        if odd := _overlooked(found.how_far, seen):
+            seen, held = exchanged(seen, held, odd, seed)
+            state = prepare(bench, bank, comparable(seen), seed, cache, pool, tell)
+            found = _answer(bench, state, seen, held, seed, pool, tell, where, moved=True)
+            lacking = (*lacking, looked_again(len(odd)))
+        return replace(found, notes=lacking)
+
+
+def _overlooked(far: HowFar | None, seen: Sequence[tuple[dict[str, float], Trace]]) -> Sequence[Test]:
+    """Return the tests that should not have been held out, most telling first: those that alone show a gap."""
+    if far is None or not far.overlooked:
+        return []
+    ran = [test for test, _ in seen]
+    odd = [dict(test.params) for test in far.odd]
+    return [test for test in odd if test not in ran][::2]
 
 
 def _recorded(real: Rollouts | Backend) -> int:
@@ -135,6 +151,7 @@ def _answer(
     executor: Callable[[], Executor] | None,
     tell: Progress,
     want_where: bool,
+    moved: bool = False,
 ) -> Diagnosis:
     effects = state.judge.effects
     weighed = together(state, lambda done, of: tell("simulating sets", done, of))
@@ -160,6 +177,7 @@ def _answer(
     far = _how_far(
         bench, state, comparable(seen), held, {} if first_none else fitted.values, tuned, seed, executor, tell
     )
+    far = far and replace(far, moved=moved)
     left = remainders(
         bench, seen + held, tuned, seed, executor, lambda done, of: tell("what is left", done, of)
     )

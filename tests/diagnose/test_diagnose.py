@@ -15,6 +15,7 @@ import s2r_spec as s2r
 from s2r_spec.backend import Effect, EffectParameter
 from s2r_spec.diagnose.diagnosis import Verdict
 from s2r_spec.diagnose.models import Simulator
+from s2r_spec.diagnose.prepare import exchanged, split
 from s2r_spec.diagnose.remainder import Remainder
 from s2r_spec.errors import UsageError
 from s2r_spec.trace import Trace
@@ -343,6 +344,29 @@ def test_a_limit_that_some_tests_reach_is_found_with_its_value(tmp_path):
     assert found.which.ranked[0][0] == ("limit",), found.which.ranked[:4]
     (estimate,) = found.which.estimates
     assert abs(estimate.value - 5.0) < 0.3
+    # Only one test reaches it, and that was held out.
+    hardest = max(range(len(seen)), key=lambda i: np.abs(real(tests[i], 11000 + i, {})["u"]).max())
+    easy = [i for i in range(len(seen)) if np.abs(seen[i][1]["u"]).max() < 4.5][:20]
+    places = {easy[0]: hardest}
+    one = [seen[places.get(i, i)] for i in easy]
+    held = split(one, 0)[1]
+    k = next(i for i, (test, _) in enumerate(one) if test == held[0][0])
+    one[0], one[k] = one[k], one[0]
+    assert one[k][0] == tests[hardest]
+    again = s2r.diagnose(s2r.parse_spec(SPEC), Limited(), one, cache=tmp_path, where=False)
+    assert again.which.ranked[0][0] == ("limit",), again.which.ranked[:4]
+    assert "diagnosed with after all" in again.notes[-1]
+    assert again.verdict is Verdict.NAMED
+    assert again.reason.endswith("so how far it shrinks was not measured")
+
+
+def test_tests_that_alone_show_a_gap_change_places_with_as_many_others():
+    numbered = [({"v": float(k // 2)}, k) for k in range(20)]  # two rollouts a test
+    seen, held = exchanged(numbered[:14], numbered[14:], [{"v": 8.0}], seed=0)
+    assert sorted([*seen, *held], key=lambda one: one[1]) == numbered
+    assert [one for one in seen if one[0]["v"] == 8.0] == seen[-2:] == numbered[16:18]
+    assert len(seen) == 14
+    assert exchanged(numbered[:14], numbered[14:], [{"v": 8.0}], seed=0) == (seen, held)
 
 
 class Shortest(Cart):

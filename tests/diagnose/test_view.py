@@ -158,6 +158,21 @@ def test_a_gap_at_tests_that_were_not_held_out_is_told_apart():
     assert not how_far(none, np.zeros(9), None, np.zeros(9), tests, 1e-3, 0.0, 3, "m", seen=quiet).elsewhere
 
 
+def test_a_gap_at_held_out_tests_alone_that_nothing_closes_was_overlooked():
+    tests, none = [{"v": k / 9} for k in range(9)], np.full(9, 1e-4)
+    real = none.copy()
+    real[[2, 5]] = -0.4, 0.6
+    seen = gap(np.full(21, 1e-4), np.arange(21))
+    found = how_far(real, np.zeros(9), None, none, tests, 1e-3, 0.0, 3, "m", seen=seen)
+    assert found.overlooked
+    assert [test.params for test in found.odd] == [tests[5], tests[2]]
+    assert not how_far(
+        real, np.zeros(9), None, real, tests, 1e-3, 0.0, 3, "m", seen=seen
+    ).overlooked  # closed
+    there = gap(np.full(21, 0.5), np.arange(21))
+    assert not how_far(real, np.zeros(9), None, none, tests, 1e-3, 0.0, 3, "m", seen=there).overlooked
+
+
 def test_rho_scatters_as_replicates_do_and_one_unsteady_test_counts_as_one():
     rng = np.random.default_rng(0)
     tests = [{"v": float(k)} for k in range(40) for _ in range(3)]
