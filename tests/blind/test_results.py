@@ -193,8 +193,8 @@ def test_what_is_said_of_delays_and_of_sure_errors():
     ]
     assert (
         f"{len(pairs)} times one of a pair was missed (a mass, a voltage limit, a ripple of the encoder, a speed-"
-        "torque line), a machine with nothing wrong was said to have quadratic drag, and a rotor that makes less than the "
-        "others was named as a shifted centre of mass"
+        "torque line), a machine with nothing wrong was said to have quadratic drag, and a rotor that makes less than "
+        "the others was named as a shifted centre of mass"
     ) in page
 
 
@@ -762,8 +762,8 @@ def test_what_is_said_of_the_axis_sixteenth_and_the_arms_fourth_set():
     top, second, large, pair, one, unknown, called, null, sure, inside = rates("emps", *keys)
     words = [
         f"Of {top['of']} single effects of the axis {top['hits']} are the likeliest set and {second['hits']} one of "
-        f"the two likeliest answers, of the {large['of']} that move ρ or are isolable at their size {large['hits']}. Of "
-        f"{pair['of']} pairs {pair['hits']} are the likeliest set, and one of the two is the likeliest effect in "
+        f"the two likeliest answers, of the {large['of']} that move ρ or are isolable at their size {large['hits']}. "
+        f"Of {pair['of']} pairs {pair['hits']} are the likeliest set, and one of the two is the likeliest effect in "
         f"{one['hits']}. Of {unknown['of']} unknown causes with a material gap {unknown['hits']} are seen, "
         f"{called['hits']} of {called['of']} known ones are called *none of these*, {null['hits']} of {null['of']} "
         f"machines with nothing wrong were called something else, {sure['hits']} of {sure['of']} answers of 0.9 and "
