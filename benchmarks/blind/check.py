@@ -94,7 +94,17 @@ def freeze(name: str, cases: int, folder: Path, workers: int) -> None:
     shutil.copy(answers / "manifest.json", RESULTS / f"{name}_manifest.json")
 
 
+def committed(manifest: Path) -> None:
+    """Refuse to open what git does not have: a set was once opened before its manifest was committed."""
+    known = ["git", "ls-files", "--error-unmatch", manifest]
+    same = ["git", "diff", "--quiet", "HEAD", "--", manifest]
+    for command in (known, same):
+        if subprocess.run(command, cwd=ROOT, capture_output=True, check=False).returncode:
+            raise SystemExit(f"{manifest} is not committed as it is here: commit it, then open")
+
+
 def open_(name: str, folder: Path) -> None:
+    committed(RESULTS / f"{name}_manifest.json")
     answers = folder / f"{name}-answers"
     opening = (
         "blind",
