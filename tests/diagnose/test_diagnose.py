@@ -318,6 +318,29 @@ def test_a_catalogue_of_two_effects_is_enough(tmp_path):
     assert found.which.ranked[0][0] == ("viscous",), found.reason
 
 
+class Narrow(Cart):
+    """A cart whose catalogue has little more than half of the machine's friction, and two more effects."""
+
+    def effects(self):
+        few = [e for e in super().effects() if e.name in ("viscous", "payload", "speed_scale")]
+        least = {"viscous": 1.15}
+        return tuple(
+            replace(e, parameters=tuple(replace(p, high=least.get(e.name, p.high)) for p in e.parameters))
+            for e in few
+        )
+
+
+def test_a_cause_that_takes_more_than_its_range_has_is_none_of_these(tmp_path):
+    found = s2r.diagnose(
+        s2r.parse_spec(SPEC), Narrow(), rollouts({"viscous": 2.0}, 11), cache=tmp_path, where=False
+    )
+    assert found.how_far.short
+    assert not found.how_far.open  # a good half is closed: no other rule says so
+    assert found.verdict is Verdict.UNKNOWN
+    assert found.reason.endswith("viscous.coefficient stands at the end of its range")
+    assert found.patch == {}
+
+
 @dataclass(frozen=True)
 class Limited(Cart):
     """A cart whose drive may saturate earlier: at 12 V no test does, at 5 V a third do."""
