@@ -623,14 +623,14 @@ def test_what_is_said_of_sets_since_effects_of_one_kind_share_their_probability(
     ):
         assert words in page, words
 
-    top, second, large, sure, inside, pair, unknown, null = rates("quad", *keys)
-    [among] = rates("quad", "in the answered set, single")
-    missed = [c for c in cases_of("quad") if c["label"]["kind"] == "single" and not right(c)]
+    top, second, large, sure, inside, pair, unknown, null = rates("quad2", *keys)
+    [among] = rates("quad2", "in the answered set, single")
+    missed = [c for c in cases_of("quad2") if c["label"]["kind"] == "single" and not right(c)]
     assert all(kinds_apart(c) for c in missed)
     assert second["hits"] == second["of"]
     assert large["hits"] == large["of"]
     assert null["hits"] == 0
-    wrong = [c["label"]["effects"] for c in cases_of("quad") if likeliest(c)[1] >= 0.9 and not right(c)]
+    wrong = [c["label"]["effects"] for c in cases_of("quad2") if likeliest(c)[1] >= 0.9 and not right(c)]
     assert [list(effects) for effects in wrong] == [["weak_rear_rotor"]]
     words = (
         f"In the quadrotor's second set {top['hits']} of 40 are the likeliest set; the {len(missed)} others "
@@ -769,8 +769,8 @@ def test_what_is_said_of_the_axis_sixteenth_and_the_arms_fourth_set():
         f"machines with nothing wrong were called something else, {sure['hits']} of {sure['of']} answers of 0.9 and "
         f"more are right, and {inside['hits']} of {inside['of']} true values are in their interval."
     ]
-    top, second, large, pair, one, unknown, called, null, sure, inside = rates("arm", *keys)
-    assert [list(c["label"]["effects"]) for c in missed_in("arm", "single")] == [["torque_limit"]] * 2
+    top, second, large, pair, one, unknown, called, null, sure, inside = rates("arm4", *keys)
+    assert [list(c["label"]["effects"]) for c in missed_in("arm4", "single")] == [["torque_limit"]] * 2
     words += [
         f"In the arm's fourth set {top['hits']} of {top['of']} are the likeliest set (the 2 others are torque limits), "
         f"and {large['hits']} of the {large['of']} that move ρ or are isolable at their size; {pair['hits']} of "
@@ -781,10 +781,10 @@ def test_what_is_said_of_the_axis_sixteenth_and_the_arms_fourth_set():
     ]
     gaps = {
         name: c["how_far"]["before"]["mean"] - c["how_far"]["floor"]
-        for name, c in json.loads((RESULTS / "arm_scores.json").read_text())["cases"].items()
+        for name, c in json.loads((RESULTS / "arm4_scores.json").read_text())["cases"].items()
         if c["label"]["kind"] == "single" and c["how_far"]["material"]
     }
-    (shrink,) = rates("arm", "shrink, single")
+    (shrink,) = rates("arm4", "shrink, single")
     assert 0.3 < max(gaps.values()) / sum(gaps.values()) < 0.4
     words.append(
         f"the single effects' gaps, {100 * shrink['ratio of sums']:.0f} %, would be more but for one torque limit"
@@ -795,7 +795,7 @@ def test_what_is_said_of_the_axis_sixteenth_and_the_arms_fourth_set():
 
 def test_what_is_said_of_a_gap_that_was_held_out():
     page = " ".join(PAGE.read_text().split())
-    kept = json.loads((RESULTS / "arm_again.json").read_text())["cases"].values()
+    kept = json.loads((RESULTS / "arm4_again.json").read_text())["cases"].values()
     (case,) = [case for case in kept if case["now"]["notes"]]
     ((effect, values),) = case["effects"].items()
     assert case["frozen"]["verdict"] == "no single cause"
@@ -803,7 +803,7 @@ def test_what_is_said_of_a_gap_that_was_held_out():
     (found,) = case["now"]["values"].values()
     (true,) = values.values()
     assert (
-        f"Of the arm's fourth set (below) this is one case of {len(cases_of('arm'))}, a torque limit that one test of "
+        f"Of the arm's fourth set (below) this is one case of {len(cases_of('arm4'))}, a torque limit that one test of "
         f"20 reaches: sealed, before this was done, it was answered *no single cause*, and now it is named, with a "
         f"value of {found:.3f} where {true:.3f} is true."
     ) in page
