@@ -18,7 +18,8 @@ from machine import describe
 
 from s2r_spec.backend import load_backend
 from s2r_spec.diagnose.ask import real_rollouts
-from s2r_spec.diagnose.prepare import bench_of, comparable, split, without_accidents
+from s2r_spec.diagnose.parted import Parted
+from s2r_spec.diagnose.prepare import bench_of
 from s2r_spec.diagnose.simulate import Bench
 from s2r_spec.spec import load_spec
 from s2r_spec.trace import Trace
@@ -115,5 +116,5 @@ def rollouts(of: Bench, case: Path) -> tuple[Rollouts, Rollouts]:
             f"{case} was made with another spec, {made_with}; look at it with the code of that time"
         )
     recorded = real_rollouts(of, load_backend(f"log:{case}"), None, 0, None, lambda *_: None)
-    seen, held = split(without_accidents(recorded), 0)
-    return comparable(seen), held
+    parts = Parted.of(recorded, 0)
+    return parts.compared, parts.held

@@ -20,14 +20,8 @@ import numpy as np
 from s2r_spec.backend import load_backend
 from s2r_spec.diagnose import bank as banks
 from s2r_spec.diagnose.ask import real_rollouts
-from s2r_spec.diagnose.prepare import (
-    bench_of,
-    by_equations,
-    comparable,
-    prepare,
-    split,
-    without_accidents,
-)
+from s2r_spec.diagnose.parted import Parted
+from s2r_spec.diagnose.prepare import bench_of, by_equations, prepare
 from s2r_spec.diagnose.together import together
 from s2r_spec.spec import load_spec
 
@@ -45,8 +39,7 @@ def weighed(case: Path, simulator: str, effects: list[str]) -> dict[str, Any]:
     bank = banks.bank(bench)
     bench = replace(bench, features=bank.features)
     recorded = real_rollouts(bench, load_backend(f"log:{case}"), None, 0, None, lambda *_: None)
-    seen = comparable(split(without_accidents(recorded), 0)[0])
-    state = prepare(bench, bank, seen, 0, None, None, lambda *_: None)
+    state = prepare(bench, bank, Parted.of(recorded, 0).compared, 0, None, None, lambda *_: None)
     found = together(state, lambda *_: None)
     names = state.judge.effects
     members = found.sets.members

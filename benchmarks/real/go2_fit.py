@@ -25,7 +25,7 @@ from machine import describe  # noqa: E402
 
 from benchmarks.real.go2_diagnose import SECONDS, shorter  # noqa: E402
 from benchmarks.real.go2_inair import JOINTS, Go2InAir, Joints, segments  # noqa: E402
-from s2r_spec.diagnose.prepare import split  # noqa: E402
+from s2r_spec.diagnose.parted import split  # noqa: E402
 from s2r_spec.trace import Trace  # noqa: E402
 
 RESULTS = Path(__file__).with_suffix(".json")

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from s2r_spec.backend import Backend, HasDuration, load_backend
 from s2r_spec.diagnose import bank as banks
-from s2r_spec.diagnose.ask import FEWEST
 from s2r_spec.diagnose.asked import Heard
 from s2r_spec.diagnose.catalogue import Catalogue
 from s2r_spec.diagnose.evidence import (
@@ -46,7 +45,7 @@ from s2r_spec.diagnose.judge import Judge, Sets, describe, temperature, train
 from s2r_spec.diagnose.layout import SHOTS, Layout, functions
 from s2r_spec.diagnose.models import Part, Simulator, nominal_rows
 from s2r_spec.diagnose.signatures import LEVEL, Signatures
-from s2r_spec.diagnose.simulate import Bench, Test
+from s2r_spec.diagnose.simulate import Bench
 from s2r_spec.diagnose.told import log_evidence
 from s2r_spec.diagnose.view import View
 from s2r_spec.rollouts.match import match
@@ -56,12 +55,6 @@ from s2r_spec.trace import Trace
 FloatArray = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
 
-HELD_OUT = 0.3
-"""Part of the tests that the diagnosis does not see."""
-ENOUGH = (9, 2 * FEWEST)
-"""Different tests from which on that is three of them, and rollouts: of fewer none are held out."""
-ACCIDENTS = 0.1
-"""Part of the rollouts, or one of them, that may have failed by accident, and is left out."""
 SOURCES = (
     "axes", "catalogue", "design", "evidence", "joint", "judge", "layout", "logs", "models", "practice",
     "signatures",
@@ -232,81 +225,6 @@ def bench_of(spec: Spec, requirement: str, sim: Backend | str) -> Bench:
         backend = backend.with_duration(horizon)
     banks.catalogue_of(backend)
     return Bench(backend, spec, requirement, match(spec, requirement, backend))
-
-
-def without_accidents(rollouts: list[tuple[dict[str, float], Trace]]) -> list[tuple[dict[str, float], Trace]]:
-    """Return the rollouts without those that failed, if these are few and enough are left.
-
-    One fall outweighs all else in ρ, and says nothing of where the others differ from the simulator. Where falls are
-    common they are what differs, and count.
-    """
-    ran = _whole(rollouts)
-    failed = len(rollouts) - len(ran)
-    few = failed <= max(1, int(ACCIDENTS * len(rollouts)))
-    return ran if few and len(ran) >= FEWEST else rollouts
-
-
-def comparable(rollouts: list[tuple[dict[str, float], Trace]]) -> list[tuple[dict[str, float], Trace]]:
-    """Return those of which a cause is named: that did not fail, if these are enough, and at least half.
-
-    What was recorded up to a fall has not the means, spreads and ripples of a whole rollout.
-    """
-    ran = _whole(rollouts)
-    return ran if len(ran) >= max(FEWEST, (len(rollouts) + 1) // 2) else rollouts
-
-
-def _whole(rollouts: list[tuple[dict[str, float], Trace]]) -> list[tuple[dict[str, float], Trace]]:
-    return [(test, trace) for test, trace in rollouts if trace.failure is None]
-
-
-def split(
-    rollouts: list[tuple[dict[str, float], Trace]], seed: int
-) -> tuple[list[tuple[dict[str, float], Trace]], list[tuple[dict[str, float], Trace]]]:
-    """Return the rollouts to diagnose with, and those held out: whole tests, drawn at random."""
-    keys = list(dict.fromkeys(tuple(sorted(test.items())) for test, _ in rollouts))
-    count = round(HELD_OUT * len(keys))
-    if count < 3 or len(rollouts) < ENOUGH[1]:
-        if len(keys) > 1:
-            return rollouts, []
-        # One test alone: rollouts of it are all there is to hold out.
-        count = round(HELD_OUT * len(rollouts))
-        return (rollouts[count:], rollouts[:count]) if count >= 3 else (rollouts, [])
-    picked = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(7,))).permutation(len(keys))[
-        :count
-    ]
-    out = {keys[i] for i in picked}
-    seen = [r for r in rollouts if tuple(sorted(r[0].items())) not in out]
-    held = [r for r in rollouts if tuple(sorted(r[0].items())) in out]
-    return seen, held
-
-
-def exchanged(
-    seen: list[tuple[dict[str, float], Trace]],
-    held: list[tuple[dict[str, float], Trace]],
-    shown: Sequence[Test],
-    seed: int,
-) -> tuple[list[tuple[dict[str, float], Trace]], list[tuple[dict[str, float], Trace]]]:
-    """Return what to diagnose with and what to hold out, after held-out tests changed places with as many others.
-
-    Where one test of all shows the gap, as with a motor that saturates there, it says more of the cause if it is
-    looked at than if it is held out.
-
-    Args:
-        seen: rollouts diagnosed with.
-        held: rollouts held out.
-        shown: tests of the latter that are to be looked at.
-        seed: draws those that take their places.
-    """
-
-    def key(test: Test) -> tuple[tuple[str, float], ...]:
-        return tuple(sorted(test.items()))
-
-    moved = {key(test) for test in shown}
-    others = list(dict.fromkeys(key(test) for test, _ in seen))
-    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(7, 1)))
-    hidden = {others[i] for i in rng.permutation(len(others))[: len(moved)]}
-    out = [r for r in seen if key(r[0]) in hidden] + [r for r in held if key(r[0]) not in moved]
-    return [r for r in seen if key(r[0]) not in hidden] + [r for r in held if key(r[0]) in moved], out
 
 
 @dataclass(frozen=True)

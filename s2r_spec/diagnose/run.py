@@ -26,17 +26,8 @@ from s2r_spec.diagnose.isolability import Isolability, isolability
 from s2r_spec.diagnose.kin import shared
 from s2r_spec.diagnose.next_test import next_test
 from s2r_spec.diagnose.notes import Used, looked_again, notes
-from s2r_spec.diagnose.prepare import (
-    ENOUGH,
-    Progress,
-    State,
-    bench_of,
-    comparable,
-    exchanged,
-    prepare,
-    split,
-    without_accidents,
-)
+from s2r_spec.diagnose.parted import ENOUGH, Parted
+from s2r_spec.diagnose.prepare import Progress, State, bench_of, prepare
 from s2r_spec.diagnose.remainder import remainders
 from s2r_spec.diagnose.simulate import Bench, Job, Test, run_jobs
 from s2r_spec.diagnose.size import sized
@@ -111,28 +102,20 @@ def diagnose(
     # The bank comes first: a simulator that cannot be diagnosed costs no rollout of the machine.
     real = load_backend(real) if isinstance(real, str) else real
     rollouts = real_rollouts(bench, real, budget, seed, folder, lambda n, of: tell("real rollouts", n, of))
-    used = without_accidents(rollouts)
-    seen, held = split(used, seed)
-    told = Used(rollouts, len(used), len(comparable(seen)) < len(seen), len(held), _recorded(real))
+    parts = Parted.of(rollouts, seed)
+    begun = len(parts.compared) < len(parts.seen)
+    told = Used(rollouts, len(parts.used), begun, len(parts.held), _recorded(real))
     lacking = notes(bench, told, ENOUGH, idle)
     with kept_open(executor) as pool:
-        state = prepare(bench, bank, comparable(seen), seed, cache, pool, tell)
-        found = _answer(bench, state, seen, held, seed, pool, tell, where)
-        if odd := _overlooked(found.how_far, seen):
-            seen, held = exchanged(seen, held, odd, seed)
-            state = prepare(bench, bank, comparable(seen), seed, cache, pool, tell)
-            found = _answer(bench, state, seen, held, seed, pool, tell, where, moved=True)
-            lacking = (*lacking, looked_again(len(odd)))
+        state = prepare(bench, bank, parts.compared, seed, cache, pool, tell)
+        found = _answer(bench, state, parts, seed, pool, tell, where)
+        if (far := found.how_far) is not None and far.overlooked:
+            parts, moved = parts.looked_at([dict(test.params) for test in far.odd])
+            if moved:
+                state = prepare(bench, bank, parts.compared, seed, cache, pool, tell)
+                found = _answer(bench, state, parts, seed, pool, tell, where, moved=True)
+                lacking = (*lacking, looked_again(moved))
         return replace(found, notes=lacking)
-
-
-def _overlooked(far: HowFar | None, seen: Sequence[tuple[dict[str, float], Trace]]) -> Sequence[Test]:
-    """Return the tests that should not have been held out, most telling first: those that alone show a gap."""
-    if far is None or not far.overlooked:
-        return []
-    ran = [test for test, _ in seen]
-    odd = [dict(test.params) for test in far.odd]
-    return [test for test in odd if test not in ran][::2]
 
 
 def _recorded(real: Rollouts | Backend) -> int:
@@ -145,8 +128,7 @@ def _recorded(real: Rollouts | Backend) -> int:
 def _answer(
     bench: Bench,
     state: State,
-    seen: list[tuple[dict[str, float], Trace]],
-    held: list[tuple[dict[str, float], Trace]],
+    parts: Parted,
     seed: int,
     executor: Callable[[], Executor] | None,
     tell: Progress,
@@ -174,12 +156,11 @@ def _answer(
         named, best = there, sized(state, weighed, there)
     fitted = fit(catalogue, named, best)
     tuned = catalogue.values((sized(state, weighed, ()) if first_none else best).tuned)
-    far = _how_far(
-        bench, state, comparable(seen), held, {} if first_none else fitted.values, tuned, seed, executor, tell
-    )
+    named_values = {} if first_none else fitted.values
+    far = _how_far(bench, state, parts, named_values, tuned, seed, executor, tell)
     far = far and replace(far, moved=moved)
     left = remainders(
-        bench, seen + held, tuned, seed, executor, lambda done, of: tell("what is left", done, of)
+        bench, parts.used, tuned, seed, executor, lambda done, of: tell("what is left", done, of)
     )
 
     unknown = state.unknown
@@ -224,7 +205,7 @@ def _answer(
     answer = () if nothing or verdict is Verdict.UNKNOWN else names[named]
     upcoming = None
     if verdict not in (Verdict.NONE, Verdict.UNKNOWN) and told.probability.max() * known < SURE:
-        upcoming = _next(bench, state, isolable, told.ranked(), [test for test, _ in (*seen, *held)], tell)
+        upcoming = _next(bench, state, isolable, told.ranked(), [test for test, _ in parts.used], tell)
     families = {e.name: e.family for e in banks.catalogue_of(bench.backend)}
     which = Which(
         none=by_size[0][()],
@@ -242,7 +223,7 @@ def _answer(
     return Diagnosis(
         verdict=verdict,
         reason=reason(verdict, which, far, names[named], left),
-        where=_where(bench, seen + held, tuned, seed, executor, tell) if want_where else None,
+        where=_where(bench, parts.used, tuned, seed, executor, tell) if want_where else None,
         which=which,
         how_far=far,
         left=left,
@@ -255,8 +236,8 @@ def _answer(
             "requirement": bench.requirement,
             "backend": bench.backend.name,
             "model_hash": bench.backend.model_hash,
-            "rollouts": len(seen) + len(held),
-            "held_out": len(held),
+            "rollouts": len(parts.used),
+            "held_out": len(parts.held),
             "judge": {name: round(value, 4) for name, value in state.judge.practice.items()},
         },
         assumptions=ASSUMPTIONS,
@@ -264,7 +245,7 @@ def _answer(
 
 
 ASSUMPTIONS = (
-    "the real rollouts were run as their tests say, and none was left out",
+    "the real rollouts were run as their tests say, and none was left out but those that a note names",
     "the probabilities weigh evidence and networks by fixed numbers from development twins; on sealed twins those of "
     "0.8 to 0.9 were right less often than they say (docs/explanation/diagnosis.md)",
     "an effect that the catalogue lacks, but that a member imitates, is named as that member",
@@ -274,14 +255,14 @@ ASSUMPTIONS = (
 def _how_far(
     bench: Bench,
     state: State,
-    seen: list[tuple[dict[str, float], Trace]],
-    held: list[tuple[dict[str, float], Trace]],
+    parts: Parted,
     values: Mapping[str, Mapping[str, float]],
     tuned: Mapping[str, Mapping[str, float]],
     seed: int,
     executor: Callable[[], Executor] | None,
     tell: Progress,
 ) -> HowFar | None:
+    seen, held = parts.compared, parts.held
     if not held:
         return None
     real = np.array([bench.rho(trace, test) for test, trace in held])

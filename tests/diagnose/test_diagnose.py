@@ -15,7 +15,7 @@ import s2r_spec as s2r
 from s2r_spec.backend import Effect, EffectParameter
 from s2r_spec.diagnose.diagnosis import Verdict
 from s2r_spec.diagnose.models import Simulator
-from s2r_spec.diagnose.prepare import exchanged, split
+from s2r_spec.diagnose.parted import exchanged, split
 from s2r_spec.diagnose.remainder import Remainder
 from s2r_spec.errors import UsageError
 from s2r_spec.trace import Trace

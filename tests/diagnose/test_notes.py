@@ -12,7 +12,8 @@ from s2r_spec.diagnose.ask import as_simulated, cut, real_rollouts
 from s2r_spec.diagnose.axes import line
 from s2r_spec.diagnose.next_test import next_test
 from s2r_spec.diagnose.notes import Used, notes
-from s2r_spec.diagnose.prepare import ENOUGH, bench_of, split
+from s2r_spec.diagnose.parted import ENOUGH, split
+from s2r_spec.diagnose.prepare import bench_of
 from s2r_spec.diagnose.signatures import Signatures
 from s2r_spec.errors import BackendError, TraceError, UsageError
 from s2r_spec.trace import Trace
