@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.backend import HasResiduals
+from s2r_spec.diagnose.falls import Falls
 from s2r_spec.diagnose.simulate import Bench, blamed
 from s2r_spec.errors import TraceError
 from s2r_spec.trace import Trace
@@ -53,7 +54,9 @@ class Used:
     recorded: int
 
 
-def notes(bench: Bench, used: Used, least: tuple[int, int], idle: Sequence[str] = ()) -> tuple[str, ...]:
+def notes(
+    bench: Bench, used: Used, least: tuple[int, int], idle: Sequence[str] = (), why: Falls | None = None
+) -> tuple[str, ...]:
     """Return, a sentence each, what these rollouts lack for a diagnosis.
 
     Args:
@@ -61,6 +64,7 @@ def notes(bench: Bench, used: Used, least: tuple[int, int], idle: Sequence[str] 
         used: the rollouts.
         least: from how many different tests, and rollouts, on some are held out.
         idle: effects of the catalogue that change nothing at any test.
+        why: what may have ended some of them early.
     """
     found = []
     rollouts, count = used.rollouts, len(used.rollouts)
@@ -76,13 +80,15 @@ def notes(bench: Bench, used: Used, least: tuple[int, int], idle: Sequence[str] 
     fell = [trace.failure for _, trace in rollouts if trace.failure is not None]
     if fell:
         kinds = ", ".join(sorted({str(failure) for failure in fell}))
-        early = f"{len(fell)} of {count} real rollouts ended early ({kinds})"
+        early = f"{len(fell)} of {count} real rollouts ended early ({kinds}{_again(rollouts)})"
         if used.count < count:
-            found.append(f"{early} and {'is' if len(fell) == 1 else 'are'} left out: why is not asked")
+            found.append(f"{early} and {'is' if len(fell) == 1 else 'are'} left out")
         elif used.begun:
             found.append(f"{early}: the cause is named from the others, the gap in ρ is that of all")
         else:
             found.append(f"{early}: the cause is named from what came before, too, which says little")
+        if why is not None:
+            found[-1] += f"; {why}"
     longer = [trace.meta[CUT] for _, trace in rollouts if CUT in trace.meta]
     if longer:
         found.append(
@@ -122,6 +128,15 @@ def looked_again(tests: int) -> str:
         f"the gap showed at tests alone that had been held out, and what was found did not close it: {which} of them "
         f"{'was' if tests == 1 else 'were'} diagnosed with after all, and others held out in {its}"
     )
+
+
+def _again(rollouts: Sequence[Rollout]) -> str:
+    """Return how many tests there are that were run again and ended early every time."""
+    ended: dict[tuple[tuple[str, float], ...], list[bool]] = {}
+    for test, trace in rollouts:
+        ended.setdefault(tuple(sorted(test.items())), []).append(trace.failure is not None)
+    always = sum(len(each) > 1 and all(each) for each in ended.values())
+    return f", every time at {always} of {len(ended)} tests: no accident" if always else ""
 
 
 def _without_residuals(bench: Bench, rollouts: Sequence[Rollout]) -> list[str]:

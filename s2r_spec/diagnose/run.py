@@ -20,6 +20,7 @@ from s2r_spec.diagnose.axes import BACKGROUND
 from s2r_spec.diagnose.design import unit_box, weights
 from s2r_spec.diagnose.diagnosis import Diagnosis, Verdict, Which
 from s2r_spec.diagnose.estimate import by_linear, fit
+from s2r_spec.diagnose.falls import falls
 from s2r_spec.diagnose.how_far import HowFar, gap, how_far
 from s2r_spec.diagnose.idle import active
 from s2r_spec.diagnose.isolability import Isolability, isolability
@@ -105,8 +106,8 @@ def diagnose(
     parts = Parted.of(rollouts, seed)
     begun = len(parts.compared) < len(parts.seen)
     told = Used(rollouts, len(parts.used), begun, len(parts.held), _recorded(real))
-    lacking = notes(bench, told, ENOUGH, idle)
     with kept_open(executor) as pool:
+        lacking = notes(bench, told, ENOUGH, idle, falls(bench, bank.lines, rollouts, seed, pool))
         state = prepare(bench, bank, parts.compared, seed, cache, pool, tell)
         found = _answer(bench, state, parts, seed, pool, tell, where)
         if (far := found.how_far) is not None and far.overlooked:
@@ -115,6 +116,13 @@ def diagnose(
                 state = prepare(bench, bank, parts.compared, seed, cache, pool, tell)
                 found = _answer(bench, state, parts, seed, pool, tell, where, moved=True)
                 lacking = (*lacking, looked_again(moved))
+        left_out = len(rollouts) - len(parts.used)
+        if left_out and found.verdict is Verdict.NONE:
+            # That a machine falls where its simulator does not is a gap, whatever the other rollouts say.
+            found = replace(
+                found,
+                reason=f"{found.reason}; {left_out} of {len(rollouts)} ended early, and are not in this",
+            )
         return replace(found, notes=lacking)
 
 

@@ -138,7 +138,7 @@ def test_falls_missing_channels_few_tests_and_a_cut_budget_are_told():
         "the cause is named from what came before, too, which says little"
     )
     assert notes(BENCH, Used(some[3:], 6, False, 3, 7), ENOUGH)[0] == (
-        "1 of 7 real rollouts ended early (fall) and is left out: why is not asked"
+        "1 of 7 real rollouts ended early (fall) and is left out"
     )
     [one] = notes(BENCH, Used(many(12, 1), 12, False, 4, 12), ENOUGH)
     assert one.startswith("all real rollouts are of one test")
@@ -303,3 +303,11 @@ def test_what_an_effect_does_on_average_is_not_one_draw_of_it():
     column = int(np.nanargmax(np.abs(lean / np.where(moved > 0, moved, 1.0)).mean(axis=(0, 1))))
     assert {-1.0, 1.0} <= set(np.sign(lean[-1, :, column]).tolist())
     assert np.ptp(lean[-1, :, column]) > 0.5 * moved[column]
+
+
+def test_a_test_that_ends_early_every_time_is_told_to_be_no_accident():
+    runs = many(12, 4)
+    first = runs[0][0]
+    again = [(t, replace(r, meta=dict(r.meta) | {"failure": "fall"}) if t == first else r) for t, r in runs]
+    [told] = [n for n in notes(BENCH, Used(again, 12, True, 0, 12), ENOUGH) if "ended early" in n]
+    assert "(fall, every time at 1 of 4 tests: no accident)" in told

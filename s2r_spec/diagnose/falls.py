@@ -1,0 +1,150 @@
+"""Why real rollouts ended early: which effects alone end the simulator early at these tests, and not at others."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec.diagnose.axes import Line
+from s2r_spec.diagnose.simulate import Bench, Job, Test, run_jobs
+from s2r_spec.rollouts.seeds import Stream, rollout_seed
+from s2r_spec.trace import Trace
+
+ASKED = 3
+"""Tests at which real rollouts ended early that are asked about, at most."""
+OTHERS = 6
+"""Tests at which they did not."""
+SPARED = 1 / 3
+"""Part of the latter at which an effect may end the simulator early, too."""
+HALVINGS = 6
+"""Of the way from nominal to the end of a range, to find the least of an effect that does it."""
+SHOWN = 3
+"""Effects that are told, at most."""
+
+
+@dataclass(frozen=True)
+class Culprit:
+    """An effect that may be why.
+
+    Attributes:
+        line: its parameter.
+        coordinate: the least of it that ends the simulator early at all tests that were asked about.
+        others: at how many of the other tests it does, too.
+    """
+
+    line: Line
+    coordinate: float
+    others: int
+
+    def __str__(self) -> str:
+        unit = f" {self.line.unit}" if self.line.unit else ""
+        return f"{self.line.name} from {self.line.value(self.coordinate):.3g}{unit} on"
+
+
+@dataclass(frozen=True)
+class Falls:
+    """What the simulator does at tests at which real rollouts ended early.
+
+    Attributes:
+        nominal: whether it ends early there without any effect.
+        culprits: effects, the least unusual first.
+        others: at how many other tests these were tried.
+    """
+
+    nominal: bool
+    culprits: tuple[Culprit, ...] = ()
+    others: int = 0
+
+    def __str__(self) -> str:
+        if self.nominal:
+            return "the simulator ends early there, too"
+        if not self.culprits:
+            return "no effect of the catalogue, alone, ends the simulator early there and not at most other tests"
+        shown = self.culprits[:SHOWN]
+        more = len(self.culprits) - len(shown)
+        names = " or ".join(map(str, shown)) + (f" (or {more} more)" if more else "")
+        few = max(each.others for each in shown)
+        return (
+            f"{names}, alone, would end the simulator early there, and at "
+            f"{f'no more than {few}' if few else 'none'} of {self.others} other tests"
+        )
+
+
+def falls(
+    bench: Bench,
+    lines: Sequence[Line],
+    rollouts: Sequence[tuple[Test, Trace]],
+    seed: int,
+    executor: Callable[[], Executor] | None = None,
+) -> Falls | None:
+    """Ask every effect of the catalogue; None where no real rollout ended early, or all did.
+
+    The least of an effect that ends the simulator early at all of these tests is looked for, for it does so at the
+    fewest others. That more of an effect ends what less of it ends is taken for granted.
+
+    Args:
+        bench: the simulator.
+        lines: parameters of its effects.
+        rollouts: (test, trace) of each real one.
+        seed: of the simulator's rollouts.
+        executor: makes a pool; None runs all here.
+    """
+    early = _distinct([test for test, trace in rollouts if trace.failure is not None])
+    stood = [test for test in _distinct([test for test, _ in rollouts]) if test not in early]
+    if not early or not stood:
+        return None
+    early, stood = _spread(early, ASKED), _spread(stood, OTHERS)
+
+    def ended(tried: Sequence[tuple[Line, float]], tests: Sequence[Test]) -> NDArray[np.intp]:
+        """Return at how many of the tests the simulator ends early, with each of these alone."""
+        runs = tuple((test, rollout_seed(seed, n, 0, Stream.CHECK)) for n, test in enumerate(tests))
+        jobs = [Job(line.at(line.value(x)), runs) for line, x in tried]
+        return np.array(
+            [int(rows.sum()) for rows in run_jobs(bench, jobs, executor, read=_ended)], dtype=np.intp
+        )
+
+    runs = tuple((test, rollout_seed(seed, n, 0, Stream.CHECK)) for n, test in enumerate(early))
+    if run_jobs(bench, [Job({}, runs)], executor, read=_ended)[0].all():
+        return Falls(True)
+    ends = [
+        (line, end)
+        for line in lines
+        if not line.base
+        for end in (line.coordinate(line.values[0]), line.coordinate(line.values[-1]))
+    ]
+    # A range on one side of nominal has its far end and its near one on that side.
+    farthest: dict[tuple[str, bool], tuple[Line, float]] = {}
+    for line, x in sorted(ends, key=lambda end: abs(end[1])):
+        farthest[line.name, x > 0] = (line, x)
+    asked = list(farthest.values())
+    enough = [one for one, count in zip(asked, ended(asked, early), strict=True) if count == len(early)]
+    low, high = np.zeros(len(enough)), np.array([x for _, x in enough])
+    for _ in range(HALVINGS if enough else 0):
+        middle = 0.5 * (low + high)
+        found = ended([(line, x) for (line, _), x in zip(enough, middle.tolist(), strict=True)], early)
+        low, high = np.where(found < len(early), middle, low), np.where(found < len(early), high, middle)
+    least = [(line, x) for (line, _), x in zip(enough, high.tolist(), strict=True)]
+    culprits = [
+        Culprit(line, x, int(count))
+        for (line, x), count in zip(least, ended(least, stood), strict=True)
+        if count <= SPARED * len(stood)
+    ]
+    return Falls(False, tuple(sorted(culprits, key=lambda each: abs(each.coordinate))), len(stood))
+
+
+def _ended(bench: Bench, trace: Trace, test: Test) -> NDArray[np.float64]:
+    return np.array([float(trace.failure is not None)])
+
+
+def _distinct(tests: Sequence[Test]) -> list[Test]:
+    return [dict(key) for key in dict.fromkeys(tuple(sorted(test.items())) for test in tests)]
+
+
+def _spread(tests: Sequence[Test], most: int) -> list[Test]:
+    """Return no more than so many of the tests, from first to last."""
+    places = np.linspace(0, len(tests) - 1, min(most, len(tests))).round().astype(int)
+    return [tests[place] for place in places]

@@ -1,0 +1,92 @@
+"""What may have ended real rollouts early: asked of a cart whose motor trips where it is asked for too much."""
+
+from dataclasses import dataclass, replace
+
+from s2r_cart import SPEC, Cart
+
+import s2r_spec as s2r
+from s2r_spec.diagnose.axes import lines
+from s2r_spec.diagnose.falls import falls
+from s2r_spec.diagnose.prepare import bench_of
+
+TRIPS = 0.35
+"""Speed [m/s] that the measured one may be off from what is wanted, from 0.4 s on."""
+
+
+@dataclass(frozen=True)
+class Tripping(Cart):
+    """The cart with a guard that stops it."""
+
+    def rollout(self, params, seed):
+        trace = super().rollout(params, seed)
+        off = abs(trace["v_ref"] - trace["v_meas"])[(trace.times > 0.4) & (trace.times < 1.0)]
+        return replace(trace, meta=dict(trace.meta) | {"failure": "tripped"}) if off.max() > TRIPS else trace
+
+
+def machine(**effects):
+    return replace(Tripping(), added=tuple(sorted(effects.items())))
+
+
+TESTS = [{"vd": 0.2 + 0.1 * n, "acc": 2.0} for n in range(9)]
+
+
+def asked(real, sim=None):
+    bench = bench_of(s2r.parse_spec(SPEC), s2r.parse_spec(SPEC).requirements[0], sim or Tripping())
+    runs = [(test, real.rollout(test, 7 + n)) for n, test in enumerate(TESTS)]
+    return falls(bench, lines(Cart().effects()), runs, 0), [t.failure is not None for _, t in runs]
+
+
+def test_what_ends_the_simulator_early_at_the_same_tests_and_not_at_others_is_told_with_its_size():
+    found, ended = asked(machine(motor=0.62))
+    assert 0 < sum(ended) < 5
+    assert not found.nominal
+    motor = [each for each in found.culprits if each.line.effect == "motor"]
+    assert motor, str(found)
+    least = motor[0].line.value(motor[0].coordinate)
+    assert 0.62 <= least < 0.95
+    _, fell = asked(machine(motor=least))
+    assert fell[-1], "with the least of it, too, the cart trips where it trips most"
+    assert motor[0].others == 0
+    assert str(motor[0]) == f"motor.{motor[0].line.parameter} from {least:.3g} on"
+    first = found.culprits[0]
+    assert abs(first.coordinate) == min(abs(each.coordinate) for each in found.culprits)
+    assert str(found).startswith(f"{first} or ")
+    assert f"of {found.others} other tests" in str(found)
+
+
+def test_a_range_on_one_side_of_nominal_is_asked_up_to_its_far_end():
+    sided = [
+        line for line in lines(Cart().effects()) if (line.low == line.nominal) != (line.high == line.nominal)
+    ]
+    assert sided
+    real = machine(coulomb=2.0)
+    found, ended = asked(real)
+    assert any(ended)
+    [coulomb] = [each for each in found.culprits if each.line.effect == "coulomb"]
+    assert 0.0 < coulomb.line.value(coulomb.coordinate) <= 2.0
+
+
+def test_a_simulator_that_ends_early_there_by_itself_is_no_gap():
+    real = machine(motor=0.62)
+    found, ended = asked(real, real)
+    assert any(ended)
+    assert found.nominal
+    assert str(found) == "the simulator ends early there, too"
+
+
+def test_a_fall_that_no_effect_makes_has_no_culprit():
+    runs = [(test, Cart().rollout(test, n)) for n, test in enumerate(TESTS)]
+    runs[0] = (runs[0][0], replace(runs[0][1], meta={"failure": "emergency stop"}))
+    spec = s2r.parse_spec(SPEC)
+    found = falls(bench_of(spec, spec.requirements[0], Cart()), lines(Cart().effects()), runs, 0)
+    assert found.culprits == ()
+    assert str(found).startswith("no effect of the catalogue, alone,")
+
+
+def test_nothing_is_asked_where_nothing_fell_or_everything_did():
+    found, ended = asked(machine())
+    assert not any(ended)
+    assert found is None
+    runs = [(test, replace(Cart().rollout(test, 1), meta={"failure": "fall"})) for test in TESTS]
+    spec = s2r.parse_spec(SPEC)
+    assert falls(bench_of(spec, spec.requirements[0], Cart()), lines(Cart().effects()), runs, 0) is None
