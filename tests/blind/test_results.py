@@ -759,7 +759,7 @@ def test_what_is_said_of_the_axis_sixteenth_and_the_arms_fourth_set():
         "one of the pair first", "unknown with a material gap detected", "known effects called unknown",
         "null called anything else", "right where sure", "true value in its 90 % interval",
     )  # fmt: skip
-    top, second, large, pair, one, unknown, called, null, sure, inside = rates("emps", *keys)
+    top, second, large, pair, one, unknown, called, null, sure, inside = rates("emps16", *keys)
     words = [
         f"Of {top['of']} single effects of the axis {top['hits']} are the likeliest set and {second['hits']} one of "
         f"the two likeliest answers, of the {large['of']} that move ρ or are isolable at their size {large['hits']}. "
@@ -791,6 +791,33 @@ def test_what_is_said_of_the_axis_sixteenth_and_the_arms_fourth_set():
     )
     for said in words:
         assert said in page, said
+
+
+def test_what_is_said_of_the_sets_with_the_second_look_and_ends_of_ranges():
+    page = " ".join(PAGE.read_text().split())
+    keys = (
+        "top-1, single effects", "top-2, single effects", LARGE + "first answer right, single", "exact pair first",
+        "one of the pair first", "unknown with a material gap detected", "known effects called unknown",
+        "null called anything else", "right where sure", "true value in its 90 % interval",
+    )  # fmt: skip
+    for name, whose in (
+        ("emps", "the axis' seventeenth"),
+        ("arm", "the arm's fifth"),
+        ("quad", "the quadrotor's third"),
+    ):
+        top, second, large, pair, one, unknown, called, null, sure, inside = rates(name, *keys)
+        assert (
+            f"Of {top['of']} single effects of {whose} set {top['hits']} are the likeliest set and {second['hits']} "
+            f"one of the two likeliest answers, of the {large['of']} that move ρ or are isolable at their size "
+            f"{large['hits']}. Of {pair['of']} pairs {pair['hits']} are the likeliest set, and one of the two is the "
+            f"likeliest effect in {one['hits']}. Of {unknown['of']} unknown causes with a material gap "
+            f"{unknown['hits']} are seen, {called['hits']} of {called['of']} known ones are called *none of these*, "
+            f"{null['hits']} of {null['of']} machines with nothing wrong were called something else, {sure['hits']} "
+            f"of {sure['of']} answers of 0.9 and more are right, and {inside['hits']} of {inside['of']} true values "
+            f"are in their interval."
+        ) in page, name
+    assert all(list(c["label"]["effects"]) == ["torque_limit"] for c in missed_in("arm", "single"))
+    assert all(kinds_apart(c) for c in missed_in("quad", "single"))
 
 
 def test_what_is_said_of_a_gap_that_was_held_out():
