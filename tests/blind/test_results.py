@@ -818,6 +818,12 @@ def test_what_is_said_of_the_sets_with_the_second_look_and_ends_of_ranges():
         ) in page, name
     assert all(list(c["label"]["effects"]) == ["torque_limit"] for c in missed_in("arm", "single"))
     assert all(kinds_apart(c) for c in missed_in("quad", "single"))
+    cases = cases_of("emps", "arm", "quad")
+    ends = [
+        c for c in cases if any(v["at_end"] for of in (c["parameters"] or {}).values() for v in of.values())
+    ]
+    assert {c["label"]["kind"] for c in ends} == {"unknown"}
+    assert f"Of the {len(cases)} answers {len(ends)} have a value at an end, both of unknown causes" in page
 
 
 def test_what_is_said_of_a_gap_that_was_held_out():
