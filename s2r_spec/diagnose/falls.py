@@ -63,7 +63,7 @@ class Falls:
         if self.nominal:
             return "the simulator ends early there, too"
         if not self.culprits:
-            return "no effect of the catalogue, alone, ends the simulator early there and not at most other tests"
+            return "no effect of the catalogue, alone, ends the simulator early there and at few other tests only"
         shown = self.culprits[:SHOWN]
         more = len(self.culprits) - len(shown)
         names = " or ".join(map(str, shown)) + (f" (or {more} more)" if more else "")

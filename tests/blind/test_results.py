@@ -752,14 +752,17 @@ def test_what_is_said_of_the_third_set_of_the_arm():
         assert words in page, words
 
 
+KEYS = (
+    "top-1, single effects", "top-2, single effects", LARGE + "first answer right, single", "exact pair first",
+    "one of the pair first", "unknown with a material gap detected", "known effects called unknown",
+    "null called anything else", "right where sure", "true value in its 90 % interval",
+)  # fmt: skip
+"""What is said of every set since the axis' sixteenth."""
+
+
 def test_what_is_said_of_the_axis_sixteenth_and_the_arms_fourth_set():
     page = " ".join(PAGE.read_text().split())
-    keys = (
-        "top-1, single effects", "top-2, single effects", LARGE + "first answer right, single", "exact pair first",
-        "one of the pair first", "unknown with a material gap detected", "known effects called unknown",
-        "null called anything else", "right where sure", "true value in its 90 % interval",
-    )  # fmt: skip
-    top, second, large, pair, one, unknown, called, null, sure, inside = rates("emps16", *keys)
+    top, second, large, pair, one, unknown, called, null, sure, inside = rates("emps16", *KEYS)
     words = [
         f"Of {top['of']} single effects of the axis {top['hits']} are the likeliest set and {second['hits']} one of "
         f"the two likeliest answers, of the {large['of']} that move ρ or are isolable at their size {large['hits']}. "
@@ -769,7 +772,7 @@ def test_what_is_said_of_the_axis_sixteenth_and_the_arms_fourth_set():
         f"machines with nothing wrong were called something else, {sure['hits']} of {sure['of']} answers of 0.9 and "
         f"more are right, and {inside['hits']} of {inside['of']} true values are in their interval."
     ]
-    top, second, large, pair, one, unknown, called, null, sure, inside = rates("arm4", *keys)
+    top, second, large, pair, one, unknown, called, null, sure, inside = rates("arm4", *KEYS)
     assert [list(c["label"]["effects"]) for c in missed_in("arm4", "single")] == [["torque_limit"]] * 2
     words += [
         f"In the arm's fourth set {top['hits']} of {top['of']} are the likeliest set (the 2 others are torque limits), "
@@ -795,17 +798,12 @@ def test_what_is_said_of_the_axis_sixteenth_and_the_arms_fourth_set():
 
 def test_what_is_said_of_the_sets_with_the_second_look_and_ends_of_ranges():
     page = " ".join(PAGE.read_text().split())
-    keys = (
-        "top-1, single effects", "top-2, single effects", LARGE + "first answer right, single", "exact pair first",
-        "one of the pair first", "unknown with a material gap detected", "known effects called unknown",
-        "null called anything else", "right where sure", "true value in its 90 % interval",
-    )  # fmt: skip
     for name, whose in (
         ("emps", "the axis' seventeenth"),
         ("arm", "the arm's fifth"),
         ("quad", "the quadrotor's third"),
     ):
-        top, second, large, pair, one, unknown, called, null, sure, inside = rates(name, *keys)
+        top, second, large, pair, one, unknown, called, null, sure, inside = rates(name, *KEYS)
         assert (
             f"Of {top['of']} single effects of {whose} set {top['hits']} are the likeliest set and {second['hits']} "
             f"one of the two likeliest answers, of the {large['of']} that move ρ or are isolable at their size "

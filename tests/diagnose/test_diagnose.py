@@ -450,3 +450,13 @@ def test_the_page_on_logs_does_what_it_says(cache, monkeypatch, capsys):
     shown = capsys.readouterr().out
     assert "('coulomb',)" in shown
     assert "closes" in shown
+
+
+def test_no_gap_is_said_to_be_none_beside_a_rollout_that_was_left_out(find, cache):
+    some = rollouts({}, case=3)
+    some[4] = (some[4][0], replace(some[4][1], meta={"failure": "emergency stop"}))
+    found = s2r.diagnose(s2r.parse_spec(SPEC), Cart(), some, cache=cache, where=False)
+    assert found.verdict is Verdict.NONE, found.reason
+    assert found.reason.endswith("; 1 of 30 ended early, and are not in this")
+    [note] = [note for note in found.notes if "ended early" in note]
+    assert "is left out; no effect of the catalogue, alone, ends the simulator early there" in note
