@@ -134,6 +134,16 @@ class State:
         """How many numbers the data are, for the temperature."""
         return _counted(self.view, self.smooth)
 
+    @property
+    def astray(self) -> bool:
+        """Whether the fit of everything leaves more than is believed possible: it is no place to look from."""
+        return self.fitted.misfit > 1.0
+
+    @property
+    def ground(self) -> FloatArray:
+        """Return (K,) coordinates of no effect at all, each acting as it does in the fit."""
+        return np.where(self.view.surrogate.catalogue.based, self.fitted.at, 0.0)
+
     def believed_less(self, times: float) -> State:
         """Return the same, its data believed so many times less, all numbers together."""
         view = replace(self.view, variance=times * self.view.variance)
@@ -169,7 +179,9 @@ class State:
                 starts.append((there, slopes))
         spread = np.where(mine, LARGE, ALLOWED)
         if limits := [line for line in self.reached if mine[line]]:
-            there = begin.copy()
+            if self.astray:  # each was asked alone
+                limits = limits[:1]
+            there = self.ground if self.astray else begin.copy()
             there[limits] = [self.reached[line] for line in limits]
             slopes = self.fitted.jacobian.copy()
             only = np.array(limits, dtype=np.intp)
@@ -353,6 +365,21 @@ def _closer(wide: State, view: View, scatter: FloatArray) -> State:
     more = [*wide.missing(wide.fitted.rest, ()), *(int(owner[line]) for line in wide.reached)]
     likely += [(k,) for k in dict.fromkeys(more) if (k,) not in likely]
     best = min((wide.beside(members) for members in likely), key=lambda fit: fit.cost)
+    if wide.astray and best.misfit < wide.fitted.misfit:
+        # What everything at once left was the fit's doing, and says nothing of unknown causes.
+        again = _state(
+            wide.signatures,
+            wide.smooth,
+            view,
+            wide.judge,
+            wide.memberships,
+            wide.simulator,
+            wide.simulator,
+            best.at,
+            best.jacobian,
+            heard=wide.heard,
+        )
+        wide = replace(again, reached=wide.reached)
     near = replace(view, variance=_nearer(view, scatter, best))
     found = _state(
         wide.signatures,
@@ -374,30 +401,35 @@ def _reached(state: State) -> dict[int, float]:
     """Return the lines that do nothing near nominal, but far from it explain some of what the fit leaves, and where.
 
     The simulator is asked all along such a line: between the bank's tests it is not known where a limit is reached.
+    Where the fit of everything went astray, any line may be all there is, and each is asked alone.
     """
     view, size = state.view, state.view.data.size
+    catalogue, begin = view.surrogate.catalogue, state.ground if state.astray else state.fitted.at
+    places = PLACES // 2 if state.astray else PLACES
+    gains: dict[int, float] = {}
     found = {}
-    for line in view.surrogate.idle():
+    for line in np.flatnonzero(~catalogue.based).tolist() if state.astray else view.surrogate.idle():
 
         def cost(x: float, line: int = line) -> float:
-            at = state.fitted.at.copy()
+            at = begin.copy()
             at[line] = x
             rest = view.data - state.simulator.change(at)
             return misfit(rest, view.variance, view.nuisances) * size + (x / LARGE) ** 2
 
         ends = (view.surrogate.lower[line], view.surrogate.upper[line])
-        away = np.concatenate([np.linspace(0.0, end, PLACES + 1)[1:] for end in ends if end])
+        away = np.concatenate([np.linspace(0.0, end, places + 1)[1:] for end in ends if end])
         costs = {0.0: cost(0.0)} | {float(x): cost(float(x)) for x in away}
         best = min(costs, key=lambda x: costs[x])
-        step = float(np.abs(away).max()) / PLACES
+        step = float(np.abs(away).max()) / places
         for part in (0.5, 0.25):
             for x in (best - part * step, best + part * step):
                 if best and ends[0] <= x <= ends[1]:
                     costs[x] = cost(x)
             best = min(costs, key=lambda x: costs[x])
         if costs[best] < costs[0.0] - SOME:
-            found[line] = best
-    return found
+            found[line], gains[line] = best, costs[0.0] - costs[best]
+    most = sorted(found, key=lambda line: -gains[line])[: TRIED if state.astray else None]
+    return {line: found[line] for line in most}
 
 
 def _nearer(view: View, scatter: FloatArray, best: Joint) -> FloatArray:

@@ -384,6 +384,36 @@ def test_a_limit_that_some_tests_reach_is_found_with_its_value(tmp_path):
     assert again.reason.endswith("so how far it shrinks was not measured")
 
 
+@dataclass(frozen=True)
+class Saturating(Cart):
+    """A cart with all of its effects, whose drive may saturate earlier as well."""
+
+    def effects(self):
+        return (*super().effects(), *(e for e in Limited().effects() if e.name == "limit"))
+
+    def with_effects(self, values):
+        rest = {name: of for name, of in values.items() if name != "limit"}
+        lowest = values.get("limit", {}).get("voltage", self.limit)
+        return replace(super().with_effects(rest), limit=lowest)
+
+
+def test_a_fit_of_everything_that_went_astray_does_not_rule_out_what_explains_all_alone(tmp_path):
+    rng = np.random.default_rng(11)
+    tests = [{"vd": rng.uniform(0.2, 1), "acc": rng.uniform(1, 4)} for _ in range(60)]
+    needed = [np.abs(real(test, 11000 + i, {})["u"]).max() for i, test in enumerate(tests)]
+    order = np.argsort(needed).tolist()
+    # Two tests saturate; one of them is held out, and the one that is seen looks like many effects at once.
+    gentle = [i for i in order if needed[i] < 4.0][:18]
+    hard = [i for i in order[::-1] if needed[i] > 4.8][:2]
+    places = enumerate(tests[i] for i in gentle + hard)
+    seen = [(test, real(test, 11000 + i, {}, limit=4.2)) for i, test in places]
+    assert sum(np.abs(trace["u"]).max() >= 4.2 - 1e-9 for _, trace in split(seen, 0)[0]) == 1
+    found = s2r.diagnose(s2r.parse_spec(SPEC), Saturating(), seen, cache=tmp_path, where=False)
+    assert found.which.ranked[0][0] == ("limit",), found.which.ranked[:4]
+    assert found.which.unknown < 0.3
+    assert abs(found.which.estimates[0].value - 4.2) < 0.3
+
+
 def test_tests_that_alone_show_a_gap_change_places_with_as_many_others():
     numbered = [({"v": float(k // 2)}, k) for k in range(20)]  # two rollouts a test
     seen, held = exchanged(numbered[:14], numbered[14:], [{"v": 8.0}], seed=0)
