@@ -154,6 +154,7 @@ class Diagnosis:
         provenance: version, seed, hashes.
         assumptions: what the answer rests on.
         notes: what the real rollouts lack, a sentence each.
+        by_falls: whether what is named rests on falls alone: no other rollout shows it.
     """
 
     verdict: Verdict
@@ -167,6 +168,7 @@ class Diagnosis:
     assumptions: tuple[str, ...]
     notes: tuple[str, ...] = ()
     left: tuple[Remainder, ...] = ()
+    by_falls: bool = False
 
     def __str__(self) -> str:
         """Return verdict and reason; all else is in the fields."""
@@ -184,6 +186,7 @@ class Diagnosis:
             "schema": SCHEMA,
             **self.provenance,
             "verdict": self.verdict.value,
+            "by_falls": self.by_falls,
             "reason": self.reason,
             "which": self.which.to_json(),
             "where": None if self.where is None else self.where.to_json(),

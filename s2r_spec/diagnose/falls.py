@@ -136,6 +136,14 @@ def falls(
     return Falls(False, tuple(sorted(culprits, key=lambda each: abs(each.coordinate))), len(stood))
 
 
+def always_early(rollouts: Sequence[tuple[Test, Trace]]) -> int:
+    """Return how many tests there are that were run again and ended early every time."""
+    ended: dict[tuple[tuple[str, float], ...], list[bool]] = {}
+    for test, trace in rollouts:
+        ended.setdefault(tuple(sorted(test.items())), []).append(trace.failure is not None)
+    return sum(len(each) > 1 and all(each) for each in ended.values())
+
+
 def _ended(bench: Bench, trace: Trace, test: Test) -> NDArray[np.float64]:
     return np.array([float(trace.failure is not None)])
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.backend import HasResiduals
-from s2r_spec.diagnose.falls import Falls
+from s2r_spec.diagnose.falls import Falls, always_early
 from s2r_spec.diagnose.simulate import Bench, blamed
 from s2r_spec.errors import TraceError
 from s2r_spec.trace import Trace
@@ -131,12 +131,10 @@ def looked_again(tests: int) -> str:
 
 
 def _again(rollouts: Sequence[Rollout]) -> str:
-    """Return how many tests there are that were run again and ended early every time."""
-    ended: dict[tuple[tuple[str, float], ...], list[bool]] = {}
-    for test, trace in rollouts:
-        ended.setdefault(tuple(sorted(test.items())), []).append(trace.failure is not None)
-    always = sum(len(each) > 1 and all(each) for each in ended.values())
-    return f", every time at {always} of {len(ended)} tests: no accident" if always else ""
+    """Return at how many tests rollouts ended early every time, in words."""
+    always = always_early(rollouts)
+    tests = {tuple(sorted(test.items())) for test, _ in rollouts}
+    return f", every time at {always} of {len(tests)} tests: no accident" if always else ""
 
 
 def _without_residuals(bench: Bench, rollouts: Sequence[Rollout]) -> list[str]:

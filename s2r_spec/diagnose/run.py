@@ -15,12 +15,13 @@ from numpy.typing import NDArray
 
 from s2r_spec.backend import Backend, HasRecordings, load_backend
 from s2r_spec.diagnose import bank as banks
+from s2r_spec.diagnose.accused import named_by_falls
 from s2r_spec.diagnose.ask import Rollouts, real_rollouts
 from s2r_spec.diagnose.axes import BACKGROUND
 from s2r_spec.diagnose.design import unit_box, weights
 from s2r_spec.diagnose.diagnosis import Diagnosis, Verdict, Which
 from s2r_spec.diagnose.estimate import by_linear, fit
-from s2r_spec.diagnose.falls import falls
+from s2r_spec.diagnose.falls import always_early, falls
 from s2r_spec.diagnose.how_far import HowFar, gap, how_far
 from s2r_spec.diagnose.idle import active
 from s2r_spec.diagnose.isolability import Isolability, isolability
@@ -107,7 +108,8 @@ def diagnose(
     begun = len(parts.compared) < len(parts.seen)
     told = Used(rollouts, len(parts.used), begun, len(parts.held), _recorded(real))
     with kept_open(executor) as pool:
-        lacking = notes(bench, told, ENOUGH, idle, falls(bench, bank.lines, rollouts, seed, pool))
+        why = falls(bench, bank.lines, rollouts, seed, pool)
+        lacking = notes(bench, told, ENOUGH, idle, why)
         state = prepare(bench, bank, parts.compared, seed, cache, pool, tell)
         found = _answer(bench, state, parts, seed, pool, tell, where)
         if (far := found.how_far) is not None and far.overlooked:
@@ -117,6 +119,8 @@ def diagnose(
                 found = _answer(bench, state, parts, seed, pool, tell, where, moved=True)
                 lacking = (*lacking, looked_again(moved))
         left_out = len(rollouts) - len(parts.used)
+        if left_out and found.verdict is Verdict.NONE and always_early(rollouts):
+            found = named_by_falls(found, state, why)
         if left_out and found.verdict is Verdict.NONE:
             # That a machine falls where its simulator does not is a gap, whatever the other rollouts say.
             found = replace(

@@ -23,6 +23,11 @@ def next_step(found: Diagnosis, spec: Spec) -> str:
                 "--sim patched:FILE), and bound the gap that is left with s2r gap on fresh rollouts"
             )
             return f"{use}; to see whether one cause stands out, {test}." if test else f"{use}."
+        case Verdict.NAMED | Verdict.CONFOUNDED if found.by_falls:
+            return (
+                "Add what is named to the simulator (s2r diagnose … --apply FILE, then --sim patched:FILE), and run "
+                "the machine at tests next to those where it falls: where that begins says how large the cause is."
+            )
         case Verdict.NAMED if found.how_far is not None and not found.how_far.shows:
             return (
                 "For this requirement the simulator may stay as it is; add what is named (s2r diagnose … --apply FILE, "
