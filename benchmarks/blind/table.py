@@ -36,7 +36,8 @@ SETS = {
     "emps14": "fourteenth",
     "emps15": "of the axis, fifteenth",
     "emps16": "of the axis, sixteenth",
-    "emps": "seventeenth",
+    "emps17": "seventeenth",
+    "emps": "eighteenth",
     "a1first": "of the A1, first",
     "a1second": "second",
     "a1third": "of the A1, third",
@@ -56,10 +57,12 @@ SETS = {
     "arm2": "second",
     "arm3": "third",
     "arm4": "of the arm, fourth",
-    "arm": "fifth",
+    "arm5": "fifth",
+    "arm": "sixth",
     "quad1": "of the quadrotor, first",
     "quad2": "of the quadrotor, second",
-    "quad": "third",
+    "quad3": "third",
+    "quad": "of the quadrotor, fourth",
 }
 SHOWN = ("emps16", "emps", "a1thirteenth", "a1fourteenth", "a1", "arm4", "arm", "quad2", "quad")
 """Those on the page."""
