@@ -799,9 +799,9 @@ def test_what_is_said_of_the_axis_sixteenth_and_the_arms_fourth_set():
 def test_what_is_said_of_the_sets_with_the_second_look_and_ends_of_ranges():
     page = " ".join(PAGE.read_text().split())
     for name, whose in (
-        ("emps", "the axis' seventeenth"),
-        ("arm", "the arm's fifth"),
-        ("quad", "the quadrotor's third"),
+        ("emps17", "the axis' seventeenth"),
+        ("arm5", "the arm's fifth"),
+        ("quad3", "the quadrotor's third"),
     ):
         top, second, large, pair, one, unknown, called, null, sure, inside = rates(name, *KEYS)
         assert (
@@ -814,9 +814,9 @@ def test_what_is_said_of_the_sets_with_the_second_look_and_ends_of_ranges():
             f"of {sure['of']} answers of 0.9 and more are right, and {inside['hits']} of {inside['of']} true values "
             f"are in their interval."
         ) in page, name
-    assert all(list(c["label"]["effects"]) == ["torque_limit"] for c in missed_in("arm", "single"))
-    assert all(kinds_apart(c) for c in missed_in("quad", "single"))
-    cases = cases_of("emps", "arm", "quad")
+    assert all(list(c["label"]["effects"]) == ["torque_limit"] for c in missed_in("arm5", "single"))
+    assert all(kinds_apart(c) for c in missed_in("quad3", "single"))
+    cases = cases_of("emps17", "arm5", "quad3")
     ends = [
         c for c in cases if any(v["at_end"] for of in (c["parameters"] or {}).values() for v in of.values())
     ]
