@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,6 +14,7 @@ from s2r_spec.diagnose.diagnosis import Diagnosis, Verdict
 from s2r_spec.diagnose.estimate import Estimate
 from s2r_spec.diagnose.evidence import LARGE
 from s2r_spec.diagnose.falls import Culprit, Falls
+from s2r_spec.diagnose.how_far import HowFar
 from s2r_spec.diagnose.joint import misfit
 from s2r_spec.diagnose.prepare import State
 from s2r_spec.diagnose.verdict import RIVAL
@@ -30,7 +31,7 @@ ACCIDENT = 0.02
 """Probability that a machine falls each time at a test, and nothing is wrong with it."""
 ASSUMPTION = (
     f"that the catalogue lacks what makes the machine fall has a probability of {LACKED:g}, and an accident "
-    f"{ACCIDENT:g}: no data say so"
+    f"{ACCIDENT:g}: no data say so; which of the held-out rollouts fell was looked at to find how much of it there is"
 )
 
 
@@ -48,6 +49,11 @@ class Accused:
     culprit: Culprit
     weight: float
     estimate: Estimate
+
+    @property
+    def patch(self) -> dict[str, dict[str, float]]:
+        """Return it as what is added to the simulator."""
+        return {self.estimate.effect: {self.estimate.parameter: self.estimate.value}}
 
 
 def judged(state: State, culprits: Sequence[Culprit]) -> list[Accused]:
@@ -99,13 +105,21 @@ def judged(state: State, culprits: Sequence[Culprit]) -> list[Accused]:
     return list(best.values())
 
 
-def named_by_falls(found: Diagnosis, state: State, why: Falls | None) -> Diagnosis:
-    """Return the diagnosis of a machine without another gap, with what makes it fall named if something alone would.
+Measured = Callable[[Mapping[str, Mapping[str, float]]], HowFar | None]
+"""From effects and values to how far the gap shrinks with them."""
+
+
+def named_by_falls(
+    found: Diagnosis, state: State, why: Falls | None, measured: Measured | None = None
+) -> Diagnosis:
+    """Return the diagnosis with what makes the machine fall named, if something alone would.
 
     Args:
-        found: of the rollouts that did not fall: no material gap.
+        found: of the rollouts that did not fall, which name nothing.
         state: of these.
-        why: what ends the simulator early where the machine falls every time it is asked.
+        why: what ends the simulator early where the machine falls.
+        measured: where falls are a part of the gap: only what closes it is named. None where they were left out, and
+            no other gap is material.
     """
     if why is None or why.nominal or not why.culprits:
         return found
@@ -114,6 +128,27 @@ def named_by_falls(found: Diagnosis, state: State, why: Falls | None) -> Diagnos
     accused = judged(state, why.culprits)
     if not accused:
         return found
+    far = found.how_far
+    shrinks = (
+        "; the gap of these is no more than a few percent of every effect would make it, so how far it shrinks "
+        "was not measured"
+    )
+    if measured is not None:
+        closing = [(each, measured(each.patch)) for each in accused]
+        accused = [each for each, after in closing if after is not None and after.material and after.gone]
+        if not accused:
+            return found
+        far = next(after for each, after in closing if each is accused[0])
+        assert far is not None
+        assert far.share is not None
+        shrinks = (
+            f"; added to the simulator it closes {100 * min(far.share[0], 1.0):.0f} % of the held-out gap"
+        )
+    return _named(found, accused, far, shrinks)
+
+
+def _named(found: Diagnosis, accused: Sequence[Accused], far: HowFar | None, shrinks: str) -> Diagnosis:
+    """Return the diagnosis with the first of these named, and the others not told from it."""
     total = sum(each.weight for each in accused)
     share = 1.0 - LACKED - ACCIDENT
     singles = dict.fromkeys(found.which.singles, 0.0)
@@ -121,7 +156,6 @@ def named_by_falls(found: Diagnosis, state: State, why: Falls | None) -> Diagnos
     names = tuple(each.culprit.line.effect for each in accused)
     first = accused[0]
     others = f", or {' or '.join(names[1:])}" if names[1:] else ""
-    patch = {first.estimate.effect: {first.estimate.parameter: first.estimate.value}}
     which = replace(
         found.which,
         none=ACCIDENT,
@@ -137,12 +171,12 @@ def named_by_falls(found: Diagnosis, state: State, why: Falls | None) -> Diagnos
     return replace(
         found,
         verdict=Verdict.CONFOUNDED if others else Verdict.NAMED,
-        reason=f"{first.culprit}{others}, alone, ends the simulator early where the machine does every time, and "
-        f"nothing else of the catalogue does that the other rollouts allow; the gap of these is no more than a few "
-        f"percent of every effect would make it, so how far it shrinks was not measured",
+        reason=f"{first.culprit}{others}, alone, ends the simulator early where the machine does, and nothing else of "
+        f"the catalogue does that the other rollouts allow{shrinks}",
         which=which,
-        patch=patch,
-        tuned={**found.tuned, **patch},
+        how_far=far,
+        patch=first.patch,
+        tuned={**found.tuned, **first.patch},
         assumptions=(*found.assumptions, ASSUMPTION),
         by_falls=True,
     )

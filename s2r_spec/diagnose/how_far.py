@@ -136,8 +136,15 @@ class HowFar:
 
     @property
     def harmful(self) -> bool:
-        """Whether the patch makes a material gap where there was none; at a single held-out test is enough."""
-        return self.after is not None and not self.material and self.after.mean > self._at_most
+        """Whether the patch makes a material gap where there was none; at a single held-out test is enough.
+
+        One that was nearly material before, and is barely so after, was not made by the patch.
+        """
+        return (
+            self.after is not None
+            and not self.material
+            and self.after.mean - self.before.mean > self._at_most
+        )
 
     @property
     def gone(self) -> bool:

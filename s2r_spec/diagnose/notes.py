@@ -133,8 +133,12 @@ def looked_again(tests: int) -> str:
 def _again(rollouts: Sequence[Rollout]) -> str:
     """Return at how many tests rollouts ended early every time, in words."""
     always = always_early(rollouts)
-    tests = {tuple(sorted(test.items())) for test, _ in rollouts}
-    return f", every time at {always} of {len(tests)} tests: no accident" if always else ""
+    tests = {tuple(sorted(test.items())) for test, trace in rollouts if trace.failure is not None}
+    if not always:
+        return ""
+    if len(tests) == 1:
+        return ", every time at one test: no accident"
+    return f", at {len(tests)} tests, at {always} of them every time of several: no accident"
 
 
 def _without_residuals(bench: Bench, rollouts: Sequence[Rollout]) -> list[str]:

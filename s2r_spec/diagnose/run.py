@@ -107,6 +107,7 @@ def diagnose(
     parts = Parted.of(rollouts, seed)
     begun = len(parts.compared) < len(parts.seen)
     told = Used(rollouts, len(parts.used), begun, len(parts.held), _recorded(real))
+    held_first = parts.held
     with kept_open(executor) as pool:
         why = falls(bench, bank.lines, rollouts, seed, pool)
         lacking = notes(bench, told, ENOUGH, idle, why)
@@ -121,6 +122,16 @@ def diagnose(
         left_out = len(rollouts) - len(parts.used)
         if left_out and found.verdict is Verdict.NONE and always_early(rollouts):
             found = named_by_falls(found, state, why)
+        elif why is not None and not left_out and not found.which.answer:
+            # So many fell that they are the gap: what closes it by falling there, too, is the cause. No trace of a
+            # fall was looked at, so those that changed places are as good as held out.
+            asked = replace(parts, held=held_first)
+            found = named_by_falls(
+                found,
+                state,
+                why,
+                lambda patch: _how_far(bench, state, asked, patch, found.tuned, seed, pool, tell),
+            )
         if left_out and found.verdict is Verdict.NONE:
             # That a machine falls where its simulator does not is a gap, whatever the other rollouts say.
             found = replace(

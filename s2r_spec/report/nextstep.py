@@ -41,6 +41,7 @@ def next_step(found: Diagnosis, spec: Spec) -> str:
                 f"Add {what} to the simulator (s2r diagnose … --apply FILE{tuned}, then --sim patched:FILE), and "
                 f"bound the gap that is left with s2r gap on fresh rollouts"
             )
+            use += _wider(found)
             return f"{use}; to be surer of the name, {test}." if test else f"{use}."
         case Verdict.CONFOUNDED:
             if test:
@@ -50,15 +51,10 @@ def next_step(found: Diagnosis, spec: Spec) -> str:
                 f"was found that tells them apart."
             )
         case Verdict.UNKNOWN:
-            ends = [f"{e.effect}.{e.parameter}" for e in which.estimates if e.at_end]
-            wider = (
-                f"; or widen the range of {' and '.join(ends)}, if the machine could have more of it"
-                if ends
-                else ""
-            )
             return (
                 f"Look for a cause that the catalogue lacks{_place(found)}, and write it as an effect "
-                f"(docs/how-to/effects.md){wider}."
+                f"(docs/how-to/effects.md)"
+                f"{_wider(found)}."
             )
 
 
@@ -70,6 +66,14 @@ def test_in_words(test: NextTest, spec: Spec) -> str:
     how = f" {test.protocol}" if test.protocol else ""
     many = f"{test.sigma:.1f} σ a rollout"
     return f"run {where or 'the test again'}{how}, which tells {' from '.join(test.separates)} by {many}"
+
+
+def _wider(found: Diagnosis) -> str:
+    """Return what to do about values at the end of their ranges."""
+    ends = [f"{e.effect}.{e.parameter}" for e in found.which.estimates if e.at_end]
+    return (
+        f"; or widen the range of {' and '.join(ends)}, if the machine could have more of it" if ends else ""
+    )
 
 
 def _place(found: Diagnosis) -> str:

@@ -310,4 +310,4 @@ def test_a_test_that_ends_early_every_time_is_told_to_be_no_accident():
     first = runs[0][0]
     again = [(t, replace(r, meta=dict(r.meta) | {"failure": "fall"}) if t == first else r) for t, r in runs]
     [told] = [n for n in notes(BENCH, Used(again, 12, True, 0, 12), ENOUGH) if "ended early" in n]
-    assert "(fall, every time at 1 of 4 tests: no accident)" in told
+    assert "(fall, every time at one test: no accident)" in told

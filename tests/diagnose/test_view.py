@@ -213,6 +213,14 @@ def test_a_gap_that_a_patch_may_close_for_all_that_its_interval_says_is_not_open
     made = how_far(small, np.zeros(9), small - one_test, small, tests, 0.01, 0.0, 3, "m")
     assert made.harmful
     assert not made.material
+    # Nearly a gap before, and a little more than nearly after: not the patch's making.
+    close = np.where(np.arange(9) == 4, 0.06, small)
+    more = np.where(np.arange(9) == 4, -0.12, small)
+    nearly = how_far(close, np.zeros(9), close - more, close, tests, 0.01, 0.0, 3, "m")
+    assert not nearly.material
+    assert nearly.after.mean > nearly.before.mean
+    assert nearly.after.mean > nearly._at_most
+    assert not nearly.harmful
 
 
 @pytest.mark.parametrize(("left", "part"), [(0.0, LEAST), (0.15, 0.15 / LEFT), (LEFT, 1.0), (4.0, 1.0)])

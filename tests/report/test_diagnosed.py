@@ -301,6 +301,9 @@ def test_the_next_step_says_where_a_range_is_too_narrow_and_where_the_rest_helps
     assert words.endswith("; or widen the range of friction.force, if the machine could have more of it.")
     named, _ = diagnosis(1)
     assert "--tuned" not in next_step(named, spec)
+    assert "widen" not in next_step(named, spec)
+    ended = replace(named.which, estimates=narrow.estimates)
+    assert "; or widen the range of friction.force" in next_step(replace(named, which=ended), spec)
     better = replace(named.how_far, share=(0.5, 0.4, 0.6), tuned_share=(0.9, 0.8, 1.0))
     assert "--apply FILE --tuned, then" in next_step(replace(named, how_far=better), spec)
     assert json.loads(diagnosed.as_json(replace(found, which=narrow), spec))["which"]["parameters"][
