@@ -184,17 +184,15 @@ def test_what_is_said_of_delays_and_of_sure_errors():
     words = f"Of {len(sure)} answers of 0.9 and more {len(wrong)} are wrong"
     assert words in page, (words, wrong)
     pairs = [effects for effects in wrong if len(effects) == 2]
-    small = {"mass", "voltage_limit", "encoder_ripple", "torque_speed_line"}
+    small = {"torque_limit", "torque_speed_line", "ground_effect"}
     assert all(len(set(effects) & small) == 1 for effects in pairs)
+    assert sum("torque_limit" in effects for effects in pairs) == 3
     assert set().union(*pairs) >= small
-    assert sorted(map(tuple, [effects for effects in wrong if len(effects) < 2])) == [
-        (),
-        ("weak_rear_rotor",),
-    ]
+    (nothing,) = [case for case in sure if not right(case) and len(case["label"]["effects"]) < 2]
+    assert (nothing["label"]["kind"], likeliest(nothing)[0]) == ("null", {"offset"})
     assert (
-        f"{len(pairs)} times one of a pair was missed (a mass, a voltage limit, a ripple of the encoder, a speed-"
-        "torque line), a machine with nothing wrong was said to have quadratic drag, and a rotor that makes less than "
-        "the others was named as a shifted centre of mass"
+        f"{len(pairs)} times one of a pair was missed (three torque limits, a speed-torque line, a ground effect), and "
+        "a machine with nothing wrong was said to have an offset."
     ) in page
 
 
@@ -565,10 +563,13 @@ def test_what_is_said_of_the_real_axis():
     )
     assert said in page, said
     assert "though speed_filter may not be there" in friction["text"]
-    assert "do not rule out offset in its place or beside it" in friction["text"]
+    offset = next(pair["probability"] for pair in friction["pairs"] if "offset" in pair["effects"])
+    assert "offset" not in friction["set"]
+    assert f"The offset beside these three has a probability of {offset:.3f}: it is not named." in page
     before, after = friction["control law leaves"]
     assert f"leaves {before:.4f} V of the recorded voltage, and {after:.4f} V with that filter" in page
-    assert friction["parameters"]["speed_filter"]["time"]["low"] == 0.0
+    least = friction["parameters"]["speed_filter"]["time"]["low"]
+    assert f"The interval of its time begins at {least:.6f} s." in page
     assert kept["pulses"]["verdict"] == "none of these"
     left = re.search(
         r"; (\+[\d.]+ V) of controller (between [\d.]+ and [\d.]+ s) is left", kept["pulses"]["text"]
@@ -802,6 +803,9 @@ def test_what_is_said_of_the_sets_with_the_second_look_and_ends_of_ranges():
         ("emps17", "the axis' seventeenth"),
         ("arm5", "the arm's fifth"),
         ("quad3", "the quadrotor's third"),
+        ("emps", "the axis' eighteenth"),
+        ("arm", "the arm's sixth"),
+        ("quad", "the quadrotor's fourth"),
     ):
         top, second, large, pair, one, unknown, called, null, sure, inside = rates(name, *KEYS)
         assert (
@@ -816,6 +820,19 @@ def test_what_is_said_of_the_sets_with_the_second_look_and_ends_of_ranges():
         ) in page, name
     assert all(list(c["label"]["effects"]) == ["torque_limit"] for c in missed_in("arm5", "single"))
     assert all(kinds_apart(c) for c in missed_in("quad3", "single"))
+    missed = missed_in("arm", "single") + missed_in("arm", "pair")
+    assert all("torque_limit" in c["label"]["effects"] for c in missed)
+    out = [
+        effect
+        for c in cases_of("emps")
+        if c["label"]["kind"] == "single"
+        for effect, of in c["label"]["effects"].items()
+        for name, value in of.items()
+        if (found := (c["parameters"] or {}).get(effect, {}).get(name))
+        and not found["low"] <= value <= found["high"]
+    ]
+    assert (len(out), out.count("supply_sag")) == (6, 4)
+    assert "Of the six values of the axis that are out of their interval four are sags of the supply." in page
     cases = cases_of("emps17", "arm5", "quad3")
     ends = [
         c for c in cases if any(v["at_end"] for of in (c["parameters"] or {}).values() for v in of.values())
