@@ -126,8 +126,11 @@ class Path:
         margin = np.broadcast_to(algebra.walk(step.node), self.pair.times.shape)
         return step.factor * float(margin[step.sample])
 
-    def _between(self, a: _Point, b: _Point) -> Iterator[Piece]:
-        """Yield the pieces from one point to another."""
+    def _between(self, a: _Point, b: _Point, halved: bool = False) -> Iterator[Piece]:
+        """Yield the pieces from one point to another; ``halved`` if a crossing has just cut off less than half.
+
+        Of curved predicates straight lines may cross ever nearer to one end, so two cuts always halve the way.
+        """
         middle = self._point((a.at + b.at) / 2, a.late)
         if not (isinstance(middle.steps[-1].node, f.Comparison) and np.isfinite(middle.rho)):
             return  # ρ is infinite on the way: what it does there is no number
@@ -139,9 +142,9 @@ class Path:
         elif b.at - a.at <= _NARROW:
             yield from self._jump(a, b)
         else:
-            split = self._point(self._crossing(a, middle, b), a.late)
-            yield from self._between(a, split)
-            yield from self._between(split, b)
+            split = middle if halved else self._point(self._crossing(a, middle, b), a.late)
+            for left, right in ((a, split), (split, b)):
+                yield from self._between(left, right, right.at - left.at > (b.at - a.at) / 2)
 
     def _crossing(self, a: _Point, middle: _Point, b: _Point) -> float:
         """Return where what decides at one end and what decides at the other are alike, or else the middle."""

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from s2r_spec.diagnose.where.attribution import attribute
 from s2r_spec.diagnose.where.critical import kind
+from s2r_spec.diagnose.where.path import Path as Straight
 from s2r_spec.errors import TraceError
 from s2r_spec.spec import load_spec, parse_spec
 from s2r_spec.trace import Trace
@@ -54,6 +55,21 @@ def test_parts_add_up_and_the_sandwich_holds(pair):
         else:
             low, high = found.switch.bounds
             assert low - 1e-9 <= found.delta <= high + 1e-9
+
+
+def test_crossings_ever_nearer_to_one_end_are_no_endless_way(monkeypatch):
+    spec = parse_spec("signal x\nsignal y\nrequire it: always[0, 1 s] (x <= 2 or y <= 0)\n")
+    times = np.array([0.0, 1.0])
+    real, simulated = (
+        Trace(times, {"x": np.full(2, x), "y": np.full(2, y)}) for x, y in ((4.0, 1.0), (0.0, 3.0))
+    )
+    # As of curved predicates, where straight lines cut off next to nothing each time.
+    monkeypatch.setattr(Straight, "_crossing", lambda self, a, middle, b: a.at + 1e-3 * (b.at - a.at))
+    found = attribute(spec, "it", real, simulated, {})
+    assert found.delta == pytest.approx(-1.0 - 2.0)
+    assert sum(float(values.sum()) for values in found.credit.values()) == pytest.approx(
+        found.delta, abs=1e-9
+    )
 
 
 TIMES = np.arange(751) / 500
