@@ -44,6 +44,10 @@ class TraceError(UsageError):
     """A trace breaks the contract of :class:`s2r_spec.trace.Trace`, or lacks what a spec needs."""
 
 
+class SamplingError(TraceError):
+    """A time in the spec falls between the samples of a trace."""
+
+
 class BackendError(S2RError):
     """A backend failed while it ran, or broke its declared contract."""
 

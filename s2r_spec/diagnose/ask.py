@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec import logs
-from s2r_spec.backend import Backend, HasDuration, HasRecordings, Recording, load_backend
-from s2r_spec.diagnose.notes import CUT
-from s2r_spec.diagnose.simulate import Bench
-from s2r_spec.errors import TraceError, UsageError
+from s2r_spec.backend import Backend, HasDuration, HasRecordings, load_backend
+from s2r_spec.diagnose.notes import CUT, READ_AT, between
+from s2r_spec.diagnose.simulate import Bench, blamed
+from s2r_spec.errors import SamplingError, TraceError, UsageError
 from s2r_spec.lang.units import UnknownUnitError, parse_unit
 from s2r_spec.rollouts.match import match
 from s2r_spec.rollouts.seeds import Stream, rollout_seed
@@ -46,7 +46,7 @@ def real_rollouts(
 
     Raises:
         UsageError: a rollout does not say its test, or that is outside the spec's ranges, or there are fewer
-            than six, or a channel is in a unit that does not convert.
+            than six, or a channel is in a unit that does not convert, or ρ cannot be told of a rollout.
     """
     names = bench.spec.space.names
     if isinstance(real, str):
@@ -54,12 +54,16 @@ def real_rollouts(
     if isinstance(real, HasRecordings) and isinstance(real, Backend):
         matched = match(bench.spec, bench.requirement, real)
         pairs = [(matched.to_spec(r.params), r) for r in real.recordings]
-        found = [(dict(test), _decided(bench, test, r)) for test, r in pairs if test is not None]
+        given = [(dict(test), r.trace, str(r.source)) for test, r in pairs if test is not None]
     elif isinstance(real, Backend):
-        found = ask(bench, real, BUDGET if budget is None else budget, seed, folder, progress)
+        ran = ask(bench, real, BUDGET if budget is None else budget, seed, folder, progress)
+        given = [(test, trace, f"real rollout {n}") for n, (test, trace) in enumerate(ran)]
     else:
-        found = [({n: float(v) for n, v in params.items()}, trace) for params, trace in _items(real)]
-    for test, _ in found:
+        given = [
+            ({name: float(value) for name, value in params.items()}, trace, f"real rollout {n}")
+            for n, (params, trace) in enumerate(_items(real))
+        ]
+    for test, _, _ in given:
         if missing := [name for name in names if name not in test]:
             raise UsageError(
                 f"a real rollout does not say its {missing[0]!r}; every test parameter is needed"
@@ -67,10 +71,10 @@ def real_rollouts(
     found = [
         (
             {name: test[name] for name in names},
-            cut(as_simulated(trace, bench.backend), bench.backend.duration),
+            cut(_decided(bench, test, as_simulated(trace, bench.backend), source), bench.backend.duration),
         )
-        for test, trace in found
-    ][:budget]
+        for test, trace, source in given[:budget]
+    ]
     for test, _ in found:
         bench.spec.space.vector(test)  # now, and not when all is simulated
     if len(found) < FEWEST:
@@ -78,6 +82,25 @@ def real_rollouts(
             f"{len(found)} real rollouts are too few to tell a cause from scatter; {FEWEST} are the least"
         )
     return found
+
+
+def read_at(trace: Trace, step: float, until: float = 0.0) -> Trace:
+    """Return the trace on samples ``step`` seconds apart: straight lines between its own; of a flag the last one.
+
+    One that ends less than one of its own periods before ``until`` [s] keeps its last values until then.
+    """
+    own = trace.times - trace.times[0]
+    end = until if own[-1] < until < 2.0 * own[-1] - own[-2] else own[-1]
+    # As many as there are periods, not one less by a rounding.
+    times = step * np.arange(math.floor(end / step * (1.0 + 1e-9)) + 1)
+    before = np.clip(np.searchsorted(own, times * (1.0 + 1e-9), "right") - 1, 0, len(own) - 1)
+
+    def read(values: FloatArray) -> FloatArray:
+        flag = np.isin(values[np.isfinite(values)], (0.0, 1.0)).all()
+        return values[before] if flag else between(times, own, values)
+
+    channels = {name: read(np.asarray(values, dtype=np.float64)) for name, values in trace.channels.items()}
+    return Trace(times, channels, trace.units, dict(trace.meta) | {READ_AT: step})
 
 
 def cut(trace: Trace, duration: float) -> Trace:
@@ -138,28 +161,37 @@ def _converted(values: FloatArray, name: str, recorded: str, wanted: str, simula
     return values if (factor, offset) == (1.0, 0.0) else factor * values + offset
 
 
-def _decided(bench: Bench, test: Mapping[str, float], recording: Recording) -> Trace:
-    """Return the trace of a recording that the requirement can be decided of.
+def _decided(bench: Bench, test: Mapping[str, float], trace: Trace, source: str) -> Trace:
+    """Return a trace of which ρ can be told: where the spec's times fall between its samples, at the simulator's.
 
     Raises:
-        UsageError: it cannot; the sentence names the file.
+        UsageError: it cannot; the sentence says of which recording, or rollout.
     """
     try:
-        bench.rho(recording.trace, test)
+        try:
+            bench.rho(trace, test)
+            return trace
+        except SamplingError:
+            read = read_at(trace, _step(bench, test), bench.spec.horizon(bench.requirement))
+            bench.rho(read, test)
+            return read
     except TraceError as error:
         why = str(error).partition(";")[0]
         horizon = bench.spec.horizon(bench.requirement)
         if "is NaN" in why:
-            what = f"{why}; fill in the recording what is missing, or leave the rollout out of rollouts.csv"
-        elif recording.trace.duration < horizon < math.inf:
-            what = (
-                f"{why}; leave it out of rollouts.csv, or, if the machine fell, say so in the trace's metadata "
-                f"(failure)"
-            )
+            what = f"{why}; fill in the recording what is missing, or leave the rollout out"
+        elif trace.duration < horizon < math.inf:
+            what = f"{why}; leave it out, or, if the machine fell, say so in the trace's metadata (failure)"
         else:
             what = str(error)
-        raise UsageError(f"{recording.source}: {what}") from None
-    return recording.trace
+        raise UsageError(f"{source}: {what}") from None
+
+
+def _step(bench: Bench, test: Mapping[str, float]) -> float:
+    """Return how far apart the simulator's samples are [s]."""
+    with blamed(bench, {}, test, 0):
+        simulated = bench.run({}, test, 0)
+    return float(np.median(np.diff(simulated.times)))
 
 
 def _items(real: Iterable[Any]) -> Iterable[tuple[Mapping[str, float], Trace]]:

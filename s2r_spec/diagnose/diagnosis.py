@@ -155,6 +155,8 @@ class Diagnosis:
         assumptions: what the answer rests on.
         notes: what the real rollouts lack, a sentence each.
         by_falls: whether what is named rests on falls alone: no other rollout shows it.
+        misread: channels that look as if they were recorded in another unit, or with the other sign; what is said of
+            causes is worth little until that is seen to.
     """
 
     verdict: Verdict
@@ -169,6 +171,7 @@ class Diagnosis:
     notes: tuple[str, ...] = ()
     left: tuple[Remainder, ...] = ()
     by_falls: bool = False
+    misread: tuple[str, ...] = ()
 
     def __str__(self) -> str:
         """Return verdict and reason; all else is in the fields."""
@@ -196,4 +199,5 @@ class Diagnosis:
             "tuned": {name: dict(values) for name, values in self.tuned.items()},
             "assumptions": list(self.assumptions),
             "notes": list(self.notes),
+            "misread": list(self.misread),
         }

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,10 +14,13 @@ from s2r_spec.diagnose.simulate import Bench, blamed
 from s2r_spec.errors import TraceError
 from s2r_spec.trace import Trace
 
+FloatArray = NDArray[np.float64]
 Rollout = tuple[dict[str, float], Trace]
 
 CUT = "cut at"
 """In the metadata of a recording of which only the begin is used: until when [s]."""
+READ_AT = "read at samples apart"
+"""In the metadata of a recording between whose samples the spec's times fall: how far apart they are now [s]."""
 UNITS = {
     "1000 times": 1e3,
     "a thousandth of": 1e-3,
@@ -31,6 +34,8 @@ NEAR = 1.2
 """A factor is one of these if it is this many times as much at most."""
 COMPARED = 5
 """Rollouts that are compared with the simulator for it, at most."""
+OPPOSITE = -0.9
+"""A channel whose correlation with the simulator's is below this in all of them has the other sign."""
 SHOWN = 6
 """Channels that are named in a note; of more the number is told."""
 
@@ -55,7 +60,12 @@ class Used:
 
 
 def notes(
-    bench: Bench, used: Used, least: tuple[int, int], idle: Sequence[str] = (), why: Falls | None = None
+    bench: Bench,
+    used: Used,
+    least: tuple[int, int],
+    idle: Sequence[str] = (),
+    why: Falls | None = None,
+    misread: Mapping[str, str] | None = None,
 ) -> tuple[str, ...]:
     """Return, a sentence each, what these rollouts lack for a diagnosis.
 
@@ -65,8 +75,9 @@ def notes(
         least: from how many different tests, and rollouts, on some are held out.
         idle: effects of the catalogue that change nothing at any test.
         why: what may have ended some of them early.
+        misread: of :func:`misread`.
     """
-    found = []
+    found = list((misread or {}).values())
     rollouts, count = used.rollouts, len(used.rollouts)
     if idle:
         found.append(
@@ -95,6 +106,12 @@ def notes(
             f"{len(longer)} of {count} real rollouts go on after the simulator's end: only their first "
             f"{longer[0]:g} s are used"
         )
+    apart = [trace.meta[READ_AT] for _, trace in rollouts if READ_AT in trace.meta]
+    if apart:
+        found.append(
+            f"the spec's times fall between the samples of {len(apart)} of {count} real rollouts: these are read at "
+            f"the simulator's, {apart[0]:g} s apart, by straight lines, which may change ρ a little"
+        )
     lacking = [
         channel.name
         for channel in bench.backend.channels
@@ -109,7 +126,6 @@ def notes(
             f"the real rollouts have no {', '.join(lacking[:SHOWN])}{more}: what shows there alone cannot be told"
         )
     found += _without_residuals(bench, rollouts)
-    found += _odd_units(bench, rollouts)
     tests = {tuple(sorted(test.items())) for test, _ in rollouts}
     if len(tests) == 1 and rollouts[0][0]:
         found.append("all real rollouts are of one test: of the others nothing was seen")
@@ -157,35 +173,63 @@ def _without_residuals(bench: Bench, rollouts: Sequence[Rollout]) -> list[str]:
     ]
 
 
-def _odd_units(bench: Bench, rollouts: Sequence[Rollout]) -> list[str]:
-    """Return which channels are larger or smaller than the simulator's as if their unit were another."""
+def misread(bench: Bench, rollouts: Sequence[Rollout]) -> dict[str, str]:
+    """Return what to say of each channel that seems to have another unit than the simulator's, or the other sign."""
     ran = [(test, trace) for test, trace in rollouts if trace.failure is None][:COMPARED]
     factors: dict[str, list[float]] = {}
+    alike: dict[str, list[float]] = {}
     for test, trace in ran:
         with blamed(bench, {}, test, 0):
             simulated = bench.run({}, test, 0)
         for channel in bench.backend.channels:
             name = channel.name
-            if channel.unit and name in trace.channels and name in simulated.channels:
+            if name in trace.channels and name in simulated.channels:
                 here, there = (_rms(x[name]) for x in (simulated, trace))
                 if here > 0.0 and there > 0.0:
                     factors.setdefault(name, []).append(there / here)
-    found = []
-    for name, of in factors.items():
+                    alike.setdefault(name, []).append(_correlation(simulated, trace, name))
+    found = {}
+    for channel in bench.backend.channels:
+        name, of = channel.name, factors.get(channel.name, [])
         # One that is next to nothing in either is no matter of units.
-        steady = len(of) == len(ran) and max(of) < NEAR**2 * min(of)
+        if not of or len(of) < len(ran) or max(of) > NEAR**2 * min(of):
+            continue
         middle = float(np.median(of))
-        for words, factor in UNITS.items() if steady else ():
+        for words, factor in UNITS.items() if channel.unit else ():
             if 1.0 / NEAR < middle / factor < NEAR:
-                unit = next(c.unit for c in bench.backend.channels if c.name == name)
-                found.append(
-                    f"{name} of the real rollouts is about {words} the simulator's: is it in {unit}? If not, say its "
-                    f"unit in the recording"
+                found[name] = (
+                    f"{name} of the real rollouts is about {words} the simulator's: is it in {channel.unit}? If not, "
+                    f"say its unit in the recording"
                 )
+        if 1.0 / NEAR < middle < NEAR and max(alike[name]) < OPPOSITE:
+            found[name] = (
+                f"{name} of the real rollouts is about the simulator's with the other sign: does it count the same way?"
+            )
     return found
 
 
-def _rms(values: NDArray[np.float64]) -> float:
+def _correlation(simulated: Trace, real: Trace, name: str) -> float:
+    """Return the correlation of a channel with the simulator's, at the times of the latter; 0 where nothing moves."""
+    times, own = simulated.times - simulated.times[0], real.times - real.times[0]
+    common = times <= own[-1]
+    here, there = simulated[name], between(times, own, real[name])
+    if here.shape != there.shape:
+        return 0.0
+    both = np.array([here[common].ravel(), there[common].ravel()])
+    both = both[:, np.isfinite(both).all(axis=0)]
+    if both.shape[1] < 2 or not both.std(axis=1).all():
+        return 0.0
+    return float(np.corrcoef(both)[0, 1])
+
+
+def between(times: FloatArray, own: FloatArray, values: FloatArray) -> FloatArray:
+    """Return (m,) or (m, k) values at other times (m,): straight lines between those (n,) or (n, k) at ``own``."""
+    if values.ndim == 1:
+        return np.interp(times, own, values)
+    return np.stack([np.interp(times, own, column) for column in values.T], axis=1)
+
+
+def _rms(values: FloatArray) -> float:
     """Return the root mean square of what is a number; 0 of nothing."""
     known = values[np.isfinite(values)]
     return float(np.sqrt((known**2).mean())) if known.size else 0.0

@@ -27,7 +27,7 @@ from s2r_spec.diagnose.idle import active
 from s2r_spec.diagnose.isolability import Isolability, isolability
 from s2r_spec.diagnose.kin import shared
 from s2r_spec.diagnose.next_test import next_test
-from s2r_spec.diagnose.notes import Used, looked_again, notes
+from s2r_spec.diagnose.notes import Used, looked_again, misread, notes
 from s2r_spec.diagnose.parted import ENOUGH, Parted
 from s2r_spec.diagnose.prepare import Progress, State, bench_of, prepare
 from s2r_spec.diagnose.remainder import remainders
@@ -110,7 +110,8 @@ def diagnose(
     held_first = parts.held
     with kept_open(executor) as pool:
         why = falls(bench, bank.lines, rollouts, seed, pool)
-        lacking = notes(bench, told, ENOUGH, idle, why)
+        odd = misread(bench, rollouts)
+        lacking = notes(bench, told, ENOUGH, idle, why, odd)
         state = prepare(bench, bank, parts.compared, seed, cache, pool, tell)
         found = _answer(bench, state, parts, seed, pool, tell, where)
         if (far := found.how_far) is not None and far.overlooked:
@@ -138,7 +139,7 @@ def diagnose(
                 found,
                 reason=f"{found.reason}; {left_out} of {len(rollouts)} ended early, and are not in this",
             )
-        return replace(found, notes=lacking)
+        return replace(found, notes=lacking, misread=tuple(odd))
 
 
 def _recorded(real: Rollouts | Backend) -> int:

@@ -9,6 +9,12 @@ from s2r_spec.spec import Spec
 
 def next_step(found: Diagnosis, spec: Spec) -> str:
     """Return the sentence."""
+    if found.misread:
+        what = " and ".join(found.misread)
+        return (
+            f"First make sure of the unit and the sign of {what} in the recordings, and ask again: until then what is "
+            f"said of causes is worth little."
+        )
     which = found.which
     test = "" if which.next_test is None else test_in_words(which.next_test, spec)
     match found.verdict:

@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.errors import TraceError
+from s2r_spec.errors import SamplingError, TraceError
 from s2r_spec.lang.formula import Interval
 from s2r_spec.robustness.kernels import until, window_max, window_min
 
@@ -130,7 +130,7 @@ class Grid:
         nearest = round(periods)
         if abs(periods - nearest) > SNAP:
             below, above = self.seconds(math.floor(periods)), self.seconds(math.ceil(periods))
-            raise TraceError(
+            raise SamplingError(
                 f"the time {time:g} s in `{interval.span.text}` ({interval.span.place}) "
                 f"is not a multiple of the sample period, {self.step:g} s; "
                 f"the nearest multiples are {below:g} s and {above:g} s"

@@ -8,14 +8,15 @@ from s2r_cart import SPEC, Cart, real
 
 import s2r_spec as s2r
 from s2r_spec.diagnose import bank as banks
-from s2r_spec.diagnose.ask import as_simulated, cut, real_rollouts
+from s2r_spec.diagnose.ask import as_simulated, cut, read_at, real_rollouts
 from s2r_spec.diagnose.axes import line
 from s2r_spec.diagnose.next_test import next_test
-from s2r_spec.diagnose.notes import Used, notes
+from s2r_spec.diagnose.notes import Used, misread, notes
 from s2r_spec.diagnose.parted import ENOUGH, split
 from s2r_spec.diagnose.prepare import bench_of
 from s2r_spec.diagnose.signatures import Signatures
 from s2r_spec.errors import BackendError, TraceError, UsageError
+from s2r_spec.report.nextstep import next_step
 from s2r_spec.trace import Trace
 
 pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
@@ -152,7 +153,8 @@ def test_a_channel_in_a_unit_that_was_not_said_is_told(times, words):
             trace.times, dict(trace.channels) | {"v_meas": times * trace["v_meas"]}, units, trace.meta
         )
 
-    [one] = notes(BENCH, Used(many(12, 9, spoilt), 12, False, 4, 12), ENOUGH)
+    odd = misread(BENCH, many(12, 9, spoilt))
+    [one] = notes(BENCH, Used(many(12, 9, spoilt), 12, False, 4, 12), ENOUGH, misread=odd)
     assert one.startswith(f"v_meas of the real rollouts is {words} the simulator's: is it in m/s?")
 
 
@@ -193,6 +195,70 @@ def test_a_recording_that_ends_too_early_is_named_by_its_file(tmp_path):
         UsageError, match=r"r5\.npz: 'tracking' looks 1\.99 s ahead, but the trace lasts 0\.49 s; leave"
     ):
         real_rollouts(bench, f"log:{tmp_path}", None, 0)
+
+
+def slower(trace, step):
+    """Return the trace as a logger would have it that keeps a sample now and then."""
+    every = round(step / (trace.times[1] - trace.times[0]))
+    return Trace(trace.times[::every], {n: x[::every] for n, x in trace.channels.items()}, trace.units)
+
+
+def test_where_the_times_of_the_spec_fall_between_the_samples_the_simulators_are_read():
+    runs = many(8, 8)
+    slow = [(test, slower(trace, 0.03)) for test, trace in runs]
+    read = real_rollouts(BENCH, slow, None, 0)
+    for (test, found), (_, trace) in zip(read, runs, strict=True):
+        np.testing.assert_allclose(found.times, trace.times[: len(found)] - trace.times[0], atol=1e-9)
+        assert BENCH.rho(found, test) == pytest.approx(BENCH.rho(trace, test), abs=0.02)
+    told = notes(BENCH, Used(read, 8, False, 3, 8), ENOUGH)
+    assert told == (
+        "the spec's times fall between the samples of 8 of 8 real rollouts: these are read at the simulator's, "
+        "0.01 s apart, by straight lines, which may change ρ a little",
+    )
+    same = real_rollouts(BENCH, runs, None, 0)[0][1]
+    np.testing.assert_array_equal(same["v"], runs[0][1]["v"])
+    assert dict(same.meta) == dict(runs[0][1].meta)
+
+
+def test_between_its_samples_a_flag_is_what_it_was():
+    own = np.array([0.0, 0.1, 0.25, 0.4])
+    trace = Trace(own + 3.0, {"x": 2.0 * own, "on": np.array([0.0, 1.0, 0.0, 1.0])}, {"x": "m"})
+    two = Trace(own, {"q": np.stack([own, -own], axis=1)})
+    np.testing.assert_allclose(read_at(two, 0.2)["q"], [[0.0, 0.0], [0.2, -0.2], [0.4, -0.4]])
+    found = read_at(trace, 0.05)
+    np.testing.assert_allclose(found.times, 0.05 * np.arange(9))
+    np.testing.assert_allclose(found["x"], 0.1 * np.arange(9), atol=1e-12)
+    np.testing.assert_array_equal(found["on"], [0, 0, 1, 1, 1, 0, 0, 0, 1])
+    # What ends within its own last period before the horizon keeps its last values; what ends sooner does not.
+    np.testing.assert_allclose(read_at(trace, 0.05, 0.5)["x"][-3:], 0.8)
+    assert read_at(trace, 0.05, 0.6).duration == pytest.approx(0.4)
+
+
+def test_a_rollout_that_rho_cannot_be_told_of_is_named():
+    runs = many(8, 8)
+    test, trace = runs[3]
+    kept = {name: values for name, values in trace.channels.items() if name != "v"}
+    runs[3] = (test, Trace(trace.times, kept, {n: unit for n, unit in trace.units.items() if n in kept}))
+    with pytest.raises(UsageError, match=r"^real rollout 3: the trace has no channel 'v'"):
+        real_rollouts(BENCH, runs, None, 0)
+
+
+def test_a_channel_with_the_other_sign_is_told_and_comes_first(cache):
+    def flipped(trace):
+        channels = dict(trace.channels) | {"u": -trace["u"]}
+        return Trace(trace.times, channels, trace.units)
+
+    odd = misread(BENCH, many(8, 8, flipped))
+    assert odd == {
+        "u": "u of the real rollouts is about the simulator's with the other sign: does it count the same way?"
+    }
+    assert misread(BENCH, many(8, 8)) == {}
+    found = s2r.diagnose(s2r.parse_spec(SPEC), Cart(), many(12, 9, flipped), cache=cache, where=False)
+    assert found.misread == ("u",)
+    assert found.notes[0] == odd["u"]
+    assert next_step(found, s2r.parse_spec(SPEC)).startswith(
+        "First make sure of the unit and the sign of u in"
+    )
 
 
 def test_an_effect_that_is_in_the_simulator_is_what_nominal_is(cache):
