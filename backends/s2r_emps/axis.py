@@ -7,9 +7,9 @@ of 1 ms are short enough for the rest: the fastest mode of the loop is 19 Hz.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from math import exp, sin
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from s2r_emps.laws import RIPPLES, TURN
 from s2r_emps.noise import Draws, FloatArray
 from s2r_emps.physics import GAIN, KP, KV, MIDDLE, MOTOR_SHARE, STEP, VOLTAGE, Physics
+from s2r_spec.compiled import compiled
 
 BoolArray = NDArray[np.bool_]
 
@@ -31,6 +32,38 @@ class Record:
     force: FloatArray
 
 
+class _Figures(NamedTuple):
+    """What a tick reckons with: :class:`~s2r_emps.physics.Physics`, and what follows from it once for all ticks."""
+
+    mass: float
+    motor: float
+    gain: float
+    limit: float
+    viscous: float
+    drag: float
+    cable: float
+    offset: float
+    coulomb: float
+    stribeck: float
+    per_speed: float
+    screw: float
+    ripple: float
+    phase: float
+    wobble: float
+    turned: float
+    sag: float
+    follow: float
+    """Part of the way to its voltage that the drive's current goes in a tick."""
+    behind: float
+    """The current's distance from the voltage, on average over a tick."""
+    smooth: float
+    whole: int
+    """Ticks of the delay, and the part of one that is left."""
+    part: float
+    gap: float
+    yields: float
+
+
 def simulate(
     reference: FloatArray, powered: BoolArray, start: tuple[float, float], physics: Physics, draws: Draws
 ) -> Record:
@@ -43,103 +76,119 @@ def simulate(
         physics: the axis, with the test's payload in its mass.
         draws: of at least as many ticks.
     """
-    p = physics
-    h, mass, gain, limit = STEP, p.mass, p.gain * draws.gain, p.voltage
-    viscous, drag, cable, offset = p.viscous, p.drag, p.cable, p.offset
-    coulomb, stribeck, per_speed, screw = p.coulomb, p.stribeck, 1 / p.stribeck_speed, p.load_friction
-    dry = bool(coulomb or stribeck or screw)
-    ripple, phase, teeth = p.ripple, p.ripple_phase, RIPPLES * TURN
-    wobble, turned, sag = p.encoder_ripple, p.encoder_phase, p.sag / VOLTAGE
+    p, h, n = physics, STEP, reference.size
     follow = 1 - exp(-h / p.lag) if p.lag else 1.0
-    behind = p.lag / h * follow  # the current's distance from the voltage, on average over a tick
-    smooth = 1 - exp(-h / p.speed_filter) if p.speed_filter else 1.0
     whole = int(p.delay / h + 1e-9)
-    part = max(0.0, p.delay / h - whole)
-    gap = p.half_gap
-    motor = MOTOR_SHARE * p.mass
-    carriage = mass - motor
-    yields, twist = p.compliance, 0.0
+    figures = _Figures(
+        mass=float(p.mass),
+        motor=float(MOTOR_SHARE * p.mass),
+        gain=float(p.gain * draws.gain),
+        limit=float(p.voltage),
+        viscous=float(p.viscous),
+        drag=float(p.drag),
+        cable=float(p.cable),
+        offset=float(p.offset),
+        coulomb=float(p.coulomb),
+        stribeck=float(p.stribeck),
+        per_speed=1.0 / p.stribeck_speed,
+        screw=float(p.load_friction),
+        ripple=float(p.ripple),
+        phase=float(p.ripple_phase),
+        wobble=float(p.encoder_ripple),
+        turned=float(p.encoder_phase),
+        sag=float(p.sag / VOLTAGE),
+        follow=float(follow),
+        behind=float(p.lag / h * follow),
+        smooth=float(1 - exp(-h / p.speed_filter) if p.speed_filter else 1.0),
+        whole=whole,
+        part=float(max(0.0, p.delay / h - whole)),
+        gap=float(p.half_gap),
+        yields=float(p.compliance),
+    )
+    q, speed, volts = _ticks(
+        np.ascontiguousarray(reference, dtype=np.float64),
+        np.ascontiguousarray(powered, dtype=np.bool_),
+        float(start[0]),
+        float(start[1]),
+        np.ascontiguousarray(draws.encoder[:n]),
+        np.ascontiguousarray(draws.disturbance[:n]),
+        figures,
+    )
+    return Record(q, speed, volts, GAIN * volts)
+
+
+@compiled
+def _ticks(
+    reference: FloatArray,
+    powered: BoolArray,
+    seen: float,
+    v: float,
+    errors: FloatArray,
+    pushes: FloatArray,
+    p: _Figures,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return (ticks,) what the encoder says [m], the speed that is fed back [m/s], and the voltage sent [V]."""
+    h, carriage, teeth, n = STEP, p.mass - p.motor, RIPPLES * TURN, reference.size
+    dry = p.coulomb != 0.0 or p.stribeck != 0.0 or p.screw != 0.0
+    late = p.whole > 0 or p.part > 0.0
+    positions, speeds, sent = np.empty(n), np.empty(n), np.empty(n)
 
     # Of the motor, on whose shaft the encoder sits. A joint that yields is taken to be in balance at every tick.
-    seen, v = start
-    q = seen - wobble * sin(TURN * seen + turned)
+    q = seen - p.wobble * sin(TURN * seen + p.turned)
     ql, vl = q, v  # of the carriage; without play they are one
     seen -= h * v
-    speed = v
-    current = 0.0
-    sent: list[float] = []
-    positions: list[float] = []
-    speeds: list[float] = []
-    exp_, sin_ = exp, sin
-    for k, (asked, on, error, push) in enumerate(_ticks(reference, powered, draws)):
-        before, seen = seen, q + twist + error
-        if wobble:
-            seen += wobble * sin_(TURN * q + turned)
-        speed += smooth * ((seen - before) / h - speed)
-        u = KV * (KP * (asked - seen) - speed) if on else 0.0
-        u = limit if u > limit else -limit if u < -limit else u
-        positions.append(seen)
-        speeds.append(speed)
-        sent.append(u)
-        if whole or part:
-            u = sent[k - whole] if k >= whole else sent[0]
-            if part:
-                u += part * ((sent[k - whole - 1] if k > whole else sent[0]) - u)
-        if behind:
-            u, current = u + behind * (current - u), current + follow * (u - current)
-        force = gain * u
-        if sag:
-            force -= force * sag * abs(u)
-        if ripple:
-            force += ripple * sin_(teeth * q + phase)
-        resist = viscous * vl + drag * vl * abs(vl) + cable * (ql - MIDDLE) + offset - push
+    speed, current, twist = v, 0.0, 0.0
+    for k in range(n):
+        before, seen = seen, q + twist + errors[k]
+        if p.wobble != 0.0:
+            seen += p.wobble * sin(TURN * q + p.turned)
+        speed += p.smooth * ((seen - before) / h - speed)
+        u = KV * (KP * (reference[k] - seen) - speed) if powered[k] else 0.0
+        u = p.limit if u > p.limit else -p.limit if u < -p.limit else u
+        positions[k], speeds[k], sent[k] = seen, speed, u
+        if late:
+            u = sent[max(k - p.whole, 0)]
+            if p.part > 0.0:
+                u += p.part * (sent[max(k - p.whole - 1, 0)] - u)
+        if p.behind != 0.0:
+            u, current = u + p.behind * (current - u), current + p.follow * (u - current)
+        force = p.gain * u
+        if p.sag != 0.0:
+            force -= force * p.sag * abs(u)
+        if p.ripple != 0.0:
+            force += p.ripple * sin(teeth * q + p.phase)
+        resist = p.viscous * vl + p.drag * vl * abs(vl) + p.cable * (ql - MIDDLE) + p.offset - pushes[k]
         brake = 0.0
         if dry:
-            brake = coulomb + stribeck * exp_(-((vl * per_speed) ** 2)) + screw * abs(force)
-        if not gap:
-            new = v + h * (force - resist) / mass
+            fading = vl * p.per_speed
+            brake = p.coulomb + p.stribeck * exp(-(fading * fading)) + p.screw * abs(force)
+        if p.gap == 0.0:
+            new = v + h * (force - resist) / p.mass
             if dry:
-                lost = h * brake / mass
+                lost = h * brake / p.mass
                 new = new - lost if new > lost else new + lost if new < -lost else 0.0
             q += h * (v + new) / 2
-            twist = yields * (force - motor * (new - v) / h)
+            twist = p.yields * (force - p.motor * (new - v) / h)
             v = vl = new
             ql = q
             continue
-        fast, slow = v + h * force / motor, vl - h * resist / carriage
+        fast, slow = v + h * force / p.motor, vl - h * resist / carriage
         way = q - ql + h * (fast - slow)
-        together = (way >= gap and fast >= slow) or (way <= -gap and fast <= slow)
+        together = (way >= p.gap and fast >= slow) or (way <= -p.gap and fast <= slow)
         if together:  # flanks meet without bouncing
-            fast = slow = (motor * fast + carriage * slow) / mass
+            fast = slow = (p.motor * fast + carriage * slow) / p.mass
         if dry:
-            lost = h * brake / (mass if together else carriage)
+            lost = h * brake / (p.mass if together else carriage)
             slow = slow - lost if slow > lost else slow + lost if slow < -lost else 0.0
         if together:
             fast = slow
         q += h * (v + fast) / 2
         ql += h * (vl + slow) / 2
-        twist = yields * (force - motor * (fast - v) / h)
+        twist = p.yields * (force - p.motor * (fast - v) / h)
         v, vl = fast, slow
         # An impact lies within a tick; the sum of the overlap over ticks would be a spring that is not there.
-        if abs(q - ql) > gap:
-            over = q - ql - (gap if q > ql else -gap)
-            ql += over * motor / mass
-            q -= over * carriage / mass
-    volts = np.array(sent)
-    return Record(np.array(positions), np.array(speeds), volts, GAIN * volts)
-
-
-def _ticks(
-    reference: FloatArray, powered: BoolArray, draws: Draws
-) -> Sequence[tuple[float, bool, float, float]]:
-    """Return what comes from outside at every tick, as Python's numbers: an array's own are slow one by one."""
-    n = reference.size
-    return list(
-        zip(
-            reference.tolist(),
-            powered.tolist(),
-            draws.encoder[:n].tolist(),
-            draws.disturbance[:n].tolist(),
-            strict=True,
-        )
-    )
+        if abs(q - ql) > p.gap:
+            over = q - ql - (p.gap if q > ql else -p.gap)
+            ql += over * p.motor / p.mass
+            q -= over * carriage / p.mass
+    return positions, speeds, sent

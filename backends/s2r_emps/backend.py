@@ -34,7 +34,7 @@ _CHANNELS = (
     Channel("force", "N", "that the drive believes to exert: the nominal force per volt times u"),
 )
 
-_CPU_PER_SECOND = 0.004
+_CPU_PER_SECOND = 0.00025
 """[s] of one core per simulated second, measured on a 2-core cloud machine."""
 
 

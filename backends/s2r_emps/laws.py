@@ -8,11 +8,14 @@ import numpy as np
 
 from s2r_emps.noise import FloatArray
 from s2r_emps.physics import LEAD, MIDDLE, STEP, VOLTAGE, Physics
+from s2r_spec.compiled import compiled
 
 TURN = 2 * pi / LEAD
 """[rad/m]"""
 RIPPLES = 4
 """Periods of the motor's force ripple in a turn."""
+STILL = 2e-3
+"""[m/s] below which dry friction holds anything up to itself: there it explains what it can."""
 
 
 def drive_force(u: FloatArray, q: FloatArray, physics: Physics) -> FloatArray:
@@ -30,17 +33,52 @@ def drive_force(u: FloatArray, q: FloatArray, physics: Physics) -> FloatArray:
     return np.asarray(force + physics.ripple * np.sin(RIPPLES * TURN * q + physics.ripple_phase))
 
 
-def resistance(q: FloatArray, v: FloatArray, physics: Physics) -> FloatArray:
-    """Return what the motor must overcome besides inertia and dry friction [N]."""
+def lacking(
+    q: FloatArray, v: FloatArray, speeds_up: FloatArray, force: FloatArray, physics: Physics
+) -> FloatArray:
+    """Return the force [N] that a motion (m, m/s, m/s²) takes beyond the motor's force [N] and the resistance.
+
+    Dry friction holds anything up to itself at rest, and explains what it can there.
+    """
     p = physics
-    return p.viscous * v + p.drag * v * np.abs(v) + p.cable * (q - MIDDLE) + p.offset
+    found: FloatArray = _lacking(
+        *(q, v, speeds_up, force),
+        *(p.mass, p.viscous, p.drag, p.cable, p.offset),
+        *(p.coulomb, p.stribeck, p.stribeck_speed, p.load_friction),
+    )
+    return found
 
 
-def dry_friction(v: FloatArray, force: FloatArray, physics: Physics) -> FloatArray:
-    """Return the largest force [N] with which dry friction can act."""
-    p = physics
-    fading = np.exp(-((v / p.stribeck_speed) ** 2))
-    return np.asarray(p.coulomb + p.stribeck * fading + p.load_friction * np.abs(force))
+@compiled
+def _lacking(
+    q: FloatArray,
+    v: FloatArray,
+    speeds_up: FloatArray,
+    force: FloatArray,
+    mass: float,
+    viscous: float,
+    drag: float,
+    cable: float,
+    offset: float,
+    coulomb: float,
+    stribeck: float,
+    stribeck_speed: float,
+    screw: float,
+) -> FloatArray:
+    left = np.empty_like(v)
+    dry = coulomb != 0.0 or stribeck != 0.0 or screw != 0.0
+    for k in range(v.size):
+        resistance = viscous * v[k] + drag * v[k] * abs(v[k]) + cable * (q[k] - MIDDLE) + offset
+        lacks = mass * speeds_up[k] + resistance - force[k]
+        brake = 0.0
+        if dry:
+            fading = v[k] / stribeck_speed
+            brake = coulomb + stribeck * exp(-(fading * fading)) + screw * abs(force[k])
+        if abs(v[k]) > STILL:
+            left[k] = lacks + (brake if v[k] > 0.0 else -brake)
+        else:
+            left[k] = max(0.0, abs(lacks) - brake) * (1.0 if lacks > 0.0 else -1.0)
+    return left
 
 
 def encoder_error(q: FloatArray, physics: Physics) -> FloatArray:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_emps.physics import STEP
+from s2r_spec.compiled import compiled
 
 FloatArray = NDArray[np.float64]
 
@@ -72,10 +73,14 @@ def draw(noise: Noise, seed: int, ticks: int) -> Draws:
 def _coloured(white: FloatArray, time: float) -> FloatArray:
     """Return (n,) of unit variance that forget themselves over ``time`` [s]: an Ornstein-Uhlenbeck process."""
     keep = exp(-STEP / time)
-    fresh = (1.0 - keep * keep) ** 0.5
-    state = 0.0
-    values = []
-    for k, number in enumerate(white.tolist()):
-        state = number if k == 0 else keep * state + fresh * number
-        values.append(state)
-    return np.array(values)
+    return _remembered(np.ascontiguousarray(white), keep, (1.0 - keep * keep) ** 0.5)
+
+
+@compiled
+def _remembered(white: FloatArray, keep: float, fresh: float) -> FloatArray:
+    values = np.empty_like(white)
+    state = values[0] = white[0]
+    for k in range(1, white.size):
+        state = keep * state + fresh * white[k]
+        values[k] = state
+    return values

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, lru_cache
 
 import numpy as np
 
-from s2r_emps.laws import drive_force, dry_friction, encoder_error, resistance, smoothed
+from s2r_emps.laws import drive_force, encoder_error, lacking, smoothed
 from s2r_emps.noise import FloatArray
 from s2r_emps.physics import KP, KV, RATE, Physics
 from s2r_spec.errors import TraceError, one_of
@@ -14,8 +14,6 @@ from s2r_spec.trace import Trace
 
 CUTOFF = 40.0
 """[Hz] of the filter before two derivatives; the loop's own motion ends at about 20 Hz."""
-STILL = 2e-3
-"""[m/s] below which dry friction holds anything up to itself: there it explains what it can."""
 EDGE = 50
 """Samples cut off at either end, which the filter cannot know: two periods of its cut-off."""
 
@@ -38,10 +36,10 @@ def residuals(trace: Trace, physics: Physics) -> Trace:
         raise TraceError(
             f"residuals need q and u (and q_ref for the controller's), but the trace has {one_of(trace.channels)}"
         )
-    if len(trace) <= 3 * EDGE or not np.allclose(np.diff(trace.times), 1 / RATE, rtol=0, atol=0.01 / RATE):
+    if not _even(trace):
         raise TraceError(f"residuals need a trace of more than {3 * EDGE} samples, 1 ms apart")
     inner = slice(EDGE, -EDGE)
-    channels = {"force": _force(trace["q"], trace["u"], physics)[inner]}
+    channels = {"force": _force(trace, physics)[inner]}
     units = {"force": "N"}
     if "q_ref" in trace.channels:
         channels["controller"] = _controller(trace, physics)[inner]
@@ -50,14 +48,44 @@ def residuals(trace: Trace, physics: Physics) -> Trace:
     return Trace(trace.times[inner], channels, units, {"parts": {name: parts[name] for name in channels}})
 
 
-def _force(seen: FloatArray, u: FloatArray, physics: Physics) -> FloatArray:
+@lru_cache(maxsize=2)
+def _even(trace: Trace) -> bool:
+    steps = np.diff(trace.times)
+    return len(trace) > 3 * EDGE and bool(np.allclose(steps, 1 / RATE, rtol=0, atol=0.01 / RATE))
+
+
+def _force(trace: Trace, physics: Physics) -> FloatArray:
+    q, v, speeds_up = _motion(trace, _only(physics, _ENCODER))
+    force = _driven(trace, _only(physics, _DRIVE))
+    return lacking(q, v, speeds_up, force, physics)
+
+
+# A diagnosis asks of one trace what each of many effects makes of it, and most leave the motion or the drive as it is.
+
+
+@lru_cache(maxsize=4)
+def _motion(trace: Trace, physics: Physics) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return (n,) position [m], speed [m/s] and acceleration [m/s²], smooth."""
+    seen = trace["q"]
     q = _smooth(seen - encoder_error(seen, physics))
     v = np.gradient(q, 1 / RATE)
-    force = _smooth(drive_force(u, q, physics))
-    lacking = physics.mass * np.gradient(v, 1 / RATE) + resistance(q, v, physics) - force
-    brake = dry_friction(v, force, physics)
-    held = np.sign(lacking) * np.maximum(0.0, np.abs(lacking) - brake)
-    return np.asarray(np.where(np.abs(v) > STILL, lacking + np.sign(v) * brake, held))
+    return q, v, np.gradient(v, 1 / RATE)
+
+
+@lru_cache(maxsize=4)
+def _driven(trace: Trace, physics: Physics) -> FloatArray:
+    """Return (n,) the motor's force [N], smooth as the motion is."""
+    q, _, _ = _motion(trace, _only(physics, _ENCODER))
+    return _smooth(drive_force(trace["u"], q, physics))
+
+
+_ENCODER = frozenset({"encoder_ripple", "encoder_phase"})
+_DRIVE = _ENCODER | {"gain", "delay", "lag", "sag", "ripple", "ripple_phase"}
+
+
+def _only(physics: Physics, names: frozenset[str]) -> Physics:
+    """Return the nominal axis with these figures of another one: what does not matter tells no two apart."""
+    return Physics(**{name: getattr(physics, name) for name in names})
 
 
 def _controller(trace: Trace, physics: Physics) -> FloatArray:

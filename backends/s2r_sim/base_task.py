@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_sim.compiled import compiled
 from s2r_sim.gains import RATE
 from s2r_sim.physics import Command, State
+from s2r_spec.compiled import compiled
 
 FloatArray = NDArray[np.float64]
 Vector3 = tuple[float, float, float]

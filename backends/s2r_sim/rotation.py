@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_sim.compiled import compiled
+from s2r_spec.compiled import compiled
 
 FloatArray = NDArray[np.float64]
 

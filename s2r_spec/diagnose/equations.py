@@ -30,6 +30,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -226,10 +227,9 @@ class Equations:
         Raises:
             TraceError: one of them is missing.
         """
-        assert isinstance(self.backend, HasEffects)
-        machine: Backend = self.backend.with_effects(values) if values else self.backend
-        assert isinstance(machine, HasResiduals)
-        found = machine.residuals(trace, params)
+        # Not asserted: this is asked some ten thousand times, and to look whether a class has methods takes a while.
+        machine = cast(HasEffects, self.backend).with_effects(values) if values else self.backend
+        found = cast(HasResiduals, machine).residuals(trace, params)
         if missing := [name for name in self.units if name not in found.channels]:
             raise TraceError(f"the residual {missing[0]!r} cannot be computed of this trace")
         return found.times, [found[name].reshape(len(found), -1) / unit for name, unit in self.units.items()]

@@ -74,6 +74,9 @@ WILDEST = 50.0
 """A machine that scatters by more times than this still has its tests weighed as if it did not."""
 UNSTEADY = 4.0
 """Scatter, in units of the nominal one's, from which on a look at a dear simulator is the mean of several rollouts."""
+FAITHFUL = 2.0
+"""The bank stands for a dear simulator where its own fit leaves no more than this of the data, in units of what is
+believed: then looks at the simulator, which take minutes, change hardly a name."""
 TRIED = 3
 """Sets that are fitted alone at first, to begin where the best of them is."""
 FURTHER = 2
@@ -123,6 +126,9 @@ class State:
 
     usual: FloatArray | None = None
     """(q, k) variance of the data as it is believed of any simulator, where they are believed otherwise."""
+
+    by_bank: bool = False
+    """Whether sets are weighed by the bank alone, and none by the simulator itself."""
 
     @property
     def nominal_rho(self) -> FloatArray:
@@ -335,6 +341,8 @@ def prepare(
         state = _state(signatures, smooth, view, judge, p, simulator, simulator, begin, first, heard=heard)
         return _closer(state, view, view.layout.variance(compared.machine, compared.own))
     state = _state(signatures, smooth, view, judge, p, simulator, view.surrogate, begin, first, heard=heard)
+    if state.fitted.misfit <= FAITHFUL:
+        return replace(state, by_bank=True)
     # Where derivatives are the bank's, the fit of everything at once goes astray; that of a few effects does not.
     likely = [members for members, _ in state.sets.ranked()[:TRIED]]
     tried = {members: state.beside(members) for members in likely}

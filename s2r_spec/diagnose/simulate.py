@@ -26,6 +26,9 @@ Test = Mapping[str, float]
 INSTRUMENT_SEEDS = (2_000_003, 2_000_004, 2_000_005)
 """Of rollouts that are instruments: no other rollout of a simulator has these."""
 
+A_READING = 3e-4
+"""[s] of one core that the residuals of a rollout take, about. They are asked for once, and once for every effect."""
+
 
 class _Kept(dict[tuple[tuple[str, float], ...], Instruments | None]):
     """Instruments that were made in this process; they are not sent to another."""
@@ -52,6 +55,12 @@ class Bench:
     matched: Matched
     features: Features | None = None
     _kept: _Kept = field(default_factory=_Kept, init=False, repr=False, compare=False)
+
+    @property
+    def cost(self) -> float:
+        """Expected time on one core [s] of a rollout, as the backend has it, and of what is measured of it."""
+        readings = 0 if self.features is None else 1 + len(self.features.probes)
+        return max(float(self.backend.cost), 1e-4) + A_READING * readings
 
     def with_effects(self, values: Values) -> Backend:
         """Return the backend with these effects; the same one for none."""

@@ -2,6 +2,7 @@
 
 The linear evidence is exact at one point, that of the joint fit. A set that lies far from it
 is judged by what the simulator does there; and what the best of them leaves says which effect is missing.
+Where rollouts are dear and the bank stands for the simulator, sets are weighed by the bank alone.
 """
 
 from __future__ import annotations
@@ -66,13 +67,13 @@ def together(state: State, progress: Callable[[int, int], None]) -> Together:
         return _weighed(state, fits, grown, told)
 
     first = FEW if state.simulator.dear else LIKELIEST
-    while len(fits) < BEFORE_GROWTH:
+    while len(fits) < BEFORE_GROWTH and not state.by_bank:
         ranked = [members for members, _ in found.sets.ranked()]
         untried = [members for members in ranked if members not in fits]
         if not untried or (ranked[0] in fits and len(fits) >= first):
             break
         found = look(untried[0])
-    while True:
+    while not state.by_bank:
         best = min(fits, key=lambda s: fits[s].cost)
         wider = [tuple(sorted((*best, k))) for k in state.missing(fits[best].rest, best)]
         further = [s for s in wider if s not in fits] if len(best) < SEARCHED else []
@@ -84,7 +85,8 @@ def together(state: State, progress: Callable[[int, int], None]) -> Together:
         # An effect is named beside others only if without it, too, it was the simulator that was asked.
         named = found.sets.ranked()[0][0]
         fewer = [tuple(k for k in named if k != left) for left in named] if len(named) > 1 else []
-        untried = [members for members in (named, *fewer) if members not in fits]
+        looked = () if state.by_bank else (named, *fewer)
+        untried = [members for members in looked if members not in fits]
         # For each size that was not searched one set, and it without each of its effects.
         most = MOST + sum(range(SEARCHED + 2, len(named) + 2))
         if untried and len(fits) < most:
@@ -124,7 +126,7 @@ def _weighed(state: State, fits: dict[Set, Joint], grown: Iterable[Set], told: d
     cost = {s: fit.misfit * size / scale + (fit.cost - fit.misfit * size) for s, fit in fits.items()}
     moved = {s: -0.5 * (cost[s] - explained(state.data, s)) for s in fits}
     # What was not simulated is taken to err as the others did.
-    usual = float(np.median(list(moved.values())))
+    usual = float(np.median(list(moved.values()))) if moved else 0.0
     far = np.array([moved.get(s, usual) for s in members]) - usual
     logs = logs + np.clip(far, -HEARD[0] * warmth, HEARD[1] * warmth)
     evidence = replace(state.found, members=members, logs=logs)

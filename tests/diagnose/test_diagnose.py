@@ -192,6 +192,26 @@ def test_a_simulator_whose_derivatives_are_dear_is_diagnosed_by_the_bank_and_a_f
     assert len(looked) == len(set(looked)), "the same rollouts were run twice"
 
 
+def test_where_the_bank_explains_a_dear_machine_only_what_is_named_is_simulated(cache, monkeypatch):
+    prepare = sys.modules["s2r_spec.diagnose.prepare"]
+    spec, runs = s2r.parse_spec(SPEC), rollouts({"coulomb": 1.2}, 11)
+    looks, answers = [], []
+    simulated = Simulator._simulated
+
+    def noted(self, points, places):
+        looks[-1] += len(points)
+        return simulated(self, points, places)
+
+    monkeypatch.setattr(Simulator, "_simulated", noted)
+    for faithful in (1e9, -1.0):
+        monkeypatch.setattr(prepare, "FAITHFUL", faithful)
+        looks.append(0)
+        found = s2r.diagnose(spec, Cart(cost=0.3), runs, cache=cache, where=False)
+        answers.append(found.which.answer)
+    assert answers == [("coulomb",), ("coulomb",)]
+    assert 0 < looks[0] < looks[1] / 2
+
+
 def test_a_machine_with_a_little_of_everything_has_no_material_gap(find):
     found = find({}, case=13)
     assert found.verdict is Verdict.NONE, found.which.ranked[:4]

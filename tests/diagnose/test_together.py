@@ -46,6 +46,7 @@ def test_an_effect_is_named_beside_others_only_if_the_simulator_was_asked_withou
         found=SimpleNamespace(logs=np.zeros(len(BEFORE))),
         temperature=1.0,
         simulator=SimpleNamespace(dear=dear),
+        by_bank=False,
         beside=lambda members: looked.append(members) or SimpleNamespace(cost=-simulated[members], rest=None),
         missing=lambda rest, members: [],
         judge=SimpleNamespace(effects=("a", "b", "c")),
@@ -75,6 +76,7 @@ def machine(monkeypatch, causes, effects, paid=3.0):
         found=SimpleNamespace(logs=np.zeros(len(few))),
         temperature=1.0,
         simulator=SimpleNamespace(dear=False),
+        by_bank=False,
         beside=lambda members: looked.append(members) or SimpleNamespace(cost=-log(members), rest=None),
         missing=lambda rest, members: [],
         judge=SimpleNamespace(effects=tuple("abcdefgh"[:effects])),
@@ -89,6 +91,15 @@ def test_a_machine_with_more_than_three_effects_has_all_of_them_named(monkeypatc
     assert causes in found.fits
     assert len(looked) == len(set(looked))
     assert all(tuple(k for k in causes if k != left) in found.fits for left in causes)
+
+
+def test_where_the_bank_stands_for_the_simulator_no_set_is_simulated_and_sets_still_grow(monkeypatch):
+    looked, state = machine(monkeypatch, (0, 2, 3, 5), 8)
+    state.by_bank = True
+    found = together(state, lambda done, of: None)
+    assert found.sets.ranked()[0][0] == (0, 2, 3, 5)
+    assert not looked
+    assert not found.fits
 
 
 def test_what_imitates_one_of_four_effects_is_weighed_in_its_place(monkeypatch):

@@ -1,13 +1,9 @@
-"""The compiled linear algebra of one tick against NumPy's, and what compiled functions must keep to."""
+"""The compiled linear algebra of one tick against NumPy's."""
 
-import importlib
-from pathlib import Path
 
 import numpy as np
 import pytest
-from numba.core.dispatcher import Dispatcher
 
-import s2r_sim
 from s2r_sim.reduction import condense, distribute, in_joint_space, solve
 
 
@@ -68,18 +64,3 @@ def test_a_diverged_state_and_a_stretched_leg_raise_nothing():
     assert np.isnan(in_joint_space(jacobian * np.nan, feet, known)).all()
     jacobian[:3, 6:9] = 0.0
     assert not np.isfinite(in_joint_space(jacobian, feet, known)[:3]).any()
-
-
-def test_compiled_functions_call_those_of_their_own_file_alone():
-    """Numba would not notice a change in another file, and go on with old machine code."""
-    calls = []
-    package = Path(s2r_sim.__path__[0])
-    for path in package.rglob("*.py"):
-        if "@compiled" in path.read_text():
-            module = importlib.import_module(".".join(path.relative_to(package.parent).with_suffix("").parts))
-            everything = {k: v for k, v in vars(module).items() if isinstance(v, Dispatcher)}
-            for caller in everything.values():
-                called = set(caller.py_func.__code__.co_names) & everything.keys()
-                calls += [(caller.__module__, everything[name].__module__) for name in called]
-    assert len(calls) >= 5
-    assert all(caller == callee for caller, callee in calls)

@@ -18,6 +18,8 @@ FloatArray = NDArray[np.float64]
 
 SECONDS = 10.0
 """Of one core, that both simulators should take over the test space."""
+PLACES = 400
+"""Tests over the space, however cheap a rollout is."""
 
 
 def foretell(
@@ -38,15 +40,14 @@ def foretell(
     """
     space = bench.spec.space
     grid = grid_of(space)
-    places = _places(bench, len(grid))
+    short = replace(bench, features=None)
+    places = _places(short, len(grid))
     runs = [
         (test, rollout_seed(seed, number, 0, Stream.FORETELL))
         for number, test in enumerate((*tests, *places))
     ]
     jobs = [Job(v, (run,)) for run in runs for v in ({}, values)]
-    rho = np.array([row[0, 0] for row in run_jobs(replace(bench, features=None), jobs, executor)]).reshape(
-        -1, 2
-    )
+    rho = np.array([row[0, 0] for row in run_jobs(short, jobs, executor)]).reshape(-1, 2)
     gap = rho[:, 1] - rho[:, 0]
     box = design.unit_box(space, [space.point(place) for place in grid])
     between = design.weights(design.unit_box(space, places), box)
@@ -56,7 +57,7 @@ def foretell(
 def _places(bench: Bench, most: int) -> list[dict[str, float]]:
     """Return as many tests as there is time to simulate, evenly over the space, and at least those of the bank."""
     space = bench.spec.space
-    able = min(int(SECONDS / (2.0 * max(bench.backend.cost, 1e-4))), most)
+    able = min(int(SECONDS / (2.0 * bench.cost)), PLACES, most)
     across = int(able ** (1.0 / space.dim) + 1e-9)
     least = design.grid(space)
     if across**space.dim <= len(least) or across < 3:

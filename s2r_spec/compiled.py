@@ -1,11 +1,9 @@
-"""Compilation, by Numba, of the small functions that every control tick runs through."""
+"""Compilation, by Numba, of the small functions that every tick of a backend runs through."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from typing import Any, TypeVar, cast
-
-import numba
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -18,4 +16,6 @@ def compiled(function: F) -> F:
     alone; a test holds all of them to it. Arithmetic is that of the source:
     nothing is reordered or fused, and a division by zero gives infinity, not an error.
     """
+    import numba  # here: nothing but a backend is compiled
+
     return cast(F, numba.njit(cache=True, error_model="numpy")(function))
