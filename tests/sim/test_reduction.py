@@ -1,6 +1,5 @@
 """The compiled linear algebra of one tick against NumPy's."""
 
-
 import numpy as np
 import pytest
 
