@@ -76,8 +76,10 @@ def _lacking(
             brake = coulomb + stribeck * exp(-(fading * fading)) + screw * abs(force[k])
         if abs(v[k]) > STILL:
             left[k] = lacks + (brake if v[k] > 0.0 else -brake)
-        else:
-            left[k] = max(0.0, abs(lacks) - brake) * (1.0 if lacks > 0.0 else -1.0)
+        elif abs(lacks) <= brake:
+            left[k] = 0.0
+        else:  # what was not recorded is not a number, and stays none
+            left[k] = lacks - brake if lacks > 0.0 else lacks + brake
     return left
 
 
