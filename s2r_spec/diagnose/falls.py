@@ -136,6 +136,20 @@ def falls(
     return Falls(False, tuple(sorted(culprits, key=lambda each: abs(each.coordinate))), len(stood))
 
 
+def falls_alone(
+    bench: Bench,
+    rollouts: Sequence[tuple[Test, Trace]],
+    seed: int,
+    executor: Callable[[], Executor] | None = None,
+) -> list[Test]:
+    """Return the tests at which the simulator, with nothing added, ends early, and no real rollout does."""
+    early = _distinct([test for test, trace in rollouts if trace.failure is not None])
+    stood = [test for test in _distinct([test for test, _ in rollouts]) if test not in early]
+    jobs = [Job({}, ((test, rollout_seed(seed, n, 0, Stream.CHECK)),)) for n, test in enumerate(stood)]
+    ended = run_jobs(bench, jobs, executor, read=_ended)
+    return [test for test, rows in zip(stood, ended, strict=True) if rows.any()]
+
+
 def always_early(rollouts: Sequence[tuple[Test, Trace]]) -> int:
     """Return how many tests there are that were run again and ended early every time."""
     ended: dict[tuple[tuple[str, float], ...], list[bool]] = {}

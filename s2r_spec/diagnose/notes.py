@@ -66,6 +66,7 @@ def notes(
     idle: Sequence[str] = (),
     why: Falls | None = None,
     misread: Mapping[str, str] | None = None,
+    alone: Sequence[Mapping[str, float]] = (),
 ) -> tuple[str, ...]:
     """Return, a sentence each, what these rollouts lack for a diagnosis.
 
@@ -76,6 +77,7 @@ def notes(
         idle: effects of the catalogue that change nothing at any test.
         why: what may have ended some of them early.
         misread: of :func:`misread`.
+        alone: tests at which the simulator ends early, and the machine does not.
     """
     found = list((misread or {}).values())
     rollouts, count = used.rollouts, len(used.rollouts)
@@ -100,6 +102,16 @@ def notes(
             found.append(f"{early}: the cause is named from what came before, too, which says little")
         if why is not None:
             found[-1] += f"; {why}"
+    if alone:
+        tests = {tuple(sorted(test.items())) for test, _ in rollouts}
+        where = " and ".join(
+            ", ".join(f"{k} = {v:.4g}" for k, v in test.items()) or "the only test" for test in alone[:SHOWN]
+        )
+        found.append(
+            f"the simulator itself, with no effect, ends early at {len(alone)} of {len(tests)} tests, where no real "
+            f"rollout does ({where}): the gap in ρ there is that of a fall, and few causes can be told from it; make "
+            f"the simulator stand there first, or ask of a smaller test space"
+        )
     longer = [trace.meta[CUT] for _, trace in rollouts if CUT in trace.meta]
     if longer:
         found.append(

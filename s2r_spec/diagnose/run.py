@@ -21,7 +21,7 @@ from s2r_spec.diagnose.axes import BACKGROUND
 from s2r_spec.diagnose.design import unit_box, weights
 from s2r_spec.diagnose.diagnosis import Diagnosis, Verdict, Which
 from s2r_spec.diagnose.estimate import by_linear, fit
-from s2r_spec.diagnose.falls import always_early, falls
+from s2r_spec.diagnose.falls import always_early, falls, falls_alone
 from s2r_spec.diagnose.how_far import HowFar, gap, how_far
 from s2r_spec.diagnose.idle import active
 from s2r_spec.diagnose.isolability import Isolability, isolability
@@ -111,7 +111,8 @@ def diagnose(
     with kept_open(executor) as pool:
         why = falls(bench, bank.lines, rollouts, seed, pool)
         odd = misread(bench, rollouts)
-        lacking = notes(bench, told, ENOUGH, idle, why, odd)
+        alone = falls_alone(bench, rollouts, seed, pool)
+        lacking = notes(bench, told, ENOUGH, idle, why, odd, alone)
         state = prepare(bench, bank, parts.compared, seed, cache, pool, tell)
         found = _answer(bench, state, parts, seed, pool, tell, where)
         if (far := found.how_far) is not None and far.overlooked:
@@ -299,14 +300,19 @@ def _how_far(
     )
     short = replace(bench, features=None)
     jobs = [Job({}, runs), Job(tuned, runs)] + ([Job(values, runs)] if values else [])
-    rows = run_jobs(short, jobs, executor, lambda done, of: tell("held-out tests", done, of))
+    rows = run_jobs(
+        short, jobs, executor, lambda done, of: tell("held-out tests", done, of), read=_rho_and_end
+    )
     place = {tuple(sorted(test.items())): i for i, test in enumerate(distinct)}
     at = [place[tuple(sorted(test.items()))] for test in tests]
     means = [block[:, 0].reshape(len(distinct), SHOTS).mean(axis=1)[at] for block in rows]
     oracle = _oracle(bench, state, tests, real, means[0])
     # What the cause makes unsteady scatters more than the nominal simulator does; and either more at some tests.
     variances = [block[:, 0].reshape(len(distinct), SHOTS).var(axis=1, ddof=1)[at] for block in rows]
-    own = float(np.sqrt(np.maximum(variances[0], variances[-1])).mean())
+    # A fall counts for so much that neither scatter nor a little of everything could be told beside it.
+    falls_itself = rows[0][:, 1].reshape(len(distinct), SHOTS).any(axis=1)
+    stands = (~falls_itself | falls_itself.all())[at]
+    own = float(np.sqrt(np.maximum(variances[0], variances[-1]))[stands].mean())
     diagnosed = [test for test, _ in seen]
     others = np.array([bench.rho(trace, test) for test, trace in seen])
     # A fall scatters by as much as it counts for: with it in the floor, no fall would be a gap.
@@ -320,13 +326,19 @@ def _how_far(
         means[1],
         tests,
         noise,
-        _background(state, bench, tests, seed, executor),
+        _background(
+            state, bench, [run for run, whole in zip(held, stands, strict=True) if whole], seed, executor
+        ),
         SHOTS,
         bench.spec.unit(bench.requirement),
         oracle,
         seed,
         gap(others - state.nominal_rho, state.smooth.layout.place, seed),
     )
+
+
+def _rho_and_end(bench: Bench, trace: Trace, test: Test) -> FloatArray:
+    return np.array([bench.rho(trace, test), float(trace.failure is not None)])
 
 
 def _scatter(tests: Sequence[Test], real: FloatArray, simulated: float) -> float:
@@ -366,14 +378,20 @@ def _oracle(
 
 
 def _background(
-    state: State, bench: Bench, tests: Sequence[Test], seed: int, executor: Callable[[], Executor] | None
+    state: State,
+    bench: Bench,
+    held: Sequence[tuple[Test, Trace]],
+    seed: int,
+    executor: Callable[[], Executor] | None,
 ) -> float:
     """Return the mean gap in ρ that a little of every effect makes, at most, in 19 of 20 random machines.
 
-    By the simulator where rollouts are cheap: at a test at which a motor saturates a little makes much, and the bank
-    would have that at every test next to it.
+    Of machines that stand where the real one does: a fall that it does not have makes none of its gap. By the
+    simulator where rollouts are cheap: at a test at which a motor saturates a little makes much, and the bank would
+    have that at every test next to it.
     """
     rng = np.random.default_rng(0)
+    tests = [test for test, _ in held]
     catalogue = state.view.surrogate.catalogue
     dear = state.simulator.dear
     at = np.zeros((BANK_MACHINES if dear else MACHINES, len(catalogue.based)))
@@ -390,12 +408,18 @@ def _background(
                     slope = w @ curve.rho[list(curve.coordinates).index(near)] / near
                     total += np.outer(np.where(at[:, line] * side > 0, at[:, line], 0.0), slope)
     else:
-        distinct = [dict(key) for key in dict.fromkeys(tuple(sorted(test.items())) for test in tests)]
-        runs = tuple((test, rollout_seed(seed, n, SHOTS, Stream.GAP_SIM)) for n, test in enumerate(distinct))
+        keys = [tuple(sorted(test.items())) for test in tests]
+        fell = {key for key, (_, trace) in zip(keys, held, strict=True) if trace.failure is not None}
+        distinct = list(dict.fromkeys(keys))
+        runs = tuple(
+            (dict(key), rollout_seed(seed, n, SHOTS, Stream.GAP_SIM)) for n, key in enumerate(distinct)
+        )
         jobs = [Job({}, runs), *(Job(catalogue.values(each), runs) for each in at)]
-        nominal, *others = run_jobs(replace(bench, features=None), jobs, executor)
+        nominal, *others = run_jobs(replace(bench, features=None), jobs, executor, read=_rho_and_end)
         total = np.array([(rows - nominal)[:, 0] for rows in others])
-    return float(np.quantile(np.abs(total).mean(axis=1), 0.95))
+        ended = np.array([rows[:, 1] > 0.0 for rows in others]) & [key not in fell for key in distinct]
+        total = np.ma.masked_array(total, ended)
+    return float(np.quantile(np.ma.filled(np.abs(total).mean(axis=1), 0.0), 0.95))
 
 
 def _next(

@@ -108,8 +108,13 @@ def where_words(where: Where, spec: Spec) -> tuple[str, ...]:
     unit = where.pair.unit
     test = test_words(where.test, spec.space.units) or "there is but one"
     lines = [f"worst of the tests that were run, {test}: Δρ {where.pair.delta:+.3g} {unit}".rstrip()]
-    window = max(where.windows(), key=lambda w: abs(w["delta"]))
-    if where.pair.delta:
+    window = where.window
+    if where.pair.delta and window is None:
+        part = round(100 * where.pair.ended / where.pair.delta)
+        lines.append(
+            f"{part} % of it is in no window of time: {where.pair.reason or 'one trace ends before the other'}"
+        )
+    elif where.pair.delta and window is not None:
         part = round(100 * window["delta"] / where.pair.delta)
         lines.append(f"{part} % of it from {window['begin']:.2f} to {window['end']:.2f} s")
     credit = {name: float(values.sum()) for name, values in where.pair.credit.items()}

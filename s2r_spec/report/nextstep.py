@@ -92,5 +92,7 @@ def _place(found: Diagnosis) -> str:
     if where.body is not None and (most := where.body.most) is not None:
         part, shift = most
         return f" at the {part.name} ({shift.channel}, {shift.begin:.2f} to {shift.end:.2f} s)"
-    window = max(where.windows(), key=lambda one: abs(one["delta"]))
+    window = where.window
+    if window is None:
+        return f" before the end: {where.pair.reason}" if where.pair.reason else ""
     return f" that acts from {window['begin']:.2f} to {window['end']:.2f} s"

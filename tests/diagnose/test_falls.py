@@ -2,11 +2,12 @@
 
 from dataclasses import dataclass, replace
 
+import numpy as np
 from s2r_cart import SPEC, Cart
 
 import s2r_spec as s2r
 from s2r_spec.diagnose.axes import lines
-from s2r_spec.diagnose.falls import falls
+from s2r_spec.diagnose.falls import falls, falls_alone
 from s2r_spec.diagnose.prepare import bench_of
 
 TRIPS = 0.35
@@ -17,10 +18,16 @@ TRIPS = 0.35
 class Tripping(Cart):
     """The cart with a guard that stops it."""
 
+    trips: float = TRIPS
+
     def rollout(self, params, seed):
         trace = super().rollout(params, seed)
         off = abs(trace["v_ref"] - trace["v_meas"])[(trace.times > 0.4) & (trace.times < 1.0)]
-        return replace(trace, meta=dict(trace.meta) | {"failure": "tripped"}) if off.max() > TRIPS else trace
+        return (
+            replace(trace, meta=dict(trace.meta) | {"failure": "tripped"})
+            if off.max() > self.trips
+            else trace
+        )
 
 
 def machine(**effects):
@@ -90,3 +97,33 @@ def test_nothing_is_asked_where_nothing_fell_or_everything_did():
     runs = [(test, replace(Cart().rollout(test, 1), meta={"failure": "fall"})) for test in TESTS]
     spec = s2r.parse_spec(SPEC)
     assert falls(bench_of(spec, spec.requirements[0], Cart()), lines(Cart().effects()), runs, 0) is None
+
+
+def test_where_the_simulator_ends_early_by_itself_and_no_real_rollout_does_is_found():
+    weak = machine(motor=0.62)
+    ended = [test for n, test in enumerate(TESTS) if weak.rollout(test, 7 + n).failure is not None]
+    assert 0 < len(ended) < len(TESTS)
+    bench = bench_of(s2r.parse_spec(SPEC), "tracking", weak)
+    strong = [(test, Cart().rollout(test, 7 + n)) for n, test in enumerate(TESTS)]
+    assert falls_alone(bench, strong, 0) == ended
+    assert falls_alone(bench, [(test, weak.rollout(test, 1)) for test in TESTS], 0) == []
+
+
+def test_falls_that_the_machine_does_not_have_hide_no_gap(cache):
+    """They made scatter of 0.1 and a little of everything of 0.2 where these are 0.001 and 0.02."""
+    rng = np.random.default_rng(0)
+    tests = [{"vd": float(rng.uniform(0.2, 1.0)), "acc": float(rng.uniform(1.0, 4.0))} for _ in range(18)]
+    runs = [(test, Cart().rollout(test, n)) for n, test in enumerate(tests)]
+
+    def asked_of(trips):
+        sim = replace(machine(), trips=trips)
+        return s2r.diagnose(s2r.parse_spec(SPEC), sim, runs, cache=cache, where=False)
+
+    stands, may_fall, falls_itself = map(asked_of, (0.35, 0.25, 0.23))
+    assert stands.notes == ()
+    assert may_fall.how_far.background < 1.5 * stands.how_far.background
+    assert falls_itself.how_far.floor < 1.5 * stands.how_far.floor
+    assert falls_itself.how_far.material
+    [note] = falls_itself.notes
+    assert "the simulator itself, with no effect, ends early at" in note
+    assert "where no real rollout does" in note

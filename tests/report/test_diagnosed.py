@@ -383,6 +383,20 @@ def test_the_text_names_the_worst_of_all_tests_beside_that_of_those_that_were_ru
     assert nowhere == diagnosed.where_words(place, spec)[:-1]
 
 
+def test_a_gap_that_a_fall_makes_is_in_no_window():
+    _, place = where_of(2)
+    pair = replace(
+        place.pair, ended=-5.0, delta=place.pair.delta - 5.0, reason="the real rollout ended with 'fall'"
+    )
+    fallen = replace(place, pair=pair)
+    assert place.window in place.windows()
+    assert fallen.window is None
+    lines = diagnosed.where_words(fallen, spec_of(2))
+    part = round(100 * pair.ended / pair.delta)
+    assert f"{part} % of it is in no window of time: the real rollout ended with 'fall'" in lines
+    assert not any(" s" in line and " % of it from" in line for line in lines)
+
+
 def test_small_gaps_are_not_rounded_to_nothing(one):
     found, spec = one
     tiny = replace(found.how_far.before, mean=1.5e-5, low=1.4e-5, high=1.6e-5, worst=2e-5)

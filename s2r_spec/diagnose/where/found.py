@@ -55,6 +55,12 @@ class Where:
             for low, high, amount in zip(edges[:-1], edges[1:], sums, strict=True)
         ]
 
+    @property
+    def window(self) -> dict[str, float] | None:
+        """The one of these in which most of Δρ lies; None where more lies in how a trace ended, which no window has."""
+        most = max(self.windows(), key=lambda each: abs(each["delta"]))
+        return most if abs(most["delta"]) >= abs(self.pair.ended) else None
+
     def to_json(self) -> dict[str, Any]:
         """Return plain data for JSON."""
         apart = self.pair.to_json()
