@@ -311,7 +311,7 @@ def _how_far(
     variances = [block[:, 0].reshape(len(distinct), SHOTS).var(axis=1, ddof=1)[at] for block in rows]
     # A fall counts for so much that neither scatter nor a little of everything could be told beside it.
     falls_itself = rows[0][:, 1].reshape(len(distinct), SHOTS).any(axis=1)
-    stands = (~falls_itself | falls_itself.all())[at]
+    stands = np.logical_or(~falls_itself, falls_itself.all())[at]
     own = float(np.sqrt(np.maximum(variances[0], variances[-1]))[stands].mean())
     diagnosed = [test for test, _ in seen]
     others = np.array([bench.rho(trace, test) for test, trace in seen])
