@@ -21,9 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.diagnose.asked import Asked, Curve
-from s2r_spec.diagnose.evidence import ALLOWED, FORM, LARGE, gained
+from s2r_spec.diagnose.evidence import ALLOWED, FORM, gained
 from s2r_spec.diagnose.logs import logsumexp
-from s2r_spec.diagnose.models import seen_from
 
 FloatArray = NDArray[np.float64]
 
@@ -98,7 +97,7 @@ class _Lines:
                 row[:] = _turned(curve)
                 continue
             own = asked.names.index(curve.line.name) if curve.line.name in asked.names else None
-            row[:] = _secant(curve, None if own is None else seen[own])
+            row[:] = curve.secant(None if own is None else seen[own])
             if own is not None:
                 across += np.where(np.arange(len(seen)) == own, 0.0, ACROSS * row * seen[own]) ** 2
         base = np.array([bool(curve.line.base) for curve in curves])
@@ -136,16 +135,6 @@ def _side(curve: Curve) -> float:
     if curve.line.base or curve.at[0] < 0.0 < curve.at[-1]:
         return 0.0
     return 1.0 if curve.at[-1] > 0.0 else -1.0
-
-
-def _secant(curve: Curve, asked_for: float | None) -> FloatArray:
-    """Return (p,) change per unit of a line's coordinate, between nominal and what is asked for.
-
-    Of a line that has no coordinate of its own that is where it is large, on the longer side of its range.
-    """
-    low, high = float(curve.at[0]), float(curve.at[-1])
-    x = seen_from((LARGE if high >= -low else -LARGE) if asked_for is None else asked_for, low, high)
-    return np.asarray(curve(x) / x)
 
 
 def _turned(curve: Curve) -> FloatArray:
