@@ -53,6 +53,7 @@ SETS = {
     "a1thirteenth": "of the A1, thirteenth",
     "a1fourteenth": "fourteenth",
     "a1fifteenth": "fifteenth",
+    "a1": "sixteenth",
     "arm1": "of the arm, first",
     "arm2": "second",
     "arm3": "third",
@@ -64,7 +65,18 @@ SETS = {
     "quad3": "of the quadrotor, third",
     "quad": "fourth",
 }
-SHOWN = ("emps17", "emps", "a1thirteenth", "a1fourteenth", "a1fifteenth", "arm5", "arm", "quad3", "quad")
+SHOWN = (
+    "emps17",
+    "emps",
+    "a1thirteenth",
+    "a1fourteenth",
+    "a1fifteenth",
+    "a1",
+    "arm5",
+    "arm",
+    "quad3",
+    "quad",
+)
 """Those on the page."""
 RATES = {
     "single effects: it is the likeliest set": "top-1, single effects",
@@ -86,7 +98,7 @@ RATES = {
 """Row → rate; sets from before a rate was asked for have none."""
 
 
-LATEST = ("emps17", "emps", "a1fourteenth", "a1fifteenth", "arm5", "arm", "quad3", "quad")
+LATEST = ("emps17", "emps", "a1", "arm5", "arm", "quad3", "quad")
 """Sets of which is said how often probabilities come true."""
 EDGES = (0.0, 0.4, 0.6, 0.8, 0.9, 1.0)
 
