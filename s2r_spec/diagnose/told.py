@@ -91,19 +91,22 @@ class _Lines:
     def near(cls, asked: Asked, seen: FloatArray) -> _Lines:
         curves = [*asked.curves, *asked.turns]
         rows = np.zeros((len(curves), len(seen)))
-        across = np.zeros(len(seen))
         for row, curve in zip(rows, curves, strict=True):
             if curve.line.base:
                 row[:] = _turned(curve)
                 continue
             own = asked.names.index(curve.line.name) if curve.line.name in asked.names else None
             row[:] = curve.secant(None if own is None else seen[own])
-            if own is not None:
-                across += np.where(np.arange(len(seen)) == own, 0.0, ACROSS * row * seen[own]) ** 2
         base = np.array([bool(curve.line.base) for curve in curves])
         # How it acts matters as much as there is of it.
         usual = np.where(base, ALLOWED**2, ALLOWED)
-        return cls(rows, usual, np.array([_side(curve) for curve in curves]), _ways(curves), across)
+        return cls(
+            rows,
+            usual,
+            np.array([_side(curve) for curve in curves]),
+            _ways(curves),
+            ACROSS**2 * asked.across(seen),
+        )
 
     def spoken(self, seen: FloatArray, spread: FloatArray, chosen: Sequence[tuple[int, ...]]) -> FloatArray:
         """Return (chosen,) log evidence, if ``chosen`` lines are large; ``spread`` (p, p) is of what is left."""
