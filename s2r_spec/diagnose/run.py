@@ -17,12 +17,10 @@ from s2r_spec.backend import Backend, HasRecordings, load_backend
 from s2r_spec.diagnose import bank as banks
 from s2r_spec.diagnose.accused import named_by_falls
 from s2r_spec.diagnose.ask import Rollouts, real_rollouts
-from s2r_spec.diagnose.axes import BACKGROUND
-from s2r_spec.diagnose.design import unit_box, weights
 from s2r_spec.diagnose.diagnosis import Diagnosis, Verdict, Which
 from s2r_spec.diagnose.estimate import by_linear, fit
 from s2r_spec.diagnose.falls import always_early, falls, falls_alone
-from s2r_spec.diagnose.how_far import HowFar, gap, how_far
+from s2r_spec.diagnose.held_out import measured
 from s2r_spec.diagnose.idle import active
 from s2r_spec.diagnose.isolability import Isolability, isolability
 from s2r_spec.diagnose.kin import shared
@@ -31,10 +29,10 @@ from s2r_spec.diagnose.notes import Used, looked_again, misread, notes
 from s2r_spec.diagnose.parted import ENOUGH, Parted
 from s2r_spec.diagnose.prepare import Progress, State, bench_of, prepare
 from s2r_spec.diagnose.remainder import remainders
-from s2r_spec.diagnose.simulate import Bench, Job, Test, run_jobs
+from s2r_spec.diagnose.simulate import Bench, Test
 from s2r_spec.diagnose.size import sized
 from s2r_spec.diagnose.together import LARGEST, together
-from s2r_spec.diagnose.verdict import SURE, clear, confounded, large, reason, spare
+from s2r_spec.diagnose.verdict import SURE, clear, confounded, decided, large, reason, spare
 from s2r_spec.diagnose.where.found import Where
 from s2r_spec.diagnose.where.found import where as find_where
 from s2r_spec.errors import UsageError
@@ -44,15 +42,6 @@ from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
 
 FloatArray = NDArray[np.float64]
-
-SHOTS = 3
-"""Simulated rollouts per held-out test, before and after."""
-MACHINES, BANK_MACHINES = 20, 200
-"""Random ones with a little of every effect: that many are simulated, or made from the bank."""
-REPLICATED = 5
-"""Degrees of freedom from which on replicates say how much ρ scatters."""
-IMITATED = 0.1
-"""An unknown cause is so much less likely once a patch has closed the held-out gap, or if there is none."""
 
 
 def diagnose(
@@ -132,7 +121,7 @@ def diagnose(
                 found,
                 state,
                 why,
-                lambda patch: _how_far(bench, state, asked, patch, found.tuned, seed, pool, tell),
+                lambda patch: measured(bench, state, asked, patch, found.tuned, seed, pool, tell),
             )
         if left_out and found.verdict is Verdict.NONE:
             # That a machine falls where its simulator does not is a gap, whatever the other rollouts say.
@@ -182,34 +171,22 @@ def _answer(
     fitted = fit(catalogue, named, best)
     tuned = catalogue.values((sized(state, weighed, ()) if first_none else best).tuned)
     named_values = {} if first_none else fitted.values
-    far = _how_far(bench, state, parts, named_values, tuned, seed, executor, tell)
+    far = measured(bench, state, parts, named_values, tuned, seed, executor, tell)
     far = far and replace(far, moved=moved)
     left = remainders(
         bench, parts.used, tuned, seed, executor, lambda done, of: tell("what is left", done, of)
     )
 
-    unknown = state.unknown
-    alarm = unknown > state.judge.threshold and not first_none
-    open_gap = far is not None and (far.open or (first_none and far.unexplained))
-    if far is not None and far.unclosed:
-        # What closes too little to vouch for a name is not named against the odds.
-        open_gap = open_gap or unknown > (1.0 - unknown) * ranked[0][1]
-    if far is not None and far.short and any(e.at_end for e in fitted.estimates):
-        # As much of it as the catalogue has is not enough.
-        open_gap = True
-    strange = far is not None and far.shows and any(each.material for each in left)
-    if far is not None and (far.closed or not far.material):
-        # Odd traces alone are no unknown cause of a gap that is explained, or that is not there:
-        # every machine differs from its simulator in ways that nobody asked about.
-        alarm, unknown = False, unknown * IMITATED
-        # A gap that a little of everything would make needs no name, unless the traces are clear.
-        # Nor is what makes a gap where there is none its cause, however the traces look.
-        named_anyway = far.shows or clear(state.sets, *ranked[0])
-        first_none = first_none or not named_anyway or far.harmful
-    if open_gap or strange:
-        # The patch does not close the gap that it should explain, or something is left that no effect leaves: at
-        # least as likely unknown as not.
-        unknown = max(unknown, 0.5 + 0.5 * unknown)
+    verdict, unknown = decided(
+        far,
+        state.unknown,
+        state.judge.threshold,
+        ranked[0][1],
+        nothing=first_none,
+        plain=clear(state.sets, *ranked[0]),
+        at_end=any(e.at_end for e in fitted.estimates),
+        strange=any(each.material for each in left),
+    )
     known = 1.0 - unknown
     by_size: dict[int, dict[tuple[str, ...], float]] = {size: {} for size in range(LARGEST + 2)}
     told = shared(state.sets, isolable.kin)
@@ -218,13 +195,7 @@ def _answer(
         by_size[len(members)][names[members]] = known * float(probability)
 
     alike = confounded(isolable, names[named], by_size)
-    verdict = Verdict.NAMED
-    if alarm or open_gap or strange:
-        verdict = Verdict.UNKNOWN
-    elif first_none:
-        somewhere = far is not None and far.shows
-        verdict = Verdict.SPREAD if somewhere else Verdict.NONE
-    elif len(alike) > len(named):
+    if verdict is Verdict.NAMED and len(alike) > len(named):
         verdict = Verdict.CONFOUNDED
     nothing = verdict in (Verdict.NONE, Verdict.SPREAD)
     answer = () if nothing or verdict is Verdict.UNKNOWN else names[named]
@@ -263,6 +234,7 @@ def _answer(
             "model_hash": bench.backend.model_hash,
             "rollouts": len(parts.used),
             "held_out": len(parts.held),
+            "weighed_by": "bank" if state.by_bank else "simulator",
             "judge": {name: round(value, 4) for name, value in state.judge.practice.items()},
         },
         assumptions=ASSUMPTIONS,
@@ -275,151 +247,6 @@ ASSUMPTIONS = (
     "0.8 to 0.9 were right less often than they say (docs/explanation/diagnosis.md)",
     "an effect that the catalogue lacks, but that a member imitates, is named as that member",
 )
-
-
-def _how_far(
-    bench: Bench,
-    state: State,
-    parts: Parted,
-    values: Mapping[str, Mapping[str, float]],
-    tuned: Mapping[str, Mapping[str, float]],
-    seed: int,
-    executor: Callable[[], Executor] | None,
-    tell: Progress,
-) -> HowFar | None:
-    seen, held = parts.compared, parts.held
-    if not held:
-        return None
-    real = np.array([bench.rho(trace, test) for test, trace in held])
-    tests = [test for test, _ in held]
-    distinct = [dict(key) for key in dict.fromkeys(tuple(sorted(test.items())) for test in tests)]
-    runs = tuple(
-        (test, rollout_seed(seed, place, shot, Stream.GAP_SIM))
-        for place, test in enumerate(distinct)
-        for shot in range(SHOTS)
-    )
-    short = replace(bench, features=None)
-    jobs = [Job({}, runs), Job(tuned, runs)] + ([Job(values, runs)] if values else [])
-    rows = run_jobs(
-        short, jobs, executor, lambda done, of: tell("held-out tests", done, of), read=_rho_and_end
-    )
-    place = {tuple(sorted(test.items())): i for i, test in enumerate(distinct)}
-    at = [place[tuple(sorted(test.items()))] for test in tests]
-    means = [block[:, 0].reshape(len(distinct), SHOTS).mean(axis=1)[at] for block in rows]
-    oracle = _oracle(bench, state, tests, real, means[0])
-    # What the cause makes unsteady scatters more than the nominal simulator does; and either more at some tests.
-    variances = [block[:, 0].reshape(len(distinct), SHOTS).var(axis=1, ddof=1)[at] for block in rows]
-    # A fall counts for so much that neither scatter nor a little of everything could be told beside it.
-    falls_itself = rows[0][:, 1].reshape(len(distinct), SHOTS).any(axis=1)
-    stands = np.logical_or(~falls_itself, falls_itself.all())[at]
-    own = float(np.sqrt(np.maximum(variances[0], variances[-1]))[stands].mean())
-    diagnosed = [test for test, _ in seen]
-    others = np.array([bench.rho(trace, test) for test, trace in seen])
-    # A fall scatters by as much as it counts for: with it in the floor, no fall would be a gap.
-    stood = np.array([trace.failure is None for _, trace in (*seen, *held)])
-    ran = [test for test, whole in zip(diagnosed + tests, stood, strict=True) if whole]
-    noise = _scatter(ran, np.concatenate([others, real])[stood], own)
-    return how_far(
-        real,
-        means[0],
-        means[2] if values else None,
-        means[1],
-        tests,
-        noise,
-        _background(
-            state, bench, [run for run, whole in zip(held, stands, strict=True) if whole], seed, executor
-        ),
-        SHOTS,
-        bench.spec.unit(bench.requirement),
-        oracle,
-        seed,
-        gap(others - state.nominal_rho, state.smooth.layout.place, seed),
-    )
-
-
-def _rho_and_end(bench: Bench, trace: Trace, test: Test) -> FloatArray:
-    return np.array([bench.rho(trace, test), float(trace.failure is not None)])
-
-
-def _scatter(tests: Sequence[Test], real: FloatArray, simulated: float) -> float:
-    """Return the standard deviation of ρ from run to run: of replicates where there are, else the simulator's.
-
-    The mean of that over the tests: one, at which a motor saturates, may scatter as much as all others together.
-    """
-    of_test: dict[tuple[tuple[str, float], ...], list[float]] = {}
-    for test, rho in zip(tests, real.tolist(), strict=True):
-        of_test.setdefault(tuple(sorted(test.items())), []).append(rho)
-    several = [np.array(mine) for mine in of_test.values() if len(mine) > 1]
-    free = sum(len(mine) - 1 for mine in several)
-    if free < REPLICATED:
-        return simulated
-    # The mean |difference| of two normal numbers is 2/√π of their standard deviation.
-    apart = [float(np.abs(mine[:, None] - mine).sum()) / len(mine) for mine in several]
-    return sum(apart) / free * float(np.sqrt(np.pi)) / 2.0
-
-
-def _from_bank(state: State, bench: Bench, tests: Sequence[Test]) -> FloatArray:
-    """Return (tests, m) weights with which values at the bank's tests become values at these."""
-    space = bench.spec.space
-    return weights(unit_box(space, state.signatures.bank.tests), unit_box(space, tests))
-
-
-def _oracle(
-    bench: Bench, state: State, tests: Sequence[Test], real: FloatArray, nominal: FloatArray
-) -> float:
-    """Return the smallest mean gap that any point of any line reaches at the held-out tests, by the bank."""
-    w = _from_bank(state, bench, tests)
-    gaps = [
-        np.abs(real - nominal - (w @ curve.rho.T).T).mean(axis=1).min()
-        for curve in state.signatures.curves
-        if not curve.line.base
-    ]
-    return float(min(gaps))
-
-
-def _background(
-    state: State,
-    bench: Bench,
-    held: Sequence[tuple[Test, Trace]],
-    seed: int,
-    executor: Callable[[], Executor] | None,
-) -> float:
-    """Return the mean gap in ρ that a little of every effect makes, at most, in 19 of 20 random machines.
-
-    Of machines that stand where the real one does: a fall that it does not have makes none of its gap. By the
-    simulator where rollouts are cheap: at a test at which a motor saturates a little makes much, and the bank would
-    have that at every test next to it.
-    """
-    rng = np.random.default_rng(0)
-    tests = [test for test, _ in held]
-    catalogue = state.view.surrogate.catalogue
-    dear = state.simulator.dear
-    at = np.zeros((BANK_MACHINES if dear else MACHINES, len(catalogue.based)))
-    for line in np.flatnonzero(~catalogue.based).tolist():
-        sides = [side for side, end in ((-1, catalogue.lower[line]), (1, catalogue.upper[line])) if end]
-        at[:, line] = rng.choice(sides, len(at)) * BACKGROUND * np.abs(rng.normal(size=len(at)))
-    if dear:
-        w = _from_bank(state, bench, tests)
-        total = np.zeros((len(at), len(tests)))
-        for line, curve in enumerate(state.signatures.curves):
-            for side in () if catalogue.based[line] else (-1, 1):
-                if beyond := [c for c in curve.coordinates if c * side > 0]:
-                    near = min(beyond, key=abs)
-                    slope = w @ curve.rho[list(curve.coordinates).index(near)] / near
-                    total += np.outer(np.where(at[:, line] * side > 0, at[:, line], 0.0), slope)
-    else:
-        keys = [tuple(sorted(test.items())) for test in tests]
-        fell = {key for key, (_, trace) in zip(keys, held, strict=True) if trace.failure is not None}
-        distinct = list(dict.fromkeys(keys))
-        runs = tuple(
-            (dict(key), rollout_seed(seed, n, SHOTS, Stream.GAP_SIM)) for n, key in enumerate(distinct)
-        )
-        jobs = [Job({}, runs), *(Job(catalogue.values(each), runs) for each in at)]
-        nominal, *others = run_jobs(replace(bench, features=None), jobs, executor, read=_rho_and_end)
-        total = np.array([(rows - nominal)[:, 0] for rows in others])
-        ended = np.array([rows[:, 1] > 0.0 for rows in others]) & [key not in fell for key in distinct]
-        total = np.ma.masked_array(total, ended)
-    return float(np.quantile(np.ma.filled(np.abs(total).mean(axis=1), 0.0), 0.95))
 
 
 def _next(

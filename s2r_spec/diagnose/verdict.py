@@ -25,6 +25,59 @@ RIVAL = 0.2
 """A set this many times as likely as the first is a rival of it."""
 RULED_OUT = 0.05
 """One less likely than this is ruled out, even where the two are hard to tell apart."""
+IMITATED = 0.1
+"""An unknown cause is so much less likely once a patch has closed the held-out gap, or if there is none."""
+
+
+def decided(
+    far: HowFar | None,
+    unknown: float,
+    threshold: float,
+    likeliest: float,
+    *,
+    nothing: bool,
+    plain: bool,
+    at_end: bool,
+    strange: bool,
+) -> tuple[Verdict, float]:
+    """Return what is answered of the likeliest set, and how probable a cause outside of the catalogue is in the end.
+
+    Args:
+        far: the held-out gap; None where nothing was held out.
+        unknown: probability of such a cause by the traces alone.
+        threshold: of that, above which it is answered.
+        likeliest: probability of the likeliest set, given that the catalogue has the causes.
+        nothing: whether that set is empty.
+        plain: whether the traces name its effects, although ρ does not need them; see :func:`clear`.
+        at_end: whether a named value stands at the end of its range.
+        strange: whether something is left of the motion that no effect leaves.
+    """
+    alarm = unknown > threshold and not nothing
+    if far is None:
+        if alarm:
+            return Verdict.UNKNOWN, unknown
+        return (Verdict.NONE if nothing else Verdict.NAMED), unknown
+    # What closes too little to vouch for a name is not named against the odds.
+    against = far.unclosed and unknown > (1.0 - unknown) * likeliest
+    # As much of a cause as the catalogue has is not enough.
+    too_little = far.short and at_end
+    stays = far.open or (nothing and far.unexplained) or against or too_little or (far.shows and strange)
+    if far.closed or not far.material:
+        # Odd traces alone are no unknown cause of a gap that is explained, or that is not there:
+        # every machine differs from its simulator in ways that nobody asked about.
+        alarm, unknown = False, unknown * IMITATED
+        # A gap that a little of everything would make needs no name, unless the traces are clear.
+        # Nor is what makes a gap where there is none its cause, however the traces look.
+        nothing = nothing or not (far.shows or plain) or far.harmful
+    if stays:
+        # The patch does not close the gap that it should explain, or something is left that no effect leaves: at
+        # least as likely unknown as not.
+        return Verdict.UNKNOWN, max(unknown, 0.5 + 0.5 * unknown)
+    if alarm:
+        return Verdict.UNKNOWN, unknown
+    if nothing:
+        return (Verdict.SPREAD if far.shows else Verdict.NONE), unknown
+    return Verdict.NAMED, unknown
 
 
 def reason(

@@ -11,7 +11,18 @@ from s2r_spec.diagnose.estimate import Estimate
 from s2r_spec.diagnose.how_far import gap, how_far
 from s2r_spec.diagnose.judge import Sets
 from s2r_spec.diagnose.remainder import Remainder
-from s2r_spec.diagnose.verdict import CLEAR, RIVAL, SURE, clear, confounded, large, reason, spare
+from s2r_spec.diagnose.verdict import (
+    CLEAR,
+    IMITATED,
+    RIVAL,
+    SURE,
+    clear,
+    confounded,
+    decided,
+    large,
+    reason,
+    spare,
+)
 
 A, B, C = ("a",), ("b",), ("c",)
 
@@ -129,3 +140,40 @@ def test_what_was_left_out_is_not_ruled_out_and_what_is_unlikely_is():
     sets[2]["a", "d"] = 0.2
     sets[3]["a", "b", "c"] = 0.1
     assert confounded(apart, ("a", "b"), sets) == ("a", "b", "d")
+
+
+def after(share, gap_size=1.0):
+    """The held-out gap, evenly over nine tests, and a patch that closes this part of it."""
+    tests = [{"v": k / 9} for k in range(9)]
+    real, nominal, patched = np.full(9, gap_size), np.zeros(9), np.full(9, share * gap_size)
+    return how_far(real, nominal, patched, None, tests, 0.01, 0.1, 3, "m")
+
+
+def answered(far, unknown=0.3, **other):
+    usual = {"nothing": False, "plain": False, "at_end": False, "strange": False}
+    return decided(far, unknown, 0.5, 0.6, **(usual | other))
+
+
+def test_what_closes_the_gap_is_named_however_odd_the_traces_are():
+    assert answered(after(0.95), unknown=0.9) == (Verdict.NAMED, pytest.approx(0.9 * IMITATED))
+    assert answered(after(0.95), at_end=True)[0] is Verdict.NAMED
+
+
+def test_odd_traces_are_an_unknown_cause_where_the_gap_stays_open_or_was_not_measured():
+    assert answered(None, unknown=0.9) == (Verdict.UNKNOWN, 0.9)
+    assert answered(after(0.7), unknown=0.9) == (Verdict.UNKNOWN, 0.9)
+    assert answered(after(0.7), unknown=0.3) == (Verdict.NAMED, 0.3)
+    assert answered(None, unknown=0.9, nothing=True)[0] is Verdict.NONE
+
+
+@pytest.mark.parametrize("why", [{"at_end": True}, {"strange": True}])
+def test_as_much_as_there_is_of_a_cause_and_what_is_left_of_the_motion_speak_against_it(why):
+    assert answered(after(0.7), **why) == (Verdict.UNKNOWN, pytest.approx(0.65))
+
+
+def test_a_gap_that_a_little_of_everything_makes_has_no_cause_unless_the_traces_are_plain():
+    small = after(0.95, gap_size=0.05)
+    assert answered(small)[0] is Verdict.NONE
+    assert answered(small, plain=True)[0] is Verdict.NAMED
+    assert answered(small, unknown=0.9)[0] is Verdict.NONE
+    assert answered(small, plain=True, strange=True)[0] is Verdict.NAMED

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from s2r_spec.diagnose.evidence import believed
+from s2r_spec.diagnose.held_out import scatter
 from s2r_spec.diagnose.how_far import gap, how_far
 from s2r_spec.diagnose.joint import Joint, seen_through
 from s2r_spec.diagnose.layout import SHOTS, Layout
 from s2r_spec.diagnose.models import Surrogate
 from s2r_spec.diagnose.prepare import LEAST, LEFT, TREND, _nearer, _of_replicates, _trend
-from s2r_spec.diagnose.run import _scatter
 from s2r_spec.space import Axis, Space
 
 SPACE = Space((Axis("v", 0.0, 1.0, "m/s"),))
@@ -177,11 +177,11 @@ def test_rho_scatters_as_replicates_do_and_one_unsteady_test_counts_as_one():
     rng = np.random.default_rng(0)
     tests = [{"v": float(k)} for k in range(40) for _ in range(3)]
     even = 0.02 * rng.normal(size=120)
-    assert _scatter(tests, even, 9.0) == pytest.approx(0.02, rel=0.2)
+    assert scatter(tests, even, 9.0) == pytest.approx(0.02, rel=0.2)
     # One of forty tests scatters a hundred times as much: the mean |Δρ| is 3.5 times, the mean square 16.
     wild = even * np.where(np.arange(120) < 3, 100.0, 1.0)
-    assert _scatter(tests, wild, 9.0) == pytest.approx(0.02 * 139 / 40, rel=0.5)
-    assert _scatter(tests[:6], even[:6], 9.0) == 9.0  # of two tests three each: four degrees of freedom
+    assert scatter(tests, wild, 9.0) == pytest.approx(0.02 * 139 / 40, rel=0.5)
+    assert scatter(tests[:6], even[:6], 9.0) == 9.0  # of two tests three each: four degrees of freedom
 
 
 def test_a_gap_that_a_patch_may_close_for_all_that_its_interval_says_is_not_open():
