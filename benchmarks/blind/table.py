@@ -15,7 +15,10 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+from s2r_spec.backend import load_backend
 from s2r_spec.blind.score import truth
+from s2r_spec.diagnose.axes import lines
+from s2r_spec.diagnose.bank import catalogue_of
 
 RESULTS = Path(__file__).parent / "results"
 PAGE = Path(__file__).parents[2] / "docs" / "explanation" / "diagnosis.md"
@@ -101,6 +104,10 @@ RATES = {
 LATEST = ("emps17", "emps", "a1", "arm5", "arm", "quad3", "quad")
 """Sets of which is said how often probabilities come true."""
 EDGES = (0.0, 0.4, 0.6, 0.8, 0.9, 1.0)
+SIZES = (0.0, 0.2, 0.35, 0.5, float("inf"))
+"""Between which an A1's smallest effect is counted together, in units of its typical size."""
+UNASKED = frozenset({"ground_friction", "roughness", "torque_speed_line"})
+"""Effects of the A1 for which its equations of motion cannot ask: nothing but the closed loop shows them."""
 
 
 def first(case: dict[str, Any]) -> tuple[frozenset[str], float]:
@@ -126,6 +133,44 @@ def reliability() -> str:
         rows.append(
             [f"{low:g} to {high:g}", str(len(mine)), f"{mean:.2f}", f"{right / max(len(mine), 1):.2f}"]
         )
+    return "\n".join(f"| {' | '.join(row)} |" for row in rows)
+
+
+def by_size() -> str:
+    """Return as Markdown how often the likeliest set is the A1's, by the size of the smallest of its effects.
+
+    The size of an effect is the largest coordinate of its parameters.
+    """
+    known = {line.name: line for line in lines(catalogue_of(load_backend("sim")))}
+    found = json.loads((RESULTS / "a1_scores.json").read_text())["cases"].values()
+    kinds = ("single", "pair")
+    said = []
+    for case in found:
+        effects = case["label"]["effects"]
+        sizes = [
+            max(abs(known[f"{effect}.{name}"].coordinate(value)) for name, value in values.items())
+            for effect, values in effects.items()
+            if case["label"]["kind"] in kinds
+        ]
+        if sizes:
+            right = first(case)[0] == truth(case["label"])
+            said.append((case["label"]["kind"], min(sizes), bool(UNASKED & set(effects)), right))
+
+    def row(words: str, low: float, high: float, unasked: bool) -> list[str]:
+        of = [
+            [
+                right
+                for k, size, hidden, right in said
+                if k == kind and hidden is unasked and low <= size < high
+            ]
+            for kind in kinds
+        ]
+        return [words, *(f"{sum(mine)} of {len(mine)}" for mine in of)]
+
+    rows = [["smallest effect, of its typical size", "single effects", "pairs"], ["---"] * 3]
+    for low, high in pairwise(SIZES):
+        rows.append(row(f"{low:g} {'and more' if high == SIZES[-1] else f'to {high:g}'}", low, high, False))
+    rows.append(row(f"any: {', '.join(sorted(UNASKED))}, alone or with another", SIZES[0], SIZES[-1], True))
     return "\n".join(f"| {' | '.join(row)} |" for row in rows)
 
 
@@ -178,7 +223,7 @@ def table(names: Sequence[str] = tuple(SETS)) -> str:
 def main() -> None:
     """Print, and write if asked."""
     write = "--write" in sys.argv
-    for made in (table(SHOWN if write else tuple(SETS)), reliability()):
+    for made in (table(SHOWN if write else tuple(SETS)), reliability(), by_size()):
         print(made, end="\n\n")
         if write:
             text = PAGE.read_text(encoding="utf-8")

@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 from benchmarks.blind.kin import KINDS
-from benchmarks.blind.table import LATEST, SETS, SHOWN, reliability, table
+from benchmarks.blind.table import LATEST, SETS, SHOWN, by_size, reliability, table
 from benchmarks.blind.trust import WAYS, summary
 from s2r_spec.blind.score import MOVES, truth
 from s2r_spec.diagnose.judge import WEIGHTS
@@ -21,6 +21,7 @@ RESULTS = ROOT / "benchmarks" / "blind" / "results"
 
 def test_the_table_of_sealed_sets_is_what_the_committed_command_prints():
     assert table(SHOWN) in PAGE.read_text()
+    assert by_size() in PAGE.read_text()
     assert reliability() in PAGE.read_text()
     assert {f"{name}_scores.json" for name in SETS} >= {path.name for path in RESULTS.glob("*_scores.json")}
 
@@ -1029,8 +1030,8 @@ def test_what_is_said_of_the_fifteenth_set_of_the_a1():
         assert case["verdict"] in ("no material gap", "no single cause")
     assert set(missed) == {"attitude_bias", "encoder_offset", "soft_ground", "velocity_bias"}
     assert (
-        f"It is {len(cases_of('a1fifteenth'))} of the 70 cases of the fourteenth's draw that had not been reached, answered by "
-        f"the code of that set. Of {top['of']} single effects {top['hits']} are the likeliest set, of the "
+        f"It is {len(cases_of('a1fifteenth'))} of the 70 cases of the fourteenth's draw that had not been reached, "
+        f"answered by the code of that set. Of {top['of']} single effects {top['hits']} are the likeliest set, of the "
         f"{large['of']} that move ρ or are isolable at their size {large['hits']}. Missed are a pitch of "
         f"{missed['attitude_bias']:.1f} degrees, a thigh encoder {1e3 * missed['encoder_offset']:.0f} mrad off, "
         f"{1e3 * missed['soft_ground']:.0f} mm of soft ground and a lateral velocity bias of "
