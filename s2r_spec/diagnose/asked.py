@@ -122,8 +122,8 @@ class Asked:
     def across(self, seen: FloatArray) -> FloatArray:
         """Return (p,) variance of what effects, each as large as its own coordinate says, make of the others'.
 
-        On twins of the A1 that was off by as much as it is: a viscous friction of 1.4 of the typical one should ask for
-        2.1 of the shear of the ground, and asked for −0.4. Believed, that makes a fifth of it the likeliest.
+        On a machine of another code that is off by as much as it is, and may be of the other sign. Believed, it makes
+        an effect much smaller than its own coordinate says.
         """
         found = np.zeros(len(seen))
         for curve in self.curves:

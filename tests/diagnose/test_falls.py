@@ -110,7 +110,7 @@ def test_where_the_simulator_ends_early_by_itself_and_no_real_rollout_does_is_fo
 
 
 def test_falls_that_the_machine_does_not_have_hide_no_gap(cache):
-    """They made scatter of 0.1 and a little of everything of 0.2 where these are 0.001 and 0.02."""
+    """They would make scatter a hundred times, and a little of everything ten times as large as they are."""
     rng = np.random.default_rng(0)
     tests = [{"vd": float(rng.uniform(0.2, 1.0)), "acc": float(rng.uniform(1.0, 4.0))} for _ in range(18)]
     runs = [(test, Cart().rollout(test, n)) for n, test in enumerate(tests)]
