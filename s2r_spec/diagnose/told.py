@@ -3,8 +3,7 @@
 The coordinates that they ask for (:mod:`s2r_spec.diagnose.asked`) are each of one effect, off by a few hundredths of
 its typical size on a machine of another code, whatever the closed loop makes of the rest. The evidence is Gaussian:
 
-    seen = Σ_k J_k c_k + e,   c_k ~ N(0, LARGE²) for lines k of its effects that are off, N(0, ALLOWED² / n) for all
-                              others, of an effect with n lines
+    seen = Σ_k J_k c_k + e,   c_k ~ N(0, LARGE²) for lines k of its effects that are off, N(0, ALLOWED²) for all others
 
 A law of one sign has that half of the prior; a line that only says how its effect acts is N(0, ALLOWED⁴) where there is
 none. In e are an error that all coordinates share, a part FORM of each, ACROSS, and the simulator's variants. Seldom
@@ -14,7 +13,6 @@ effect of several parameters seldom has all of them off: all, and each alone, ar
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import chain, product
@@ -100,16 +98,11 @@ class _Lines:
             own = asked.names.index(curve.line.name) if curve.line.name in asked.names else None
             row[:] = curve.secant(None if own is None else seen[own])
         base = np.array([bool(curve.line.base) for curve in curves])
-        # It is an effect of which there is a little, however many parameters share that; and how it acts matters as
-        # much as there is of it.
-        share = Counter(curve.line.effect for curve in asked.curves)
-        usual = [
-            ALLOWED**2 if turn else ALLOWED / np.sqrt(share[curve.line.effect])
-            for turn, curve in zip(base, curves, strict=True)
-        ]
+        # How it acts matters as much as there is of it.
+        usual = np.where(base, ALLOWED**2, ALLOWED)
         return cls(
             rows,
-            np.array(usual),
+            usual,
             np.array([_side(curve) for curve in curves]),
             _ways(curves),
             ACROSS**2 * asked.across(seen),

@@ -56,9 +56,7 @@ def test_it_is_the_evidence_of_the_stated_model():
     across = (ACROSS * rows[0] * seen[0]) ** 2 * (1 - ONE[0])
 
     def density(large, error, stray):
-        little = np.full(len(owner), ALLOWED)
-        little[owner == "c"] /= np.sqrt(2.0)  # of two parameters, which share it
-        little[6] = ALLOWED**2  # where a little of a push acts
+        little = np.where(np.arange(len(owner)) == 6, ALLOWED**2, ALLOWED)  # where a little of a push acts
         prior = np.where(np.isin(np.arange(len(owner)), large), LARGE, little)
         rest = np.diag(error**2 + (FORM * seen) ** 2 + across) + ASKED.numerics.T @ ASKED.numerics
         rest += ANYWHERE**2 * np.diag(np.arange(len(NAMES)) == stray)
