@@ -177,3 +177,8 @@ def test_a_gap_that_a_little_of_everything_makes_has_no_cause_unless_the_traces_
     assert answered(small, plain=True)[0] is Verdict.NAMED
     assert answered(small, unknown=0.9)[0] is Verdict.NONE
     assert answered(small, plain=True, strange=True)[0] is Verdict.NAMED
+
+
+def test_a_gap_without_a_cause_is_no_single_one_and_a_patch_that_makes_a_gap_names_none():
+    assert answered(after(0.7), nothing=True)[0] is Verdict.SPREAD
+    assert answered(after(40.0, gap_size=0.05), plain=True)[0] is Verdict.NONE
