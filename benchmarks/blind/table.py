@@ -1,7 +1,7 @@
-"""The tables of sealed sets in docs/explanation/diagnosis.md, from the scores in results/; a test holds it to them.
+"""The tables of sealed sets in docs/explanation/diagnosis.md and HISTORY.md, from the scores in results/.
 
-    python benchmarks/blind/table.py            # prints them, of all sets
-    python benchmarks/blind/table.py --write    # puts them in the page's place, of the sets that are shown there
+    python benchmarks/blind/table.py            # prints them
+    python benchmarks/blind/table.py --write    # puts them in their places; a test holds the pages to them
 
 Answers and closed gaps are counted from the cases, so that old sets are scored as new ones.
 """
@@ -22,87 +22,55 @@ from s2r_spec.diagnose.bank import catalogue_of
 
 RESULTS = Path(__file__).parent / "results"
 PAGE = Path(__file__).parents[2] / "docs" / "explanation" / "diagnosis.md"
+HISTORY = Path(__file__).parent / "HISTORY.md"
 SETS = {
-    "emps1": "of the axis, first",
-    "emps2": "second",
-    "emps3": "third",
-    "emps4": "fourth",
-    "emps5": "fifth",
-    "emps6": "sixth",
-    "emps7": "of the axis, seventh",
-    "emps8": "eighth",
-    "emps9": "ninth",
-    "emps10": "tenth",
-    "emps11": "eleventh",
-    "emps12": "twelfth",
-    "emps13": "thirteenth",
-    "emps14": "fourteenth",
-    "emps15": "of the axis, fifteenth",
-    "emps16": "of the axis, sixteenth",
-    "emps17": "of the axis, seventeenth",
-    "emps": "eighteenth",
-    "a1first": "of the A1, first",
-    "a1second": "second",
-    "a1third": "of the A1, third",
-    "a1fourth": "fourth",
-    "a1fifth": "fifth",
-    "a1sixth": "of the A1, sixth",
-    "a1seventh": "seventh",
-    "a1eighth": "eighth",
-    "a1ninth": "ninth",
-    "a1tenth": "of the A1, tenth",
-    "a1eleventh": "of the A1, eleventh",
-    "a1twelfth": "of the A1, twelfth",
-    "a1thirteenth": "of the A1, thirteenth",
-    "a1fourteenth": "fourteenth",
-    "a1fifteenth": "fifteenth",
-    "a1": "sixteenth",
-    "arm1": "of the arm, first",
-    "arm2": "second",
-    "arm3": "third",
-    "arm4": "of the arm, fourth",
-    "arm5": "of the arm, fifth",
-    "arm": "sixth",
-    "quad1": "of the quadrotor, first",
-    "quad2": "of the quadrotor, second",
-    "quad3": "of the quadrotor, third",
-    "quad": "fourth",
-}
-SHOWN = (
-    "emps17",
-    "emps",
-    "a1thirteenth",
-    "a1fourteenth",
-    "a1fifteenth",
-    "a1",
-    "arm5",
-    "arm",
-    "quad3",
-    "quad",
-)
-"""Those on the page."""
-RATES = {
-    "single effects: it is the likeliest set": "top-1, single effects",
-    "single effects: it is one of the two likeliest answers": "top-2, single effects",
-    "single effects: it is the likeliest effect": "most probable member, single",
-    "single effects: it is in the set answered (of mean size {})": "in the answered set, single",
-    "exact pair is the likeliest set of effects": "exact pair first",
-    "one of the pair is the likeliest effect": "one of the pair first",
-    "known causes called *none of these*": "known effects called unknown",
-    "unknown causes with a material gap that were seen as such": "unknown with a material gap detected",
-    "machines with nothing wrong that were called something else": "null called anything else",
-    "answers of 0.9 and more that were right": "right where sure",
-    "true value in its 90 % interval": "true value in its 90 % interval",
-    "single effects that move ρ or are isolable at their size: the likeliest set": (
-        "that moves ρ or is isolable at its size: first answer right, single"
+    "the axis": (*(f"emps{n}" for n in range(1, 18)), "emps"),
+    "the A1": (
+        *(
+            f"a1{n}"
+            for n in ("first", "second", "third", "fourth", "fifth", "sixth", "seventh", "eighth", "ninth")
+        ),
+        *(f"a1{n}" for n in ("tenth", "eleventh", "twelfth", "thirteenth", "fourteenth", "fifteenth")),
+        "a1",
     ),
-    "and the likeliest effect": "that moves ρ or is isolable at its size: likeliest effects right, single",
+    "the arm": (*(f"arm{n}" for n in range(1, 6)), "arm"),
+    "the quadrotor": (*(f"quad{n}" for n in range(1, 4)), "quad"),
 }
-"""Row → rate; sets from before a rate was asked for have none."""
-
-
+"""Machine → names of its sealed sets in results/, in the order in which they were opened."""
 LATEST = ("emps17", "emps", "a1", "arm5", "arm", "quad3", "quad")
 """Sets of which is said how often probabilities come true."""
+RATES = {
+    "single effects: it is the likeliest set": "top-1, single effects",
+    "it is one of the two likeliest answers": "top-2, single effects",
+    "it is the likeliest effect": "most probable member, single",
+    "it is in the set answered": "in the answered set, single",
+    "single effects that move ρ or are isolable at their size: it is the likeliest set": (
+        "that moves ρ or is isolable at its size: first answer right, single"
+    ),
+    "of these, it is the likeliest effect": (
+        "that moves ρ or is isolable at its size: likeliest effects right, single"
+    ),
+    "pairs: they are the likeliest set": "exact pair first",
+    "one of them is the likeliest effect": "one of the pair first",
+    "unknown causes with a material gap: seen as such": "unknown with a material gap detected",
+    "known causes: called *none of these*": "known effects called unknown",
+    "nothing wrong: called something else": "null called anything else",
+    "answers of 0.9 and more: right": "right where sure",
+    "true values of named single effects: in the 90 % interval": "true value in its 90 % interval",
+}
+"""Row → rate; sets from before a rate was asked for have none."""
+GOALS = {
+    "it is one of the two likeliest answers": "97 %; -",
+    "it is in the set answered": "-; 99 %",
+    "single effects that move ρ or are isolable at their size: it is the likeliest set": "92 %; 97 %",
+    "pairs: they are the likeliest set": "75 %; 90 %",
+    "unknown causes with a material gap: seen as such": "90 %; 95 %",
+    "known causes: called *none of these*": "5 % at most",
+    "nothing wrong: called something else": "2 % at most",
+    "answers of 0.9 and more: right": "99 %; -",
+    "material held-out gap of single effects: closed by what is named": "90 %",
+}
+"""Row → what we want, of the A1 and of the axis."""
 EDGES = (0.0, 0.4, 0.6, 0.8, 0.9, 1.0)
 SIZES = (0.0, 0.2, 0.35, 0.5, float("inf"))
 """Between which an A1's smallest effect is counted together, in units of its typical size."""
@@ -119,7 +87,7 @@ def first(case: dict[str, Any]) -> tuple[frozenset[str], float]:
 
 def reliability() -> str:
     """Return as Markdown how often the likeliest answer is the truth, by the probability that it was given."""
-    rows = [["probability of the likeliest answer", "cases", "mean probability", "right"], ["---"] * 4]
+    rows = [["probability of the likeliest answer", "cases", "mean probability", "right"]]
     cases = [
         case
         for name in LATEST
@@ -133,7 +101,7 @@ def reliability() -> str:
         rows.append(
             [f"{low:g} to {high:g}", str(len(mine)), f"{mean:.2f}", f"{right / max(len(mine), 1):.2f}"]
         )
-    return "\n".join(f"| {' | '.join(row)} |" for row in rows)
+    return _markdown(rows)
 
 
 def by_size() -> str:
@@ -167,11 +135,11 @@ def by_size() -> str:
         ]
         return [words, *(f"{sum(mine)} of {len(mine)}" for mine in of)]
 
-    rows = [["smallest effect, of its typical size", "single effects", "pairs"], ["---"] * 3]
+    rows = [["smallest effect, of its typical size", "single effects", "pairs"]]
     for low, high in pairwise(SIZES):
         rows.append(row(f"{low:g} {'and more' if high == SIZES[-1] else f'to {high:g}'}", low, high, False))
     rows.append(row(f"any: {', '.join(sorted(UNASKED))}, alone or with another", SIZES[0], SIZES[-1], True))
-    return "\n".join(f"| {' | '.join(row)} |" for row in rows)
+    return _markdown(rows)
 
 
 def answered(cases: list[dict[str, Any]]) -> str:
@@ -198,37 +166,50 @@ def _of(rate: dict[str, Any] | None) -> str:
     return "" if rate is None else f"{rate['hits']} of {rate['of']}"
 
 
-def table(names: Sequence[str] = tuple(SETS)) -> str:
-    """Return the table of these sets as Markdown."""
-    kept = [json.loads((RESULTS / f"{name}_scores.json").read_text()) for name in names]
-    scores: list[dict[str, Any]] = [one["scores"] for one in kept]
-    cases = [list(one["cases"].values()) for one in kept]
-    sizes = "; ".join(f"{s['set size, single (mean)']:.2f}" for s in scores)
-    rows = [
-        ["sealed set", *(SETS[name] for name in names)],
-        ["---"] * (len(names) + 1),
-        ["file in `benchmarks/blind/results/`", *(f"`{name}_scores.json`" for name in names)],
-        ["cases", *(str(s["cases"]) for s in scores)],
-        ["single effects: the answer is it", *(answered(some) for some in cases)],
-        *([words.format(sizes), *(_of(s.get(key)) for s in scores)] for words, key in RATES.items()),
-        [
-            "held-out gap above its floor that the patch closed, single effects",
-            *(closed(some, "after") for some in cases),
-        ],
-        ["the same, tuned", *(closed(some, "tuned") for some in cases)],
+def _rows(name: str) -> dict[str, str]:
+    """Return what is said of a sealed set, by row."""
+    kept = json.loads((RESULTS / f"{name}_scores.json").read_text())
+    scores, cases = kept["scores"], list(kept["cases"].values())
+    return {
+        "cases": str(scores["cases"]),
+        **{words: _of(scores.get(key)) for words, key in RATES.items()},
+        "single effects: the answer is it, and no other word": answered(cases),
+        "material held-out gap of single effects: closed by what is named": closed(cases, "after"),
+        "the same, tuned": closed(cases, "tuned"),
+    }
+
+
+def _markdown(rows: Sequence[Sequence[str]]) -> str:
+    return "\n".join(f"| {' | '.join(row)} |" for row in (rows[0], ["---"] * len(rows[0]), *rows[1:]))
+
+
+def table() -> str:
+    """Return the newest sealed set of every machine beside what we want, as Markdown."""
+    said = [_rows(names[-1]) for names in SETS.values()]
+    head = ["newest sealed set", *(f"of {machine}" for machine in SETS), "goal (the A1; the axis)"]
+    return _markdown(
+        [head, *([row, *(one[row] for one in said), GOALS.get(row, "")] for row in said[0])],
+    )
+
+
+def history() -> str:
+    """Return all sealed sets of all machines, one under the other, as Markdown."""
+    said = [
+        (f"{machine}, {number} (`{name}`)", _rows(name))
+        for machine, names in SETS.items()
+        for number, name in enumerate(names, 1)
     ]
-    return "\n".join(f"| {' | '.join(row)} |" for row in rows)
+    return _markdown([["set", *said[0][1]], *([who, *one.values()] for who, one in said)])
 
 
 def main() -> None:
     """Print, and write if asked."""
-    write = "--write" in sys.argv
-    for made in (table(SHOWN if write else tuple(SETS)), reliability(), by_size()):
+    for page, made in ((PAGE, table()), (PAGE, reliability()), (PAGE, by_size()), (HISTORY, history())):
         print(made, end="\n\n")
-        if write:
-            text = PAGE.read_text(encoding="utf-8")
-            begin = text.index(made.splitlines()[0].split(" | ")[0])
-            PAGE.write_text(text[:begin] + made + text[text.index("\n\n", begin) :], encoding="utf-8")
+        if "--write" in sys.argv:
+            text = page.read_text(encoding="utf-8")
+            begin = text.index(made.splitlines()[0].split(" | ")[0] + " | ")
+            page.write_text(text[:begin] + made + text[text.index("\n\n", begin) :], encoding="utf-8")
 
 
 if __name__ == "__main__":

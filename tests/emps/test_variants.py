@@ -64,7 +64,7 @@ def test_a_delay_differs_from_a_lag_by_what_a_screw_does_that_yields():
     )
     apart, bent = lag - delay, yielding - rigid
     millivolts = [1000 * np.sqrt(np.mean(x**2)) for x in (apart, bent)]
-    page = (Path(__file__).parents[2] / "docs" / "explanation" / "diagnosis.md").read_text()
+    page = (Path(__file__).parents[2] / "benchmarks" / "blind" / "HISTORY.md").read_text()
     said = (
         "these differ by {:.1f} mV of the voltage (rms, in a hard test), and a rigid screw from one that yields by "
         "{:.1f} mV"
