@@ -95,7 +95,7 @@ def reliability() -> str:
     ]
     said = [(*first(case), truth(case["label"])) for case in cases]
     for low, high in pairwise(EDGES):
-        mine = [(found == true, p) for found, p, true in said if low <= p < high]
+        mine = [(found == true, p) for found, p, true in said if low <= p < high or p == high == EDGES[-1]]
         mean = sum(p for _, p in mine) / max(len(mine), 1)
         right = sum(hit for hit, _ in mine)
         rows.append(

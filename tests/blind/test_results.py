@@ -189,7 +189,7 @@ def test_what_is_said_of_simpler_ways():
         f"**Simpler ways.** On the {count} single effects",
         f"joint least-squares fit names {joint}, the best fit of one effect {single}",
         f"the same of ρ alone {rates['ρ only']}, chance {count * kept['chance']:.0f}",
-        f"`s2r diagnose` is the true one in {rates['s2r diagnose, likeliest cause']}",
+        f"`s2r diagnose`, *none of these* left aside, is the true one in {rates['s2r diagnose, likeliest cause']}",
     )
     page = " ".join(PAGE.read_text().split())
     for words in said:
