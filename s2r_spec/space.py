@@ -12,6 +12,9 @@ from s2r_spec.errors import UsageError, one_of, suggest
 
 FloatArray = NDArray[np.float64]
 
+ROUNDED = 1e-9
+"""Part of its range by which a value may be outside: units were converted, there and back."""
+
 
 @dataclass(frozen=True)
 class Axis:
@@ -78,12 +81,17 @@ class Space:
         """(dim,) upper corner."""
         return np.array([axis.high for axis in self.axes])
 
+    def at(self, unit: FloatArray) -> FloatArray:
+        """Return (..., dim) points of the box, from points of the unit cube; an end is that end, to the last digit."""
+        found: FloatArray = np.clip(self.lower + unit * (self.upper - self.lower), self.lower, self.upper)
+        return found
+
     def point(self, vector: FloatArray) -> dict[str, float]:
         """Name the coordinates of a (dim,) vector."""
         return {name: float(value) for name, value in zip(self.names, vector, strict=True)}
 
     def vector(self, point: Mapping[str, float]) -> FloatArray:
-        """Return the (dim,) vector of a named point.
+        """Return the (dim,) vector of a named point; what a rounding has put outside of the box is at its end.
 
         Raises:
             UsageError: a name is unknown or missing, or a value is outside the box.
@@ -97,12 +105,13 @@ class Space:
         for axis in self.axes:
             if axis.name not in point:
                 raise UsageError(f"the test parameter {axis.name!r} is missing from {dict(point)}")
-            if not axis.low <= point[axis.name] <= axis.high:
+            room = ROUNDED * axis.width
+            if not axis.low - room <= point[axis.name] <= axis.high + room:
                 raise UsageError(
                     f"{axis.name} = {point[axis.name]:g} {axis.unit} is outside "
                     f"[{axis.low:g}, {axis.high:g}] {axis.unit}"
                 )
-        return np.array([float(point[name]) for name in self.names])
+        return np.clip([float(point[name]) for name in self.names], self.lower, self.upper)
 
     def grid(self, counts: tuple[int, ...]) -> FloatArray:
         """Return (prod(counts), dim) grid points, both ends of every axis included, last axis fastest."""

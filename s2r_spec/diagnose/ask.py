@@ -27,6 +27,7 @@ FloatArray = NDArray[np.float64]
 Rollout = tuple[dict[str, float], Trace]
 Rollouts = Sequence[tuple[Mapping[str, float], Trace]]
 
+TABLE = "rollouts.csv"
 BUDGET = 30
 """Real rollouts that are asked of a machine when nobody says how many."""
 FEWEST = 6
@@ -68,15 +69,19 @@ def real_rollouts(
             raise UsageError(
                 f"a real rollout does not say its {missing[0]!r}; every test parameter is needed"
             )
-    found = [
-        (
-            {name: test[name] for name in names},
-            cut(_decided(bench, test, as_simulated(trace, bench.backend), source), bench.backend.duration),
-        )
+    space = bench.spec.space
+    # A test outside of the space is refused now, and not when all is simulated.
+    inside = [
+        (space.point(space.vector({name: test[name] for name in names})), trace, source)
         for test, trace, source in given[:budget]
     ]
-    for test, _ in found:
-        bench.spec.space.vector(test)  # now, and not when all is simulated
+    found = [
+        (
+            test,
+            cut(_decided(bench, test, as_simulated(trace, bench.backend), source), bench.backend.duration),
+        )
+        for test, trace, source in inside
+    ]
     if len(found) < FEWEST:
         raise UsageError(
             f"{len(found)} real rollouts are too few to tell a cause from scatter; {FEWEST} are the least"
@@ -211,8 +216,7 @@ def plan(bench: Bench, budget: int, seed: int) -> list[tuple[int, dict[str, floa
     if space.dim:
         power = max(distinct - 1, 1).bit_length()
         points = qmc.Sobol(space.dim, scramble=True, rng=seed).random_base2(power)[:distinct]
-    values = space.lower + points * (space.upper - space.lower) if space.dim else points
-    tests = [dict(zip(space.names, (float(v) for v in row), strict=True)) for row in values]
+    tests = [space.point(p) for p in space.at(points)]
     places = [i if i < distinct else (i - distinct) // 2 % distinct for i in range(budget)]
     return [(place, tests[place]) for place in places]
 
@@ -228,36 +232,74 @@ def ask(
     """Run the planned tests on a machine; what the folder already holds is not run again.
 
     The folder has the form that ``log:FOLDER`` reads.
+
+    Raises:
+        UsageError: what it holds are rollouts of other tests than those planned.
     """
     if isinstance(machine, HasDuration):
         machine = machine.with_duration(bench.backend.duration)
     matched = match(bench.spec, bench.requirement, machine)
+    units = {p.name: p.unit for p in machine.parameters}
+    rows = {} if folder is None else _rows(folder / TABLE)
     out: list[Rollout] = []
     for i, (place, test) in enumerate(plan(bench, budget, seed)):
         params = matched.to_backend(test)
         name = f"{i:04d}"
         kept = None if folder is None else folder / f"{name}.npz"
         if kept is not None and kept.exists():
+            _same(kept, rows.get(name), params)
             trace = logs.read(kept)
         else:
             trace = machine.rollout(params, rollout_seed(seed, place, i, Stream.GAP_REAL))
-            if folder is not None and kept is not None:
-                _keep(folder, kept, name, params, {p.name: p.unit for p in machine.parameters}, trace)
+            if kept is not None:
+                _keep(kept, trace)
+        if folder is not None and name not in rows:
+            # Of a run that was killed between trace and row the row is still to be written.
+            _note(folder / TABLE, name, params, units)
         out.append((test, trace))
         if progress is not None:
             progress(i + 1, budget)
     return out
 
 
-def _keep(
-    folder: Path, path: Path, name: str, params: Mapping[str, float], units: Mapping[str, str], trace: Trace
-) -> None:
-    """Put a rollout on disk: the trace first, then its row, so that a row always has its trace."""
-    folder.mkdir(parents=True, exist_ok=True)
+def _rows(table: Path) -> dict[str, dict[str, float]]:
+    """Return name of a kept rollout → its params."""
+    if not table.exists():
+        return {}
+    with table.open(newline="", encoding="utf-8") as stream:
+        return {
+            row.pop("id"): {name.partition(" [")[0]: float(value) for name, value in row.items()}
+            for row in csv.DictReader(stream)
+        }
+
+
+def _same(kept: Path, recorded: Mapping[str, float] | None, params: Mapping[str, float]) -> None:
+    """Refuse a kept rollout of another test: another budget, seed or spec plans other ones."""
+    if recorded is None:
+        return
+    if recorded.keys() != params.keys() or not all(
+        math.isclose(recorded[name], value, rel_tol=1e-9, abs_tol=1e-12) for name, value in params.items()
+    ):
+        there, here = (
+            ", ".join(f"{name} = {value:.4g}" for name, value in of.items()) or "no parameter"
+            for of in (recorded, params)
+        )
+        raise UsageError(
+            f"{kept} was recorded with {there}, and this plan has {here} in its place; go on with the spec, the "
+            f"budget and the seed of that run, or diagnose what it recorded: --real log:{kept.parent}"
+        )
+
+
+def _keep(path: Path, trace: Trace) -> None:
+    """Put a trace on disk, whole or not at all."""
+    path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(f".{path.name}.part.npz")
     logs.write(trace, part)
     part.replace(path)
-    table = folder / "rollouts.csv"
+
+
+def _note(table: Path, name: str, params: Mapping[str, float], units: Mapping[str, str]) -> None:
+    """Put a rollout's row on disk: after its trace, so that a row always has one."""
     new = not table.exists()
     with table.open("a", newline="", encoding="utf-8") as stream:
         writer = csv.writer(stream)

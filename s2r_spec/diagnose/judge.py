@@ -295,8 +295,7 @@ def train(
 
     def tests() -> list[dict[str, float]]:
         count = int(rng.choice([10, 14, 20, 30]))
-        drawn = space.lower + rng.uniform(size=(count, space.dim)) * (space.upper - space.lower)
-        distinct = [dict(zip(space.names, point.tolist(), strict=True)) for point in drawn]
+        distinct = [space.point(p) for p in space.at(rng.uniform(size=(count, space.dim)))]
         again = rng.permutation(count)[: count // 3]
         return distinct + [distinct[int(i)] for i in again for _ in range(2)]
 

@@ -251,8 +251,7 @@ def _mode(space: Space, places: FloatArray) -> FloatArray:
     """Return that of the places around which they are densest, by a triangle of a tenth of every axis."""
     distinct, counts = np.unique(_unit(space, places), axis=0, return_counts=True)
     near = np.clip(1.0 - 10.0 * np.abs(distinct[:, None] - distinct), 0.0, None).prod(axis=2) @ counts
-    found: FloatArray = space.lower + distinct[near.argmax()] * (space.upper - space.lower)
-    return found
+    return space.at(distinct[near.argmax()])
 
 
 def _notes(space: Space, tests: tuple[GapAt, ...]) -> tuple[str, ...]:
