@@ -13,6 +13,8 @@ from s2r_spec.blind.seal import cases
 from s2r_spec.errors import UsageError
 
 MANIFEST = "manifest.json"
+BEGUN = "code.sha256"
+"""Beside the answers: hash of the code that began them."""
 
 Diagnose = Callable[[Path], Mapping[str, Any]]
 """From the folder of a case to its answer."""
@@ -23,8 +25,10 @@ def freeze(
 ) -> str:
     """Diagnose every case and write the manifest; return its hash. Answers that are there are kept.
 
+    What code answers is noted before the first answer, so that a run that goes on does so with the same.
+
     Raises:
-        UsageError: the answers are frozen already, or a case is not sealed.
+        UsageError: the answers are frozen already, a case is not sealed, or s2r is another than that which began.
     """
     manifest = answers / MANIFEST
     if manifest.exists():
@@ -34,24 +38,50 @@ def freeze(
         if not (public / f"{name}.commit").exists():
             raise UsageError(f"{public / name} is not sealed; run s2r blind seal first")
     answers.mkdir(parents=True, exist_ok=True)
+    code = _begun(answers)
     for number, name in enumerate(ids):
         path = answers / f"{name}.json"
         if not path.exists():
             write_json(path, diagnose(public / name))
         if progress is not None:
             progress(name, number + 1, len(ids))
+    if code_hash() != code:
+        raise UsageError(
+            f"s2r's source changed while it answered; begin again in another folder than {answers}"
+        )
     write_json(
         manifest,
         {
             "schema": "s2r/blind-manifest/1",
             "frozen": datetime.now(UTC).isoformat(timespec="seconds"),
-            "code": code_hash(),
+            "code": code,
             "answers": {name: _digest(answers / f"{name}.json") for name in ids},
             "data": {name: of_folder(public / name) for name in ids},
             "commitments": {name: (public / f"{name}.commit").read_text().strip() for name in ids},
         },
     )
     return _digest(manifest)
+
+
+def _begun(answers: Path) -> str:
+    """Return the hash of the code that answers, noted where the answers will be.
+
+    Raises:
+        UsageError: other code began, or answers are there and nothing says of what code.
+    """
+    note, code = answers / BEGUN, code_hash()
+    if not note.exists():
+        if any(answers.glob("*.json")):
+            raise UsageError(
+                f"{answers} holds answers, and no {BEGUN} says what code gave them; use another folder"
+            )
+        note.write_text(code + "\n")
+    elif note.read_text().strip() != code:
+        raise UsageError(
+            f"the answers in {answers} are of another s2r than this one ({note}); go on with that, or begin again in "
+            f"another folder"
+        )
+    return code
 
 
 def check(public: Path, answers: Path) -> dict[str, Any]:

@@ -231,9 +231,12 @@ def _adds_up(label: Mapping[str, Any], answer: Mapping[str, Any]) -> bool:
 
 
 def _between(label: Mapping[str, Any], answer: Mapping[str, Any]) -> bool:
-    """Return whether Δρ lies between the differences at the predicates that decide either side."""
+    """Return whether Δρ lies between the differences at the predicates that decide either side.
+
+    Where ρ is neither a minimum nor a maximum of margins these do not bound it, and nothing is claimed.
+    """
     where = answer["where"]
-    if where.get("switch") is None:
+    if where.get("switch") is None or where["switch"]["bounds"] is None:
         return True
     low, high = where["switch"]["bounds"]
     slack = 1e-9 + 1e-6 * abs(where["delta"])

@@ -32,7 +32,8 @@ def seal(public: Path, labels: Path, keys: Path) -> int:
     """Commit to every label in ``labels`` and move it, with its salt, to ``keys``; return how many.
 
     Raises:
-        UsageError: a case has no label, a label no case, or a case is sealed already.
+        UsageError: a case has no label, a label no case, a case is sealed already, or ``keys`` has one
+            of that name.
     """
     ids = cases(public)
     named = sorted(path.stem for path in labels.glob("*.json"))
@@ -44,6 +45,10 @@ def seal(public: Path, labels: Path, keys: Path) -> int:
     for name in ids:
         if (public / f"{name}.commit").exists():
             raise UsageError(f"{public / name}.commit exists: the set is sealed already")
+        if (keys / f"{name}.json").exists():
+            raise UsageError(
+                f"{keys / name}.json is the label of another set; give this one a folder of its own"
+            )
     keys.mkdir(parents=True, exist_ok=True)
     for name in ids:
         label, salt = read_json(labels / f"{name}.json"), secrets.token_hex(32)

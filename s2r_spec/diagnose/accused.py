@@ -130,7 +130,9 @@ def named_by_falls(
         return found
     far = found.how_far
     shrinks = (
-        "; the gap of these is no more than a few percent of every effect would make it, so how far it shrinks "
+        "; nothing was held out, so how far the gap shrinks was not measured"
+        if far is None
+        else "; the gap of these is no more than a few percent of every effect would make it, so how far it shrinks "
         "was not measured"
     )
     if measured is not None:

@@ -131,11 +131,15 @@ def key(bench: Bench) -> str:
 
 
 def _source() -> str:
-    """Return a hash of the modules that decide what a bank holds."""
+    """Return a hash of the modules that decide what a bank holds: features of rollouts, and ρ."""
     folder = Path(__file__).parent
     digest = hashlib.sha256()
-    for name in ("axes.py", "bank.py", "design.py", "equations.py", "features.py", "simulate.py"):
-        digest.update((folder / name).read_bytes())
+    own = [folder / f"{name}.py" for name in ("axes", "bank", "design", "equations", "features", "simulate")]
+    of_rho = [
+        path for name in ("lang", "robustness") for path in sorted((folder.parent / name).rglob("*.py"))
+    ]
+    for path in (*own, *of_rho, folder.parent / "rollouts" / "match.py"):
+        digest.update(path.read_bytes())
     return digest.hexdigest()
 
 
@@ -198,10 +202,10 @@ def simulate(
     features = Features.of_nominal(traces, bench.backend.duration)
     bench = replace(bench, features=features)
     catalogue = catalogue_of(bench.backend)
-    acts = {effect.name: _able(bench, effect, middle) for effect in catalogue}
+    three = tuple({place: tests[place] for place in (len(tests) // 2, 0, len(tests) - 1)}.values())
+    acts = {effect.name: _able(bench, effect, three) for effect in catalogue}
     found = lines(catalogue, acts)
     features = replace(features, probes=_probes(bench, found, middle))
-    three = tuple({place: tests[place] for place in (0, len(tests) // 2, len(tests) - 1)}.values())
     features = replace(features, voids=_voids(bench, features, found, three, executor))
     features = replace(features, little=_little(bench, features, found, middle))
     features = replace(features, instrumented=_instrumented(bench, features, three))
@@ -264,22 +268,25 @@ def _runs(
     return tuple((tests[place], place * NOMINAL_SEEDS + seed) for place in some for seed in range(seeds))
 
 
-def _able(bench: Bench, effect: Effect, test: Test) -> frozenset[str]:
-    """Return the parameters that change something while the effect's others are nominal.
+def _able(bench: Bench, effect: Effect, tests: Sequence[Test]) -> frozenset[str]:
+    """Return the parameters that change something at one of these tests while the effect's others are nominal.
 
-    The place of a payload does nothing while its mass is nothing.
+    The place of a payload does nothing while its mass is nothing. Of an effect that does nothing at any of them, as a
+    limit that is not reached, it is not known: all may act by themselves.
     """
     names = frozenset(p.name for p in effect.parameters)
     if len(names) == 1:
         return names
-    nominal = bench.measure(bench.run({}, test, 0), test)
-    able = set()
-    for parameter in effect.parameters:
-        alone = line_of(effect, parameter)
-        changed = bench.measure(bench.run(alone.at(alone.at_typical()), test, 0), test)
-        if not np.array_equal(changed, nominal, equal_nan=True):
-            able.add(parameter.name)
-    return frozenset(able)
+    able: set[str] = set()
+    for test in tests:
+        nominal = bench.measure(bench.run({}, test, 0), test)
+        for parameter in effect.parameters:
+            if parameter.name not in able:
+                alone = line_of(effect, parameter)
+                changed = bench.measure(bench.run(alone.at(alone.at_typical()), test, 0), test)
+                if not np.array_equal(changed, nominal, equal_nan=True):
+                    able.add(parameter.name)
+    return frozenset(able) or names
 
 
 def _little(bench: Bench, features: Features, found: tuple[Line, ...], test: Test) -> FloatArray:

@@ -94,11 +94,16 @@ def measured(
     # A fall counts for so much that neither scatter nor a little of everything could be told beside it.
     own = float(np.sqrt(larger)[nominal.stands].mean())
     others = np.array([bench.rho(trace, test) for test, trace in parts.compared])
-    # A fall scatters by as much as it counts for: with it in the floor, no fall would be a gap.
+    # A fall scatters by as much as it counts for: with it in the floor, no fall would be a gap. Nor does a rollout that
+    # is in both, after tests changed places, scatter.
+    apart = {id(trace) for _, trace in parts.held}
     both = [
         (test, rho)
-        for (test, trace), rho in zip((*parts.compared, *parts.held), (*others, *real), strict=True)
-        if trace.failure is None
+        for (test, trace), rho in zip(parts.compared, others, strict=True)
+        if trace.failure is None and id(trace) not in apart
+    ]
+    both += [
+        (test, rho) for (test, trace), rho in zip(parts.held, real, strict=True) if trace.failure is None
     ]
     stood = [run for run, stands in zip(parts.held, nominal.stands, strict=True) if stands]
     return how_far(

@@ -126,7 +126,7 @@ def _rows(
             trace = backend.rollout({**bench.matched.to_backend(test), **extra}, 0)
             if trace.failure is not None:
                 return None
-            rows.append(bench.measure(trace, test))
+            rows.append(bench.measure(trace, test, extra))
     except Exception:
         return None
     nominal = rows[0][signatures.kept]

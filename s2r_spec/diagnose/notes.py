@@ -50,6 +50,7 @@ class Used:
         begun: whether a cause is named without some of these, that failed too.
         held: how many of them were held out.
         recorded: how many more there were that nobody asked for, and these; 0 of a machine that is asked.
+        others: how many were recorded with another value of a parameter of which the spec has one.
     """
 
     rollouts: Sequence[Rollout]
@@ -57,6 +58,7 @@ class Used:
     begun: bool
     held: int
     recorded: int
+    others: int = 0
 
 
 def notes(
@@ -89,6 +91,11 @@ def notes(
     if used.recorded > count:
         found.append(
             f"only the first {count} of {used.recorded} recorded rollouts were used, as the budget says"
+        )
+    if used.others:
+        fixed = ", ".join(bench.matched.fixed)
+        found.append(
+            f"{used.others} recorded rollouts were not used: what the spec gives one value ({fixed}) had another there"
         )
     fell = [trace.failure for _, trace in rollouts if trace.failure is not None]
     if fell:
@@ -142,9 +149,13 @@ def notes(
     if len(tests) == 1 and rollouts[0][0]:
         found.append("all real rollouts are of one test: of the others nothing was seen")
     if not used.held:
+        takes, here = f"{least[1]} rollouts of {least[0]} different tests", f"{count} of {len(tests)}"
+        if not bench.spec.space.dim:
+            # There is one test, and rollouts of it are all there is to hold out.
+            takes, here = f"{least[0]} rollouts", f"{count}"
         found.append(
-            f"nothing was held out, so how far the gap shrinks was not measured: that takes {least[1]} rollouts of "
-            f"{least[0]} different tests, and here are {count} of {len(tests)}"
+            f"nothing was held out, so how far the gap shrinks was not measured: that takes {takes}, and here are "
+            f"{here}"
         )
     return tuple(found)
 

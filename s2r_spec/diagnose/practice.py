@@ -131,18 +131,18 @@ class Practice:
         """Return (m, k) of an effect at random values, and how large it is."""
         mine = self._lines[effect]
         free = [i for i in mine if not self._curves[i].line.base]
-        size, total = 0.0, np.zeros_like(self._slopes[0, 0])
+        most, total = 0.0, np.zeros_like(self._slopes[0, 0])
         for i in self._some(rng, free):
             coordinate = self._coordinate(rng, i)
             wandering = 1.0 + 0.5 * FORM * rng.normal() + 0.5 * FORM * rng.normal() * trend
             total = total + change_at(self._knots[i], coordinate * wandering)
-            size = max(size, abs(coordinate))
+            most = max(most, coordinate, key=abs)
         for i in mine:
             if self._curves[i].line.base:
                 side = int(rng.choice(self._sides[i]))
                 turned = side * self._ends[i][side] * float(rng.random())
-                total = total + size * change_at(self._knots[i], np.full(len(trend), turned))
-        return total, size
+                total = total + most * change_at(self._knots[i], np.full(len(trend), turned))
+        return total, abs(most)
 
     @staticmethod
     def _some(rng: np.random.Generator, mine: list[int]) -> list[int]:

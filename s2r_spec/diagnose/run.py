@@ -36,6 +36,7 @@ from s2r_spec.diagnose.verdict import SURE, clear, confounded, decided, large, r
 from s2r_spec.diagnose.where.found import Where
 from s2r_spec.diagnose.where.found import where as find_where
 from s2r_spec.errors import UsageError
+from s2r_spec.rollouts.match import match
 from s2r_spec.rollouts.pools import kept_open
 from s2r_spec.rollouts.seeds import Stream, rollout_seed
 from s2r_spec.spec import Spec
@@ -95,7 +96,7 @@ def diagnose(
     rollouts = real_rollouts(bench, real, budget, seed, folder, lambda n, of: tell("real rollouts", n, of))
     parts = Parted.of(rollouts, seed)
     begun = len(parts.compared) < len(parts.seen)
-    told = Used(rollouts, len(parts.used), begun, len(parts.held), _recorded(real))
+    told = Used(rollouts, len(parts.used), begun, len(parts.held), *_recorded(bench, real))
     held_first = parts.held
     with kept_open(executor) as pool:
         why = falls(bench, bank.lines, rollouts, seed, pool)
@@ -132,11 +133,18 @@ def diagnose(
         return replace(found, notes=lacking, misread=tuple(odd))
 
 
-def _recorded(real: Rollouts | Backend) -> int:
-    """Return how many rollouts there were before anybody asked; 0 of a machine that is asked."""
-    if isinstance(real, Backend):
-        return len(real.recordings) if isinstance(real, HasRecordings) else 0
-    return len(real)
+def _recorded(bench: Bench, real: Rollouts | Backend) -> tuple[int, int]:
+    """Return how many rollouts of the spec's tests, and of others, there were before anybody asked.
+
+    None of either of a machine that is asked.
+    """
+    if not isinstance(real, Backend):
+        return len(real), 0
+    if not isinstance(real, HasRecordings):
+        return 0, 0
+    matched = match(bench.spec, bench.requirement, real)
+    of_spec = sum(matched.to_spec(each.params) is not None for each in real.recordings)
+    return of_spec, len(real.recordings) - of_spec
 
 
 def _answer(
@@ -190,17 +198,18 @@ def _answer(
     known = 1.0 - unknown
     by_size: dict[int, dict[tuple[str, ...], float]] = {size: {} for size in range(LARGEST + 2)}
     told = shared(state.sets, isolable.kin)
-    names = {members: tuple(effects[k] for k in members) for members in told.members}
-    for members, probability in zip(told.members, told.probability, strict=True):
-        by_size[len(members)][names[members]] = known * float(probability)
+    for several, probability in zip(told.members, told.probability, strict=True):
+        by_size[len(several)][tuple(effects[k] for k in several)] = known * float(probability)
 
-    alike = confounded(isolable, names[named], by_size)
+    members = tuple(effects[k] for k in named)
+    alike = confounded(isolable, members, by_size)
     if verdict is Verdict.NAMED and len(alike) > len(named):
         verdict = Verdict.CONFOUNDED
     nothing = verdict in (Verdict.NONE, Verdict.SPREAD)
-    answer = () if nothing or verdict is Verdict.UNKNOWN else names[named]
+    answer = () if nothing or verdict is Verdict.UNKNOWN else members
     upcoming = None
-    if verdict not in (Verdict.NONE, Verdict.UNKNOWN) and told.probability.max() * known < SURE:
+    unsure = told.probability.max() * known < SURE or verdict is Verdict.CONFOUNDED
+    if verdict not in (Verdict.NONE, Verdict.UNKNOWN) and unsure:
         upcoming = _next(bench, state, isolable, told.ranked(), [test for test, _ in parts.used], tell)
     families = {e.name: e.family for e in banks.catalogue_of(bench.backend)}
     which = Which(
@@ -211,14 +220,14 @@ def _answer(
         answer=answer,
         confounded=alike if answer else (),
         estimates=() if nothing else fitted.estimates,
-        nearest_family=" and ".join(dict.fromkeys(families[name] for name in names[named])),
+        nearest_family=" and ".join(dict.fromkeys(families[name] for name in members)),
         isolability=isolable,
         next_test=upcoming,
-        spare=spare(names[named], by_size) if answer else (),
+        spare=spare(members, by_size) if answer else (),
     )
     return Diagnosis(
         verdict=verdict,
-        reason=reason(verdict, which, far, names[named], left),
+        reason=reason(verdict, which, far, members, left),
         where=_where(bench, parts.used, tuned, seed, executor, tell) if want_where else None,
         which=which,
         how_far=far,

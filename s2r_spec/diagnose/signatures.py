@@ -180,13 +180,16 @@ def _filled(line: Line, change: FloatArray) -> FloatArray:
 
 
 def _relative(found: tuple[Line, ...], changes: list[FloatArray]) -> list[FloatArray]:
-    """Take what an effect does at its typical size off the lines that only say how it acts."""
+    """Of lines that only say how an effect acts, return the change per unit of that effect.
+
+    They were simulated with it at its typical size, which has a sign: what it does by itself is taken off.
+    """
     out = []
     for line, change in zip(found, changes, strict=True):
         if line.base:
             first = next(i for i, other in enumerate(found) if other.effect == line.effect)
             held = found[first].coordinate(line.base[found[first].parameter])
-            change = change - _at(found[first], changes[first], held)
+            change = (change - _at(found[first], changes[first], held)) / held
         out.append(change)
     return out
 

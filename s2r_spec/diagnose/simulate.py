@@ -91,15 +91,21 @@ class Bench:
         """Return the trace with the residuals of the nominal model beside its channels."""
         return with_residuals(trace, self.backend, self.matched.to_backend(test))
 
-    def measure(self, trace: Trace, test: Test) -> FloatArray:
-        """Return (p + 1,): ρ, then the features."""
+    def measure(self, trace: Trace, test: Test, extra: Test | None = None) -> FloatArray:
+        """Return (p + 1,): ρ, then the features.
+
+        Args:
+            trace: a rollout.
+            test: in the spec's units.
+            extra: parameters of the backend that the spec does not sweep, in its units, where they were not usual.
+        """
         rho = self.rho(trace, test)
         if self.features is None:
             return np.array([rho])
-        equations = self.features.equations(
-            trace, self.backend, self.matched.to_backend(test), self.instruments(test)
-        )
-        return np.concatenate([[rho], self.features.vector(self.seen(trace, test)), equations])
+        params = {**self.matched.to_backend(test), **(extra or {})}
+        equations = self.features.equations(trace, self.backend, params, self.instruments(test))
+        seen = with_residuals(trace, self.backend, params)
+        return np.concatenate([[rho], self.features.vector(seen), equations])
 
     def unexplained(self, trace: Trace, test: Test) -> float:
         """Return the mean square that no effect's equations explain of the nominal residuals; NaN if none is asked."""

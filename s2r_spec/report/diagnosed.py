@@ -118,7 +118,7 @@ def where_words(where: Where, spec: Spec) -> tuple[str, ...]:
         part = round(100 * window["delta"] / where.pair.delta)
         lines.append(f"{part} % of it from {window['begin']:.2f} to {window['end']:.2f} s")
     credit = {name: float(values.sum()) for name, values in where.pair.credit.items()}
-    if credit:
+    if credit and window is not None:
         name = max(credit, key=lambda n: abs(credit[n]))
         lines.append(f"most of it in {name} ({credit[name]:+.3g} {unit})".replace(" )", ")"))
     if where.pair.switch is not None:

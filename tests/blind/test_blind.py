@@ -4,7 +4,8 @@ import json
 
 import pytest
 
-from s2r_spec.blind.freeze import freeze
+from s2r_spec.blind import freeze as freezing
+from s2r_spec.blind.freeze import BEGUN, freeze
 from s2r_spec.blind.score import Rate, load, score
 from s2r_spec.blind.seal import seal
 from s2r_spec.blind.unseal import unseal
@@ -113,6 +114,41 @@ def test_answers_are_frozen_and_a_set_is_opened_only_once(sealed):
         unseal(sealed / "public", sealed / "keys", sealed / "answers")
 
 
+def test_answers_of_two_versions_are_not_frozen_together(sealed, monkeypatch):
+    def interrupted(case):
+        if case.name == "case-b":
+            raise KeyboardInterrupt
+        return ANSWERS[case.name]
+
+    with pytest.raises(KeyboardInterrupt):
+        freeze(sealed / "public", sealed / "answers", interrupted)
+    code = (sealed / "answers" / BEGUN).read_text().strip()
+    with monkeypatch.context() as patched:
+        patched.setattr(freezing, "code_hash", lambda: "another")
+        with pytest.raises(UsageError, match="are of another s2r than this one"):
+            frozen(sealed)
+    frozen(sealed)
+    assert json.loads((sealed / "answers" / "manifest.json").read_text())["code"] == code
+
+
+def test_answers_of_which_nobody_knows_the_code_are_not_frozen(sealed):
+    (sealed / "answers").mkdir()
+    (sealed / "answers" / "case-a.json").write_text(json.dumps(ANSWERS["case-a"]))
+    with pytest.raises(UsageError, match="says what code gave them"):
+        frozen(sealed)
+
+
+def test_labels_of_another_set_are_not_written_over(sealed, tmp_path):
+    public, labels = tmp_path / "second", tmp_path / "labels"
+    (public / "case-a").mkdir(parents=True)
+    (public / "case-a" / "rollouts.csv").write_text("id,vd\nr,0.2\n")
+    (labels / "case-a.json").write_text(json.dumps(LABELS["case-c"]))
+    with pytest.raises(UsageError, match="is the label of another set"):
+        seal(public, labels, sealed / "keys")
+    assert json.loads((sealed / "keys" / "case-a.json").read_text())["label"] == LABELS["case-a"]
+    assert (labels / "case-a.json").exists()
+
+
 def test_a_set_without_its_labels_is_not_sealed(tmp_path):
     (tmp_path / "public" / "x").mkdir(parents=True)
     (tmp_path / "labels").mkdir()
@@ -189,6 +225,8 @@ def test_where_is_scored_by_its_sums_and_bounds():
     wrong = ANSWERS["case-a"] | {"where": where(-0.3, -0.29, [-0.2, -0.1])}
     fell = ANSWERS["case-a"] | {"where": where(-0.7, -0.7, [-0.4, -0.2]) | {"ended": -0.4}}
     assert score([(LABELS["case-a"], fell)])["Δρ within what the two critical predicates allow"]["hits"] == 1
+    mixed = ANSWERS["case-a"] | {"where": where(-0.3, -0.3, None)}  # always (a -> b) has no such bounds
+    assert score([(LABELS["case-a"], mixed)])["Δρ within what the two critical predicates allow"]["hits"] == 1
     found = score([(LABELS["case-a"], right), (LABELS["case-a"], wrong)])
     assert found["attribution sums to Δρ, over time and over channels"]["hits"] == 1
     assert found["Δρ within what the two critical predicates allow"]["hits"] == 1

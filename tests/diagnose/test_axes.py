@@ -1,10 +1,12 @@
 """The catalogue as lines, and where a line is looked at."""
 
+import numpy as np
 import pytest
 
 from s2r_spec.backend import Effect, EffectParameter
 from s2r_spec.diagnose.axes import lines
 from s2r_spec.diagnose.models import LEAST, seen_from
+from s2r_spec.diagnose.signatures import _relative
 
 PLACE = EffectParameter("place", "m", -0.2, 0.2, 0.0, "normal, 0.05 m")
 MASS = EffectParameter("mass", "kg", 0.0, 3.0, 0.0, "half-normal, 0.7 kg")
@@ -25,6 +27,22 @@ def test_the_range_bounds_the_search_however_far_beyond_its_prior(high, last):
     (found,) = lines([Effect("sag", "actuation", "", (rate,))])
     assert found.values[-len(last) :] == pytest.approx(last)
     assert found.value(1e3) == high
+
+
+@pytest.mark.parametrize(("low", "high", "held"), [(0.0, 3.0, 1.0), (-3.0, 0.0, -1.0)])
+def test_what_only_says_how_an_effect_acts_is_per_unit_of_the_effect(low, high, held):
+    amount = EffectParameter("mass", "kg", low, high, 0.0, "half-normal, 0.7 kg")
+    found = lines([Effect("load", "inertia", "", (amount, PLACE))], {"load": frozenset({"mass"})})
+    mass, place = found
+    assert mass.coordinate(mass.at_typical()) == pytest.approx(held)
+    itself, turn = np.array([1.0, -2.0]), np.array([0.5, 3.0])
+    changes = [
+        np.array([mass.coordinate(v) * itself for v in mass.values]),
+        np.array([held * (itself + place.coordinate(v) * turn) for v in place.values]),
+    ]
+    _, relative = _relative(found, changes)
+    for value, change in zip(place.values, relative, strict=True):
+        assert change == pytest.approx(place.coordinate(value) * turn)
 
 
 def test_an_effect_that_never_acts_has_no_lines():

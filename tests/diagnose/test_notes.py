@@ -134,6 +134,17 @@ def test_falls_missing_channels_few_tests_and_a_cut_budget_are_told():
     assert told[1].startswith("4 of 10 real rollouts ended early (fall): the cause is named from the others")
     assert told[2].startswith("the real rollouts have no v_meas, u:")
     assert told[3].endswith("that takes 12 rollouts of 9 different tests, and here are 10 of 5")
+    one = bench_of(s2r.parse_spec(SPEC.replace("in [1, 4]", "= 2")), "tracking", Cart())
+    assert notes(one, Used(many(12, 9), 12, False, 4, 12, 5), ENOUGH) == (
+        "5 recorded rollouts were not used: what the spec gives one value (acc) had another there",
+    )
+    text = SPEC.replace("in [1, 4]", "= 2").replace("in [0.2, 1]", "= 0.5").partition("certify")[0]
+    none = bench_of(s2r.parse_spec(text), "tracking", Cart())
+    alone = [({}, trace) for _, trace in many(8, 1)]
+    assert notes(none, Used(alone, 8, False, 0, 8), ENOUGH) == (
+        "nothing was held out, so how far the gap shrinks was not measured: that takes 9 rollouts, and here are 8",
+    )
+    assert len(split([({}, trace) for _, trace in many(9, 1)], 0)[1]) == 3
     every = [(test, fallen(trace)) for test, trace in some]
     assert notes(BENCH, Used(every, 10, False, 3, 10), ENOUGH)[0].endswith(
         "the cause is named from what came before, too, which says little"

@@ -133,7 +133,8 @@ def _at(times: FloatArray, own: FloatArray, samples: FloatArray, held: bool) -> 
 
 def _reason(real: Trace, simulated: Trace, last: float) -> str:
     """Return what ended the shorter trace, in words."""
-    for side, trace in (("real", real), ("simulated", simulated)):
+    both = (("real", real), ("simulated", simulated))
+    for side, trace in sorted(both, key=lambda each: each[1].duration):
         if trace.failure is not None:
             return f"the {side} rollout ended with {trace.failure!r} at {trace.duration:g} s"
     if abs(real.duration - simulated.duration) > SAME:

@@ -103,7 +103,7 @@ class Body:
         parts: all of them; those that show most first, then the rest in the backend's order.
         rollouts: real ones that were compared.
         duration: of a rollout [s].
-        asked: columns times two times windows: that many questions.
+        asked: questions: of every column its mean and its size, in every window that enough rollouts have.
         level: false-discovery rate.
     """
 
@@ -199,7 +199,9 @@ def body(
     if not rows:
         return Body(tuple(BodyPart(name, ()) for name in _parts(columns)), len(real), duration, 0, level)
     mean, size, scatter, f, p = (np.array([row[k] for row in rows]) for k in range(5))  # (windows, columns)
-    q = adjusted(p.ravel()).reshape(p.shape)
+    asked = np.isfinite(p)
+    q = np.ones(p.shape)
+    q[asked] = adjusted(p[asked])
     found: dict[tuple[str, str], tuple[float, Shift]] = {}
     step = duration / CELLS
     # Noise that averages out makes the longest window the surest; the shift is where its energy is.
@@ -220,7 +222,7 @@ def body(
         key, clear = (column.part, column.channel), float(f[best, kind])
         if key not in found or clear > found[key][0]:
             found[key] = (clear, shift)
-    return Body(_ranked(columns, found), len(real), duration, p.size, level)
+    return Body(_ranked(columns, found), len(real), duration, int(asked.sum()), level)
 
 
 def windows() -> list[tuple[int, int]]:
@@ -293,9 +295,12 @@ def _largest(every: Sequence[Residuals], columns: Sequence[_Column]) -> FloatArr
     for one in every:
         for name, values in one.recorded.channels.items():
             unit = one.recorded.units.get(name, "")
-            units[unit] = max(units.get(unit, 0.0), float(np.nanmax(np.abs(values))))
+            units[unit] = max(units.get(unit, 0.0), float(np.nan_to_num(np.abs(values)).max(initial=0.0)))
     half = columns[: len(columns) // 2]
-    own = np.max([np.nanmax(np.abs(_values(one, half)), axis=0) for one in every], axis=0)
+    # Of a column that one trace lacks there may be no largest value.
+    own = np.max(
+        [np.nan_to_num(np.abs(_values(one, half))).max(axis=0, initial=0.0) for one in every], axis=0
+    )
     return np.tile([max(units.get(c.unit, 0.0), float(v)) for c, v in zip(half, own, strict=True)], 2)
 
 
@@ -303,10 +308,12 @@ def _cells(one: Residuals, columns: Sequence[_Column], duration: float) -> Float
     """(CELLS, columns) means; NaN where the trace has no sample."""
     values = _values(one, columns)
     place = np.floor((one.trace.times - one.recorded.times[0]) / duration * CELLS + 1e-9).astype(int)
-    inside = (place >= 0) & (place < CELLS) & np.isfinite(values).all(axis=1)
-    sums = np.zeros((CELLS, len(columns)))
-    np.add.at(sums, place[inside], values[inside])
-    counts = np.bincount(place[inside], minlength=CELLS)[:, None]
+    inside = (place >= 0) & (place < CELLS)
+    place, values = place[inside], values[inside]
+    there = np.isfinite(values)
+    sums, counts = np.zeros((2, CELLS, len(columns)))
+    np.add.at(sums, place, np.where(there, values, 0.0))
+    np.add.at(counts, place, there)
     return np.where(counts > 0, sums / np.maximum(counts, 1), np.nan)
 
 
@@ -321,7 +328,7 @@ def _window(cells: FloatArray, begin: int, end: int) -> FloatArray:
 
 
 def _shift(tests: FloatArray, own: FloatArray, other: FloatArray, rough: FloatArray) -> _Ratios | None:
-    """Return the ratios in one window; None if too few rollouts get so far.
+    """Return the ratios in one window, NaN of a column that too few rollouts have there; None if all are such.
 
     Args:
         tests: (n, dim).
@@ -329,18 +336,34 @@ def _shift(tests: FloatArray, own: FloatArray, other: FloatArray, rough: FloatAr
         other: (n, m, columns) of the simulated ones.
         rough: (columns,) least standard deviation.
     """
+    there = np.isfinite(own) & np.isfinite(other).all(axis=1)
+    able = there.sum(axis=0) >= FEWEST
+    if not able.any():
+        return None
+    found = np.full((5, own.shape[1]), np.nan)
+    # A residual that a rollout lacks is no reason to leave its others out.
+    for rollouts in np.unique(there[:, able], axis=1).T:
+        mine = able & (there == rollouts[:, None]).all(axis=0)
+        found[:, mine] = _ratios(
+            tests[rollouts],
+            own[np.ix_(rollouts, mine)],
+            other[rollouts][:, :, mine],
+            rough[mine],
+        )
+    return found[0], found[1], found[2], found[3], found[4]
+
+
+def _ratios(tests: FloatArray, own: FloatArray, other: FloatArray, rough: FloatArray) -> _Ratios:
+    """Return the ratios of columns that all of these rollouts have; arguments as above."""
     from scipy.stats import f as fisher
 
-    whole = np.isfinite(own).all(axis=1) & np.isfinite(other).all(axis=(1, 2))
-    n, m = int(whole.sum()), other.shape[1]
-    if n < FEWEST:
-        return None
-    q, _ = np.linalg.qr(_design(tests[whole]))
+    n, m = other.shape[:2]
+    q, _ = np.linalg.qr(_design(tests))
     rank = q.shape[1]
-    mean_sim = other[whole].mean(axis=1)
-    y = own[whole] - mean_sim
+    mean_sim = other.mean(axis=1)
+    y = own - mean_sim
     fitted = q @ (q.T @ y)
-    within = ((other[whole] - mean_sim[:, None]) ** 2).sum(axis=(0, 1)) / (n * (m - 1))
+    within = ((other - mean_sim[:, None]) ** 2).sum(axis=(0, 1)) / (n * (m - 1))
     left = ((y - fitted) ** 2).sum(axis=0) / (n - rank)
     scatter = np.sqrt(np.maximum(within, left / (1 + 1 / m)) + rough**2)
     f = np.where(

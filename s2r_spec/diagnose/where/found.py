@@ -159,4 +159,7 @@ def body_of(
     if len(own) < FEWEST:
         few = f"residuals could be computed of {len(own)} real rollouts, and {FEWEST} are the least"
         return None, f"{few}: {said}" if said else few
-    return body(unit_box(bench.spec.space, at), own, other, bench.backend.duration), ""
+    found = body(unit_box(bench.spec.space, at), own, other, bench.backend.duration)
+    if not found.asked:
+        return None, f"no residual is known of {FEWEST} real rollouts in any window of time"
+    return found, ""

@@ -81,8 +81,8 @@ class InSpace:
         near: probability that the largest E|Δρ| is within a tenth of every axis of ``worst``.
         worst_in: name → (low, high), the box that holds the central 90 % of where it may be.
         largest: (estimate, low, high) of E|Δρ| at its worst, 95 %.
-        tolerance: a gap below it does not matter.
-        exceeds: (m,) probability that E|Δρ| is above the tolerance.
+        tolerance: a gap below it does not matter: twice the floor; None where that is not known.
+        exceeds: (m,) probability that E|Δρ| is above the tolerance; None where there is none.
         notes: what the data do not allow, in sentences.
     """
 
@@ -97,14 +97,14 @@ class InSpace:
     near: float
     worst_in: Mapping[str, tuple[float, float]]
     largest: tuple[float, float, float]
-    tolerance: float
-    exceeds: FloatArray
+    tolerance: float | None
+    exceeds: FloatArray | None
     notes: tuple[str, ...]
 
     @property
-    def beyond(self) -> NDArray[np.bool_]:
-        """(m,) places at which the gap exceeds the tolerance with probability 0.95 or more."""
-        return self.exceeds >= LEVEL
+    def beyond(self) -> NDArray[np.bool_] | None:
+        """(m,) places at which the gap exceeds the tolerance with probability 0.95 or more; None where it has none."""
+        return None if self.exceeds is None else self.exceeds >= LEVEL
 
     def to_json(self) -> dict[str, Any]:
         """Return plain data for JSON: of the band, a line along each axis through the worst test."""
@@ -116,7 +116,7 @@ class InSpace:
             "largest": {"estimate": estimate, "low": low, "high": high, "unit": self.unit},
             "floor": None if np.isnan(self.floor) else self.floor,
             "tolerance": self.tolerance,
-            "beyond": {"share": float(self.beyond.mean()), "within": self._box_beyond()},
+            "beyond": None if self.beyond is None else _share_and_box(self.space, self.grid, self.beyond),
             "along": {name: self._line(place) for place, name in enumerate(self.space.names)},
             "notes": list(self.notes),
         }
@@ -128,7 +128,7 @@ class InSpace:
         on = np.isclose(self.grid[:, others], worst[others]).all(axis=1)
         return np.flatnonzero(on)
 
-    def _line(self, axis: int) -> dict[str, list[float]]:
+    def _line(self, axis: int) -> dict[str, list[float] | None]:
         on = self.along(axis)
         return {
             "at": self.grid[on, axis].tolist(),
@@ -138,15 +138,18 @@ class InSpace:
             "signed": self.signed.mean[on].tolist(),
             "signed_low": self.signed.lower[on].tolist(),
             "signed_high": self.signed.upper[on].tolist(),
-            "exceeds": self.exceeds[on].tolist(),
+            "exceeds": None if self.exceeds is None else self.exceeds[on].tolist(),
         }
 
-    def _box_beyond(self) -> dict[str, list[float]]:
-        there = self.grid[self.beyond]
-        if not there.size:
-            return {}
-        ends = zip(there.min(axis=0).tolist(), there.max(axis=0).tolist(), strict=True)
-        return {name: list(end) for name, end in zip(self.space.names, ends, strict=True)}
+
+def _share_and_box(space: Space, grid: FloatArray, beyond: NDArray[np.bool_]) -> dict[str, Any]:
+    """Return which part of the grid is beyond the tolerance, and the box that holds it."""
+    there = grid[beyond]
+    ends = zip(there.min(axis=0).tolist(), there.max(axis=0).tolist(), strict=True) if there.size else ()
+    return {
+        "share": float(beyond.mean()),
+        "within": {name: list(end) for name, end in zip(space.names, ends, strict=False)},
+    }
 
 
 def grid_of(space: Space) -> FloatArray:
@@ -166,7 +169,6 @@ def in_space(
     space: Space,
     tests: tuple[GapAt, ...],
     unit: str = "",
-    tolerance: float | None = None,
     seed: int = 0,
     foretold: Foretold | None = None,
 ) -> InSpace:
@@ -176,7 +178,6 @@ def in_space(
         space: the test space, of one to four parameters.
         tests: what was seen, one entry a test.
         unit: of ρ.
-        tolerance: a gap below it does not matter; by default twice the floor, what noise alone makes of |Δρ|.
         seed: of the sampled functions.
         foretold: the gap as an improved simulator has it, if there is one.
 
@@ -198,8 +199,7 @@ def in_space(
     worst = _mode(space, places)
     low, high = np.quantile(places, [0.05, 0.95], axis=0)
     floor = seen.floor(tests)
-    if tolerance is None:
-        tolerance = 2.0 * floor if np.isfinite(floor) else 0.0
+    tolerance = 2.0 * floor if np.isfinite(floor) else None
     return InSpace(
         space,
         unit,
@@ -213,7 +213,7 @@ def in_space(
         {n: (float(a), float(b)) for n, a, b in zip(space.names, low, high, strict=True)},
         (float(np.median(largest)), *np.quantile(largest, [0.025, 0.975]).tolist()),
         tolerance,
-        (size > tolerance).mean(axis=0),
+        None if tolerance is None else (size > tolerance).mean(axis=0),
         _notes(space, tests),
     )
 

@@ -134,7 +134,7 @@ def _band(axes: Axes, space: InSpace, axis: int) -> None:
     band = space.signed
     axes.fill_between(at, band.lower[on], band.upper[on], color=BAND, alpha=0.22, lw=0, label="E Δρ, 95 %")
     axes.plot(at, band.mean[on], color=BAND, lw=2)
-    if space.tolerance > 0:
+    if space.tolerance:
         for side in (-1, 1):
             axes.axhline(side * space.tolerance, color=MUTED, lw=0.8, ls=(0, (4, 3)))
     axes.axhline(0, color=INK, lw=0.8)
@@ -230,6 +230,6 @@ def _caption(space: InSpace, held: bool) -> str:
         words = "Δρ is the robustness of the real machine less that of the simulator: red, below 0, is worse."
     if held:
         words += " Rings are tests that took no part in the diagnosis; dots are what the named effects leave of them."
-    if space.tolerance > 0 and space.space.dim != 2:
+    if space.tolerance and space.space.dim != 2:
         words += " Dashed lines: twice what scatter alone makes."
     return words

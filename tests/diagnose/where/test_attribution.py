@@ -121,6 +121,9 @@ def test_a_fall_is_cut_and_what_it_costs_beyond_stands_by_itself():
     shown = float(found.over_time.sum())
     assert shown + found.ended == pytest.approx(found.delta, abs=1e-12)
     assert abs(shown) < 0.03 < abs(found.ended)
+    sooner = Trace(TIMES[:300], {"vx": whole["vx"][:300]}, {"vx": "m/s"}, {"failure": "slip"})
+    both = attribute(spec, "walking", fallen, sooner, {"vd": 0.3})
+    assert both.reason == "the simulated rollout ended with 'slip' at 0.598 s"
 
 
 def test_other_rates_and_other_clocks():

@@ -1,7 +1,7 @@
 """Which part, when, how large: on residuals that are made up, on the cart and on the axis."""
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -169,6 +169,26 @@ def test_rounding_is_no_shift():
     found = body(np.zeros((8, 0)), own, other, 1.0)
     assert [part.name for part in found.parts] == ["motor"]  # a backend that names no parts
     assert not found.shifted
+
+
+def test_a_residual_that_rollouts_lack_takes_no_other_along():
+    rng = np.random.default_rng(1)
+    tests = rng.uniform(-1, 1, (12, 1))
+
+    def lacking(one, columns):
+        torque = one.trace["torque"].copy()
+        torque[:, columns] = np.nan
+        return replace(one, trace=replace(one.trace, channels={**one.trace.channels, "torque": torque}))
+
+    whole = [made_up(rng, lambda t: 1.5 * ((t >= 0.5) & (t < 0.75))) for _ in range(12)]
+    own = [lacking(one, [2] if number else [0, 2]) for number, one in enumerate(whole)]
+    other = [[made_up(rng), made_up(rng)] for _ in range(12)]
+    found = body(tests, own, other, 1.0)
+    assert [part.name for part in found.shifted] == ["left knee"]
+    # Of the right hip nothing is known of any rollout, and nothing is asked; of the left one of all but one.
+    assert found.asked == 2 * 3 * len(windows())
+    none = body(tests, [lacking(one, [0, 1, 2]) for one in whole], other, 1.0)
+    assert none.asked == 2 * len(windows())
 
 
 def test_what_ended_early_says_nothing_of_later():

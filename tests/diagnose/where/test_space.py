@@ -114,7 +114,10 @@ def test_one_rollout_at_one_test_says_so():
         in result.notes
     )
     assert math.isnan(result.floor)
-    assert result.to_json()["floor"] is None
+    plain = result.to_json()
+    # What scatter alone would make is not known, so no gap is said to be beyond it.
+    assert [plain[name] for name in ("floor", "tolerance", "beyond")] == [None] * 3
+    assert plain["along"]["vd"]["exceeds"] is None
 
 
 def test_what_cannot_be_asked():
