@@ -16,6 +16,14 @@ ROUNDED = 1e-9
 """Part of its range by which a value may be outside: units were converted, there and back."""
 
 
+Key = tuple[tuple[str, float], ...]
+
+
+def key_of(test: Mapping[str, float]) -> Key:
+    """Return what equal tests have in common, whatever the order of their parameters: a key for a dictionary."""
+    return tuple(sorted(test.items()))
+
+
 @dataclass(frozen=True)
 class Axis:
     """One test parameter: its range in its unit ("" when it has none)."""

@@ -34,11 +34,11 @@ class Rate:
         """Return the share; NaN of none."""
         return self.hits / self.of if self.of else math.nan
 
-    def interval(self, z: float = 1.96) -> tuple[float, float]:
+    def interval(self) -> tuple[float, float]:
         """Return the 95 % Wilson interval."""
         if not self.of:
             return 0.0, 1.0
-        n, p = self.of, self.value
+        n, p, z = self.of, self.value, 1.96
         middle = (p + z * z / (2 * n)) / (1 + z * z / n)
         half = z * math.sqrt(p * (1 - p) / n + z * z / (4 * n * n)) / (1 + z * z / n)
         return max(0.0, middle - half), min(1.0, middle + half)

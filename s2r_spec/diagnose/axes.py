@@ -28,7 +28,6 @@ class Line:
     Attributes:
         effect: its name.
         parameter: its name.
-        family: of the effect.
         unit: of the parameter.
         nominal: the value that does nothing.
         values: what is simulated, without the nominal one, rising.
@@ -41,7 +40,6 @@ class Line:
 
     effect: str
     parameter: str
-    family: str
     unit: str
     nominal: float
     values: tuple[float, ...]
@@ -130,7 +128,6 @@ def line(effect: Effect, parameter: EffectParameter, base: Mapping[str, float] |
     return Line(
         effect.name,
         parameter.name,
-        effect.family,
         parameter.unit,
         parameter.nominal,
         tuple(sorted(values)),

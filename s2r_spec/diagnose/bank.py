@@ -73,7 +73,6 @@ class Bank:
     interactions: FloatArray
     variants: FloatArray
     weights: FloatArray
-    rollouts: int
 
 
 def catalogue_of(backend: Backend) -> tuple[Effect, ...]:
@@ -253,7 +252,6 @@ def simulate(
         interactions,
         np.array(computed).reshape(len(computed), m, nominal.shape[-1]),
         bench.weights(tests),
-        sum(len(job.runs) for job in jobs) + len(traces) + 2 * len(found) * len(three),
     )
 
 
@@ -469,7 +467,6 @@ def save(made: Bank, path: Path) -> None:
             "lines": [asdict(one) for one in made.lines],
             "pairs": made.pairs,
             "pair_tests": made.pair_tests,
-            "rollouts": made.rollouts,
         }
     )
     changes = {f"change{i}": change for i, change in enumerate(made.changes)}
@@ -518,5 +515,4 @@ def load(path: Path) -> Bank:
             arrays["interactions"],
             arrays["variants"],
             arrays["weights"],
-            text["rollouts"],
         )

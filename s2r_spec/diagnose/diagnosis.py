@@ -65,9 +65,9 @@ class Which:
         answer: the effects named; () for none or unknown.
         confounded: what the data cannot tell from the answer, the answer included.
         spare: effects of the answer that may not be there: without them the others are nearly as likely.
-        estimates: parameters of the answer.
+        estimates: parameters of the answer; of *none of these*, those of the nearest effects.
         nearest_family: family of the likeliest effects, of each if they differ, also when none of them is it.
-        isolability: known before any real test.
+        isolability: of the simulator's effects, at the tests that were run.
         next_test: see there; None when the answer is sure.
     """
 
@@ -146,7 +146,7 @@ class Diagnosis:
         reason: in one sentence.
         where: the gap over tests, time, formula and body; None when it was not asked for.
         which: see there.
-        how_far: None with fewer than three held-out tests.
+        how_far: None where too few rollouts were there to hold some out; see :mod:`s2r_spec.diagnose.parted`.
         left: what the equations of motion leave of the machine that they do not leave of the improved simulator, and
             where, largest surplus first; empty where residuals do not know the effects.
         patch: effects and values to add to the simulator; empty when none is named.

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from s2r_spec.diagnose.axes import Line
 from s2r_spec.diagnose.simulate import Bench, Job, Test, run_jobs
 from s2r_spec.rollouts.seeds import Stream, rollout_seed
+from s2r_spec.space import key_of
 from s2r_spec.trace import Trace
 
 ASKED = 3
@@ -154,7 +155,7 @@ def always_early(rollouts: Sequence[tuple[Test, Trace]]) -> int:
     """Return how many tests there are that were run again and ended early every time."""
     ended: dict[tuple[tuple[str, float], ...], list[bool]] = {}
     for test, trace in rollouts:
-        ended.setdefault(tuple(sorted(test.items())), []).append(trace.failure is not None)
+        ended.setdefault(key_of(test), []).append(trace.failure is not None)
     return sum(len(each) > 1 and all(each) for each in ended.values())
 
 
@@ -163,7 +164,7 @@ def _ended(bench: Bench, trace: Trace, test: Test) -> NDArray[np.float64]:
 
 
 def _distinct(tests: Sequence[Test]) -> list[Test]:
-    return [dict(key) for key in dict.fromkeys(tuple(sorted(test.items())) for test in tests)]
+    return [dict(key) for key in dict.fromkeys(key_of(test) for test in tests)]
 
 
 def _spread(tests: Sequence[Test], most: int) -> list[Test]:

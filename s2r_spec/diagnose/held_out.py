@@ -16,6 +16,7 @@ from s2r_spec.diagnose.parted import Parted
 from s2r_spec.diagnose.prepare import Progress, State
 from s2r_spec.diagnose.simulate import Bench, Job, Test, run_jobs
 from s2r_spec.rollouts.seeds import Stream, rollout_seed
+from s2r_spec.space import key_of
 from s2r_spec.trace import Trace
 
 FloatArray = NDArray[np.float64]
@@ -134,7 +135,7 @@ def scatter(tests: Sequence[Test], real: FloatArray, simulated: float) -> float:
     """
     of_test: dict[tuple[tuple[str, float], ...], list[float]] = {}
     for test, rho in zip(tests, real.tolist(), strict=True):
-        of_test.setdefault(_key(test), []).append(rho)
+        of_test.setdefault(key_of(test), []).append(rho)
     several = [np.array(mine) for mine in of_test.values() if len(mine) > 1]
     free = sum(len(mine) - 1 for mine in several)
     if free < REPLICATED:
@@ -142,10 +143,6 @@ def scatter(tests: Sequence[Test], real: FloatArray, simulated: float) -> float:
     # The mean |difference| of two normal numbers is 2/√π of their standard deviation.
     apart = [float(np.abs(mine[:, None] - mine).sum()) / len(mine) for mine in several]
     return sum(apart) / free * float(np.sqrt(np.pi)) / 2.0
-
-
-def _key(test: Test) -> tuple[tuple[str, float], ...]:
-    return tuple(sorted(test.items()))
 
 
 def _shots(
@@ -157,7 +154,7 @@ def _shots(
     tell: Progress,
 ) -> list[_Shots]:
     """Return what the simulator does with each patch, all with the same random numbers."""
-    place = {key: n for n, key in enumerate(dict.fromkeys(_key(test) for test in tests))}
+    place = {key: n for n, key in enumerate(dict.fromkeys(key_of(test) for test in tests))}
     runs = tuple(
         (dict(key), rollout_seed(seed, n, shot, Stream.GAP_SIM))
         for key, n in place.items()
@@ -170,7 +167,7 @@ def _shots(
         lambda done, of: tell("held-out tests", done, of),
         read=_rho_and_end,
     )
-    at = np.array([place[_key(test)] for test in tests], dtype=np.intp)
+    at = np.array([place[key_of(test)] for test in tests], dtype=np.intp)
     shape = (len(place), SHOTS)
     return [_Shots(each[:, 0].reshape(shape), each[:, 1].reshape(shape) > 0.0, at) for each in rows]
 
@@ -254,8 +251,8 @@ def _by_simulator(
 ) -> np.ma.MaskedArray:
     """Return (machines, tests) change of ρ; where a machine falls and the real one does not, it is masked."""
     catalogue = state.view.surrogate.catalogue
-    fell = {_key(test) for test, trace in held if trace.failure is not None}
-    distinct = list(dict.fromkeys(_key(test) for test, _ in held))
+    fell = {key_of(test) for test, trace in held if trace.failure is not None}
+    distinct = list(dict.fromkeys(key_of(test) for test, _ in held))
     runs = tuple((dict(key), rollout_seed(seed, n, SHOTS, Stream.GAP_SIM)) for n, key in enumerate(distinct))
     jobs = [Job({}, runs), *(Job(catalogue.values(each), runs) for each in at)]
     nominal, *others = run_jobs(replace(bench, features=None), jobs, executor, read=_rho_and_end)

@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from s2r_spec.space import key_of
+
 FloatArray = NDArray[np.float64]
 
 RESAMPLES = 2000
@@ -76,7 +78,7 @@ class HowFar:
         background: what a little of every effect of the catalogue would make of it, at most, in 19 of 20
             machines: a gap below floor and background together is not material.
         floor: what |ρ_real − E ρ_sim| is of a perfect simulator: run-to-run scatter alone.
-        share: (before − after) / (before − floor), with its interval; None where the gap is no more
+        share: (before − after) / (before − floor), with its interval; None where the gap is hardly more
             than the floor.
         tuned_share: the same of ``tuned``.
         oracle: the gap after, as the bank predicts it for the best of all single effects.
@@ -289,7 +291,7 @@ def how_far(
         seed: of the resampling.
         seen: see :class:`HowFar`.
     """
-    keys = [tuple(sorted(test.items())) for test in tests]
+    keys = [key_of(test) for test in tests]
     groups = np.array([keys.index(key) for key in keys])
     before = gap(real - nominal, groups, seed)
     floor = rho_noise * float(np.sqrt(2.0 / np.pi * (1.0 + 1.0 / max(shots, 1))))

@@ -1,4 +1,7 @@
-"""Which effects could be told apart, and from which size on: known from the simulator alone, before any real test."""
+"""Which effects could be told apart, and from which size on: by the simulator alone, at the tests that were run.
+
+The machine says no more than how it scatters.
+"""
 
 from __future__ import annotations
 

@@ -61,7 +61,7 @@ class Lines(Protocol):
 class Model(Lines, Protocol):
     """What the whole catalogue does: the simulator, or the bank in its place."""
 
-    def jacobian(self, at: FloatArray, change: FloatArray) -> FloatArray:
+    def jacobian(self, at: FloatArray) -> FloatArray:
         """Return (K, q, k) derivatives of the change there."""
         ...
 
@@ -160,7 +160,7 @@ def joint_fit(
                 at, change, rest, best = there, moved, data - moved, new
                 break
         if not own:
-            jacobian, own = model.jacobian(at, change), True
+            jacobian, own = model.jacobian(at), True
         elif small or not accepted:
             break
     return Joint(at, rest, jacobian, measure(rest) / data.size, best)
@@ -196,7 +196,7 @@ def rephased(
         if costs[best] < costs[float(at[line])] - SOME:
             there = at.copy()
             there[line] = best
-            first = model.jacobian(there, model.change(there))
+            first = model.jacobian(there)
             at = joint_fit(model, data, variance, nuisances, there, first, ridge, exact=True).at
     return at
 

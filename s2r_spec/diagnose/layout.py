@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.diagnose.design import basis, unit_box, weights
-from s2r_spec.space import Space
+from s2r_spec.space import Space, key_of
 
 FloatArray = NDArray[np.float64]
 Test = Mapping[str, float]
@@ -48,9 +48,9 @@ class Layout:
 
         ``inflation`` is how much more the real rollouts' variance is than the simulator's.
         """
-        distinct = {tuple(sorted(test.items())): test for test in tests}
+        distinct = {key_of(test): test for test in tests}
         order = {key: k for k, key in enumerate(distinct)}
-        place = np.array([order[tuple(sorted(test.items()))] for test in tests], dtype=np.intp)
+        place = np.array([order[key_of(test)] for test in tests], dtype=np.intp)
         points = unit_box(space, list(distinct.values()))
         variance = inflation / np.bincount(place) + 1.0 / SHOTS
         b = functions(points)

@@ -77,7 +77,7 @@ class Surrogate:
                 total = total + self.along(k, x)
         return total
 
-    def jacobian(self, at: FloatArray, change: FloatArray | None = None) -> FloatArray:
+    def jacobian(self, at: FloatArray) -> FloatArray:
         """Return (K, q, k): secants, which also say what is left when an effect is taken away."""
         rows = []
         for k, x in enumerate(at):
@@ -216,9 +216,7 @@ class Simulator:
         found: FloatArray = self._layout.projected_from(self._many) @ self._components([at], self._many)[0]
         return found
 
-    def jacobian(
-        self, at: FloatArray, change: FloatArray, only: NDArray[np.intp] | None = None
-    ) -> FloatArray:
+    def jacobian(self, at: FloatArray, only: NDArray[np.intp] | None = None) -> FloatArray:
         """Return (K, q, k) one-sided differences over :data:`STEP`, towards the longer side of the range.
 
         With dear rollouts these are the bank's secants, unless ``only`` a few lines are asked for; all others are 0.
@@ -226,7 +224,7 @@ class Simulator:
         if only is None and self.dear:
             return self._surrogate.jacobian(at)
         project = self._layout.projected_from(self._few)
-        out = np.zeros((len(at), *change.shape))
+        out = np.zeros((len(at), len(project), self._signatures.size))
         lines, points, steps = [], [at], []
         for k in range(len(at)) if only is None else only.tolist():
             if self.based[k] and abs(at[self.catalogue.first[k]]) < THERE:
@@ -331,9 +329,9 @@ class Part:
         """Return (q, k): see :class:`~s2r_spec.diagnose.joint.Model`."""
         return self._whole.change(self.all(at))
 
-    def jacobian(self, at: FloatArray, change: FloatArray) -> FloatArray:
+    def jacobian(self, at: FloatArray) -> FloatArray:
         """Return (lines, q, k): see :class:`~s2r_spec.diagnose.joint.Model`."""
-        return self._whole.jacobian(self.all(at), change, self.lines)[self.lines]
+        return self._whole.jacobian(self.all(at), self.lines)[self.lines]
 
 
 def seen_from(coordinate: float, low: float, high: float) -> float:

@@ -12,6 +12,7 @@ from s2r_spec.backend import HasResiduals
 from s2r_spec.diagnose.falls import Falls, always_early
 from s2r_spec.diagnose.simulate import Bench, blamed
 from s2r_spec.errors import TraceError
+from s2r_spec.space import key_of
 from s2r_spec.trace import Trace
 
 FloatArray = NDArray[np.float64]
@@ -110,7 +111,7 @@ def notes(
         if why is not None:
             found[-1] += f"; {why}"
     if alone:
-        tests = {tuple(sorted(test.items())) for test, _ in rollouts}
+        tests = {key_of(test) for test, _ in rollouts}
         where = " and ".join(
             ", ".join(f"{k} = {v:.4g}" for k, v in test.items()) or "the only test" for test in alone[:SHOWN]
         )
@@ -145,7 +146,7 @@ def notes(
             f"the real rollouts have no {', '.join(lacking[:SHOWN])}{more}: what shows there alone cannot be told"
         )
     found += _without_residuals(bench, rollouts)
-    tests = {tuple(sorted(test.items())) for test, _ in rollouts}
+    tests = {key_of(test) for test, _ in rollouts}
     if len(tests) == 1 and rollouts[0][0]:
         found.append("all real rollouts are of one test: of the others nothing was seen")
     if not used.held:
@@ -172,7 +173,7 @@ def looked_again(tests: int) -> str:
 def _again(rollouts: Sequence[Rollout]) -> str:
     """Return at how many tests rollouts ended early every time, in words."""
     always = always_early(rollouts)
-    tests = {tuple(sorted(test.items())) for test, trace in rollouts if trace.failure is not None}
+    tests = {key_of(test) for test, trace in rollouts if trace.failure is not None}
     if not always:
         return ""
     if len(tests) == 1:

@@ -9,6 +9,7 @@ import numpy as np
 
 from s2r_spec.diagnose.ask import FEWEST
 from s2r_spec.diagnose.simulate import Test
+from s2r_spec.space import key_of
 from s2r_spec.trace import Trace
 
 Rollouts = list[tuple[dict[str, float], Trace]]
@@ -81,7 +82,7 @@ def without_accidents(rollouts: Rollouts) -> Rollouts:
 
 def split(rollouts: Rollouts, seed: int) -> tuple[Rollouts, Rollouts]:
     """Return the rollouts to diagnose with, and those held out: whole tests, drawn at random."""
-    keys = list(dict.fromkeys(_key(test) for test, _ in rollouts))
+    keys = list(dict.fromkeys(key_of(test) for test, _ in rollouts))
     count = round(HELD_OUT * len(keys))
     if count < 3 or len(rollouts) < ENOUGH[1]:
         if len(keys) > 1:
@@ -91,8 +92,8 @@ def split(rollouts: Rollouts, seed: int) -> tuple[Rollouts, Rollouts]:
         return (rollouts[count:], rollouts[:count]) if count >= 3 else (rollouts, [])
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(7,)))
     out = {keys[i] for i in rng.permutation(len(keys))[:count]}
-    seen = [r for r in rollouts if _key(r[0]) not in out]
-    held = [r for r in rollouts if _key(r[0]) in out]
+    seen = [r for r in rollouts if key_of(r[0]) not in out]
+    held = [r for r in rollouts if key_of(r[0]) in out]
     return seen, held
 
 
@@ -108,17 +109,13 @@ def exchanged(seen: Rollouts, held: Rollouts, shown: Sequence[Test], seed: int) 
         shown: tests of the latter that are to be looked at.
         seed: draws those that take their places.
     """
-    moved = {_key(test) for test in shown}
-    others = list(dict.fromkeys(_key(test) for test, _ in seen))
+    moved = {key_of(test) for test in shown}
+    others = list(dict.fromkeys(key_of(test) for test, _ in seen))
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(7, 1)))
     hidden = {others[i] for i in rng.permutation(len(others))[: len(moved)]}
-    out = [r for r in seen if _key(r[0]) in hidden] + [r for r in held if _key(r[0]) not in moved]
-    return [r for r in seen if _key(r[0]) not in hidden] + [r for r in held if _key(r[0]) in moved], out
+    out = [r for r in seen if key_of(r[0]) in hidden] + [r for r in held if key_of(r[0]) not in moved]
+    return [r for r in seen if key_of(r[0]) not in hidden] + [r for r in held if key_of(r[0]) in moved], out
 
 
 def _whole(rollouts: Rollouts) -> Rollouts:
     return [(test, trace) for test, trace in rollouts if trace.failure is None]
-
-
-def _key(test: Test) -> tuple[tuple[str, float], ...]:
-    return tuple(sorted(test.items()))

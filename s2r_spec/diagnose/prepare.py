@@ -163,7 +163,7 @@ class State:
     def beside(self, effects: Sequence[int], near: Joint | None = None) -> Joint:
         """Return the best fit with these effects as causes, and of all others no more than a little each.
 
-        ``near`` is another such fit, to start from as well.
+        ``near`` is another such fit, to start from as well; a dear simulator starts where these effects alone fit best.
         """
         catalogue, view = self.view.surrogate.catalogue, self.view
         mean, _ = posterior(self.data, effects)
@@ -191,7 +191,7 @@ class State:
             there[limits] = [self.reached[line] for line in limits]
             slopes = self.fitted.jacobian.copy()
             only = np.array(limits, dtype=np.intp)
-            slopes[only] = self.simulator.jacobian(there, self.fitted.rest, only)[only]
+            slopes[only] = self.simulator.jacobian(there, only)[only]
             starts.append((there, slopes))
         fits = [
             joint_fit(

@@ -28,6 +28,7 @@ from s2r_spec.diagnose.evidence import ALLOWED
 from s2r_spec.diagnose.simulate import Bench, Job, Test, run_jobs
 from s2r_spec.diagnose.where.body import named
 from s2r_spec.rollouts.seeds import Stream, rollout_seed
+from s2r_spec.space import key_of
 from s2r_spec.trace import Trace
 
 FloatArray = NDArray[np.float64]
@@ -287,7 +288,7 @@ def remainders(
     if whole.sum() < FEWEST_ROLLOUTS:
         return ()
     kept = [test for (test, _), there in zip(rollouts, whole, strict=True) if there]
-    keys = [tuple(sorted(test.items())) for test in kept]
+    keys = [key_of(test) for test in kept]
     distinct = list(dict.fromkeys(keys))
     runs = tuple((dict(key), rollout_seed(seed, n, 0, Stream.REMAINDER)) for n, key in enumerate(distinct))
     few = tuple(runs[int(n)] for n in np.linspace(0, len(runs) - 1, min(TESTS, len(runs))).round())

@@ -56,9 +56,7 @@ class Signatures:
         kept: (1 + p,) which columns are used: those that the real traces have.
         scale: (kept,) units of the columns.
         axes: (k, kept) orthonormal components of columns in these units.
-        nominal: (m, kept) mean of the nominal simulator.
         noise: (k, k) covariance of one nominal rollout.
-        rho_noise: standard deviation of ρ from run to run.
         curves: one a line.
         interactions: (pairs, pair tests, k).
         numerics: (variants, m, k) change when the same physics is computed otherwise.
@@ -68,9 +66,7 @@ class Signatures:
     kept: NDArray[np.bool_]
     scale: FloatArray
     axes: FloatArray
-    nominal: FloatArray
     noise: FloatArray
-    rho_noise: float
     curves: tuple[Curve, ...]
     interactions: FloatArray
     numerics: FloatArray
@@ -89,8 +85,7 @@ class Signatures:
         if available is not None:
             kept = kept & available
         nominal = bank.nominal[..., kept]
-        mean = nominal.mean(axis=1)
-        scatter = (nominal - mean[:, None]).reshape(-1, kept.sum())
+        scatter = (nominal - nominal.mean(axis=1)[:, None]).reshape(-1, kept.sum())
         free = max(nominal.shape[1] - 1, 1) / nominal.shape[1]
         changes = _relative(
             bank.lines,
@@ -125,8 +120,7 @@ class Signatures:
         )
         interactions = np.nan_to_num(bank.interactions[..., kept]) / scale @ axes.T
         numerics = np.nan_to_num(bank.variants[..., kept]) / scale @ axes.T
-        rho_noise = float(np.sqrt(bank.nominal[..., 0].var(axis=1, ddof=1).mean()))
-        return cls(bank, kept, scale, axes, mean, noise / free, rho_noise, curves, interactions, numerics)
+        return cls(bank, kept, scale, axes, noise / free, curves, interactions, numerics)
 
     @property
     def size(self) -> int:

@@ -17,6 +17,7 @@ from s2r_spec.diagnose.equations import Instruments
 from s2r_spec.diagnose.features import Features, with_residuals
 from s2r_spec.errors import BackendError, UsageError
 from s2r_spec.rollouts.match import Matched
+from s2r_spec.space import key_of
 from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
 
@@ -118,7 +119,7 @@ class Bench:
         """Return the instruments at a test, made once in a process; None where they are not used."""
         if self.features is None or not self.features.instrumented:
             return None
-        place = tuple(sorted(test.items()))
+        place = key_of(test)
         if place not in self._kept:
             self._kept[place] = self.nominal_motion(self.features, test)
         return self._kept[place]

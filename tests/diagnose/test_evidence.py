@@ -96,9 +96,9 @@ class Bent:
         bent = at + 0.3 * at**2
         return np.tensordot(bent, self.j, 1) + 0.4 * at[0] * at[1] * self.j[::-1][0]
 
-    def jacobian(self, at, change):
+    def jacobian(self, at):
         step = 1e-6 * np.eye(2)
-        return np.array([(self.change(at + s) - change) / 1e-6 for s in step])
+        return np.array([(self.change(at + s) - self.change(at)) / 1e-6 for s in step])
 
 
 def test_the_joint_fit_ends_where_the_model_is_and_not_where_the_first_derivatives_point():
@@ -122,7 +122,7 @@ def test_a_fit_that_has_arrived_asks_for_no_more_rollouts():
     data = Bent().change(np.array([1.2, 0.4])) + 0.01 * np.random.default_rng(5).normal(size=(1, 40))
     known = np.full(data.shape, 1e-4), np.zeros((0, *data.shape))
     first = joint_fit(Bent(), data, *known, np.zeros(2), Bent().j, 3.0)
-    slopes = Bent().jacobian(first.at, Bent().change(first.at))
+    slopes = Bent().jacobian(first.at)
     model = Counted()
     again = joint_fit(model, data, *known, first.at, slopes, 3.0, exact=True)
     assert model.looks == 1
@@ -163,9 +163,9 @@ class Wave:
     def change(self, at):
         return at[0] * np.sin(np.linspace(0, 9, 40) + np.pi * at[1])[None]
 
-    def jacobian(self, at, change):
+    def jacobian(self, at):
         step = 1e-6 * np.eye(2)
-        return np.array([(self.change(at + s) - change) / 1e-6 for s in step])
+        return np.array([(self.change(at + s) - self.change(at)) / 1e-6 for s in step])
 
 
 def test_a_phase_is_found_although_derivatives_lead_to_the_end_of_its_range():
@@ -173,7 +173,7 @@ def test_a_phase_is_found_although_derivatives_lead_to_the_end_of_its_range():
     data = model.change(true)
     known = (data, np.full(data.shape, 1e-3), np.zeros((0, *data.shape)))
     begin = np.array([1.0, -0.7])
-    astray = joint_fit(model, *known, begin, model.jacobian(begin, model.change(begin)), 3.0)
+    astray = joint_fit(model, *known, begin, model.jacobian(begin), 3.0)
     assert astray.at[1] < 0
     np.testing.assert_allclose(rephased(model, *known, astray.at, 3.0), true, atol=0.02)
     np.testing.assert_array_equal(rephased(model, *known, true, 3.0), true)
@@ -201,7 +201,7 @@ class Straight:
     def change(self, at):
         return np.tensordot(at, self.j, 1)
 
-    def jacobian(self, at, change):
+    def jacobian(self, at):
         return self.j
 
 

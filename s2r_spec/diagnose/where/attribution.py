@@ -84,10 +84,6 @@ class Attribution:
         """(n,) what all channels add at each sample."""
         return sum(self.credit.values(), start=np.zeros(self.times.size))
 
-    def within(self, start: float, end: float) -> float:
-        """Return what samples from ``start`` to ``end`` [s] add to Δρ."""
-        return float(self.over_time[(self.times >= start) & (self.times <= end)].sum())
-
     def binned(self, most: int = BINS) -> dict[str, Any]:
         """Return the samples as plain data for JSON: means, and sums of what they add, over equal bins of them."""
         starts = np.unique(np.linspace(0, self.times.size, min(most, self.times.size) + 1).astype(int)[:-1])

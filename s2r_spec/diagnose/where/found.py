@@ -19,6 +19,7 @@ from s2r_spec.diagnose.where.gaps import GapAt
 from s2r_spec.diagnose.where.space import MOST_AXES, InSpace, in_space
 from s2r_spec.errors import TraceError
 from s2r_spec.rollouts.seeds import Stream, rollout_seed
+from s2r_spec.space import key_of
 from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
 
@@ -106,7 +107,7 @@ def where(
     """
     places: dict[tuple[tuple[str, float], ...], list[int]] = {}
     for i, test in enumerate(tests):
-        places.setdefault(tuple(sorted(test.items())), []).append(i)
+        places.setdefault(key_of(test), []).append(i)
     gaps = tuple(
         GapAt(dict(key), np.array([real[i][1] for i in mine]), np.array([simulated[i][1] for i in mine]))
         for key, mine in places.items()
@@ -117,7 +118,7 @@ def where(
         foretold = foretell(bench, improved, at, seed, executor) if bench and improved else None
         space = in_space(spec.space, gaps, spec.unit(requirement), seed=seed, foretold=foretold)
     worst = max(gaps, key=lambda gap: abs(gap.signed))
-    first = places[tuple(sorted(worst.params.items()))][0]
+    first = places[key_of(worst.params)][0]
     pair = attribute(spec, requirement, real[first][0], simulated[first][0], dict(worst.params))
     found, why = (None, NOT_ASKED) if bench is None else body_of(bench, tests, real, simulated, seed)
     return Where(space, dict(worst.params), pair, found, why)

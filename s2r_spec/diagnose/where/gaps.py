@@ -30,11 +30,6 @@ class GapAt:
         """Mean of Δρ = ρ_real − ρ_sim."""
         return float(self.real.mean() - self.simulated.mean())
 
-    @property
-    def absolute(self) -> float:
-        """Mean of |Δρ| over all pairs of a real and a simulated rollout; of noise alone it is not 0."""
-        return float(np.abs(self.real[:, None] - self.simulated).mean())
-
 
 @dataclass(frozen=True, eq=False)
 class Measured:

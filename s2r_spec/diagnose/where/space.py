@@ -54,13 +54,11 @@ class Band:
 
     Attributes:
         mean: (m,) at the places of the grid.
-        deviation: (m,) of the posterior there.
         lower: (m,) with probability 0.95 the function is above it everywhere.
         upper: (m,) and, with the same 0.95, below this.
     """
 
     mean: FloatArray
-    deviation: FloatArray
     lower: FloatArray
     upper: FloatArray
 
@@ -244,7 +242,7 @@ def _band(sampled: FloatArray, positive: bool = False) -> Band:
     mean, deviation = sampled.mean(axis=0), sampled.std(axis=0)
     width = np.quantile((np.abs(sampled - mean) / np.maximum(deviation, 1e-300)).max(axis=1), LEVEL)
     lower = mean - width * deviation
-    return Band(mean, deviation, np.maximum(lower, 0.0) if positive else lower, mean + width * deviation)
+    return Band(mean, np.maximum(lower, 0.0) if positive else lower, mean + width * deviation)
 
 
 def _mode(space: Space, places: FloatArray) -> FloatArray:
