@@ -2,12 +2,13 @@
 
 The linear evidence is exact at one point, that of the joint fit. A set that lies far from it
 is judged by what the simulator does there; and what the best of them leaves says which effect is missing.
-Where rollouts are dear and the bank stands for the simulator, sets are weighed by the bank alone.
+Where rollouts are dear and the bank stands for the simulator, only the few sets that a look could make the likeliest
+are simulated: a bank errs most where several effects are large.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -67,12 +68,14 @@ def together(state: State, progress: Callable[[int, int], None]) -> Together:
         return _weighed(state, fits, grown, told)
 
     first = FEW if state.simulator.dear else LIKELIEST
-    while len(fits) < BEFORE_GROWTH and not state.by_bank:
-        ranked = [members for members, _ in found.sets.ranked()]
-        untried = [members for members in ranked if members not in fits]
-        if not untried or (ranked[0] in fits and len(fits) >= first):
+    while len(fits) < (FEW if state.by_bank else BEFORE_GROWTH):
+        ranked = found.sets.ranked()
+        next_best = [(members, p) for members, p in ranked if members not in fits]
+        if not next_best or (ranked[0][0] in fits and len(fits) >= first):
             break
-        found = look(untried[0])
+        if state.by_bank and next_best[0][1] < ranked[0][1] * np.exp(-HEARD[1]):
+            break  # no look would make it the likeliest
+        found = look(next_best[0][0])
     while not state.by_bank:
         best = min(fits, key=lambda s: fits[s].cost)
         wider = [tuple(sorted((*best, k))) for k in state.missing(fits[best].rest, best)]
@@ -124,11 +127,7 @@ def _weighed(state: State, fits: dict[Set, Joint], grown: Iterable[Set], told: d
     # its coordinates cost.
     size, scale = state.view.data.size, state.data.scale
     cost = {s: fit.misfit * size / scale + (fit.cost - fit.misfit * size) for s, fit in fits.items()}
-    moved = {s: -0.5 * (cost[s] - explained(state.data, s)) for s in fits}
-    # What was not simulated is taken to err as the others did.
-    usual = float(np.median(list(moved.values()))) if moved else 0.0
-    far = np.array([moved.get(s, usual) for s in members]) - usual
-    logs = logs + np.clip(far, -HEARD[0] * warmth, HEARD[1] * warmth)
+    logs = corrected(members, logs, cost, {s: explained(state.data, s) for s in fits}, warmth)
     evidence = replace(state.found, members=members, logs=logs)
     heard = None
     if state.heard is not None:
@@ -137,6 +136,50 @@ def _weighed(state: State, fits: dict[Set, Joint], grown: Iterable[Set], told: d
         heard = np.array([told[s] for s in members])
     sets = state.judge.sets(evidence, state.memberships, warmth, state.unknown, heard)
     return Together(sets, logs, fits, warmth)
+
+
+def corrected(
+    members: Sequence[Set],
+    logs: FloatArray,
+    cost: Mapping[Set, float],
+    expected: Mapping[Set, float],
+    warmth: float,
+) -> FloatArray:
+    """Return (sets,) log evidence: of sets that were simulated by what they cost, of others as these erred.
+
+    With one effect more a set costs no more than without: a fit that did stopped in a wrong valley. And it gains no
+    more by that effect than the simulator found, whatever the linear model makes of it. What was not simulated is taken
+    to err as all did in the median, or as those that have one effect more or less, if these cost more than that.
+
+    Args:
+        members: the sets.
+        logs: (sets,) log evidence by the linear model.
+        cost: of those that were simulated.
+        expected: the same by the linear model.
+        warmth: by what log evidence is divided before it is believed.
+    """
+    if not cost:
+        return logs
+    place = {s: n for n, s in enumerate(members)}
+    least = {s: min(cost[some] for some in cost if set(some) <= set(s)) for s in cost}
+    moved = {s: -0.5 * (least[s] - expected[s]) for s in cost}
+    usual = float(np.median(list(moved.values())))
+    found: dict[Set, float] = {}
+    for s in sorted(cost, key=len):
+        far = float(np.clip(moved[s] - usual, -HEARD[0] * warmth, HEARD[1] * warmth))
+        fewer = [some for some in found if set(some) < set(s)]
+        found[s] = min(
+            [float(logs[place[s]]) + far, *(found[some] + 0.5 * (least[some] - least[s]) for some in fewer)]
+        )
+    erred = {s: found[s] - float(logs[place[s]]) for s in found}
+
+    def error(s: Set) -> float:
+        near = [erred[some] for some in erred if len(set(some) ^ set(s)) == 1]
+        # That another costs little is its own merit.
+        return erred[s] if s in erred else min(float(np.median(near or [0.0])), 0.0)
+
+    after: FloatArray = logs + np.array([error(s) for s in members])
+    return after
 
 
 def _by_equations(state: State, members: list[Set]) -> list[float]:

@@ -10,7 +10,7 @@ import pytest
 from s2r_spec.diagnose import together as module
 from s2r_spec.diagnose.judge import WEIGHTS, Sets
 from s2r_spec.diagnose.practice import KINDS
-from s2r_spec.diagnose.together import Together, together
+from s2r_spec.diagnose.together import Together, corrected, together
 
 BEFORE = {
     (0, 1, 2): 2.0,
@@ -58,13 +58,13 @@ def test_an_effect_is_named_beside_others_only_if_the_simulator_was_asked_withou
     assert len(looked) == len(set(looked))
 
 
-def machine(monkeypatch, causes, effects, paid=3.0):
+def machine(monkeypatch, causes, effects, wrong=2.0):
     """Return a state of which every effect that is a cause pays, any other costs; four and more are not in the list."""
     few = [s for size in range(4) for s in combinations(range(effects), size)]
     looked = []
 
     def log(members):
-        return paid * len(set(members) & set(causes)) - 2.0 * len(set(members) - set(causes))
+        return 3.5 * len(set(members) & set(causes)) - wrong * len(set(members) - set(causes))
 
     def weighed(state, fits, grown, told):
         known = dict.fromkeys((*few, *fits, *grown))
@@ -93,13 +93,57 @@ def test_a_machine_with_more_than_three_effects_has_all_of_them_named(monkeypatc
     assert all(tuple(k for k in causes if k != left) in found.fits for left in causes)
 
 
-def test_where_the_bank_stands_for_the_simulator_no_set_is_simulated_and_sets_still_grow(monkeypatch):
-    looked, state = machine(monkeypatch, (0, 2, 3, 5), 8)
-    state.by_bank = True
+@pytest.mark.parametrize(("causes", "wrong", "looks"), [((2,), 4.0, 1), ((0, 2, 3, 5), 2.0, module.FEW)])
+def test_where_the_bank_stands_for_the_simulator_few_sets_are_simulated_and_sets_still_grow(
+    monkeypatch, causes, wrong, looks
+):
+    looked, state = machine(monkeypatch, causes, 8, wrong)
+    state.by_bank, state.simulator.dear = True, True
     found = together(state, lambda done, of: None)
-    assert found.sets.ranked()[0][0] == (0, 2, 3, 5)
-    assert not looked
-    assert not found.fits
+    assert found.sets.ranked()[0][0] == causes
+    # One that is far less likely than the first would not become the first by any look.
+    assert len(looked) == len(found.fits) == looks
+
+
+EVERY = tuple(s for size in range(4) for s in combinations(range(3), size))
+
+
+def heard(cost, expected, logs=None, warmth=10.0):
+    """Return set → by how much a look at some changed its log evidence."""
+    before = np.zeros(len(EVERY)) if logs is None else logs
+    after = corrected(EVERY, before, cost, dict.fromkeys(cost, expected), warmth)
+    return dict(zip(EVERY, after - before, strict=True))
+
+
+def test_sets_that_were_not_simulated_err_as_those_with_one_effect_more_or_less_that_cost_more():
+    found = heard({(0,): 90.0, (1, 2): 110.0}, 100.0)
+    assert found[(0,)] == 5.0
+    assert found[(1, 2)] == -5.0
+    assert found[(1,)] == found[(2,)] == found[(0, 1, 2)] == -5.0
+    assert (
+        found[(0, 1)] == found[(0, 2)] == found[()] == 0.0
+    )  # that another costs little says nothing of these
+    assert heard({(0,): 90.0}, 100.0) == dict.fromkeys(EVERY, 0.0)  # all err alike, for all that is known
+
+
+def test_an_effect_gains_no_more_than_the_simulator_found():
+    cost = {(0,): 100.0, (0, 1): 96.0}
+    logs = np.array([40.0 if 1 in s else 0.0 for s in EVERY])
+    after = dict(zip(EVERY, corrected(EVERY, logs, cost, {(0,): 160.0, (0, 1): 96.0}, 1.0), strict=True))
+    assert after[(0, 1)] - after[(0,)] == pytest.approx(2.0)
+    assert after[(0, 1, 2)] - after[(0, 2)] == pytest.approx(5.0)  # and not 40
+
+
+def test_a_fit_that_costs_more_than_that_of_fewer_effects_stopped_in_a_wrong_valley():
+    after = heard({(0,): 100.0, (0, 1): 400.0, (2,): 100.0}, 100.0)
+    assert after[(0, 1)] == after[(0,)] == after[(2,)]
+
+
+def test_a_look_lowers_and_raises_no_more_than_is_believed():
+    after = heard({(0,): 100.0, (1,): 1e6, (2,): -1e6}, 100.0)
+    assert after[(1,)] == -module.HEARD[0] * 10.0
+    assert after[(2,)] == module.HEARD[1] * 10.0
+    assert not corrected(EVERY, np.zeros(8), {}, {}, 1.0).any()
 
 
 def test_what_imitates_one_of_four_effects_is_weighed_in_its_place(monkeypatch):
