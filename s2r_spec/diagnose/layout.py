@@ -97,19 +97,16 @@ class Layout:
         return np.asarray(np.linalg.cholesky(self.scatter), dtype=np.float64)
 
     def mean(self, rows: FloatArray) -> FloatArray:
-        """Return (n, p) means of (rollouts, p) over the rollouts of each test; what is missing is left out."""
+        """Return (n, p) means of (rollouts, p) over the rollouts of each test."""
         total = np.zeros((len(self.tests), rows.shape[1]))
-        count = np.zeros_like(total)
-        np.add.at(total, self.place, np.nan_to_num(rows))
-        np.add.at(count, self.place, np.isfinite(rows))
-        with np.errstate(invalid="ignore", divide="ignore"):
-            return np.where(count > 0, total / count, np.nan)
+        np.add.at(total, self.place, rows)
+        return total / np.bincount(self.place)[:, None]
 
     def scattered(self, rows: FloatArray) -> tuple[FloatArray, int]:
         """Return the pure error of (rollouts, p): (p,) variance between replicates, and its degrees of freedom."""
         rest = rows - self.mean(rows)[self.place]
         free = len(rows) - len(self.tests)
-        return np.nansum(rest**2, axis=0) / max(free, 1), free
+        return (rest**2).sum(axis=0) / max(free, 1), free
 
     def spread(self, count: int) -> NDArray[np.intp]:
         """Return the places of so many tests that lie well apart, at least enough for every function."""
