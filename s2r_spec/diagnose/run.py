@@ -31,7 +31,7 @@ from s2r_spec.diagnose.prepare import Progress, State, bench_of, prepare
 from s2r_spec.diagnose.remainder import remainders
 from s2r_spec.diagnose.simulate import Bench, Test
 from s2r_spec.diagnose.size import sized
-from s2r_spec.diagnose.together import LARGEST, together
+from s2r_spec.diagnose.together import LARGEST, Together, together
 from s2r_spec.diagnose.verdict import SURE, clear, confounded, decided, large, reason, spare
 from s2r_spec.diagnose.where.found import Where
 from s2r_spec.diagnose.where.found import where as find_where
@@ -210,7 +210,9 @@ def _answer(
     upcoming = None
     unsure = told.probability.max() * known < SURE or verdict is Verdict.CONFOUNDED
     if verdict not in (Verdict.NONE, Verdict.UNKNOWN) and unsure:
-        upcoming = _next(bench, state, isolable, told.ranked(), [test for test, _ in parts.used], tell)
+        upcoming = _next(
+            bench, state, weighed, isolable, told.ranked(), [test for test, _ in parts.used], tell
+        )
     families = {e.name: e.family for e in banks.catalogue_of(bench.backend)}
     which = Which(
         none=by_size[0][()],
@@ -261,6 +263,7 @@ ASSUMPTIONS = (
 def _next(
     bench: Bench,
     state: State,
+    weighed: Together,
     isolable: Isolability,
     ranked: list[tuple[tuple[int, ...], float]],
     run: Sequence[Test],
@@ -270,9 +273,11 @@ def _next(
     first = next((members for members, _ in ranked if members), ())
     for members, _ in ranked:
         if members and len(rivals) < 2 and not isolable.same(first, members):
-            best = fit(
-                state.view.surrogate.catalogue, members, by_linear(state.data, members, state.temperature)
-            )
+            size = by_linear(state.data, members, state.temperature)
+            # Linear data are right near the fit of everything; a set that was simulated has a fit of its own.
+            if looked := weighed.fits.get(members):
+                size = replace(size, at=looked.at)
+            best = fit(state.view.surrogate.catalogue, members, size)
             rivals.append((" + ".join(state.judge.effects[k] for k in members), best.values))
     tell("next test", 0, 1)
     return next_test(bench, state.signatures, rivals, run, protocols=True, temperature=state.temperature)
