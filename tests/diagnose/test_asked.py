@@ -21,7 +21,7 @@ ERROR = 0.03
 
 
 def line(effect):
-    return Line(effect, "size", "drive", "", 0.0, (-2.0, 2.0), 1.0, -2.0, 2.0, False, {})
+    return Line(effect, "size", "", 0.0, (-2.0, 2.0), 1.0, -2.0, 2.0, False, {})
 
 
 def curve(effect, at, change):

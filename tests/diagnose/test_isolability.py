@@ -19,7 +19,6 @@ def curve(effect, at, change, low=-2.0, parameter="size", nominal=0.0, typical=1
     line = Line(
         effect,
         parameter,
-        "drive",
         "N",
         nominal,
         tuple(nominal + typical * at),

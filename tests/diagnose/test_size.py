@@ -65,7 +65,7 @@ def test_what_it_leaves_is_counted_in_units_of_what_is_usually_believed(asked):
 
 
 def test_a_value_that_fits_exactly_is_still_one_of_our_law():
-    line = Line("friction", "force", "drive", "N", 0.0, (5.0, 10.0), 10.0, 0.0, 20.0)
+    line = Line("friction", "force", "N", 0.0, (5.0, 10.0), 10.0, 0.0, 20.0)
     curve = Curve(line, np.array([0.5, 1.0]), np.zeros((2, 1, 3)), np.zeros((2, 1)))
     catalogue = Catalogue.of([curve])
     [exact] = fit(catalogue, (0,), Sized(np.array([0.6]), np.zeros(1))).estimates

@@ -19,7 +19,7 @@ ONE = np.eye(len(NAMES))
 
 def curve(effect, parameter, ends, change, base=None):
     """A straight line that changes the coordinates by ``change`` per unit."""
-    line = Line(effect, parameter, "drive", "", 0.0, tuple(ends), 1.0, *ends, False, base or {})
+    line = Line(effect, parameter, "", 0.0, tuple(ends), 1.0, *ends, False, base or {})
     at = np.array(sorted({*ends, 0.0}))
     return Curve(line, at, at[:, None] * np.asarray(change, dtype=float))
 

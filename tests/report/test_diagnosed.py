@@ -69,8 +69,7 @@ def where_of(dim, n=10, size=0.4):
 def made_up(space, tests):
     grid = space.grid({2: (21, 21), 3: (7, 7, 7)}[space.dim])
     mean = 0.1 * (grid[:, 0] - 0.5)
-    deviation = np.full(len(grid), 0.01)
-    band = Band(mean, deviation, mean - 0.03, mean + 0.03)
+    band = Band(mean, mean - 0.03, mean + 0.03)
     gaps = tuple(GapAt(test, np.array([0.1]), np.array([0.1 + 0.1 * (test["vd"] - 0.5)])) for test in tests)
     worst = space.point(grid[0])
     ends = {name: (value, value) for name, value in worst.items()}
