@@ -17,7 +17,7 @@ def searched(space, function, seed):
     return search
 
 
-@pytest.mark.parametrize("dim", [1, 2])
+@pytest.mark.parametrize("dim", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_the_promise_holds_and_is_never_looser_than_the_papers(dim):
     space = Space.of(dict.fromkeys("xy"[:dim], (0.0, 0.5)))
     fine = space.grid((2001,)) if dim == 1 else space.grid((151, 151))

@@ -33,7 +33,7 @@ def find(tmp_path_factory):
 @pytest.mark.parametrize(
     ("effect", "parameter", "value"),
     [
-        ("heading_bias", "angle", 0.3),  # moves ρ far
+        pytest.param("heading_bias", "angle", 0.3, marks=pytest.mark.slow),  # moves ρ far
         ("motor_lag", "time", 0.3),  # hardly does: the traces alone say so
         ("latency", "delay", 0.18),  # makes the loop unsteady: no patch closes what single rollouts show
     ],

@@ -171,6 +171,7 @@ def test_a_simulator_that_foretells_something_else_is_not_believed():
     np.testing.assert_allclose(misled.signed.mean, plain.signed.mean, atol=0.005)
 
 
+@pytest.mark.slow
 def test_a_simulator_that_foretells_everything_is_heard_three_quarters_at_most(monkeypatch):
     """It was fitted to the same rollouts: the box of the worst test must allow for what they do not show."""
     generator = np.random.default_rng(6)
