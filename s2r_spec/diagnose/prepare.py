@@ -76,7 +76,7 @@ UNSTEADY = 4.0
 """Scatter, in units of the nominal one's, from which on a look at a dear simulator is the mean of several rollouts."""
 FAITHFUL = 2.0
 """The bank stands for a dear simulator where its own fit leaves no more than this of the data, in units of what is
-believed: then looks at the simulator, which take minutes, change hardly a name."""
+believed: then a fit of everything by the simulator, which takes minutes, changes hardly a name."""
 TRIED = 3
 """Sets that are fitted alone at first, to begin where the best of them is."""
 FURTHER = 2
@@ -128,7 +128,7 @@ class State:
     """(q, k) variance of the data as it is believed of any simulator, where they are believed otherwise."""
 
     by_bank: bool = False
-    """Whether sets are weighed by the bank alone, and none by the simulator itself."""
+    """Whether the bank stands for the simulator, which is then asked of the few likeliest sets alone."""
 
     @property
     def nominal_rho(self) -> FloatArray:
