@@ -122,7 +122,9 @@ def score(cases: Answers) -> dict[str, Any]:
     if attributed:
         rates |= {
             "attribution sums to Δρ, over time and over channels": _rate(attributed, _adds_up),
-            "Δρ within what the two critical predicates allow": _rate(attributed, _between),
+            "Δρ within what the two critical predicates allow": _rate(
+                [(label, a) for label, a in attributed if _bounded(a)], _between
+            ),
         }
     for name, some in (("single", single), ("pair", pair)):
         moving = [(label, a) for label, a in some if _moves(label, a)]
@@ -230,14 +232,15 @@ def _adds_up(label: Mapping[str, Any], answer: Mapping[str, Any]) -> bool:
     return all(abs(total + ended - delta) <= 1e-3 * abs(delta) for total in (over_time, over_channels))
 
 
-def _between(label: Mapping[str, Any], answer: Mapping[str, Any]) -> bool:
-    """Return whether Δρ lies between the differences at the predicates that decide either side.
+def _bounded(answer: Mapping[str, Any]) -> bool:
+    """Return whether predicates bound Δρ: where ρ is neither a minimum nor a maximum of margins nothing is claimed."""
+    switch = answer["where"].get("switch")
+    return switch is not None and switch["bounds"] is not None
 
-    Where ρ is neither a minimum nor a maximum of margins these do not bound it, and nothing is claimed.
-    """
+
+def _between(label: Mapping[str, Any], answer: Mapping[str, Any]) -> bool:
+    """Return whether Δρ lies between the differences at the predicates that decide either side."""
     where = answer["where"]
-    if where.get("switch") is None or where["switch"]["bounds"] is None:
-        return True
     low, high = where["switch"]["bounds"]
     slack = 1e-9 + 1e-6 * abs(where["delta"])
     # What one side lost by ending early no predicate decided.

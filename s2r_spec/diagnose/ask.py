@@ -263,14 +263,26 @@ def ask(
 
 
 def _rows(table: Path) -> dict[str, dict[str, float]]:
-    """Return name of a kept rollout → its params."""
+    """Return name of a kept rollout → its params.
+
+    Raises:
+        UsageError: a row is not whole.
+    """
     if not table.exists():
         return {}
+    found = {}
     with table.open(newline="", encoding="utf-8") as stream:
-        return {
-            row.pop("id"): {name.partition(" [")[0]: float(value) for name, value in row.items()}
-            for row in csv.DictReader(stream)
-        }
+        reader = csv.DictReader(stream)
+        for row in reader:
+            try:
+                name = row.pop("id")
+                found[name] = {column.partition(" [")[0]: float(value) for column, value in row.items()}
+            except (KeyError, TypeError, ValueError):
+                raise UsageError(
+                    f"{table}:{reader.line_num}: this row is not whole; delete it, and it is written again of the "
+                    f"trace that was kept"
+                ) from None
+    return found
 
 
 def _same(kept: Path, recorded: Mapping[str, float] | None, params: Mapping[str, float]) -> None:

@@ -226,7 +226,8 @@ def test_where_is_scored_by_its_sums_and_bounds():
     fell = ANSWERS["case-a"] | {"where": where(-0.7, -0.7, [-0.4, -0.2]) | {"ended": -0.4}}
     assert score([(LABELS["case-a"], fell)])["Δρ within what the two critical predicates allow"]["hits"] == 1
     mixed = ANSWERS["case-a"] | {"where": where(-0.3, -0.3, None)}  # always (a -> b) has no such bounds
-    assert score([(LABELS["case-a"], mixed)])["Δρ within what the two critical predicates allow"]["hits"] == 1
+    rate = score([(LABELS["case-a"], mixed)])["Δρ within what the two critical predicates allow"]
+    assert (rate["hits"], rate["of"]) == (0, 0)  # what claims nothing is no hit
     found = score([(LABELS["case-a"], right), (LABELS["case-a"], wrong)])
     assert found["attribution sums to Δρ, over time and over channels"]["hits"] == 1
     assert found["Δρ within what the two critical predicates allow"]["hits"] == 1

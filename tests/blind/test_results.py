@@ -6,7 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from benchmarks.blind.table import HISTORY, LATEST, PAGE, SETS, by_size, history, reliability, table
+from benchmarks.blind.table import HISTORY, LATEST, PAGE, SETS, by_size, first, history, reliability, table
 from s2r_spec.blind.score import truth
 from s2r_spec.diagnose.judge import WEIGHTS
 from s2r_spec.diagnose.told import ACROSS
@@ -19,13 +19,7 @@ RESULTS = ROOT / "benchmarks" / "blind" / "results"
 
 def right(case):
     """Whether the likeliest answer of a case is the truth."""
-    return likeliest(case)[0] == truth(case["label"])
-
-
-def likeliest(case):
-    found = [(frozenset([name]), p) for name, p in case["posterior"].items()]
-    found += [(frozenset(pair["effects"]), pair["probability"]) for pair in case["pairs"]]
-    return max(found, key=lambda item: item[1])
+    return first(case)[0] == truth(case["label"])
 
 
 def cases_of(*sets):
@@ -53,7 +47,7 @@ def test_what_is_said_of_the_weights():
 
 def test_what_is_said_of_answers_that_were_sure_and_wrong():
     page = " ".join(PAGE.read_text().split())
-    sure = [case for case in cases_of(*LATEST) if likeliest(case)[1] >= 0.9]
+    sure = [case for case in cases_of(*LATEST) if first(case)[1] >= 0.9]
     wrong = [case["label"]["effects"] for case in sure if not right(case)]
     words = f"Of {len(sure)} answers of 0.9 and more {len(wrong)} are wrong"
     assert words in page, (words, wrong)
@@ -62,7 +56,7 @@ def test_what_is_said_of_answers_that_were_sure_and_wrong():
     assert all(len(set(effects) & small) == 1 for effects in pairs)
     assert sum("torque_limit" in effects for effects in pairs) == 3
     others = {
-        (case["label"]["kind"], *case["label"]["effects"]): set(likeliest(case)[0])
+        (case["label"]["kind"], *case["label"]["effects"]): set(first(case)[0])
         for case in sure
         if not right(case) and len(case["label"]["effects"]) < 2
     }
@@ -79,8 +73,8 @@ def test_what_is_said_of_answers_that_were_sure_and_wrong():
 
 
 def test_what_the_page_on_logs_says_of_sure_answers():
-    sure = [case for case in cases_of(*LATEST) if likeliest(case)[1] >= 0.9]
-    right = sum(likeliest(case)[0] == truth(case["label"]) for case in sure)
+    sure = [case for case in cases_of(*LATEST) if first(case)[1] >= 0.9]
+    right = sum(first(case)[0] == truth(case["label"]) for case in sure)
     page = (ROOT / "docs" / "how-to" / "diagnose-logs.md").read_text()
     assert f"answers of 0.9 and more were right in {right} of {len(sure)} cases" in page
 

@@ -59,3 +59,11 @@ def test_a_run_that_was_killed_between_trace_and_row_gets_its_row(bench, tmp_pat
     again = ask(bench, Asked(), 6, 0, tmp_path)
     assert len(again) == 6
     assert list(csv.reader(whole.splitlines())) == list(csv.reader(table.read_text().splitlines()))
+
+
+def test_a_row_that_is_not_whole_is_told_with_its_line(bench, tmp_path):
+    ask(bench, Cart(), 6, 0, tmp_path)
+    table = tmp_path / "rollouts.csv"
+    table.write_text(table.read_text().rstrip().rpartition(",")[0])
+    with pytest.raises(UsageError, match=r"rollouts.csv:7: this row is not whole; delete it"):
+        ask(bench, Cart(), 6, 0, tmp_path)
