@@ -52,6 +52,14 @@ def surface(
     return _added(_UNEVEN, scale, x + origin[0], y + origin[1], height, slope_x)
 
 
+def covariance(dx: FloatArray, dy: FloatArray) -> FloatArray:
+    """Return that of the heights of two places so far apart [m], on ground of unit roughness; over all origins."""
+    kx, ky, _ = _UNEVEN.T
+    apart = np.multiply.outer(dx, kx) + np.multiply.outer(dy, ky)
+    likeness: FloatArray = np.cos(apart).mean(axis=-1)
+    return likeness
+
+
 @compiled
 def _added(
     waves: FloatArray, scale: float, x: float, y: float, height: float, slope_x: float

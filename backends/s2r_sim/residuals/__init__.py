@@ -10,8 +10,8 @@ recursive Newton–Euler algorithm; Featherstone, *Rigid Body Dynamics Algorithm
 A motor that is weak, a gear that rubs, a payload, a push: each shows on the
 rows on which it acts, whatever the controller made of it, and is gone once the
 world has it. ``motion.py`` holds what no world changes, and is asked once for a
-trace; ``world.py`` what a world makes of it; ``yielding.py`` and ``play.py`` how
-its ground yields and its gears rattle. Accelerations are differences of recorded
+trace; ``world.py`` what a world makes of it; ``yielding.py``, ``footing.py`` and
+``play.py`` how its ground yields, how uneven it is, and how its gears rattle. Accelerations are differences of recorded
 velocities; all residuals are averaged over :data:`WINDOW` with Hann weights, which
 keep the gait (2.5 Hz) and drop the noise. Nothing here decides a trace, and
 all of it is left out of the model's hash.
@@ -58,7 +58,7 @@ class _Residual:
         name: of its channel.
         unit: of its channel.
         needs: channels of the trace. Of two more it makes use where they are there: of ``foot_force`` for how far
-            a ground gives under ``slip`` and ``sinking``, of ``roll`` and ``pitch`` for a frame that is askew.
+            a ground gives under feet, of ``roll`` and ``pitch`` for a frame that is askew.
         knows: fields of the world that change it; it is shown no other, and asked once for each of their values.
         parts: what its columns belong to.
         of: a motion in a world → (n − 1, columns).
@@ -167,12 +167,15 @@ def _slip(motion: Motion) -> FloatArray:
 
 def _sinking(motion: Motion) -> FloatArray:
     """How far balls are below the world's ground where they touch it; negative above."""
-    log, ground = motion.recorded, motion.ground
-    x, _, z = np.moveaxis(log.mid("foot_position").reshape(-1, 4, 3), -1, 0)
-    below: FloatArray = motion.robot.foot_radius - (z - ground.rise * x) * ground.normal[2]
-    if "foot_force" in log.trace.channels:
-        below = below - motion.sinks
-    return log.touches * below
+    below: FloatArray = motion.recorded.touches * motion.below
+    return below
+
+
+def _unevenness(motion: Motion) -> FloatArray:
+    """How far footholds are from the plane through all of them, beyond what is expected of the world's roughness."""
+    footing = motion.recorded.footing
+    away = np.abs(footing.about @ footing.mean(motion.below))
+    return footing.spread(away - motion.world.roughness * footing.expected)
 
 
 def _timing(motion: Motion) -> FloatArray:
@@ -257,6 +260,14 @@ RESIDUALS = (
     ),
     _Residual(
         "sinking", "m", ("foot_position", "contact"), ("sink", "impratio", "slope"), _EACH_FOOT, _sinking
+    ),
+    _Residual(
+        "unevenness",
+        "m",
+        ("foot_position", "contact"),
+        ("roughness", "sink", "impratio", "slope"),
+        _EACH_FOOT,
+        _unevenness,
     ),
     _Residual("contact_timing", "", ("contact", "stance"), (), _EACH_FOOT, _timing),
     _Residual(

@@ -18,6 +18,7 @@ from scipy.spatial.transform import Rotation
 from s2r_sim import pinocchio_model
 from s2r_sim.figures import GRAVITY, LEGS, Inertia, Robot
 from s2r_sim.leg_kinematics import foot_motion
+from s2r_sim.residuals.footing import Footing, footing
 from s2r_spec.trace import Trace
 
 FloatArray = NDArray[np.float64]
@@ -100,6 +101,12 @@ class Recorded:
         contact = self.trace["contact"]
         both: FloatArray = np.minimum(contact[1:], contact[:-1])
         return both
+
+    @cached_property
+    def footing(self) -> Footing:
+        """Where feet stood."""
+        x, y, _ = np.moveaxis(self.mid("foot_position").reshape(-1, 4, 3), -1, 0)
+        return footing(self.touches, x, y)
 
     @cached_property
     def foot_force(self) -> FloatArray:

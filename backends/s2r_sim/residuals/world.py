@@ -234,6 +234,15 @@ class Motion:
         return along
 
     @cached_property
+    def below(self) -> FloatArray:
+        """(n − 1, 4) how far balls are below the world's ground, beyond what they sink into it [m]."""
+        x, _, z = np.moveaxis(self.recorded.mid("foot_position").reshape(-1, 4, 3), -1, 0)
+        below: FloatArray = self.robot.foot_radius - (z - self.ground.rise * x) * self.ground.normal[2]
+        if "foot_force" in self.recorded.trace.channels:
+            below = below - self.sinks
+        return below
+
+    @cached_property
     def sinks(self) -> FloatArray:
         """(n − 1, 4) how much further feet should sink than into bare ground [m]."""
         _, normal = self._pressed

@@ -1,0 +1,71 @@
+"""How uneven the ground is, by where feet have stood on it: footholds about the plane through all of them.
+
+A plane takes with it what a slope, a soft ground or a wrong origin of the height makes of all footholds alike, and a
+part of the unevenness, too. How much of it is left follows from how alike the ground is at two places: with R the
+residual operator of the plane (A. C. Aitken's generalized least squares, weighted by how long a foot stood) and K
+the covariance of heights of a ground of unit roughness, the covariance of what is left is R K Rᵀ.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_sim.terrain import covariance
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Footing:
+    """m stretches of time over each of which one foot stood.
+
+    Attributes:
+        of: (ticks, 4) number of the stretch that a foot stands in, −1 where it does not stand.
+        weight: (m,) ticks that it took.
+        about: (m, m) operator that takes from heights the plane through them.
+        expected: (m,) mean distance from the plane on ground of unit roughness.
+    """
+
+    of: IntArray
+    weight: FloatArray
+    about: FloatArray
+    expected: FloatArray
+
+    def mean(self, values: FloatArray) -> FloatArray:
+        """Return (m,) means of (ticks, 4) values over each stretch."""
+        stands = self.of >= 0
+        mean: FloatArray = np.bincount(self.of[stands], values[stands], len(self.weight)) / self.weight
+        return mean
+
+    def spread(self, values: FloatArray) -> FloatArray:
+        """Return (ticks, 4) of (m,) values, each at the ticks of its stretch; 0 where no foot stands."""
+        return np.append(values, 0.0)[self.of]
+
+
+def footing(touches: FloatArray, x: FloatArray, y: FloatArray) -> Footing:
+    """Return where feet stood.
+
+    Args:
+        touches: (ticks, feet) 1 where a foot is on the ground.
+        x: (ticks, feet) where it is [m].
+        y: likewise.
+    """
+    stands = touches > 0.0
+    begins = stands & ~np.vstack((np.zeros_like(stands[:1]), stands[:-1]))
+    # Feet one after the other, so that a stretch is one run of numbers.
+    number = np.cumsum(begins.T.ravel(), dtype=np.int64).reshape(begins.T.shape).T - 1
+    of: IntArray = np.where(stands, number, -1)
+    count = int(begins.sum())
+    weight = np.bincount(of[stands], minlength=count).astype(np.float64)
+    bare = Footing(of, weight, np.eye(count), np.zeros(count))
+    place = np.column_stack((bare.mean(x), bare.mean(y)))
+    plane = np.column_stack((np.ones(count), place))
+    root = np.sqrt(weight)
+    about = np.eye(count) - plane @ np.linalg.pinv(root[:, None] * plane) * root
+    dx, dy = (each[:, None] - each for each in place.T)
+    variance = np.einsum("ij,jk,ik->i", about, covariance(dx, dy), about)
+    return Footing(of, weight, about, np.sqrt(2.0 / np.pi * np.maximum(variance, 0.0)))
