@@ -10,14 +10,14 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import asdict, dataclass, replace
-from itertools import combinations
+from itertools import combinations, islice
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.backend import Backend, Effect, HasChosen, HasEffects, HasResiduals, HasVariants
-from s2r_spec.diagnose.axes import BACKGROUND, STEPS, Line, lines, misread
+from s2r_spec.diagnose.axes import BACKGROUND, STEPS, Line, Values, lines, misread
 from s2r_spec.diagnose.axes import line as line_of
 from s2r_spec.diagnose.design import grid
 from s2r_spec.diagnose.equations import LITTLE, Equations, Probe
@@ -204,8 +204,12 @@ def simulate(
     three = tuple({place: tests[place] for place in (len(tests) // 2, 0, len(tests) - 1)}.values())
     acts = {effect.name: _able(bench, effect, three) for effect in catalogue}
     found = lines(catalogue, acts)
-    features = replace(features, probes=_probes(bench, found, middle))
-    features = replace(features, voids=_voids(bench, features, found, three, executor))
+    probes, idle = _probes(bench, found, middle, three)
+    features = replace(features, probes=probes)
+    # What shows in some machines only takes no part in what explains all of them.
+    voids = _voids(bench, features, found, three, executor)
+    voids = {name: [*g, *[0.0] * len(idle)] for name, g in voids.items()}
+    features = replace(features, probes=(*probes, *idle), voids=voids)
     features = replace(features, little=_little(bench, features, found, middle))
     features = replace(features, instrumented=_instrumented(bench, features, three))
     bench = replace(bench, features=features)
@@ -311,22 +315,48 @@ def _little(bench: Bench, features: Features, found: tuple[Line, ...], test: Tes
     return features.of_residuals({name: np.sqrt(s) for name, s in squares.items()})
 
 
-def _probes(bench: Bench, found: tuple[Line, ...], test: Test) -> tuple[Probe, ...]:
-    """Return the lines that change the residuals of a recorded motion of the nominal simulator."""
+def _probes(
+    bench: Bench, found: tuple[Line, ...], middle: Test, tests: Sequence[Test]
+) -> tuple[tuple[Probe, ...], tuple[Probe, ...]]:
+    """Return the lines that change the residuals of a recorded motion of the nominal simulator, and the idle ones.
+
+    Those do so at one of the tests in motions only of a simulator that has their own effect.
+    """
     units = {} if bench.features is None else bench.features.residual_units()
     if not isinstance(bench.backend, HasResiduals) or not units:
-        return ()
-    with blamed(bench, {}, test, 0):
-        trace = bench.run({}, test, 0)
-    params = bench.matched.to_backend(test)
-    probes = []
+        return (), ()
+
+    def moved(values: Values, test: Test) -> Trace:
+        with blamed(bench, values, test, 0):
+            return bench.run(values, test, 0)
+
+    def shows(probe: Probe, trace: Trace, test: Test) -> bool | None:
+        if trace.failure is not None:
+            return False
+        seen = Equations(bench.backend, (probe,), units).regressors(trace, bench.matched.to_backend(test))
+        return None if seen is None else bool(np.any(seen[1]))
+
+    def probe_at(line: Line, value: float) -> Probe:
+        return Probe(line.effect, line.parameter, value, line.coordinate(value))
+
+    nominal = moved({}, middle)
+    probes, idle = [], []
     for line in found:
-        value = line.at_typical()
-        probe = Probe(line.effect, line.parameter, value, line.coordinate(value))
-        seen = None if line.base else Equations(bench.backend, (probe,), units).regressors(trace, params)
-        if seen is not None and np.any(seen[1]):
+        probe = probe_at(line, line.at_typical())
+        # Of an effect that the equations cannot even be asked of such a motion they would silence all others.
+        seen = None if line.base else shows(probe, nominal, middle)
+        if seen:
             probes.append(probe)
-    return tuple(probes)
+        elif seen is False:
+            # A limit may be reached only where it is far lower than it typically is.
+            large = [probe, *(probe_at(line, value) for value in (line.values[0], line.values[-1]))]
+            shown = (
+                replace(one, idle=True)
+                for one in large
+                if any(shows(one, moved(line.at(one.value), test), test) for test in tests)
+            )
+            idle += [*islice(shown, 1)]
+    return tuple(probes), tuple(idle)
 
 
 def _voids(

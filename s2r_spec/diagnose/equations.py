@@ -12,7 +12,9 @@ finds less mass and less motor gain on every machine, for without both there wou
 residual at all. Where nominal rollouts of one test, of other random numbers, hold most of each
 other's regressors, they serve the machine's as instruments: two-stage least squares is nearly
 free of that (A. Janot, P.-O. Vandanjon, M. Gautier, "A generic instrumental variable approach for
-industrial robot identification", IEEE Trans. Control Systems Technology 22(1), 2014).
+industrial robot identification", IEEE Trans. Control Systems Technology 22(1), 2014). What shows
+in no nominal motion, as the friction of feet that do not slide, has no instruments: it is asked
+with its own regressor, which is there where a machine's motion has it.
 
 Where effects scale all that a model has, a model without mass and without motors explains every
 motion: that is asked for of any machine whose laws are not ours, whatever its causes, and no
@@ -49,12 +51,21 @@ LITTLE = 1e-3
 
 @dataclass(frozen=True)
 class Probe:
-    """One parameter of an effect at one value, and the coordinate of that."""
+    """One parameter of an effect at one value, and the coordinate of that.
+
+    Attributes:
+        effect: name.
+        parameter: of it.
+        value: of that.
+        coordinate: of the value.
+        idle: whether it shows in no nominal motion.
+    """
 
     effect: str
     parameter: str
     value: float
     coordinate: float
+    idle: bool = False
 
     @property
     def name(self) -> str:
@@ -69,10 +80,12 @@ class Instruments:
     Attributes:
         times: (m,) since the rollout began [s].
         taken: (probes, m, columns) of every residual, in the order of its units.
+        none: (probes,) of which there are none, for no nominal motion shows them.
     """
 
     times: FloatArray
     taken: tuple[FloatArray, ...]
+    none: NDArray[np.bool_]
 
     def at(self, times: FloatArray) -> tuple[FloatArray, ...]:
         """Return ``taken`` at other times; NaN before the first and after the last."""
@@ -161,8 +174,9 @@ class Equations:
         if not blocks or len(blocks) < len(found):
             return None
         times = blocks[0].times
-        each = [Instruments(block.times, block.taken).at(times) for block in blocks]
-        return Instruments(times, tuple(np.mean(of, axis=0) for of in zip(*each, strict=True)))
+        none = np.array([probe.idle for probe in self.probes])
+        each = [Instruments(block.times, block.taken, none).at(times) for block in blocks]
+        return Instruments(times, tuple(np.mean(of, axis=0) for of in zip(*each, strict=True)), none)
 
     def strength(
         self, trace: Trace, params: Mapping[str, float], instruments: Instruments
@@ -180,7 +194,7 @@ class Equations:
         found = self.motion(trace, params)
         if found is None:
             return None
-        columns = _flat(found, None if instruments is None else instruments.at(found.times))
+        columns = _flat(found, instruments)
         return columns if columns.rest.size else None
 
     def motion(self, trace: Trace, params: Mapping[str, float]) -> Motion | None:
@@ -251,7 +265,7 @@ class Motion:
 
     def asked(self, instruments: Instruments | None) -> tuple[FloatArray, FloatArray]:
         """Return (probes,) coordinates, and (probes, probes) by which these count beside those of other rollouts."""
-        columns = _flat(self, None if instruments is None else instruments.at(self.times))
+        columns = _flat(self, instruments)
         if not columns.rest.size:
             nothing = np.full(len(columns.taken), np.nan)
             return nothing, np.full((len(nothing), len(nothing)), np.nan)
@@ -280,10 +294,11 @@ class _Columns:
         return found
 
 
-def _flat(blocks: Motion, instruments: Sequence[FloatArray] | None = None) -> _Columns:
+def _flat(blocks: Motion, instruments: Instruments | None = None) -> _Columns:
     """Return all residuals of the samples that were recorded, and for which there are instruments."""
     rest, taken, beside = [], [], []
-    for bare, each, by in zip(blocks.rest, blocks.taken, instruments or blocks.taken, strict=True):
+    theirs = blocks.taken if instruments is None else instruments.at(blocks.times)
+    for bare, each, by in zip(blocks.rest, blocks.taken, theirs, strict=True):
         recorded = np.isfinite(bare)
         if by is not each:
             recorded &= np.isfinite(by).all(axis=0)
@@ -291,7 +306,9 @@ def _flat(blocks: Motion, instruments: Sequence[FloatArray] | None = None) -> _C
         taken.append(_chosen(recorded, each))
         beside.append(taken[-1] if by is each else _chosen(recorded, by))
     whole = np.hstack(taken)
-    held = whole if instruments is None else _held(whole, np.hstack(beside))
+    held = whole
+    if instruments is not None:
+        held = _held(whole, np.where(instruments.none[:, np.newaxis], whole, np.hstack(beside)))
     return _Columns(np.concatenate(rest), whole, held)
 
 

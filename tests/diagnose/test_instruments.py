@@ -11,7 +11,7 @@ from s2r_emps import EmpsBackend
 from s2r_emps.noise import Noise
 from s2r_spec.diagnose import bank as banks
 from s2r_spec.diagnose.axes import line
-from s2r_spec.diagnose.equations import Equations, Instruments, Probe
+from s2r_spec.diagnose.equations import Equations, Probe
 from s2r_spec.diagnose.features import Features
 from s2r_spec.diagnose.prepare import bench_of
 from s2r_spec.diagnose.simulate import Bench
@@ -56,7 +56,7 @@ def test_what_instruments_hold_of_a_regressor_says_how_strong_they_are(instrumen
     assert np.all(held > 0.95 * whole)
     assert np.all(held <= whole)
     rng = np.random.default_rng(0)
-    noise = Instruments(instruments.times, tuple(rng.normal(size=x.shape) for x in instruments.taken))
+    noise = replace(instruments, taken=tuple(rng.normal(size=x.shape) for x in instruments.taken))
     whole, held = EQUATIONS.strength(EmpsBackend().rollout(MOVE, 0), MOVE, noise)
     assert np.all(held < 0.05 * whole)
 
