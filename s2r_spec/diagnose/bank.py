@@ -10,6 +10,7 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from itertools import combinations, islice
 from pathlib import Path
 
@@ -41,6 +42,8 @@ NOTHING = 1e-6
 """A residual is none if its mean square is less than this part of the largest machine's."""
 AGREE = 0.01
 """Such coordinates that differ by no more, in parts of themselves, are the same at all tests."""
+REACHED = 2.0
+"""Coordinate of what shows in no nominal motion, such as a limit, if it is there: it is reached where it is far off."""
 PAIR_TESTS = 3
 """Tests, spread over the space, at which pairs are simulated together, once each."""
 
@@ -343,16 +346,15 @@ def _probes(
     probes, idle = [], []
     for line in found:
         probe = probe_at(line, line.at_typical())
-        # Of an effect that the equations cannot even be asked of such a motion they would silence all others.
+        # An effect of which the equations cannot even be asked of such a motion would silence all others.
         seen = None if line.base else shows(probe, nominal, middle)
         if seen:
             probes.append(probe)
         elif seen is False:
-            # A limit may be reached only where it is far lower than it typically is.
-            large = [probe, *(probe_at(line, value) for value in (line.values[0], line.values[-1]))]
+            sizes = sorted(line.values, key=lambda value: abs(abs(line.coordinate(value)) - REACHED))
             shown = (
                 replace(one, idle=True)
-                for one in large
+                for one in map(partial(probe_at, line), sizes)
                 if any(shows(one, moved(line.at(one.value), test), test) for test in tests)
             )
             idle += [*islice(shown, 1)]

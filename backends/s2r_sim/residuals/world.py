@@ -24,7 +24,7 @@ IntArray = NDArray[np.int64]
 
 _STILL = 0.1
 """[rad/s] below which a joint's dry friction holds anything up to itself."""
-_STICKS, _SLIDES = 0.03, 0.06
+_STICKS, _SLIDES = 0.06, 0.12
 """[m/s] below the first a foot sticks, above the second it slides and its friction is used up; between, in part."""
 _SLIDE_TIME = 0.06
 """[s] over which it does so on average: noise of measured velocities, or giving way under a first load, is no slide."""
