@@ -5,9 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from s2r_cart import DAMPING, FORCE, GAIN, MASS, NOMINAL, SPEC, STEP, Cart, real
+from s2r_cart import DAMPING, FORCE, GAIN, MASS, NOMINAL, SPEC, STEP, VOLTAGE, Cart, real
 
 import s2r_spec as s2r
+from s2r_spec.backend import Effect, EffectParameter
 from s2r_spec.diagnose import bank as banks
 from s2r_spec.diagnose.axes import line
 from s2r_spec.diagnose.equations import Equations, Probe
@@ -37,6 +38,25 @@ class Felt(Cart):
             channels["controller"] = (u - np.clip(law, -self.limit, self.limit))[:-1]
         units = {name: {"force": "N", "controller": "V"}[name] for name in channels}
         return Trace(trace.times[:-1], channels, units, {"parts": {name: ["cart"] for name in channels}})
+
+
+LOWERED = Effect(
+    "lowered",
+    "actuation",
+    "A lower limit of the voltage.",
+    (EffectParameter("part", "", 0.1, 1.0, 1.0, "1 minus half-normal, 0.3"),),
+)
+
+
+class Limited(Felt):
+    """With an effect more: a limit of the voltage, which no nominal motion reaches where it is typical."""
+
+    def effects(self):
+        return (*super().effects(), LOWERED)
+
+    def with_effects(self, values):
+        found = super().with_effects({name: of for name, of in values.items() if name != "lowered"})
+        return replace(found, limit=VOLTAGE * values.get("lowered", {}).get("part", 1.0))
 
 
 class Rattling(Felt):
@@ -251,6 +271,22 @@ def test_only_effects_that_the_residuals_know_are_asked_for_and_the_bank_keeps_t
     assert len(rows[0]) == 1 + len(made.features.names())
     assert [f.block for f in made.features.names() if f.statistic == "equation"] == names
     assert not banks.simulate(bench_of(spec, "tracking", Cart())).features.probes
+
+
+def test_what_shows_in_no_nominal_motion_is_asked_for_where_it_is_far_off():
+    bench = bench_of(s2r.parse_spec(SPEC), "tracking", Limited())
+    found = banks.simulate(bench).features.probes
+    last = found[-1]
+    assert (last.effect, last.idle) == ("lowered", True)
+    assert last.coordinate < -1.4
+    assert not any(probe.idle for probe in found[:-1])
+    machine = Limited().with_effects({"lowered": {"part": last.value}})
+    asked = Equations(Limited(), found, {"force": np.array([0.1]), "controller": np.array([0.1])})
+    there, not_there = (
+        asked.regressed(m.rollout({"vd": 0.8, "acc": 3.0}, 0), {})[-1] for m in (machine, Limited())
+    )
+    assert there == pytest.approx(last.coordinate, abs=0.1)
+    assert not_there == pytest.approx(0.0, abs=0.1)
 
 
 class Creeping(Felt):

@@ -11,7 +11,7 @@ from s2r_emps import EmpsBackend
 from s2r_emps.noise import Noise
 from s2r_spec.diagnose import bank as banks
 from s2r_spec.diagnose.axes import line
-from s2r_spec.diagnose.equations import Equations, Probe
+from s2r_spec.diagnose.equations import Equations, Instruments, Motion, Probe
 from s2r_spec.diagnose.features import Features
 from s2r_spec.diagnose.prepare import bench_of
 from s2r_spec.diagnose.simulate import Bench
@@ -164,3 +164,28 @@ def test_a_model_whose_mass_differs_between_tests_is_left_in_parts_of_its_motor_
     mass, gain = voids({}, {"speed": 0.15}, {"speed": 0.2})["force"]
     assert -0.1 < gain < -0.01
     assert mass < -0.01
+
+
+def burst(own):
+    """Return (2,) what is asked of a motion whose second effect shows in a tenth of the time, and in no nominal one."""
+    rng = np.random.default_rng(3)
+    times = np.arange(400) / 1000
+    clean, (noise, other) = np.sin(40 * times), rng.normal(size=(2, 400))
+    late = np.where((times > 0.2) & (times < 0.24), 1.0 + other, 0.0)
+    taken = np.array([clean + 0.3 * noise, late])[:, :, np.newaxis]
+    rest = (1.0 * clean + 2.0 * late)[:, np.newaxis]
+    by = Instruments(times, (np.array([clean, np.zeros(400)])[:, :, np.newaxis],), np.array([False, own]))
+    found, _ = Motion(times, (10.0 * rest,), (10.0 * taken,)).asked(by)
+    return found
+
+
+def test_what_shows_in_no_nominal_motion_is_asked_with_its_own_regressor():
+    assert burst(own=True) == pytest.approx([1.0, 2.0], abs=0.1)
+    assert abs(burst(own=False)[1]) < 0.2
+
+
+def test_of_what_a_simulator_has_no_nominal_motion_of_it_has_no_instruments():
+    idle = replace(PROBES[1], idle=True)
+    equations = replace(EQUATIONS, probes=(PROBES[0], idle))
+    found = equations.instruments([EmpsBackend().rollout(MOVE, 100)], MOVE)
+    assert found.none.tolist() == [False, True]
