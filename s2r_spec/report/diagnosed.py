@@ -96,7 +96,11 @@ def doubt(which: Which) -> str:
     """Return what cannot be told apart, and what of it by no data; nothing if the answer stands alone."""
     if not set(which.confounded) > set(which.answer) != set():
         return ""
-    words = f"these data cannot tell apart: {', '.join(which.confounded)}"
+    if len(which.answer) == 1:
+        words = f"these data cannot tell apart: {', '.join(which.confounded)}"
+    else:
+        others = ", ".join(name for name in which.confounded if name not in which.answer)
+        words = f"these data do not rule out: {others}"
     kinds = ", ".join(f"{a} and {b}" for a, b in which.isolability.kinds(which.confounded))
     return (
         f"{words}; a law a little off makes {kinds} the same in these tests, however many" if kinds else words

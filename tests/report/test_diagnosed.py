@@ -261,6 +261,8 @@ def test_what_no_data_tell_apart_is_said_to_be_so():
     for shown in (markdown(alike, spec), Page(diagnosed_page.render(alike, spec)).text):
         assert f"These data {words}." in shown
     assert diagnosed.doubt(replace(found.which, answer=())) == ""
+    beside = replace(found.which, answer=("friction", "delay"), confounded=("friction", "delay", "payload"))
+    assert diagnosed.doubt(beside) == "these data do not rule out: payload"
 
 
 def test_confounded_pairs_are_marked():
