@@ -157,6 +157,19 @@ def test_a_slope_is_no_roughness_and_feet_that_never_stood_say_nothing():
         assert found.spread(found.expected).tolist() == np.zeros((5, 4)).tolist()
 
 
+def test_a_foothold_that_was_not_recorded_takes_no_other_with_it():
+    trace = SIM.with_effects({"roughness": {"height": 0.004}}).rollout({"vd": 0.3}, seed=1)
+    whole = SIM.residuals(trace, {"vd": 0.3})["unevenness"]
+    for name in ("foot_position", "foot_force"):
+        holed = trace[name].copy()
+        holed[100:110] = np.nan
+        found = SIM.residuals(
+            Trace(trace.times, dict(trace.channels) | {name: holed}, trace.units), {"vd": 0.3}
+        )["unevenness"]
+        assert np.isfinite(found).all()
+        assert found.mean() == pytest.approx(whole.mean(), rel=0.1)
+
+
 def test_footholds_are_told_foot_by_foot_and_stand_by_stand():
     touches = np.array([[1, 0], [1, 0], [0, 1], [1, 1]])
     x = np.array([[0.0, 9.0], [0.2, 9.0], [9.0, 0.3], [0.4, 0.5]])

@@ -51,7 +51,7 @@ def footing(touches: FloatArray, x: FloatArray, y: FloatArray) -> Footing:
 
     Args:
         touches: (ticks, feet) 1 where a foot is on the ground.
-        x: (ticks, feet) where it is [m].
+        x: (ticks, feet) where it is [m]; looked at where it touches only.
         y: likewise.
     """
     stands = touches > 0.0

@@ -104,9 +104,13 @@ class Recorded:
 
     @cached_property
     def footing(self) -> Footing:
-        """Where feet stood."""
-        x, y, _ = np.moveaxis(self.mid("foot_position").reshape(-1, 4, 3), -1, 0)
-        return footing(self.touches, x, y)
+        """Where feet stood, as far as that was recorded: a sample that is missing must not take all others with it."""
+        place = self.mid("foot_position").reshape(-1, 4, 3)
+        known = np.isfinite(place).all(axis=-1)
+        if "foot_force" in self.trace.channels:
+            known &= np.isfinite(self.at("foot_force")).reshape(-1, 4, 3).all(axis=-1)
+        x, y, _ = np.moveaxis(place, -1, 0)
+        return footing(np.where(known, self.touches, 0.0), x, y)
 
     @cached_property
     def foot_force(self) -> FloatArray:
