@@ -21,11 +21,22 @@ Diagnose = Callable[[Path], Mapping[str, Any]]
 
 
 def freeze(
-    public: Path, answers: Path, diagnose: Diagnose, progress: Callable[[str, int, int], None] | None = None
+    public: Path,
+    answers: Path,
+    diagnose: Diagnose,
+    progress: Callable[[str, int, int], None] | None = None,
+    simulator: str = "",
 ) -> str:
     """Diagnose every case and write the manifest; return its hash. Answers that are there are kept.
 
     What code answers is noted before the first answer, so that a run that goes on does so with the same.
+
+    Args:
+        public: folder with one folder of rollouts a case.
+        answers: folder of the answers.
+        diagnose: gives them.
+        progress: told of every case, how many are done, and of how many.
+        simulator: hash of the source of the simulator that it asks: what its residuals know is part of a diagnosis.
 
     Raises:
         UsageError: the answers are frozen already, a case is not sealed, or s2r is another than that which began.
@@ -38,14 +49,14 @@ def freeze(
         if not (public / f"{name}.commit").exists():
             raise UsageError(f"{public / name} is not sealed; run s2r blind seal first")
     answers.mkdir(parents=True, exist_ok=True)
-    code = _begun(answers)
+    code = _begun(answers, simulator)
     for number, name in enumerate(ids):
         path = answers / f"{name}.json"
         if not path.exists():
             write_json(path, diagnose(public / name))
         if progress is not None:
             progress(name, number + 1, len(ids))
-    if code_hash() != code:
+    if code_hash(simulator) != code:
         raise UsageError(
             f"s2r's source changed while it answered; begin again in another folder than {answers}"
         )
@@ -63,13 +74,13 @@ def freeze(
     return _digest(manifest)
 
 
-def _begun(answers: Path) -> str:
+def _begun(answers: Path, simulator: str) -> str:
     """Return the hash of the code that answers, noted where the answers will be.
 
     Raises:
         UsageError: other code began, or answers are there and nothing says of what code.
     """
-    note, code = answers / BEGUN, code_hash()
+    note, code = answers / BEGUN, code_hash(simulator)
     if not note.exists():
         if any(answers.glob("*.json")):
             raise UsageError(
@@ -104,10 +115,10 @@ def check(public: Path, answers: Path) -> dict[str, Any]:
     return manifest
 
 
-def code_hash() -> str:
-    """Return the hash of s2r's own source."""
+def code_hash(simulator: str = "") -> str:
+    """Return the hash of s2r's own source, and of what hash the simulator's source has."""
     root = Path(__file__).parents[1]
-    digest = hashlib.sha256()
+    digest = hashlib.sha256(simulator.encode())
     for path in sorted(root.rglob("*.py")):
         digest.update(f"{path.relative_to(root).as_posix()}\0".encode() + path.read_bytes())
     return digest.hexdigest()

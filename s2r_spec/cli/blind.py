@@ -47,9 +47,11 @@ def freeze(
 ) -> None:
     """Diagnose every case of a sealed set, and fix the answers by one hash. What is there already is kept."""
     with sentences():
+        from s2r_spec.backend import load_backend
         from s2r_spec.blind.freeze import freeze as fix
         from s2r_spec.cli.stages import Stages
         from s2r_spec.diagnose import diagnose
+        from s2r_spec.diagnose.bank import source_of
         from s2r_spec.rollouts.recorded import LogBackend
         from s2r_spec.spec import load_spec
 
@@ -68,7 +70,8 @@ def freeze(
                     progress=stages,
                 ).to_json()
 
-            digest = fix(public, answers, answer, lambda name, done, of: stages("cases", done, of))
+            source = source_of(type(load_backend(sim)))
+            digest = fix(public, answers, answer, lambda name, done, of: stages("cases", done, of), source)
         print(f"frozen: {answers}, manifest {digest}; commit it before opening")
 
 

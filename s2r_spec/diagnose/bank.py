@@ -127,7 +127,7 @@ def key(bench: Bench) -> str:
         "variants": sorted(bench.backend.variants()) if isinstance(bench.backend, HasVariants) else [],
         "source": _source(),
         # A model's hash says what its rollouts are; its residuals are of other source, which it may leave out.
-        "residuals": _code(type(bench.backend)) if isinstance(bench.backend, HasResiduals) else "",
+        "residuals": source_of(type(bench.backend)) if isinstance(bench.backend, HasResiduals) else "",
     }
     return hashlib.sha256(json.dumps(what, sort_keys=True).encode()).hexdigest()
 
@@ -145,7 +145,7 @@ def _source() -> str:
     return digest.hexdigest()
 
 
-def _code(kind: type) -> str:
+def source_of(kind: type) -> str:
     """Return a hash of the packages that a class and those it is made from are in, or of their files."""
     digest = hashlib.sha256()
     for one in kind.__mro__:

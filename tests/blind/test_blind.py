@@ -124,9 +124,13 @@ def test_answers_of_two_versions_are_not_frozen_together(sealed, monkeypatch):
         freeze(sealed / "public", sealed / "answers", interrupted)
     code = (sealed / "answers" / BEGUN).read_text().strip()
     with monkeypatch.context() as patched:
-        patched.setattr(freezing, "code_hash", lambda: "another")
+        patched.setattr(freezing, "code_hash", lambda simulator: "another")
         with pytest.raises(UsageError, match="are of another s2r than this one"):
             frozen(sealed)
+    with pytest.raises(UsageError, match="are of another s2r than this one"):  # or of another simulator
+        freeze(
+            sealed / "public", sealed / "answers", interrupted, simulator="what its residuals know is other"
+        )
     frozen(sealed)
     assert json.loads((sealed / "answers" / "manifest.json").read_text())["code"] == code
 
