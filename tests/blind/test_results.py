@@ -52,9 +52,9 @@ def test_what_is_said_of_answers_that_were_sure_and_wrong():
     words = f"Of {len(sure)} answers of 0.9 and more {len(wrong)} are wrong"
     assert words in page, (words, wrong)
     pairs = [effects for effects in wrong if len(effects) == 2]
-    small = {"torque_limit", "ground_effect"}
+    small = {"torque_limit", "torque_speed_line", "ground_effect"}
     assert all(len(set(effects) & small) == 1 for effects in pairs)
-    assert sum("torque_limit" in effects for effects in pairs) == 3
+    assert sum("torque_limit" in effects for effects in pairs) == 4
     others = {
         (case["label"]["kind"], *case["label"]["effects"]): set(first(case)[0])
         for case in sure
@@ -66,8 +66,8 @@ def test_what_is_said_of_answers_that_were_sure_and_wrong():
         ("unknown", "square_drag"): {"foot_drag"},
     }
     assert (
-        f"{len(pairs)} times one of a pair was missed (three torque limits, a ground effect), a machine with nothing "
-        "wrong was said to have an offset, uneven ground was called unknown, and a drag with the square of the speed "
+        f"{len(pairs)} times one of a pair was missed (four torque limits, a speed-torque line, a ground effect), "
+        "a machine with nothing wrong was said to have an offset, uneven ground was called unknown, and a drag with the square of the speed "
         "was named as a drag."
     ) in page
 
