@@ -321,9 +321,9 @@ def _little(bench: Bench, features: Features, found: tuple[Line, ...], test: Tes
 def _probes(
     bench: Bench, found: tuple[Line, ...], middle: Test, tests: Sequence[Test]
 ) -> tuple[tuple[Probe, ...], tuple[Probe, ...]]:
-    """Return the lines that change the residuals of a recorded motion of the nominal simulator, and the idle ones.
+    """Return the lines that change the residuals of a nominal motion in the middle of the test space, and the idle ones.
 
-    Those do so at one of the tests in motions only of a simulator that has their own effect.
+    An idle one does so in a motion of the simulator that has its own effect, at one of the tests.
     """
     units = {} if bench.features is None else bench.features.residual_units()
     if not isinstance(bench.backend, HasResiduals) or not units:

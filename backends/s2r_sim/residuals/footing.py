@@ -2,8 +2,8 @@
 
 A plane takes with it what a slope, a soft ground or a wrong origin of the height makes of all footholds alike, and a
 part of the unevenness, too. How much of it is left follows from how alike the ground is at two places: with R the
-residual operator of the plane (A. C. Aitken's generalized least squares, weighted by how long a foot stood) and K
-the covariance of heights of a ground of unit roughness, the covariance of what is left is R K Rᵀ.
+residual operator of the plane (least squares, weighted by how long a foot stood) and K the covariance of heights of
+a ground of unit roughness, the covariance of what is left is R K Rᵀ; heights are taken for Gaussian.
 """
 
 from __future__ import annotations
