@@ -321,7 +321,7 @@ def _little(bench: Bench, features: Features, found: tuple[Line, ...], test: Tes
 def _probes(
     bench: Bench, found: tuple[Line, ...], middle: Test, tests: Sequence[Test]
 ) -> tuple[tuple[Probe, ...], tuple[Probe, ...]]:
-    """Return the lines that change the residuals of a nominal motion in the middle of the test space, and the idle ones.
+    """Return the lines that change the residuals of a nominal motion at the middle test, and the idle ones.
 
     An idle one does so in a motion of the simulator that has its own effect, at one of the tests.
     """
