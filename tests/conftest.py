@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -14,6 +15,14 @@ from s2r_spec.rollouts import journal, runner
 from s2r_spec.rollouts.journal import FILE
 
 PLUGIN = Path(__file__).parent / "plugin"
+sys.path.append(str(PLUGIN))
+
+
+@pytest.fixture(scope="session")
+def cache(tmp_path_factory):
+    """Where banks and judges are kept: made once for all tests, and for all of xdist's workers."""
+    own = tmp_path_factory.getbasetemp()
+    return (own.parent if "PYTEST_XDIST_WORKER" in os.environ else own) / "cache"
 
 
 @pytest.fixture

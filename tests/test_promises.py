@@ -1,21 +1,17 @@
 """What a backend promises is tried, and what it breaks is said."""
 
 import re
-import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from s2r_cart import Cart
+from s2r_toy import Toy
 
 from s2r_spec.backend import Channel, Effect, EffectParameter, load_backend
 from s2r_spec.promises import promises
 from s2r_spec.trace import Trace
-from tests.conftest import PLUGIN
-
-sys.path.append(str(PLUGIN))
-from s2r_cart import Cart
-from s2r_toy import Toy
 
 PAGE = Path(__file__).parents[1] / "docs" / "how-to" / "effects.md"
 

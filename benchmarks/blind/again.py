@@ -54,7 +54,9 @@ def main() -> None:
         words = ["s2r_spec", "diagnose", public / name / "spec.stl", "--sim", SETS[given.set][1], "--quiet"]
         words += ["--real", f"log:{public / name}", "--run", out / name, "--workers", given.workers]
         command = [sys.executable, "-m", *map(str, words)]
-        done = subprocess.run(command, cwd=ROOT, env=offered(given.set), stdout=subprocess.DEVNULL, check=False)
+        done = subprocess.run(
+            command, cwd=ROOT, env=offered(given.set), stdout=subprocess.DEVNULL, check=False
+        )
         if done.returncode not in (0, 3):
             raise SystemExit(f"{name}: s2r diagnose ended with {done.returncode}")
         now = json.loads((out / name / "diagnosis.json").read_text())

@@ -67,8 +67,8 @@ def test_what_is_said_of_answers_that_were_sure_and_wrong():
     }
     assert (
         f"{len(pairs)} times one of a pair was missed (four torque limits, a speed-torque line, a ground effect), "
-        "a machine with nothing wrong was said to have an offset, uneven ground was called unknown, and a drag with the square of the speed "
-        "was named as a drag."
+        "a machine with nothing wrong was said to have an offset, uneven ground was called unknown, and a drag with "
+        "the square of the speed was named as a drag."
     ) in page
 
 

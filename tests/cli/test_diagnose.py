@@ -2,16 +2,15 @@ import json
 
 import jsonschema
 import pytest
+from s2r_cart import SPEC
 
 from s2r_spec.report import jsonform
-from tests.conftest import PLUGIN
 
 
 @pytest.fixture
-def cart(s2r, tmp_path, monkeypatch, tmp_path_factory):
-    monkeypatch.setenv("S2R_CACHE", str(tmp_path_factory.getbasetemp() / "cart-cache"))
-    text = (PLUGIN / "s2r_cart.py").read_text().split('SPEC = """')[1].split('"""')[0]
-    (tmp_path / "cart.stl").write_text(text)
+def cart(s2r, tmp_path, monkeypatch, cache):
+    monkeypatch.setenv("S2R_CACHE", str(cache))
+    (tmp_path / "cart.stl").write_text(SPEC)
     return s2r
 
 

@@ -13,8 +13,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceW
 
 
 @pytest.fixture(scope="module")
-def find(tmp_path_factory):
-    cache = tmp_path_factory.mktemp("cache")
+def find(cache):
     spec = s2r.load_spec(ROOT / "specs" / "turtlebot.stl")
     nominal = s2r.load_backend("turtlebot")
 

@@ -1,0 +1,63 @@
+"""``s2r blind``: a set of two machines from its sealing to its score, as a user runs it."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+from s2r_cart import SPEC, real
+
+from s2r_spec import logs
+
+WITHHELD = {"a": {"viscous": 2.5}, "b": {"tilt": -2.0}}
+
+
+@pytest.fixture
+def made(s2r, monkeypatch, cache):
+    monkeypatch.setenv("S2R_CACHE", str(cache))
+    (s2r.folder / "labels").mkdir()
+    for number, (name, effects) in enumerate(WITHHELD.items()):
+        case, rng = s2r.folder / "public" / name, np.random.default_rng(number)
+        case.mkdir(parents=True)
+        (case / "spec.stl").write_text(SPEC)
+        with (case / "rollouts.csv").open("w", newline="") as stream:
+            table = csv.writer(stream)
+            table.writerow(("id", "vd [m/s]", "acc [m/s^2]"))
+            for k in range(20):
+                test = {"vd": rng.uniform(0.2, 1), "acc": rng.uniform(1, 4)}
+                logs.write(real(test, 1000 * (number + 3) + k, effects), case / f"{k:02d}.npz")
+                table.writerow((f"{k:02d}", *test.values()))
+        label = {
+            "id": name,
+            "kind": "single",
+            "effects": {
+                effect: {"coefficient" if effect == "viscous" else "force": value}
+                for effect, value in effects.items()
+            },
+        }
+        (s2r.folder / "labels" / f"{name}.json").write_text(json.dumps(label))
+    return s2r
+
+
+def test_a_set_from_its_sealing_to_its_score(made):
+    seal = ("blind", "seal", "public", "--labels", "labels", "--keys", "keys")
+    freeze = ("blind", "freeze", "public", "--answers", "answers", "--sim", "cart", "--workers", 1, "-q")
+    open_ = ("blind", "open", "public", "--keys", "keys", "--answers", "answers")
+    assert "is not sealed; run s2r blind seal first" in made(*freeze, code=2).stderr
+    assert made(*seal, code=0).stdout == "2 labels sealed; salts and labels are in keys\n"
+    assert not list((made.folder / "labels").glob("*.json"))
+    assert "manifest.json" in made(*open_, code=2).stderr  # nothing is opened before answers are frozen
+    done = made(*freeze, code=0)
+    assert done.stdout.startswith("frozen: answers, manifest ")
+    assert "these answers are frozen" in made(*freeze, code=2).stderr
+    path = made.folder / "answers" / "a.json"
+    answer = path.read_text()
+    path.write_text(answer.replace('"viscous"', '"coulomb"'))
+    assert "a.json is not the answer that was frozen" in made(*open_, code=2).stderr
+    assert not list((made.folder / "answers").glob("opened*"))  # and nothing has left the keys
+    path.write_text(answer)
+    assert made(*open_, code=0).stdout == "2 labels opened into answers\n"
+    scores = json.loads(made("blind", "score", "answers", "--json", code=0).stdout)
+    assert (scores["top-1, single effects"]["hits"], scores["top-1, single effects"]["of"]) == (2, 2)
+    printed = made("blind", "score", "answers", code=0).stdout
+    assert "2 of 2" in next(line for line in printed.splitlines() if line.startswith("top-1, single effects"))
