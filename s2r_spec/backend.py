@@ -274,6 +274,8 @@ def load_backend(name: str) -> Backend:
     factory = _factory(kind)
     try:
         backend = factory(argument) if colon else factory()
+        if colon and hasattr(backend, "chosen"):
+            backend.chosen()  # a class without options takes them for its first field, and fails much later
     except S2RError:
         raise
     except Exception as error:

@@ -31,7 +31,7 @@ def choose(backend: str, catalogue: Iterable[Effect], before: Choice, values: Va
         UsageError: an effect or a parameter is unknown, or a value out of range.
     """
     known = {effect.name: {p.name: p for p in effect.parameters} for effect in catalogue}
-    chosen = {name: dict(pairs) for name, pairs in before}
+    chosen = as_values(before)
     for name, numbers in values.items():
         if name not in known:
             raise UsageError(
@@ -56,11 +56,20 @@ def choose(backend: str, catalogue: Iterable[Effect], before: Choice, values: Va
 def settings(catalogue: Iterable[Effect], choice: Choice) -> dict[str, dict[str, float]]:
     """Return effect → parameter → value of the chosen effects; a parameter that was not set is nominal."""
     nominal = {effect.name: {p.name: p.nominal for p in effect.parameters} for effect in catalogue}
-    return {name: nominal[name] | dict(pairs) for name, pairs in choice}
+    return {name: nominal[name] | values for name, values in as_values(choice).items()}
 
 
 def as_values(choice: Choice) -> dict[str, dict[str, float]]:
-    """Return effect → parameter → value of what was set, and no more."""
+    """Return effect → parameter → value of what was set, and no more.
+
+    Raises:
+        UsageError: it is a text: a class that keeps its choice first was given what followed the colon of its name.
+    """
+    if isinstance(choice, str):
+        raise UsageError(
+            f"this backend takes no options and was given {choice!r}; leave out the colon and what follows, or let its "
+            f"entry point be a function that reads them"
+        )
     return {name: dict(pairs) for name, pairs in choice}
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from s2r_spec import backend
 from s2r_spec.backend import Backend, HasEffects
 from s2r_spec.errors import UsageError
 
@@ -24,10 +25,10 @@ def cart():
 
 def test_the_page_on_effects_shows_a_backend_with_effects(cart, capsys):
     robot, worn = cart["cart"], cart["worn"]
-    for backend in (robot, worn):
-        assert isinstance(backend, Backend)
-        assert isinstance(backend, HasEffects)
-    end = [backend.rollout({"vd": 0.5}, seed=0)["v"][-1] for backend in (robot, worn)]
+    for each in (robot, worn):
+        assert isinstance(each, Backend)
+        assert isinstance(each, HasEffects)
+    end = [each.rollout({"vd": 0.5}, seed=0)["v"][-1] for each in (robot, worn)]
     assert end == pytest.approx([0.50, 0.37], abs=0.01)  # as the comment on the page says
     assert robot.model_hash != worn.model_hash
 
@@ -41,6 +42,20 @@ def test_its_effects_are_as_the_page_asks(cart):
     assert one == other
     with pytest.raises(UsageError, match=r"the backend 'cart' has no effect 'drug'; did you mean 'drag'\?"):
         robot.with_effects({"drug": {}})
+
+
+def test_its_options_are_read_and_a_class_without_any_refuses_them(cart, monkeypatch):
+    made = cart["with_options"]("drag.rate=1,weak_motor.factor=0.9")
+    assert made.chosen() == {"drag": {"rate": 1.0}, "weak_motor": {"factor": 0.9}}
+    with pytest.raises(UsageError, match="the backend 'cart' has no effect 'drug'"):
+        cart["with_options"]("drug")
+    # The class keeps its effects in its first field, where an option would land.
+    monkeypatch.setattr(backend, "_factory", lambda name: cart["Cart"])
+    assert backend.load_backend("cart") == cart["Cart"]()
+    with pytest.raises(
+        UsageError, match=r"this backend takes no options and was given 'worn'; leave out the colon"
+    ):
+        backend.load_backend("cart:worn")
 
 
 def test_the_page_on_clusters_quotes_what_is_said():

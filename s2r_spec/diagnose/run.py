@@ -32,7 +32,7 @@ from s2r_spec.diagnose.remainder import remainders
 from s2r_spec.diagnose.simulate import Bench, Test
 from s2r_spec.diagnose.size import sized
 from s2r_spec.diagnose.together import LARGEST, Together, together
-from s2r_spec.diagnose.verdict import SURE, clear, confounded, decided, large, reason, spare
+from s2r_spec.diagnose.verdict import SURE, clear, confounded, decided, large, likeliest, reason, spare
 from s2r_spec.diagnose.where.found import Where
 from s2r_spec.diagnose.where.found import where as find_where
 from s2r_spec.errors import UsageError
@@ -169,7 +169,8 @@ def _answer(
     )
     ranked = state.sets.ranked()
     first_none = not ranked[0][0]
-    named = next(members for members, _ in ranked if members)
+    told = shared(state.sets, isolable.kin)
+    named = likeliest(ranked, told.ranked())
     tell("fitting the causes", 0, 1)
     catalogue = state.view.surrogate.catalogue
     best = sized(state, weighed, named)
@@ -197,7 +198,6 @@ def _answer(
     )
     known = 1.0 - unknown
     by_size: dict[int, dict[tuple[str, ...], float]] = {size: {} for size in range(LARGEST + 2)}
-    told = shared(state.sets, isolable.kin)
     for several, probability in zip(told.members, told.probability, strict=True):
         by_size[len(several)][tuple(effects[k] for k in several)] = known * float(probability)
 

@@ -140,6 +140,20 @@ def clear(sets: Sets, members: tuple[int, ...], probability: float) -> bool:
     return bool(probability >= CLEAR or min(among, default=0.0) >= SURE)
 
 
+def likeliest(seen: Sequence[tuple[Set, float]], told: Sequence[tuple[Set, float]]) -> Set:
+    """Return the set to name, of both rankings: the likeliest with an effect, by the evidence.
+
+    Two effects of a kind that fit best together may be one of them, whose law lies between: where a part of the set is
+    likelier than the whole once that is reckoned with, the part is named, and the rest is not ruled out.
+
+    Args:
+        seen: sets and their probabilities by the evidence, the likeliest first.
+        told: the same, shared among effects of a kind.
+    """
+    named = next(members for members, _ in seen if members)
+    return next(members for members, _ in told if members and set(members) <= set(named))
+
+
 def large(catalogue: Catalogue, named: Set, at: FloatArray) -> Set:
     """Return the effects that are there, of (K,) coordinates, by more than of any machine; all, if none is.
 

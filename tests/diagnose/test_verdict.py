@@ -20,6 +20,7 @@ from s2r_spec.diagnose.verdict import (
     confounded,
     decided,
     large,
+    likeliest,
     reason,
     spare,
 )
@@ -44,6 +45,15 @@ def by_size(**sets):
         members = () if names == "none" else tuple(names)
         found[len(members)][members] = probability
     return found
+
+
+def test_of_two_effects_of_a_kind_the_likelier_is_named_if_it_is_likelier_than_both():
+    """A robot's own twin was said to have both of two that look alike, each alone being the likelier answer."""
+    seen = [((0, 1), 0.75), ((0,), 0.15), ((2,), 0.1)]
+    assert likeliest(seen, [((0,), 0.36), ((1,), 0.3), ((0, 1), 0.26), ((2,), 0.08)]) == (0,)
+    assert likeliest(seen, [((0, 1), 0.7), ((0,), 0.2), ((2,), 0.1)]) == (0, 1)
+    # what the evidence does not see is not named for its kin's sake, and the empty set is no cause
+    assert likeliest(seen, [((), 0.4), ((2,), 0.3), ((0, 1), 0.2), ((0,), 0.1)]) == (0, 1)
 
 
 def test_a_set_nearly_as_likely_is_answered_with_the_first():
