@@ -155,8 +155,8 @@ class Diagnosis:
         assumptions: what the answer rests on.
         notes: what the real rollouts lack, a sentence each.
         by_falls: whether what is named rests on falls alone: no other rollout shows it.
-        misread: channels that look as if they were recorded in another unit, or with the other sign; what is said of
-            causes is worth little until that is seen to.
+        misread: channels that look as if they were recorded in another unit, with the other sign, from another time
+            on, or not at all; what is said of causes is worth little until that is seen to.
     """
 
     verdict: Verdict

@@ -100,7 +100,7 @@ def diagnose(
     held_first = parts.held
     with kept_open(executor) as pool:
         why = falls(bench, bank.lines, rollouts, seed, pool)
-        odd = misread(bench, rollouts)
+        odd = misread(bench, rollouts, bank.lines)
         alone = falls_alone(bench, rollouts, seed, pool)
         lacking = notes(bench, told, ENOUGH, idle, why, odd, alone)
         state = prepare(bench, bank, parts.compared, seed, cache, pool, tell)

@@ -9,7 +9,7 @@ from s2r_cart import SPEC, Cart, real
 import s2r_spec as s2r
 from s2r_spec.diagnose import bank as banks
 from s2r_spec.diagnose.ask import as_simulated, cut, read_at, real_rollouts
-from s2r_spec.diagnose.axes import line
+from s2r_spec.diagnose.axes import line, lines
 from s2r_spec.diagnose.next_test import next_test
 from s2r_spec.diagnose.notes import Used, misread, notes
 from s2r_spec.diagnose.parted import ENOUGH, split
@@ -261,15 +261,90 @@ def test_a_channel_with_the_other_sign_is_told_and_comes_first(cache):
 
     odd = misread(BENCH, many(8, 8, flipped))
     assert odd == {
-        "u": "u of the real rollouts is about the simulator's with the other sign: does it count the same way?"
+        "u": "u of the real rollouts goes the other way than the simulator's: does it count the same way?"
     }
     assert misread(BENCH, many(8, 8)) == {}
     found = s2r.diagnose(s2r.parse_spec(SPEC), Cart(), many(12, 9, flipped), cache=cache, where=False)
     assert found.misread == ("u",)
     assert found.notes[0] == odd["u"]
     assert next_step(found, s2r.parse_spec(SPEC)).startswith(
-        "First make sure of the unit and the sign of u in"
+        "First make sure of the unit, the sign and the begin of u in"
     )
+
+
+@pytest.mark.parametrize(
+    ("times", "words"),
+    [
+        (-1.0, "u of the real rollouts goes the other way"),
+        (1e3, "u of the real rollouts is about 1000 times"),
+    ],
+)
+def test_a_cause_that_moves_a_command_hides_neither_its_sign_nor_its_unit(times, words):
+    def spoilt(trace):
+        return Trace(trace.times, dict(trace.channels) | {"u": times * trace["u"]}, {})
+
+    rng = np.random.default_rng(6)
+    tests = [{"vd": rng.uniform(0.2, 1), "acc": rng.uniform(1, 4)} for _ in range(8)]
+    weak = [(test, real(test, 900 + i, {"motor": 0.7})) for i, test in enumerate(tests)]
+    assert misread(BENCH, weak) == {}
+    [told] = misread(BENCH, [(test, spoilt(trace)) for test, trace in weak]).values()
+    assert told.startswith(words)
+
+
+def test_a_channel_that_never_moves_is_told():
+    def dead(trace):
+        return Trace(trace.times, dict(trace.channels) | {"v_meas": 0.0 * trace["v"]}, trace.units)
+
+    [told] = misread(BENCH, many(8, 8, dead)).values()
+    assert told.startswith(
+        "v_meas of the real rollouts never moves, and the simulator's does: was it recorded?"
+    )
+
+
+@pytest.mark.parametrize(
+    ("every", "words"),
+    [(3, "in 4 of 12 real rollouts: nothing is read from it there"),
+     (1, "in 12 of 12 real rollouts: nothing is read from it at all")],
+)  # fmt: skip
+def test_a_channel_that_some_rollouts_lack_or_have_gaps_in_is_told(every, words):
+    runs = many(12, 9)
+    for i in range(0, 12, every):
+        test, trace = runs[i]
+        channels = dict(trace.channels)
+        if i % 2:
+            del channels["u"]
+        else:
+            channels["u"] = np.where(np.arange(len(trace)) < 9, np.nan, trace["u"])
+        runs[i] = (
+            test,
+            Trace(trace.times, channels, {n: u for n, u in trace.units.items() if n in channels}),
+        )
+    [one] = notes(BENCH, Used(runs, 12, False, 4, 12), ENOUGH)
+    assert one == f"u is missing, or no number at times, {words}"
+
+
+@pytest.mark.parametrize(
+    ("seconds", "words"),
+    [(0.2, "comes 0.2 s after the simulator's: do the recordings begin so much too early?"),
+     (-0.3, "comes 0.3 s before the simulator's: do the recordings begin so much too late?")],
+)  # fmt: skip
+def test_a_recording_that_begins_at_another_time_is_known_by_a_command(seconds, words):
+    """No effect changes the speed that is asked for; where it comes later, the recording began earlier."""
+    found = lines(Cart().effects())
+    delayed = [(test, real(test, 40 + i, {"delay": 0.06})) for i, (test, _) in enumerate(many(8, 8))]
+    assert misread(BENCH, delayed, found) == {}
+
+    def shifted(trace):
+        k = round(seconds / 0.01)
+        moved = {n: np.roll(x, k) for n, x in trace.channels.items()}
+        for x in moved.values():  # before it stands still, and after it is not known
+            x[: max(k, 0)] = x[max(k, 0)]
+            x[len(x) + min(k, 0) :] = x[len(x) + min(k, 0) - 1]
+        return Trace(trace.times, moved, trace.units)
+
+    told = misread(BENCH, [(test, shifted(trace)) for test, trace in delayed], found)
+    assert list(told) == ["v_ref"]
+    assert told["v_ref"] == f"v_ref of the real rollouts, which no effect changes, {words}"
 
 
 def test_an_effect_that_is_in_the_simulator_is_what_nominal_is(cache):
