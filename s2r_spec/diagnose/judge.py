@@ -49,8 +49,8 @@ class Weights:
     (``benchmarks/blind/weigh.py``), and are the same for every backend. That code also makes the sealed sets of the
     axis, with other seeds; an arm and a quadrotor, on which none of them was chosen, have sets of their own.
 
-    A set A of effects scores log evidence / temperature + trust · log P_network(A) − penalty[|A|], the penalty being
-    that of a catalogue of ``catalogue`` effects; see :meth:`penalties`. Where the
+    A set A of effects scores evidence · log evidence / temperature + trust · log P_network(A) − penalty[|A|], the penalty
+    being that of a catalogue of ``catalogue`` effects; see :meth:`penalties`. Where the
     equations of motion are asked by themselves (:mod:`s2r_spec.diagnose.told`) it is told · their log evidence more,
     and the networks are trusted by ``beside`` alone. Of traces that look like nothing they practised on they know
     little: either trust is times P(the cause is in the catalogue), by the traces. The features hang together: n of
@@ -60,6 +60,7 @@ class Weights:
     """
 
     independent: float
+    evidence: float
     trust: float
     penalty: tuple[float, float, float, float]
     told: float
@@ -86,7 +87,7 @@ class Weights:
         return np.where(size > 0, found + (1.0 - (trust or 0.0)) * more, nothing)
 
 
-WEIGHTS = Weights(50.0, 0.57, (0.0, 0.0, 2.9, 4.3), 0.6, 0.4, 12)
+WEIGHTS = Weights(50.0, 2.0, 0.57, (0.0, 0.0, 2.9, 4.3), 0.6, 0.4, 12)
 USUAL = 0.1
 """Misfit of the joint fit, in units of what is believed, for which ``independent`` is meant."""
 COLDEST = 1.0
@@ -238,7 +239,7 @@ def _score(
     trust: float,
     effects: int,
 ) -> FloatArray:
-    score: FloatArray = (logs - logs.max()) / temperature
+    score: FloatArray = w.evidence * (logs - logs.max()) / temperature
     if p is None:
         return score - w.penalties(np.array([len(a) for a in members]), effects, None)
     vote, size = votes(members, p)

@@ -78,9 +78,11 @@ class Unit:
         )
 
     def over(self, other: Unit) -> Unit:
-        """Return the unit of a quotient."""
+        """Return the unit of a quotient; none of two that are the same, as in ``abs(tilt) / lean``."""
         if not other.text:
             return self
+        if (self.dimension, self.factor, self.offset) == (other.dimension, other.factor, 0.0):
+            return PLAIN
         below = f"({other.text})" if re.search(r"[*/·\s]", other.text) else other.text
         return Unit(
             f"{self.text or '1'}/{below}",

@@ -156,7 +156,7 @@ def left_words(found: Diagnosis) -> tuple[str, ...]:
         return ()
     told = [f"{each}, which no effect explains" for each in found.left if each.material]
     return tuple(told[:PARTS]) or (
-        "nothing is left of the motion that the improved simulator does not leave",
+        "nothing is left of the motion that a simulator with what fits best does not leave, too",
     )
 
 
@@ -177,7 +177,8 @@ def shrink_rows(far: HowFar) -> tuple[tuple[str, str], ...]:
     ):
         if part is not None:
             value, low, high = (round(100 * end) for end in part)
-            rows.append((name, f"{value} % {words} (95 %: {low} to {high} %)"))
+            more = "; more than 100 % is scatter" if value > 100 else ""
+            rows.append((name, f"{value} % {words} (95 %: {low} to {high} %{more})"))
     return tuple(rows)
 
 
@@ -192,4 +193,4 @@ def _shrinks(far: HowFar) -> list[str]:
 
 
 def _gap(gap: Gap) -> str:
-    return f"{gap.mean:.3g} (95 %: {gap.low:.3g} to {gap.high:.3g}), worst test {gap.worst:.3g}"
+    return f"{gap.mean:.3g} (95 %: {gap.low:.3g} to {gap.high:.3g}), mean Δρ at the worst test {gap.worst:.3g}"

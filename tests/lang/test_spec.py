@@ -103,6 +103,12 @@ def test_margins_that_do_not_compare_are_mixed() -> None:
     assert spec.robustness(Trace([0], {"v": [1], "x": [1.5]})) == {"it": 0.5}
 
 
+@pytest.mark.parametrize(("over", "unit"), [("m/s", ""), ("km/h", "m/s/(km/h)"), ("s", "m/s/s")])
+def test_a_part_of_what_is_allowed_has_no_unit(over: str, unit: str) -> None:
+    spec = parse_spec(f"signal vx {{m/s}}\nconst c = 2 {{{over}}}\nrequire it: vx / c <= 1")
+    assert spec.unit("it") == unit
+
+
 def test_units_of_the_trace_are_converted() -> None:
     spec = parse_spec("signal w {deg/s} signal T {degC} require spin: w <= 90 require cool: T <= 80 {degC}")
     trace = Trace([0], {"w": [math.pi / 4], "T": [300]}, {"w": "rad/s", "T": "K"})
