@@ -64,17 +64,11 @@ def real_rollouts(
             ({name: float(value) for name, value in params.items()}, trace, f"real rollout {n}")
             for n, (params, trace) in enumerate(_items(real))
         ]
-    for test, _, _ in given:
+    for test, _, source in given:
         if missing := [name for name in names if name not in test]:
-            raise UsageError(
-                f"a real rollout does not say its {missing[0]!r}; every test parameter is needed"
-            )
-    space = bench.spec.space
+            raise UsageError(f"{source} does not say its {missing[0]!r}; every test parameter is needed")
     # A test outside of the space is refused now, and not when all is simulated.
-    inside = [
-        (space.point(space.vector({name: test[name] for name in names})), trace, source)
-        for test, trace, source in given[:budget]
-    ]
+    inside = [(_inside(bench, test, source), trace, source) for test, trace, source in given[:budget]]
     found = [
         (
             test,
@@ -164,6 +158,19 @@ def _converted(values: FloatArray, name: str, recorded: str, wanted: str, simula
         )
     factor, offset = there.to(here)
     return values if (factor, offset) == (1.0, 0.0) else factor * values + offset
+
+
+def _inside(bench: Bench, test: Mapping[str, float], source: str) -> dict[str, float]:
+    """Return the test within the spec's ranges.
+
+    Raises:
+        UsageError: it is outside; the sentence says of which recording, or rollout.
+    """
+    space = bench.spec.space
+    try:
+        return space.point(space.vector({name: test[name] for name in space.names}))
+    except UsageError as error:
+        raise UsageError(f"{source}: {error}; leave it out, or widen the spec's range") from None
 
 
 def _decided(bench: Bench, test: Mapping[str, float], trace: Trace, source: str) -> Trace:
