@@ -32,6 +32,8 @@ SETS = {
     "a1": ("benchmarks.blind.a1.generate", "sim"),
     "arm": ("benchmarks.blind.arm.generate", "arm"),
     "quad": ("benchmarks.blind.quad.generate", "quad"),
+    "car": ("benchmarks.blind.car.generate", "car"),
+    "segway": ("benchmarks.blind.segway.generate", "segway"),
 }
 """Set → what makes it, and its simulator."""
 
