@@ -95,4 +95,5 @@ def _place(found: Diagnosis) -> str:
     window = where.window
     if window is None:
         return f" before the end: {where.pair.reason}" if where.pair.reason else ""
-    return f" that acts from {window['begin']:.2f} to {window['end']:.2f} s"
+    # ρ is made where a requirement is nearest to its limit, and a loop carries what happened before.
+    return f" that acts before {window['end']:.2f} s, for most of the gap is made from {window['begin']:.2f} s on"
