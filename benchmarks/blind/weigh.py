@@ -3,9 +3,9 @@
     python -m benchmarks.blind.quad.generate --cases 80 --seed 3411 --held-out 0 --out FOLDER
     python benchmarks/blind/weigh.py quad FOLDER     # FOLDER: what a generator wrote, with labels
 
-Reads public/ and sealed/ of a set that was made with a seed and is used for no score, and prints for some weights of
-the evidence, the others as they are in s2r_spec/diagnose/judge.py (WEIGHTS), the log score of the true set, how often it
-is the likeliest, and how often an answer of 0.9 and more is right. Keeps that in results/weigh.json, beside the others'.
+Reads public/ and sealed/ of a set that was made with a seed and is used for no score. Prints for some weights of the
+evidence, the others as they are in s2r_spec/diagnose/judge.py (WEIGHTS), the log score of the true set, how often it is
+the likeliest, and how often an answer of 0.9 and more is right; keeps that in results/weigh.json, beside other sets'.
 """
 
 from __future__ import annotations

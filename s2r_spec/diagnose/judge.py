@@ -46,11 +46,11 @@ class Weights:
 
     On practice cases the networks are at home and the evidence is not needed; on a machine it is the other
     way round. So these come from twins by other code, made for development and never used for a score
-    (``benchmarks/blind/weigh.py``), and are the same for every backend. That code also makes the sealed sets of the
-    axis, with other seeds; an arm and a quadrotor, on which none of them was chosen, have sets of their own.
+    (``benchmarks/blind/weigh.py``), and are the same for every backend. That code also makes the sealed sets, with
+    other seeds.
 
-    A set A of effects scores evidence · log evidence / temperature + trust · log P_network(A) − penalty[|A|], the penalty
-    being that of a catalogue of ``catalogue`` effects; see :meth:`penalties`. Where the
+    A set A of effects scores evidence · log evidence / temperature + trust · log P_network(A) − penalty[|A|], the
+    penalty being that of a catalogue of ``catalogue`` effects; see :meth:`penalties`. Where the
     equations of motion are asked by themselves (:mod:`s2r_spec.diagnose.told`) it is told · their log evidence more,
     and the networks are trusted by ``beside`` alone. Of traces that look like nothing they practised on they know
     little: either trust is times P(the cause is in the catalogue), by the traces. The features hang together: n of

@@ -42,6 +42,12 @@ def test_what_is_said_of_the_weights():
         f"They are trusted by {WEIGHTS.trust:g}, by {WEIGHTS.beside:g} where the equations are heard" in page
     )
     assert f"is believed to seven tenths. The weight is {WEIGHTS.told:g}." in page
+    assert WEIGHTS.evidence == 2.0
+    assert "**evidence**, of step 5, which counts twice" in page
+    tried = json.loads((RESULTS / "weigh.json").read_text())["sets"]["car"]
+    assert (tried["1"]["more"], tried["2"]["more"]) == ([5, 20], [10, 20])
+    assert tried["1"]["single"] == tried["2"]["single"]
+    assert all(each["sure"][0] == each["sure"][1] for each in (tried["1"], tried["2"]))
     assert round(1.0 - ACROSS, 1) == 0.7
 
 
