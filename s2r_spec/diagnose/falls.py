@@ -64,7 +64,9 @@ class Falls:
         if self.nominal:
             return "the simulator ends early there, too"
         if not self.culprits:
-            return "no effect of the catalogue, alone, ends the simulator early there and at few other tests only"
+            return (
+                "no effect of the catalogue, alone, would end the simulator early at these tests and not at most others"
+            )
         shown = self.culprits[:SHOWN]
         more = len(self.culprits) - len(shown)
         names = " or ".join(map(str, shown)) + (f" (or {more} more)" if more else "")

@@ -109,8 +109,9 @@ def finding(spec: Spec, result: CheckResult) -> Finding:
 
 
 def test_words(params: Mapping[str, float], units: Mapping[str, str]) -> str:
-    """Return a test with its units: ``vd = 0.3 m/s, slope = 2 deg``."""
-    return ", ".join(f"{name} = {value:.4g} {units.get(name, '')}".rstrip() for name, value in params.items())
+    """Return a test with its units, in their order: ``vd = 0.3 m/s, slope = 2 deg``."""
+    ordered = [*(name for name in units if name in params), *(name for name in params if name not in units)]
+    return ", ".join(f"{name} = {params[name]:.4g} {units.get(name, '')}".rstrip() for name in ordered)
 
 
 def odds_words(certificate: Certificate) -> str:

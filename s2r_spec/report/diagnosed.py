@@ -193,4 +193,6 @@ def _shrinks(far: HowFar) -> list[str]:
 
 
 def _gap(gap: Gap) -> str:
-    return f"{gap.mean:.3g} (95 %: {gap.low:.3g} to {gap.high:.3g}), mean Δρ at the worst test {gap.worst:.3g}"
+    return (
+        f"{gap.mean:.3g} (95 %: {gap.low:.3g} to {gap.high:.3g}), mean Δρ at the worst test {gap.worst:.3g}"
+    )
