@@ -285,9 +285,9 @@ def misread(bench: Bench, rollouts: Sequence[Rollout], lines: Sequence[Line] = (
                 f"{name} of the real rollouts never moves, and the simulator's does: was it recorded? If not, leave it "
                 f"out"
             )
-    for name, seconds in late.items():
-        if len(seconds) == len(ran) and np.ptp(seconds) <= 0.2 * abs(seconds[0]):
-            when = float(np.median(seconds))
+    for name, by in late.items():
+        if len(by) == len(ran) and np.ptp(by) <= 0.2 * abs(by[0]):
+            when = float(np.median(by))
             found[name] = (
                 f"{name} of the real rollouts, which no effect changes, comes {abs(when):.3g} s "
                 f"{'after' if when > 0.0 else 'before'} the simulator's: do the recordings begin so much "

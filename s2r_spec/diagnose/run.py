@@ -18,9 +18,10 @@ from s2r_spec.diagnose import bank as banks
 from s2r_spec.diagnose.accused import named_by_falls
 from s2r_spec.diagnose.ask import Rollouts, real_rollouts
 from s2r_spec.diagnose.diagnosis import Diagnosis, Verdict, Which
-from s2r_spec.diagnose.estimate import by_linear, fit
+from s2r_spec.diagnose.estimate import Fit, by_linear, fit
 from s2r_spec.diagnose.falls import always_early, falls, falls_alone
 from s2r_spec.diagnose.held_out import measured
+from s2r_spec.diagnose.how_far import HowFar
 from s2r_spec.diagnose.idle import active
 from s2r_spec.diagnose.isolability import Isolability, isolability
 from s2r_spec.diagnose.kin import shared
@@ -32,7 +33,17 @@ from s2r_spec.diagnose.remainder import remainders
 from s2r_spec.diagnose.simulate import Bench, Test
 from s2r_spec.diagnose.size import sized
 from s2r_spec.diagnose.together import LARGEST, Together, together
-from s2r_spec.diagnose.verdict import SURE, clear, confounded, decided, large, likeliest, reason, spare
+from s2r_spec.diagnose.verdict import (
+    SURE,
+    certain,
+    clear,
+    confounded,
+    decided,
+    large,
+    likeliest,
+    reason,
+    spare,
+)
 from s2r_spec.diagnose.where.found import Where
 from s2r_spec.diagnose.where.found import where as find_where
 from s2r_spec.errors import UsageError
@@ -179,23 +190,31 @@ def _answer(
         named, best = there, sized(state, weighed, there)
     fitted = fit(catalogue, named, best)
     tuned = catalogue.values((sized(state, weighed, ()) if first_none else best).tuned)
-    named_values = {} if first_none else fitted.values
-    far = measured(bench, state, parts, named_values, tuned, seed, executor, tell)
-    far = far and replace(far, moved=moved)
     left = remainders(
         bench, parts.used, tuned, seed, executor, lambda done, of: tell("what is left", done, of)
     )
 
-    verdict, unknown = decided(
-        far,
-        state.unknown,
-        state.judge.threshold,
-        ranked[0][1],
-        nothing=first_none,
-        plain=clear(state.sets, *ranked[0]),
-        at_end=any(e.at_end for e in fitted.estimates),
-        strange=any(each.material for each in left),
-    )
+    def answered(fitted: Fit, plain: bool) -> tuple[HowFar | None, Verdict, float]:
+        values = {} if first_none else fitted.values
+        far = measured(bench, state, parts, values, tuned, seed, executor, tell)
+        far = far and replace(far, moved=moved)
+        return far, *decided(
+            far,
+            state.unknown,
+            state.judge.threshold,
+            ranked[0][1],
+            nothing=first_none,
+            plain=plain,
+            at_end=any(e.at_end for e in fitted.estimates),
+            strange=any(each.material for each in left),
+        )
+
+    far, verdict, unknown = answered(fitted, clear(state.sets, *ranked[0]))
+    sure = certain(state.sets, named)
+    if verdict is Verdict.NONE and not first_none and 0 < len(sure) < len(named):
+        # The traces are sure of some of them, and what may be beside these does not make that less so.
+        named, fitted = sure, fit(catalogue, sure, sized(state, weighed, sure))
+        far, verdict, unknown = answered(fitted, plain=True)
     known = 1.0 - unknown
     by_size: dict[int, dict[tuple[str, ...], float]] = {size: {} for size in range(LARGEST + 2)}
     for several, probability in zip(told.members, told.probability, strict=True):

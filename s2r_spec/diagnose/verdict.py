@@ -133,11 +133,16 @@ def _part(share: float) -> str:
 
 def clear(sets: Sets, members: tuple[int, ...], probability: float) -> bool:
     """Return whether the traces name these effects, although ρ does not need them; there may be more beside them."""
-    among = [
-        sum(p for s, p in zip(sets.members, sets.probability, strict=True) if effect in s)
+    return bool(probability >= CLEAR or certain(sets, members) == members != ())
+
+
+def certain(sets: Sets, members: Set) -> Set:
+    """Return those of these effects that the traces are sure of, whatever is beside them."""
+    among = {
+        effect: sum(p for s, p in zip(sets.members, sets.probability, strict=True) if effect in s)
         for effect in members
-    ]
-    return bool(probability >= CLEAR or min(among, default=0.0) >= SURE)
+    }
+    return tuple(effect for effect in members if among[effect] >= SURE)
 
 
 def likeliest(seen: Sequence[tuple[Set, float]], told: Sequence[tuple[Set, float]]) -> Set:

@@ -16,6 +16,7 @@ from s2r_spec.diagnose.verdict import (
     IMITATED,
     RIVAL,
     SURE,
+    certain,
     clear,
     confounded,
     decided,
@@ -124,6 +125,14 @@ def test_an_effect_without_which_the_others_are_nearly_as_likely_may_not_be_ther
 )
 def test_traces_are_clear_where_a_set_is_likely_or_each_of_its_effects_all_but_sure(sets, yes):
     assert clear(Sets(tuple(sets), np.array([*sets.values()])), (0,), sets[(0,)]) is yes
+
+
+def test_of_a_pair_the_traces_may_be_sure_of_one():
+    """With another beside it a friction in every likely set was named no more than no friction at all."""
+    sets = Sets(((0, 1), (0, 2), (0,), (2,)), np.array([0.45, 0.3, 0.19, 0.06]))
+    assert certain(sets, (0, 1)) == (0,)
+    assert not clear(sets, (0, 1), 0.45)
+    assert certain(sets, (2,)) == ()
 
 
 @pytest.mark.parametrize(
