@@ -24,7 +24,7 @@ RESULTS = Path(__file__).parent / "results"
 PAGE = Path(__file__).parents[2] / "docs" / "explanation" / "diagnosis.md"
 HISTORY = Path(__file__).parent / "HISTORY.md"
 SETS = {
-    "the axis": (*(f"emps{n}" for n in range(1, 19)), "emps"),
+    "the axis": (*(f"emps{n}" for n in range(1, 20)), "emps"),
     "the A1": (
         *(
             f"a1{n}"
@@ -34,14 +34,18 @@ SETS = {
             f"a1{n}"
             for n in ("tenth", "eleventh", "twelfth", "thirteenth", "fourteenth", "fifteenth", "sixteenth")
         ),
+        "a1seventeenth",
+        "a1eighteenth",
         "a1",
     ),
-    "the arm": (*(f"arm{n}" for n in range(1, 7)), "arm"),
-    "the quadrotor": (*(f"quad{n}" for n in range(1, 5)), "quad"),
+    "the arm": (*(f"arm{n}" for n in range(1, 8)), "arm"),
+    "the quadrotor": (*(f"quad{n}" for n in range(1, 6)), "quad"),
+    "the car": ("car",),
+    "the balancing robot": ("segway",),
 }
 """Machine → names of its sealed sets in results/, in the order in which they were opened."""
-LATEST = ("emps18", "emps", "a1sixteenth", "a1", "arm6", "arm", "quad4", "quad")
-"""Sets of which is said how often probabilities come true."""
+LATEST = ("emps", "a1", "arm", "quad", "car", "segway")
+"""Sets of which is said how often probabilities come true: those of today's weights."""
 RATES = {
     "single effects: it is the likeliest set": "top-1, single effects",
     "it is one of the two likeliest answers": "top-2, single effects",
@@ -191,8 +195,9 @@ def _markdown(rows: Sequence[Sequence[str]]) -> str:
 def table() -> str:
     """Return the newest sealed set of every machine and the A1's largest beside what we want, as Markdown."""
     newest = {f"of {machine}": names[-1] for machine, names in SETS.items()}
-    said = [_rows(name) for name in (*newest.values(), LARGEST)]
-    head = ["newest sealed set", *newest, "of the A1, by older code", "goal (the A1; the axis)"]
+    before = {"of the A1, the one before": SETS["the A1"][-2], "of the A1, its largest, older": LARGEST}
+    said = [_rows(name) for name in (*newest.values(), *before.values())]
+    head = ["newest sealed set", *newest, *before, "goal (the A1; the axis)"]
     return _markdown(
         [head, *([row, *(one[row] for one in said), GOALS.get(row, "")] for row in said[0])],
     )
