@@ -64,9 +64,7 @@ class Falls:
         if self.nominal:
             return "the simulator ends early there, too"
         if not self.culprits:
-            return (
-                "no effect of the catalogue, alone, would end the simulator early at these tests and not at most others"
-            )
+            return "no effect of the catalogue, alone, would end the simulator early at these tests, and not at others"
         shown = self.culprits[:SHOWN]
         more = len(self.culprits) - len(shown)
         names = " or ".join(map(str, shown)) + (f" (or {more} more)" if more else "")

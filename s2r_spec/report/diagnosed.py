@@ -147,7 +147,9 @@ def body_words(where: Where) -> tuple[str, ...]:
     told = [(part, part.shifts[0]) for part in where.body.shifted[:PARTS]]
     if most[0] not in where.body.shifted[:PARTS]:
         told.append(most)  # where the next step looks first
-    return tuple(f"{part.name}: {said(shift)}, which the nominal model does not explain" for part, shift in told)
+    return tuple(
+        f"{part.name}: {said(shift)}, which the nominal model does not explain" for part, shift in told
+    )
 
 
 def left_words(found: Diagnosis) -> tuple[str, ...]:

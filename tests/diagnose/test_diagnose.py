@@ -509,4 +509,6 @@ def test_no_gap_is_said_to_be_none_beside_a_rollout_that_was_left_out(find, cach
     assert found.verdict is Verdict.NONE, found.reason
     assert found.reason.endswith("; 1 of 30 ended early, and are not in this")
     [note] = [note for note in found.notes if "ended early" in note]
-    assert "is left out; no effect of the catalogue, alone, would end the simulator early at these tests" in note
+    assert (
+        "is left out; no effect of the catalogue, alone, would end the simulator early at these tests" in note
+    )
