@@ -291,6 +291,22 @@ def test_a_cause_that_moves_a_command_hides_neither_its_sign_nor_its_unit(times,
     assert told.startswith(words)
 
 
+@pytest.mark.parametrize("how", ["raises", "falls"])
+def test_a_simulator_that_all_effects_at_once_break_has_no_commands(how):
+    class Frail(Cart):
+        def rollout(self, params, seed):
+            if len(self.added) > 3 and how == "raises":
+                raise RuntimeError("too much")
+            trace = super().rollout(params, seed)
+            if len(self.added) <= 3:
+                return trace
+            first = {n: x[:5] for n, x in trace.channels.items()}
+            return Trace(trace.times[:5], first, trace.units, {"failure": "stopped"})
+
+    bench = bench_of(s2r.parse_spec(SPEC), "tracking", Frail())
+    assert misread(bench, many(8, 8), lines(Cart().effects())) == {}
+
+
 def test_a_channel_that_never_moves_is_told():
     def dead(trace):
         return Trace(trace.times, dict(trace.channels) | {"v_meas": 0.0 * trace["v"]}, trace.units)
