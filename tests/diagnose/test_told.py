@@ -131,7 +131,7 @@ def test_where_the_equations_speak_or_the_traces_are_strange_the_networks_are_tr
         (None, None, None),
         (told, None, None),
     ):
-        score = logs / 2.0 - WEIGHTS.penalties(size, 2, trust) + (trust or 0.0) * vote
+        score = WEIGHTS.evidence * logs / 2.0 - WEIGHTS.penalties(size, 2, trust) + (trust or 0.0) * vote
         score = score + (WEIGHTS.told * told if heard is not None else 0.0)
         found = judge.sets(evidence, said, 2.0, unknown, heard)
         np.testing.assert_allclose(found.probability, np.exp(score - logsumexp(score)))
