@@ -55,10 +55,16 @@ def test_what_is_said_of_the_weights():
     assert f"is believed to seven tenths. The weight is {WEIGHTS.told:g}." in page
     assert WEIGHTS.evidence == 2.0
     assert "**evidence**, of step 5, which counts twice" in page
-    tried = json.loads((RESULTS / "weigh.json").read_text())["sets"]["car"]
-    assert (tried["1"]["more"], tried["2"]["more"]) == ([5, 20], [10, 20])
-    assert tried["1"]["single"] == tried["2"]["single"]
-    assert all(each["sure"][0] == each["sure"][1] for each in (tried["1"], tried["2"]))
+    sets = json.loads((RESULTS / "weigh.json").read_text())["sets"]
+    for name, once, twice in (("car", 5, 10), ("quad", 9, 14)):
+        tried = sets[name]
+        assert (tried["1"]["more"], tried["2"]["more"]) == ([once, 20], [twice, 20])
+        assert tried["1"]["single"] == tried["2"]["single"]
+        wrong = [tried[weight]["sure"][1] - tried[weight]["sure"][0] for weight in ("1", "2")]
+        assert wrong[1] <= wrong[0]
+    assert sets["car"]["4"]["more"][0] > sets["car"]["2"]["more"][0]
+    assert sets["quad"]["4"]["more"][0] < sets["quad"]["2"]["more"][0]
+    assert sets["quad"]["2"]["log score"] < sets["quad"]["1"]["log score"]
     assert round(1.0 - ACROSS, 1) == 0.7
 
 
