@@ -113,6 +113,13 @@ def test_what_the_page_on_logs_says_of_sure_answers():
     assert f"answers of 0.9 and more were right in {right} of {len(sure)} cases" in page
 
 
+def test_what_is_said_of_unknown_causes_without_residuals():
+    scores = json.loads((RESULTS / "car_scores.json").read_text())["scores"]
+    seen = scores["unknown with a material gap detected"]
+    page = " ".join((ROOT / "docs" / "how-to" / "effects.md").read_text().split())
+    assert f"of a car's with a material gap {seen['hits']} of {seen['of']} were seen as such" in page
+
+
 def test_what_is_said_of_windows():
     rate = json.loads((RESULTS / "emps10_scores.json").read_text())["scores"][
         "at least 80% of Δρ in the window in which the effect acts"
