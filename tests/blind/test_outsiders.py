@@ -63,7 +63,9 @@ def test_a_machine_takes_nothing_of_its_simulator(name):
             modules = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
             modules += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
             for module in modules:
-                assert not {*(f"s2r_{other}" for other in MACHINES), "simulator"} & set(module.split(".")), path
+                assert not {*(f"s2r_{other}" for other in MACHINES), "simulator"} & set(module.split(".")), (
+                    path
+                )
     for path in (BLIND / name / "simulator").glob("*.py"):
         assert "benchmarks" not in path.read_text(), path
 
