@@ -191,7 +191,13 @@ def _answer(
     fitted = fit(catalogue, named, best)
     tuned = catalogue.values((sized(state, weighed, ()) if first_none else best).tuned)
     left = remainders(
-        bench, parts.used, tuned, seed, executor, lambda done, of: tell("what is left", done, of)
+        bench,
+        state.signatures.bank.lines,
+        parts.used,
+        tuned,
+        seed,
+        executor,
+        lambda done, of: tell("what is left", done, of),
     )
 
     def answered(fitted: Fit, plain: bool) -> tuple[HowFar | None, Verdict, float]:

@@ -8,10 +8,13 @@ import pytest
 
 import s2r_spec as s2r
 from s2r_emps import EmpsBackend
+from s2r_spec.diagnose.axes import lines
 from s2r_spec.diagnose.equations import Probe
 from s2r_spec.diagnose.features import Features
 from s2r_spec.diagnose.prepare import bench_of
-from s2r_spec.diagnose.remainder import FEWEST_ROLLOUTS, Cells, Remainder, _part, remainders
+from s2r_spec.diagnose.remainder import Remainder, motion
+from s2r_spec.diagnose.remainder.cells import FEWEST_ROLLOUTS
+from s2r_spec.diagnose.remainder.find import parts, remainders
 from s2r_spec.trace import Trace
 
 PROBES = (
@@ -19,6 +22,7 @@ PROBES = (
     Probe("motor_gain", "factor", 1.1, 1.0),
     Probe("coulomb", "force", 20.0, 1.0),
 )
+LINES = [line for line in lines(EmpsBackend().effects()) if line.effect in {"mass", "coulomb", "cable"}]
 TESTS = [
     {"speed": v, "accel": a, "payload": m}
     for v, a, m in zip(
@@ -49,17 +53,18 @@ def rollouts(bench, values, when=None):
 
 def test_of_a_machine_that_is_the_improved_simulator_nothing_is_left(bench):
     values = {"coulomb": {"force": 20.0}}
-    left = remainders(bench, rollouts(bench, values), values)
+    left = remainders(bench, LINES, rollouts(bench, values), values)
     assert left
     assert not any(each.material for each in left)
-    # Nor if it is not improved: what an effect does is explained, whether or not it was named.
-    assert not any(each.material for each in remainders(bench, rollouts(bench, values), {}))
+    # Nor of the equations if it is not improved: what an effect does is explained, whether or not it was named.
+    left = remainders(bench, LINES, rollouts(bench, values), {})
+    assert not any(each.material for each in left if not each.recorded)
 
 
 def test_a_push_at_one_place_is_left_there(bench):
-    left = remainders(bench, rollouts(bench, {}, lambda t: (t["q"] > 0.10) & (t["q"] < 0.125)), {})
+    left = remainders(bench, LINES, rollouts(bench, {}, lambda t: (t["q"] > 0.10) & (t["q"] < 0.125)), {})
     first = left[0]
-    assert (first.residual, first.unit, first.along_unit) == ("force", "N", "m")
+    assert (first.quantity, first.unit, first.along_unit) == ("force", "N", "m")
     assert first.along in (
         "q",
         "q_ref",
@@ -71,26 +76,74 @@ def test_a_push_at_one_place_is_left_there(bench):
 
 
 def test_a_push_for_some_time_is_left_then(bench):
-    left = remainders(bench, rollouts(bench, {}, lambda t: (t.times > 0.7) & (t.times < 0.9)), {})
+    left = remainders(bench, LINES, rollouts(bench, {}, lambda t: (t.times > 0.7) & (t.times < 0.9)), {})
     first = left[0]
-    assert (first.residual, first.along, first.along_unit) == ("force", "", "s")
+    assert (first.quantity, first.along, first.along_unit) == ("force", "", "s")
     assert first.material
     assert 0.65 < first.low < first.high < 0.95
     assert "between 0." in str(first)
 
 
-def test_of_two_rollouts_and_of_a_simulator_that_explains_nothing_nothing_is_told(bench):
+def test_of_too_few_rollouts_nothing_is_told(bench):
     push = rollouts(bench, {}, lambda t: t["q"] > 0.1)
-    assert remainders(bench, push[: FEWEST_ROLLOUTS - 1], {}) == ()
-    bare = replace(bench, features=replace(bench.features, probes=()))
-    assert remainders(bare, push, {}) == ()
+    assert remainders(bench, LINES, push[: FEWEST_ROLLOUTS - 1], {}) == ()
+
+
+@pytest.fixture(scope="module")
+def bare(bench):
+    """A simulator whose residuals know no effect, as if it had none."""
+    return replace(bench, features=replace(bench.features, probes=()))
+
+
+def test_without_equations_of_motion_a_push_shows_in_what_is_recorded(bare):
+    left = remainders(bare, LINES, rollouts(bare, {}, lambda t: (t.times > 0.7) & (t.times < 0.9)), {})
+    first = left[0]
+    assert first.recorded
+    assert first.material
+    assert (first.quantity, first.along) == ("u", "")
+    assert 0.65 < first.low < first.high < 0.95
+    assert first.size == pytest.approx(-30.0 / 35.15, rel=0.1)
+    assert str(first) == (
+        f"a difference of {first.size:+.3g} V in u between {first.low:.3g} and {first.high:.3g} s"
+    )
+
+
+def test_of_a_machine_that_is_the_improved_simulator_nothing_recorded_is_different(bare):
+    values = {"coulomb": {"force": 20.0}}
+    machine = rollouts(bare, values)
+    left = remainders(bare, LINES, machine, values)
+    assert left
+    assert not any(each.material for each in left)
+    # But of one that is not improved, what an effect does is a difference: nobody asked the equations.
+    assert remainders(bare, LINES, machine, {})[0].material
+
+
+def test_what_no_effect_moves_is_no_part_of_the_machine(bare):
+    machine = [
+        (test, Trace(t.times, dict(t.channels) | {"q_ref": t["q_ref"] + 0.01}, t.units, t.meta))
+        for test, t in rollouts(bare, {})
+    ]
+    assert not any(each.quantity == "q_ref" for each in remainders(bare, LINES, machine, {}))
+
+
+def test_a_channel_that_is_not_recorded_or_recorded_more_seldom_hides_no_other(bare):
+    push = rollouts(bare, {}, lambda t: (t.times > 0.7) & (t.times < 0.9))
+    mute = [(test, trace.only(["u"])) for test, trace in push]
+    assert remainders(bare, LINES, mute, {})[0].quantity == "u"
+    seldom = [
+        (test, Trace(t.times[::8], {n: x[::8] for n, x in t.channels.items()}, t.units, t.meta))
+        for test, t in push
+    ]
+    first = remainders(bare, LINES, seldom, {})[0]
+    assert first.material
+    assert 0.65 < first.low < first.high < 0.95
 
 
 def test_recordings_without_what_a_residual_needs_have_no_part_in_it(bench):
     push = rollouts(bench, {}, lambda t: (t["q"] > 0.10) & (t["q"] < 0.125))
     mute = [(test, trace.only(["q"])) for test, trace in rollouts(bench, {})]
-    assert remainders(bench, mute, {}) == ()
-    both = remainders(bench, mute + push, {})
+    assert all(each.recorded and each.quantity == "q" for each in remainders(bench, LINES, mute, {}))
+    both = [each for each in remainders(bench, LINES, mute + push, {}) if not each.recorded]
     assert both[0].material
     assert both[0].along in ("q", "q_ref")
 
@@ -98,26 +151,28 @@ def test_recordings_without_what_a_residual_needs_have_no_part_in_it(bench):
 def test_a_fall_has_no_part_in_it(bench):
     push = rollouts(bench, {}, lambda t: t["q"] > 0.1)
     fell = [(test, Trace(t.times, t.channels, t.units, {"failure": "fall"})) for test, t in push]
-    assert remainders(bench, fell, {}) == ()
+    assert remainders(bench, LINES, fell, {}) == ()
     quiet = rollouts(bench, {})
-    assert not any(each.material for each in remainders(bench, quiet + fell, {}))
+    assert not any(each.material for each in remainders(bench, LINES, quiet + fell, {}))
 
 
 def test_cells_are_as_many_as_their_means_and_lie_side_by_side(bench):
     machine = rollouts(bench, {})
-    cells = Cells.of(bench, [trace for _, trace in machine])
+    cells = motion.cells_of(bench.features, [trace for _, trace in machine])
     places = cells.places()
-    motion = bench.features.asked(bench.backend).motion(machine[0][1], machine[0][0])
-    rest, taken = cells.means(motion, machine[0][1])
+    test, trace = machine[0]
+    moved = bench.features.asked(bench.backend).motion(trace, test)
+    both = [np.concatenate([rest[None], taken]) for rest, taken in zip(moved.rest, moved.taken, strict=True)]
+    rest, *taken = cells.means(both, moved.times, cells.within(trace, moved.times))
     assert rest.shape == (len(places),)
-    assert taken.shape == (len(PROBES), len(places))
+    assert np.shape(taken) == (len(PROBES), len(places))
     of_force = [place for place in places if place[:3] == ("force", 0, "q")]
     assert of_force[0][3] == -np.inf
     assert of_force[-1][4] == np.inf
     assert all(one[4] == other[3] for one, other in pairwise(of_force))
     # All samples of a motion are in one cell along each channel: their mean is that of the cells.
     counted = np.nanmean(rest[[n for n, place in enumerate(places) if place[:3] == ("force", 0, "")]])
-    assert counted == pytest.approx(motion.rest[0].mean(), abs=0.3)
+    assert counted == pytest.approx(moved.rest[0].mean(), abs=0.3)
 
 
 def test_a_column_of_many_is_told_by_the_part_it_is_of_or_by_its_number():
@@ -127,11 +182,10 @@ def test_a_column_of_many_is_told_by_the_part_it_is_of_or_by_its_number():
         {},
         {"parts": {"torque": ["hip", "knee"]}},
     )
-    assert [_part(two, "torque", k, 2) for k in (0, 1)] == ["hip", "knee"]
-    assert _part(two, "force", 0, 1) == ""
-    assert _part(two.only(["torque"]), "torque", 1, 2) == "knee"
-    bare = Trace(two.times, {"torque": two["torque"]}, {})
-    assert _part(bare, "torque", 1, 2) == "column 1"
+    widths = {"torque": 2, "force": 1}
+    assert parts(two, widths) == {("torque", 0): "hip", ("torque", 1): "knee", ("force", 0): ""}
+    bare = Trace(two.times, dict(two.channels), {})
+    assert parts(bare, widths)["torque", 1] == "column 1"
 
 
 def test_an_end_that_is_nowhere_is_said_so_and_is_no_number_in_json():

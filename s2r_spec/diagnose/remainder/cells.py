@@ -1,0 +1,160 @@
+"""Where a quantity is averaged: windows of time, and equal parts of what a channel did."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec.diagnose.features import Features
+from s2r_spec.trace import Trace
+
+FloatArray = NDArray[np.float64]
+Places = Mapping[tuple[str, int], NDArray[np.intp]]
+"""(channel, column) → (n,) in which of the cells along it each sample is."""
+
+WINDOWS = 32
+"""Equal parts of a rollout."""
+PARTS = 16
+"""Parts of what a channel did, with as many samples each."""
+FEWEST_ROLLOUTS = 5
+"""That reach into a cell, or it says nothing."""
+LEVEL = 0.05
+"""Of a false alarm by scatter alone, over all cells."""
+
+
+@dataclass(frozen=True)
+class Cells:
+    """Where quantities are averaged: in windows of time, and between values of the channels of their width.
+
+    Attributes:
+        duration: of a rollout [s].
+        widths: quantity → columns.
+        edges: (channel, column) → rising values between the cells.
+        fewest: samples of a rollout in a cell, or it says nothing.
+    """
+
+    duration: float
+    widths: Mapping[str, int]
+    edges: Mapping[tuple[str, int], FloatArray]
+    fewest: int
+
+    @classmethod
+    def of(cls, features: Features, widths: Mapping[str, int], traces: Sequence[Trace], fewest: int) -> Cells:
+        """Choose the edges, with as many samples of these traces between each two."""
+        edges = {}
+        for channel, width in channels_of(features).items():
+            known = [
+                trace.channels[channel].reshape(len(trace), -1)
+                for trace in traces
+                if width in widths.values() and channel in trace.channels
+            ]
+            for column in range(width):
+                values = np.concatenate([each[:, column] for each in known]) if known else np.zeros(0)
+                values = values[np.isfinite(values)]
+                if values.size:
+                    parts = np.quantile(values, np.linspace(0.0, 1.0, PARTS + 1)[1:-1])
+                    edges[channel, column] = np.unique(parts)
+        return cls(features.duration, dict(widths), edges, fewest)
+
+    def places(self) -> list[tuple[str, int, str, float, float]]:
+        """Return quantity, column, channel ("" for time), and the two ends of every cell, as :meth:`means` has them."""
+        out = []
+        windows = np.linspace(0.0, self.duration, WINDOWS + 1)
+        for name, width in self.widths.items():
+            for column in range(width):
+                out += [(name, column, "", float(a), float(b)) for a, b in pairwise(windows)]
+                for (channel, _), edges in self._beside(width, column):
+                    ends = np.concatenate([[-np.inf], edges, [np.inf]])
+                    out += [(name, column, channel, float(a), float(b)) for a, b in pairwise(ends)]
+        return out
+
+    def columns(self) -> NDArray[np.intp]:
+        """Return (cells,) the number of each one's column, of all quantities'."""
+        numbers: dict[tuple[str, int], int] = {}
+        return np.array([numbers.setdefault(place[:2], len(numbers)) for place in self.places()], dtype=int)
+
+    def within(self, trace: Trace, times: FloatArray) -> Places:
+        """Return the cell of each of (n,) times from the begin [s], along the channels of a trace."""
+        sample = np.clip(np.searchsorted(trace.times - trace.times[0], times - 1e-9), 0, len(trace) - 1)
+        return {
+            (channel, column): np.searchsorted(
+                edges, trace.channels[channel].reshape(len(trace), -1)[sample, column]
+            )
+            for (channel, column), edges in self.edges.items()
+            if channel in trace.channels
+        }
+
+    def means(self, values: Sequence[FloatArray], times: FloatArray, along: Places) -> FloatArray:
+        """Return (rows, cells) means; NaN where there are too few samples.
+
+        Args:
+            values: (rows, n, columns) of each quantity, in the order of ``widths``.
+            times: (n,) from the begin of the rollout [s].
+            along: (n,) the cell of each sample along every channel; one that is missing has none.
+        """
+        window = np.clip((times / self.duration * WINDOWS).astype(int), 0, WINDOWS - 1)
+        out = []
+        for width, rows in zip(self.widths.values(), values, strict=True):
+            for column in range(width):
+                each = rows[:, :, column]
+                out.append(_averaged(each, window, WINDOWS, self.fewest))
+                for key, edges in self._beside(width, column):
+                    count = len(edges) + 1
+                    out.append(
+                        _averaged(each, along[key], count, self.fewest)
+                        if key in along
+                        else np.full((len(rows), count), np.nan)
+                    )
+        return np.hstack(out)
+
+    def _beside(self, width: int, column: int) -> list[tuple[tuple[str, int], FloatArray]]:
+        widths: dict[str, int] = {}
+        for channel, _ in self.edges:
+            widths[channel] = widths.get(channel, 0) + 1
+        return [
+            (key, edges) for key, edges in self.edges.items() if widths[key[0]] == width and key[1] == column
+        ]
+
+
+def channels_of(features: Features) -> dict[str, int]:
+    """Return channel → columns of all that is recorded and is no flag."""
+    plain = (block for block in features.blocks if not block.residual and block.minus is None)
+    return {block.source: block.width for block in plain if block.name not in features.flags}
+
+
+def over_column(squares: FloatArray, column: NDArray[np.intp]) -> FloatArray:
+    """Return (cells,) the mean of (cells,) over each one's column."""
+    counts = np.bincount(column, np.isfinite(squares))
+    return np.asarray((np.bincount(column, np.nan_to_num(squares)) / np.maximum(counts, 1))[column])
+
+
+def beyond(
+    apart: FloatArray, systematic: FloatArray, asked: NDArray[np.bool_]
+) -> tuple[FloatArray, FloatArray]:
+    """Return (cells,) what is left, and that in units of what is allowed for; 0 where a cell says nothing.
+
+    Args:
+        apart: (n, cells) what is left of the machine and not of the simulator, of n rollouts.
+        systematic: (cells,) squares of what no number of rollouts averages out.
+        asked: (cells,) which say something.
+    """
+    from scipy.stats import t  # here: a rollout needs no scipy
+
+    n = np.isfinite(apart).sum(axis=0)
+    size = np.nanmean(apart, axis=0)
+    scatter = np.nanstd(apart, axis=0, ddof=1) / np.sqrt(n)
+    surely = t.ppf(1.0 - LEVEL / 2.0 / apart.shape[1], np.maximum(n - 1, 1))
+    surplus = np.abs(size) / np.hypot(surely * scatter, np.sqrt(systematic))
+    return size, np.where((n >= FEWEST_ROLLOUTS) & asked, np.nan_to_num(surplus), 0.0)
+
+
+def _averaged(values: FloatArray, place: NDArray[np.intp], count: int, fewest: int) -> FloatArray:
+    """Return (rows, count) means of (rows, n) values by their place."""
+    there = np.isfinite(values).all(axis=0)
+    counts = np.bincount(place[there], minlength=count)
+    sums = np.array([np.bincount(place[there], row[there], minlength=count) for row in values])
+    return np.where(counts >= fewest, sums / np.maximum(counts, 1), np.nan)

@@ -1,0 +1,133 @@
+"""What a machine does that the improved simulator does not, in what is recorded of both.
+
+That needs no model of the equations of motion. But in a closed loop what acts in one window goes on in the next, and
+all that the machine does otherwise is in it, so less of it is strange.
+
+The cells lie where another rollout of the improved simulator at the same test was at the time: where it had this
+speed, or that force. Cells by what each rollout itself did would differ wherever the channel that bounds them does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec.diagnose.features import Features
+from s2r_spec.diagnose.remainder.cells import Cells, beyond, channels_of, over_column
+from s2r_spec.diagnose.simulate import Bench, Test
+from s2r_spec.space import key_of
+from s2r_spec.trace import Trace
+
+FloatArray = NDArray[np.float64]
+Key = tuple[tuple[str, float], ...]
+
+LAWS = 0.3
+"""Laws are off by this part of what the named effects do in a cell, and next to it."""
+ALLOWED = 0.1
+"""A little of everything is this part of every typical effect."""
+NOTHING = 0.03
+"""And nobody models a channel better than to this part of how much it varies."""
+LARGEST = 1.4
+"""The largest of a machine that is the simulator's in kind is so many times what is allowed for."""
+GRID = 1000
+"""Times of a rollout at which it is known in which cell it is."""
+
+
+@dataclass(frozen=True)
+class Beside:
+    """Cells, and where they are at every test.
+
+    Attributes:
+        cells: along channels.
+        at: test → (channels' columns, GRID) the cell at each time, in the order of the cells' edges.
+    """
+
+    cells: Cells
+    at: Mapping[Key, NDArray[np.uint8]]
+
+    @classmethod
+    def of(cls, features: Features, tests: Sequence[Test], paths: Sequence[FloatArray]) -> Beside:
+        """Take :func:`path` of a rollout at every test."""
+        times, widths = _grid(features), channels_of(features)
+        ends = np.cumsum(list(widths.values()))[:-1]
+        runs = [
+            Trace(times, dict(zip(widths, np.split(rows.reshape(GRID, -1), ends, axis=1), strict=True)), {})
+            for rows in paths
+        ]
+        cells = Cells.of(features, widths, runs, 1)
+        at = {}
+        for test, run in zip(tests, runs, strict=True):
+            along = cells.within(run, times)
+            at[key_of(test)] = np.array([along[key] for key in cells.edges], dtype=np.uint8)
+        return cls(cells, at)
+
+    def averaged(self, trace: Trace, test: Test) -> FloatArray:
+        """Return (cells,) means of a rollout; NaN where it lacks the channel."""
+        times = trace.times - trace.times[0]
+        place = np.clip((times / self.cells.duration * GRID + 1e-6).astype(int), 0, GRID - 1)
+        rows = self.at[key_of(test)][:, place].astype(np.intp)
+        missing = np.full(len(trace), np.nan)
+        values = [
+            trace.channels.get(name, np.repeat(missing, width)).reshape(1, len(trace), width)
+            for name, width in self.cells.widths.items()
+        ]
+        return np.asarray(self.cells.means(values, times, dict(zip(self.cells.edges, rows, strict=True)))[0])
+
+
+def path(bench: Bench, trace: Trace, test: Test) -> FloatArray:
+    """Return (GRID · columns,) the channels of a rollout at the times of the grid; the last ones after its end."""
+    assert bench.features is not None
+    times = trace.times - trace.times[0]
+    sample = np.clip(np.searchsorted(times, _grid(bench.features) - 1e-9), 0, len(trace) - 1)
+    names = channels_of(bench.features)
+    return np.column_stack([trace[name].reshape(len(trace), -1)[sample] for name in names]).ravel()
+
+
+def _grid(features: Features) -> FloatArray:
+    return np.arange(GRID) / GRID * features.duration
+
+
+def left_over(
+    machine: FloatArray,
+    own: FloatArray,
+    nominal: FloatArray,
+    explained: FloatArray,
+    typical: Sequence[FloatArray],
+    numerics: Sequence[FloatArray],
+    cells: Cells,
+) -> tuple[FloatArray, FloatArray]:
+    """Return (cells,) what the machine does and the simulator does not, and that in units of what is allowed for.
+
+    Args:
+        machine: (n, cells) n rollouts.
+        own: (n, cells) the improved simulator at the same tests.
+        nominal: (m, cells) the nominal one, at few tests.
+        explained: (m, cells) what the improved one does beside it, of the same noise.
+        typical: (m, cells) what each typical effect does, too.
+        numerics: (m, cells) what each variant of the simulator does, too.
+        cells: where that is.
+    """
+    column = cells.columns()
+
+    def squared(changes: Sequence[FloatArray]) -> FloatArray:
+        found = [np.nan_to_num(np.nanmean(each**2, axis=0)) for each in changes]
+        return np.sum(found, axis=0) if found else np.zeros(len(column))
+
+    usual, little, other = squared([explained]), squared(typical), squared(numerics)
+    # How much a channel varies is told by its windows alone: of other cells there are many where it does not.
+    windows = np.array([not along for _, _, along, *_ in cells.places()])
+    mean = over_column(np.where(windows, np.nanmean(nominal, axis=0), np.nan), column)
+    varies = over_column(np.where(windows, np.nanmean((nominal - mean) ** 2, axis=0), np.nan), column)
+    systematic = (
+        LAWS**2 * (usual + over_column(usual, column))
+        + ALLOWED**2 * np.fmax(little, over_column(little, column))
+        + NOTHING**2 * varies
+        + other
+    )
+    # What no effect moves, as a reference, is no part of the machine.
+    moved = over_column(little, column) > NOTHING**2 * varies
+    size, surplus = beyond(machine - own, systematic, moved)
+    return size, surplus / LARGEST

@@ -1,0 +1,217 @@
+"""Simulate what a machine is held against, and tell where most is left."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec.backend import HasVariants
+from s2r_spec.diagnose.axes import Line
+from s2r_spec.diagnose.remainder import channels, motion
+from s2r_spec.diagnose.remainder.cells import FEWEST_ROLLOUTS, Cells
+from s2r_spec.diagnose.remainder.found import Remainder
+from s2r_spec.diagnose.simulate import Bench, Job, Test, run_jobs
+from s2r_spec.diagnose.where.body import named
+from s2r_spec.rollouts.seeds import Stream, rollout_seed
+from s2r_spec.space import key_of
+from s2r_spec.trace import Trace
+
+FloatArray = NDArray[np.float64]
+
+TESTS = 3
+"""At which the simulator's variants and its effects run."""
+TOLD = 5
+"""Largest ones that are kept."""
+
+
+def remainders(
+    bench: Bench,
+    lines: Sequence[Line],
+    rollouts: Sequence[tuple[Test, Trace]],
+    improved: Mapping[str, Mapping[str, float]],
+    seed: int = 0,
+    executor: Callable[[], Executor] | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> tuple[Remainder, ...]:
+    """Return where most is left beyond what is allowed for, one cell a quantity's column, largest surplus first.
+
+    Nothing where too few rollouts reached their end: no equation here is of a fall.
+
+    Args:
+        bench: the simulator.
+        lines: of its catalogue.
+        rollouts: (test, trace) of the machine.
+        improved: effects with which the simulator is nearest to it.
+        seed: of the simulated rollouts.
+        executor: makes a pool for these; None runs them here.
+        progress: is told (done, of).
+    """
+    features = bench.features
+    whole = [(test, trace) for test, trace in rollouts if trace.failure is None]
+    if features is None or len(whole) < FEWEST_ROLLOUTS:
+        return ()
+    keys = [key_of(test) for test, _ in whole]
+    distinct = list(dict.fromkeys(keys))
+    tests = [dict(key) for key in distinct]
+    once = [
+        Job(improved, ((test, rollout_seed(seed, n, 1, Stream.REMAINDER)),)) for n, test in enumerate(tests)
+    ]
+    paths = np.concatenate(run_jobs(bench, once, executor, None, channels.path))
+    traces = [trace for _, trace in whole]
+    read = _Read(channels.Beside.of(features, tests, list(paths)), motion.cells_of(features, traces))
+    runs = tuple((test, rollout_seed(seed, n, 0, Stream.REMAINDER)) for n, test in enumerate(tests))
+    few = np.linspace(0, len(runs) - 1, min(TESTS, len(runs))).round().astype(int)
+    of_few = tuple(runs[int(n)] for n in few)
+    names = list(bench.backend.variants()) if isinstance(bench.backend, HasVariants) else []
+    jobs = [Job(improved, (run,)) for run in runs] + [Job({}, of_few)]
+    jobs += [Job({}, of_few, name) for name in names]
+    jobs += [Job(line.at(line.at_typical()), of_few) for line in lines]
+    blocks = run_jobs(bench, jobs, executor, progress, read)
+    ran = _Ran(
+        np.array([read(bench, trace, test) for test, trace in whole]),
+        np.concatenate(blocks[: len(runs)]),
+        np.array([distinct.index(key) for key in keys]),
+        few,
+        blocks[len(runs)],
+        blocks[len(runs) + 1 :][: len(names)],
+        blocks[len(runs) + 1 + len(names) :],
+    )
+    k = len(read.channels.cells.places())
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # of cells into which no rollout reaches
+        out = _of_channels(read.channels.cells, ran.columns(slice(None, k)), traces)
+        if read.motion is not None:
+            out += _of_motion(bench, read.motion, ran.columns(slice(k, None)), whole)
+    return tuple(sorted(out, key=lambda each: -each.surplus)[:TOLD])
+
+
+@dataclass(frozen=True)
+class _Read:
+    """What is kept of a rollout: cells of its channels, then those of its residuals; NaN of one that ended early."""
+
+    channels: channels.Beside
+    motion: Cells | None
+
+    def __call__(self, bench: Bench, trace: Trace, test: Test) -> FloatArray:
+        more = np.zeros(0) if self.motion is None else motion.summed(self.motion, bench, trace, test)
+        row = np.concatenate([self.channels.averaged(trace, test), more])
+        return row if trace.failure is None else np.full_like(row, np.nan)
+
+
+@dataclass(frozen=True)
+class _Ran:
+    """Rows that were read, one a rollout.
+
+    Attributes:
+        machine: of the machine.
+        simulated: of the improved simulator, at every different test.
+        at: which of these each of the machine's is beside.
+        few: which of these the others are beside, in the same noise.
+        nominal: of the nominal simulator.
+        variants: of each of its variants.
+        effects: of it with each line at its typical value.
+    """
+
+    machine: FloatArray
+    simulated: FloatArray
+    at: NDArray[np.intp]
+    few: NDArray[np.intp]
+    nominal: FloatArray
+    variants: Sequence[FloatArray]
+    effects: Sequence[FloatArray]
+
+    def columns(self, which: slice) -> _Ran:
+        """Return some columns of every row."""
+        return replace(
+            self,
+            machine=self.machine[:, which],
+            simulated=self.simulated[:, which],
+            nominal=self.nominal[:, which],
+            variants=[block[:, which] for block in self.variants],
+            effects=[block[:, which] for block in self.effects],
+        )
+
+
+def _of_channels(cells: Cells, ran: _Ran, traces: Sequence[Trace]) -> list[Remainder]:
+    size, surplus = channels.left_over(
+        ran.machine,
+        ran.simulated[ran.at],
+        ran.nominal,
+        ran.simulated[ran.few] - ran.nominal,
+        [block - ran.nominal for block in ran.effects],
+        [block - ran.nominal for block in ran.variants],
+        cells,
+    )
+    units, of = _units(traces), parts(traces[0], cells.widths)
+    return [replace(each, recorded=True) for each in _largest(cells, size, surplus, units, of)]
+
+
+def _of_motion(
+    bench: Bench, cells: Cells, ran: _Ran, rollouts: Sequence[tuple[Test, Trace]]
+) -> list[Remainder]:
+    assert bench.features is not None
+    places, probes = len(cells.places()), len(bench.features.probes)
+
+    def sums(rows: FloatArray) -> motion.Sums:
+        return motion.Sums.of(rows, places, probes)
+
+    there = np.isfinite(ran.machine[:, -1])
+    if there.sum() < FEWEST_ROLLOUTS:
+        return []
+    plain, *others = (sums(rows).left for rows in (ran.nominal, *ran.variants))
+    numerics = [np.nanmean(other - plain, axis=0) for other in others]
+    own = sums(ran.simulated).left[ran.at[there]]
+    size, surplus = motion.left_over(sums(ran.machine[there]), own, numerics, cells.columns())
+    traces = [trace for _, trace in rollouts]
+    scales, found = motion.scales(bench, cells), motion.residuals(bench, *rollouts[int(np.argmax(there))])
+    return _largest(cells, scales * size, surplus, _units([*traces, found]), parts(found, cells.widths))
+
+
+def _units(traces: Sequence[Trace]) -> dict[str, str]:
+    return {name: unit for trace in traces for name, unit in trace.units.items()}
+
+
+def parts(trace: Trace, widths: Mapping[str, int]) -> dict[tuple[str, int], str]:
+    """Return what each column belongs to, or its number; "" where there is but one."""
+    out = {}
+    for name, width in widths.items():
+        told = named(trace, name, width)
+        for column, part in enumerate(told):
+            out[name, column] = "" if width == 1 else f"column {column}" if part == name else part
+    return out
+
+
+def _largest(
+    cells: Cells,
+    size: FloatArray,
+    surplus: FloatArray,
+    units: Mapping[str, str],
+    part: Mapping[tuple[str, int], str],
+) -> list[Remainder]:
+    """Return the cell of the largest surplus of every column, the :data:`TOLD` largest of these."""
+    out: dict[tuple[str, int], Remainder] = {}
+    places = cells.places()
+    for k in np.argsort(-surplus, kind="stable"):
+        name, column, along, low, high = places[k]
+        if (name, column) not in out and surplus[k] > 0.0:
+            unit, along_unit = units.get(name, ""), units.get(along, "") if along else "s"
+            out[name, column] = Remainder(
+                name,
+                column,
+                part[name, column],
+                along,
+                low,
+                high,
+                float(size[k]),
+                unit,
+                along_unit,
+                float(surplus[k]),
+            )
+        if len(out) == TOLD:
+            break
+    return list(out.values())
