@@ -106,7 +106,7 @@ def left_over(
         own: (n, cells) the improved simulator at the same tests.
         nominal: (m, cells) the nominal one, at few tests.
         explained: (m, cells) what the improved one does beside it, of the same noise.
-        typical: (m, cells) what each typical effect does, too.
+        typical: (l, cells) what each typical effect does, at fewer.
         numerics: (m, cells) what each variant of the simulator does, too.
         cells: where that is.
     """
@@ -123,7 +123,7 @@ def left_over(
     varies = over_column(np.where(windows, np.nanmean((nominal - mean) ** 2, axis=0), np.nan), column)
     systematic = (
         LAWS**2 * (usual + over_column(usual, column))
-        + ALLOWED**2 * np.fmax(little, over_column(little, column))
+        + ALLOWED**2 * over_column(little, column)
         + NOTHING**2 * varies
         + other
     )

@@ -24,7 +24,7 @@ from s2r_spec.trace import Trace
 FloatArray = NDArray[np.float64]
 
 TESTS = 3
-"""At which the simulator's variants and its effects run."""
+"""At which the nominal simulator and its variants run."""
 TOLD = 5
 """Largest ones that are kept."""
 
@@ -58,10 +58,10 @@ def remainders(
     keys = [key_of(test) for test, _ in whole]
     distinct = list(dict.fromkeys(keys))
     tests = [dict(key) for key in distinct]
-    once = [
+    beside = [
         Job(improved, ((test, rollout_seed(seed, n, 1, Stream.REMAINDER)),)) for n, test in enumerate(tests)
     ]
-    paths = np.concatenate(run_jobs(bench, once, executor, None, channels.path))
+    paths = np.concatenate(run_jobs(bench, beside, executor, None, channels.path))
     traces = [trace for _, trace in whole]
     read = _Read(channels.Beside.of(features, tests, list(paths)), motion.cells_of(features, traces))
     runs = tuple((test, rollout_seed(seed, n, 0, Stream.REMAINDER)) for n, test in enumerate(tests))
@@ -70,21 +70,25 @@ def remainders(
     names = list(bench.backend.variants()) if isinstance(bench.backend, HasVariants) else []
     jobs = [Job(improved, (run,)) for run in runs] + [Job({}, of_few)]
     jobs += [Job({}, of_few, name) for name in names]
-    jobs += [Job(line.at(line.at_typical()), of_few) for line in lines]
     blocks = run_jobs(bench, jobs, executor, progress, read)
+    # How much of a channel is a little of everything is an average over the rollout: one test is enough for it.
+    once = len(few) // 2
+    typical = [Job(line.at(line.at_typical()), (of_few[once],)) for line in lines]
     ran = _Ran(
         np.array([read(bench, trace, test) for test, trace in whole]),
         np.concatenate(blocks[: len(runs)]),
         np.array([distinct.index(key) for key in keys]),
         few,
         blocks[len(runs)],
-        blocks[len(runs) + 1 :][: len(names)],
-        blocks[len(runs) + 1 + len(names) :],
+        blocks[len(runs) + 1 :],
     )
     k = len(read.channels.cells.places())
+    of_channels = ran.columns(slice(None, k))
+    effects = run_jobs(bench, typical, executor, None, replace(read, motion=None))
+    changes = [rows - of_channels.nominal[[once]] for rows in effects]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # of cells into which no rollout reaches
-        out = _of_channels(read.channels.cells, ran.columns(slice(None, k)), traces)
+        out = _of_channels(read.channels.cells, of_channels, changes, traces)
         if read.motion is not None:
             out += _of_motion(bench, read.motion, ran.columns(slice(k, None)), whole)
     return tuple(sorted(out, key=lambda each: -each.surplus)[:TOLD])
@@ -114,7 +118,6 @@ class _Ran:
         few: which of these the others are beside, in the same noise.
         nominal: of the nominal simulator.
         variants: of each of its variants.
-        effects: of it with each line at its typical value.
     """
 
     machine: FloatArray
@@ -123,7 +126,6 @@ class _Ran:
     few: NDArray[np.intp]
     nominal: FloatArray
     variants: Sequence[FloatArray]
-    effects: Sequence[FloatArray]
 
     def columns(self, which: slice) -> _Ran:
         """Return some columns of every row."""
@@ -133,17 +135,18 @@ class _Ran:
             simulated=self.simulated[:, which],
             nominal=self.nominal[:, which],
             variants=[block[:, which] for block in self.variants],
-            effects=[block[:, which] for block in self.effects],
         )
 
 
-def _of_channels(cells: Cells, ran: _Ran, traces: Sequence[Trace]) -> list[Remainder]:
+def _of_channels(
+    cells: Cells, ran: _Ran, effects: Sequence[FloatArray], traces: Sequence[Trace]
+) -> list[Remainder]:
     size, surplus = channels.left_over(
         ran.machine,
         ran.simulated[ran.at],
         ran.nominal,
         ran.simulated[ran.few] - ran.nominal,
-        [block - ran.nominal for block in ran.effects],
+        effects,
         [block - ran.nominal for block in ran.variants],
         cells,
     )
