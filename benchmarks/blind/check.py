@@ -28,13 +28,9 @@ from opened import kept
 ROOT = Path(__file__).parents[2]
 RESULTS = Path(__file__).parent / "results"
 SETS = {
-    "emps": ("benchmarks.blind.emps.generate", "emps"),
-    "a1": ("benchmarks.blind.a1.generate", "sim"),
-    "arm": ("benchmarks.blind.arm.generate", "arm"),
-    "quad": ("benchmarks.blind.quad.generate", "quad"),
-    "car": ("benchmarks.blind.car.generate", "car"),
-    "segway": ("benchmarks.blind.segway.generate", "segway"),
-}
+    "emps": (("benchmarks.blind.emps.generate",), "emps"),
+    "a1": (("benchmarks.blind.a1.generate",), "sim"),
+} | {name: (("benchmarks.blind.outsiders.generate", name), name) for name in ("arm", "quad", "car", "segway")}
 """Set → what makes it, and its simulator."""
 
 
@@ -65,7 +61,7 @@ def freeze(name: str, cases: int, folder: Path, workers: int) -> None:
     if not made.exists():
         # Nothing is scored on the generator's further rollouts: a diagnosis holds out some of its own.
         spread = ("--workers", workers) if name == "a1" else ()
-        print(run(name, generator, "--cases", cases, "--out", made, "--held-out", 0, *spread))
+        print(run(name, *generator, "--cases", cases, "--out", made, "--held-out", 0, *spread))
     if not list((made / "public").glob("*.commit")):
         sealing = (
             "blind",

@@ -1,6 +1,6 @@
 """How much the closed loop's evidence should count beside networks and equations: the log score on known machines.
 
-    python -m benchmarks.blind.quad.generate --cases 80 --seed 3411 --held-out 0 --out FOLDER
+    python -m benchmarks.blind.outsiders.generate quad --cases 80 --seed 3411 --held-out 0 --out FOLDER
     python benchmarks/blind/weigh.py quad FOLDER     # FOLDER: what a generator wrote, with labels
 
 Reads public/ and sealed/ of a set that was made with a seed and is used for no score. Prints for some weights of the
