@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from s2r_spec import logs
 from s2r_spec.backend import Backend, HasDuration, HasRecordings, load_backend
-from s2r_spec.diagnose.notes import CUT, READ_AT, between
+from s2r_spec.diagnose.misread import between
+from s2r_spec.diagnose.notes import CUT, READ_AT
 from s2r_spec.diagnose.simulate import Bench, blamed
 from s2r_spec.errors import SamplingError, TraceError, UsageError
 from s2r_spec.lang.units import UnknownUnitError, parse_unit

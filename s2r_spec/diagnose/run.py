@@ -25,8 +25,9 @@ from s2r_spec.diagnose.how_far import HowFar
 from s2r_spec.diagnose.idle import active
 from s2r_spec.diagnose.isolability import Isolability, isolability
 from s2r_spec.diagnose.kin import shared
+from s2r_spec.diagnose.misread import misread
 from s2r_spec.diagnose.next_test import next_test
-from s2r_spec.diagnose.notes import Used, looked_again, misread, notes
+from s2r_spec.diagnose.notes import Used, looked_again, notes
 from s2r_spec.diagnose.parted import ENOUGH, Parted
 from s2r_spec.diagnose.prepare import Progress, State, bench_of, prepare
 from s2r_spec.diagnose.remainder import remainders

@@ -10,8 +10,9 @@ import s2r_spec as s2r
 from s2r_spec.diagnose import bank as banks
 from s2r_spec.diagnose.ask import as_simulated, cut, read_at, real_rollouts
 from s2r_spec.diagnose.axes import line, lines
+from s2r_spec.diagnose.misread import misread
 from s2r_spec.diagnose.next_test import next_test
-from s2r_spec.diagnose.notes import Used, misread, notes
+from s2r_spec.diagnose.notes import Used, notes
 from s2r_spec.diagnose.parted import ENOUGH, split
 from s2r_spec.diagnose.prepare import bench_of
 from s2r_spec.diagnose.signatures import Signatures

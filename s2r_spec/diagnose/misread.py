@@ -1,0 +1,207 @@
+"""What seems to be misread in the real rollouts: a channel in another unit, or that counts or begins otherwise."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec.backend import Channel
+from s2r_spec.diagnose.axes import Line
+from s2r_spec.diagnose.simulate import Bench, blamed
+from s2r_spec.errors import BackendError
+from s2r_spec.trace import Trace
+
+FloatArray = NDArray[np.float64]
+Rollout = tuple[dict[str, float], Trace]
+Pair = tuple[Trace, Trace]
+"""A simulated rollout, and the real one of the same test."""
+
+UNITS = {
+    "1000 times": 1e3,
+    "a thousandth of": 1e-3,
+    "100 times": 1e2,
+    "a hundredth of": 1e-2,
+    "57 times": 180.0 / np.pi,
+    "a 57th of": np.pi / 180.0,
+}
+"""Factors by which a channel is off whose unit was forgotten: milli and kilo, centi, degrees."""
+NEAR = 1.2
+"""A factor is one of these if it is this many times as much at most."""
+FAR, ALIKE = 1.6, 0.8
+"""Or, where a channel is correlated with the simulator's by the second at least, this many times: what a machine
+lacks moves its commands, too."""
+LOUD = 5.0
+"""A channel with the other sign is at most so many times the simulator's, or a part of it."""
+COMPARED = 5
+"""Rollouts that are compared with the simulator for it, at most."""
+OPPOSITE = -0.9
+"""A channel whose correlation with the simulator's is below this in all of them has the other sign."""
+SAME, BETTER = 0.999, 0.1
+"""A command is the simulator's at another time if it is correlated with it there by the first at least, and what that
+leaves is the second part, at most, of what it leaves at the same time."""
+LATEST = 0.25
+"""Part of a rollout by which it is looked for earlier and later."""
+
+
+def misread(bench: Bench, rollouts: Sequence[Rollout], lines: Sequence[Line] = ()) -> dict[str, str]:
+    """Return what to say of each channel that seems to have another unit, sign or begin than the simulator's.
+
+    Args:
+        bench: the simulator.
+        rollouts: the machine's.
+        lines: of the catalogue; a channel that none of them moves is a command, and tells when a recording began.
+    """
+    ran = [(test, trace) for test, trace in rollouts if trace.failure is None][:COMPARED]
+    if not ran:
+        return {}
+    pairs = []
+    for test, trace in ran:
+        with blamed(bench, {}, test, 0):
+            pairs.append((bench.run({}, test, 0), trace))
+    found = {}
+    for channel in bench.backend.channels:
+        if words := _other_sign(channel, pairs) or _other_unit(channel, pairs):
+            found[channel.name] = words
+        if _still(channel.name, pairs):
+            found[channel.name] = (
+                f"{channel.name} of the real rollouts never moves, and the simulator's does: was it recorded? If not, "
+                f"leave it out"
+            )
+    for name in _commands(bench, lines, ran[0][0], pairs[0][0]):
+        if words := _other_begin(name, pairs):
+            found[name] = words
+    return found
+
+
+def _other_sign(channel: Channel, pairs: Sequence[Pair]) -> str:
+    name, factors = channel.name, _factors(channel.name, pairs)
+    if not factors or not 1.0 / LOUD < np.median(factors) < LOUD:
+        return ""
+    if max(_correlation(simulated, real, name) for simulated, real in pairs) >= OPPOSITE:
+        return ""
+    return f"{name} of the real rollouts goes the other way than the simulator's: does it count the same way?"
+
+
+def _other_unit(channel: Channel, pairs: Sequence[Pair]) -> str:
+    name, factors = channel.name, _factors(channel.name, pairs)
+    # One that is next to nothing in either is no matter of units.
+    if not factors or not channel.unit or max(factors) > NEAR**2 * min(factors):
+        return ""
+    middle = float(np.median(factors))
+    words, factor = min(UNITS.items(), key=lambda item: abs(np.log(middle / item[1])))
+    alike = float(np.median([_correlation(simulated, real, name) for simulated, real in pairs]))
+    reach = FAR if abs(alike) > ALIKE else NEAR
+    if not 1.0 / reach < middle / factor < reach:
+        return ""
+    return (
+        f"{name} of the real rollouts is about {words} the simulator's: is it in {channel.unit}? If not, say its unit "
+        f"in the recording"
+    )
+
+
+def _factors(name: str, pairs: Sequence[Pair]) -> list[float]:
+    """Return how many times the simulator's each real one is; nothing where one of the two is nothing, or is not."""
+    if not all(name in trace.channels for pair in pairs for trace in pair):
+        return []
+    sizes = [(_rms(simulated[name]), _rms(real[name])) for simulated, real in pairs]
+    return [there / here for here, there in sizes] if all(min(both) > 0.0 for both in sizes) else []
+
+
+def _still(name: str, pairs: Sequence[Pair]) -> bool:
+    """Return whether a channel moves in every simulated rollout, and in no real one; what is 0 or 1 may well not."""
+    if not all(name in trace.channels for pair in pairs for trace in pair):
+        return False
+    moved = [[float(np.ptp(trace[name], axis=0).max()) for trace in pair] for pair in pairs]
+    flag = any(np.isin(simulated[name], (0.0, 1.0)).all() for simulated, _ in pairs)
+    return not flag and all(here > 0.0 and there == 0.0 for here, there in moved)
+
+
+def _other_begin(name: str, pairs: Sequence[Pair]) -> str:
+    if not all(name in real.channels for _, real in pairs):
+        return ""
+    by = [seconds for pair in pairs if (seconds := _later(*pair, name)) is not None]
+    if len(by) < len(pairs) or np.ptp(by) > 0.2 * abs(by[0]):
+        return ""
+    when = float(np.median(by))
+    return (
+        f"{name} of the real rollouts, which no effect changes, comes {abs(when):.3g} s "
+        f"{'after' if when > 0.0 else 'before'} the simulator's: do the recordings begin so much "
+        f"{'too early' if when > 0.0 else 'too late'}?"
+    )
+
+
+def _commands(bench: Bench, lines: Sequence[Line], test: Mapping[str, float], plain: Trace) -> list[str]:
+    """Return the channels of one number that are as in ``plain``, whatever is added to the simulator and drawn."""
+    much: dict[str, dict[str, float]] = {}
+    for line in lines:
+        half = line.value(0.5 if line.values[-1] > line.nominal else -0.5)
+        much.setdefault(line.effect, {}).update(line.at(half)[line.effect])
+    if not much:
+        return []
+    try:
+        with blamed(bench, much, test, 1):
+            other = bench.run(much, test, 1)
+    except BackendError:
+        return []  # all of them at once, at half of what is typical, is more than anybody promised
+    n = min(len(plain), len(other))
+    if n < 0.5 * len(plain):
+        return []
+    return [
+        name
+        for name, values in plain.channels.items()
+        if values.ndim == 1 and name in other.channels and np.array_equal(values[:n], other[name][:n])
+    ]
+
+
+def _later(simulated: Trace, real: Trace, name: str) -> float | None:
+    """Return by how much a command comes later than the simulator's [s]; None where it does not, or is another."""
+    times, own = simulated.times - simulated.times[0], real.times - real.times[0]
+    step, values = float(np.median(np.diff(times))), real[name]
+    if values.ndim != 1 or not np.isfinite(values).all():
+        return None
+
+    def alike(lag: int) -> float:
+        at = times + lag * step
+        common = (at >= 0.0) & (at <= own[-1])
+        here, there = simulated[name][common], np.interp(at[common], own, values)
+        if common.sum() < 0.5 * len(times) or not (here.std() and there.std()):
+            return -1.0
+        return float(np.corrcoef(here, there)[0, 1])
+
+    most = int(LATEST * len(times))
+    at_once = alike(0)
+    if at_once >= SAME or at_once == -1.0:
+        return None
+    lags = sorted(range(-most, most + 1), key=abs)
+    best = max(lags, key=alike)
+    there = alike(best)
+    return best * step if there >= SAME and 1.0 - there <= BETTER * (1.0 - at_once) else None
+
+
+def _correlation(simulated: Trace, real: Trace, name: str) -> float:
+    """Return the correlation of a channel with the simulator's, at the times of the latter; 0 where nothing moves."""
+    times, own = simulated.times - simulated.times[0], real.times - real.times[0]
+    common = times <= own[-1]
+    here, there = simulated[name], between(times, own, real[name])
+    if here.shape != there.shape:
+        return 0.0
+    both = np.array([here[common].ravel(), there[common].ravel()])
+    both = both[:, np.isfinite(both).all(axis=0)]
+    if both.shape[1] < 2 or not both.std(axis=1).all():
+        return 0.0
+    return float(np.corrcoef(both)[0, 1])
+
+
+def between(times: FloatArray, own: FloatArray, values: FloatArray) -> FloatArray:
+    """Return (m,) or (m, k) values at other times (m,): straight lines between those (n,) or (n, k) at ``own``."""
+    if values.ndim == 1:
+        return np.interp(times, own, values)
+    return np.stack([np.interp(times, own, column) for column in values.T], axis=1)
+
+
+def _rms(values: FloatArray) -> float:
+    """Return the root mean square of what is a number; 0 of nothing."""
+    known = values[np.isfinite(values)]
+    return float(np.sqrt((known**2).mean())) if known.size else 0.0
