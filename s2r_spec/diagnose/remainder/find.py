@@ -55,35 +55,19 @@ def remainders(
     whole = [(test, trace) for test, trace in rollouts if trace.failure is None]
     if features is None or len(whole) < FEWEST_ROLLOUTS:
         return ()
-    keys = [key_of(test) for test, _ in whole]
-    distinct = list(dict.fromkeys(keys))
-    tests = [dict(key) for key in distinct]
-    beside = [
-        Job(improved, ((test, rollout_seed(seed, n, 1, Stream.REMAINDER)),)) for n, test in enumerate(tests)
-    ]
-    paths = np.concatenate(run_jobs(bench, beside, executor, None, channels.path))
     traces = [trace for _, trace in whole]
+    tests = [dict(key) for key in dict.fromkeys(key_of(test) for test, _ in whole)]
+    seeds = [[rollout_seed(seed, n, again, Stream.REMAINDER) for n in range(len(tests))] for again in (0, 1)]
+    beside = [Job(improved, (run,)) for run in zip(tests, seeds[1], strict=True)]
+    paths = np.concatenate(run_jobs(bench, beside, executor, None, channels.path))
     read = _Read(channels.Beside.of(features, tests, list(paths)), motion.cells_of(features, traces))
-    runs = tuple((test, rollout_seed(seed, n, 0, Stream.REMAINDER)) for n, test in enumerate(tests))
-    few = np.linspace(0, len(runs) - 1, min(TESTS, len(runs))).round().astype(int)
-    of_few = tuple(runs[int(n)] for n in few)
-    names = list(bench.backend.variants()) if isinstance(bench.backend, HasVariants) else []
-    jobs = [Job(improved, (run,)) for run in runs] + [Job({}, of_few)]
-    jobs += [Job({}, of_few, name) for name in names]
-    blocks = run_jobs(bench, jobs, executor, progress, read)
-    # How much of a channel is a little of everything is an average over the rollout: one test is enough for it.
-    once = len(few) // 2
-    typical = [Job(line.at(line.at_typical()), (of_few[once],)) for line in lines]
-    ran = _Ran(
-        np.array([read(bench, trace, test) for test, trace in whole]),
-        np.concatenate(blocks[: len(runs)]),
-        np.array([distinct.index(key) for key in keys]),
-        few,
-        blocks[len(runs)],
-        blocks[len(runs) + 1 :],
-    )
+    runs = tuple(zip(tests, seeds[0], strict=True))
+    ran = _Ran.of(bench, read, whole, runs, improved, executor, progress)
     k = len(read.channels.cells.places())
     of_channels = ran.columns(slice(None, k))
+    # How much of a channel is a little of everything is an average over the rollout: one test is enough for it.
+    once = len(ran.few) // 2
+    typical = [Job(line.at(line.at_typical()), (runs[ran.few[once]],)) for line in lines]
     effects = run_jobs(bench, typical, executor, None, replace(read, motion=None))
     changes = [rows - of_channels.nominal[[once]] for rows in effects]
     with warnings.catch_warnings():
@@ -126,6 +110,34 @@ class _Ran:
     few: NDArray[np.intp]
     nominal: FloatArray
     variants: Sequence[FloatArray]
+
+    @classmethod
+    def of(
+        cls,
+        bench: Bench,
+        read: _Read,
+        machine: Sequence[tuple[Test, Trace]],
+        runs: Sequence[tuple[Test, int]],
+        improved: Mapping[str, Mapping[str, float]],
+        executor: Callable[[], Executor] | None,
+        progress: Callable[[int, int], None] | None,
+    ) -> _Ran:
+        """Simulate; ``runs`` are the different tests of the machine, each with a seed."""
+        few = np.linspace(0, len(runs) - 1, min(TESTS, len(runs))).round().astype(int)
+        of_few = tuple(runs[int(n)] for n in few)
+        names = list(bench.backend.variants()) if isinstance(bench.backend, HasVariants) else []
+        jobs = [Job(improved, (run,)) for run in runs]
+        jobs += [Job({}, of_few), *(Job({}, of_few, name) for name in names)]
+        *simulated, nominal = (blocks := run_jobs(bench, jobs, executor, progress, read))[: len(runs) + 1]
+        places = {key_of(test): n for n, (test, _) in enumerate(runs)}
+        return cls(
+            np.array([read(bench, trace, test) for test, trace in machine]),
+            np.concatenate(simulated),
+            np.array([places[key_of(test)] for test, _ in machine]),
+            few,
+            nominal,
+            blocks[len(runs) + 1 :],
+        )
 
     def columns(self, which: slice) -> _Ran:
         """Return some columns of every row."""
