@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,10 +11,11 @@ import s2r_spec as s2r
 from s2r_emps import EmpsBackend
 from s2r_spec.diagnose.axes import lines
 from s2r_spec.diagnose.equations import Probe
+from s2r_spec.diagnose.evidence import ALLOWED
 from s2r_spec.diagnose.features import Features
 from s2r_spec.diagnose.prepare import bench_of
-from s2r_spec.diagnose.remainder import Remainder, motion
-from s2r_spec.diagnose.remainder.cells import FEWEST_ROLLOUTS
+from s2r_spec.diagnose.remainder import Remainder, channels, motion
+from s2r_spec.diagnose.remainder.cells import FEWEST_ROLLOUTS, PARTS, WINDOWS
 from s2r_spec.diagnose.remainder.find import parts, remainders
 from s2r_spec.trace import Trace
 
@@ -194,3 +196,19 @@ def test_an_end_that_is_nowhere_is_said_so_and_is_no_number_in_json():
     assert str(replace(beyond, low=-np.inf, high=-4.0)) == "-3.2 N*m of motor where tau is below -4 N*m"
     assert beyond.to_json()["high"] is None
     assert beyond.to_json()["low"] == 10.0
+
+
+def test_the_page_says_what_is_allowed_for():
+    page = " ".join(Path("docs/explanation/diagnosis-method.md").read_text().split())
+    assert f"({WINDOWS} windows of time, and {PARTS} parts of each channel of the same width)" in page
+    assert (channels.LAWS, channels.ALLOWED) == (0.3, 0.1)
+    assert "laws that are off by three tenths of what the tuned simulator does otherwise" in page
+    assert (
+        f"a tenth of what every typical effect does to the column, {100 * channels.NOTHING:.0f} % of" in page
+    )
+    assert f"from one window to the next, {channels.LARGEST} times all that." in page
+    assert (motion.LAWS, motion.OWN, motion.NOTHING, motion.TAIL) == (0.2, 0.5, 1.0, 0.5)
+    assert (
+        f"off by a fifth of what they explain; allowed for are {100 * ALLOWED:.0f} % of every typical effect"
+        in page
+    )
