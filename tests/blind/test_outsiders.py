@@ -5,6 +5,7 @@ import json
 import math
 import sys
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,10 @@ from benchmarks.blind.quad import machine as quad
 from benchmarks.blind.segway import machine as segway
 from s2r_spec import backend, load_backend, load_spec
 from s2r_spec.blind.score import score
+from s2r_spec.diagnose.axes import lines
+from s2r_spec.diagnose.features import Features
+from s2r_spec.diagnose.prepare import bench_of
+from s2r_spec.diagnose.remainder import remainders
 from s2r_spec.rollouts.recorded import LogBackend
 
 BLIND = Path(__file__).parents[2] / "benchmarks" / "blind"
@@ -200,3 +205,21 @@ def test_without_effects_the_machine_is_near_its_simulator(simulators, name, rho
         apart.append(np.abs(both[0][channel] - both[1][channel]).mean())
     assert 0.0 < np.mean(gaps) < rho
     assert np.mean(apart) < near
+
+
+@pytest.mark.parametrize("gust", [0.0, 3000.0])
+def test_a_gust_is_seen_in_what_a_car_without_residuals_recorded(simulators, gust):
+    car_of_ours, spec, rng = simulators["car"], load_spec(MACHINES["car"].SPEC), np.random.default_rng(2)
+    tests = stratified(spec, rng, 12)
+    rollouts = [
+        (test, car.drive({"gust": gust, "front_grip": 0.8}, test, car.drawn_nuisance(rng))) for test in tests
+    ]
+    bench = bench_of(spec, spec.requirements[0], car_of_ours)
+    nominal = [bench.run({}, test, seed) for seed, test in enumerate(tests)]
+    bench = replace(bench, features=Features.of_nominal(nominal, car_of_ours.duration))
+    # The other author's tyres saturate, and ours are linear: a law that is off is no cause of its own.
+    left = remainders(bench, lines(car_of_ours.effects()), rollouts, {"front_grip": {"factor": 0.8}})
+    assert any(each.material for each in left) == (gust > 0.0)
+    if gust:
+        assert (left[0].quantity, left[0].unit, left[0].along) == ("ay_m", "m/s^2", "")
+        assert 2.5 < left[0].low < left[0].high < 3.2

@@ -32,6 +32,8 @@ NOTHING = 0.03
 """And nobody models a channel better than to this part of how much it varies."""
 LARGEST = 1.4
 """The largest of a machine that is the simulator's in kind is so many times what is allowed for."""
+AS_MUCH = 0.5
+"""Of the largest surplus in a column: the first window of time with so much is where it begins."""
 GRID = 1000
 """Times of a rollout at which it is known in which cell it is."""
 
@@ -131,3 +133,21 @@ def left_over(
     moved = over_column(little, column) > NOTHING**2 * varies
     size, surplus = beyond(machine - own, systematic, moved)
     return size, surplus / LARGEST
+
+
+def begin(places: Sequence[tuple[str, int, str, float, float]], surplus: FloatArray) -> FloatArray:
+    """Return (cells,) surplus, with 0 in windows of time after the first that says (nearly) as much.
+
+    In a closed loop what acts for a time goes on after it, and the answer to it may be the larger.
+    """
+    out = surplus.copy()
+    largest: dict[tuple[str, int], float] = {}
+    for place, value in zip(places, surplus, strict=True):
+        largest[place[:2]] = max(largest.get(place[:2], 0.0), float(value))
+    begun: set[tuple[str, int]] = set()
+    for k, (name, column, along, *_) in enumerate(places):
+        if not along and (name, column) in begun:
+            out[k] = 0.0
+        elif not along and surplus[k] > max(1.0, AS_MUCH * largest[name, column]):
+            begun.add((name, column))
+    return out

@@ -162,6 +162,7 @@ def _of_channels(
         [block - ran.nominal for block in ran.variants],
         cells,
     )
+    surplus = channels.begin(cells.places(), surplus)
     units, of = _units(traces), parts(traces[0], cells.widths)
     return [replace(each, recorded=True) for each in _largest(cells, size, surplus, units, of)]
 
