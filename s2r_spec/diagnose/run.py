@@ -199,6 +199,7 @@ def _answer(
         seed,
         executor,
         lambda done, of: tell("what is left", done, of),
+        None if first_none else fitted.values,
     )
 
     def answered(fitted: Fit, plain: bool) -> tuple[HowFar | None, Verdict, float]:

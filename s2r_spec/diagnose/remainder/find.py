@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.backend import HasVariants
-from s2r_spec.diagnose.axes import Line
+from s2r_spec.diagnose.axes import Line, Values
 from s2r_spec.diagnose.remainder import channels, motion
 from s2r_spec.diagnose.remainder.cells import FEWEST_ROLLOUTS, Cells
 from s2r_spec.diagnose.remainder.found import Remainder
@@ -33,10 +33,11 @@ def remainders(
     bench: Bench,
     lines: Sequence[Line],
     rollouts: Sequence[tuple[Test, Trace]],
-    improved: Mapping[str, Mapping[str, float]],
+    improved: Values,
     seed: int = 0,
     executor: Callable[[], Executor] | None = None,
     progress: Callable[[int, int], None] | None = None,
+    named: Values | None = None,
 ) -> tuple[Remainder, ...]:
     """Return where most is left beyond what is allowed for, one cell a quantity's column, largest surplus first.
 
@@ -46,10 +47,11 @@ def remainders(
         bench: the simulator.
         lines: of its catalogue.
         rollouts: (test, trace) of the machine.
-        improved: effects with which the simulator is nearest to it.
+        improved: effects with which the simulator should be nearest to it: the likeliest, and a little of all others.
         seed: of the simulated rollouts.
         executor: makes a pool for these; None runs them here.
         progress: is told (done, of).
+        named: the likeliest alone, with which it may be nearer: what is left of channels is what both leave.
     """
     features = bench.features
     whole = [(test, trace) for test, trace in rollouts if trace.failure is None]
@@ -68,11 +70,19 @@ def remainders(
     # How much of a channel is a little of everything is an average over the rollout: one test is enough for it.
     once = len(ran.few) // 2
     typical = [Job(line.at(line.at_typical()), (runs[ran.few[once]],)) for line in lines]
-    effects = run_jobs(bench, typical, executor, None, replace(read, motion=None))
-    changes = [rows - of_channels.nominal[[once]] for rows in effects]
+    alone = replace(read, motion=None)
+    changes = [rows - of_channels.nominal[[once]] for rows in run_jobs(bench, typical, executor, None, alone)]
+    simulated = [of_channels.simulated]
+    if named is not None and named != improved:
+        jobs = [Job(named, (run,)) for run in runs]
+        simulated.append(np.concatenate(run_jobs(bench, jobs, executor, None, alone)))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # of cells into which no rollout reaches
-        out = _of_channels(read.channels.cells, of_channels, changes, traces)
+        told = [
+            _of_channels(read.channels.cells, replace(of_channels, simulated=rows), changes, traces)
+            for rows in simulated
+        ]
+        out = min(told, key=lambda each: max((one.surplus for one in each), default=0.0))
         if read.motion is not None:
             out += _of_motion(bench, read.motion, ran.columns(slice(k, None)), whole)
     return tuple(sorted(out, key=lambda each: -each.surplus)[:TOLD])
@@ -118,7 +128,7 @@ class _Ran:
         read: _Read,
         machine: Sequence[tuple[Test, Trace]],
         runs: Sequence[tuple[Test, int]],
-        improved: Mapping[str, Mapping[str, float]],
+        improved: Values,
         executor: Callable[[], Executor] | None,
         progress: Callable[[int, int], None] | None,
     ) -> _Ran:
