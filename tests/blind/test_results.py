@@ -81,27 +81,33 @@ def test_what_is_said_of_answers_that_were_sure_and_wrong():
     } == {
         ("unknown", "steering_rate"): {"steer_lag"},
         ("unknown", "square_drag"): {"viscous_friction"},
+        ("unknown", "dragging_foot"): {"foot_drag"},
+        ("unknown", "weak_rear_rotor"): {"com_offset"},
         ("triple", "gyro_bias", "motor_strength", "extra_mass"): {"gyro_bias"},
+        ("pair", "battery_sag", "ground_effect"): {"battery_sag"},
         ("null",): {"velocity_bias"},
+        ("single", "speed_filter"): {"stribeck"},
     }
     assert (
-        "two causes that the catalogue lacks were named as members that do nearly the same (a slow rack as a lag of "
-        "the steering, a drag with the square of the speed as viscous friction), of three effects one was named, and a "
-        "machine with nothing wrong was said to have a velocity bias."
+        "four causes that the catalogue lacks were named as members that do nearly the same (a slow rack as a lag of "
+        "the steering, a drag with the square of the speed as viscous friction, one foot that drags as all four, a weak "
+        "rear rotor as a centre of mass), of three effects and of two one was named, a machine with nothing wrong was "
+        "said to have a velocity bias, and one with a slight filter on its speed to have a slight fall of "
+        "friction."
     ) in page
 
 
 def test_what_is_said_of_what_no_equation_asked_for():
     since = [
         case
-        for case in cases_of("a1seventeenth", "a1eighteenth", "a1")
+        for case in cases_of("a1seventeenth", "a1eighteenth", "a1nineteenth", "a1")
         if UNASKED & set(case["label"]["effects"])
     ]
     alone, beside = (
         [right(c) for c in since if (c["label"]["kind"] == "single") is one] for one in (True, False)
     )
     assert (
-        f"of these alone {sum(alone)} of {len(alone)} were named in the three sets since, of these beside another "
+        f"of these alone {sum(alone)} of {len(alone)} were named in the four sets since, of these beside another "
         f"{sum(beside)} of {len(beside)}."
     ) in " ".join(PAGE.read_text().split())
 
@@ -118,6 +124,24 @@ def test_what_is_said_of_unknown_causes_without_residuals():
     seen = scores["unknown with a material gap detected"]
     page = " ".join((ROOT / "docs" / "how-to" / "effects.md").read_text().split())
     assert f"of a car's with a material gap {seen['hits']} of {seen['of']} were seen as such" in page
+
+
+def test_what_is_said_of_unknown_causes_before_and_since():
+    seen = {
+        name: json.loads((RESULTS / f"{name}_scores.json").read_text())["scores"][
+            "unknown with a material gap detected"
+        ]
+        for name in ("car1", "quad6", "car", "quad")
+    }
+    (hits, of), (now, of_now) = (
+        [sum(seen[name][key] for name in names) for key in ("hits", "of")]
+        for names in (("car1", "quad6"), ("car", "quad"))
+    )
+    page = " ".join(PAGE.read_text().split())
+    assert (
+        f"of the car's and the quadrotor's with a material gap {hits} of {of} were seen then, and {now} of {of_now} in "
+        f"the newest."
+    ) in page
 
 
 def test_what_is_said_of_windows():
