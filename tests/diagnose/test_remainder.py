@@ -206,7 +206,11 @@ def test_the_page_says_what_is_allowed_for():
     assert (
         f"a tenth of what every typical effect does to the column, {100 * channels.NOTHING:.0f} % of" in page
     )
-    assert f"from one window to the next, {channels.LARGEST} times all that." in page
+    assert (channels.TAIL, channels.BESIDE) == (0.2, 0.5)
+    assert (
+        "the largest of many columns is large by chance: 1 + ⅕ ln(columns) times all that. Where the equations are "
+        "asked, too, it counts half."
+    ) in page
     assert (motion.LAWS, motion.OWN, motion.NOTHING, motion.TAIL) == (0.2, 0.5, 1.0, 0.5)
     assert (
         f"off by a fifth of what they explain; allowed for are {100 * ALLOWED:.0f} % of every typical effect"

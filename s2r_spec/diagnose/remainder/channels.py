@@ -30,8 +30,10 @@ ALLOWED = 0.1
 """A little of everything is this part of every typical effect."""
 NOTHING = 0.03
 """And nobody models a channel better than to this part of how much it varies."""
-LARGEST = 1.4
-"""The largest of a machine that is the simulator's in kind is so many times what is allowed for."""
+TAIL = 0.2
+"""The largest of many columns of a machine that is the simulator's in kind is 1 + TAIL · log(columns) times allowed."""
+BESIDE = 0.5
+"""By so much a surplus counts where the equations of motion are asked, too: they see most of it, and more sharply."""
 AS_MUCH = 0.5
 """Of the largest surplus in a column: the first window of time with so much is where it begins."""
 GRID = 1000
@@ -132,7 +134,8 @@ def left_over(
     # What no effect moves, as a reference, is no part of the machine.
     moved = over_column(little, column) > NOTHING**2 * varies
     size, surplus = beyond(machine - own, systematic, moved)
-    return size, surplus / LARGEST
+    largest = 1.0 + TAIL * np.log(max(len(np.unique(column[moved])), 1))
+    return size, surplus / largest
 
 
 def begin(places: Sequence[tuple[str, int, str, float, float]], surplus: FloatArray) -> FloatArray:

@@ -84,6 +84,7 @@ def remainders(
         ]
         out = min(told, key=lambda each: max((one.surplus for one in each), default=0.0))
         if read.motion is not None:
+            out = [replace(each, surplus=channels.BESIDE * each.surplus) for each in out]
             out += _of_motion(bench, read.motion, ran.columns(slice(k, None)), whole)
     return tuple(sorted(out, key=lambda each: -each.surplus)[:TOLD])
 
