@@ -92,8 +92,8 @@ def test_what_is_said_of_answers_that_were_sure_and_wrong():
         "four causes that the catalogue lacks were named as members that do nearly the same (a slow rack as a lag of "
         "the steering, a drag with the square of the speed as viscous friction, one foot that drags as all four, a "
         "weak rear rotor as a centre of mass), of three effects and of two one was named, a machine with "
-        "nothing wrong was said to have a velocity bias, and one with a slight filter on its speed to have a slight fall of "
-        "friction."
+        "nothing wrong was said to have a velocity bias, and one with a slight filter on its speed to "
+        "have a slight fall of friction."
     ) in page
 
 
