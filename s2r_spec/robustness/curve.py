@@ -166,6 +166,8 @@ def added(x: Curve, y: Curve, snap: float) -> Curve:
 
 def sign(x: Curve, snap: float) -> Curve:
     """Return −1, 0 or 1."""
-    x, _ = crossed(x, Curve.constant(x.times, 0.0), snap)
-    between = np.sign(x.right + x.left)
-    return Curve(x.times, np.sign(x.at), between, between)
+    fine, _ = crossed(x, Curve.constant(x.times, 0.0), snap)
+    between = np.sign(fine.right + fine.left)
+    # Where it crosses it is 0, whatever rounding leaves of that.
+    at = np.where(np.isin(fine.times, x.times), np.sign(fine.at), 0.0)
+    return Curve(fine.times, at, between, between)

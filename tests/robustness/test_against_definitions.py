@@ -86,6 +86,15 @@ def test_samples_on_a_straight_line_change_nothing(formula, x, y, gaps) -> None:
     np.testing.assert_allclose(again, rho, rtol=0, atol=1e-9)
 
 
+def test_a_sign_is_nothing_where_it_crosses_however_the_crossing_is_rounded() -> None:
+    spec = parse_spec("signal x signal y require it: always 0.5 != x + sign(y)")
+    times = np.array([0.0, 1.375])
+    for more in (times, np.array([0.0, 0.6875, 1.375])):
+        trace = Trace(more, {"x": more / 1.375, "y": np.interp(more, times, [-0.6875, 1.0])})
+        rho = spec.robustness_signal(trace, "it", interpolation="linear")[0]
+        assert rho == pytest.approx(0.5 - 0.6875 / 1.6875)
+
+
 DUALS = [
     ("not always[0.1, 0.3) (x > 0)", "eventually[0.1, 0.3) not (x > 0)"),
     ("not (x > 0 until(0, 0.4] y > 0)", "(not x > 0) release(0, 0.4] (not y > 0)"),
