@@ -198,6 +198,14 @@ def test_an_end_that_is_nowhere_is_said_so_and_is_no_number_in_json():
     assert beyond.to_json()["low"] == 10.0
 
 
+def test_of_a_channel_the_first_window_is_told_that_is_itself_more_than_what_is_allowed_for():
+    windows = [("u", 0, "", float(k), k + 1.0) for k in range(4)]
+    assert channels.begin(windows, np.array([0.2, 1.6, 3.0, 2.0])).tolist() == [0.2, 1.6, 0.0, 0.0]
+    # One that is less hides no larger one, nor does one that is less than half as much.
+    assert channels.begin(windows, np.array([0.2, 0.8, 1.5, 0.1])).tolist() == [0.2, 0.8, 1.5, 0.0]
+    assert channels.begin(windows, np.array([0.2, 1.4, 3.0, 0.1])).tolist() == [0.2, 1.4, 3.0, 0.0]
+
+
 def test_the_page_says_what_is_allowed_for():
     page = " ".join(Path("docs/explanation/diagnosis-method.md").read_text().split())
     assert f"({WINDOWS} windows of time, and {PARTS} parts of each channel of the same width)" in page

@@ -79,12 +79,10 @@ def remainders(
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # of cells into which no rollout reaches
         told = [
-            _of_channels(read.channels.cells, replace(of_channels, simulated=rows), changes, traces)
-            for rows in simulated
+            _of_channels(read, replace(of_channels, simulated=rows), changes, traces) for rows in simulated
         ]
         out = min(told, key=lambda each: max((one.surplus for one in each), default=0.0))
         if read.motion is not None:
-            out = [replace(each, surplus=channels.BESIDE * each.surplus) for each in out]
             out += _of_motion(bench, read.motion, ran.columns(slice(k, None)), whole)
     return tuple(sorted(out, key=lambda each: -each.surplus)[:TOLD])
 
@@ -162,8 +160,9 @@ class _Ran:
 
 
 def _of_channels(
-    cells: Cells, ran: _Ran, effects: Sequence[FloatArray], traces: Sequence[Trace]
+    read: _Read, ran: _Ran, effects: Sequence[FloatArray], traces: Sequence[Trace]
 ) -> list[Remainder]:
+    cells = read.channels.cells
     size, surplus = channels.left_over(
         ran.machine,
         ran.simulated[ran.at],
@@ -173,7 +172,8 @@ def _of_channels(
         [block - ran.nominal for block in ran.variants],
         cells,
     )
-    surplus = channels.begin(cells.places(), surplus)
+    weight = 1.0 if read.motion is None else channels.BESIDE
+    surplus = channels.begin(cells.places(), weight * surplus)
     units, of = _units(traces), parts(traces[0], cells.widths)
     return [replace(each, recorded=True) for each in _largest(cells, size, surplus, units, of)]
 
