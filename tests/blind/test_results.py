@@ -20,6 +20,7 @@ from benchmarks.blind.table import (
 )
 from s2r_spec.blind.score import truth
 from s2r_spec.diagnose.judge import WEIGHTS
+from s2r_spec.diagnose.remainder import Remainder
 from s2r_spec.diagnose.told import ACROSS
 from s2r_spec.spec import load_spec
 
@@ -117,6 +118,13 @@ def test_what_the_page_on_logs_says_of_sure_answers():
     right = sum(first(case)[0] == truth(case["label"]) for case in sure)
     page = (ROOT / "docs" / "how-to" / "diagnose-logs.md").read_text()
     assert f"answers of 0.9 and more were right in {right} of {len(sure)} cases" in page
+
+
+def test_what_the_page_on_logs_says_of_a_gust():
+    gusts = [case for case in cases_of("car") if "gust" in case["label"]["effects"]]
+    said = [str(Remainder(**case["left"][0])) for case in gusts]
+    page = (ROOT / "docs" / "how-to" / "diagnose-logs.md").read_text()
+    assert any(f"*{words}*, which was said of a sealed car with\na gust" in page for words in said), said
 
 
 def test_what_is_said_of_unknown_causes_without_residuals():
