@@ -76,8 +76,8 @@ def write_case(case: Written, name: str, out: Path, spec: Path = SPEC) -> None:
     (out / "sealed" / f"{name}.json").write_text(json.dumps({"id": name, **case.label}, indent=1) + "\n")
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+def asked(parser: argparse.ArgumentParser) -> tuple[argparse.Namespace, np.random.Generator]:
+    """Return what the command line asks for, of any machine, and the random numbers of the set."""
     parser.add_argument("--cases", type=int, default=200)
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--seed", type=int, help="for a set that can be made again; without it, a fresh one")
@@ -85,7 +85,12 @@ def main() -> None:
     arguments = parser.parse_args()
     if arguments.out.exists() and any(arguments.out.iterdir()):
         parser.error(f"{arguments.out} is not empty; a set goes into a folder of its own")
-    rng = np.random.default_rng(secrets.randbits(128) if arguments.seed is None else arguments.seed)
+    seed = secrets.randbits(128) if arguments.seed is None else arguments.seed
+    return arguments, np.random.default_rng(seed)
+
+
+def main() -> None:
+    arguments, rng = asked(argparse.ArgumentParser(description=__doc__.split("\n")[0]))
     kinds = kinds_of(rng, arguments.cases)
     for first in range(0, len(kinds), BATCH):
         batch = kinds[first : first + BATCH]
