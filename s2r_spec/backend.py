@@ -21,12 +21,27 @@ GROUP = "s2r.backends"
 
 @dataclass(frozen=True)
 class Channel:
-    """A channel that every trace of the backend carries."""
+    """A channel that every trace of the backend carries.
+
+    Attributes:
+        name: as specs have it.
+        unit: of all its columns.
+        description: what it is, in a line.
+        width: how many columns it has.
+        columns: name of each of them ("FR hip"), for what is told of one; empty where they have numbers alone.
+    """
 
     name: str
     unit: str
     description: str
     width: int = 1
+    columns: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.columns and len(self.columns) != self.width:
+            raise UsageError(
+                f"channel {self.name} has {self.width} columns, but names for {len(self.columns)}: name all or none"
+            )
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,14 @@
 
 from __future__ import annotations
 
+from s2r_sim.figures import LEGS
 from s2r_spec.backend import Channel
+
+FEET = tuple(leg.name for leg in LEGS)
+JOINTS = tuple(f"{foot} {joint}" for foot in FEET for joint in ("hip", "thigh", "calf"))
+AXES = ("x", "y", "z")
+HEADING = ("forward", "left", "up")
+AT_FEET = tuple(f"{foot} {axis}" for foot in FEET for axis in AXES)
 
 CHANNELS = (
     Channel("vx", "m/s", "true base velocity, forward in the heading frame"),
@@ -21,20 +28,38 @@ CHANNELS = (
     Channel("roll", "rad", "base attitude"),
     Channel("pitch", "rad", "base attitude"),
     Channel("yaw", "rad", "base attitude"),
-    Channel("omega", "rad/s", "true angular velocity in base axes", 3),
-    Channel("acc_pred", "m/s^2", "base acceleration that the QP predicts; forward, left, up", 3),
+    Channel("omega", "rad/s", "true angular velocity in base axes", 3, AXES),
+    Channel(
+        "acc_pred",
+        "m/s^2",
+        "base acceleration that the QP predicts; forward, left, up",
+        3,
+        ("forward", "left", "up"),
+    ),
     Channel("qp_iterations", "", "interior-point iterations of the force QP"),
     Channel("qp_solved", "", "1 where the QP was solved, 0 where the controller fell back"),
     Channel("fallen", "", "1 at the sample at which the robot has fallen"),
-    Channel("stance", "", "1 where the gait has the foot on the ground; FR, FL, RR, RL", 4),
-    Channel("q", "rad", "joint angles; FR, FL, RR, RL, each hip, thigh, calf", 12),
-    Channel("dq", "rad/s", "joint speeds", 12),
-    Channel("tau_cmd", "N*m", "what the motor law asks for at the sample, before clipping", 12),
-    Channel("tau", "N*m", "what the motors report within the 2 ms after the sample, from their currents", 12),
-    Channel("foot_position", "m", "centre of the ball foot in the world; x, y, z of each foot", 12),
-    Channel("foot_velocity", "m/s", "its velocity, world axes", 12),
-    Channel("foot_force", "N", "ground on feet within the 2 ms after the sample; x, y, z of each foot", 12),
-    Channel("contact", "", "1 where the ground pushes on the foot", 4),
+    Channel("stance", "", "1 where the gait has the foot on the ground; FR, FL, RR, RL", 4, FEET),
+    Channel("q", "rad", "joint angles; FR, FL, RR, RL, each hip, thigh, calf", 12, JOINTS),
+    Channel("dq", "rad/s", "joint speeds", 12, JOINTS),
+    Channel("tau_cmd", "N*m", "what the motor law asks for at the sample, before clipping", 12, JOINTS),
+    Channel(
+        "tau",
+        "N*m",
+        "what the motors report within the 2 ms after the sample, from their currents",
+        12,
+        JOINTS,
+    ),
+    Channel("foot_position", "m", "centre of the ball foot in the world; x, y, z of each foot", 12, AT_FEET),
+    Channel("foot_velocity", "m/s", "its velocity, world axes", 12, AT_FEET),
+    Channel(
+        "foot_force",
+        "N",
+        "ground on feet within the 2 ms after the sample; x, y, z of each foot",
+        12,
+        AT_FEET,
+    ),
+    Channel("contact", "", "1 where the ground pushes on the foot", 4, FEET),
 )
 
 UNITS = {channel.name: channel.unit for channel in CHANNELS}

@@ -9,6 +9,7 @@ import pytest
 
 import s2r_spec as s2r
 from s2r_emps import EmpsBackend
+from s2r_spec.backend import Channel
 from s2r_spec.diagnose.axes import lines
 from s2r_spec.diagnose.equations import Probe
 from s2r_spec.diagnose.evidence import ALLOWED
@@ -16,7 +17,7 @@ from s2r_spec.diagnose.features import Features
 from s2r_spec.diagnose.prepare import bench_of
 from s2r_spec.diagnose.remainder import Remainder, channels, motion
 from s2r_spec.diagnose.remainder.cells import FEWEST_ROLLOUTS, PARTS, WINDOWS
-from s2r_spec.diagnose.remainder.find import parts, remainders
+from s2r_spec.diagnose.remainder.find import columns, parts, remainders
 from s2r_spec.trace import Trace
 
 PROBES = (
@@ -188,6 +189,13 @@ def test_a_column_of_many_is_told_by_the_part_it_is_of_or_by_its_number():
     assert parts(two, widths) == {("torque", 0): "hip", ("torque", 1): "knee", ("force", 0): ""}
     bare = Trace(two.times, dict(two.channels), {})
     assert parts(bare, widths)["torque", 1] == "column 1"
+    recorded = (
+        Channel("torque", "N*m", "of the motors", 2, ("hip", "knee")),
+        Channel("force", "N", "of the foot"),
+    )
+    assert columns(recorded, widths) == parts(two, widths)
+    assert columns((Channel("torque", "N*m", "of the motors", 2),), widths)["torque", 1] == "column 1"
+    assert columns((), widths)["torque", 0] == "column 0"
 
 
 def test_an_end_that_is_nowhere_is_said_so_and_is_no_number_in_json():

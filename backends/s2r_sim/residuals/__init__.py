@@ -27,8 +27,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import convolve1d
 
+from s2r_sim.channels import FEET, JOINTS
 from s2r_sim.effects import choice
-from s2r_sim.figures import LEGS
 from s2r_sim.gains import Gains
 from s2r_sim.parameters import Test, read_test
 from s2r_sim.physics import Physics
@@ -45,8 +45,6 @@ WINDOW = 0.03
 
 _POSE = ("x", "y", "z", "roll", "pitch", "yaw")
 _MOTION = (*_POSE, "vx", "vy", "vz", "omega", "q", "dq")
-_FEET = tuple(leg.name for leg in LEGS)
-_JOINTS = tuple(f"{leg} {part}" for leg in _FEET for part in ("hip", "thigh", "calf"))
 _BASE = ("base",) * 3
 
 
@@ -208,8 +206,8 @@ def _ahead(log: Recorded, vector: FloatArray) -> FloatArray:
 
 _WITH_FORCE = (*_MOTION, "foot_force")
 _ON_GROUND = (*_MOTION, "contact")
-_EACH_AXIS = tuple(f"{foot} foot" for foot in _FEET for _ in range(3))
-_EACH_FOOT = tuple(f"{foot} foot" for foot in _FEET)
+_EACH_AXIS = tuple(f"{foot} foot" for foot in FEET for _ in range(3))
+_EACH_FOOT = tuple(f"{foot} foot" for foot in FEET)
 
 _JOINTS_KNOW = (
     *("armature", "damping", "dry_friction", "torque_constant"),
@@ -226,13 +224,13 @@ _SLIP_KNOWS = ("impratio", "sink", "slope")
 
 RESIDUALS = (
     _Residual(
-        "joint_torque", "N*m", (*_WITH_FORCE, "tau"), _JOINTS_KNOW, _JOINTS, lambda motion: motion.joints
+        "joint_torque", "N*m", (*_WITH_FORCE, "tau"), _JOINTS_KNOW, JOINTS, lambda motion: motion.joints
     ),
     _Residual("base_force", "N", _WITH_FORCE, _BASE_KNOWS, _BASE, lambda motion: _base_wrench(motion)[:, :3]),
     _Residual(
         "base_torque", "N*m", _WITH_FORCE, _BASE_KNOWS, _BASE, lambda motion: _base_wrench(motion)[:, 3:]
     ),
-    _Residual("motor", "N*m", ("q", "dq", "tau", "tau_cmd", "stance"), _MOTOR_KNOWS, _JOINTS, _motor),
+    _Residual("motor", "N*m", ("q", "dq", "tau", "tau_cmd", "stance"), _MOTOR_KNOWS, JOINTS, _motor),
     _Residual(
         "acceleration",
         "m/s^2",
@@ -271,7 +269,7 @@ RESIDUALS = (
     ),
     _Residual("contact_timing", "", ("contact", "stance"), (), _EACH_FOOT, _timing),
     _Residual(
-        "joint_speed", "rad/s", ("q", "dq"), (), tuple(f"{name} encoder" for name in _JOINTS), _joint_speed
+        "joint_speed", "rad/s", ("q", "dq"), (), tuple(f"{name} encoder" for name in JOINTS), _joint_speed
     ),
     _Residual("foot_place", "m", (*_POSE, "q", "foot_position"), (), _EACH_AXIS, _foot_place),
 )

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.backend import HasVariants
+from s2r_spec.backend import Channel, HasVariants
 from s2r_spec.diagnose.axes import Line, Values
 from s2r_spec.diagnose.remainder import channels, motion
 from s2r_spec.diagnose.remainder.cells import FEWEST_ROLLOUTS, Cells
@@ -79,7 +79,8 @@ def remainders(
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # of cells into which no rollout reaches
         told = [
-            _of_channels(read, replace(of_channels, simulated=rows), changes, traces) for rows in simulated
+            _of_channels(bench, read, replace(of_channels, simulated=rows), changes, traces)
+            for rows in simulated
         ]
         out = min(told, key=lambda each: max((one.surplus for one in each), default=0.0))
         if read.motion is not None:
@@ -160,7 +161,7 @@ class _Ran:
 
 
 def _of_channels(
-    read: _Read, ran: _Ran, effects: Sequence[FloatArray], traces: Sequence[Trace]
+    bench: Bench, read: _Read, ran: _Ran, effects: Sequence[FloatArray], traces: Sequence[Trace]
 ) -> list[Remainder]:
     cells = read.channels.cells
     size, surplus = channels.left_over(
@@ -174,7 +175,7 @@ def _of_channels(
     )
     weight = 1.0 if read.motion is None else channels.BESIDE
     surplus = channels.begin(cells.places(), weight * surplus)
-    units, of = _units(traces), parts(traces[0], cells.widths)
+    units, of = _units(traces), columns(bench.backend.channels, cells.widths)
     return [replace(each, recorded=True) for each in _largest(cells, size, surplus, units, of)]
 
 
@@ -204,12 +205,23 @@ def _units(traces: Sequence[Trace]) -> dict[str, str]:
 
 
 def parts(trace: Trace, widths: Mapping[str, int]) -> dict[tuple[str, int], str]:
-    """Return what each column belongs to, or its number; "" where there is but one."""
+    """Return what each column of residuals belongs to, or its number; "" where there is but one."""
+    of = {name: named(trace, name, width) for name, width in widths.items()}
+    return _told({name: told if told[0] != name else () for name, told in of.items()}, widths)
+
+
+def columns(channels: Sequence[Channel], widths: Mapping[str, int]) -> dict[tuple[str, int], str]:
+    """Return the name of each column of what is recorded, or its number; "" where there is but one."""
+    return _told({channel.name: channel.columns for channel in channels}, widths)
+
+
+def _told(names: Mapping[str, Sequence[str]], widths: Mapping[str, int]) -> dict[tuple[str, int], str]:
     out = {}
     for name, width in widths.items():
-        told = named(trace, name, width)
-        for column, part in enumerate(told):
-            out[name, column] = "" if width == 1 else f"column {column}" if part == name else part
+        of = names.get(name, ())
+        for column in range(width):
+            told = of[column] if len(of) == width else f"column {column}"
+            out[name, column] = "" if width == 1 else told
     return out
 
 
