@@ -112,3 +112,10 @@ def _frozen(values: ArrayLike, name: str) -> FloatArray:
         raise TraceError(f"channel {name!r} is not numeric: {error}") from None
     array.setflags(write=False)
     return array
+
+
+def between(times: FloatArray, own: FloatArray, values: FloatArray) -> FloatArray:
+    """Return (m,) or (m, k) values at other times (m,): straight lines between those (n,) or (n, k) at ``own``."""
+    if values.ndim == 1:
+        return np.interp(times, own, values)
+    return np.stack([np.interp(times, own, column) for column in values.T], axis=1)

@@ -15,14 +15,13 @@ from numpy.typing import NDArray
 
 from s2r_spec import logs
 from s2r_spec.backend import Backend, HasDuration, HasRecordings, load_backend
-from s2r_spec.diagnose.misread import between
 from s2r_spec.diagnose.notes import CUT, READ_AT
 from s2r_spec.diagnose.simulate import Bench, blamed
 from s2r_spec.errors import SamplingError, TraceError, UsageError
 from s2r_spec.lang.units import UnknownUnitError, parse_unit
 from s2r_spec.rollouts.match import match
 from s2r_spec.rollouts.seeds import Stream, rollout_seed
-from s2r_spec.trace import Trace
+from s2r_spec.trace import Trace, between
 
 FloatArray = NDArray[np.float64]
 Rollout = tuple[dict[str, float], Trace]

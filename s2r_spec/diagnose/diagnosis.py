@@ -156,7 +156,8 @@ class Diagnosis:
         notes: what the real rollouts lack, a sentence each.
         by_falls: whether what is named rests on falls alone: no other rollout shows it.
         misread: channels that look as if they were recorded in another unit, with the other sign, from another time
-            on, or not at all; what is said of causes is worth little until that is seen to.
+            on, not at all or with samples that no other rollout has; what is said of causes is worth little until that
+            is seen to.
     """
 
     verdict: Verdict

@@ -11,7 +11,7 @@ from s2r_spec.backend import Channel
 from s2r_spec.diagnose.axes import Line
 from s2r_spec.diagnose.simulate import Bench, blamed
 from s2r_spec.errors import BackendError
-from s2r_spec.trace import Trace
+from s2r_spec.trace import Trace, between
 
 FloatArray = NDArray[np.float64]
 Rollout = tuple[dict[str, float], Trace]
@@ -192,13 +192,6 @@ def _correlation(simulated: Trace, real: Trace, name: str) -> float:
     if both.shape[1] < 2 or not both.std(axis=1).all():
         return 0.0
     return float(np.corrcoef(both)[0, 1])
-
-
-def between(times: FloatArray, own: FloatArray, values: FloatArray) -> FloatArray:
-    """Return (m,) or (m, k) values at other times (m,): straight lines between those (n,) or (n, k) at ``own``."""
-    if values.ndim == 1:
-        return np.interp(times, own, values)
-    return np.stack([np.interp(times, own, column) for column in values.T], axis=1)
 
 
 def _rms(values: FloatArray) -> float:

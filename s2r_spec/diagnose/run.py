@@ -20,6 +20,7 @@ from s2r_spec.diagnose.ask import Rollouts, real_rollouts
 from s2r_spec.diagnose.diagnosis import Diagnosis, Verdict, Which
 from s2r_spec.diagnose.estimate import Fit, by_linear, fit
 from s2r_spec.diagnose.falls import always_early, falls, falls_alone
+from s2r_spec.diagnose.glitches import glitches
 from s2r_spec.diagnose.held_out import measured
 from s2r_spec.diagnose.how_far import HowFar
 from s2r_spec.diagnose.idle import active
@@ -112,7 +113,7 @@ def diagnose(
     held_first = parts.held
     with kept_open(executor) as pool:
         why = falls(bench, bank.lines, rollouts, seed, pool)
-        odd = misread(bench, rollouts, bank.lines)
+        odd = glitches(bench, rollouts) | misread(bench, rollouts, bank.lines)
         alone = falls_alone(bench, rollouts, seed, pool)
         lacking = notes(bench, told, ENOUGH, idle, why, odd, alone)
         state = prepare(bench, bank, parts.compared, seed, cache, pool, tell)

@@ -12,8 +12,8 @@ def next_step(found: Diagnosis, spec: Spec) -> str:
     if found.misread:
         what = " and ".join(found.misread)
         return (
-            f"First make sure of the unit, the sign and the begin of {what} in the recordings, and ask again: until "
-            f"then what is said of causes is worth little."
+            f"First see to {what} in the recordings, as the notes say, and ask again: until then what is said of "
+            f"causes is worth little."
         )
     which = found.which
     test = "" if which.next_test is None else test_in_words(which.next_test, spec)

@@ -268,9 +268,7 @@ def test_a_channel_with_the_other_sign_is_told_and_comes_first(cache):
     found = s2r.diagnose(s2r.parse_spec(SPEC), Cart(), many(12, 9, flipped), cache=cache, where=False)
     assert found.misread == ("u",)
     assert found.notes[0] == odd["u"]
-    assert next_step(found, s2r.parse_spec(SPEC)).startswith(
-        "First make sure of the unit, the sign and the begin of u in"
-    )
+    assert next_step(found, s2r.parse_spec(SPEC)).startswith("First see to u in the recordings")
 
 
 @pytest.mark.parametrize(

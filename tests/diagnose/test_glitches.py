@@ -1,0 +1,78 @@
+"""Samples that look like the recording's doing are told, and what a machine does is not taken for one."""
+
+import numpy as np
+import pytest
+from s2r_cart import SPEC, Cart, real
+
+import s2r_spec as s2r
+from s2r_spec.diagnose.glitches import glitches
+from s2r_spec.diagnose.prepare import bench_of
+from s2r_spec.report.nextstep import next_step
+from s2r_spec.trace import Trace
+
+pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
+BENCH = bench_of(s2r.parse_spec(SPEC), "tracking", Cart())
+
+
+def changed(trace, name, at, value):
+    values = trace[name].copy()
+    values[at] = value
+    return Trace(trace.times, dict(trace.channels) | {name: values}, trace.units)
+
+
+def many(effects, spoil=None, which=3):
+    tests = [{"vd": 0.2 + 0.1 * k, "acc": 2.0} for k in range(8)]
+    runs = [(test, real(test, i, effects)) for i, test in enumerate(tests)]
+    if spoil is not None:
+        runs[which] = (runs[which][0], spoil(runs[which][1]))
+    return runs
+
+
+def test_a_single_sample_far_off_is_told_with_its_rollout_its_time_and_its_size():
+    def spike(trace):
+        return changed(trace, "v_meas", 40, trace["v_meas"][40] + 30.0)
+
+    [told] = glitches(BENCH, many({}, spike)).values()
+    when = many({})[3][1].times[40]
+    assert told.startswith("v_meas of real rollout 3 (vd = 0.5, acc = 2) is off by")
+    assert f"for a sample at {when:.4g} s" in told
+    assert float(told.split("off by ")[1].split()[0]) == pytest.approx(30.0, rel=0.1)
+
+
+def test_a_channel_that_stops_in_the_middle_is_told_with_when():
+    def stuck(trace):
+        return changed(trace, "v_meas", slice(8, 60), trace["v_meas"][8])
+
+    runs = many({}, stuck)
+    [told] = glitches(BENCH, runs).values()
+    times = runs[3][1].times
+    assert f"keeps one value from {times[8]:.4g} to {times[59]:.4g} s, where the simulator's moves" in told
+
+
+def test_a_step_noise_a_lost_channel_and_what_saturates_are_not():
+    def step(trace):
+        return changed(trace, "v_meas", slice(40, None), trace["v_meas"][40:] + 30.0)
+
+    def noisy(trace):
+        noise = np.random.default_rng(0).normal(size=len(trace))
+        return changed(trace, "v_meas", slice(None), trace["v_meas"] + 1e-3 * noise)
+
+    def saturated(trace):
+        return changed(trace, "v_meas", slice(8, 60), 100.0)
+
+    def lost(trace):
+        return changed(trace, "v_meas", slice(40, 50), np.nan)
+
+    for spoil in (None, step, noisy, saturated, lost):
+        assert glitches(BENCH, many({}, spoil)) == {}
+
+
+def test_a_glitch_is_a_note_and_what_to_see_to_first(cache):
+    def spike(trace):
+        return changed(trace, "v_meas", 40, 30.0)
+
+    spec = s2r.parse_spec(SPEC)
+    found = s2r.diagnose(spec, Cart(), many({}, spike), cache=cache, where=False)
+    assert found.misread == ("v_meas",)
+    assert "is off by" in found.notes[0]
+    assert next_step(found, spec).startswith("First see to v_meas in the recordings")
