@@ -64,6 +64,16 @@ def test_of_a_machine_that_is_the_improved_simulator_nothing_is_left(bench):
     assert not any(each.material for each in left if not each.recorded)
 
 
+@pytest.mark.parametrize("named", [None, {"coulomb": {"force": 10.0}}])
+def test_how_far_it_is_is_told_of_all_stages_as_of_one(bench, named):
+    told = []
+    values = {"coulomb": {"force": 20.0}}
+    remainders(
+        bench, LINES, rollouts(bench, values), values, progress=lambda *now: told.append(now), named=named
+    )
+    assert told == [(n + 1, len(told)) for n in range(len(told))]
+
+
 def test_a_push_at_one_place_is_left_there(bench):
     left = remainders(bench, LINES, rollouts(bench, {}, lambda t: (t["q"] > 0.10) & (t["q"] < 0.125)), {})
     first = left[0]

@@ -61,21 +61,23 @@ def remainders(
     tests = [dict(key) for key in dict.fromkeys(key_of(test) for test, _ in whole)]
     seeds = [[rollout_seed(seed, n, again, Stream.REMAINDER) for n in range(len(tests))] for again in (0, 1)]
     beside = [Job(improved, (run,)) for run in zip(tests, seeds[1], strict=True)]
-    paths = np.concatenate(run_jobs(bench, beside, executor, None, channels.path))
+    apart = named is not None and named != improved
+    tell = _Stages(progress, len(tests) * (3 if apart else 2) + 1 + len(_variants(bench)) + len(lines))
+    paths = np.concatenate(run_jobs(bench, beside, executor, tell, channels.path))
     read = _Read(channels.Beside.of(features, tests, list(paths)), motion.cells_of(features, traces))
     runs = tuple(zip(tests, seeds[0], strict=True))
-    ran = _Ran.of(bench, read, whole, runs, improved, executor, progress)
+    ran = _Ran.of(bench, read, whole, runs, improved, executor, tell)
     k = len(read.channels.cells.places())
     of_channels = ran.columns(slice(None, k))
     # How much of a channel is a little of everything is an average over the rollout: one test is enough for it.
     once = len(ran.few) // 2
     typical = [Job(line.at(line.at_typical()), (runs[ran.few[once]],)) for line in lines]
     alone = replace(read, motion=None)
-    changes = [rows - of_channels.nominal[[once]] for rows in run_jobs(bench, typical, executor, None, alone)]
+    changes = [rows - of_channels.nominal[[once]] for rows in run_jobs(bench, typical, executor, tell, alone)]
     simulated = [of_channels.simulated]
-    if named is not None and named != improved:
+    if named is not None and apart:
         jobs = [Job(named, (run,)) for run in runs]
-        simulated.append(np.concatenate(run_jobs(bench, jobs, executor, None, alone)))
+        simulated.append(np.concatenate(run_jobs(bench, jobs, executor, tell, alone)))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # of cells into which no rollout reaches
         told = [
@@ -86,6 +88,23 @@ def remainders(
         if read.motion is not None:
             out += _of_motion(bench, read.motion, ran.columns(slice(k, None)), whole)
     return tuple(sorted(out, key=lambda each: -each.surplus)[:TOLD])
+
+
+class _Stages:
+    """Tells of jobs that run in several stages as of one."""
+
+    def __init__(self, progress: Callable[[int, int], None] | None, of: int) -> None:
+        self._progress, self._of, self._before = progress, of, 0
+
+    def __call__(self, done: int, of: int) -> None:
+        if self._progress is not None:
+            self._progress(self._before + done, self._of)
+        if done == of:
+            self._before += of
+
+
+def _variants(bench: Bench) -> list[str]:
+    return list(bench.backend.variants()) if isinstance(bench.backend, HasVariants) else []
 
 
 @dataclass(frozen=True)
@@ -130,14 +149,13 @@ class _Ran:
         runs: Sequence[tuple[Test, int]],
         improved: Values,
         executor: Callable[[], Executor] | None,
-        progress: Callable[[int, int], None] | None,
+        progress: Callable[[int, int], None],
     ) -> _Ran:
         """Simulate; ``runs`` are the different tests of the machine, each with a seed."""
         few = np.linspace(0, len(runs) - 1, min(TESTS, len(runs))).round().astype(int)
         of_few = tuple(runs[int(n)] for n in few)
-        names = list(bench.backend.variants()) if isinstance(bench.backend, HasVariants) else []
         jobs = [Job(improved, (run,)) for run in runs]
-        jobs += [Job({}, of_few), *(Job({}, of_few, name) for name in names)]
+        jobs += [Job({}, of_few), *(Job({}, of_few, name) for name in _variants(bench))]
         *simulated, nominal = (blocks := run_jobs(bench, jobs, executor, progress, read))[: len(runs) + 1]
         places = {key_of(test): n for n, (test, _) in enumerate(runs)}
         return cls(
