@@ -2,42 +2,21 @@
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.diagnose.catalogue import Catalogue
-from s2r_spec.diagnose.evidence import Evidence, Linear, Set, believed, evidence, solved
-from s2r_spec.diagnose.layout import Layout
+from s2r_spec.diagnose.evidence import Evidence, Set
 from s2r_spec.diagnose.logs import logsumexp
-from s2r_spec.diagnose.models import Surrogate
-from s2r_spec.diagnose.practice import KINDS, Case, Practice
-from s2r_spec.diagnose.signatures import Signatures
-from s2r_spec.space import Space
+from s2r_spec.diagnose.practice import KINDS
 
 FloatArray = NDArray[np.float64]
 
-CASES = 400
-"""Practice cases that the network learns from, per effect of the catalogue."""
-JUDGED = 35
-"""Further ones per effect, on which the detector of unknown causes learns, and on which is told how the rest did."""
-ABSENT = 0.6
-"""Part of these that is judged again with a true effect taken out of the catalogue."""
-STRANGE = 0.3
-"""As many more, as a part of these, are of an effect that no line has."""
-HIDDEN = (256, 128)
-NETWORKS = 3
-"""That vote, by the mean of their log odds."""
-TREES = 300
 FUNCTIONS = 3
 """Functions of the test that the network sees."""
-FALSE_ALARMS = 0.05
-"""Known effects that may be called unknown."""
-PRIOR_UNKNOWN = 0.15
 
 
 @dataclass(frozen=True)
@@ -129,7 +108,7 @@ class Judge:
 
     def memberships(self, description: FloatArray) -> FloatArray:
         """Return (n, K) probabilities that an effect is among the causes, by the network alone."""
-        return _voted(self.networks, description)
+        return voted(self.networks, description)
 
     def sets(
         self,
@@ -150,16 +129,16 @@ class Judge:
         """
         w = self.weights
         trust = (w.trust if told is None else w.beside) * (1.0 - unknown)
-        score = _score(found.members, found.logs, p, w, temperature, trust, len(self.effects))
+        scores = score(found.members, found.logs, p, w, temperature, trust, len(self.effects))
         if told is not None:
-            score = score + w.told * told
-        return Sets(found.members, np.exp(score - logsumexp(score)))
+            scores = scores + w.told * told
+        return Sets(found.members, np.exp(scores - logsumexp(scores)))
 
     def unknown(self, found: Evidence, p: FloatArray | None) -> float:
         """Return the probability that the cause is not in the catalogue, by the traces alone; ``p`` as above."""
         if p is None:
             p = np.full(len(self.effects), 0.5)
-        return float(self.stranger.predict_proba(_strangeness(found, p)[None])[0, 1])
+        return float(self.stranger.predict_proba(strangeness(found, p)[None])[0, 1])
 
 
 def describe(coefficients: FloatArray) -> FloatArray:
@@ -170,7 +149,7 @@ def describe(coefficients: FloatArray) -> FloatArray:
     return seen.ravel()
 
 
-def _voted(networks: Sequence[Any], description: FloatArray) -> FloatArray:
+def voted(networks: Sequence[Any], description: FloatArray) -> FloatArray:
     """Return (n, K): the mean of the networks, by log odds."""
     # Of a single effect scikit-learn gives both, that it is absent and that it is there.
     told = [network.predict_proba(description) for network in networks]
@@ -187,7 +166,7 @@ def _voted(networks: Sequence[Any], description: FloatArray) -> FloatArray:
     return found
 
 
-def _strangeness(found: Evidence, p: FloatArray) -> FloatArray:
+def strangeness(found: Evidence, p: FloatArray) -> FloatArray:
     """Return what the detector of unknown causes sees."""
     none, one, two, three = (found.best(size) for size in range(4))
     energy = max(found.energy, 1e-9)
@@ -230,7 +209,7 @@ def _sets_of(size: NDArray[np.int64], effects: int) -> FloatArray:
     )
 
 
-def _score(
+def score(
     members: tuple[tuple[int, ...], ...],
     logs: FloatArray,
     p: FloatArray | None,
@@ -239,11 +218,12 @@ def _score(
     trust: float,
     effects: int,
 ) -> FloatArray:
-    score: FloatArray = w.evidence * (logs - logs.max()) / temperature
+    """Return (sets,) what each scores, up to a constant; see :class:`Weights`. ``effects`` are in the catalogue."""
+    found: FloatArray = w.evidence * (logs - logs.max()) / temperature
     if p is None:
-        return score - w.penalties(np.array([len(a) for a in members]), effects, None)
+        return found - w.penalties(np.array([len(a) for a in members]), effects, None)
     vote, size = votes(members, p)
-    return score + trust * vote - w.penalties(size, effects, trust)
+    return found + trust * vote - w.penalties(size, effects, trust)
 
 
 def votes(members: tuple[tuple[int, ...], ...], p: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:
@@ -251,172 +231,3 @@ def votes(members: tuple[tuple[int, ...], ...], p: FloatArray) -> tuple[FloatArr
     p = np.clip(p, 0.005, 0.995)
     odds = np.log(p / (1.0 - p))
     return np.array([sum(odds[k] for k in a) for a in members]), np.array([len(a) for a in members])
-
-
-@dataclass(frozen=True)
-class _Solved:
-    case: Case
-    size: float
-    data: Linear
-    found: Evidence
-    p: FloatArray
-    misfit: float
-
-
-@dataclass(frozen=True)
-class _Desk:
-    """A layout with everything that solving cases of it needs."""
-
-    layout: Layout
-    surrogate: Surrogate
-    nuisances: FloatArray
-
-    @classmethod
-    def of(cls, signatures: Signatures, catalogue: Catalogue, layout: Layout) -> _Desk:
-        nuisances = np.einsum("qm,vmk->vqk", layout.through, signatures.numerics)
-        return cls(layout, Surrogate(catalogue, layout.through), nuisances)
-
-
-def train(
-    signatures: Signatures,
-    space: Space,
-    seed: int = 0,
-    progress: Callable[[int, int], None] | None = None,
-) -> Judge:
-    """Learn from practice cases alone; see :mod:`s2r_spec.diagnose.practice`."""
-    from sklearn.ensemble import ExtraTreesClassifier
-    from sklearn.neural_network import MLPClassifier
-
-    rng = np.random.default_rng(seed)
-    known = signatures.bank.tests
-    practice = Practice(signatures)
-    effects = practice.effects
-    cases, judged = CASES * len(effects), JUDGED * len(effects)
-    strange_ones, absent = round(STRANGE * judged), round(ABSENT * judged)
-
-    def tests() -> list[dict[str, float]]:
-        count = int(rng.choice([10, 14, 20, 30]))
-        distinct = [space.point(p) for p in space.at(rng.uniform(size=(count, space.dim)))]
-        again = rng.permutation(count)[: count // 3]
-        return distinct + [distinct[int(i)] for i in again for _ in range(2)]
-
-    layouts = [Layout.of(space, known, tests()) for _ in range(16)]
-    x = np.zeros((cases, FUNCTIONS * signatures.size))
-    y = np.zeros((cases, len(effects)), dtype=int)
-    for i in range(cases):
-        case = practice.draw(rng, layouts[i % len(layouts)])
-        x[i] = describe(case.coefficients)
-        y[i, list(case.effects)] = 1
-        if progress is not None and i % 500 == 0:
-            progress(i, 2 * cases)
-    networks = tuple(
-        MLPClassifier(
-            HIDDEN,
-            alpha=1e-2,
-            batch_size=128,
-            early_stopping=True,
-            n_iter_no_change=4,
-            max_iter=40,
-            random_state=seed + number,
-        )
-        for number in range(NETWORKS)
-    )
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # that it was still improving when it was stopped
-        for network in networks:
-            network.fit(x, y)
-
-    catalogue = Catalogue.of(signatures.curves)
-    desks = [_Desk.of(signatures, catalogue, layout) for layout in layouts[:6]]
-    solved: list[_Solved] = []
-    for i in range(judged + strange_ones):
-        desk = desks[i % len(desks)]
-        solved.append(_solve(rng, signatures, desk, practice, networks, stranger=i >= judged))
-        if progress is not None and i % 50 == 0:
-            progress(cases + cases * i // (judged + strange_ones + absent), 2 * cases)
-    usual, strangers = solved[:judged], solved[judged:]
-    weights = WEIGHTS
-
-    strange = [_strangeness(s.found, s.p) for s in solved]
-    label = [0] * judged + [1] * len(strangers)
-    able = [i for i, s in enumerate(usual) if s.case.effects and s.size > 1.0]
-    for i in rng.permutation(able)[:absent]:
-        s = usual[i]
-        gone = int(rng.choice(s.case.effects))
-        q = s.p.copy()
-        q[gone] = 0.0
-        strange.append(_strangeness(evidence(s.data, without=gone), q))
-        label.append(1)
-    s_x, s_y = np.array(strange), np.array(label)
-    weight = np.where(s_y == 1, PRIOR_UNKNOWN / (s_y == 1).mean(), (1 - PRIOR_UNKNOWN) / (s_y == 0).mean())
-
-    def detector() -> Any:
-        return ExtraTreesClassifier(TREES, min_samples_leaf=4, max_features=None, random_state=seed, n_jobs=1)
-
-    # Each half is judged by trees that saw the other: the threshold never sees a vote on a seen case.
-    out = np.zeros(len(s_y))
-    fold = rng.permutation(len(s_y)) % 2 == 0
-    for part in (fold, ~fold):
-        fitted = detector().fit(s_x[~part], s_y[~part], sample_weight=weight[~part])
-        out[part] = fitted.predict_proba(s_x[part])[:, 1]
-    threshold = float(np.quantile(out[s_y == 0], 1.0 - FALSE_ALARMS))
-    return Judge(
-        effects,
-        networks,
-        weights,
-        detector().fit(s_x, s_y, sample_weight=weight),
-        threshold,
-        _practice(usual, weights, out, s_y, threshold),
-    )
-
-
-def _solve(
-    rng: np.random.Generator,
-    signatures: Signatures,
-    desk: _Desk,
-    practice: Practice,
-    networks: Sequence[Any],
-    stranger: bool,
-) -> _Solved:
-    case = practice.draw(rng, desk.layout, stranger)
-    surrogate = desk.surrogate
-    z = case.coefficients
-    own = np.diag(signatures.noise)
-    scatter = desk.layout.variance(own, own)
-    variance = believed(scatter, desk.layout.level(z))
-    begin = surrogate.turned(z, variance)
-    fitted, data, _ = solved(
-        surrogate, surrogate.catalogue, z, variance, desk.nuisances, begin, surrogate.jacobian(begin)
-    )
-    p = _voted(networks, describe(z)[None])[0]
-    size = float(np.sqrt((case.alone**2 / believed(scatter)).mean()))
-    return _Solved(case, size, data, evidence(data), p, fitted.misfit)
-
-
-def _practice(
-    solved: Sequence[_Solved], weights: Weights, out: FloatArray, label: NDArray[Any], threshold: float
-) -> dict[str, float]:
-    """Return how often practice cases that the network did not see were answered rightly."""
-    hits: dict[str, list[bool]] = {"single": [], "pair": [], "triple": [], "none": [], "sure": []}
-    for s in solved:
-        score = _score(
-            s.found.members,
-            s.found.logs,
-            s.p,
-            weights,
-            temperature(s.data.size, s.misfit, weights),
-            weights.trust,
-            len(s.p),
-        )
-        first = int(np.argmax(score))
-        right = s.found.members[first] == s.case.effects
-        kind = ("none", "single", "pair", "triple")[len(s.case.effects)]
-        if kind == "none" or s.size > 2.0:
-            hits[kind].append(right)
-        if np.exp(score[first] - logsumexp(score)) >= 0.9:
-            hits["sure"].append(right)
-    rates = {name: float(np.mean(values)) for name, values in hits.items() if values}
-    return rates | {
-        "unknown detected": float((out[label == 1] > threshold).mean()),
-        "sure share": len(hits["sure"]) / len(solved),
-    }

@@ -41,12 +41,13 @@ from s2r_spec.diagnose.joint import (
     misfit,
     seen_through,
 )
-from s2r_spec.diagnose.judge import Judge, Sets, describe, temperature, train
+from s2r_spec.diagnose.judge import Judge, Sets, describe, temperature
 from s2r_spec.diagnose.layout import SHOTS, Layout, functions
 from s2r_spec.diagnose.models import Part, Simulator, nominal_rows
 from s2r_spec.diagnose.signatures import LEVEL, Signatures
 from s2r_spec.diagnose.simulate import Bench
 from s2r_spec.diagnose.told import log_evidence
+from s2r_spec.diagnose.training import train
 from s2r_spec.diagnose.view import View
 from s2r_spec.rollouts.match import match
 from s2r_spec.spec import Spec
@@ -57,7 +58,7 @@ Progress = Callable[[str, int, int], None]
 
 SOURCES = (
     "axes", "catalogue", "design", "evidence", "joint", "judge", "layout", "logs", "models", "practice",
-    "signatures",
+    "signatures", "training",
 )  # fmt: skip
 """Modules on which a judge depends."""
 ELSEWHERE = 0.3

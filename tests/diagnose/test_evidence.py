@@ -9,7 +9,7 @@ from scipy.stats import multivariate_normal
 from s2r_spec.diagnose.catalogue import Catalogue
 from s2r_spec.diagnose.evidence import ALLOWED, LARGE, MORE, Linear, evidence, ground, posterior, solved
 from s2r_spec.diagnose.joint import Joint, joint_fit, polished, reach, rephased
-from s2r_spec.diagnose.judge import _strangeness
+from s2r_spec.diagnose.judge import strangeness
 
 EFFECTS, SIZE = 4, 30
 
@@ -258,4 +258,4 @@ def test_the_error_of_everything_has_the_largest_evidence_of_the_stated_model():
 def test_data_that_are_nothing_at_all_are_not_strange():
     data, *_ = drawn(0, np.zeros(EFFECTS))
     nothing = replace(data, toward=np.zeros(EFFECTS), energy=0.0, seen=0.0)
-    assert np.isfinite(_strangeness(evidence(nothing), np.full(EFFECTS, 0.1))).all()
+    assert np.isfinite(strangeness(evidence(nothing), np.full(EFFECTS, 0.1))).all()
