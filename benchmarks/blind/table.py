@@ -24,7 +24,7 @@ RESULTS = Path(__file__).parent / "results"
 PAGE = Path(__file__).parents[2] / "docs" / "explanation" / "diagnosis.md"
 HISTORY = Path(__file__).parent / "HISTORY.md"
 SETS = {
-    "the axis": (*(f"emps{n}" for n in range(1, 21)), "emps"),
+    "the axis": (*(f"emps{n}" for n in range(1, 22)), "emps"),
     "the A1": (
         *(
             f"a1{n}"
