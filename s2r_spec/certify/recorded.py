@@ -14,6 +14,7 @@ from s2r_spec.certify.search import Query, Search
 from s2r_spec.errors import TraceError, UsageError
 from s2r_spec.rollouts.journal import Journal, Record
 from s2r_spec.rollouts.match import Matched, match
+from s2r_spec.rollouts.recorded import refuse_hidden
 from s2r_spec.rollouts.rig import Rig
 from s2r_spec.rollouts.runner import Done
 from s2r_spec.spec import Spec
@@ -65,7 +66,7 @@ def fixed_design(spec: Spec, requirement: str, backend: Backend, recordings: Seq
             )
         )
     tests = tuple((point, tuple(group)) for point, group in groups.values())
-    _refuse_hidden(spec, backend, [recording for _, group in tests for recording in group])
+    refuse_hidden(spec, backend, [recording for _, group in tests for recording in group])
     notes = []
     if outside:
         notes.append(
@@ -176,15 +177,3 @@ def _point(spec: Spec, matched: Matched, recording: Recording) -> dict[str, floa
         if abs(point[axis.name] - value) > ROUNDING * axis.width:
             return None
     return point
-
-
-def _refuse_hidden(spec: Spec, backend: Backend, used: Sequence[Recording]) -> None:
-    """Refuse a mixture: what varied without being declared would be hidden in the noise."""
-    for parameter in backend.parameters:
-        values = {recording.params[parameter.name] for recording in used}
-        if parameter.name not in spec.params and len(values) > 1:
-            raise UsageError(
-                f"{backend.name} varies {parameter.name!r} from {min(values):g} to {max(values):g} "
-                f"{parameter.unit}".rstrip()
-                + f", which {spec.name} does not declare: give it a range to sweep, or a value to keep to"
-            )

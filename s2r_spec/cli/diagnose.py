@@ -106,4 +106,4 @@ def diagnose(
                 f"use it as --sim patched:{apply}" if added else f"{apply} is not written: no effect is named"
             )
             errors.print(said, markup=False, soft_wrap=True)
-        raise typer.Exit(diagnosed.EXIT[found.verdict])
+        raise typer.Exit(diagnosed.exit_code(found))

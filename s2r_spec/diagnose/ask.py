@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 from s2r_spec import logs
 from s2r_spec.backend import Backend, HasDuration, HasRecordings, load_backend
 from s2r_spec.diagnose.notes import CUT, READ_AT
-from s2r_spec.diagnose.simulate import Bench, blamed
+from s2r_spec.diagnose.simulate import Bench, Test, blamed
 from s2r_spec.errors import SamplingError, TraceError, UsageError
 from s2r_spec.lang.units import UnknownUnitError, parse_unit
 from s2r_spec.rollouts.match import match
+from s2r_spec.rollouts.recorded import refuse_hidden
 from s2r_spec.rollouts.seeds import Stream, rollout_seed
 from s2r_spec.trace import Trace, between
 
@@ -28,6 +29,11 @@ Rollout = tuple[dict[str, float], Trace]
 Rollouts = Sequence[tuple[Mapping[str, float], Trace]]
 
 TABLE = "rollouts.csv"
+TIMES = {1e3: "ms", 1e6: "us", 1e9: "ns"}
+"""Units of time, by how many there are to a second."""
+LONG, APART = 100.0, 30.0
+"""A recording has its times in one of these if it lasts so many times as long as the simulator's rollouts, with samples
+so many times as far apart."""
 BUDGET = 30
 """Real rollouts that are asked of a machine when nobody says how many."""
 FEWEST = 6
@@ -47,13 +53,16 @@ def real_rollouts(
 
     Raises:
         UsageError: a rollout does not say its test, or that is outside the spec's ranges, or there are fewer
-            than six, or a channel is in a unit that does not convert, or ρ cannot be told of a rollout.
+            than six, or a channel is in a unit that does not convert, or ρ cannot be told of a rollout, or its times
+            are no seconds, or a parameter varies that the simulator has and the spec does not declare.
     """
     names = bench.spec.space.names
     if isinstance(real, str):
         real = load_backend(real)
     if isinstance(real, HasRecordings) and isinstance(real, Backend):
         matched = match(bench.spec, bench.requirement, real)
+        simulated = {parameter.name for parameter in bench.backend.parameters}
+        refuse_hidden(bench.spec, real, real.recordings, simulated)
         pairs = [(matched.to_spec(r.params), r) for r in real.recordings]
         given = [(dict(test), r.trace, str(r.source)) for test, r in pairs if test is not None]
     elif isinstance(real, Backend):
@@ -69,6 +78,8 @@ def real_rollouts(
             raise UsageError(f"{source} does not say its {missing[0]!r}; every test parameter is needed")
     # A test outside of the space is refused now, and not when all is simulated.
     inside = [(_inside(bench, test, source), trace, source) for test, trace, source in given[:budget]]
+    for test, trace, source in inside:
+        _in_seconds(bench, test, trace, source)
     found = [
         (
             test,
@@ -81,6 +92,22 @@ def real_rollouts(
             f"{len(found)} real rollouts are too few to tell a cause from scatter; {FEWEST} are the least"
         )
     return found
+
+
+def _in_seconds(bench: Bench, test: Test, trace: Trace, source: str) -> None:
+    """Refuse times that are no seconds.
+
+    Raises:
+        UsageError: the recording is far too long, and its samples far apart.
+    """
+    times = trace.duration / bench.backend.duration
+    if times < LONG or float(np.median(np.diff(trace.times))) < APART * _step(bench, test):
+        return
+    unit = TIMES[min(TIMES, key=lambda known: abs(math.log(times / known)))]
+    raise UsageError(
+        f"{source} lasts {trace.duration:.4g} s, {times:.3g} times as long as the simulator's rollouts, and its "
+        f"samples are as much further apart: its times seem to be in {unit}, and must be in s"
+    )
 
 
 def read_at(trace: Trace, step: float, until: float = 0.0) -> Trace:
@@ -199,7 +226,7 @@ def _decided(bench: Bench, test: Mapping[str, float], trace: Trace, source: str)
         raise UsageError(f"{source}: {what}") from None
 
 
-def _step(bench: Bench, test: Mapping[str, float]) -> float:
+def _step(bench: Bench, test: Test) -> float:
     """Return how far apart the simulator's samples are [s]."""
     with blamed(bench, {}, test, 0):
         simulated = bench.run({}, test, 0)

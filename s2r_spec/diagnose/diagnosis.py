@@ -53,6 +53,12 @@ class NextTest:
         }
 
 
+RULED_OUT = 0.05
+"""A set this many times as likely as the first is ruled out, even where the two are hard to tell apart."""
+LEAST = 1e-3
+"""And one of this probability in any case."""
+
+
 @dataclass(frozen=True)
 class Which:
     """Which effects, with probabilities.
@@ -93,6 +99,20 @@ class Which:
             for name in names:
                 total[name] += p
         return dict(sorted(total.items(), key=lambda item: -item[1]))
+
+    @property
+    def instead(self) -> tuple[str, ...]:
+        """Return those of ``confounded`` that may be in the place of one of the answer, and not beside it alone."""
+        sets = {frozenset([name]): p for name, p in self.singles.items()}
+        sets |= {frozenset(names): p for names, p in self.several.items()}
+        named = frozenset(self.answer)
+        least = RULED_OUT * sets.get(named, 0.0)
+        return tuple(
+            other
+            for other in self.confounded
+            if other not in named
+            and any(sets.get(named - {name} | {other}, 0.0) > max(least, LEAST) for name in named)
+        )
 
     @property
     def ranked(self) -> list[tuple[tuple[str, ...], float]]:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from s2r_spec.diagnose.misread import called
 from s2r_spec.diagnose.simulate import Bench, Test, blamed
 from s2r_spec.trace import Trace
 
@@ -64,7 +65,7 @@ def _far_off(name: str, having: Sequence[tuple[int, Test, Trace]], unit: str) ->
         return ""
     number, test, trace = having[where[0]]
     return (
-        f"{name} of {_called(number, test)} is off by {worst:.3g}{f' {unit}' if unit else ''} for a sample at "
+        f"{name} of {called(number, test)} is off by {worst:.3g}{f' {unit}' if unit else ''} for a sample at "
         f"{trace.times[where[1]]:.4g} s, and is not so in the others: is that the recording? If so, mend the sample, "
         f"or leave the rollout out"
     )
@@ -100,7 +101,7 @@ def _stopped(bench: Bench, name: str, having: Sequence[tuple[int, Test, Trace]])
         return ""
     begin = float(trace.times[0])
     return (
-        f"{name} of {_called(number, test)} keeps one value from {begin + since:.4g} to {begin + until:.4g} s, where "
+        f"{name} of {called(number, test)} keeps one value from {begin + since:.4g} to {begin + until:.4g} s, where "
         f"the simulator's moves: was it recorded all the time? If not, leave the rollout out"
     )
 
@@ -120,8 +121,3 @@ def _longest(trace: Trace, name: str) -> tuple[float, float, int]:
 
 def _column(trace: Trace, name: str, column: int) -> FloatArray:
     return np.asarray(trace[name].reshape(len(trace), -1)[:, column])
-
-
-def _called(number: int, test: Test) -> str:
-    values = ", ".join(f"{name} = {value:.4g}" for name, value in test.items())
-    return f"real rollout {number}" + (f" ({values})" if values else "")

@@ -11,6 +11,7 @@ from s2r_spec.backend import Channel
 from s2r_spec.diagnose.axes import Line
 from s2r_spec.diagnose.simulate import Bench, blamed
 from s2r_spec.errors import BackendError
+from s2r_spec.space import key_of
 from s2r_spec.trace import Trace, between
 
 FloatArray = NDArray[np.float64]
@@ -41,6 +42,13 @@ OPPOSITE = -0.9
 SAME, BETTER = 0.999, 0.1
 """A command is the simulator's at another time if it is correlated with it there by the first at least, and what that
 leaves is the second part, at most, of what it leaves at the same time."""
+ROUNDED, STEPS = 1e-5, 1.5
+"""What it leaves at the same time is more than the first, which is rounding, and the other time further away than so
+many steps of the simulator: nobody reads two clocks better."""
+TURNS, NEARLY = {"rad": 2.0 * np.pi, "deg": 360.0}, 0.1
+"""By unit, what an angle jumps by where it is kept within a turn; by this part of it more or less."""
+OTHERWISE = 15.0
+"""Times that a channel is larger or smaller in one rollout than in most, from which on the simulator is asked why."""
 LATEST = 0.25
 """Part of a rollout by which it is looked for earlier and later."""
 
@@ -62,13 +70,21 @@ def misread(bench: Bench, rollouts: Sequence[Rollout], lines: Sequence[Line] = (
             pairs.append((bench.run({}, test, 0), trace))
     found = {}
     for channel in bench.backend.channels:
-        if words := _other_sign(channel, pairs) or _other_unit(channel, pairs):
+        if words := (
+            _other_sign(channel, pairs)
+            or _other_unit(channel, pairs)
+            or _other_unit_of_one(bench, channel, rollouts)
+        ):
+            found[channel.name] = words
+        if words := _wrapped(channel, [trace for _, trace in rollouts], pairs):
             found[channel.name] = words
         if _still(channel.name, pairs):
             found[channel.name] = (
                 f"{channel.name} of the real rollouts never moves, and the simulator's does: was it recorded? If not, "
                 f"leave it out"
             )
+    if words := _copied(rollouts):
+        found["the tests"] = words
     for name in _commands(bench, lines, ran[0][0], pairs[0][0]):
         if words := _other_begin(name, pairs):
             found[name] = words
@@ -101,12 +117,76 @@ def _other_unit(channel: Channel, pairs: Sequence[Pair]) -> str:
     )
 
 
+def _other_unit_of_one(bench: Bench, channel: Channel, rollouts: Sequence[Rollout]) -> str:
+    """Say of the first rollout in which a channel is another size by one of the factors, and the simulator's is not."""
+    name = channel.name
+    sizes = np.array([_rms(trace[name]) if name in trace.channels else 0.0 for _, trace in rollouts])
+    if not channel.unit or np.count_nonzero(sizes) <= len(sizes) / 2:
+        return ""
+    factors = sizes / np.median(sizes[sizes > 0.0])
+    odd = np.flatnonzero((sizes > 0.0) & ((factors > OTHERWISE) | (factors < 1.0 / OTHERWISE)))
+    for number in odd[:1].tolist():
+        test, trace = rollouts[number]
+        with blamed(bench, {}, test, 0):
+            simulated = bench.run({}, test, 0)
+        of_one = _factors(name, [(simulated, trace)])
+        if not of_one:
+            continue
+        words, factor = min(UNITS.items(), key=lambda item: abs(np.log(of_one[0] / item[1])))
+        if 1.0 / FAR < of_one[0] / factor < FAR:
+            return (
+                f"{name} of {called(number, test)} is about {words} the simulator's, and not so in the others: is it "
+                f"in {channel.unit} there? If not, convert it, or leave the rollout out"
+            )
+    return ""
+
+
+def _copied(rollouts: Sequence[Rollout]) -> str:
+    seen: dict[tuple[bytes, ...], int] = {}
+    for number, (test, trace) in enumerate(rollouts):
+        digest = tuple(values.tobytes() for _, values in sorted(trace.channels.items()))
+        first = seen.setdefault(digest, number)
+        if key_of(rollouts[first][0]) != key_of(test):
+            return (
+                f"{called(number, test)} is {called(first, rollouts[first][0])}, sample for sample: which of the tests "
+                f"was it?"
+            )
+    return ""
+
+
+def called(number: int, test: Mapping[str, float]) -> str:
+    """Return which real rollout it is, in words."""
+    values = ", ".join(f"{name} = {value:.4g}" for name, value in test.items())
+    return f"real rollout {number}" + (f" ({values})" if values else "")
+
+
 def _factors(name: str, pairs: Sequence[Pair]) -> list[float]:
     """Return how many times the simulator's each real one is; nothing where one of the two is nothing, or is not."""
     if not all(name in trace.channels for pair in pairs for trace in pair):
         return []
     sizes = [(_rms(simulated[name]), _rms(real[name])) for simulated, real in pairs]
     return [there / here for here, there in sizes] if all(min(both) > 0.0 for both in sizes) else []
+
+
+def _wrapped(channel: Channel, real: Sequence[Trace], pairs: Sequence[Pair]) -> str:
+    turn = TURNS.get(channel.unit)
+    if turn is None:
+        return ""
+    count = sum(_jumps(trace, channel.name, turn) for trace in real)
+    if not count or any(_jumps(simulated, channel.name, turn) for simulated, _ in pairs):
+        return ""
+    return (
+        f"{channel.name} jumps by a turn in {count} of {len(real)} real rollouts, and the simulator's goes on: "
+        f"unwrap it in the recordings, as numpy.unwrap does"
+    )
+
+
+def _jumps(trace: Trace, name: str, turn: float) -> bool:
+    """Return whether an angle jumps by a turn from one sample to the next."""
+    if name not in trace.channels:
+        return False
+    steps = np.abs(np.diff(trace[name], axis=0))
+    return bool((np.abs(steps - turn) < NEARLY * turn).any())
 
 
 def _still(name: str, pairs: Sequence[Pair]) -> bool:
@@ -172,12 +252,14 @@ def _later(simulated: Trace, real: Trace, name: str) -> float | None:
 
     most = int(LATEST * len(times))
     at_once = alike(0)
-    if at_once >= SAME or at_once == -1.0:
+    if 1.0 - at_once < ROUNDED or at_once == -1.0:
         return None
     lags = sorted(range(-most, most + 1), key=abs)
     best = max(lags, key=alike)
     there = alike(best)
-    return best * step if there >= SAME and 1.0 - there <= BETTER * (1.0 - at_once) else None
+    if abs(best) < STEPS or there < SAME or 1.0 - there > BETTER * (1.0 - at_once):
+        return None
+    return best * step
 
 
 def _correlation(simulated: Trace, real: Trace, name: str) -> float:

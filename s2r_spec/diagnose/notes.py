@@ -129,6 +129,7 @@ def notes(
         more = f" and {len(lacking) - SHOWN} more" if len(lacking) > SHOWN else ""
         found.append(
             f"the real rollouts have no {', '.join(lacking[:SHOWN])}{more}: what shows there alone cannot be told"
+            f"{_unread(bench, rollouts)}"
         )
     found += _gaps(bench, rollouts, lacking)
     found += _without_residuals(bench, rollouts)
@@ -165,6 +166,14 @@ def _again(rollouts: Sequence[Rollout]) -> str:
     if len(tests) == 1:
         return ", every time at one test: no accident"
     return f", at {len(tests)} tests, at {always} of them every time of several: no accident"
+
+
+def _unread(bench: Bench, rollouts: Sequence[Rollout]) -> str:
+    """Return which channels the simulator does not know, for one of them may be what is lacking."""
+    known = {channel.name for channel in bench.backend.channels}
+    names = sorted({name for _, trace in rollouts for name in trace.channels} - known)
+    more = f" and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
+    return f"; {', '.join(names[:SHOWN])}{more} in them is nothing that the simulator has" if names else ""
 
 
 def _gaps(bench: Bench, rollouts: Sequence[Rollout], lacking: Sequence[str]) -> list[str]:

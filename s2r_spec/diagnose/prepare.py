@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.backend import Backend, HasDuration, load_backend
+from s2r_spec.backend import Backend, Effect, HasDuration, load_backend
 from s2r_spec.diagnose import bank as banks
 from s2r_spec.diagnose.asked import Heard
 from s2r_spec.diagnose.catalogue import Catalogue
@@ -49,6 +49,7 @@ from s2r_spec.diagnose.simulate import Bench
 from s2r_spec.diagnose.told import log_evidence
 from s2r_spec.diagnose.training import train
 from s2r_spec.diagnose.view import View
+from s2r_spec.errors import BackendError
 from s2r_spec.rollouts.match import match
 from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
@@ -242,8 +243,26 @@ def bench_of(spec: Spec, requirement: str, sim: Backend | str) -> Bench:
     horizon = spec.horizon(requirement)
     if isinstance(backend, HasDuration) and math.isfinite(horizon) and horizon > 0:
         backend = backend.with_duration(horizon)
-    banks.catalogue_of(backend)
+    _of_different_names(backend.name, banks.catalogue_of(backend))
     return Bench(backend, spec, requirement, match(spec, requirement, backend))
+
+
+def _of_different_names(backend: str, effects: Sequence[Effect]) -> None:
+    """Refuse a catalogue in which a name stands for two things.
+
+    Raises:
+        BackendError: it does.
+    """
+    names = [effect.name for effect in effects]
+    of_one = [(effect.name, [p.name for p in effect.parameters]) for effect in effects]
+    for what, among in [
+        ("effects", names),
+        *((f"parameters of the effect {name!r}", of) for name, of in of_one),
+    ]:
+        if twice := [name for n, name in enumerate(among) if name in among[:n]]:
+            raise BackendError(
+                f"backend {backend!r} has two {what} of the name {twice[0]!r}; give each its own"
+            )
 
 
 @dataclass(frozen=True)

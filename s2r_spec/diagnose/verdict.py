@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from s2r_spec.diagnose.axes import BACKGROUND
 from s2r_spec.diagnose.catalogue import Catalogue
-from s2r_spec.diagnose.diagnosis import Verdict, Which
+from s2r_spec.diagnose.diagnosis import RULED_OUT, Verdict, Which
 from s2r_spec.diagnose.evidence import Set
 from s2r_spec.diagnose.how_far import HowFar
 from s2r_spec.diagnose.judge import Sets
@@ -23,8 +23,8 @@ CLEAR = 0.7
 """Probability from which on a set is named although the gap is not material; :data:`SURE` of each effect does, too."""
 RIVAL = 0.2
 """A set this many times as likely as the first is a rival of it."""
-RULED_OUT = 0.05
-"""One less likely than this is ruled out, even where the two are hard to tell apart."""
+RIVALS, AS_LIKELY = 3, 0.5
+"""Causes that are told of where none is named: so many at most, and so many times as likely as the first at least."""
 IMITATED = 0.1
 """An unknown cause is so much less likely once a patch has closed the held-out gap, or if there is none."""
 
@@ -99,7 +99,13 @@ def reason(
         else f"; added to the simulator it closes {_part(share)} the held-out gap above scatter"
     )
     if verdict in (Verdict.NONE, Verdict.SPREAD):
-        seen = "" if which.ranked[0][0] == ("none",) else f"; the traces do differ, most as with {words}"
+        seen = (
+            ""
+            if which.ranked[0][0] == ("none",)
+            else f"; the traces do differ, most as with {_likeliest(which)}"
+        )
+        strange = [f"; but {each}, which no effect explains" for each in left[:1] if each.material]
+        seen += "".join(strange)
         little = "a few percent of every effect of the catalogue"
         if far is None:
             return f"the traces are as {little} would make them{seen}; no gap was held out to compare"
@@ -121,9 +127,25 @@ def reason(
         closes += ", and leaves more than a few percent of every effect would make"
     closes = "".join([closes, *(f"; {end}" for end in ends)])
     if verdict is Verdict.CONFOUNDED:
-        others = ", ".join(name for name in which.confounded if name not in named)
-        return f"{words} {fits} best{doubt}, but these data do not rule out {others} in its place or beside it{closes}"
+        return f"{words} {fits} best{doubt}, but these data do not rule out {_others(which, named)}{closes}"
     return f"{words} {explains} the data best{doubt}{closes}"
+
+
+def _likeliest(which: Which) -> str:
+    """Return the causes that are nearly as likely as the likeliest one."""
+    causes = [(names, p) for names, p in which.ranked if names not in (("none",), ("unknown",))]
+    near = [names for names, p in causes[:RIVALS] if p >= AS_LIKELY * causes[0][1]]
+    return " or ".join(" and ".join(names) for names in near)
+
+
+def _others(which: Which, named: tuple[str, ...]) -> str:
+    """Return what is not ruled out, in the place of what is named or beside it alone."""
+    its = "its place" if len(named) == 1 else "the place of one"
+    it = "it" if len(named) == 1 else "them"
+    instead = [name for name in which.confounded if name in which.instead]
+    beside = [name for name in which.confounded if name not in (*named, *instead)]
+    words = [f"{', '.join(instead)} in {its} or beside {it}"] if instead else []
+    return ", nor ".join([*words, *([f"{', '.join(beside)} beside {it}"] if beside else [])])
 
 
 def _part(share: float) -> str:

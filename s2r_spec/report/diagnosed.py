@@ -34,7 +34,12 @@ WORDS = {"none": "no material effect", "unknown": "none of these"}
 
 def record(found: Diagnosis, spec: Spec) -> dict[str, Any]:
     """Return all of it as plain JSON values; see ``schema/diagnosis-1.json``."""
-    return found.to_json() | {"exit_code": EXIT[found.verdict], "next": next_step(found, spec)}
+    return found.to_json() | {"exit_code": exit_code(found), "next": next_step(found, spec)}
+
+
+def exit_code(found: Diagnosis) -> int:
+    """Return 0 where a cause, or none, is named, and the recordings do not seem to be misread; else 3."""
+    return EXIT[Verdict.UNKNOWN] if found.misread else EXIT[found.verdict]
 
 
 def as_json(found: Diagnosis, spec: Spec) -> str:
@@ -96,7 +101,7 @@ def doubt(which: Which) -> str:
     """Return what cannot be told apart, and what of it by no data; nothing if the answer stands alone."""
     if not set(which.confounded) > set(which.answer) != set():
         return ""
-    if len(which.answer) == 1:
+    if len(which.answer) == 1 and set(which.instead) | set(which.answer) == set(which.confounded):
         words = f"these data cannot tell apart: {', '.join(which.confounded)}"
     else:
         others = ", ".join(name for name in which.confounded if name not in which.answer)

@@ -6,6 +6,9 @@ from s2r_spec.diagnose.diagnosis import Diagnosis, NextTest, Verdict
 from s2r_spec.report.checked import test_words
 from s2r_spec.spec import Spec
 
+LATE = 0.95
+"""Part of a rollout after which a window ends with it."""
+
 
 def next_step(found: Diagnosis, spec: Spec) -> str:
     """Return the sentence."""
@@ -19,6 +22,12 @@ def next_step(found: Diagnosis, spec: Spec) -> str:
     test = "" if which.next_test is None else test_in_words(which.next_test, spec)
     match found.verdict:
         case Verdict.NONE:
+            strange = [str(each) for each in found.left[:1] if each.material]
+            if strange:
+                return (
+                    f"For this requirement the simulator may stay as it is; where the motion itself matters, look for "
+                    f"what makes {strange[0]}, which the catalogue lacks (docs/how-to/effects.md)."
+                )
             return (
                 "Leave the simulator as it is for this requirement, and ask again when the machine or the "
                 "requirement has changed."
@@ -95,5 +104,8 @@ def _place(found: Diagnosis) -> str:
     window = where.window
     if window is None:
         return f" before the end: {where.pair.reason}" if where.pair.reason else ""
+    times = where.pair.times
+    if window["end"] - times[0] > LATE * (times[-1] - times[0]):
+        return ""  # that it acts before the end says nothing
     # ρ is made where a requirement is nearest to its limit, and a loop carries what happened before.
     return f" that acts before {window['end']:.2f} s, for most of the gap is made from {window['begin']:.2f} s on"

@@ -14,13 +14,14 @@ import csv
 import hashlib
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from s2r_spec import logs
-from s2r_spec.backend import Channel, Parameter, Recording
+from s2r_spec.backend import Backend, Channel, Parameter, Recording
 from s2r_spec.errors import UsageError, one_of
+from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
 
 TABLE = "rollouts.csv"
@@ -96,6 +97,31 @@ class LogBackend:
             more = f" and {len(tests) - 5} more" if len(tests) > 5 else ""
             raise UsageError(f"{self.name} has no recording at {_words(params)}; it has {shown}{more}")
         return fitting[seed % len(fitting)].trace
+
+
+def refuse_hidden(
+    spec: Spec, backend: Backend, used: Sequence[Recording], among: Collection[str] | None = None
+) -> None:
+    """Refuse a mixture: what varied without being declared would be hidden in the noise.
+
+    Args:
+        spec: that declares parameters.
+        backend: with the recordings.
+        used: of these.
+        among: names that matter; all if None.
+
+    Raises:
+        UsageError: a parameter varies that the spec does not declare.
+    """
+    for parameter in backend.parameters:
+        values = {recording.params[parameter.name] for recording in used}
+        matters = among is None or parameter.name in among
+        if matters and parameter.name not in spec.params and len(values) > 1:
+            raise UsageError(
+                f"{backend.name} varies {parameter.name!r} from {min(values):g} to {max(values):g} "
+                f"{parameter.unit}".rstrip()
+                + f", which {spec.name} does not declare: give it a range to sweep, or a value to keep to"
+            )
 
 
 def _words(params: Mapping[str, float]) -> str:
