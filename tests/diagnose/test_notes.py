@@ -7,10 +7,12 @@ import pytest
 from s2r_cart import SPEC, Cart, real
 
 import s2r_spec as s2r
+from s2r_spec import logs
+from s2r_spec.backend import Channel
 from s2r_spec.diagnose import bank as banks
 from s2r_spec.diagnose.ask import as_simulated, cut, read_at, real_rollouts
 from s2r_spec.diagnose.axes import line, lines
-from s2r_spec.diagnose.misread import misread
+from s2r_spec.diagnose.misread import _wrapped, misread
 from s2r_spec.diagnose.next_test import next_test
 from s2r_spec.diagnose.notes import Used, notes
 from s2r_spec.diagnose.parted import ENOUGH, split
@@ -341,6 +343,7 @@ def test_a_channel_that_some_rollouts_lack_or_have_gaps_in_is_told(every, words)
 @pytest.mark.parametrize(
     ("seconds", "words"),
     [(0.2, "comes 0.2 s after the simulator's: do the recordings begin so much too early?"),
+     (0.03, "comes 0.03 s after the simulator's: do the recordings begin so much too early?"),
      (-0.3, "comes 0.3 s before the simulator's: do the recordings begin so much too late?")],
 )  # fmt: skip
 def test_a_recording_that_begins_at_another_time_is_known_by_a_command(seconds, words):
@@ -360,6 +363,98 @@ def test_a_recording_that_begins_at_another_time_is_known_by_a_command(seconds, 
     told = misread(BENCH, [(test, shifted(trace)) for test, trace in delayed], found)
     assert list(told) == ["v_ref"]
     assert told["v_ref"] == f"v_ref of the real rollouts, which no effect changes, {words}"
+
+
+def test_times_that_are_no_seconds_get_one_sentence():
+    def in_ms(trace):
+        return Trace(1e3 * trace.times, dict(trace.channels), trace.units)
+
+    with pytest.raises(
+        UsageError, match=r"real rollout 0 lasts 1990 s, .* seem to be in ms, and must be in s"
+    ):
+        real_rollouts(BENCH, many(8, 8, in_ms), None, 0)
+
+
+def test_a_long_recording_at_the_simulators_rate_is_not_in_ms():
+    def repeated(trace):
+        channels = {name: np.tile(values, 150) for name, values in trace.channels.items()}
+        return Trace(0.01 * np.arange(150 * len(trace)), channels, trace.units)
+
+    assert len(real_rollouts(BENCH, many(8, 8, repeated), None, 0)) == 8
+
+
+def test_an_angle_that_is_kept_within_a_turn_is_told():
+    angle = Channel("v", "rad", "heading")
+    plain = Cart().rollout(TEST, 0)
+    turned = 4.0 * np.cumsum(plain["v"]) * 0.1
+    goes_on = Trace(plain.times, dict(plain.channels) | {"v": turned}, plain.units)
+    wrapped = Trace(
+        plain.times, dict(plain.channels) | {"v": (turned + np.pi) % (2 * np.pi) - np.pi}, plain.units
+    )
+    assert _wrapped(angle, [wrapped, goes_on], [(goes_on, wrapped)]).startswith(
+        "v jumps by a turn in 1 of 2 real rollouts, and the simulator's goes on: unwrap it"
+    )
+    assert _wrapped(angle, [goes_on], [(goes_on, goes_on)]) == ""
+    assert _wrapped(angle, [wrapped], [(wrapped, wrapped)]) == ""  # of both it does
+    assert _wrapped(replace(angle, unit="m/s"), [wrapped], [(goes_on, wrapped)]) == ""
+
+
+def test_one_rollout_in_another_unit_is_told_with_its_number():
+    runs = many(8, 8)
+    test, trace = runs[6]
+    runs[6] = (test, Trace(trace.times, dict(trace.channels) | {"u": 1e3 * trace["u"]}, trace.units))
+    assert misread(BENCH, runs) == {
+        "u": "u of real rollout 6 (vd = 0.8, acc = 2) is about 1000 times the simulator's, and not so in the "
+        "others: is it in V there? If not, convert it, or leave the rollout out"
+    }
+
+
+def test_one_recording_of_two_tests_is_told_and_one_of_a_test_that_was_run_twice_is_not():
+    runs = many(8, 8)
+    copied = [*runs[:7], (runs[7][0], runs[2][1])]
+    told = misread(BENCH, copied)["the tests"]
+    assert told.startswith(
+        "real rollout 7 (vd = 0.9, acc = 2) is real rollout 2 (vd = 0.4, acc = 2), sample for sample"
+    )
+    assert misread(BENCH, [*runs, runs[2]]) == {}
+
+
+def test_a_channel_of_another_name_is_told_beside_the_one_that_lacks():
+    def renamed(trace):
+        channels = dict(trace.channels)
+        channels["V_meas"] = channels.pop("v_meas")
+        return Trace(trace.times, channels, {n: u for n, u in trace.units.items() if n in channels})
+
+    [one] = notes(BENCH, Used(many(12, 9, renamed), 12, False, 4, 12), ENOUGH)
+    assert one == (
+        "the real rollouts have no v_meas: what shows there alone cannot be told; V_meas in them is nothing that the "
+        "simulator has"
+    )
+
+
+def test_a_name_that_stands_for_two_effects_gets_one_sentence():
+    class Twice(Cart):
+        def effects(self):
+            return (*super().effects(), super().effects()[0])
+
+    with pytest.raises(BackendError, match="has two effects of the name 'viscous'; give each its own"):
+        bench_of(s2r.parse_spec(SPEC), "tracking", Twice())
+
+
+def test_a_parameter_that_varies_and_that_the_spec_does_not_know_gets_one_sentence(tmp_path):
+    rows = ["id,vd,acc,operator"]
+    for i in range(8):
+        test = {"vd": 0.2 + 0.1 * i, "acc": 2.0 + 0.1 * i}
+        logs.write(real(test, i, {}), tmp_path / f"r{i}.npz")
+        rows.append(f"r{i},{test['vd']},{test['acc']},{i}")
+    (tmp_path / "rollouts.csv").write_text("\n".join(rows) + "\n")
+    # What the simulator does not have is nobody's business.
+    assert len(real_rollouts(BENCH, f"log:{tmp_path}", None, 0)) == 8
+    of_one = s2r.parse_spec(SPEC.replace("param  acc {m/s^2} in [1, 4]\n", ""))
+    with pytest.raises(
+        UsageError, match=r"varies 'acc' from 2 to 2.7, which .* does not declare: give it a range"
+    ):
+        real_rollouts(bench_of(of_one, "tracking", Cart()), f"log:{tmp_path}", None, 0)
 
 
 def test_an_effect_that_is_in_the_simulator_is_what_nominal_is(cache):

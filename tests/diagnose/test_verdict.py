@@ -83,6 +83,36 @@ def test_what_is_left_of_the_motion_says_why_none_of_these():
     assert "force" not in reason(Verdict.UNKNOWN, WHICH, None, A, (replace(left, surplus=0.9),))
 
 
+def test_what_is_not_ruled_out_is_beside_what_is_named_or_in_its_place_as_the_sets_say():
+    both = replace(
+        WHICH,
+        singles={"a": 0.6, "b": 0.0, "c": 0.1},
+        several={("a", "b"): 0.2},
+        answer=A,
+        confounded=("a", "b", "c"),
+    )
+    assert both.instead == C
+    assert reason(Verdict.CONFOUNDED, both, None, A) == (
+        "a fits best, but these data do not rule out c in its place or beside it, nor b beside it"
+    )
+    beside = replace(both, confounded=("a", "b"))
+    assert reason(Verdict.CONFOUNDED, beside, None, A).endswith("do not rule out b beside it")
+    two = replace(
+        both, several={("a", "b"): 0.5, ("b", "c"): 0.2}, answer=("a", "b"), confounded=("a", "b", "c")
+    )
+    assert reason(Verdict.CONFOUNDED, two, None, ("a", "b")).endswith("c in the place of one or beside them")
+
+
+def test_where_no_cause_is_named_those_nearly_as_likely_and_what_is_left_are_told():
+    which = replace(WHICH, none=0.1, unknown=0.0, singles={"a": 0.46, "b": 0.42, "c": 0.02})
+    left = Remainder("x", 0, "", "", 0.5, 0.6, 0.1, "m", "s", 1.4, recorded=True)
+    words = reason(Verdict.NONE, which, None, A, (left,))
+    assert (
+        "most as with a or b; but a difference of +0.1 m in x between 0.5 and 0.6 s, which no effect" in words
+    )
+    assert "but" not in reason(Verdict.NONE, which, None, A, (replace(left, surplus=0.9),))
+
+
 def test_a_value_at_the_end_of_its_range_and_what_a_little_of_everything_would_not_leave_are_said():
     tests = [{"v": k / 9} for k in range(9)]
     far = how_far(np.ones(9), np.zeros(9), np.full(9, 0.5), np.ones(9), tests, 0.01, 0.1, 3, "m")

@@ -263,6 +263,18 @@ def test_what_no_data_tell_apart_is_said_to_be_so():
     assert diagnosed.doubt(replace(found.which, answer=())) == ""
     beside = replace(found.which, answer=("friction", "delay"), confounded=("friction", "delay", "payload"))
     assert diagnosed.doubt(beside) == "these data do not rule out: payload"
+    only_beside = {"friction": 0.7, "delay": 0.0, "payload": 0.0}
+    one = replace(found.which, singles=only_beside, several={("friction", "delay"): 0.2})
+    assert diagnosed.doubt(one) == "these data do not rule out: delay"
+
+
+def test_recordings_that_look_misread_are_not_a_success():
+    found, spec = diagnosis(0, Verdict.NAMED)
+    assert diagnosed.exit_code(found) == 0
+    odd = replace(found, misread=("u",))
+    assert diagnosed.exit_code(odd) == 3
+    assert diagnosed.record(odd, spec)["exit_code"] == 3
+    assert next_step(odd, spec).startswith("First see to u")
 
 
 def test_confounded_pairs_are_marked():
