@@ -119,3 +119,15 @@ def between(times: FloatArray, own: FloatArray, values: FloatArray) -> FloatArra
     if values.ndim == 1:
         return np.interp(times, own, values)
     return np.stack([np.interp(times, own, column) for column in values.T], axis=1)
+
+
+def thinned(trace: Trace, step: float) -> Trace:
+    """Return the samples of a trace that are ``step`` [s] apart, or next after that; all where they are that far."""
+    times = trace.times - trace.times[0]
+    if len(times) < 2 or step < 1.5 * float(np.median(np.diff(times))):
+        return trace
+    wanted = step * np.arange(int(times[-1] / step * (1.0 + 1e-9)) + 1)
+    at = np.unique(np.clip(np.searchsorted(times, wanted - 1e-9 * step), 0, len(times) - 1))
+    return Trace(
+        trace.times[at], {n: values[at] for n, values in trace.channels.items()}, trace.units, trace.meta
+    )

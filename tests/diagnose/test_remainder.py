@@ -18,7 +18,7 @@ from s2r_spec.diagnose.prepare import bench_of
 from s2r_spec.diagnose.remainder import Remainder, channels, motion
 from s2r_spec.diagnose.remainder.cells import FEWEST_ROLLOUTS, PARTS, WINDOWS
 from s2r_spec.diagnose.remainder.find import columns, parts, remainders
-from s2r_spec.trace import Trace
+from s2r_spec.trace import Trace, thinned
 
 PROBES = (
     Probe("mass", "extra", 12.0, 1.0),
@@ -150,6 +150,16 @@ def test_a_channel_that_is_not_recorded_or_recorded_more_seldom_hides_no_other(b
     first = remainders(bare, LINES, seldom, {})[0]
     assert first.material
     assert 0.65 < first.low < first.high < 0.95
+
+
+def test_of_a_machine_that_is_recorded_seldom_as_little_is_read_of_the_simulator(bare):
+    """A mean of the samples that are there is no mean of what was between them."""
+    values = {"coulomb": {"force": 20.0}}
+    seldom = [(test, thinned(trace, 0.1)) for test, trace in rollouts(bare, values)]
+    assert len(seldom[0][1]) == 26
+    left = remainders(bare, LINES, seldom, values)
+    assert left
+    assert not any(each.material for each in left)
 
 
 def test_recordings_without_what_a_residual_needs_have_no_part_in_it(bench):

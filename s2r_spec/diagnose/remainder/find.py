@@ -19,7 +19,7 @@ from s2r_spec.diagnose.simulate import Bench, Job, Test, run_jobs
 from s2r_spec.diagnose.where.body import named
 from s2r_spec.rollouts.seeds import Stream, rollout_seed
 from s2r_spec.space import key_of
-from s2r_spec.trace import Trace
+from s2r_spec.trace import Trace, thinned
 
 FloatArray = NDArray[np.float64]
 
@@ -64,7 +64,8 @@ def remainders(
     apart = named is not None and named != improved
     tell = _Stages(progress, len(tests) * (3 if apart else 2) + 1 + len(_variants(bench)) + len(lines))
     paths = np.concatenate(run_jobs(bench, beside, executor, tell, channels.path))
-    read = _Read(channels.Beside.of(features, tests, list(paths)), motion.cells_of(features, traces))
+    step = float(np.median([np.median(np.diff(trace.times)) for trace in traces]))
+    read = _Read(channels.Beside.of(features, tests, list(paths)), motion.cells_of(features, traces), step)
     runs = tuple(zip(tests, seeds[0], strict=True))
     ran = _Ran.of(bench, read, whole, runs, improved, executor, tell)
     k = len(read.channels.cells.places())
@@ -109,12 +110,17 @@ def _variants(bench: Bench) -> list[str]:
 
 @dataclass(frozen=True)
 class _Read:
-    """What is kept of a rollout: cells of its channels, then those of its residuals; NaN of one that ended early."""
+    """What is kept of a rollout: cells of its channels, then those of its residuals; NaN of one that ended early.
+
+    Of one with more samples than the machine's only as many are read, so that a mean is of the same times.
+    """
 
     channels: channels.Beside
     motion: Cells | None
+    step: float
 
     def __call__(self, bench: Bench, trace: Trace, test: Test) -> FloatArray:
+        trace = thinned(trace, self.step)
         more = np.zeros(0) if self.motion is None else motion.summed(self.motion, bench, trace, test)
         row = np.concatenate([self.channels.averaged(trace, test), more])
         return row if trace.failure is None else np.full_like(row, np.nan)
