@@ -14,6 +14,7 @@ from s2r_spec.diagnose.design import unit_box, weights
 from s2r_spec.diagnose.how_far import HowFar, gap, how_far
 from s2r_spec.diagnose.parted import Parted
 from s2r_spec.diagnose.prepare import Progress, State
+from s2r_spec.diagnose.signatures import Curve
 from s2r_spec.diagnose.simulate import Bench, Job, Test, run_jobs
 from s2r_spec.rollouts.seeds import Stream, rollout_seed
 from s2r_spec.space import key_of
@@ -27,6 +28,8 @@ MACHINES, BANK_MACHINES = 20, 200
 """Random ones with a little of every effect: that many are simulated, or made from the bank."""
 REPLICATED = 5
 """Degrees of freedom from which on replicates say how much ρ scatters."""
+MOSTLY = 0.9
+"""Part of the mean square of what a little of every effect makes of ρ that is no longer everybody's."""
 SURELY_LESS = 0.95
 """Part of the random machines whose gap is no more than what a little of every effect makes."""
 
@@ -215,6 +218,18 @@ def _background(
     else:
         change = _by_simulator(state, bench, at, held, seed, executor)
     return float(np.quantile(np.ma.filled(np.abs(change).mean(axis=1), 0.0), SURELY_LESS))
+
+
+def mostly_of_one(curves: Sequence[Curve]) -> str:
+    """Return the effect that makes nearly all of what a little of every effect makes of ρ; "" where there is none."""
+    own: dict[str, float] = {}
+    for curve in curves:
+        if not curve.line.base:
+            near = int(np.argmin(np.abs(curve.coordinates)))
+            slope = curve.rho[near] / curve.coordinates[near]
+            own[curve.line.effect] = own.get(curve.line.effect, 0.0) + float((slope**2).mean())
+    first = max(own, key=lambda effect: own[effect])
+    return first if len(own) > 1 and own[first] > MOSTLY * sum(own.values()) else ""
 
 
 def _a_little(state: State, machines: int) -> FloatArray:

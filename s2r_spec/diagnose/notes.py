@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.backend import HasResiduals
+from s2r_spec.backend import Effect, HasResiduals
 from s2r_spec.diagnose.falls import Falls, always_early
+from s2r_spec.diagnose.how_far import HowFar
 from s2r_spec.diagnose.simulate import Bench
 from s2r_spec.errors import TraceError
 from s2r_spec.space import key_of
@@ -146,6 +147,17 @@ def notes(
             f"{here}"
         )
     return tuple(found)
+
+
+def hidden_by_one(effect: Effect, far: HowFar) -> str:
+    """Return what is said where a gap is not material because of one effect's prior alone."""
+    priors = " and ".join(f"{p.name}: {p.prior}" for p in effect.parameters)
+    gap, little = (f"{value:.3g} {far.unit}".rstrip() for value in (far.before.mean, far.background))
+    return (
+        f"the gap of {gap} is {far.before.mean / far.floor:.0f} times what scatter makes, and is said not to be "
+        f"material because a few percent of every effect would make {little}, nearly all of which {effect.name} makes "
+        f"alone: is so much of it usual ({priors})? If not, write a smaller prior"
+    )
 
 
 def looked_again(tests: int) -> str:

@@ -21,14 +21,14 @@ from s2r_spec.diagnose.diagnosis import Diagnosis, Verdict, Which
 from s2r_spec.diagnose.estimate import Fit, by_linear, fit
 from s2r_spec.diagnose.falls import always_early, falls, falls_alone
 from s2r_spec.diagnose.glitches import glitches
-from s2r_spec.diagnose.held_out import measured
+from s2r_spec.diagnose.held_out import measured, mostly_of_one
 from s2r_spec.diagnose.how_far import HowFar
 from s2r_spec.diagnose.idle import active
 from s2r_spec.diagnose.isolability import Isolability, isolability
 from s2r_spec.diagnose.kin import shared
 from s2r_spec.diagnose.misread import misread
 from s2r_spec.diagnose.next_test import next_test
-from s2r_spec.diagnose.notes import Used, looked_again, notes
+from s2r_spec.diagnose.notes import Used, hidden_by_one, looked_again, notes
 from s2r_spec.diagnose.parted import ENOUGH, Parted
 from s2r_spec.diagnose.prepare import Progress, State, bench_of, prepare
 from s2r_spec.diagnose.remainder import remainders
@@ -56,6 +56,9 @@ from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
 
 FloatArray = NDArray[np.float64]
+
+PLAIN = 3.0
+"""A gap that is so many times what scatter makes is there, whatever a little of every effect would make."""
 
 
 def diagnose(
@@ -124,6 +127,7 @@ def diagnose(
                 state = prepare(bench, bank, parts.compared, seed, cache, pool, tell)
                 found = _answer(bench, state, parts, seed, pool, tell, where, moved=True)
                 lacking = (*lacking, looked_again(moved))
+        lacking = (*lacking, *_hidden(bench, state, found))
         left_out = len(rollouts) - len(parts.used)
         if left_out and found.verdict is Verdict.NONE and always_early(rollouts):
             found = named_by_falls(found, state, why)
@@ -144,6 +148,15 @@ def diagnose(
                 reason=f"{found.reason}; {left_out} of {len(rollouts)} ended early, and are not in this",
             )
         return replace(found, notes=lacking, misread=tuple(odd))
+
+
+def _hidden(bench: Bench, state: State, found: Diagnosis) -> list[str]:
+    """Return what to say where a plain gap is not material for one effect's prior alone."""
+    far = found.how_far
+    if far is None or found.verdict is not Verdict.NONE or far.before.mean < PLAIN * far.floor:
+        return []
+    only = mostly_of_one(state.signatures.curves)
+    return [hidden_by_one(e, far) for e in banks.catalogue_of(bench.backend) if e.name == only]
 
 
 def _recorded(bench: Bench, real: Rollouts | Backend) -> tuple[int, int]:

@@ -12,12 +12,14 @@ from s2r_spec.backend import Channel
 from s2r_spec.diagnose import bank as banks
 from s2r_spec.diagnose.ask import as_simulated, cut, read_at, real_rollouts
 from s2r_spec.diagnose.axes import line, lines
+from s2r_spec.diagnose.held_out import mostly_of_one
+from s2r_spec.diagnose.how_far import how_far
 from s2r_spec.diagnose.misread import _wrapped, misread
 from s2r_spec.diagnose.next_test import next_test
-from s2r_spec.diagnose.notes import Used, notes
+from s2r_spec.diagnose.notes import Used, hidden_by_one, notes
 from s2r_spec.diagnose.parted import ENOUGH, split
 from s2r_spec.diagnose.prepare import bench_of
-from s2r_spec.diagnose.signatures import Signatures
+from s2r_spec.diagnose.signatures import Curve, Signatures
 from s2r_spec.errors import BackendError, TraceError, UsageError
 from s2r_spec.report.nextstep import next_step
 from s2r_spec.trace import Trace
@@ -573,3 +575,26 @@ def test_a_test_that_ends_early_every_time_is_told_to_be_no_accident():
     again = [(t, replace(r, meta=dict(r.meta) | {"failure": "fall"}) if t == first else r) for t, r in runs]
     [told] = [n for n in notes(BENCH, Used(again, 12, True, 0, 12), ENOUGH) if "ended early" in n]
     assert "(fall, every time at one test: no accident)" in told
+
+
+def test_a_prior_that_makes_every_gap_a_little_of_everything_is_told():
+    """A scale of 20 s for a lag made a gap of eleven times the scatter not material, and nothing said why."""
+
+    def curve(effect, rho):
+        of = next(one for one in lines(Cart().effects()) if one.effect == effect)
+        return Curve(of, np.array([0.25, 1.0]), np.zeros((2, 3, 1)), np.array([[0.25 * rho] * 3, [rho] * 3]))
+
+    usual = [curve("viscous", 0.3), curve("coulomb", 0.2), curve("tilt", 0.1)]
+    assert mostly_of_one(usual) == ""
+    assert mostly_of_one([*usual, curve("payload", 30.0)]) == "payload"
+    assert mostly_of_one(usual[:1]) == ""  # there is no other
+
+    tests = [{"v": k / 9} for k in range(9)]
+    far = how_far(np.ones(9), np.zeros(9), None, np.ones(9), tests, 0.05, 3.0, 3, "m")
+    assert not far.material
+    [payload] = [effect for effect in Cart().effects() if effect.name == "payload"]
+    assert hidden_by_one(payload, far) == (
+        f"the gap of 1 m is {1.0 / far.floor:.0f} times what scatter makes, and is said not to be material because a "
+        f"few percent of every effect would make 3 m, nearly all of which payload makes alone: is so much of it usual "
+        f"(mass: half-normal, 0.7 kg)? If not, write a smaller prior"
+    )
