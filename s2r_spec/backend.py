@@ -6,9 +6,11 @@ says what it can do before anything runs, and then turns a test into a trace.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
+from hashlib import sha256
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any, Protocol, Self, runtime_checkable
@@ -272,6 +274,14 @@ def _factory(name: str) -> Any:
         return points[name].load()
     except ModuleNotFoundError as error:
         raise MissingPackageError(name, error.name or str(error)) from error
+
+
+def short(model_hash: str) -> str:
+    """Return twelve digits that stand for a model hash, for people to compare; of one in words, of all of it."""
+    digits = (
+        model_hash if re.fullmatch("[0-9a-f]{12,}", model_hash) else sha256(model_hash.encode()).hexdigest()
+    )
+    return digits[:12]
 
 
 def load_backend(name: str) -> Backend:

@@ -4,7 +4,7 @@ import sys
 
 import pytest
 
-from s2r_spec.backend import Channel, Parameter, installed, load_backend
+from s2r_spec.backend import Channel, Parameter, installed, load_backend, short
 from s2r_spec.errors import BackendError, MissingPackageError, UnknownBackendError, UsageError
 
 pytestmark = pytest.mark.usefixtures("toy")
@@ -53,3 +53,11 @@ def test_a_channel_names_all_its_columns_or_none():
     assert named["q"][:3] == ("FR hip", "FR thigh", "FR calf")
     with pytest.raises(UsageError, match="channel q has 3 columns, but names for 2"):
         Channel("q", "rad", "angles", 3, ("hip", "knee"))
+
+
+def test_what_stands_for_a_model_differs_where_models_do():
+    assert short("0123456789abcdef0123") == "0123456789ab"
+    one, other = "43abda96cf96 ()", "43abda96cf96 (('lag', 0.2),)"
+    assert short(one) != short(other)
+    assert len(short(one)) == 12
+    assert short("cart-1") == "cart-1"

@@ -63,7 +63,8 @@ def backends(
         print("parameters")
         for p in machine.parameters:
             print(
-                f"  {p.name:14} [{p.low:g}, {p.high:g}] {p.unit or '1'}, {p.default:g} if not given: {p.description}"
+                f"  {p.name:14} [{p.low:g}, {p.high:g}]{f' {p.unit}' if p.unit else ''}; {p.default:g} if not given: "
+                f"{p.description}"
             )
         print("channels")
         for c in machine.channels:
@@ -75,8 +76,8 @@ def backends(
             print(f"  {effect.name} ({effect.family}): {effect.physics}")
             for each in effect.parameters:
                 print(
-                    f"    {each.name:12} [{each.low:g}, {each.high:g}] {each.unit or '1'}, {each.nominal:g} is none; "
-                    f"{each.prior}"
+                    f"    {each.name:12} [{each.low:g}, {each.high:g}]{f' {each.unit}' if each.unit else ''}; "
+                    f"none is {each.nominal:g}; {each.prior}"
                 )
 
 

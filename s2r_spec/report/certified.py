@@ -6,6 +6,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from s2r_spec.backend import short
 from s2r_spec.certify.check import Verdict
 from s2r_spec.certify.outward import between, down, up
 from s2r_spec.certify.promise import CertifyResult
@@ -41,9 +42,9 @@ def finding(spec: Spec, result: CertifyResult) -> Finding:
     """Say the promise in words, with what it is made of."""
     simulated, gap = result.simulated, result.gap
     source = simulated.provenance
-    model = f"{source['backend']} {source['model_hash'][:12]}"
+    model = f"{source['backend']} {short(source['model_hash'])}"
     if gap is not None:
-        model += f", {result.real} {gap.provenance['real']['model_hash'][:12]}"
+        model += f", {result.real} {short(gap.provenance['real']['model_hash'])}"
     unit = f" {simulated.unit}" if simulated.unit else ""
     return Finding(
         name=simulated.requirement,

@@ -9,6 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from s2r_spec.backend import short
 from s2r_spec.certify.certificate import Certificate, Label
 from s2r_spec.certify.check import CheckResult, Verdict
 from s2r_spec.certify.outward import at_least, at_most, between, down, up, wide
@@ -98,7 +99,7 @@ def finding(spec: Spec, result: CheckResult) -> Finding:
         ),
         provenance=(
             f"seed {source['seed']}, s2r {source['s2r']}, spec {source['spec_hash'][:12]}, "
-            f"model {source['model_hash'][:12]}"
+            f"model {short(source['model_hash'])}"
         ),
         again=f"lowest ρ ({result.lowest.rho:+.4f}{unit})",
         replay=replay_line(result),

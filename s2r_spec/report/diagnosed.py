@@ -8,6 +8,7 @@ from typing import Any
 from rich.markup import escape
 from rich.text import Text
 
+from s2r_spec.backend import short
 from s2r_spec.diagnose.diagnosis import Diagnosis, Verdict, Which
 from s2r_spec.diagnose.how_far import Gap, HowFar
 from s2r_spec.diagnose.where.found import Where
@@ -75,7 +76,7 @@ def provenance(found: Diagnosis) -> str:
     p = found.provenance
     return (
         f"{p['rollouts']} real rollouts, {p['held_out']} of them held out, seed {p['seed']}, "
-        f"backend {p['backend']}, model {str(p['model_hash'])[:12]}"
+        f"backend {p['backend']}, model {short(str(p['model_hash']))}"
     )
 
 

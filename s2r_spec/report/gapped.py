@@ -8,6 +8,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from s2r_spec.backend import short
 from s2r_spec.certify.certificate import Label
 from s2r_spec.certify.check import Verdict
 from s2r_spec.certify.gap import GapResult
@@ -85,7 +86,7 @@ def finding(spec: Spec, result: GapResult) -> Finding:
         ),
         provenance=(
             f"seed {source['seed']}, s2r {source['s2r']}, spec {source['spec_hash'][:12]}, "
-            f"sim {source['sim']['model_hash'][:12]}, real {source['real']['model_hash'][:12]}"
+            f"sim {short(source['sim']['model_hash'])}, real {short(source['real']['model_hash'])}"
         ),
         again=f"lowest Δ ({result.lowest.gap:+.4f}{unit}), its real side",
         replay=replay_line(result),

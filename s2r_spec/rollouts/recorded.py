@@ -135,6 +135,8 @@ def _same(left: float, right: float) -> bool:
 
 def _table(path: Path) -> tuple[dict[str, str], list[_Row]]:
     """Return parameter → unit ("" if none is written), and the rows."""
+    if not path.parent.is_dir():
+        raise LogError(f"there is no folder {path.parent}; log:FOLDER is one with recordings and {TABLE}")
     try:
         with path.open(newline="", encoding="utf-8-sig") as stream:
             reader = csv.reader(stream, strict=True, skipinitialspace=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from s2r_spec.backend import Backend, HasPictures
+from s2r_spec.backend import Backend, HasPictures, short
 from s2r_spec.errors import UsageError
 from s2r_spec.rollouts.journal import SPEC_FILE, Journal
 from s2r_spec.rollouts.rig import Rig
@@ -76,7 +76,7 @@ def replay(rollout: str) -> Replay:
     if rho != record.rho:
         difference = f"the record says {record.rho:+.6f}"
         if rig.backend.model_hash != header["model_hash"]:
-            before, now = header["model_hash"][:12], rig.backend.model_hash[:12]
+            before, now = short(header["model_hash"]), short(rig.backend.model_hash)
             difference += f"; the model has changed since ({before}, now {now})"
     return Replay(
         point,

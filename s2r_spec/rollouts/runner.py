@@ -20,7 +20,7 @@ from time import perf_counter
 from types import TracebackType
 from typing import Self
 
-from s2r_spec.backend import Backend, HasDuration, load_backend
+from s2r_spec.backend import Backend, HasDuration, load_backend, short
 from s2r_spec.errors import BackendError, S2RError
 from s2r_spec.rollouts.child import TimeLimitError, WorkerDiedError, limit
 from s2r_spec.rollouts.pools import ExecutorFactory
@@ -117,8 +117,9 @@ def _open(task: Task) -> Backend:
     backend = open_backend(task.backend, task.duration)
     if task.model_hash is not None and backend.model_hash != task.model_hash:
         raise BackendError(
-            f"the worker on {gethostname()} has another model ({backend.model_hash[:12]}) than the run was begun with "
-            f"({task.model_hash[:12]}); install the same versions on both machines, or resume where it was begun;"
+            f"the worker on {gethostname()} has another model ({short(backend.model_hash)}) than the run was begun "
+            f"with ({short(task.model_hash)}); install the same versions on both machines, or resume where it was "
+            f"begun;"
         )
     return backend
 

@@ -253,7 +253,7 @@ def test_backends_lists_names_and_details(s2r):
     assert toy["effects"] == []
     shown = s2r("backends", "emps", code=0).stdout
     assert "  coulomb (friction): Dry friction" in shown
-    assert "force        [0, 80] N, 0 is none; half-normal, 20 N" in shown
+    assert "force        [0, 80] N; none is 0; half-normal, 20 N" in shown
     first = s2r.json("backends", "emps", code=0)["effects"][0]
     assert (first["name"], first["parameters"][0]["unit"]) == ("viscous", "N*s/m")
 

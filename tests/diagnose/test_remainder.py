@@ -221,6 +221,8 @@ def test_a_column_of_many_is_told_by_the_part_it_is_of_or_by_its_number():
 def test_an_end_that_is_nowhere_is_said_so_and_is_no_number_in_json():
     beyond = Remainder("motor", 2, "", "tau", 10.0, np.inf, -3.2, "N*m", "N*m", 2.0)
     assert str(beyond) == "-3.2 N*m of motor where tau is above 10 N*m"
+    narrow = Remainder("u", 0, "", "x", 1.9876, 1.9891, -3.2, "N", "m", 2.0)
+    assert str(narrow) == "-3.2 N of u where x is between 1.988 and 1.989 m"
     assert str(replace(beyond, low=-np.inf, high=-4.0)) == "-3.2 N*m of motor where tau is below -4 N*m"
     assert beyond.to_json()["high"] is None
     assert beyond.to_json()["low"] == 10.0

@@ -153,7 +153,7 @@ def test_no_folder_no_table_and_a_file_that_is_no_trace(tmp_path):
     with pytest.raises(UsageError, match=r"needs a folder: --backend log:FOLDER"):
         s2r.load_backend("log")
     with pytest.raises(
-        UsageError, match=r"cannot read .*nowhere/rollouts.csv: No such file or directory; it says"
+        UsageError, match=r"there is no folder .*nowhere; log:FOLDER is one with recordings and rollouts.csv"
     ):
         s2r.load_backend(f"log:{tmp_path}/nowhere")
     folder = write(tmp_path / "log", "id,vd\na,1\n")

@@ -48,7 +48,8 @@ class Remainder:
         what = f"{self.size:+.3g} {self.unit}".strip()
         what = f"a difference of {what} in {self.quantity}" if self.recorded else f"{what} of {self.quantity}"
         what += f" at {self.part}" if self.part else ""
-        ends = f"{self.low:.3g} and {self.high:.3g} {self.along_unit}".strip()
+        low, high = _apart(self.low, self.high)
+        ends = f"{low} and {high} {self.along_unit}".strip()
         if not self.along:
             return f"{what} between {ends}"
         if np.isinf(self.low):
@@ -64,3 +65,12 @@ class Remainder:
             for name, value in (("low", self.low), ("high", self.high))
         }
         return dict(vars(self)) | ends
+
+
+def _apart(low: float, high: float) -> tuple[str, str]:
+    """Return two numbers with as many digits as it takes to see that they are two."""
+    for digits in range(3, 8):
+        told = f"{low:.{digits}g}", f"{high:.{digits}g}"
+        if told[0] != told[1]:
+            break
+    return told
