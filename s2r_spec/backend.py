@@ -277,11 +277,10 @@ def _factory(name: str) -> Any:
 
 
 def short(model_hash: str) -> str:
-    """Return twelve digits that stand for a model hash, for people to compare; of one in words, of all of it."""
-    digits = (
-        model_hash if re.fullmatch("[0-9a-f]{12,}", model_hash) else sha256(model_hash.encode()).hexdigest()
-    )
-    return digits[:12]
+    """Return what stands for a model hash where people compare: twelve digits at most; of words, digits of them all."""
+    if len(model_hash) > 12 and not re.fullmatch("[0-9a-f]+", model_hash):
+        model_hash = sha256(model_hash.encode()).hexdigest()
+    return model_hash[:12]
 
 
 def load_backend(name: str) -> Backend:
