@@ -37,6 +37,7 @@ SETS = {
         "a1seventeenth",
         "a1eighteenth",
         "a1nineteenth",
+        "a1twentieth",
         "a1",
     ),
     "the arm": (*(f"arm{n}" for n in range(1, 9)), "arm"),
