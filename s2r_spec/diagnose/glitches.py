@@ -14,7 +14,7 @@ from s2r_spec.trace import Trace
 FloatArray = NDArray[np.float64]
 Rollout = tuple[dict[str, float], Trace]
 
-FAR, MUCH = 20.0, 0.1
+FAR, MUCH = 20.0, 0.3
 """A single sample is far off where it is so many times as far from its neighbours as any sample is in most rollouts,
 and by this part of how much the channel moves."""
 HELD, LONGER = 0.2, 4.0
@@ -44,11 +44,11 @@ def glitches(bench: Bench, rollouts: Sequence[Rollout]) -> dict[str, str]:
 
 
 def _read(trace: Trace, name: str) -> bool:
-    """Return whether a trace has a channel of numbers that is no flag."""
+    """Return whether a trace has a channel of measured numbers: neither a flag nor a count."""
     if name not in trace.channels or len(trace) < 3:
         return False
     values = trace[name]
-    return bool(np.isfinite(values).all()) and not np.isin(values, (0.0, 1.0)).all()
+    return bool(np.isfinite(values).all()) and not (values == np.round(values)).all()
 
 
 def _far_off(name: str, having: Sequence[tuple[int, Test, Trace]], unit: str) -> str:

@@ -67,6 +67,15 @@ def test_a_step_noise_a_lost_channel_and_what_saturates_are_not():
         assert glitches(BENCH, many({}, spoil)) == {}
 
 
+def test_a_count_that_is_one_more_for_once_is_no_glitch():
+    def counted(trace):  # iterations of a solver
+        return changed(changed(trace, "v_meas", slice(None), 5.0), "v_meas", slice(60, None), 6.0)
+
+    runs = [(test, counted(trace)) for test, trace in many({})]
+    runs[3] = (runs[3][0], changed(runs[3][1], "v_meas", 40, 6.0))
+    assert glitches(BENCH, runs) == {}
+
+
 def test_a_glitch_is_a_note_and_what_to_see_to_first(cache):
     def spike(trace):
         return changed(trace, "v_meas", 40, 30.0)
