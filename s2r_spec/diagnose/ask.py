@@ -62,9 +62,9 @@ def real_rollouts(
     if isinstance(real, HasRecordings) and isinstance(real, Backend):
         matched = match(bench.spec, bench.requirement, real)
         simulated = {parameter.name for parameter in bench.backend.parameters}
-        refuse_hidden(bench.spec, real, real.recordings, simulated)
-        pairs = [(matched.to_spec(r.params), r) for r in real.recordings]
-        given = [(dict(test), r.trace, str(r.source)) for test, r in pairs if test is not None]
+        pairs = [(test, r) for r in real.recordings if (test := matched.to_spec(r.params)) is not None]
+        refuse_hidden(bench.spec, real, [recording for _, recording in pairs], simulated)
+        given = [(dict(test), r.trace, str(r.source)) for test, r in pairs]
     elif isinstance(real, Backend):
         ran = ask(bench, real, BUDGET if budget is None else budget, seed, folder, progress)
         given = [(test, trace, f"real rollout {n}") for n, (test, trace) in enumerate(ran)]

@@ -177,7 +177,7 @@ class Diagnosis:
         by_falls: whether what is named rests on falls alone: no other rollout shows it.
         misread: channels that look as if they were recorded in another unit, with the other sign, from another time
             on, not at all or with samples that no other rollout has; what is said of causes is worth little until that
-            is seen to.
+            is seen to. "the tests", where one recording stands under two of them.
     """
 
     verdict: Verdict

@@ -56,6 +56,8 @@ LATEST = 0.25
 def misread(bench: Bench, rollouts: Sequence[Rollout], lines: Sequence[Line] = ()) -> dict[str, str]:
     """Return what to say of each channel that seems to have another unit, sign or begin than the simulator's.
 
+    And of "the tests", where one recording stands under two of them.
+
     Args:
         bench: the simulator.
         rollouts: the machine's.
@@ -83,7 +85,7 @@ def misread(bench: Bench, rollouts: Sequence[Rollout], lines: Sequence[Line] = (
                 f"{channel.name} of the real rollouts never moves, and the simulator's does: was it recorded? If not, "
                 f"leave it out"
             )
-    if words := _copied(rollouts):
+    if words := _copied(bench, rollouts):
         found["the tests"] = words
     for name in _commands(bench, lines, ran[0][0], pairs[0][0]):
         if words := _other_begin(name, pairs):
@@ -141,17 +143,26 @@ def _other_unit_of_one(bench: Bench, channel: Channel, rollouts: Sequence[Rollou
     return ""
 
 
-def _copied(rollouts: Sequence[Rollout]) -> str:
+def _copied(bench: Bench, rollouts: Sequence[Rollout]) -> str:
+    """Say of the first recording that stands under two tests; not where these are one to the simulator, too."""
     seen: dict[tuple[bytes, ...], int] = {}
     for number, (test, trace) in enumerate(rollouts):
-        digest = tuple(values.tobytes() for _, values in sorted(trace.channels.items()))
-        first = seen.setdefault(digest, number)
-        if key_of(rollouts[first][0]) != key_of(test):
-            return (
-                f"{called(number, test)} is {called(first, rollouts[first][0])}, sample for sample: which of the tests "
-                f"was it?"
-            )
+        first = seen.setdefault(_bytes(trace), number)
+        before = rollouts[first][0]
+        if key_of(before) == key_of(test):
+            continue
+        with blamed(bench, {}, test, 0):
+            alike = _bytes(bench.run({}, before, 0)) == _bytes(bench.run({}, test, 0))
+        return (
+            ""
+            if alike
+            else f"{called(number, test)} is {called(first, before)}, sample for sample: which of the tests was it?"
+        )
     return ""
+
+
+def _bytes(trace: Trace) -> tuple[bytes, ...]:
+    return tuple(values.tobytes() for _, values in sorted(trace.channels.items()))
 
 
 def called(number: int, test: Mapping[str, float]) -> str:

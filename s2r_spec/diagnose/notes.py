@@ -153,8 +153,9 @@ def hidden_by_one(effect: Effect, far: HowFar) -> str:
     """Return what is said where a gap is not material because of one effect's prior alone."""
     priors = " and ".join(f"{p.name}: {p.prior}" for p in effect.parameters)
     gap, little = (f"{value:.3g} {far.unit}".rstrip() for value in (far.before.mean, far.background))
+    more = f"{far.before.mean / far.floor:.0f} times what" if far.floor > 0.0 else "more than"
     return (
-        f"the gap of {gap} is {far.before.mean / far.floor:.0f} times what scatter makes, and is said not to be "
+        f"the gap of {gap} is {more} scatter makes, and is said not to be "
         f"material because a few percent of every effect would make {little}, nearly all of which {effect.name} makes "
         f"alone: is so much of it usual ({priors})? If not, write a smaller prior"
     )

@@ -420,6 +420,13 @@ def test_one_recording_of_two_tests_is_told_and_one_of_a_test_that_was_run_twice
     )
     assert misread(BENCH, [*runs, runs[2]]) == {}
 
+    class Bare(Cart):  # a simulator to which these tests are one
+        def rollout(self, params, seed):
+            return super().rollout(dict(params) | {"vd": 0.5, "acc": 2.0}, seed)
+
+    one = [(test, Bare().rollout(test, 0)) for test, _ in runs]
+    assert misread(bench_of(s2r.parse_spec(SPEC), "tracking", Bare()), one) == {}
+
 
 def test_a_channel_of_another_name_is_told_beside_the_one_that_lacks():
     def renamed(trace):
@@ -598,3 +605,4 @@ def test_a_prior_that_makes_every_gap_a_little_of_everything_is_told():
         f"few percent of every effect would make 3 m, nearly all of which payload makes alone: is so much of it usual "
         f"(mass: half-normal, 0.7 kg)? If not, write a smaller prior"
     )
+    assert "is more than scatter makes" in hidden_by_one(payload, replace(far, floor=0.0))
