@@ -464,6 +464,10 @@ def test_a_parameter_that_varies_and_that_the_spec_does_not_know_gets_one_senten
         UsageError, match=r"varies 'acc' from 2 to 2.7, which .* does not declare: give it a range"
     ):
         real_rollouts(bench_of(of_one, "tracking", Cart()), f"log:{tmp_path}", None, 0)
+    # Of what is left out, for the spec keeps to another value, nothing is asked.
+    of_one = s2r.parse_spec(SPEC.replace("acc {m/s^2} in [1, 4]", "acc {m/s^2} = 2"))
+    with pytest.raises(UsageError, match="1 real rollouts are too few"):
+        real_rollouts(bench_of(of_one, "tracking", Cart()), f"log:{tmp_path}", None, 0)
 
 
 def test_an_effect_that_is_in_the_simulator_is_what_nominal_is(cache):
