@@ -295,8 +295,8 @@ def _answer(
 
 ASSUMPTIONS = (
     "the real rollouts were run as their tests say, and none was left out but those that a note names",
-    "the probabilities weigh evidence and networks by fixed numbers from development twins; how often they come true on "
-    "sealed twins is in docs/explanation/diagnosis.md",
+    "the probabilities weigh evidence and networks by fixed numbers from development twins; how often they come true "
+    "on sealed twins is in docs/explanation/diagnosis.md",
     "an effect that the catalogue lacks, but that a member imitates, is named as that member",
 )
 
