@@ -107,16 +107,20 @@ def _other_unit(channel: Channel, pairs: Sequence[Pair]) -> str:
     # One that is next to nothing in either is no matter of units.
     if not factors or not channel.unit or max(factors) > NEAR**2 * min(factors):
         return ""
-    middle = float(np.median(factors))
-    words, factor = min(UNITS.items(), key=lambda item: abs(np.log(middle / item[1])))
     alike = float(np.median([_correlation(simulated, real, name) for simulated, real in pairs]))
-    reach = FAR if abs(alike) > ALIKE else NEAR
-    if not 1.0 / reach < middle / factor < reach:
+    words = _times(float(np.median(factors)), FAR if abs(alike) > ALIKE else NEAR)
+    if not words:
         return ""
     return (
         f"{name} of the real rollouts is about {words} the simulator's: is it in {channel.unit}? If not, say its unit "
         f"in the recording"
     )
+
+
+def _times(much: float, reach: float) -> str:
+    """Return which of the factors of a forgotten unit this is, to within ``reach`` times; "" for none."""
+    words, factor = min(UNITS.items(), key=lambda item: abs(np.log(much / item[1])))
+    return words if 1.0 / reach < much / factor < reach else ""
 
 
 def _other_unit_of_one(bench: Bench, channel: Channel, rollouts: Sequence[Rollout]) -> str:
@@ -127,20 +131,20 @@ def _other_unit_of_one(bench: Bench, channel: Channel, rollouts: Sequence[Rollou
         return ""
     factors = sizes / np.median(sizes[sizes > 0.0])
     odd = np.flatnonzero((sizes > 0.0) & ((factors > OTHERWISE) | (factors < 1.0 / OTHERWISE)))
-    for number in odd[:1].tolist():
-        test, trace = rollouts[number]
-        with blamed(bench, {}, test, 0):
-            simulated = bench.run({}, test, 0)
-        of_one = _factors(name, [(simulated, trace)])
-        if not of_one:
-            continue
-        words, factor = min(UNITS.items(), key=lambda item: abs(np.log(of_one[0] / item[1])))
-        if 1.0 / FAR < of_one[0] / factor < FAR:
-            return (
-                f"{name} of {called(number, test)} is about {words} the simulator's, and not so in the others: is it "
-                f"in {channel.unit} there? If not, convert it, or leave the rollout out"
-            )
-    return ""
+    if not len(odd):
+        return ""
+    number = int(odd[0])
+    test, trace = rollouts[number]
+    with blamed(bench, {}, test, 0):
+        simulated = bench.run({}, test, 0)
+    of_one = _factors(name, [(simulated, trace)])
+    words = _times(of_one[0], FAR) if of_one else ""
+    if not words:
+        return ""
+    return (
+        f"{name} of {called(number, test)} is about {words} the simulator's, and not so in the others: is it "
+        f"in {channel.unit} there? If not, convert it, or leave the rollout out"
+    )
 
 
 def _copied(bench: Bench, rollouts: Sequence[Rollout]) -> str:
@@ -153,11 +157,9 @@ def _copied(bench: Bench, rollouts: Sequence[Rollout]) -> str:
             continue
         with blamed(bench, {}, test, 0):
             alike = _bytes(bench.run({}, before, 0)) == _bytes(bench.run({}, test, 0))
-        return (
-            ""
-            if alike
-            else f"{called(number, test)} is {called(first, before)}, sample for sample: which of the tests was it?"
-        )
+        if alike:
+            return ""
+        return f"{called(number, test)} is {called(first, before)}, sample for sample: which of the tests was it?"
     return ""
 
 

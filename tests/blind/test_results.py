@@ -19,6 +19,8 @@ from benchmarks.blind.table import (
     table,
 )
 from s2r_spec.blind.score import truth
+from s2r_spec.diagnose.axes import BACKGROUND
+from s2r_spec.diagnose.held_out import SURELY_LESS
 from s2r_spec.diagnose.judge import WEIGHTS
 from s2r_spec.diagnose.remainder import Remainder
 from s2r_spec.diagnose.told import ACROSS
@@ -114,6 +116,15 @@ def test_what_the_page_on_logs_says_of_sure_answers():
     right = sum(first(case)[0] == truth(case["label"]) for case in sure)
     page = (ROOT / "docs" / "how-to" / "diagnose-logs.md").read_text()
     assert f"answers of 0.9 and more were right in {right} of {len(sure)} cases" in page
+
+
+def test_what_the_page_on_logs_says_of_a_few_percent_of_every_effect():
+    page = " ".join((ROOT / "docs" / "how-to" / "diagnose-logs.md").read_text().split())
+    assert f"is {100 * BACKGROUND:.0f} % of each effect's typical size" in page
+    assert (
+        f"of random machines with so much of all of them {20 * SURELY_LESS:.0f} in 20 have no larger gap"
+        in page
+    )
 
 
 def test_what_the_page_on_logs_says_of_a_gust():
