@@ -10,9 +10,13 @@ from pathlib import Path
 
 import pytest
 
-from s2r_spec import backend
-from s2r_spec.rollouts import journal, runner
-from s2r_spec.rollouts.journal import FILE
+# The tests are the parallelism: threads beside them wait for each other, and cost a quarter of all time.
+for threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(threads, "1")
+
+from s2r_spec import backend  # noqa: E402
+from s2r_spec.rollouts import journal, runner  # noqa: E402
+from s2r_spec.rollouts.journal import FILE  # noqa: E402
 
 PLUGIN = Path(__file__).parent / "plugin"
 sys.path.append(str(PLUGIN))

@@ -1,8 +1,6 @@
 """The tutorial does what it says: its files are written, its commands run, its outputs compared."""
 
 import re
-import subprocess
-import sys
 import tomllib
 from pathlib import Path
 
@@ -10,6 +8,7 @@ import pytest
 
 from s2r_spec import backend
 from s2r_spec.rollouts import runner
+from tests import forked
 
 ROOT = Path(__file__).parents[1]
 PAGE = (ROOT / "docs" / "tutorials" / "own-backend.md").read_text()
@@ -63,12 +62,7 @@ def test_the_pilot_prints_what_is_shown(installed, capsys):
 
 @pytest.mark.parametrize("command", OUTPUTS)
 def test_the_commands_print_what_is_shown(installed, command):
-    done = subprocess.run(
-        [sys.executable, "-m", "s2r_spec", *command.split(), "--workers", "1", "--quiet"],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = forked.run([*command.split(), "--workers", "1", "--quiet"])
     assert done.returncode == 0, done.stderr
     shown = [text for text in OUTPUTS[command].splitlines() if text.strip() and "…" not in text]
     assert shown[0] == done.stdout.splitlines()[0]

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import json
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -10,6 +9,7 @@ import jsonschema
 import pytest
 
 from s2r_spec.report import jsonform
+from tests import forked
 
 SPEC = """\
 signal vx {m/s}
@@ -31,17 +31,11 @@ class CommandLine:
         return path.name
 
     def command(self, *words: object) -> list[str]:
+        """Return what a user's shell would start: for what is killed, or whose pipes matter."""
         return [sys.executable, "-m", "s2r_spec", *map(str, words)]
 
     def __call__(self, *words: object, code: int | None = None) -> subprocess.CompletedProcess[str]:
-        done = subprocess.run(
-            self.command(*words),
-            cwd=self.folder,
-            capture_output=True,
-            text=True,
-            timeout=600,  # no more than a safety net: the machine may be busy
-            env=os.environ | {"COLUMNS": "100"},
-        )
+        done = forked.run([*map(str, words)], self.folder)
         assert code is None or done.returncode == code, done.stderr + done.stdout
         return done
 
@@ -54,5 +48,6 @@ class CommandLine:
 
 
 @pytest.fixture
-def s2r(tmp_path, toy) -> CommandLine:
+def s2r(tmp_path, toy, monkeypatch) -> CommandLine:
+    monkeypatch.setenv("COLUMNS", "100")
     return CommandLine(tmp_path)

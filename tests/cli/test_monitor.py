@@ -1,11 +1,12 @@
 import json
-import subprocess
+from subprocess import CompletedProcess
 
 import numpy as np
 import pytest
 
 from s2r_spec.logs import write
 from s2r_spec.trace import Trace
+from tests import forked
 from tests.cli.conftest import SPEC
 
 TIMES = np.arange(16) / 10
@@ -133,9 +134,8 @@ SAID = (
 )
 
 
-def follow(s2r, *words: str, rows: str = ROWS) -> subprocess.CompletedProcess[str]:
-    command = s2r.command("monitor", "--online", "spec.stl", *words)
-    return subprocess.run(command, cwd=s2r.folder, input=rows, capture_output=True, text=True, timeout=120)
+def follow(s2r, *words: str, rows: str = ROWS) -> CompletedProcess[str]:
+    return forked.run(["monitor", "--online", "spec.stl", *words], s2r.folder, rows)
 
 
 def test_online_says_when_something_changes(s2r, spec):

@@ -1,0 +1,58 @@
+"""The command line in a process of its own, forked from one that has imported what all commands import.
+
+A fresh interpreter would import numerical libraries for longer than most commands run. What is killed, piped or timed
+by a test still begins as a user's would; see ``CommandLine.command``.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+FORKS = multiprocessing.get_context("forkserver")
+FORKS.set_forkserver_preload(["tests.warm"])
+LONGEST = 600.0
+"""Seconds that a command may take: no more than a safety net, for the machine may be busy."""
+
+
+def run(words: Sequence[str], folder: Path | None = None, said: str = "") -> subprocess.CompletedProcess[str]:
+    """Run ``s2r`` with these words in a folder, with this process's environment and import path.
+
+    ``said`` is its standard input.
+    """
+    with tempfile.TemporaryDirectory() as kept:
+        files = [Path(kept, name) for name in ("in", "out", "err")]
+        files[0].write_text(said)
+        out, err = files[1:]
+        arguments = (tuple(words), folder or Path.cwd(), dict(os.environ), sys.path, files)
+        process = FORKS.Process(target=_command, args=arguments)
+        process.start()
+        process.join(LONGEST)
+        if process.is_alive():
+            process.kill()
+            process.join()
+            raise TimeoutError(f"s2r {' '.join(words)} took more than {LONGEST:g} s: {err.read_text()}")
+        return subprocess.CompletedProcess(
+            ["s2r", *words], process.exitcode or 0, out.read_text(), err.read_text()
+        )
+
+
+def _command(
+    words: Sequence[str], folder: Path, environment: dict[str, str], path: list[str], files: list[Path]
+) -> None:
+    for descriptor, file in enumerate(files):
+        os.dup2(os.open(file, os.O_RDWR | os.O_CREAT), descriptor)
+    sys.stdin = os.fdopen(0, closefd=False)
+    os.chdir(folder)
+    os.environ.clear()
+    os.environ.update(environment)
+    sys.path[:] = path
+    sys.argv = ["s2r", *words]
+    from s2r_spec.cli import main
+
+    main()
