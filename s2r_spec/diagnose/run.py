@@ -100,6 +100,8 @@ def diagnose(
         raise UsageError(
             "a diagnosis needs scikit-learn, which is not installed: pip install 's2r[diagnose]'"
         )
+    from threadpoolctl import threadpool_limits
+
     name = spec.requirements[0] if requirement is None else requirement
     bench = bench_of(spec, name, sim)
     tell = progress or (lambda stage, done, of: None)
@@ -114,7 +116,8 @@ def diagnose(
     begun = len(parts.compared) < len(parts.seen)
     told = Used(rollouts, len(parts.used), begun, len(parts.held), *_recorded(bench, real))
     held_first = parts.held
-    with kept_open(executor) as pool:
+    # Arrays are small: threads wait for each other for longer than they work, and last bits hang on how many there are.
+    with threadpool_limits(1), kept_open(executor) as pool:
         why = falls(bench, bank.lines, rollouts, seed, pool)
         odd = glitches(bench, rollouts) | misread(bench, rollouts, bank.lines)
         alone = falls_alone(bench, rollouts, seed, pool)
