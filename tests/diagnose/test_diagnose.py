@@ -321,19 +321,19 @@ def test_rollouts_asked_of_a_machine_are_kept_and_not_asked_again(tmp_path, cach
 def test_the_answer_does_not_hang_on_how_many_threads_there_are(find, monkeypatch):
     from threadpoolctl import threadpool_info, threadpool_limits
 
-    class Reached(Exception):
+    class ReachedError(Exception):
         pass
 
     def threads():
         return {pool["num_threads"] for pool in threadpool_info()}
 
     def prepare(*_):
-        raise Reached(threads())
+        raise ReachedError(threads())
 
     monkeypatch.setattr(sys.modules["s2r_spec.diagnose.run"], "prepare", prepare)
     with threadpool_limits(2):
         before = threads()
-        with pytest.raises(Reached) as reached:
+        with pytest.raises(ReachedError) as reached:
             find({}, case=1)
         assert threads() == before  # what the user's own program has is given back
     assert reached.value.args == ({1},)
