@@ -90,9 +90,10 @@ class Space:
         return np.array([axis.high for axis in self.axes])
 
     def at(self, unit: FloatArray) -> FloatArray:
-        """Return (..., dim) points of the box, from points of the unit cube; an end is that end, to the last digit."""
-        found: FloatArray = np.clip(self.lower + unit * (self.upper - self.lower), self.lower, self.upper)
-        return found
+        """Return (..., dim) points of the box, from points of the unit cube: ends, and 0, exactly."""
+        found = np.clip(self.lower + unit * (self.upper - self.lower), self.lower, self.upper)
+        rounding = 4.0 * np.finfo(float).eps * np.maximum(np.abs(self.lower), np.abs(self.upper))
+        return np.where(np.abs(found) < rounding, 0.0, found)
 
     def point(self, vector: FloatArray) -> dict[str, float]:
         """Name the coordinates of a (dim,) vector."""
