@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from statistics import NormalDist, median
 
@@ -59,6 +60,7 @@ def plan(
     runs: int = 3,
     most: int = 2_000_000,
     seed: int = 0,
+    progress: Callable[[str, int, int], None] | None = None,
 ) -> Plan:
     """Simulate the search on random functions of norm 0.3 B and 0.03 B, with Gaussian noise at the proxy.
 
@@ -74,10 +76,18 @@ def plan(
         runs: simulated searches; the medians are reported.
         most: rollouts after which a search to ε is given up.
         seed: of the simulation.
+        progress: is told (stage, searches that are done, of) now and then.
     """
     Search(space, kernel=kernel, B=B, R=R, delta=delta, epsilon=epsilon, mode=mode)  # refuses bad settings
 
+    done, of = 0, runs * (2 + len(budgets))
+
+    def tell() -> None:
+        if progress is not None:
+            progress("simulated searches", done, of)
+
     def simulated(run: int, share: float, budget: int, target: float) -> Certificate:
+        nonlocal done
         rng = np.random.default_rng([seed, run])
         search = Search(
             space, kernel=kernel, B=B, R=R, delta=delta, epsilon=target, mode=mode, seed=run, budget=budget
@@ -86,10 +96,13 @@ def plan(
         weights = rng.normal(size=SECTIONS)
         weights *= share * B / math.sqrt(weights @ kernel.gram(centres, centres) @ weights)
         while not search.done:
+            tell()
             queries = search.ask()
             points = np.array([space.vector(query.point) for query in queries])
             for query, mean in zip(queries, kernel.gram(points, centres) @ weights, strict=True):
                 search.tell(query, mean + R * rng.normal(size=query.replicates))
+        done += 1
+        tell()
         return search.certificate()
 
     def to_stop(share: float) -> int | None:

@@ -8,8 +8,10 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from rich.console import Console
 
 from s2r_spec.cli.common import cores, sentences
+from s2r_spec.cli.options import Quiet
 
 
 def plan(
@@ -37,6 +39,7 @@ def plan(
     pilot: Annotated[
         Path | None, typer.Option(help="Judge R from this run, which must then not be used again.")
     ] = None,
+    quiet: Quiet = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Say how many rollouts a certificate takes, what a budget reaches, and what is impossible."""
@@ -45,6 +48,7 @@ def plan(
         from s2r_spec.certify import plan as planning
         from s2r_spec.certify.check import only_requirement
         from s2r_spec.certify.kernels import Kernel
+        from s2r_spec.cli.stages import Stages
         from s2r_spec.errors import UsageError
         from s2r_spec.rollouts.journal import Journal
         from s2r_spec.space import Space
@@ -78,16 +82,18 @@ def plan(
                 raise UsageError(f"give {', '.join(lacking)}, or a spec whose certify line declares them")
             _print_pilot(noise, as_json)
             return
-        result = planning.plan(
-            space,
-            kernel=shape,
-            B=B,
-            R=R,
-            delta=delta,
-            epsilon=eps,
-            mode=mode,
-            budgets=tuple(budget or ()),
-        )
+        with Stages(Console(stderr=True, highlight=False), quiet) as stages:
+            result = planning.plan(
+                space,
+                kernel=shape,
+                B=B,
+                R=R,
+                delta=delta,
+                epsilon=eps,
+                mode=mode,
+                budgets=tuple(budget or ()),
+                progress=stages,
+            )
         seconds = load_backend(backend).cost / cores() if backend is not None else None
         if as_json:
             settings = {"schema": "s2r.plan/1", "R": R, "epsilon": eps, "delta": delta, "B": B}

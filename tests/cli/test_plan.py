@@ -23,6 +23,7 @@ def test_what_is_impossible_is_said(s2r):
     done = s2r("plan", "--R", 0.1, "--eps", 0.003, "--delta", 1e-6, "--B", 1.5, "--kernel", "rbf", code=0)
     assert "impossible below      30701 rollouts" in done.stdout
     assert "at one known test     100422 rollouts" in done.stdout
+    assert done.stderr == "simulated searches: 6\n"
 
 
 def test_a_proven_range_gives_the_proxy(s2r):
