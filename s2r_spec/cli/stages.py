@@ -1,4 +1,4 @@
-"""What a command of stages says while it runs: them, each with how much of it is done."""
+"""What a long command says while it runs: its stages, each with how much of it is done."""
 
 from __future__ import annotations
 
