@@ -34,6 +34,7 @@ from s2r_spec.diagnose.prepare import Progress, State, bench_of, prepare
 from s2r_spec.diagnose.remainder import remainders
 from s2r_spec.diagnose.simulate import Bench, Test
 from s2r_spec.diagnose.size import sized
+from s2r_spec.diagnose.threads import one_thread
 from s2r_spec.diagnose.together import LARGEST, Together, together
 from s2r_spec.diagnose.verdict import (
     SURE,
@@ -61,6 +62,7 @@ PLAIN = 3.0
 """A gap that is so many times what scatter makes is there, whatever a little of every effect would make."""
 
 
+@one_thread()
 def diagnose(
     spec: Spec,
     sim: Backend | str,
@@ -100,8 +102,6 @@ def diagnose(
         raise UsageError(
             "a diagnosis needs scikit-learn, which is not installed: pip install 's2r[diagnose]'"
         )
-    from threadpoolctl import threadpool_limits
-
     name = spec.requirements[0] if requirement is None else requirement
     bench = bench_of(spec, name, sim)
     tell = progress or (lambda stage, done, of: None)
@@ -116,8 +116,7 @@ def diagnose(
     begun = len(parts.compared) < len(parts.seen)
     told = Used(rollouts, len(parts.used), begun, len(parts.held), *_recorded(bench, real))
     held_first = parts.held
-    # Arrays are small: threads wait for each other for longer than they work, and last bits hang on how many there are.
-    with threadpool_limits(1), kept_open(executor) as pool:
+    with kept_open(executor) as pool:
         why = falls(bench, bank.lines, rollouts, seed, pool)
         odd = glitches(bench, rollouts) | misread(bench, rollouts, bank.lines)
         alone = falls_alone(bench, rollouts, seed, pool)
