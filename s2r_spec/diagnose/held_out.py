@@ -225,9 +225,7 @@ def mostly_of_one(curves: Sequence[Curve]) -> str:
     own: dict[str, float] = {}
     for curve in curves:
         if not curve.line.base:
-            near = int(np.argmin(np.abs(curve.coordinates)))
-            slope = curve.rho[near] / curve.coordinates[near]
-            own[curve.line.effect] = own.get(curve.line.effect, 0.0) + float((slope**2).mean())
+            own[curve.line.effect] = own.get(curve.line.effect, 0.0) + float((_slope(curve) ** 2).mean())
     first = max(own, key=lambda effect: own[effect])
     return first if len(own) > 1 and own[first] > MOSTLY * sum(own.values()) else ""
 
@@ -249,11 +247,17 @@ def _by_bank(state: State, bench: Bench, at: FloatArray, tests: Sequence[Test]) 
     total = np.zeros((len(at), len(tests)))
     for line, curve in enumerate(state.signatures.curves):
         for side in () if state.view.surrogate.catalogue.based[line] else (-1, 1):
-            if beyond := [c for c in curve.coordinates if c * side > 0]:
-                near = min(beyond, key=abs)
-                slope = w @ curve.rho[list(curve.coordinates).index(near)] / near
+            if any(c * side > 0 for c in curve.coordinates):
+                slope = w @ _slope(curve, side)
                 total += np.outer(np.where(at[:, line] * side > 0, at[:, line], 0.0), slope)
     return total
+
+
+def _slope(curve: Curve, side: int = 0) -> FloatArray:
+    """Return (bank's tests,) change of ρ a coordinate, to the bank's value next to nominal; of one side, if given."""
+    there = [n for n, c in enumerate(curve.coordinates) if side == 0 or c * side > 0]
+    near = min(there, key=lambda n: abs(curve.coordinates[n]))
+    return np.asarray(curve.rho[near] / curve.coordinates[near])
 
 
 def _by_simulator(
