@@ -27,7 +27,7 @@ LAYERS = [
     {"lang"},
     {"logs"},
     {"trace"},
-    {"errors", "compiled"},
+    {"errors", "compiled", "magnitude"},
 ]
 RANK = {name: rank for rank, names in enumerate(LAYERS) for name in names}
 
