@@ -60,9 +60,9 @@ def whole(name: str, value: object, least: int) -> int:
 def beyond(value: float) -> str:
     """Return what is wrong with the size of a number > 0, "" if nothing is."""
     if value < SMALLEST:
-        return f"too small to be computed with: the least is {SMALLEST:g}; use a smaller unit"
+        return f"too small to be computed with: the least is {SMALLEST:g}"
     if value > LARGEST:
-        return f"too large to be computed with: the most is {LARGEST:g}; use a larger unit"
+        return f"too large to be computed with: the most is {LARGEST:g}"
     return ""
 
 

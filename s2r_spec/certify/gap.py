@@ -202,6 +202,8 @@ def gap_with(
 ) -> GapResult:
     """Run a search for the gap to its end; see :func:`gap`."""
     start = perf_counter()
+    if sides.recorded is None:
+        search.refuse_hopeless()
     rigs = {"sim": sides.sim, "real": sides.real}
     provenance: dict[str, Any] = {
         "s2r": version("s2r"),

@@ -34,6 +34,8 @@ LEVELS = 8
 rollouts, and dips of half the width are seen."""
 LEAST = 2
 """Rollouts of a test, for scatter between replicates is all that can refute R (definition)."""
+MOST_ROLLOUTS = 1e12
+"""Rollouts beyond which a search without a budget is not begun (definition of what nobody can run)."""
 
 
 def long_axes(space: Space, kernel: Kernel) -> tuple[int, ...]:
@@ -58,18 +60,39 @@ def constant(space: Space, kernel: Kernel, B: float, epsilon: float) -> str:
     return ""
 
 
-def too_many(space: Space, kernel: Kernel) -> str:
-    """Return a sentence if tests a lengthscale apart, which a certificate cannot do without, are too many, else ""."""
+def tests_apart(space: Space, kernel: Kernel) -> float:
+    """Return how many tests a box holds that are one lengthscale apart: about what no certificate can do without."""
     cells = np.maximum(1.0, (space.upper - space.lower) / kernel.lengthscales(space.dim))
-    wanted = float(np.log10(cells).sum())
-    if wanted <= math.log10(MOST_POINTS):
+    return float(10 ** min(300.0, np.log10(cells).sum()))
+
+
+def log_rollouts(tests: float, spread: int, batch: float) -> float:
+    """Return log10 of the rollouts by which a search has come to so many tests.
+
+    A batch holds ``spread`` tests and 2 · spread rollouts, or the share ``batch`` of all so far if that is more.
+    """
+    batches = max(1.0, tests / spread)
+    even = min(batches, 1 / batch)
+    return math.log10(2 * spread * even) + (batches - even) * math.log10(1 + batch)
+
+
+def too_many(space: Space, kernel: Kernel, spread: int, batch: float, budget: int | None) -> str:
+    """Return a sentence if a certificate would take more tests, or rollouts, than there can be, else ""."""
+    tests = tests_apart(space, kernel)
+    if tests > MOST_POINTS:
+        limit = f"s2r holds {MOST_POINTS:,}"
+    elif budget is None and log_rollouts(tests, spread, batch) > math.log10(MOST_ROLLOUTS):
+        limit = f"that would take more than {MOST_ROLLOUTS:.0e} rollouts"
+    else:
         return ""
+    cells = (space.upper - space.lower) / kernel.lengthscales(space.dim)
     axis = space.axes[int(cells.argmax())]
     length = kernel.lengthscales(space.dim)[cells.argmax()]
+    about = f"{float(f'{tests:.1g}'):,.0f}" if tests < 1e12 else f"{tests:.0e}"
     return (
         f"the lengthscale of {axis.name} is {length:g} {axis.unit}".rstrip()
-        + f", and its range {cells.max():.3g} times that: tests one lengthscale apart would be "
-        f"10^{wanted:.1f}, and {MOST_POINTS} can be held; check the unit of the lengthscale"
+        + f", and its range {cells.max():.3g} times that: about {about} tests are needed, one lengthscale apart, "
+        f"and {limit}; check the unit of the lengthscale"
     )
 
 
@@ -92,7 +115,7 @@ class Inside:
 
     def telling(self, R: float, width: float, delta: float) -> int:
         """Return the rollouts in each part without which 0 cannot be told from ``width`` there."""
-        return max(self.covering, math.ceil(sequential_floor(R, width, delta)))
+        return max(self.covering, math.ceil(min(sequential_floor(R, width, delta), MOST_ROLLOUTS)))
 
     def lacking(self, points: FloatArray, counts: FloatArray, least: int) -> IndexArray:
         """Return (L, LEVELS) rollouts that each part lacks of ``least``, after (u,) counts at (u, dim) points."""

@@ -51,6 +51,7 @@ def check_measure(
         UsageError: backend, search and folder do not fit together.
         BackendError: a rollout raised; all that came before is in the journal.
     """
+    search.refuse_hopeless()
     machine = open_backend(backend, duration)
     rig = Rig(backend, machine, measure, fall)
     header = {

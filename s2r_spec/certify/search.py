@@ -21,7 +21,7 @@ from s2r_spec.certify import confidence
 from s2r_spec.certify.bounds import Bounds
 from s2r_spec.certify.certificate import Certificate, Label, Rung
 from s2r_spec.certify.floors import sequential_floor
-from s2r_spec.certify.inside import LEVELS, Inside, constant, long_axes, too_many
+from s2r_spec.certify.inside import LEVELS, MOST_ROLLOUTS, Inside, constant, long_axes, too_many
 from s2r_spec.certify.kernels import Kernel
 from s2r_spec.certify.modes import MODES
 from s2r_spec.certify.outward import at_least
@@ -124,7 +124,7 @@ class Search:
                 f"declare a larger R"
             )
         for name, value in (("spread", spread), ("seed", seed)):
-            if number(name, value) != int(value) or value < (name == "spread"):
+            if not number(name, value).is_integer() or value < (name == "spread"):
                 raise UsageError(f"spread = {spread} and seed = {seed} must be whole numbers, at least 1 and 0")
         if self.space.dim > MOST_PARAMETERS:
             raise UsageError(
@@ -134,14 +134,23 @@ class Search:
             raise UsageError(f"no mode {mode!r}; there are: {one_of(MODES)}")
         if engine not in ENGINES:
             raise UsageError(f"no engine {engine!r}; there are: {one_of(ENGINES)}")
-        if budget is not None and whole("budget", budget, 0) < 2 * spread:
+        budget = None if budget is None else whole("budget", budget, 0)
+        if budget is not None and budget < 2 * spread:
             raise UsageError(f"budget = {budget}; the first batch alone takes {2 * spread} rollouts")
         self.kernel, self.B, self.R, self.delta, self.epsilon = kernel, B, R, delta, epsilon
         self.mode, self.engine, self.seed, self.unit = mode, engine, int(seed), unit
-        self.batch, self.spread, self.budget, self.fitted = batch, int(spread), budget, tuple(fitted)
+        if isinstance(fitted, str) or not all(isinstance(name, str) for name in fitted or ()):
+            raise UsageError(f"fitted = {fitted!r}; it must be names of settings, like ('R', 'kernel')")
+        self.batch, self.spread, self.budget, self.fitted = batch, int(spread), budget, tuple(fitted or ())
         self._inside = Inside(self.space, long_axes(self.space, kernel))
         self._constant = constant(self.space, kernel, B, epsilon)
-        self._too_many = too_many(self.space, kernel)
+        self._too_many = too_many(self.space, kernel, self.spread, batch, budget)
+        floor = sequential_floor(R, epsilon, delta)
+        if budget is None and floor > MOST_ROLLOUTS:
+            self._too_many = (
+                f"epsilon = {epsilon:g} takes at least {floor:.0e} rollouts beside R = {R:g}, by any method; "
+                f"ask for a larger epsilon, or give a budget"
+            )
 
         self._norms = np.array(LADDER) * self.B / self.R
         self._mode = MODES[mode](kernel, self._norms)
@@ -369,10 +378,14 @@ class Search:
             discretisation=float(self._bounds.hidden[rung]) * self.R,
         )
 
-    @property
-    def hopeless(self) -> str:
-        """Why this search would be refused whatever its rollouts show, "" if it would not."""
-        return self._constant or self._too_many
+    def refuse_hopeless(self) -> None:
+        """Refuse, before any rollout, a search that would be refused whatever its rollouts show.
+
+        Raises:
+            UsageError: a lengthscale is far too long or too short for the test space.
+        """
+        if hopeless := self._constant or self._too_many:
+            raise UsageError(hopeless)
 
     def _label(self) -> tuple[Label, str]:
         if self._constant or (self._too_many and not self._final):
