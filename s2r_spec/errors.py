@@ -45,7 +45,7 @@ class TraceError(UsageError):
 
 
 class SamplingError(TraceError):
-    """A time in the spec falls between the samples of a trace."""
+    """A time window of the spec is shorter than the time between two samples of a trace."""
 
 
 class BackendError(S2RError):

@@ -155,13 +155,13 @@ def _fallen(spec: Spec, requirement: str, meta: Mapping[str, Any]) -> RobustInte
     if trace.failure is None:
         return None
     rho = spec.robustness(trace, only=requirement)[requirement]
-    return RobustInterval(rho, rho)
+    return RobustInterval(rho, rho, satisfied=rho > 0)
 
 
 def _plain(interval: RobustInterval) -> dict[str, Any]:
     """Return the interval for JSON, which has no infinity."""
     ends = {"lower": interval.lower, "upper": interval.upper}
-    return {"verdict": interval.verdict} | {
+    return {"verdict": interval.verdict, "satisfied": interval.satisfied} | {
         key: end if math.isfinite(end) else str(end) for key, end in ends.items()
     }
 
