@@ -250,6 +250,7 @@ class Spec(Declared):
         period: float | None = None,
         until: Witness = "open",
         nan: Missing = "error",
+        sparse: bool = False,
     ) -> RobustnessStream:
         """Return what computes ρ at every sample of a trace that goes on, each as soon as it is decided.
 
@@ -258,7 +259,7 @@ class Spec(Declared):
 
         Args and errors are those of :meth:`monitor`; here no operator may look at the whole rest.
         """
-        return RobustnessStream(self._followed(params, requirement, period, until, nan))
+        return RobustnessStream(replace(self._followed(params, requirement, period, until, nan), sparse=sparse))
 
     def explain(
         self,
