@@ -27,6 +27,7 @@ LAYERS = [
     {"lang"},
     {"logs"},
     {"trace"},
+    {"instants"},
     {"errors", "compiled"},
 ]
 RANK = {name: rank for rank, names in enumerate(LAYERS) for name in names}
