@@ -11,7 +11,6 @@ import difflib
 from collections.abc import Iterable
 from typing import ClassVar
 
-
 MOST_NAMES = 60
 """Budget: names that an error lists; twice as many fill a screen."""
 LONGEST_NAME = 100

@@ -54,7 +54,8 @@ def read(
         UsageError: the unit is none of time.
     """
     found = load(path, columns, wanted, time_unit=time_unit)
-    for note in found.notes:
+    unread = [f"the column {name!r} is left out: {why}" for name, why in found.left_out.items()]
+    for note in (*found.notes, *unread):
         warnings.warn(f"{path}: {note}", TraceNote, stacklevel=2)
     return found.trace
 

@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-MISSING = frozenset(
-    "|nan|-nan|na|<na>|n/a|#n/a|#n/a n/a|#na|null|none|nat|-1.#ind|1.#ind|-1.#qnan|1.#qnan".split("|")
-)
+_PANDAS = "nan|-nan|na|<na>|n/a|#n/a|#n/a n/a|#na|null|none|-1.#ind|1.#ind|-1.#qnan|1.#qnan"
+MISSING = frozenset(("", "nat", *_PANDAS.split("|")))
 """Definition: texts in which there is no value, in small letters: those of pandas.read_csv, and NaT."""
 TRUE = frozenset(("true", "t", "yes", "y", "on"))
 """Definition: texts that say yes, in small letters."""

@@ -47,7 +47,8 @@ def nanoseconds(texts: NDArray[Any], place: Callable[[int], str]) -> NDArray[np.
             raise TraceError(
                 f"{place(sample)} is {text!r}: some of the dates say their time zone and some do not"
             )
-    return _seconds(whole, texts, place).astype("M8[ns]") + rest.view("m8[ns]")
+    found: NDArray[np.datetime64] = _seconds(whole, texts, place).astype("M8[ns]") + rest.view("m8[ns]")
+    return found
 
 
 def _offset(zone: str | None) -> int:

@@ -23,7 +23,7 @@ class Loaded:
 
     Args:
         trace: as read.
-        notes: what was left out or decided by names alone, each in a sentence.
+        notes: rows that were left out, and what was decided by names alone, each in a sentence.
         begins: the date from which the times count, as text; "" if they are as in the file.
         left_out: column → why it is not in the trace, of those that nobody asked for.
     """
@@ -51,10 +51,8 @@ def loaded(table: Table, plan: Plan, request: Request) -> Loaded:
     if request.wanted is not None and left_out and not fallen:
         raise TraceError(next(iter(left_out.values())))
     trace = Trace(stamps.seconds, made.samples, made.units, table.meta)
-    notes = [*table.notes, *plan.notes, *stamps.notes]
-    if request.wanted is None:
-        notes += [f"the column {quoted(name)} is left out: {why}" for name, why in left_out.items()]
-    return Loaded(trace, tuple(notes), stamps.begins, left_out if request.wanted is None else {})
+    notes = (*table.notes, *plan.notes, *stamps.notes)
+    return Loaded(trace, notes, stamps.begins, left_out if request.wanted is None else {})
 
 
 @dataclass(frozen=True)

@@ -86,6 +86,7 @@ def planned(heads: Sequence[Head], request: Request) -> Plan:
     """
     names = _Names(heads)
     times = names.times(request.columns.get(TIME, TIME))
+    names.taken = frozenset(times)
     columns = {name: text for name, text in request.columns.items() if name != TIME}
     if request.wanted is None:
         return _everything(names, times, columns, request.gather)
@@ -129,6 +130,7 @@ class _Names:
     def __init__(self, heads: Sequence[Head]) -> None:
         self.heads = heads
         self.notes: list[str] = []
+        self.taken: frozenset[int] = frozenset()
         self.by_name: dict[str, list[int]] = defaultdict(list)
         for number, head in enumerate(heads):
             self.by_name[head.name].append(number)
@@ -166,12 +168,14 @@ class _Names:
         hint = ""
         if width is None and any((text, joint) in self.numbered for joint in _JOINTS):
             hint = f"; {name!r} is one number: map it to a component, such as --map {name}={text}[0]"
-        names = dict.fromkeys(head.text for head in self.heads if head.name)
-        raise TraceError(
-            f"the trace has no channel {text!r}{hint or suggest(text, names)} it has {one_of(names)}"
-            if not hint
-            else f"the trace has no channel {text!r}{hint}"
+        raise TraceError(f"the trace has no channel {text!r}{hint}") if hint else self._no(text)
+
+    def _no(self, text: str) -> TraceError:
+        """Return the error for a name that the file does not have, with those that it has."""
+        there = dict.fromkeys(
+            head.text for number, head in enumerate(self.heads) if head.name and number not in self.taken
         )
+        return TraceError(f"the trace has no channel {text!r}{suggest(text, there)} it has {one_of(there)}")
 
     def own(self, name: str, times: Sequence[int]) -> Channel:
         """Return the channel that a file itself has under a name."""
@@ -201,10 +205,7 @@ class _Names:
             exact = [n for n in self.by_name.get(text, []) if self.heads[n].index is None]
             part = Part(exact[0]) if len(exact) == 1 else self._component(text)
             if part is None:
-                names = dict.fromkeys(head.text for head in self.heads if head.name)
-                raise TraceError(
-                    f"the trace has no channel {text!r}{suggest(text, names)} it has {one_of(names)}"
-                )
+                raise self._no(text)
             found[int(digits)] = part
         if width is None:
             raise TraceError(

@@ -98,7 +98,7 @@ class _Member:
         """Read it; what its header says must be what the archive has bytes for."""
         size = archive.getinfo(name).file_size
         with archive.open(name) as stream:
-            version = np.lib.format.read_magic(stream)  # type: ignore[no-untyped-call]
+            version = np.lib.format.read_magic(stream)
             wide = 2 if version == (1, 0) else 4
             length = int.from_bytes(stream.read(wide), "little")
             if length > _HEADER_LENGTH:

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.errors import TraceError
 from s2r_spec.logs import cells

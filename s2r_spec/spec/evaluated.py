@@ -41,6 +41,7 @@ class Spec(Declared):
         end: End | None = None,
         partial: bool = False,
         only: str | None = None,
+        nan: Missing = "error",
     ) -> dict[str, float]:
         """Return requirement → ρ at the trace's first time, in the unit :meth:`unit`.
 
@@ -56,6 +57,7 @@ class Spec(Declared):
             end: see :meth:`evaluate`; without it a trace that is shorter than the horizon is refused.
             partial: evaluate such a trace on what there is, as ``end="clip"`` does.
             only: evaluate this requirement alone; the trace needs no more than that one reads.
+            nan: see :meth:`evaluate`.
 
         Raises:
             TraceError: a channel is missing, has NaN or an unfit unit, a time bound does
@@ -68,8 +70,8 @@ class Spec(Declared):
             return {name: self._fallen(name, trace.failure) for name in names}
         if end is not None:
             how: Profile = {"interpolation": interpolation, "until": until, "end": end}
-            return {name: self.evaluate(trace, name, params, **how).value for name in names}
-        reading = self._reading(trace, params, only, interpolation, until, "error")
+            return {name: self.evaluate(trace, name, params, nan=nan, **how).value for name in names}
+        reading = self._reading(trace, params, only, interpolation, until, nan)
         result = {}
         for name in names:
             formula = reading.bound(self.formulas[name])
@@ -217,6 +219,7 @@ class Spec(Declared):
         *,
         until: Witness = "open",
         partial: bool = False,
+        nan: Missing = "error",
     ) -> Explanation:
         """Return what decides ρ of a requirement: instant, predicate, signal values, margin, times.
 
@@ -228,6 +231,7 @@ class Spec(Declared):
             params: see :meth:`robustness`.
             until: see :meth:`evaluate`.
             partial: see :meth:`robustness`.
+            nan: see :meth:`evaluate`.
 
         Raises:
             TraceError: see :meth:`robustness`.
@@ -237,7 +241,7 @@ class Spec(Declared):
         if trace.failure is not None:
             reason = f"the trace ended with {trace.failure!r}, for which the certify line declares this ρ"
             return Explanation(requirement, self._fallen(requirement, trace.failure), unit, reason=reason)
-        reading = self._reading(trace, params, requirement, "samples", until, "error")
+        reading = self._reading(trace, params, requirement, "samples", until, nan)
         formula = reading.bound(self._formula(requirement))
         if not partial:
             self._long_enough(requirement, formula, reading)
