@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 DATES = 1e8
-"""Definition: first stamps [s] from here on count from 1970 (1973-03-03), as no clock of a machine runs for three years.
+"""Definition: first stamps [s] from here on (3 March 1973) count from 1970; no machine has run for three years.
 
 Twice as much is 1976: no log of a robot lies between.
 """

@@ -24,9 +24,10 @@ LAYERS = [
     {"spec"},
     {"backend", "effects", "space"},
     {"robustness"},
-    {"lang"},
     {"logs"},
+    {"lang"},
     {"trace"},
+    {"stamps"},
     {"instants"},
     {"errors", "compiled"},
 ]

@@ -126,7 +126,9 @@ class Explanation:
             f"  it {what} at {rests}{more}",
         ]
         if self.unneeded:
-            lines.append(f"  `{self.unneeded}` is not needed there: the left side of its implication is false")
+            lines.append(
+                f"  `{self.unneeded}` is not needed there: the left side of its implication is false"
+            )
         return "\n".join(lines)
 
     def to_json(self) -> dict[str, Any]:

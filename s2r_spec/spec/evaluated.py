@@ -259,7 +259,9 @@ class Spec(Declared):
 
         Args and errors are those of :meth:`monitor`; here no operator may look at the whole rest.
         """
-        return RobustnessStream(replace(self._followed(params, requirement, period, until, nan), sparse=sparse))
+        return RobustnessStream(
+            replace(self._followed(params, requirement, period, until, nan), sparse=sparse)
+        )
 
     def explain(
         self,

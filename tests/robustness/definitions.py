@@ -335,9 +335,7 @@ def too_short(case: Case) -> bool:
 def _ends(node: tuple) -> list[tuple[int, int]]:
     """Return where the windows of a formula begin and end, in periods, without those that have no end."""
     own = [node[1][:2]] if node[0] in TIMED and node[1] and node[1][1] is not None else []
-    return own + [
-        end for part in node if isinstance(part, tuple) and _is_node(part) for end in _ends(part)
-    ]
+    return own + [end for part in node if isinstance(part, tuple) and _is_node(part) for end in _ends(part)]
 
 
 def by_definition(case: Case, meaning: type = Definition) -> list:

@@ -19,7 +19,7 @@ from s2r_spec.robustness.online.clock import Clock
 from s2r_spec.robustness.online.points import Point, Points
 from s2r_spec.robustness.online.tape import Tape
 from s2r_spec.robustness.online.terms import Term
-from s2r_spec.robustness.reading import Missing
+from s2r_spec.robustness.reading import HOLD, LEADING, Missing
 from s2r_spec.robustness.ties import plain_number
 
 Verdict = Literal["holds", "violated", "unknown"]
@@ -176,7 +176,10 @@ class _Recorder:
         where = f"sample {self.clock.now + 1}"
         if any(x != x for x in numbers):
             if self.what.nan == "error" or self.clock.now < 0:
-                raise TraceError(f"channel {name!r} is NaN at {where}; a missing sample has no robustness")
+                way = HOLD if self.what.nan == "error" else LEADING
+                raise TraceError(
+                    f"channel {name!r} is NaN at {where}; a missing sample has no robustness: {way}"
+                )
             last = [tape.value(self.clock.now) for tape in self.tapes[name]]
             numbers = [old if new != new else new for new, old in zip(numbers, last, strict=True)]
         if signal.boolean and numbers[0] not in (0, 1):
