@@ -14,7 +14,7 @@ from rich.text import Text
 from s2r_spec.cli.common import CODES, COLOURS, sentences, worst
 from s2r_spec.cli.online import Settings, follow
 from s2r_spec.cli.options import Columns, Nan, TimeUnit, missing
-from s2r_spec.cli.reading import Asked, named, read
+from s2r_spec.cli.reading import Asked, Recorded, named, read
 
 if TYPE_CHECKING:
     from s2r_spec.robustness.evaluation import Evaluation

@@ -15,7 +15,6 @@ from rich.text import Text
 
 from s2r_spec.cli.common import CODES, COLOURS, note, worst
 from s2r_spec.cli.reading import Asked, named, parameters, read
-from s2r_spec.instants import instant
 
 if TYPE_CHECKING:
     from s2r_spec.robustness.online.monitor import RobustInterval
@@ -185,6 +184,8 @@ def _changed(spec: Spec, name: str, recent: Sequence[float], interval: RobustInt
     if as_json:
         _say(SCHEMA | {"time": time, "requirement": name, "unit": spec.unit(name)} | _plain(interval))
     else:
+        from s2r_spec.instants import instant
+
         when = instant(recent, time)
         _write(f"t = {when}  {name} {interval.verdict}: {_words(interval, spec.unit(name))}", interval)
 

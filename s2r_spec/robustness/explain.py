@@ -112,10 +112,10 @@ class Explanation:
         rests = ", ".join(self.rests[:4])
         more = ", …" if len(self.rests) > 4 else ""
         wanted = self.factor > 0
-        if self.satisfied:
-            what = "must hold" if wanted else "must not hold"
-        else:
-            what = "fails" if wanted else "holds"
+        what = {
+            (True, True): "must hold", (True, False): "must not hold", (False, True): "fails",
+            (False, False): "holds",
+        }[self.satisfied, wanted]  # fmt: skip
         assert self.margin is not None
         margin = (self.margin if wanted else -self.margin) + 0.0
         lines = [

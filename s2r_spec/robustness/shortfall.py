@@ -33,11 +33,9 @@ def shortfall(formula: f.Formula, reading: Reading) -> str:
     walk(formula)
     found = reading.needs(formula), 0
     for step in descend(formula, walk, reading.clock):
-        node = step.node
-        if isinstance(node, f.Temporal | f.Until) and math.isfinite(node.interval.high):
-            reach = node.interval.high
-            if times[step.sample] + reach > times[-1]:
-                found = reach, step.sample
+        reach = reading.needs(step.node)
+        if reach > 0 and times[step.sample] + reach > times[-1]:
+            found = reach, step.sample
     reach, sample = found
     return (
         f"looks {reach:g} s past t = {float(times[sample] - times[0]):.6g} s, "
