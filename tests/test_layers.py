@@ -24,9 +24,11 @@ LAYERS = [
     {"spec"},
     {"backend", "effects", "space"},
     {"robustness"},
-    {"lang"},
     {"logs"},
+    {"lang"},
     {"trace"},
+    {"stamps"},
+    {"instants"},
     {"errors", "compiled", "magnitude"},
 ]
 RANK = {name: rank for rank, names in enumerate(LAYERS) for name in names}

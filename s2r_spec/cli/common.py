@@ -6,16 +6,17 @@ import json
 import math
 import os
 import sys
-from collections.abc import Iterable, Iterator
+import warnings
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import typer
 from rich.console import Console
 
-from s2r_spec.errors import S2RError, UsageError
+from s2r_spec.errors import S2RError, TraceNote, UsageError
 
 if TYPE_CHECKING:
     from s2r_spec.rollouts.pools import ExecutorFactory
@@ -34,14 +35,37 @@ def worst(verdicts: Iterable[str]) -> str:
 
 @contextmanager
 def sentences(as_json: bool = False) -> Iterator[None]:
-    """Turn s2r's own errors into one sentence on stderr (and one object on stdout), and the exit code."""
+    """Turn s2r's own errors into one sentence on stderr (and one object on stdout), and the exit code.
+
+    What a reader of logs left out is a note on stderr.
+    """
     try:
-        yield
+        with warnings.catch_warnings():
+            warnings.simplefilter("always", TraceNote)
+            warnings.showwarning = _noted(warnings.showwarning)
+            yield
     except S2RError as error:
         print(f"error: {error}" if not str(error).startswith("error") else str(error), file=sys.stderr)
         if as_json:
             print_error(error.exit_code, str(error))
         raise typer.Exit(error.exit_code) from error
+
+
+def _noted(shown: Callable[..., None]) -> Callable[..., None]:
+    """Return what shows a warning: a note of a reader as a note, others as ever."""
+
+    def show(message: Warning | str, category: type[Warning], *rest: Any, **more: Any) -> None:
+        if issubclass(category, TraceNote):
+            note(str(message))
+        else:
+            shown(message, category, *rest, **more)
+
+    return show
+
+
+def note(sentence: str) -> None:
+    """Say on stderr what changes no answer, but should be known."""
+    print(f"note: {sentence}", file=sys.stderr)
 
 
 def print_error(exit_code: int, sentence: str) -> None:

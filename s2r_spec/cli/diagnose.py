@@ -10,6 +10,8 @@ from rich.console import Console
 
 from s2r_spec.cli.common import begun, interrupted, sentences
 from s2r_spec.cli.options import (
+    Columns,
+    Nan,
     OneRequirement,
     Quiet,
     RealMachine,
@@ -19,7 +21,9 @@ from s2r_spec.cli.options import (
     Seed,
     Simulator,
     SpecFile,
+    TimeUnit,
     Workers,
+    logs,
 )
 from s2r_spec.cli.output import AsJson, Output, Page, pageable, save, settle
 from s2r_spec.errors import UsageError
@@ -46,6 +50,9 @@ def diagnose(
     budget: Budget = None,
     workers: Workers = None,
     scheduler: Scheduler = None,
+    nan: Nan = None,
+    time_unit: TimeUnit = None,
+    columns: Columns = None,
     run: Run = None,
     resume: Resume = None,
     apply: Apply = None,
@@ -72,13 +79,14 @@ def diagnose(
             raise UsageError("--tuned says what --apply writes; give --apply FILE with it")
         parsed = load_spec(spec)
         name = f"diagnose-{spec.stem}-{sim}-{Path(real).name}"
+        (machine,) = logs([real], nan, time_unit, columns)
         executor, folder, errors = begun(run, resume, name, seed, workers, scheduler, quiet)
         try:
             with Stages(errors, quiet) as stages:
                 found = find(
                     parsed,
                     sim,
-                    real,
+                    machine,
                     budget,
                     requirement=requirement,
                     seed=seed,
