@@ -125,7 +125,9 @@ class Search:
             )
         for name, value in (("spread", spread), ("seed", seed)):
             if not number(name, value).is_integer() or value < (name == "spread"):
-                raise UsageError(f"spread = {spread} and seed = {seed} must be whole numbers, at least 1 and 0")
+                raise UsageError(
+                    f"spread = {spread} and seed = {seed} must be whole numbers, at least 1 and 0"
+                )
         if self.space.dim > MOST_PARAMETERS:
             raise UsageError(
                 f"the test space has {self.space.dim} parameters; a certified search takes at most {MOST_PARAMETERS}"
@@ -541,4 +543,3 @@ def _numbers(outcomes: ArrayLike, what: str) -> FloatArray:
     if (np.abs(values) > LARGEST).any():
         raise UsageError(f"an outcome of {what} is beyond {LARGEST:g}, which double precision cannot square")
     return values
-

@@ -54,7 +54,9 @@ def written(folder, times, values, unit: str, how: str):
         return s2r.read_trace(path, time_unit=unit)
     elif how == "iso":
         stamps = np.datetime_as_string(times.astype("M8[ns]"), unit="ns")
-        path.write_text("\n".join(["t,v", *(f"{t}Z,{v}" for t, v in zip(stamps, values, strict=True))]) + "\n")
+        path.write_text(
+            "\n".join(["t,v", *(f"{t}Z,{v}" for t, v in zip(stamps, values, strict=True))]) + "\n"
+        )
     elif how == "npz dates":
         np.savez(path, t=times.astype("M8[ns]"), v=values)
     elif how == "npz durations":
@@ -72,7 +74,9 @@ HOW = [("header", "ms"), ("header", "us"), ("header", "ns"), ("option", "ms"), (
 @pytest.mark.parametrize(("how", "unit"), HOW)
 @settings(max_examples=12, deadline=None)
 @given(recording=recordings(), low=st.integers(0, 4), length=st.integers(1, 12), quarter=st.integers(0, 3))
-def test_the_verdict_is_of_the_times_as_stated(tmp_path_factory, how, unit, recording, low, length, quarter) -> None:
+def test_the_verdict_is_of_the_times_as_stated(
+    tmp_path_factory, how, unit, recording, low, length, quarter
+) -> None:
     times, values, period = recording
     if unit in ("ms", "us"):
         times = times // UNITS[unit] * UNITS[unit]  # what a logger of this unit can write
