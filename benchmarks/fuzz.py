@@ -2,8 +2,8 @@
 
     python benchmarks/fuzz.py --inputs 1000 --seed 0
 
-Every input is a number: the same seed and number make the same files and the same command, which runs in a process of
-its own, forked from one that has the libraries. What must come of it: exit code 0, 1, 2 or 3; no traceback; no sign that
+Every input is a number: the same seed and number make the same files and the same command, which runs in a process
+of its own, forked from one that has the libraries. What must come of it: exit code 0, 1, 2 or 3; no traceback; no sign that
 commands a terminal; one JSON object if JSON was asked for; less than 5 s of processor time, and less than 1 GB
 more than the libraries take. Of two ways of writing one trace the verdicts must be the same.
 
@@ -24,8 +24,8 @@ import signal
 import sys
 import tempfile
 import time
-from collections import Counter
 import traceback
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -91,7 +91,7 @@ def _command(words: Sequence[str], folder: Path, files: Sequence[Path]) -> None:
             os.dup2(os.open(file, os.O_WRONLY | os.O_CREAT), descriptor)
         os.chdir(folder)
         sys.stdin, sys.stdout, sys.stderr = (
-            open(number, mode, encoding="utf-8", closefd=False)
+            open(number, mode, encoding="utf-8", closefd=False)  # noqa: SIM115  (for the process's life)
             for number, mode in ((0, "r"), (1, "w"), (2, "w"))
         )
         sys.argv = ["s2r", *words]

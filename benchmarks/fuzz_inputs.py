@@ -137,10 +137,7 @@ def run(ready: Path, folder: Path, rng: random.Random) -> Input:
     """A damaged run, its journal above all."""
     _copied(ready, folder, "run", "one.stl", "log")
     inside = folder / "run" / "walking"
-    if rng.random() < 0.7:
-        what = damage(inside / "journal.jsonl", rng)
-    else:
-        what = _damaged_in(inside, rng)
+    what = damage(inside / "journal.jsonl", rng) if rng.random() < 0.7 else _damaged_in(inside, rng)
     words = rng.choice(
         (
             ("report", "run"),

@@ -1,3 +1,4 @@
+# ruff: noqa: E501  (lists of odd values)
 """Ways to damage a file, each drawn from a seeded generator; see ``fuzz.py``."""
 
 from __future__ import annotations

@@ -509,7 +509,7 @@ class Search:
             f"only, and none was left out for what came of it",
         )
         inside = (
-            f"the kernel is longer than the range of {self._long_names()}: between tests, it is the kernel that speaks, "
+            f"the kernel is longer than the range of {self._long_names()}: between tests the kernel alone speaks, "
             f"and every eighth of the range was tested",
         )
         return (

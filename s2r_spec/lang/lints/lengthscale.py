@@ -33,8 +33,8 @@ def long_lengthscale(parsed: Parsed, document: Document) -> Iterator[Finding]:
             low, high = axis.range or (length, length)
             if length > high - low > 0:
                 message = (
-                    f"the length scale of `{axis.name}`, {_with_unit(length, axis.unit)}, is {length / (high - low):.3g} "
-                    f"times its range"
+                    f"the length scale of `{axis.name}`, {_with_unit(length, axis.unit)}, is "
+                    f"{length / (high - low):.3g} times its range"
                 )
                 yield Finding("L08", message, place.span, _fix(length, axis, high - low))
 
