@@ -151,7 +151,7 @@ class Space:
 
 def _ends(name: object, ends: object) -> tuple[float, float]:
     try:
-        low, high = ends  # type: ignore[misc]  # whatever the caller gave
+        low, high = tuple(ends)  # type: ignore[call-overload]  # whatever the caller gave
     except (TypeError, ValueError):
         raise UsageError(
             f"the range of {name!r} is {ends!r}; it needs two numbers, the lower one first"
