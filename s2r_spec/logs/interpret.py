@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.errors import TraceError
+from s2r_spec.lang.units import LONGEST
 from s2r_spec.logs import times, values
 from s2r_spec.logs.mapping import ANY, Channel, Plan, Request
 from s2r_spec.logs.table import Table, quoted
@@ -99,6 +100,8 @@ def _channel(table: Table, channel: Channel, count: int) -> tuple[FloatArray, st
             if samples.ndim != 2 or part.component >= width:
                 raise TraceError(f"{name} has no component {part.component}; it has {width}")
             samples = samples[:, part.component]
+        if head.unit is not None and len(head.unit) > LONGEST:
+            raise TraceError(f"the unit of {name} is {quoted(head.unit)}, which is no unit")
         found.append(samples)
         units.append(_agreed(unit, head.unit, name))
     if any(unit != units[0] for unit in units):
