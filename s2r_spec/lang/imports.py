@@ -13,7 +13,6 @@ from s2r_spec.lang.files import read_text
 from s2r_spec.lang.parsing import Parsed, parse
 from s2r_spec.lang.source import Source
 
-
 DEEPEST = 50
 """Budget: files that import one another in a chain; each takes a part of Python's stack, which ends after 300."""
 

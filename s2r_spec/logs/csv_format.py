@@ -27,6 +27,7 @@ from s2r_spec.trace import Trace
 _NOTES = "# s2r "
 LONGEST = 2**22
 """Budget: letters of one line, 4 million. Twice as many take 0.2 GB more for a line that is all names."""
+csv.field_size_limit(LONGEST)  # a picture as text in a column that nobody reads is no reason to stop
 _ROWS = 4096
 """Budget: rows that are kept as text; the numbers of the rows before are arrays."""
 
@@ -119,6 +120,9 @@ class Text:
         bad: tuple[int, str] | None = None
         line = 0
         for row in self._rows:
+            if self._lines.torn:
+                bad = self._lines.number, "ends inside quotes"
+                break
             if not row or not any(map(str.strip, row)):
                 continue
             if bad is not None:
@@ -149,12 +153,14 @@ class _Lines:
     Attributes:
         number: of the last line that was read, from 1.
         cut: whether that line has no end.
+        torn: whether it ends inside quotes.
     """
 
     def __init__(self, readline: Callable[[], str]) -> None:
         self._readline = readline
         self.number = 0
         self.cut = False
+        self.torn = False
 
     def __iter__(self) -> _Lines:
         return self
@@ -181,7 +187,8 @@ def _next(reader: Any, lines: _Lines) -> list[str] | None:
         return next(reader, None)
     except csv.Error as error:
         if lines.cut and lines.number == before + 1 and before > 0:
-            return [""]  # cut inside quotes
+            lines.torn = True
+            return []
         raise TraceError(f"this is not comma-separated text: {error}") from None
 
 

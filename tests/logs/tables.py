@@ -27,7 +27,9 @@ def written(path: Path, columns: dict[str, Any]) -> Path:
         import pyarrow
         import pyarrow.parquet
 
-        table = {name: values if _flat(values) else list(map(list, values)) for name, values in columns.items()}
+        table = {
+            name: values if _flat(values) else list(map(list, values)) for name, values in columns.items()
+        }
         pyarrow.parquet.write_table(pyarrow.table(table), path)
     return path
 
@@ -58,4 +60,8 @@ def _csv(path: Path, columns: dict[str, Any]) -> None:
 
 
 def _text(value: Any) -> str:
-    return str(value) if isinstance(value, str | np.datetime64 | np.bool_ | bool) else repr(np.asarray(value).item())
+    return (
+        str(value)
+        if isinstance(value, str | np.datetime64 | np.bool_ | bool)
+        else repr(np.asarray(value).item())
+    )
