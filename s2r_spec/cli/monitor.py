@@ -11,7 +11,7 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
-from s2r_spec.cli.common import CODES, COLOURS, sentences, worst
+from s2r_spec.cli.common import CODES, COLOURS, answered, sentences, worst
 from s2r_spec.cli.online import Settings, follow
 from s2r_spec.cli.options import Columns, Nan, TimeUnit, missing
 from s2r_spec.cli.reading import Asked, named, read
@@ -95,6 +95,7 @@ def monitor(
         broken = any("error" in result for result in results)
         code = UsageError.exit_code if broken else CODES[worst(verdicts)]
         if as_json:
+            answered()
             record = {"schema": "s2r.monitor/1", "exit_code": code, "spec": parsed.name, "hash": parsed.hash}
             print(
                 json.dumps(record | {"profile": like, "params": values, "results": results}, allow_nan=False)
