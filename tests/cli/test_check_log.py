@@ -36,7 +36,7 @@ def test_how_logs_are_read_can_be_said(s2r):
         rows.append(f"{number},{vd!r}")
         trace = toy.rollout({"vd": vd}, number)
         samples = zip((1000 * trace.times).tolist(), trace["vx"].tolist(), strict=True)
-        lines = [f"{time!r},{'' if k == 2 else vx!r},walk\n" for k, (time, vx) in enumerate(samples)]
+        lines = [f"{time!r},{'' if k == 2 else repr(vx)},walk\n" for k, (time, vx) in enumerate(samples)]
         (folder / f"{number}.csv").write_text("clock,speed [m/s],mode\n" + "".join(lines))
     (folder / "rollouts.csv").write_text("\n".join(rows) + "\n")
     spec = s2r.spec(text=SPEC.replace("LIMIT", "0.1"))
