@@ -113,6 +113,7 @@ def _evaluated(asked: Asked, path: Path, partial: bool, like: str, conventions: 
             "trace": str(path),
             "params": recorded.params,
             "from_trace": sorted(recorded.taken),
+            "notes": list(recorded.notes),
             "requirements": [
                 _judged(
                     asked.spec, recorded.trace, name, recorded.params, partial, like, conventions, asked.nan

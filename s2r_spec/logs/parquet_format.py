@@ -15,7 +15,18 @@ import numpy as np
 
 from s2r_spec.errors import TraceError
 from s2r_spec.logs import cells
-from s2r_spec.logs.table import Chooser, Column, Head, Table, affordable, described, few, quoted, regular
+from s2r_spec.logs.table import (
+    TEXT_SIZE,
+    Chooser,
+    Column,
+    Head,
+    Table,
+    affordable,
+    described,
+    few,
+    quoted,
+    regular,
+)
 from s2r_spec.trace import Trace
 
 _NOTES = b"s2r"
@@ -101,7 +112,9 @@ def _numbers(metadata: Any, roots: set[str]) -> int:
         for number in range(row_group.num_columns):
             chunk = row_group.column(number)
             if chunk.path_in_schema.split(".")[0] in roots or chunk.path_in_schema in roots:
-                total += max(chunk.num_values, row_group.num_rows, chunk.total_uncompressed_size // 8)
+                size = TEXT_SIZE if chunk.physical_type == "BYTE_ARRAY" else 1
+                values = max(chunk.num_values, row_group.num_rows)
+                total += max(values * size, chunk.total_uncompressed_size // 8)
     return total
 
 

@@ -34,6 +34,7 @@ def both(path: Path, text: str, **asked) -> tuple[list[float], list, list[str]]:
         "# a rosbag\n\n# robot 7\nt,v\n0,5\n1,6\n",
         '# mine\n# s2r {"meta": {"failure": ""}}\nt,v\n0,5\n1,6\n',
         "# t,v\n0,5\n1,6\n",  # as numpy.savetxt writes it
+        "#t [s],note,v\n0,here,5\n1,there,6\n",
         ",t,v\n0,0,5\n1,1,6\n",
         "t,v\r\n0,5\r\n\r\n1,6\r\n,\r\n",
         "t,v\r0,5\r1,6\r",

@@ -271,3 +271,19 @@ def test_a_channel_of_durations_is_in_seconds(tmp_path):
     assert trace.units["delay"] == "s"
     with pytest.raises(TraceError, match="'day' holds dates"):
         logs.read(path, wanted=["day"])
+
+
+def test_vectors_of_one_component_are_numbers_and_the_other_way_round(path):
+    if not typed(path):
+        pytest.skip("CSV has no such columns")
+    tables.write(path, t=np.array([[0.0], [1.0]]), v=np.array([[5.0], [6.0]]), w=[7.0, 8.0])
+    trace = logs.read(path, wanted={"v": None, "w": 1})
+    assert trace.times.tolist() == [0, 1]
+    assert trace["v"].tolist() == [5, 6]
+    assert trace["w"].tolist() == [[7], [8]]
+
+
+def test_a_number_that_no_float_holds_is_no_number(path):
+    tables.write(path, t=[0, 1], v=["1", "1e999"])
+    with pytest.raises(TraceError, match="is '1e999', not a number"):
+        logs.read(path, wanted=["v"])

@@ -188,6 +188,13 @@ def test_a_channel_that_one_recording_lacks_stops_only_who_reads_it(tmp_path):
     with pytest.warns(TraceNote, match="'w' is left out"):
         backend = LogBackend(folder)
     assert match(s2r.parse_spec("signal v\nrequire a: always v > 0"), "a", backend).channels == ("v",)
+    for text, words in {
+        "t,v,w [m]\n0,1,2\n": "'w' is in m, but in no unit",
+        "t,v\n0,1\n": "lacks the channel 'w'",
+    }.items():
+        Path(folder, "1.csv").write_text(text)
+        with pytest.warns(TraceNote, match=words):
+            assert [c.name for c in LogBackend(folder).channels] == ["v"]
     with pytest.raises(UsageError, match=r"signal 'w', but .*1\.csv: line 2.*'fast'"):
         match(s2r.parse_spec("signal w\nrequire a: always w > 0"), "a", backend)
 
