@@ -74,7 +74,7 @@ def number(text: str) -> float:
 def _overflown(numbers: NDArray[Any], texts: Sequence[str]) -> bool:
     """Return whether a text such as 1e999, which no float64 holds, was read as infinite."""
     infinite = np.flatnonzero(np.isinf(numbers))
-    return any("n" not in texts[place].lower() for place in infinite)
+    return any("n" not in texts[place].lower() for place in infinite.tolist())
 
 
 def _number(text: str) -> float:
