@@ -186,7 +186,7 @@ class _Lines:
         if self.number == 0:
             line = line.removeprefix("\ufeff")
         self.number += 1
-        self.cut = line[-1] not in "\r\n"
+        self.cut = not line.endswith(("\r", "\n"))
         if len(line) >= LONGEST:
             raise TraceError(
                 f"line {self.number} is longer than {LONGEST:,} letters; this is no table of samples"

@@ -100,10 +100,11 @@ def _channel(table: Table, channel: Channel, count: int) -> tuple[FloatArray, st
             if samples.ndim != 2 or part.component >= width:
                 raise TraceError(f"{name} has no component {part.component}; it has {width}")
             samples = samples[:, part.component]
-        if head.unit is not None and len(head.unit) > LONGEST:
-            raise TraceError(f"the unit of {name} is {quoted(head.unit)}, which is no unit")
+        written = head.unit if part.unit is None else part.unit
+        if written is not None and len(written) > LONGEST:
+            raise TraceError(f"the unit of {name} is {quoted(written)}, which is no unit")
         found.append(samples)
-        units.append(_agreed(unit, head.unit, name))
+        units.append(_agreed(unit, written, name))
     if any(unit != units[0] for unit in units):
         raise TraceError(f"the components of {quoted(channel.name)} have different units")
     if len(found) == 1 and not channel.vector:

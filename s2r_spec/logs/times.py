@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from s2r_spec import stamps
 from s2r_spec.errors import TraceError, UsageError
+from s2r_spec.instants import DATES
 from s2r_spec.logs import cells, dates, time_units
 from s2r_spec.logs.table import Column, Head, quoted
 
@@ -33,7 +34,7 @@ class Times:
     Args:
         seconds: (n,) [s].
         first: the first stamp as it is in the file; what the rest of a trace that comes row by row counts from.
-        begins: the date from which they count, as text; "" if they stay as they are.
+        begins: the date, or the time of the machine's clock, from which they count, as text; "" if they stay as they are.
         notes: what was taken from the name of the column, a sentence.
     """
 
@@ -168,13 +169,16 @@ def _since(values: NDArray[Any], size: Fraction, first: Any) -> Times:
     seconds = stamps.counted(values, size, from_first=dated, first=start)
     if not dated:
         return Times(seconds, start)
-    return Times(seconds, start, dates.text(int(Fraction(start.item()) * size * 10**9)))
+    since = Fraction(start.item()) * size
+    return Times(
+        seconds, start, dates.text(int(since * 10**9)) if since >= DATES else f"{float(since):.9f} s"
+    )
 
 
 def _size(head: Head, unit: str | None) -> tuple[Fraction | None, tuple[str, ...]]:
     """Return the unit of a column's numbers [s], None if nothing says it, and a note if its name alone does."""
     stated = None if unit is None else time_units.size(unit)
-    declared = head.unit if head.unit is not None else time_units.bracketed(head.name)
+    declared = head.unit if head.unit is not None else time_units.in_brackets(head.name)
     if declared is not None:
         size = time_units.size(declared)
         if size is None:

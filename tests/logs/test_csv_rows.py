@@ -36,6 +36,7 @@ def both(path: Path, text: str, **asked) -> tuple[list[float], list, list[str]]:
         "# t,v\n0,5\n1,6\n",  # as numpy.savetxt writes it
         "#t [s],note,v\n0,here,5\n1,there,6\n",
         ",t,v\n0,0,5\n1,1,6\n",
+        "t[ms],v\n0,5\n1000,6\n",
         "t,v\r\n0,5\r\n\r\n1,6\r\n,\r\n",
         "t,v\r0,5\r1,6\r",
         '\ufeff"t","v"\n"0","5"\n 1 , 6 \n',
@@ -86,3 +87,11 @@ def test_bytes_that_are_no_text_in_columns_that_nobody_reads(tmp_path):
     path = tmp_path / "a.csv"
     path.write_bytes("t,v,angle [°]\n0,5,1\n1,6,2\n".encode("latin-1"))
     assert logs.read(path, wanted=["v"])["v"].tolist() == [5, 6]
+
+
+def test_truth_values_and_vectors_row_by_row(tmp_path):
+    text = "t,v,q_0,q_1\n0,True,1,2\n1,no,3,\n"
+    wanted = {"v": None, "q": 2}
+    assert both(tmp_path / "a.csv", text, wanted=wanted)[1] == [1, 0]
+    rows = follow(io.StringIO(text).readline, request(None, wanted, None))
+    assert str([sample["q"] for _, sample in rows.samples]) == "[[1.0, 2.0], [3.0, nan]]"

@@ -1,9 +1,12 @@
 """What people's logs look like, each through every format: the answer is the same, or one sentence is."""
 
+from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from s2r_spec import logs
 from s2r_spec.errors import TraceError, TraceNote, UsageError
@@ -60,6 +63,7 @@ def test_what_cannot_be_seconds_names_the_likely_unit(path, stamp, unit):
     ("name", "unit", "scale"),
     [
         ("time_us", None, 1e6), ("TimeMS", None, 1e3), ("stamp.nanoseconds", None, 1e9), ("time (ms)", None, 1e3),
+        ("t[us]", None, 1e6),
         ("clock", "min", 1 / 60), ("clock", "h", 1 / 3600), ("clock", "ms", 1e3), ("clock", None, 1),
         ("time_s", None, 1), ("time_us", "us", 1e6), ("bus", None, 1),
     ],
@@ -287,3 +291,37 @@ def test_a_number_that_no_float_holds_is_no_number(path):
     tables.write(path, t=[0, 1], v=["1", "1e999"])
     with pytest.raises(TraceError, match="is '1e999', not a number"):
         logs.read(path, wanted=["v"])
+
+
+@pytest.mark.parametrize("name", ["v (cm/s)", "v[cm/s]"])
+def test_a_unit_in_other_brackets_is_a_unit(path, name):
+    tables.written(path, {"t[ms]": [0, 1], name: [5, 6], "w (raw)": [1, 2]})
+    trace = logs.read(path, wanted=["v"])
+    assert (trace["v"].tolist(), trace.times.tolist(), trace.units["v"]) == ([5, 6], [0, 0.001], "cm/s")
+    with pytest.raises(TraceError, match="no channel 'w'"):
+        logs.read(path, wanted=["w"])
+
+
+def test_the_halves_of_times_are_proposed(path):
+    tables.written(path, {"stamp.sec": [0, 1], "stamp.nanosec": [0, 0], "v": V[:2]})
+    with pytest.raises(TraceError, match=r"--map t=stamp$"):
+        logs.read(path, wanted=["v"])
+
+
+@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    unit=st.sampled_from(["ns", "us", "ms"]),
+    first=st.integers(0, 2 * 10**9),
+    steps=st.lists(st.integers(1, 10**10), min_size=1, max_size=5),
+)
+def test_counts_of_any_unit_are_the_seconds_that_they_are(path, unit, first, steps):
+    """Correctly rounded: of the counts themselves, or of their differences where they are dates."""
+    size = {"ns": Fraction(1, 10**9), "us": Fraction(1, 10**6), "ms": Fraction(1, 1000)}[unit]
+    counts = first * int(1 / size) + np.cumsum([0, *steps])
+    tables.write(path, t=counts, v=np.zeros(len(counts)))
+    times = logs.read(path, wanted=["v"], time_unit=unit).times
+    start = int(counts[0]) if first >= 10**8 or times[0] == 0 else 0
+    assert times.tolist() == [float((int(count) - start) * size) for count in counts]
+    tables.write(path, t=counts.astype(f"M8[{unit}]"), v=np.zeros(len(counts)))
+    dates = logs.read(path, wanted=["v"]).times
+    assert dates.tolist() == [float((int(count) - int(counts[0])) * size) for count in counts]
