@@ -34,7 +34,7 @@ class Times:
     Args:
         seconds: (n,) [s].
         first: the first stamp as it is in the file; what the rest of a trace that comes row by row counts from.
-        begins: the date, or the time of the machine's clock, from which they count, as text; "" if they stay as they are.
+        begins: the date, or the time of a machine's clock, from which they count; "" if they stay as they are.
         notes: what was taken from the name of the column, a sentence.
     """
 
@@ -84,8 +84,10 @@ def read(
         raise TraceError(f"the column {quoted(head.text)} holds truth values; it cannot hold the times")
     if stamps.is_typed(values):
         return _typed(values, unit, first)
-    if values.dtype.kind == "f" and np.isnan(values).any():
-        raise TraceError(f"{place(int(np.argmax(np.isnan(values))))} has no time in it")
+    if values.dtype.kind == "f" and not np.isfinite(values).all():
+        bad = int(np.argmin(np.isfinite(values)))
+        what = "has no time in it" if np.isnan(values[bad]) else f"is {values[bad]}, not a time"
+        raise TraceError(f"{place(bad)} {what}")
     return _counts(values, head, unit, first)
 
 
@@ -170,9 +172,9 @@ def _since(values: NDArray[Any], size: Fraction, first: Any) -> Times:
     if not dated:
         return Times(seconds, start)
     since = Fraction(start.item()) * size
-    return Times(
-        seconds, start, dates.text(int(since * 10**9)) if since >= DATES else f"{float(since):.9f} s"
-    )
+    if DATES <= since < dates.LAST:
+        return Times(seconds, start, dates.text(np.datetime64(int(since * 10**9), "ns")))
+    return Times(seconds, start, f"{float(since):.9g} s")
 
 
 def _size(head: Head, unit: str | None) -> tuple[Fraction | None, tuple[str, ...]]:

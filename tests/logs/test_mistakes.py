@@ -325,3 +325,11 @@ def test_counts_of_any_unit_are_the_seconds_that_they_are(path, unit, first, ste
     tables.write(path, t=counts.astype(f"M8[{unit}]"), v=np.zeros(len(counts)))
     dates = logs.read(path, wanted=["v"]).times
     assert dates.tolist() == [float((int(count) - int(counts[0])) * size) for count in counts]
+
+
+@pytest.mark.parametrize("stamps", [[0.0, float("inf")], [float("-inf"), 0.0], [1e300, 0.0], [0.0, -1e300]])
+@pytest.mark.parametrize("unit", [None, "ns", "h"])
+def test_stamps_that_are_no_times(path, stamps, unit):
+    tables.write(path, t=stamps, v=V[:2])
+    with pytest.raises(TraceError, match="time"):
+        logs.read(path, wanted=["v"], time_unit=unit)
