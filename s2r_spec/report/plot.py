@@ -40,7 +40,7 @@ def plot(tolerances: Tolerances, explanation: Explanation, title: str, path: Pat
     axes[-1].set_xlabel("t [s]")
     verdict = f"{explanation.requirement}: ρ = {explanation.rho:+.4g} {explanation.unit}".rstrip()
     why = explanation.reason or (
-        f"decided at t = {explanation.instant:g} s by {explanation.predicate}: "
+        f"decided at t = {explanation.when} by {explanation.predicate}: "
         f"margin {explanation.margin:+.4g} {explanation.margin_unit}".rstrip()
     )
     # A dollar sign would begin a formula.
