@@ -75,8 +75,14 @@ def print_error(exit_code: int, sentence: str) -> None:
     print(json.dumps({"schema": "s2r.error/1", "exit_code": exit_code, "error": sentence}, allow_nan=False))
 
 
+def answered() -> None:
+    """Say that stdout has its JSON object, in which errors are, too."""
+    global _said
+    _said = True
+
+
 def error_was_printed() -> bool:
-    """Return whether this process printed an error as JSON."""
+    """Return whether this process printed its errors as JSON."""
     return _said
 
 

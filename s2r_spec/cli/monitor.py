@@ -11,7 +11,7 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
-from s2r_spec.cli.common import CODES, COLOURS, sentences, worst
+from s2r_spec.cli.common import CODES, COLOURS, answered, sentences, worst
 from s2r_spec.cli.online import Settings, follow
 from s2r_spec.cli.options import Columns, Nan, TimeUnit, missing
 from s2r_spec.cli.reading import Asked, Recorded, named, read
@@ -93,6 +93,7 @@ def monitor(
         broken = any("error" in result for result in results)
         code = UsageError.exit_code if broken else CODES[worst(verdicts)]
         if as_json:
+            answered()
             record = {"schema": "s2r.monitor/1", "exit_code": code, "spec": parsed.name, "hash": parsed.hash}
             print(
                 json.dumps(record | {"profile": like, "params": values, "results": results}, allow_nan=False)
@@ -110,6 +111,7 @@ def _evaluated(asked: Asked, path: Path, partial: bool, like: str, conventions: 
             "trace": str(path),
             "params": recorded.params,
             "from_trace": sorted(recorded.taken),
+            "notes": list(recorded.notes),
             "requirements": [
                 _judged(asked, recorded, name, partial, like, conventions) for name in asked.requirements
             ],

@@ -113,6 +113,8 @@ def _rows(asked: Asked) -> _Input:
     from s2r_spec.logs.follow import follow as rows_of
     from s2r_spec.logs.interpret import request
 
+    if hasattr(sys.stdin, "reconfigure"):
+        sys.stdin.reconfigure(errors="replace")  # bytes that are no text may be in columns that nobody reads
     rows = rows_of(sys.stdin.readline, request(asked.columns, asked.wanted, asked.time_unit))
     params, _ = parameters(asked, rows.meta, "the trace")
     return _Input(rows.units, rows.meta, rows.samples, None, params, rows.notes)

@@ -13,6 +13,9 @@ from s2r_spec.lang.files import read_text
 from s2r_spec.lang.parsing import Parsed, parse
 from s2r_spec.lang.source import Source
 
+DEEPEST = 50
+"""Budget: files that import one another in a chain; each takes a part of Python's stack, which ends after 300."""
+
 
 def gather(source: Source) -> tuple[Parsed, tuple[Source, ...]]:
     """Return what a source and its imports contain, and the sources that it imports, each once.
@@ -43,6 +46,9 @@ class _Gathering:
             name = normpath(join(dirname(source.name), line.path.text))
             if name in chain:
                 mistakes.append(Diagnostic("E21", f"`{name}` imports itself", line.path.span))
+            elif len(chain) > DEEPEST:
+                sentence = f"`{name}` is imported by a chain of more than {DEEPEST} files"
+                mistakes.append(Diagnostic("E21", sentence, line.path.span))
             elif name not in self.files:
                 try:
                     text = read_text(name)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from s2r_spec.errors import TraceError, UsageError, one_of, suggest
 from s2r_spec.logs import time_units
@@ -49,11 +49,12 @@ class Part:
 
 @dataclass(frozen=True)
 class Channel:
-    """The parts that make a channel; ``vector`` if it is one even of a single part."""
+    """The parts that make a channel; ``vector`` if it is one even of a single part; the width that is wanted."""
 
     name: str
     parts: tuple[Part, ...]
     vector: bool
+    width: int | None = ANY
 
 
 @dataclass(frozen=True)
@@ -93,7 +94,7 @@ def planned(heads: Sequence[Head], request: Request) -> Plan:
     channels, faults = [], {}
     for name, width in request.wanted.items():
         try:
-            channels.append(names.channel(name, width, columns))
+            channels.append(replace(names.channel(name, width, columns), width=width))
         except TraceError as error:
             faults[name] = str(error)
     return Plan(times, tuple(channels), faults, tuple(names.notes))

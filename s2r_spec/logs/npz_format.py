@@ -21,7 +21,18 @@ from numpy.typing import NDArray
 
 from s2r_spec.errors import TraceError
 from s2r_spec.logs import cells
-from s2r_spec.logs.table import Chooser, Column, Head, Table, affordable, described, few, quoted, regular
+from s2r_spec.logs.table import (
+    TEXT_SIZE,
+    Chooser,
+    Column,
+    Head,
+    Table,
+    affordable,
+    described,
+    few,
+    quoted,
+    regular,
+)
 from s2r_spec.trace import Trace
 
 _NOTES = "s2r.json"
@@ -122,7 +133,8 @@ class _Member:
         """How many numbers reading it takes the memory of."""
         if self.dtype is None:
             return 0
-        return math.prod(self.shape) * max(1, self.dtype.itemsize // 8)
+        size = TEXT_SIZE if self.dtype.kind in "US" else 1
+        return math.prod(self.shape) * max(size, self.dtype.itemsize // 8)
 
 
 def _array(archive: zipfile.ZipFile, member: _Member, dtype: np.dtype[Any]) -> NDArray[Any]:

@@ -9,7 +9,7 @@ subtracted before they are rounded. Numbers in seconds stay as they are.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any
 
@@ -69,6 +69,7 @@ def read(
     Raises:
         TraceError: a stamp is missing or no time, units contradict each other, or the numbers cannot be seconds.
     """
+    columns = [_flat(column) for column in columns]
     for column, head in zip(columns, heads, strict=True):
         _usable(column, head, place)
     if len(columns) == 2:
@@ -85,6 +86,12 @@ def read(
     if values.dtype.kind == "f" and np.isnan(values).any():
         raise TraceError(f"{place(int(np.argmax(np.isnan(values))))} has no time in it")
     return _counts(values, head, unit, first)
+
+
+def _flat(column: Column) -> Column:
+    """Return a column of vectors of one component, as Matlab has them, as one of numbers."""
+    one = column.values.ndim == 2 and column.values.shape[1] == 1
+    return replace(column, values=column.values[:, 0]) if one else column
 
 
 def _usable(column: Column, head: Head, place: Place) -> None:

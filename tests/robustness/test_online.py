@@ -323,7 +323,11 @@ BAD = [
     ((0.1, {"y": 1.0}), "the sample has no channel 'x'; it has y"),
     ((0.1, {"x": "fast"}), "channel 'x' is 'fast', but the spec declares one number a sample"),
     ((0.1, {"x": [1.0, 2.0]}), "channel 'x' is [1.0, 2.0], but the spec declares one number a sample"),
-    ((0.1, {"x": math.nan}), "channel 'x' is NaN at sample 1; a missing sample has no robustness"),
+    (
+        (0.1, {"x": math.nan}),
+        "channel 'x' is NaN at sample 1; a missing sample has no robustness: "
+        'nan="hold" (--nan hold) takes the sample before it',
+    ),
     ((math.inf, {"x": 0.0}), "time stamp 1 is inf; every time must be a finite number of seconds"),
     ((0.0, {"x": 0.0}), "times must increase strictly, but sample 1 is at 0 s after 0 s"),
     (
