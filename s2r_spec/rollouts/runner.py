@@ -22,8 +22,9 @@ from typing import Self
 
 from s2r_spec.backend import Backend, HasDuration, load_backend, short
 from s2r_spec.errors import BackendError, S2RError
-from s2r_spec.rollouts.child import TimeLimitError, WorkerDiedError, limit
+from s2r_spec.rollouts.child import TimeLimitError, WorkerDiedError
 from s2r_spec.rollouts.pools import ExecutorFactory
+from s2r_spec.rollouts.worker import end_copy, limit
 from s2r_spec.trace import Trace
 
 STRIKES = 3

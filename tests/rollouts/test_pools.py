@@ -44,7 +44,7 @@ def cluster():
 def engine(request):
     """A factory of pools, and what tells the process ids of its workers."""
     if request.param == "processes":
-        return process_pool(2), lambda: [one._process.pid for one in child._children]
+        return process_pool(2), lambda: [one.pid for one in child._children]
     cluster = request.getfixturevalue("cluster")
     return dask_pool(cluster.scheduler_address), lambda: [
         nanny.process.pid for nanny in cluster.workers.values()
