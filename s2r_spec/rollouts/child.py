@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 import os
 import pickle
-import select
 import subprocess
 import sys
 from collections.abc import Callable
@@ -19,12 +18,13 @@ from concurrent.futures import BrokenExecutor
 from contextlib import suppress
 from functools import partial
 from threading import Lock, Thread, local
-from time import monotonic, sleep
-from typing import IO, Any
+from time import monotonic
+from typing import Any
 
 from s2r_spec.errors import BackendError
 from s2r_spec.rollouts import frames
 from s2r_spec.rollouts.group import Group, Process
+from s2r_spec.rollouts.ready import waits_for
 
 PATIENCE = 1.0
 """Budget: how long a worker may take to leave when its pipe is closed, before its group is asked to end [s]. Twice as
@@ -33,7 +33,7 @@ BEGINNING = 60.0
 """Budget: how long a worker may take to begin with a call [s]. One that does not was stopped, or cannot start; it is
 ended, and the call counts as a worker's death. Twice as much waits twice as long for it."""
 
-_LOOK = 1.0  # how often a silent worker is looked at [s]: what it forked may keep its end of the pipe open
+_LOOK = 1.0  # how often a silent worker is looked at [s]
 _START = (
     "import sys; sys.path[:] = {path!r}; from s2r_spec.rollouts.worker import serve_forever; serve_forever()"
 )
@@ -59,11 +59,9 @@ class Child:
         self._group = Group([sys.executable, "-c", _START.format(path=path)], environment)
         assert self._group.process.stdin is not None
         assert self._group.process.stdout is not None
-        self._questions, self._answers = self._group.process.stdin, self._group.process.stdout
-        if sys.platform != "win32":  # so that a worker that reads nothing cannot keep its caller
-            os.set_blocking(self._questions.fileno(), False)
-        self._readable = partial(self._wait, _waits_for(self._answers, select.POLLIN))
-        self._writable = partial(self._wait, _waits_for(self._questions, select.POLLOUT))
+        self._questions, answers = self._group.process.stdin, self._group.process.stdout
+        self._writable = partial(self._wait, waits_for(self._questions, "write"))
+        self._answers = frames.Reader(answers, partial(self._wait, waits_for(answers, "read")))
         self._number = 0
         self._limit, self._deadline = math.nan, math.inf  # what the call may take [s], and until when
         self._calling = Lock()
@@ -112,7 +110,7 @@ class Child:
         self._limit, self._deadline = math.nan, monotonic() + BEGINNING
         frames.write(self._questions, self._number, question, self._writable)
         while True:
-            number, data = frames.read(self._answers, self._readable)
+            number, data = self._answers.read()
             if number > self._number:
                 raise frames.ForeignBytesError
             if number < self._number:
@@ -126,21 +124,18 @@ class Child:
         """Return when the worker can be written to or read from.
 
         Raises:
-            EOFError: it has ended.
-            WorkerDiedError: it did not begin in time.
+            EOFError: it has ended, or did not begin in time.
             TimeLimitError: the call has taken as long as it may.
         """
         while True:
             left = self._deadline - monotonic()
-            ended = not self.alive  # before the look: what it still said is read
-            if ready(0.0 if ended else min(max(left, 0.0), _LOOK)):
+            if ready(min(max(left, 0.0), _LOOK)):
                 return
-            if ended:
-                raise EOFError
-            if left <= 0 and math.isnan(self._limit):
-                raise EOFError
             if left <= 0:
-                raise TimeLimitError(self._limit)
+                raise EOFError if math.isnan(self._limit) else TimeLimitError(self._limit)
+            # What it forked may keep its end of the pipe open. What it still said is read.
+            if not self.alive and not ready(0.0):
+                raise EOFError
 
     def close(self) -> None:
         """Ask the worker to leave, and end it if it does not, with all that it started."""
@@ -164,37 +159,6 @@ class Child:
     def disown(self) -> None:
         """Close the pipes in a process that was forked from the one that owns the worker."""
         self._group.disown()
-
-
-def _waits_for(file: IO[bytes], event: int) -> Callable[[float], bool]:
-    """Return what waits for a pipe for some seconds, and says whether it is ready."""
-    if sys.platform == "win32":
-        return lambda seconds: _peeked(file, seconds)
-    poll = select.poll()
-    poll.register(file.fileno(), event)
-    # Rounded up: less than a millisecond would be none.
-    return lambda seconds: file.closed or bool(poll.poll(math.ceil(1000 * seconds)))
-
-
-def _peeked(file: IO[bytes], seconds: float) -> bool:
-    """Return whether a pipe of Windows has something to read; one that is written to blocks, and is always ready."""
-    if sys.platform == "win32":
-        import _winapi
-        import msvcrt
-
-        if not file.readable():
-            return True
-        end = monotonic() + seconds
-        while True:
-            try:
-                if _winapi.PeekNamedPipe(msvcrt.get_osfhandle(file.fileno()), 0)[0]:
-                    return True
-            except OSError:
-                return True  # its end is read
-            if monotonic() >= end:
-                return False
-            sleep(0.005)
-    return True
 
 
 _mine = local()

@@ -1,9 +1,10 @@
 """A worker and all that it starts, as one group of processes: watched, and ended whole.
 
-A worker leads a session of its own, so that what it forks and spawns is in its process group, and Ctrl-C at the
-terminal reaches s2r alone. Beside it waits a guard, a shell of a megabyte: when s2r is gone, whatever killed it,
-the guard ends the group, even if the worker is stopped or holds the interpreter's lock. What leaves the group by
-itself (a daemon) is not hunted: :meth:`Group.left` finds it, where the system has ``/proc``.
+A worker leads a process group of its own, so that what it forks and spawns is in it, and Ctrl-C at the terminal
+reaches s2r alone. It stays in the session of s2r: Linux shares out processor time by session, and workers in many
+would take more than their share. Beside the worker waits a guard, a shell of a megabyte: when s2r is gone, whatever
+killed it, the guard ends the group, even if the worker is stopped or holds the interpreter's lock. What leaves the
+group by itself (a daemon) is not hunted: :meth:`Group.left` finds it, where the system has ``/proc``.
 
 Where there are no process groups (Windows) only the worker itself is ended.
 """
@@ -52,19 +53,23 @@ class Group:
 
     def __init__(self, command: Sequence[str], environment: Mapping[str, str]) -> None:
         self._mark = uuid4().hex
-        self.process = subprocess.Popen(
+        self.process: subprocess.Popen[bytes] = subprocess.Popen(
             command,
             bufsize=0,
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             env={**environment, MARK: self._mark},
-            start_new_session=True,
+            process_group=None if sys.platform == "win32" else 0,
         )
         self._guard = _guard(self.process.pid)
         self._ending, self._ended = Lock(), False
 
     def end(self) -> bool:
-        """End all processes of the group: ask (SIGTERM), wait for GRACE, kill. Return whether it was still to be done."""
+        """End all processes of the group: ask (SIGTERM), wait for GRACE, kill.
+
+        Returns:
+            Whether it was still to be done.
+        """
         with self._ending:
             if self._ended:  # then its number may be another group's by now
                 return False

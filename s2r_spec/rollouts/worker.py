@@ -79,6 +79,11 @@ def serve_forever() -> None:
         os.register_at_fork(after_in_child=_forget_parent)
     # Whoever interrupts: it is the parent who decides what becomes of it.
     signal.signal(signal.SIGINT, lambda *_: None)
+    if (
+        sys.platform != "win32"
+    ):  # in the terminal's background: who reads from it gets an error, and is not stopped
+        signal.signal(signal.SIGTTIN, signal.SIG_IGN)
+        signal.signal(signal.SIGTTOU, signal.SIG_IGN)
     atexit.register(_take_along)  # the first: it runs after what the backend has registered
     calls: SimpleQueue[tuple[int, bytes] | None] = SimpleQueue()
     Thread(target=_listen, args=(_questions, calls), daemon=True).start()
@@ -109,9 +114,10 @@ def _forget_parent() -> None:
 
 def _listen(questions: IO[bytes], calls: SimpleQueue[tuple[int, bytes] | None]) -> None:
     """Queue what the parent asks; when it is gone, end this process and its group, whatever it is at."""
+    reader = frames.Reader(questions)
     with suppress(EOFError, OSError, frames.ForeignBytesError):
         while True:
-            calls.put(frames.read(questions))
+            calls.put(reader.read())
     calls.put(None)
     sleep(ALONE)
     if _leads_group():
