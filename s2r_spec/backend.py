@@ -21,8 +21,8 @@ from s2r_spec.errors import (
     S2RError,
     UnknownBackendError,
     UsageError,
+    did_you_mean,
     one_of,
-    suggest,
 )
 from s2r_spec.trace import Trace
 
@@ -96,7 +96,7 @@ def refuse_unknown(name: str, parameters: Iterable[Parameter], params: Iterable[
     for other in params:
         if other not in known:
             raise UsageError(
-                f"the backend {name!r} has no parameter {other!r}{suggest(other, known)} it has {one_of(known)}"
+                f"the backend {name!r} has no parameter {other!r}{did_you_mean(other, known)}; it has {one_of(known)}"
             )
 
 

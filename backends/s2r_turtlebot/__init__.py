@@ -138,11 +138,7 @@ class TurtlebotBackend:
         return ideal, ideal
 
     def rollout(self, params: Mapping[str, float], seed: int) -> Trace:
-        """Drive once; parameters that are not given have their defaults.
-
-        Raises:
-            UsageError: a parameter is unknown or out of range.
-        """
+        """Drive once; parameters that are not given have their defaults, and unknown ones are refused."""
         ox, oy = read_test(self.name, self.parameters, params).values()
         step = self.figures.step
         ticks = ceil(self.duration / step - 1e-9)

@@ -30,7 +30,7 @@ MARK = "S2R_WORKER"
 """Definition: the environment variable by which a process is known to come from a worker."""
 
 _PROCESSES = Path("/proc")
-_OFTEN = 0.01  # how often a group is looked at while it ends [s]
+_OFTEN = 0.02  # how often a group is looked at while it ends [s]
 _LONGEST = 80  # characters of a command line that are shown
 _GUARD = 'read -r word || { sleep 1; kill -KILL -"$0"; }'
 
@@ -139,6 +139,7 @@ def _guard(group: int) -> subprocess.Popen[bytes] | None:
             stdin=subprocess.PIPE,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
+            env={"PATH": os.defpath},
             start_new_session=True,
         )
     except OSError:  # then the worker itself is all that sees to it
