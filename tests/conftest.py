@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -17,6 +18,7 @@ for threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 from s2r_spec import backend  # noqa: E402
 from s2r_spec.rollouts import journal, runner  # noqa: E402
 from s2r_spec.rollouts.journal import FILE  # noqa: E402
+from tests.processes import lives  # noqa: E402
 
 PLUGIN = Path(__file__).parent / "plugin"
 sys.path.append(str(PLUGIN))
@@ -49,3 +51,19 @@ def rewrite(run: Path, change: Callable[[dict], dict]) -> None:
         line, checksum = journal._line(change(kept), checksum)
         lines.append(line + b"\n")
     (run / FILE).write_bytes(b"".join(lines))
+
+
+@pytest.fixture
+def noted(tmp_path, monkeypatch):
+    """Return what the rollouts note of their processes; whatever a failed test leaves is killed."""
+    file = tmp_path / "noted"
+    file.touch()
+    monkeypatch.setenv("S2R_FORKS", str(file))
+
+    def read():
+        return [tuple(map(int, line.split())) for line in file.read_text().splitlines()]
+
+    yield read
+    for pid, _ in read():
+        if lives(pid):
+            os.kill(pid, signal.SIGKILL)

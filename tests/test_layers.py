@@ -106,5 +106,5 @@ def test_every_public_name_is_found_where_it_is_said_to_be():
 
 
 def test_a_worker_loads_next_to_nothing_before_its_backend():
-    code = "import s2r_spec.rollouts.child, sys; print(' '.join(sys.modules))"
+    code = "import s2r_spec.rollouts.worker, sys; print(' '.join(sys.modules))"
     assert not {"numpy", "rich", "s2r_spec.spec"} & printed(code)
