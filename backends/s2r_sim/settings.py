@@ -27,7 +27,7 @@ class Settings:
     feedback: Feedback = "truth"
     """Which base position and velocity the controller is given: the true ones under noise, or the robot's own."""
     record: Record = "measured"
-    """What a trace holds: what a robot can log and a motion-capture system sees, or also the truth of what sensors say."""
+    """What a trace holds: what a robot logs and motion capture sees, or also the truth of what sensors say."""
     warm_up: float = 1.0
     """[s] of trotting in place without noise, simulated once and shared by all rollouts."""
     settling: float = 0.2
