@@ -90,6 +90,27 @@ def test_the_nominal_robot_walks_as_in_the_simulator(trace):
         assert np.abs(trace[name][late].mean(axis=0) - simulated[name][late].mean(axis=0)).max() < most, name
 
 
+@pytest.mark.parametrize(
+    ("effect", "values", "known"),
+    [
+        ("encoder_offset", {"hip": 0.0, "thigh": 0.0, "calf": 0.04}, 0.3),
+        ("attitude_bias", {"roll": -2.0, "pitch": 0.0}, 0.1),
+        ("backlash", {"half_gap": 0.015}, 0.5),
+    ],
+)
+def test_it_logs_joints_and_attitude_by_the_sensors_of_the_robot(effect, values, known):
+    """From base to foot, a simulator with the effect explains most of what a log of other code says."""
+    twin = Twin()
+    KNOWN[effect].apply(twin, np.random.default_rng(5), values)
+    trace = Runner(twin).run(0.2, np.random.default_rng(1), duration=0.3)
+    bare, knowing = (
+        np.abs(sim.residuals(trace, {"vd": 0.2})["foot_place"]).mean()
+        for sim in (SimBackend(), SimBackend().with_effects({effect: values}))
+    )
+    assert bare > 0.002
+    assert knowing < known * bare
+
+
 def test_a_rollout_is_a_function_of_its_random_numbers(runner):
     other = runner.run(0.3, np.random.default_rng(2), duration=0.1)
     first, again = (runner.run(0.3, np.random.default_rng(1), duration=0.1) for _ in range(2))
