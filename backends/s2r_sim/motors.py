@@ -101,7 +101,10 @@ class Motors:
             self._cross_the_gap(law, strength)
 
     def _delayed(self, law: Law) -> Law:
-        """Return the law that was given ``_delay`` steps ago, or the first there was."""
+        """Return the law that was given ``_delay`` steps ago.
+
+        Before it there is the first of the warm-up, by which the robot stands; no rollout begins so early.
+        """
         pending = (*self.state.pending, law)
         self.state = self.state._replace(pending=pending[-self._delay :])
         return pending[0]

@@ -12,6 +12,7 @@ import pytest
 from benchmarks.blind.a1 import cases
 from benchmarks.blind.a1.effects import KNOWN, UNKNOWN
 from benchmarks.blind.a1.generate import plan, write_case
+from benchmarks.blind.a1.plant import Plant
 from benchmarks.blind.a1.rollout import Runner
 from benchmarks.blind.a1.twin import Twin
 from s2r_sim import SimBackend
@@ -109,6 +110,23 @@ def test_it_logs_joints_and_attitude_by_the_sensors_of_the_robot(effect, values,
     )
     assert bare > 0.002
     assert knowing < known * bare
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.003, 0.0047])
+def test_drives_do_nothing_before_their_first_command_arrives(delay):
+    twin = Twin()
+    plant = Plant(twin.build, twin.world)
+    plant.stand()
+    law = np.zeros((5, 12))
+    law[4] = 3.0
+    made = []
+    for _ in range(5):
+        plant.send(law, delay)
+        plant.run(-1.0)
+        made.append(plant.state["current"][0, 0])
+    # The last of eight steps of a tick of 2 ms begins at 1.75 ms.
+    assert (np.array(made) > 1.0).tolist() == [0.002 * tick + 0.00175 >= delay for tick in range(5)]
+    assert made[0] == 0.0 or delay < 0.00175
 
 
 def test_a_rollout_is_a_function_of_its_random_numbers(runner):

@@ -136,7 +136,8 @@ def test_a_late_robot_stands_until_the_first_command_has_arrived():
 
 def test_a_dead_time_is_not_what_a_lag_does_at_the_start():
     late, slow = (
-        ROBOT.with_effects(e).rollout({}, 5) for e in ({"latency": {"delay": 0.12}}, {"motor_lag": {"time": 0.12}})
+        ROBOT.with_effects(e).rollout({}, 5)
+        for e in ({"latency": {"delay": 0.12}}, {"motor_lag": {"time": 0.12}})
     )
     assert late["x"][6] == -0.8
     assert slow["x"][6] > -0.79
