@@ -72,6 +72,12 @@ CHANNELS = (
     Channel("contact", "", "1 where the ground pushes on the foot", 4, FEET),
 )
 
+FROM_OUTSIDE = frozenset(
+    ("vx", "vy", "vz", "x", "y", "z", "height", "fallen")
+    + ("foot_position", "foot_velocity", "foot_force", "contact")
+)
+"""Names of what motion capture and force plates see, and no error of the robot's own sensors is in."""
+
 TRUE_CHANNELS = (
     Channel("q_true", "rad", "true joint angles", 12, JOINTS),
     Channel("dq_true", "rad/s", "true joint speeds", 12, JOINTS),

@@ -4,24 +4,12 @@ import numpy as np
 import pytest
 
 from s2r_sim import SimBackend
-from s2r_sim.channels import CHANNELS, TRUE_CHANNELS
+from s2r_sim.channels import CHANNELS, FROM_OUTSIDE, TRUE_CHANNELS
 from s2r_sim.effects import CATALOGUE
 from s2r_sim.gains import Gains
 from s2r_sim.noise import Noise
 
 SHORT = SimBackend("record=truth", duration=0.2)
-SEEN_FROM_OUTSIDE = (
-    "vx",
-    "vy",
-    "vz",
-    "x",
-    "y",
-    "z",
-    "height",
-    "foot_position",
-    "foot_velocity",
-    "foot_force",
-)
 
 
 def rollout(effects, backend=SHORT):
@@ -150,7 +138,7 @@ def test_what_is_seen_from_outside_has_no_error_of_the_robots_sensors(effect):
     machine = SHORT.with_effects({effect: values})
     trace = machine.rollout({"vd": 0.2}, 3)
     assert np.abs(machine.residuals(trace, {"vd": 0.2})["foot_place"]).max() < 1e-5
-    assert all(np.isfinite(trace[name]).all() for name in SEEN_FROM_OUTSIDE)
+    assert all(np.isfinite(trace[name]).all() for name in FROM_OUTSIDE)
 
 
 def test_an_offset_written_as_a_robot_writes_it_is_known():
