@@ -159,6 +159,16 @@ def test_strength_decays_from_the_command_on():
     assert fading["height"][-1] < steady_one["height"][-1] - 0.004
 
 
+@pytest.mark.parametrize("delay", [0.0, 0.005, 0.012])
+def test_a_command_moves_the_robot_after_the_delay_and_not_before(delay):
+    late = SimBackend(duration=0.04, noise=Noise.off()).with_effects({"latency": {"delay": delay}})
+    stays, goes = (late.rollout({"vd": vd}, 0) for vd in (0.0, 0.3))
+    assert not np.array_equal(stays["tau_cmd"][0], goes["tau_cmd"][0])
+    apart = (stays["q"] != goes["q"]).any(axis=1)
+    moved = stays.times[np.argmax(apart)]
+    assert delay < moved <= delay + 0.002 + 1e-9
+
+
 def test_uphill_the_robot_climbs_and_is_slower():
     trace = QUIET.with_effects({"slope": {"angle": 4.0}}).rollout({"vd": 0.3}, 0)
     rise = (trace["z"][-1] - trace["z"][0]) / (trace["x"][-1] - trace["x"][0])
