@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from s2r_spec.errors import TraceError, one_of, suggest
+from s2r_spec.printable import one_line
 
 FloatArray = NDArray[np.float64]
 
@@ -96,7 +97,7 @@ class Trace:
     def failure(self) -> str | None:
         """Why the rollout ended early ("fall"), or None. Its ρ is the spec's declared value."""
         word = self.meta.get("failure")
-        return None if word is None else str(word)
+        return None if word is None else one_line(word)
 
     def only(self, names: Iterable[str]) -> Trace:
         """Return the same trace with just these channels."""

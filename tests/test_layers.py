@@ -27,7 +27,9 @@ LAYERS = [
     {"lang"},
     {"logs"},
     {"trace"},
+    {"files"},
     {"errors", "compiled"},
+    {"printable"},
 ]
 RANK = {name: rank for rank, names in enumerate(LAYERS) for name in names}
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal, Protocol
@@ -140,8 +139,6 @@ class Rollouts:
             key, point = (done.task.query, done.task.replicate), points[done.task.query]
             try:
                 rho, failure = self.rig.score(point, done)
-                if not math.isfinite(rho):
-                    raise BackendError(f"its ρ is {rho}")
             except S2RError as error:
                 kept = self.journal.keep(key, done.trace)
                 raise BackendError(

@@ -7,11 +7,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import Console
 from rich.text import Text
 
+from s2r_spec.cli import terminal
 from s2r_spec.cli.common import CODES, COLOURS, sentences, worst
 from s2r_spec.cli.online import Settings, follow
+from s2r_spec.printable import lines, one_line
 
 if TYPE_CHECKING:
     from s2r_spec.robustness.profiles import Profile
@@ -145,10 +146,10 @@ def _judged(
 
 
 def _print(results: list[dict[str, Any]]) -> None:
-    console = Console(highlight=False, soft_wrap=True)
+    console = terminal.console()
     for result in results:
-        console.print(Text(result["trace"], style="bold"))
+        console.print(Text(one_line(result["trace"]), style="bold"))
         for one in result["requirements"]:
-            text = Text(one["text"])
+            text = Text(lines(one["text"]))
             text.highlight_words([f" {one['verdict']}:"], style=COLOURS[one["verdict"]])
             console.print(text)
