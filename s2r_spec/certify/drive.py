@@ -141,8 +141,9 @@ class Rollouts:
                 rho, failure = self.rig.score(point, done)
             except S2RError as error:
                 kept = self.journal.keep(key, done.trace)
+                test = ", ".join(f"{name} = {value:.6g}" for name, value in point.items())
                 raise BackendError(
-                    f"rollout {key[0]}.{key[1]} at {point} cannot be scored: {error}; its trace is kept in {kept}"
+                    f"rollout {key[0]}.{key[1]} at {test} cannot be scored: {error}; its trace is kept in {kept}"
                 ) from error
             record = Record(
                 *key, point, done.task.seed, rho, failure, trace=None, seconds=round(done.seconds, 4)
