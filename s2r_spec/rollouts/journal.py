@@ -102,6 +102,8 @@ class Journal:
                 f"{folder} holds a run already; go on with --resume {run_of(folder, header)}, or choose another folder"
             )
         path = folder / FILE
+        if path.exists() and not path.is_file():
+            raise JournalError(f"cannot write the run to {folder}: {path} is not a file")
         try:
             (folder / "traces").mkdir(parents=True, exist_ok=True)
             _hold(folder)
@@ -128,7 +130,9 @@ class Journal:
             if not path.is_file():
                 return False
             with path.open("rb") as file:
-                return file.readline(lines.LONGEST).endswith(b"\n")
+                first = file.readline(lines.LONGEST)
+            # What is longer than any first line was not left by a run that was killed while it began.
+            return first.endswith(b"\n") or len(first) == lines.LONGEST
         except OSError:
             return False
 
