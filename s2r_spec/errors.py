@@ -13,15 +13,28 @@ from typing import ClassVar
 
 from s2r_spec.printable import one_line
 
+MOST_NAMES = 60
+"""Budget: names that an error lists; twice as many fill a screen."""
+LONGEST_NAME = 100
+"""Budget: letters of a name that an error shows, and of names that are compared; the comparison is quadratic."""
+
 
 def one_of(names: Iterable[str]) -> str:
     """Return ``a, b, c`` in order, or ``(none)``: how every error lists the valid names."""
-    return ", ".join(sorted(names)) or "(none)"
+    found = sorted(names)
+    shown = ", ".join(shortened(name) for name in found[:MOST_NAMES]) or "(none)"
+    return f"{shown} and {len(found) - MOST_NAMES} more" if len(found) > MOST_NAMES else shown
+
+
+def shortened(text: str) -> str:
+    """Return a text as an error shows it: its beginning, if it is long."""
+    return text if len(text) <= LONGEST_NAME else f"{text[:LONGEST_NAME]}…"
 
 
 def did_you_mean(name: str, names: Iterable[str]) -> str:
     """Return ``"; did you mean 'vx'?"`` when one of ``names`` is close, else an empty string."""
-    close = difflib.get_close_matches(name, list(names), n=1)
+    among = [one for one in names if len(one) <= LONGEST_NAME][:10_000]
+    close = difflib.get_close_matches(name[:LONGEST_NAME], among, n=1)
     return f"; did you mean {close[0]!r}?" if close else ""
 
 
@@ -49,8 +62,12 @@ class TraceError(UsageError):
     """A trace breaks the contract of :class:`s2r_spec.trace.Trace`, or lacks what a spec needs."""
 
 
+class TraceNote(UserWarning):
+    """What a reader of a trace's file did that its user should know of: a row that is cut was left out."""
+
+
 class SamplingError(TraceError):
-    """A time in the spec falls between the samples of a trace."""
+    """A time window of the spec is shorter than the time between two samples of a trace."""
 
 
 class BackendError(S2RError):

@@ -10,7 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from s2r_spec import stamps
 from s2r_spec.errors import TraceError, one_of, suggest
+from s2r_spec.instants import instant
 from s2r_spec.printable import one_line
 
 FloatArray = NDArray[np.float64]
@@ -21,15 +23,17 @@ class Trace:
     """Channels over common time stamps. Frozen: arrays are read-only copies.
 
     Args:
-        times: (n,) time stamps [s], strictly increasing, n ≥ 1.
-        channels: name → (n,) or (n, k) samples, read as float64.
+        times: (n,) time stamps [s], strictly increasing, n ≥ 1. Durations (``timedelta64``) become
+            seconds; dates (``datetime64``, ``datetime``) seconds since the first of them.
+        channels: name → (n,) or (n, k) samples, read as float64. Masked samples are NaN; durations are in s.
         units: name → unit as a string ("m/s"); a missing name has no declared unit.
         meta: anything that can be written as JSON. ``meta["failure"]`` is
             reserved: a short word ("fall") when the rollout ended early, see
             :attr:`failure`.
 
     Raises:
-        TraceError: times not increasing or not finite, or a channel of another length.
+        TraceError: times not increasing or not finite, a channel of another length or without
+            numbers, a unit that is no text, or a failure that is no word.
     """
 
     times: FloatArray
@@ -39,7 +43,7 @@ class Trace:
 
     def __post_init__(self) -> None:
         """Copy, check and freeze."""
-        times = _frozen(self.times, "t")
+        times, _ = _frozen(self.times, "t", dates=True)
         if times.ndim != 1 or times.size == 0:
             raise TraceError(f"a trace needs times of shape (n,) with n >= 1, not {times.shape}")
         if not np.isfinite(times).all():
@@ -51,24 +55,29 @@ class Trace:
         if (steps <= 0).any():
             bad = int(np.argmax(steps <= 0)) + 1
             raise TraceError(
-                f"times must increase strictly, but sample {bad} is at {times[bad]:g} s "
-                f"after {times[bad - 1]:g} s"
+                f"times must increase strictly, but sample {bad} is at {instant(times[:1], times[bad])} "
+                f"after {instant(times[:1], times[bad - 1])}"
             )
-        channels = {name: _frozen(values, name) for name, values in self.channels.items()}
+        frozen = {name: _frozen(values, name) for name, values in self.channels.items()}
+        channels = {name: values for name, (values, _) in frozen.items()}
+        units = _texts(self.units) | {name: unit for name, (_, unit) in frozen.items() if unit is not None}
         for name, values in channels.items():
             if values.ndim not in (1, 2) or values.shape[0] != times.size:
                 raise TraceError(
                     f"channel {name!r} has shape {values.shape}, but there are {times.size} time stamps; "
                     f"it must be ({times.size},) or ({times.size}, k)"
                 )
-        unknown = set(self.units) - set(channels)
+        unknown = set(units) - set(channels)
         if unknown:
             raise TraceError(
                 f"units are given for {one_of(unknown)}, which the trace does not have: {one_of(channels)}"
             )
         object.__setattr__(self, "times", times)
         object.__setattr__(self, "channels", MappingProxyType(channels))
-        object.__setattr__(self, "units", MappingProxyType(dict(self.units)))
+        if not isinstance(self.meta, Mapping):
+            raise TraceError(f"meta is {self.meta!r}; it must map names to what is known of the rollout")
+        _failure(self.meta)
+        object.__setattr__(self, "units", MappingProxyType(units))
         object.__setattr__(self, "meta", MappingProxyType(dict(self.meta)))
 
     def __len__(self) -> int:
@@ -96,8 +105,7 @@ class Trace:
     @property
     def failure(self) -> str | None:
         """Why the rollout ended early ("fall"), or None. Its ρ is the spec's declared value."""
-        word = self.meta.get("failure")
-        return None if word is None else one_line(word)
+        return _failure(self.meta)
 
     def only(self, names: Iterable[str]) -> Trace:
         """Return the same trace with just these channels."""
@@ -106,13 +114,56 @@ class Trace:
         return Trace(self.times, kept, units, self.meta)
 
 
-def _frozen(values: ArrayLike, name: str) -> FloatArray:
+def _frozen(values: ArrayLike, name: str, *, dates: bool = False) -> tuple[FloatArray, str | None]:
+    """Return a read-only copy as float64, and its unit where the type says it: "s" of durations."""
+    unit = None
     try:
-        array = np.array(values, dtype=np.float64, order="C")
+        raw = stamps.typed(np.asarray(_filled(values)))
+        if stamps.is_typed(raw) and raw.dtype.kind == "M" and not dates:
+            raise TypeError("it holds dates")
+        if raw.dtype.kind == "c":
+            raise TypeError("it holds complex numbers")
+        if stamps.is_typed(raw):
+            raw, unit = stamps.seconds(raw.ravel()).reshape(raw.shape), "s"
+        array = np.array(raw, dtype=np.float64, order="C")
     except (TypeError, ValueError) as error:
         raise TraceError(f"channel {name!r} is not numeric: {error}") from None
     array.setflags(write=False)
-    return array
+    return array, unit
+
+
+def _filled(values: Any) -> Any:
+    """Return NaN for what a masked array of numbers masks, which numpy's own conversion would uncover."""
+    masked = isinstance(values, np.ma.MaskedArray) and values.dtype.kind in "biuf"
+    return values.astype(np.float64).filled(np.nan) if masked else values
+
+
+def _texts(units: Any) -> dict[str, str]:
+    """Return the units, after a look whether they are texts.
+
+    Raises:
+        TraceError: they are not.
+    """
+    if not isinstance(units, Mapping):
+        raise TraceError(f"units are {units!r}; they must map names of channels to texts, such as 'm/s'")
+    for name, unit in units.items():
+        if not isinstance(unit, str):
+            raise TraceError(f"the unit of channel {name!r} is {unit!r}; it must be a text, such as 'm/s'")
+    return dict(units)
+
+
+def _failure(meta: Mapping[str, Any]) -> str | None:
+    """Return the word for how a rollout failed; what says no (None, False, 0, "") is no failure.
+
+    Raises:
+        TraceError: it is no word.
+    """
+    word = meta.get("failure")
+    if word is None or isinstance(word, str):
+        return one_line(word.strip()) or None if word else None
+    if isinstance(word, bool | np.bool_ | int | float):
+        return "failure" if word else None
+    raise TraceError(f'meta["failure"] is {word!r}; it must be a short word, such as "fall"')
 
 
 def between(times: FloatArray, own: FloatArray, values: FloatArray) -> FloatArray:

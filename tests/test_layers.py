@@ -24,10 +24,12 @@ LAYERS = [
     {"spec"},
     {"backend", "effects", "space"},
     {"robustness"},
-    {"lang"},
     {"logs"},
+    {"lang"},
     {"trace"},
     {"files"},
+    {"stamps"},
+    {"instants"},
     {"errors", "compiled"},
     {"printable"},
 ]

@@ -11,6 +11,8 @@ import typer
 
 from s2r_spec.cli.common import begun, interrupted, seconds, sentences
 from s2r_spec.cli.options import (
+    Columns,
+    Nan,
     OneRequirement,
     Quiet,
     RealBudget,
@@ -22,7 +24,9 @@ from s2r_spec.cli.options import (
     Simulator,
     SpecFile,
     Timeout,
+    TimeUnit,
     Workers,
+    logs,
 )
 from s2r_spec.cli.output import AsJson, Format, Output, Page, emit, pageable, settle
 from s2r_spec.files import save
@@ -58,6 +62,9 @@ def against(prefix: str, help_: str, search: Callable[[], Search]) -> Callable[.
         workers: Workers = None,
         scheduler: Scheduler = None,
         timeout: Timeout = None,
+        nan: Nan = None,
+        time_unit: TimeUnit = None,
+        columns: Columns = None,
         run: Run = None,
         resume: Resume = None,
         as_json: AsJson = False,
@@ -80,13 +87,14 @@ def against(prefix: str, help_: str, search: Callable[[], Search]) -> Callable[.
             name = f"{prefix}{spec.stem}-{sim}-{real}"
             if resume is not None:
                 resume = with_any(resume, asked.places, Journal.found)
+            simulator, machine = logs([sim, real], nan, time_unit, columns)
             executor, folder, errors = begun(run, resume, name, seed, workers, scheduler, quiet)
             try:
                 with Live(errors, quiet) as live:
                     result = asked.run(
                         parsed,
-                        sim,
-                        real,
+                        simulator,
+                        machine,
                         folder,
                         requirement=requirement,
                         seed=seed,
@@ -102,7 +110,7 @@ def against(prefix: str, help_: str, search: Callable[[], Search]) -> Callable[.
             report = asked.report(parsed, result)
             emit(report, form, output)
             if page is not None:
-                save(page, html.render([asked.page(folder, real)]))
+                save(page, html.render([asked.page(folder, machine)]))
             raise typer.Exit(report.exit_code)
 
     command.__doc__ = help_

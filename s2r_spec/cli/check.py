@@ -9,7 +9,20 @@ from typing import Annotated
 import typer
 
 from s2r_spec.cli.common import interrupted, new_or_old, pool, seconds, sentences
-from s2r_spec.cli.options import Quiet, Resume, Run, Scheduler, Seed, SpecFile, Timeout, Workers
+from s2r_spec.cli.options import (
+    Columns,
+    Nan,
+    Quiet,
+    Resume,
+    Run,
+    Scheduler,
+    Seed,
+    SpecFile,
+    Timeout,
+    TimeUnit,
+    Workers,
+    logs,
+)
 from s2r_spec.cli.output import AsJson, Format, Output, Page, emit, pageable, settle
 from s2r_spec.cli.terminal import console
 from s2r_spec.files import save
@@ -36,6 +49,9 @@ def check(
         str, typer.Option(help="Confidence set: rigorous, rigorous-simple or paper.")
     ] = "rigorous",
     engine: Annotated[str, typer.Option(help="Gaussian process: spectral or gpytorch.")] = "spectral",
+    nan: Nan = None,
+    time_unit: TimeUnit = None,
+    columns: Columns = None,
     run: Run = None,
     resume: Resume = None,
     as_json: AsJson = False,
@@ -66,6 +82,7 @@ def check(
         names = list(dict.fromkeys(names))
         for name in names:  # a wrong one is said before the first one has run
             checking.search_for(parsed, name, seed=seed, budget=budget, mode=mode, engine=engine)
+        (machine,) = logs([backend], nan, time_unit, columns)
         executor, machines = pool(workers, scheduler)
         folder = new_or_old(run, resume, f"{spec.stem}-{backend}", seed)
         there = layout.places(folder, names, _own(folder, names) if resume is not None else None)
@@ -81,7 +98,7 @@ def check(
                     results.append(
                         checking.check(
                             parsed,
-                            backend,
+                            machine,
                             place,
                             requirement=name,
                             seed=seed,

@@ -9,17 +9,18 @@ import math
 import os
 import re
 import sys
-from collections.abc import Iterable, Iterator
+import warnings
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import typer
 from rich.console import Console
 
 from s2r_spec.cli.terminal import console, say
-from s2r_spec.errors import S2RError, UsageError
+from s2r_spec.errors import S2RError, TraceNote, UsageError
 from s2r_spec.printable import one_line
 
 if TYPE_CHECKING:
@@ -44,9 +45,15 @@ def worst(verdicts: Iterable[str]) -> str:
 
 @contextmanager
 def sentences(as_json: bool = False) -> Iterator[None]:
-    """Turn s2r's own errors into one sentence on stderr (and one object on stdout), and the exit code."""
+    """Turn s2r's own errors into one sentence on stderr (and one object on stdout), and the exit code.
+
+    What a reader of logs left out is a note on stderr.
+    """
     try:
-        yield
+        with warnings.catch_warnings():
+            warnings.simplefilter("always", TraceNote)
+            warnings.showwarning = _noted(warnings.showwarning)
+            yield
     except S2RError as error:
         _refuse(str(error), error.exit_code, as_json, error)
     except OSError as error:
@@ -69,6 +76,23 @@ def _refuse(sentence: str, exit_code: int, as_json: bool, cause: Exception) -> N
     if as_json:
         print_error(exit_code, sentence)
     raise typer.Exit(exit_code) from cause
+
+
+def _noted(shown: Callable[..., None]) -> Callable[..., None]:
+    """Return what shows a warning: a note of a reader as a note, others as ever."""
+
+    def show(message: Warning | str, category: type[Warning], *rest: Any, **more: Any) -> None:
+        if issubclass(category, TraceNote):
+            note(str(message))
+        else:
+            shown(message, category, *rest, **more)
+
+    return show
+
+
+def note(sentence: str) -> None:
+    """Say on stderr what changes no answer, but should be known."""
+    say(f"note: {sentence}", error=True)
 
 
 def print_error(exit_code: int, sentence: str) -> None:

@@ -9,6 +9,8 @@ import typer
 
 from s2r_spec.cli.common import begun, interrupted, sentences
 from s2r_spec.cli.options import (
+    Columns,
+    Nan,
     OneRequirement,
     Quiet,
     RealMachine,
@@ -18,7 +20,9 @@ from s2r_spec.cli.options import (
     Seed,
     Simulator,
     SpecFile,
+    TimeUnit,
     Workers,
+    logs,
 )
 from s2r_spec.cli.output import AsJson, Output, Page, pageable, settle
 from s2r_spec.cli.terminal import console, print_json
@@ -51,6 +55,9 @@ def diagnose(
     budget: Budget = None,
     workers: Workers = None,
     scheduler: Scheduler = None,
+    nan: Nan = None,
+    time_unit: TimeUnit = None,
+    columns: Columns = None,
     run: Run = None,
     resume: Resume = None,
     apply: Apply = None,
@@ -77,6 +84,7 @@ def diagnose(
             raise UsageError("--tuned says what --apply writes; give --apply FILE with it")
         parsed = load_spec(spec)
         name = f"diagnose-{spec.stem}-{sim}-{Path(real).name}"
+        (machine,) = logs([real], nan, time_unit, columns)
         if resume is not None:
             resume = _recorded(resume)
         executor, folder, errors = begun(run, resume, name, seed, workers, scheduler, quiet)
@@ -85,7 +93,7 @@ def diagnose(
                 found = find(
                     parsed,
                     sim,
-                    real,
+                    machine,
                     budget,
                     requirement=requirement,
                     seed=seed,

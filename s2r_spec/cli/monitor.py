@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,12 +13,13 @@ from rich.text import Text
 from s2r_spec.cli import terminal
 from s2r_spec.cli.common import CODES, COLOURS, sentences, worst
 from s2r_spec.cli.online import Settings, follow
+from s2r_spec.cli.options import Columns, Nan, TimeUnit, missing
+from s2r_spec.cli.reading import Asked, Recorded, named, read
 from s2r_spec.printable import lines, one_line
 
 if TYPE_CHECKING:
+    from s2r_spec.robustness.evaluation import Evaluation
     from s2r_spec.robustness.profiles import Profile
-    from s2r_spec.spec import Spec
-    from s2r_spec.trace import Trace
 
 
 def monitor(
@@ -30,12 +32,9 @@ def monitor(
         list[str] | None,
         typer.Option("--param", "-p", help="A test parameter: vd=0.3, or 'vd=30 cm/s' (may be repeated)."),
     ] = None,
-    columns: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--map", "-m", help="What a signal (or t) is called in the files: vx=velocity.x (repeat)."
-        ),
-    ] = None,
+    columns: Columns = None,
+    time_unit: TimeUnit = None,
+    nan: Nan = None,
     requirement: Annotated[
         list[str] | None, typer.Option("--requirement", "-r", help="Only this requirement (may be repeated).")
     ] = None,
@@ -63,32 +62,37 @@ def monitor(
     """Evaluate every requirement on recorded traces: ρ, verdict, and what decides it."""
     with sentences(as_json):
         from s2r_spec.errors import UsageError
-        from s2r_spec.logs import read
+        from s2r_spec.logs.mapping import read_map
         from s2r_spec.robustness.profiles import profile
         from s2r_spec.spec import load_spec
 
         parsed = load_spec(spec)
         values = parsed.read_params(params or [])
-        names = _columns(columns or [])
+        chosen = tuple(requirement or parsed.requirements)
+        for name in chosen:
+            parsed.unit(name)  # a wrong one is said before any file is read
+        asked = Asked(parsed, chosen, values, read_map(columns or []), time_unit, missing(nan))
         conventions = profile(like)
         if online:
             if like != "s2r":
                 raise UsageError("--profile is for recorded traces; --online asks at the samples")
             if len(traces) != 1:
                 raise UsageError("--online follows one trace: give one file, or - for rows that come in")
-            chosen = tuple(requirement or parsed.requirements)
-            settings = Settings(values, names, chosen, period, ranges, partial, as_json)
-            raise typer.Exit(follow(parsed, traces[0], settings))
+            raise typer.Exit(follow(asked, traces[0], Settings(period, ranges, partial, as_json)))
         if period is not None or not ranges:
             raise UsageError("--period and --no-ranges are for --online")
-        results: list[dict[str, Any]] = [
-            {"trace": str(path), "requirements": [
-                _judged(parsed, trace, name, values, partial, like, conventions)
-                for name in requirement or parsed.requirements
-            ]}
-            for path in traces for trace in [read(path, names)]
-        ]  # fmt: skip
-        code = CODES[worst(one["verdict"] for result in results for one in result["requirements"])]
+        results: list[dict[str, Any]] = []
+        for path in traces:
+            try:
+                results.append(_evaluated(asked, path, partial, like, conventions))
+            except UsageError as error:
+                if len(traces) == 1:
+                    raise
+                print(f"error: {error}", file=sys.stderr)
+                results.append({"trace": str(path), "error": str(error), "requirements": []})
+        verdicts = [one["verdict"] for result in results for one in result["requirements"]]
+        broken = any("error" in result for result in results)
+        code = UsageError.exit_code if broken else CODES[worst(verdicts)]
         if as_json:
             record = {"schema": "s2r.monitor/1", "exit_code": code, "spec": parsed.name, "hash": parsed.hash}
             print(
@@ -99,56 +103,81 @@ def monitor(
         raise typer.Exit(code)
 
 
-def _columns(texts: list[str]) -> dict[str, str]:
-    """Return channel → column of texts like ``vx=velocity.x``."""
-    from s2r_spec.errors import UsageError
-
-    names: dict[str, str] = {}
-    for text in texts:
-        name, _, names[name] = text.partition("=")
-        if not names[name]:
-            raise UsageError("--map is written name=column, for example --map vx=velocity.x")
-    return names
+def _evaluated(asked: Asked, path: Path, partial: bool, like: str, conventions: Profile) -> dict[str, Any]:
+    """Return every requirement of one file as plain data; an error names the file."""
+    recorded = read(asked, path)
+    with named(path):
+        return {
+            "trace": str(path),
+            "params": recorded.params,
+            "from_trace": sorted(recorded.taken),
+            "requirements": [
+                _judged(asked, recorded, name, partial, like, conventions) for name in asked.requirements
+            ],
+        }
 
 
 def _judged(
-    spec: Spec,
-    trace: Trace,
-    requirement: str,
-    params: dict[str, float],
-    partial: bool,
-    like: str,
-    conventions: Profile,
+    asked: Asked, recorded: Recorded, requirement: str, partial: bool, like: str, conventions: Profile
 ) -> dict[str, Any]:
     """Return the explanation of one requirement as plain data, with a verdict and a text."""
     from s2r_spec.robustness.explain import Explanation
 
+    spec, trace, params, nan = asked.spec, recorded.trace, recorded.params, asked.nan
+    # Whoever states the unit of the times knows how far apart the samples are.
+    sparse = asked.time_unit is not None
+    sampling: dict[str, Any] = {}
+    lines: list[str] = []
+    reason = None
     if trace.failure is None:
-        if partial and conventions["end"] != "hold":
+        held = conventions["end"] == "hold" and len(trace) > 1
+        if partial and not held:
             conventions = {**conventions, "end": "clip"}
-        found = spec.evaluate(trace, requirement, params, **conventions)
-        if not (found.complete[0] or partial or conventions["end"] == "hold"):
-            text = (
-                f"{requirement} unknown: it looks {found.horizon:g} s ahead, but the trace lasts "
-                f"{trace.duration:g} s (--partial evaluates what there is)"
+        found = spec.evaluate(trace, requirement, params, nan=nan, sparse=sparse, **conventions)
+        sampling = {"period": found.period, "duration": found.duration, "narrowest_window": found.narrowest}
+        lines = [_sampled(found), *(f"  note: {note}" for note in found.notes)]
+        if not (found.complete[0] or partial or held):
+            looks = spec.shortfall(trace, requirement, params, nan=nan)
+            text = "\n".join(
+                (f"{requirement} unknown: it {looks} (--partial evaluates what there is)", *lines)
             )
-            return {"requirement": requirement, "verdict": "unknown", "text": text}
+            return {
+                "requirement": requirement,
+                "verdict": "unknown",
+                "satisfied": None,
+                "text": text,
+            } | sampling
         why = ""
         if conventions["interpolation"] != "samples":
-            why = f"it is asked at every instant, as {like} does: no one sample decides it"
-        elif not found.complete[0] and conventions["end"] == "hold":
+            why = f"it is evaluated at every instant, as {like} does: no one sample decides it"
+        elif not found.complete[0] and held:
             why = f"it looks past the last sample, which lasts on, as in {like}"
-        reason = Explanation(requirement, found.value, found.unit, reason=why)
-    if trace.failure is not None or not reason.reason:
-        reason = spec.explain(trace, requirement, params, until=conventions["until"], partial=True)
-    verdict = "holds" if reason.rho >= 0 else "violated"
-    return {"verdict": verdict, "text": str(reason), **reason.to_json()}
+        if why:
+            satisfied = bool(found.satisfied[0])
+            reason = Explanation(requirement, found.value, found.unit, satisfied, reason=why)
+    reason = reason or spec.explain(
+        trace, requirement, params, until=conventions["until"], partial=True, nan=nan, sparse=sparse
+    )
+    verdict = "holds" if reason.satisfied else "violated"
+    return {"verdict": verdict, "text": "\n".join((str(reason), *lines)), **reason.to_json()} | sampling
+
+
+def _sampled(found: Evaluation) -> str:
+    """Return in a line how a trace is sampled: who reads it sees times in a wrong unit."""
+    if found.period is None:
+        return "  one sample"
+    windows = "" if found.narrowest is None else f", {found.narrowest} samples in the narrowest window"
+    return f"  sampled every {found.period:.6g} s for {found.duration:.6g} s{windows}"
 
 
 def _print(results: list[dict[str, Any]]) -> None:
     console = terminal.console()
     for result in results:
-        console.print(Text(one_line(result["trace"]), style="bold"))
+        if "error" in result:
+            continue  # said on stderr
+        taken = ", ".join(f"{name} = {result['params'][name]:g}" for name in result["from_trace"])
+        head = Text(one_line(result["trace"]), style="bold")
+        console.print(head.append(f", {taken} as recorded", style="not bold") if taken else head)
         for one in result["requirements"]:
             text = Text(lines(one["text"]))
             text.highlight_words([f" {one['verdict']}:"], style=COLOURS[one["verdict"]])

@@ -5,14 +5,15 @@ from __future__ import annotations
 import json
 import math
 import sys
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rich.text import Text
 
-from s2r_spec.cli.common import CODES, COLOURS, worst
+from s2r_spec.cli.common import CODES, COLOURS, note, worst
+from s2r_spec.cli.reading import Asked, named, parameters, read
 from s2r_spec.cli.terminal import console
 from s2r_spec.printable import one_line
 
@@ -26,21 +27,15 @@ Sample = tuple[float, Mapping[str, Any]]
 
 @dataclass(frozen=True)
 class Settings:
-    """What was asked for.
+    """How it is followed.
 
     Args:
-        params: parameter → value.
-        names: channel → what the input calls it, for those that differ.
-        requirements: those to follow.
         period: time from one sample to the next [s]; None to take it from a file, if it has one.
         ranges: whether signals stay in their declared ranges.
         partial: whether a trace that ends too early is evaluated on what there is.
         as_json: whether to print JSON.
     """
 
-    params: dict[str, float]
-    names: dict[str, str]
-    requirements: tuple[str, ...]
     period: float | None
     ranges: bool
     partial: bool
@@ -56,70 +51,88 @@ class _Input:
         meta: of the trace; see :class:`s2r_spec.trace.Trace`.
         samples: (time [s], channel → sample).
         period: that of the regular grid the samples are known to lie on, or None.
+        params: parameter → value: as given, else as the trace says.
+        notes: what was left out so far, each in a sentence; it grows while samples are read.
     """
 
     units: Mapping[str, str]
     meta: Mapping[str, Any]
     samples: Iterator[Sample]
     period: float | None
+    params: dict[str, float]
+    notes: Sequence[str] = ()
 
 
-def follow(spec: Spec, source: Path, settings: Settings) -> int:
+def follow(asked: Asked, source: Path, settings: Settings) -> int:
     """Follow a file, or standard input if it is ``-``, to its end; return the exit code.
 
     Prints a line whenever an interval or a verdict changes, and the result at the end.
     """
-    given = _rows(settings.names) if str(source) == "-" else _file(source, settings.names)
+    if str(source) == "-":
+        return _follow(asked, _rows(asked), settings)
+    given = _file(asked, source)
+    with named(source):
+        return _follow(asked, given, settings)
+
+
+def _follow(asked: Asked, given: _Input, settings: Settings) -> int:
+    spec = asked.spec
     period = given.period if settings.period is None else settings.period
     monitors = {
-        name: spec.monitor(settings.params, name, period=period, ranges=settings.ranges)
-        for name in settings.requirements
+        name: spec.monitor(
+            given.params,
+            name,
+            period=period,
+            ranges=settings.ranges,
+            nan=asked.nan,
+            sparse=asked.time_unit is not None,
+        )
+        for name in asked.requirements
     }
-    scales = _scales(spec, settings.requirements, given.units)
+    scales = _scales(spec, asked.requirements, given.units)
     shown: dict[str, RobustInterval] = {}
-    last: float | None = None
+    recent: list[float] = []  # the first time and the last two: they say how finely an instant is written
     for last, sample in given.samples:
+        recent = [*recent[:1], *recent[-1:], last]
         for name, monitor in monitors.items():
             (interval,) = monitor.update(last, _converted(sample, scales)).values()
             if interval != shown.get(name) and (name in shown or interval.bounded):
                 shown[name] = interval
-                _changed(spec, name, last, interval, settings.as_json)
+                _changed(spec, name, recent, interval, settings.as_json)
     ended: dict[str, RobustInterval] = {}
     for name, monitor in monitors.items():
         failed = _fallen(spec, name, given.meta)
         ended |= {name: failed} if failed else monitor.finish(partial=settings.partial)
-    return _print_end(spec, settings, ended)
+    for sentence in given.notes:
+        note(sentence)
+    looks = {name: monitors[name].shortfall(name) for name, one in ended.items() if one.satisfied is None}
+    return _print_end(spec, given.params, settings, ended, looks)
 
 
-def _rows(names: Mapping[str, str]) -> _Input:
+def _rows(asked: Asked) -> _Input:
     """Read a table from standard input, each row as it is written."""
-    from s2r_spec.logs.csv_format import follow as rows_of
-    from s2r_spec.logs.times import TIME
+    from s2r_spec.logs.follow import follow as rows_of
+    from s2r_spec.logs.interpret import request
 
-    names = dict(names)
-    rows = rows_of(sys.stdin, names.pop(TIME, TIME))
-    taken = set(names.values())
-
-    def renamed(row: Mapping[str, Any]) -> dict[str, Any]:
-        kept = {name: value for name, value in row.items() if name not in taken}
-        return kept | {name: row[column] for name, column in names.items() if column in row}
-
-    return _Input(renamed(rows.units), rows.meta, ((time, renamed(row)) for time, row in rows.samples), None)
+    rows = rows_of(sys.stdin.readline, request(asked.columns, asked.wanted, asked.time_unit))
+    params, _ = parameters(asked, rows.meta, "the trace")
+    return _Input(rows.units, rows.meta, rows.samples, None, params, rows.notes)
 
 
-def _file(path: Path, names: Mapping[str, str]) -> _Input:
+def _file(asked: Asked, path: Path) -> _Input:
     """Read a recorded trace, and hand it out sample by sample."""
-    from s2r_spec.logs import read
     from s2r_spec.robustness.grid import Grid
 
-    trace = read(path, names)
+    recorded = read(asked, path)
+    trace = recorded.trace
     grid = Grid.of(trace.times)
     samples = (
         (float(time), {name: channel[k] for name, channel in trace.channels.items()})
         for k, time in enumerate(trace.times)
     )
     regular = grid is not None and grid.period is not None
-    return _Input(trace.units, trace.meta, samples, grid.seconds(1) if grid and regular else None)
+    period = grid.seconds(1) if grid and regular else None
+    return _Input(trace.units, trace.meta, samples, period, recorded.params)
 
 
 def _scales(
@@ -156,39 +169,45 @@ def _fallen(spec: Spec, requirement: str, meta: Mapping[str, Any]) -> RobustInte
     if trace.failure is None:
         return None
     rho = spec.robustness(trace, only=requirement)[requirement]
-    return RobustInterval(rho, rho)
+    return RobustInterval(rho, rho, satisfied=rho > 0)
 
 
 def _plain(interval: RobustInterval) -> dict[str, Any]:
     """Return the interval for JSON, which has no infinity."""
     ends = {"lower": interval.lower, "upper": interval.upper}
-    return {"verdict": interval.verdict} | {
+    return {"verdict": interval.verdict, "satisfied": interval.satisfied} | {
         key: end if math.isfinite(end) else str(end) for key, end in ends.items()
     }
 
 
-def _changed(spec: Spec, name: str, time: float, interval: RobustInterval, as_json: bool) -> None:
+def _changed(spec: Spec, name: str, recent: Sequence[float], interval: RobustInterval, as_json: bool) -> None:
+    time = recent[-1]
     if as_json:
         _say(SCHEMA | {"time": time, "requirement": name, "unit": spec.unit(name)} | _plain(interval))
     else:
-        _write(f"t = {time:g} s  {name} {interval.verdict}: {_words(interval, spec.unit(name))}", interval)
+        from s2r_spec.instants import instant
+
+        when = instant(recent, time)
+        _write(f"t = {when}  {name} {interval.verdict}: {_words(interval, spec.unit(name))}", interval)
 
 
-def _print_end(spec: Spec, settings: Settings, ended: Mapping[str, RobustInterval]) -> int:
+def _print_end(
+    spec: Spec,
+    params: Mapping[str, float],
+    settings: Settings,
+    ended: Mapping[str, RobustInterval],
+    looks: Mapping[str, str],
+) -> int:
     code = CODES[worst(interval.verdict for interval in ended.values())]
     if settings.as_json:
         results = [
             {"requirement": name, "unit": spec.unit(name)} | _plain(one) for name, one in ended.items()
         ]
-        about = {"exit_code": code, "spec": spec.name, "hash": spec.hash, "params": settings.params}
+        about = {"exit_code": code, "spec": spec.name, "hash": spec.hash, "params": dict(params)}
         _say(SCHEMA | about | {"requirements": results})
     else:
         for name, interval in ended.items():
-            more = (
-                ""
-                if interval.decided
-                else f" (it looks {spec.horizon(name):g} s ahead, and the trace ends before)"
-            )
+            more = f" ({looks[name]})" if name in looks else ""
             _write(f"{name} {interval.verdict}: {_words(interval, spec.unit(name))}{more}", interval)
     return code
 

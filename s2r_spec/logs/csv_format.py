@@ -1,224 +1,272 @@
 """Comma-separated values: a header ``t, vx [m/s], u[0] [V], u[1] [V]``, a row a sample.
 
-Times are in seconds. A unit follows its name in brackets, after a space; the
-components of a vector are numbered from 0, without one. A first line
-``# s2r {"meta": …}`` holds what has no column.
+A unit follows its name in brackets, after a space; the components of a vector
+are numbered from 0, without one. Lines before the header that begin with ``#``
+are comments, but for ``# s2r {"meta": …}``, which holds what has no column.
 """
 
 from __future__ import annotations
 
 import csv
 import json
-import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from array import array
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from s2r_spec.errors import TraceError, one_of
-from s2r_spec.logs.times import TIME as _TIME
-from s2r_spec.logs.times import no_times
+from s2r_spec.errors import TraceError
+from s2r_spec.logs import cells
+from s2r_spec.logs.table import Chooser, Column, Head, Table, affordable, described, few, quoted, regular
 from s2r_spec.trace import Trace
 
 _NOTES = "# s2r "
-_HEADER = re.compile(r"(?P<name>.+?)(?:\[(?P<index>\d+)\])?(?:\s+\[(?P<unit>[^\[\]]*)\])?")
+LONGEST = 2**22
+"""Budget: letters of one line, 4 million. Twice as many take 0.2 GB more for a line that is all names."""
+_ROWS = 4096
+"""Budget: rows that are kept as text; the numbers of the rows before are arrays."""
 
 
-@dataclass(frozen=True)
-class _Column:
-    name: str
-    index: int | None
-    unit: str | None
+def load(path: Path, choose: Chooser) -> Table:
+    """Return the columns of a file that are asked for.
+
+    Raises:
+        TraceError: this is no comma-separated text with a header, or a row has another length.
+        OSError: it cannot be read.
+    """
+    regular(path)
+    # "utf-8-sig": spreadsheets begin their files with a byte-order mark. Other bytes may be in columns that
+    # nobody reads.
+    with path.open(newline="", encoding="utf-8-sig", errors="replace") as stream:
+        text = Text.of(lambda: stream.readline(LONGEST))
+        needed = sorted(set(choose(text.heads)))
+        return _table(text, needed)
 
 
-def read(path: Path, time: str = _TIME) -> Trace:
-    """Read a file of :func:`write`, or any other of numbers, one column of which holds the times."""
+@dataclass
+class Text:
+    """A table that is read row by row.
+
+    Attributes:
+        heads: of its columns.
+        meta: of the first line, as in :class:`Trace`.
+        notes: what was left out so far.
+    """
+
+    heads: tuple[Head, ...]
+    meta: dict[str, Any]
+    notes: list[str] = field(default_factory=list)
+    _lines: _Lines = field(repr=False, kw_only=True)
+    _rows: Iterator[list[str]] = field(repr=False, kw_only=True)
+    _skipped: int = field(repr=False, kw_only=True)
+
+    @classmethod
+    def of(cls, readline: Callable[[], str]) -> Text:
+        """Read comments and header.
+
+        Args:
+            readline: returns the next line with its end, at most :data:`LONGEST` letters, "" at the end.
+
+        Raises:
+            TraceError: there is no header.
+        """
+        lines = _Lines(readline)
+        meta: dict[str, Any] = {}
+        comment = ""
+        first = ""
+        for first in lines:
+            if first.startswith(_NOTES):
+                meta = _meta(first, lines.number)
+            elif first.startswith("#"):
+                comment = first
+            elif first.strip():
+                break
+            first = ""
+        skipped = lines.number - 1 if first else lines.number
+        reader = csv.reader(chain([first], lines) if first else lines, strict=True)
+        header = _next(reader, lines)
+        if not header:
+            raise TraceError("the file is empty; its first line names the columns")
+        if "\0" in "".join(header):
+            raise TraceError("this is not UTF-8 text: there are zeros between its letters; save it as UTF-8")
+        rows: Iterator[list[str]] = iter(lambda: _next(reader, lines), None)
+        above = next(csv.reader([comment.lstrip("# ")]), [])
+        if len(above) == len(header) and all(map(_is_number, header)):
+            header, rows = above, chain([header], rows)  # numpy.savetxt writes the names as a comment
+        few(len(header))
+        if len(header) == 1 and (mark := next((mark for mark in ";\t" if mark in header[0]), None)):
+            raise TraceError(
+                f"values are separated by commas here, not by {mark!r}, and numbers have a point"
+            )
+        return cls(tuple(map(head_of, header)), meta, _lines=lines, _rows=rows, _skipped=skipped)
+
+    def rows(self, needed: Sequence[int]) -> Iterator[tuple[int, list[str]]]:
+        """Return (line, cells) of every whole row; one that is cut at the end is a note.
+
+        Args:
+            needed: columns that are read; a row is whole without the others.
+
+        Raises:
+            TraceError: a row has another length than the header, and another one follows.
+        """
+        width = len(self.heads)
+        named = max((i for i, head in enumerate(self.heads) if head.name), default=-1) + 1
+        last = max(needed, default=-1)
+        bad: tuple[int, str] | None = None
+        line = 0
+        for row in self._rows:
+            if not row or not any(map(str.strip, row)):
+                continue
+            if bad is not None:
+                raise TraceError(f"line {bad[0]} {bad[1]}")
+            line = self._lines.number
+            count = len(row)
+            if count != width:
+                while len(row) > width and not row[-1].strip():
+                    row.pop()  # commas at the end of a row, after its last value
+                if not named <= len(row) <= width:
+                    bad = line, f"has {count} values, but there are {width} columns"
+                    continue
+                row += [""] * (width - len(row))
+            if self._lines.cut and last >= min(count, width) - 1:
+                bad = line, "has no end"
+                continue
+            yield line, row
+        if bad is not None:
+            what = "has no line break at its end" if self._lines.cut else "has fewer values than columns"
+            if not self._lines.cut and count > width:
+                raise TraceError(f"line {bad[0]} {bad[1]}")
+            self.notes.append(f"the last row, line {bad[0]}, {what}: it may be cut and is not used")
+
+
+class _Lines:
+    """Lines of a stream, counted.
+
+    Attributes:
+        number: of the last line that was read, from 1.
+        cut: whether that line has no end.
+    """
+
+    def __init__(self, readline: Callable[[], str]) -> None:
+        self._readline = readline
+        self.number = 0
+        self.cut = False
+
+    def __iter__(self) -> _Lines:
+        return self
+
+    def __next__(self) -> str:
+        line: str = self._readline()
+        if not line:
+            raise StopIteration
+        if self.number == 0:
+            line = line.removeprefix("\ufeff")
+        self.number += 1
+        self.cut = line[-1] not in "\r\n"
+        if len(line) >= LONGEST:
+            raise TraceError(
+                f"line {self.number} is longer than {LONGEST:,} letters; this is no table of samples"
+            )
+        return line
+
+
+def _next(reader: Any, lines: _Lines) -> list[str] | None:
+    """Return the next row, or None at the end."""
+    before = lines.number
     try:
-        # "utf-8-sig": spreadsheets begin their files with a byte-order mark
-        with path.open(newline="", encoding="utf-8-sig") as stream:
-            first = stream.readline()
-            meta = _meta(first)
-            if meta is None:
-                stream.seek(0)
-            return _table(csv.reader(stream, strict=True), meta or {}, 0 if meta is None else 1, time)
-    except UnicodeDecodeError as error:
-        raise TraceError(f"this is not UTF-8 text: {error.reason} at byte {error.start}") from None
+        return next(reader, None)
     except csv.Error as error:
+        if lines.cut and lines.number == before + 1 and before > 0:
+            return [""]  # cut inside quotes
         raise TraceError(f"this is not comma-separated text: {error}") from None
 
 
-def _meta(line: str) -> dict[str, Any] | None:
-    if not line.startswith(_NOTES):
-        return None
+def _meta(line: str, number: int) -> dict[str, Any]:
     try:
-        notes = json.loads(line.removeprefix(_NOTES))
-        return dict(notes["meta"])
-    except (json.JSONDecodeError, KeyError, TypeError, ValueError) as error:
-        raise TraceError(f'line 1: expected {_NOTES}{{"meta": {{…}}}}: {error}') from None
+        record = json.loads(line.removeprefix(_NOTES))
+        if not isinstance(record, dict) or "meta" not in record:
+            raise ValueError("'meta'")
+        return described(record, f"line {number}")[1]
+    except (ValueError, RecursionError) as error:
+        raise TraceError(f'line {number}: expected {_NOTES}{{"meta": {{…}}}}: {error}') from None
 
 
-def _table(rows: Iterator[list[str]], meta: dict[str, Any], skipped: int, called: str) -> Trace:
-    reader: Any = rows  # csv.reader counts lines in .line_num, which Iterator does not know
-    header = next(rows, None)
-    if not header:
-        raise TraceError("the file is empty; its first line names the columns")
-    columns = _columns(header)
-    time, (places, units) = _time(columns, called), _places(columns, called)
-    values: list[list[float]] = []
-    for row in rows:
-        if row:
-            values.append(_numbers(row, columns, reader.line_num + skipped))
-    table = np.array(values, dtype=np.float64).reshape(len(values), len(columns))
-    channels = {name: table[:, place] for name, place in places.items()}
-    return Trace(table[:, time], channels, units, meta)
+def head_of(text: str) -> Head:
+    """Return what a cell of the header says: ``u[0] [V]`` is component 0 of u, in V."""
+    name, unit, index = text.strip(), None, None
+    at = name.rfind("[")
+    if name.endswith("]") and at > 0 and name[at - 1].isspace() and "]" not in name[at:-1]:
+        name, unit = name[:at].rstrip(), name[at + 1 : -1]
+    at = name.rfind("[")
+    digits = name[at + 1 : -1]
+    if name.endswith("]") and at > 0 and digits.isascii() and digits.isdigit() and len(digits) < 7:
+        name, index = name[:at], int(digits)
+    return Head(name, index, unit)
 
 
-@dataclass(frozen=True)
-class Rows:
-    """A table that is read row by row, as it is written.
-
-    Args:
-        units: channel → unit, for those that have one.
-        meta: what the first line says, as in :class:`Trace`.
-        samples: (time [s], channel → number, or list of them for a vector).
-    """
-
-    units: Mapping[str, str]
-    meta: Mapping[str, Any]
-    samples: Iterator[tuple[float, dict[str, Any]]]
-
-
-def follow(lines: Iterable[str], called: str = _TIME) -> Rows:
-    """Read the header of a table now, and each row when it is asked for.
-
-    Raises:
-        TraceError: as for a file, also while rows are read.
-    """
-    source = iter(lines)
-    first = next(source, "").removeprefix("\ufeff")
-    meta = _meta(first)
-    skipped = 0 if meta is None else 1
-    rows = csv.reader(source if skipped else chain([first], source), strict=True)
-    header = next(rows, None)
-    if not header:
-        raise TraceError("the file is empty; its first line names the columns")
-    columns = _columns(header)
-    time, (places, units) = _time(columns, called), _places(columns, called)
-
-    def samples() -> Iterator[tuple[float, dict[str, Any]]]:
-        try:
-            for row in filter(None, rows):
-                numbers = _numbers(row, columns, rows.line_num + skipped)
-                yield (
-                    numbers[time],
-                    {
-                        name: numbers[place] if isinstance(place, int) else [numbers[i] for i in place]
-                        for name, place in places.items()
-                    },
-                )
-        except csv.Error as error:
-            raise TraceError(f"this is not comma-separated text: {error}") from None
-
-    return Rows(units, meta or {}, samples())
-
-
-def _columns(header: Sequence[str]) -> list[_Column]:
-    if len(header) == 1 and (mark := next((mark for mark in ";\t" if mark in header[0]), None)):
-        raise TraceError(f"values are separated by commas here, not by {mark!r}, and numbers have a point")
-    return [_column(text, number) for number, text in enumerate(header, 1)]
-
-
-def _time(columns: Sequence[_Column], called: str) -> int:
-    """Return the number of the column that holds the times."""
-    times = [number for number, column in enumerate(columns) if (column.name, column.index) == (called, None)]
-    if not times:
-        there = one_of(dict.fromkeys(column.name for column in columns))
-        raise TraceError(no_times("column", called, there))
-    if len(times) != 1:
-        raise TraceError(f"{len(times)} columns are called {called!r}; one holds the times in seconds")
-    if columns[times[0]].unit not in (None, "s"):
-        raise TraceError(f"the times are in {columns[times[0]].unit!r}; they must be in seconds")
-    return times[0]
-
-
-def _column(text: str, number: int) -> _Column:
-    match = _HEADER.fullmatch(text.strip())
-    if match is None:
-        raise TraceError(f"line 1, column {number}: {text!r} is not a name with a unit, such as 'vx [m/s]'")
-    index = None if match["index"] is None else int(match["index"])
-    return _Column(match["name"], index, match["unit"])
-
-
-def _numbers(row: Sequence[str], columns: Sequence[_Column], line: int) -> list[float]:
-    if len(row) != len(columns):
-        raise TraceError(f"line {line} has {len(row)} values, but there are {len(columns)} columns")
+def _is_number(text: str) -> bool:
     try:
-        if "_" in "".join(row):  # Python reads 1_000, no one else does
-            raise ValueError
-        return [float(text) for text in row]
+        float(text)
     except ValueError:
-        return [
-            _number(text, column, line, number)
-            for number, (text, column) in enumerate(zip(row, columns, strict=True), 1)
-        ]
+        return False
+    return True
 
 
-def _number(text: str, column: _Column, line: int, number: int) -> float:
-    try:
-        if "_" in text:
-            raise ValueError
-        return float(text)
-    except ValueError:
-        what = "is empty" if not text.strip() else f"is {text!r}, not a number"
-        raise TraceError(f"line {line}, column {number} ({column.name}) {what}") from None
+def _table(text: Text, needed: Sequence[int]) -> Table:
+    pieces: dict[int, list[NDArray[Any]]] = {number: [] for number in needed}
+    numbers = array("q")
+    waiting: list[list[str]] = []
+
+    def settle() -> None:
+        affordable(len(numbers) * len(needed))
+        for number, found in pieces.items():
+            found.append(cells.parsed([row[number] for row in waiting]))
+        waiting.clear()
+
+    for line, row in text.rows(needed):
+        numbers.append(line)
+        waiting.append(row)
+        if len(waiting) == _ROWS:
+            settle()
+    settle()
+    columns = {number: _joined(found) for number, found in pieces.items()}
+
+    def place(sample: int, number: int) -> str:
+        return f"line {numbers[sample]}, column {number + 1} ({text.heads[number].name})"
+
+    return Table(text.heads, columns, text.meta, place, tuple(text.notes))
 
 
-def _places(columns: Sequence[_Column], time: str) -> tuple[dict[str, int | list[int]], dict[str, str]]:
-    """Return the column of each channel, or those of its components in order; and the units."""
-    found: dict[str, dict[int | None, int]] = {}
-    units: dict[str, str] = {}
-    for number, column in enumerate(columns):
-        if (column.name, column.index) == (time, None):
-            continue
-        parts = found.setdefault(column.name, {})
-        if column.index in parts:
-            raise TraceError(f"line 1, column {number + 1}: a second column is called {column.name!r}")
-        if parts and units.get(column.name) != column.unit:
-            raise TraceError(
-                f"line 1, column {number + 1}: the components of {column.name!r} have different units"
-            )
-        parts[column.index] = number
-        if column.unit is not None:
-            units[column.name] = column.unit
-    places: dict[str, int | list[int]] = {}
-    for name, parts in found.items():
-        if None in parts and len(parts) == 1:
-            places[name] = parts[None]
-        elif set(parts) == set(range(len(parts))):
-            places[name] = [parts[index] for index in range(len(parts))]
-        else:
-            raise TraceError(
-                f"the components of {name!r} are not numbered {name}[0] to {name}[{len(parts) - 1}]"
-            )
-    return places, units
+def _joined(pieces: Sequence[NDArray[Any]]) -> Column:
+    if not any(piece.dtype == object for piece in pieces):
+        whole = all(piece.dtype == np.int64 for piece in pieces if piece.size)
+        values = np.concatenate([piece.astype(np.int64 if whole else np.float64) for piece in pieces])
+        return Column(values)
+    texts = [piece if piece.dtype == object else cells.words(map(repr, piece.tolist())) for piece in pieces]
+    words = np.concatenate(texts)
+    return Column(words, cells.missing(words))
 
 
 def write(trace: Trace, path: Path) -> None:
     """Write a trace."""
-    header, arrays = [f"{_TIME} [s]"], [trace.times]
+    header, arrays = ["t [s]"], [trace.times]
     for name, values in trace.channels.items():
         parts = [name] if values.ndim == 1 else [f"{name}[{i}]" for i in range(values.shape[1])]
         for i, part in enumerate(parts):
             unit = trace.units.get(name)
             text = part if unit is None else f"{part} [{unit}]"
-            expected = _Column(name, None if values.ndim == 1 else i, unit)
-            if name == _TIME or not parts or _HEADER.fullmatch(text) is None or _column(text, 0) != expected:
-                raise TraceError(f"a CSV file cannot hold a channel called {name!r} with the unit {unit!r}")
+            if name == "t" or head_of(text) != Head(name, None if values.ndim == 1 else i, unit) or not name:
+                raise TraceError(
+                    f"a CSV file cannot hold a channel called {quoted(name)} with the unit {unit!r}"
+                )
             header.append(text)
             arrays.append(values if values.ndim == 1 else values[:, i])
+        if not parts:
+            raise TraceError(f"a CSV file cannot hold the channel {quoted(name)}, which has no component")
     with path.open("w", newline="", encoding="utf-8") as stream:
         if trace.meta:
             stream.write(f"{_NOTES}{json.dumps({'meta': dict(trace.meta)})}\n")

@@ -1,59 +1,190 @@
-"""NumPy's zip: an array ``t`` [s], one a channel, and ``s2r.json`` with units and meta."""
+"""NumPy's zip: an array ``t`` [s], one a channel, and ``s2r.json`` with units and meta.
+
+Arrays are read by their own header, and only those that are asked for. What is inside a file is never unpickled.
+"""
 
 from __future__ import annotations
 
+import ast
 import json
+import lzma
+import math
 import zipfile
+import zlib
+from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.errors import TraceError, one_of
-from s2r_spec.logs.times import TIME as _TIME
-from s2r_spec.logs.times import no_times
+from s2r_spec.errors import TraceError
+from s2r_spec.logs import cells
+from s2r_spec.logs.table import Chooser, Column, Head, Table, affordable, described, few, quoted, regular
 from s2r_spec.trace import Trace
 
 _NOTES = "s2r.json"
+_NOTE_LENGTH = 2**24
+"""Budget: bytes of ``s2r.json``, 16 million. Twice as many take 0.2 GB more."""
+_HEADER_LENGTH = 10_000
+"""Budget: bytes of an array's header, numpy's own limit; longer ones are slow to parse."""
+_BROKEN = (
+    ValueError,
+    EOFError,
+    KeyError,
+    NotImplementedError,
+    RuntimeError,
+    MemoryError,
+    RecursionError,
+    SyntaxError,
+    TypeError,
+    zipfile.BadZipFile,
+    zlib.error,
+    lzma.LZMAError,
+)
 
 
-def read(path: Path, time: str = _TIME) -> Trace:
-    """Read a file of :func:`write`, or any other with an array of times and one a channel."""
+def load(path: Path, choose: Chooser) -> Table:
+    """Return the arrays of a file that are asked for.
+
+    Raises:
+        TraceError: this is no archive, or an array in it is damaged.
+        OSError: it cannot be read.
+    """
+    regular(path)
     try:
-        if path.is_file() and not zipfile.is_zipfile(path):
+        if not zipfile.is_zipfile(path):
             raise TraceError("this is not an .npz archive")
-        with np.load(path, allow_pickle=False) as archive:
-            arrays = {name: archive[name] for name in archive.files}
-    except (ValueError, EOFError, zipfile.BadZipFile, KeyError) as error:
-        raise TraceError(f"this is not an .npz archive of numeric arrays: {error}") from None
-    if time not in arrays:
-        raise TraceError(no_times("array", time, one_of(arrays)))
-    notes = _notes(arrays.pop(_NOTES, None))
-    times = arrays.pop(time)
-    return Trace(times, arrays, notes.get("units", {}), notes.get("meta", {}))
+        with zipfile.ZipFile(path) as archive:
+            return _table(archive, choose)
+    except _BROKEN as error:
+        raise TraceError(f"this is not an .npz archive of arrays: {error or type(error).__name__}") from None
 
 
-def _notes(array: NDArray[Any] | None) -> dict[str, Any]:
-    if array is None:
-        return {}
+def _table(archive: zipfile.ZipFile, choose: Chooser) -> Table:
+    members = {name.removesuffix(".npy"): name for name in archive.namelist()}
+    few(len(members))
+    units, meta = _notes(archive, members.pop(_NOTES, None))
+    names = list(members)
+    heads = tuple(Head(name, None, units.get(name)) for name in names)
+    needed = sorted(set(choose(heads)))
+    arrays = {number: _Member.of(archive, members[names[number]]) for number in needed}
+    affordable(sum(one.numbers for one in arrays.values()))
+    columns = {number: _column(archive, one) for number, one in arrays.items()}
+
+    def place(sample: int, number: int) -> str:
+        return f"sample {sample} of the array {quoted(heads[number].name)}"
+
+    unknown = set(units) - set(names)
+    if unknown:
+        raise TraceError(f"{_NOTES} gives units of {quoted(min(unknown))}, which is not in the file")
+    return Table(heads, columns, meta, place)
+
+
+@dataclass(frozen=True)
+class _Member:
+    """The header of an array in the archive."""
+
+    name: str
+    dtype: np.dtype[Any] | None
+    shape: tuple[int, ...]
+    fortran: bool
+    start: int
+    fault: str = ""
+
+    @classmethod
+    def of(cls, archive: zipfile.ZipFile, name: str) -> _Member:
+        """Read it; what its header says must be what the archive has bytes for."""
+        size = archive.getinfo(name).file_size
+        with archive.open(name) as stream:
+            version = np.lib.format.read_magic(stream)
+            wide = 2 if version == (1, 0) else 4
+            length = int.from_bytes(stream.read(wide), "little")
+            if length > _HEADER_LENGTH:
+                raise ValueError(f"the header of {name} is too long")
+            header = ast.literal_eval(stream.read(length).decode("utf-8" if version >= (3, 0) else "latin1"))
+        dtype = np.lib.format.descr_to_dtype(header["descr"])
+        shape, start = header["shape"], 8 + wide + length
+        if not isinstance(shape, tuple) or not all(isinstance(n, int) and n >= 0 for n in shape):
+            raise ValueError(f"the shape of {name} is {str(shape)[:40]}")
+        fortran = bool(header["fortran_order"])
+        if dtype.hasobject:
+            return cls(name, None, shape, fortran, start, "holds Python objects, which are not read")
+        if dtype.names is not None or not dtype.itemsize:
+            return cls(name, None, shape, fortran, start, "holds records, not numbers")
+        if math.prod(shape) * dtype.itemsize > size - start:
+            raise ValueError(f"{name} says that it has the shape {str(shape)[:60]}, and is shorter")
+        return cls(name, dtype, shape, fortran, start)
+
+    @property
+    def numbers(self) -> int:
+        """How many numbers reading it takes the memory of."""
+        if self.dtype is None:
+            return 0
+        return math.prod(self.shape) * max(1, self.dtype.itemsize // 8)
+
+
+def _array(archive: zipfile.ZipFile, member: _Member, dtype: np.dtype[Any]) -> NDArray[Any]:
+    with archive.open(member.name) as stream:
+        _skip(stream, member.start)
+        data = stream.read(math.prod(member.shape) * dtype.itemsize)
+        stream.read(1)  # the end, where the checksum is compared
+    flat = np.frombuffer(data, dtype=dtype)
+    return flat.reshape(member.shape, order="F" if member.fortran else "C")
+
+
+def _skip(stream: IO[bytes], count: int) -> None:
+    if len(stream.read(count)) != count:
+        raise EOFError("it ends inside a header")
+
+
+def _column(archive: zipfile.ZipFile, member: _Member) -> Column:
+    if member.dtype is None:
+        return Column.without(member.fault)
+    values = _array(archive, member, member.dtype)
+    if values.ndim == 0:
+        return Column.without("is one value for the whole file, not one a sample")
+    if values.ndim > 2:
+        return Column.without(f"has the shape {values.shape}, not one number or one vector a sample")
+    if values.dtype.kind == "S":
+        values = np.char.decode(values, "utf-8", "replace")
+    if values.dtype.kind == "U":
+        words = np.empty(values.shape, dtype=object)
+        words[...] = np.char.strip(values)
+        return Column(words, cells.missing(words) if values.ndim == 1 else None)
+    if values.dtype.kind in "Mm":
+        return Column(values)
+    if values.dtype.kind not in "biuf":
+        return Column.without(f"holds values of the type {values.dtype}, not numbers")
+    return Column(values)
+
+
+def _notes(archive: zipfile.ZipFile, name: str | None) -> tuple[dict[str, str], dict[str, Any]]:
+    if name is None:
+        return {}, {}
+    member = _Member.of(archive, name)
+    if (
+        member.dtype is None
+        or member.dtype.kind != "U"
+        or member.shape
+        or member.dtype.itemsize > _NOTE_LENGTH
+    ):
+        raise TraceError(f"the array {_NOTES!r} is not a text")
     try:
-        notes = json.loads(str(array))
-    except json.JSONDecodeError as error:
+        record = json.loads(str(_array(archive, member, member.dtype)[()]))
+    except (ValueError, RecursionError) as error:
         raise TraceError(f"the array {_NOTES!r} is not JSON: {error}") from None
-    if not isinstance(notes, dict):
-        raise TraceError(f"the array {_NOTES!r} is not a JSON object")
-    return notes
+    return described(record, f"the array {_NOTES!r}")
 
 
 def write(trace: Trace, path: Path) -> None:
     """Write a trace."""
-    for name in (_TIME, _NOTES):
+    for name in ("t", _NOTES):
         if name in trace.channels:
             raise TraceError(f"a channel cannot be called {name!r} in an .npz file")
     notes = json.dumps({"units": dict(trace.units), "meta": dict(trace.meta)})
-    arrays = {_TIME: trace.times, **trace.channels, _NOTES: np.array(notes)}
+    arrays = {"t": trace.times, **trace.channels, _NOTES: np.array(notes)}
     # numpy.savez takes names as keywords, so that a channel called "file" would break it; and a file
     # that is written once, whole, costs a journal half of what many small writes and seeks do.
     whole = BytesIO()

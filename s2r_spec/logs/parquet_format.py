@@ -1,7 +1,8 @@
 """Apache Parquet: a column ``t`` [s], one a channel, vectors as lists of one length; units and meta beside.
 
 Needs pyarrow, the extra ``logs``. Units and meta are the text ``s2r`` of the
-file's own metadata; other tools read such a file as a plain table.
+file's own metadata; other tools read such a file as a plain table. Fields of a
+structure are columns of their own, ``header.stamp.sec``.
 """
 
 from __future__ import annotations
@@ -11,51 +12,153 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from s2r_spec.errors import TraceError, one_of
-from s2r_spec.logs.times import TIME as _TIME
-from s2r_spec.logs.times import no_times
+from s2r_spec.errors import TraceError
+from s2r_spec.logs import cells
+from s2r_spec.logs.table import Chooser, Column, Head, Table, affordable, described, few, quoted, regular
 from s2r_spec.trace import Trace
 
 _NOTES = b"s2r"
 
 
-def read(path: Path, time: str = _TIME) -> Trace:
-    """Read a file of :func:`write`, or any other of numbers, one column of which holds the times."""
+def load(path: Path, choose: Chooser) -> Table:
+    """Return the columns of a file that are asked for.
+
+    Raises:
+        TraceError: this is no Parquet file, or it is damaged.
+        OSError: it cannot be read.
+    """
     arrow, parquet = _libraries()
+    regular(path)
     try:
-        table = parquet.read_table(path)
-    except arrow.ArrowInvalid as error:
-        raise TraceError(f"this is not a Parquet file: {error}") from None
-    if time not in table.column_names:
-        raise TraceError(no_times("column", time, one_of(table.column_names)))
-    notes = json.loads((table.schema.metadata or {}).get(_NOTES, b"{}"))
-    columns = {name: _array(name, table.column(name)) for name in table.column_names}
-    times = columns.pop(time)
-    return Trace(times, columns, notes.get("units", {}), notes.get("meta", {}))
+        with parquet.ParquetFile(path) as file:
+            return _table(arrow, file, choose)
+    except (arrow.ArrowException, MemoryError, UnicodeDecodeError) as error:
+        raise TraceError(f"this is not a Parquet file that can be read: {error}") from None
+    except OSError as error:
+        if error.strerror is None:  # pyarrow's own, of a damaged page
+            raise TraceError(f"this is not a Parquet file that can be read: {error}") from None
+        raise
 
 
-def _array(name: str, column: Any) -> NDArray[Any]:
-    if column.null_count:
-        raise TraceError(f"column {name!r} has {column.null_count} missing values; none is filled in")
-    values: NDArray[Any] = column.to_numpy()
-    if values.dtype != object:
-        return values
+def _table(arrow: Any, file: Any, choose: Chooser) -> Table:
+    few(file.metadata.num_columns)
+    notes = (file.metadata.metadata or {}).get(_NOTES, b"{}")
     try:
-        return np.stack([np.asarray(row, dtype=np.float64) for row in values])
-    except (TypeError, ValueError):
+        units, meta = described(json.loads(notes), "the metadata 's2r'")
+    except (ValueError, RecursionError) as error:
+        raise TraceError(f"the metadata 's2r' is not JSON: {error}") from None
+    leaves = _leaves(arrow, file.schema_arrow)
+    heads = tuple(Head(name, None, units.get(name)) for name, _ in leaves)
+    unknown = set(units) - {head.name for head in heads}
+    if unknown:
         raise TraceError(
-            f"column {name!r} holds neither numbers nor lists of numbers of one length"
-        ) from None
+            f"the metadata 's2r' gives units of {quoted(min(unknown))}, which is not in the file"
+        )
+    needed = sorted(set(choose(heads)))
+    roots = {leaves[number][1][0] for number in needed}
+    affordable(_numbers(file.metadata, roots))
+    table = file.read(columns=sorted(roots))
+    columns = {number: _column(arrow, _leaf(arrow, table, leaves[number][1])) for number in needed}
+
+    def place(sample: int, number: int) -> str:
+        return f"row {sample} of the column {quoted(heads[number].name)}"
+
+    return Table(heads, columns, meta, place)
+
+
+def _leaves(arrow: Any, schema: Any) -> list[tuple[str, tuple[str, ...]]]:
+    """Return (name, path) of every column, and of every field of a structure."""
+    found: list[tuple[str, tuple[str, ...]]] = []
+
+    def look(field: Any, path: tuple[str, ...]) -> None:
+        if arrow.types.is_struct(field.type):
+            for number in range(field.type.num_fields):
+                inner = field.type.field(number)
+                look(inner, (*path, inner.name))
+        else:
+            found.append((".".join(path), path))
+
+    for field in schema:
+        look(field, (field.name,))
+    return found
+
+
+def _leaf(arrow: Any, table: Any, path: tuple[str, ...]) -> Any:
+    column = table.column(path[0]).combine_chunks()
+    if isinstance(column, arrow.ChunkedArray):
+        column = arrow.concat_arrays(column.chunks) if column.num_chunks else arrow.array([], column.type)
+    for name in path[1:]:
+        column = arrow.compute.struct_field(column, name)
+    return column
+
+
+def _numbers(metadata: Any, roots: set[str]) -> int:
+    """Return how many values the columns have, by the file's own account."""
+    total = 0
+    for group in range(metadata.num_row_groups):
+        row_group = metadata.row_group(group)
+        for number in range(row_group.num_columns):
+            chunk = row_group.column(number)
+            if chunk.path_in_schema.split(".")[0] in roots or chunk.path_in_schema in roots:
+                total += max(chunk.num_values, row_group.num_rows, chunk.total_uncompressed_size // 8)
+    return total
+
+
+def _column(arrow: Any, column: Any) -> Column:
+    """Return a column in the type that it has in the file."""
+    kind, types = column.type, arrow.types
+    if types.is_dictionary(kind):
+        column = column.dictionary_decode()
+        kind = column.type
+    if types.is_null(kind):
+        return Column(np.full(len(column), np.nan), np.ones(len(column), dtype=bool))
+    if types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind):
+        return _vectors(arrow, column)
+    missing = np.asarray(column.is_null().to_numpy(zero_copy_only=False), dtype=bool)
+    gaps = missing if missing.any() else None
+    if types.is_string(kind) or types.is_large_string(kind):
+        words = cells.words("" if word is None else word.strip() for word in column.to_pylist())
+        return Column(words, cells.missing(words))
+    if types.is_time(kind):  # of the day: a duration since midnight
+        column = column.cast(arrow.int64() if kind.bit_width == 64 else arrow.int32())
+        values = np.asarray(column.fill_null(0).to_numpy(zero_copy_only=False), dtype=np.int64)
+        return Column(values.view(f"m8[{kind.unit}]"), gaps)
+    if types.is_decimal(kind):
+        column = column.cast(arrow.float64())
+    elif types.is_boolean(kind):
+        column = column.fill_null(False)
+    elif types.is_integer(kind):
+        column = column.fill_null(0)
+    elif not (types.is_floating(kind) or types.is_temporal(kind)):
+        return Column.without(f"holds values of the type {kind}, not numbers")
+    return Column(np.asarray(column.to_numpy(zero_copy_only=False)), gaps)
+
+
+def _vectors(arrow: Any, column: Any) -> Column:
+    """Return (n, k) of lists that have one length; a missing list is NaN."""
+    lengths = column.value_lengths().fill_null(-1).to_numpy(zero_copy_only=False)
+    missing = lengths < 0
+    width = set(lengths[~missing].tolist())
+    if len(width) > 1:
+        return Column.without("holds lists of different lengths")
+    inner = _column(arrow, column.flatten())
+    if inner.fault or inner.texts or inner.values.dtype.kind not in "biuf" or inner.values.ndim != 1:
+        return Column.without("holds lists of what is no number")
+    values = np.full((len(column), width.pop() if width else 0), np.nan)
+    flat = inner.values.astype(np.float64)
+    if inner.missing is not None:
+        flat[inner.missing] = np.nan
+    values[~missing] = flat.reshape(-1, values.shape[1])
+    return Column(values)
 
 
 def write(trace: Trace, path: Path) -> None:
     """Write a trace."""
     arrow, parquet = _libraries()
-    if _TIME in trace.channels:
-        raise TraceError(f"a channel cannot be called {_TIME!r} in a .parquet file")
-    columns = {_TIME: arrow.array(trace.times)}
+    if "t" in trace.channels:
+        raise TraceError("a channel cannot be called 't' in a .parquet file")
+    columns = {"t": arrow.array(trace.times)}
     for name, values in trace.channels.items():
         flat = arrow.array(values.reshape(-1))
         columns[name] = (
@@ -69,6 +172,7 @@ def write(trace: Trace, path: Path) -> None:
 def _libraries() -> tuple[Any, Any]:
     try:
         import pyarrow
+        import pyarrow.compute
         import pyarrow.parquet
     except ImportError:
         raise TraceError(

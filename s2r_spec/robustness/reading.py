@@ -11,11 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.errors import TraceError, UsageError, one_of, suggest
+from s2r_spec.instants import instant
 from s2r_spec.lang.declarations import Param, Signal
 from s2r_spec.lang.units import UnknownUnitError, parse_unit
 from s2r_spec.trace import Trace
 
 FloatArray = NDArray[np.float64]
+HOLD = 'nan="hold" (--nan hold) takes the sample before it'
+LEADING = "there is none before it to hold"
 Missing = Literal["error", "hold"]
 
 
@@ -50,8 +53,8 @@ def _read(signal: Signal, trace: Trace, missing: Missing) -> FloatArray:
     if math.isnan(np.minimum.reduce(samples, axis=None)):  # of all of them if of any
         index = int(np.argmax(np.isnan(samples).any(axis=0)))
         raise TraceError(
-            f"channel {signal.name!r} is NaN at sample {index}, t = {trace.times[index]:g} s; "
-            f"a missing sample has no robustness"
+            f"channel {signal.name!r} is NaN at sample {index}, t = {instant(trace.times, trace.times[index])}; "
+            f"a missing sample has no robustness: {HOLD if missing == 'error' else LEADING}"
         )
     factor, offset = conversion(signal, trace.units.get(signal.name))
     return samples if (factor, offset) == (1.0, 0.0) else factor * samples + offset

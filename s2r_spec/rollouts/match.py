@@ -49,6 +49,8 @@ def match(spec: Spec, requirement: str, backend: Backend) -> Matched:
     for name in spec.channels(requirement):
         signal = spec.signals[name]
         if name not in channels:
+            if name in (lacking := getattr(backend, "lacking", {})):
+                raise UsageError(f"{spec.name} reads the signal {name!r}, but {lacking[name]}")
             raise UsageError(
                 f"{spec.name} reads the signal {name!r}, which backend {backend.name!r} does not record"
                 f"{suggest(name, channels)} it records {one_of(channels)}"

@@ -6,27 +6,42 @@
 A parameter's unit may follow its name in brackets, ``vd [m/s]``; without one its
 numbers are in the unit of the specification. Mistakes are found when the folder
 is opened, and each is one sentence with file and line.
+
+How the traces are read follows the folder's name: ``log:FOLDER?nan=hold&time-unit=ms&map=t=stamp&map=vx=v.x``.
 """
 
 from __future__ import annotations
 
 import csv
 import hashlib
+import io
 import math
 import re
+import warnings
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from urllib.parse import unquote
+
+import numpy as np
+from numpy.typing import NDArray
 
 from s2r_spec import logs
 from s2r_spec.backend import Backend, Channel, Parameter, Recording
-from s2r_spec.errors import UsageError, one_of
+from s2r_spec.errors import TraceError, TraceNote, UsageError, one_of, shortened
+from s2r_spec.logs.interpret import Loaded
+from s2r_spec.logs.mapping import read_map
+from s2r_spec.logs.table import regular
+from s2r_spec.logs.times import unit_of_option
 from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
 
+FloatArray = NDArray[np.float64]
+
 TABLE = "rollouts.csv"
 _ID, _SEED = "id", "seed"
-_COLUMN = re.compile(r"(?P<name>[^\[\]]+?)(?:\s*\[(?P<unit>[^\[\]]*)\])?")
+_LONGEST = 2**24
+"""Budget: letters of the table, 16 million; twice as many take 0.3 GB more."""
 
 
 class LogError(UsageError):
@@ -44,7 +59,7 @@ class LogBackend:
     """What a machine already did, as a backend: it runs nothing, and knows only the tests that were recorded.
 
     Args:
-        folder: with ``rollouts.csv`` and a trace for each of its rows.
+        folder: with ``rollouts.csv`` and a trace for each of its rows; after a ``?`` how they are read.
 
     Raises:
         LogError: see there.
@@ -52,6 +67,7 @@ class LogBackend:
 
     Attributes:
         recordings: all of them, in the order of ``rollouts.csv``.
+        lacking: channel that some recordings have → why it is no channel of the backend.
     """
 
     deterministic = True
@@ -60,13 +76,21 @@ class LogBackend:
     def __init__(self, folder: str = "") -> None:
         if not folder:
             raise UsageError("the log backend needs a folder: --backend log:FOLDER")
-        root = Path(folder)
+        reading = _Reading.of(folder)
+        root = reading.folder
         units, rows = _table(root / TABLE)
         files = _files(root, rows)
         self.name = f"log:{folder}"
+        loaded = {row.id: reading.load(files[row.id]) for row in rows}
+        self.lacking = _lacking([(str(files[row.id]), loaded[row.id]) for row in rows])
         self.recordings = tuple(
-            Recording(str(files[row.id]), row.params, logs.read(files[row.id])) for row in rows
+            Recording(
+                str(files[row.id]), row.params, reading.held(_without(loaded[row.id].trace, self.lacking))
+            )
+            for row in rows
         )
+        for sentence in _notes([(files[row.id], loaded[row.id]) for row in rows], self.lacking):
+            warnings.warn(sentence, TraceNote, stacklevel=2)
         _refuse_copies(self.recordings)
         self.channels = _channels(self.recordings)
         self.parameters = tuple(
@@ -75,7 +99,7 @@ class LogBackend:
             for values in [[recording.params[name] for recording in self.recordings]]
         )
         self.duration = max(recording.trace.duration for recording in self.recordings)
-        digest = hashlib.sha256()
+        digest = hashlib.sha256(reading.words.encode())
         for path in (root / TABLE, *sorted(files.values())):
             digest.update(f"{path.name}\0{path.stat().st_size}\0".encode() + path.read_bytes())
         self.model_hash = digest.hexdigest()
@@ -97,6 +121,108 @@ class LogBackend:
             more = f" and {len(tests) - 5} more" if len(tests) > 5 else ""
             raise UsageError(f"{self.name} has no recording at {_words(params)}; it has {shown}{more}")
         return fitting[seed % len(fitting)].trace
+
+
+@dataclass(frozen=True)
+class _Reading:
+    """How the traces of a folder are read.
+
+    Args:
+        folder: where they are.
+        words: what follows the ``?``, "" for none.
+        columns: channel or ``t`` → what the files call it.
+        time_unit: of times that are plain numbers; None if not stated.
+        hold: whether a missing sample is the one before it.
+    """
+
+    folder: Path
+    words: str
+    columns: Mapping[str, str]
+    time_unit: str | None
+    hold: bool
+
+    @classmethod
+    def of(cls, text: str) -> _Reading:
+        """Return what a text such as ``night?nan=hold`` means.
+
+        Raises:
+            UsageError: a word after the ``?`` is not known.
+        """
+        name, mark, words = text.partition("?")
+        if not mark or Path(text).is_dir():
+            return cls(Path(text), "", {}, None, False)
+        found: dict[str, list[str]] = {"nan": [], "time-unit": [], "map": []}
+        for word in filter(None, words.split("&")):
+            key, _, value = word.partition("=")
+            if key not in found:
+                raise UsageError(
+                    f"log:{text}: after the ? are nan=hold, time-unit=UNIT and map=NAME=COLUMN, not {word!r}"
+                )
+            found[key].append(unquote(value))
+        if not set(found["nan"]) <= {"hold", "error"} or len(set(found["nan"])) > 1:
+            raise UsageError(f"log:{text}: nan is error or hold, not {' and '.join(found['nan'])}")
+        if len(set(found["time-unit"])) > 1:
+            raise UsageError(
+                f"log:{text}: the unit of the times is given as {' and '.join(found['time-unit'])}"
+            )
+        unit = unit_of_option(found["time-unit"][0]) if found["time-unit"] else None
+        return cls(Path(name), words, read_map(found["map"]), unit, "hold" in found["nan"])
+
+    def load(self, path: Path) -> Loaded:
+        """Return all that a file holds; numbered columns are vectors, too, as no spec says what is meant."""
+        return logs.load(path, self.columns, time_unit=self.time_unit, gather=True)
+
+    def held(self, trace: Trace) -> Trace:
+        """Return the trace with each missing sample replaced by the one before, if that is how it is read."""
+        gaps = any(np.isnan(values).any() for values in trace.channels.values())
+        if not (self.hold and gaps):
+            return trace
+        channels = {name: _last_known(values) for name, values in trace.channels.items()}
+        return Trace(trace.times, channels, trace.units, trace.meta)
+
+
+def _last_known(values: FloatArray) -> FloatArray:
+    """Return (n,) or (n, k) with each NaN replaced by the sample before it; the first cannot be."""
+    samples = np.arange(len(values)).reshape(-1, *(1,) * (values.ndim - 1))
+    known = np.maximum.accumulate(np.where(np.isnan(values), 0, samples), axis=0)
+    return np.take_along_axis(values, known, axis=0)
+
+
+def _lacking(loaded: Sequence[tuple[str, Loaded]]) -> dict[str, str]:
+    """Return the channels that some files have and others do not, each with a sentence that names one.
+
+    Raises:
+        LogError: no channel is left.
+    """
+    having: dict[str, str] = {}
+    found: dict[str, str] = {}
+    for source, one in loaded:
+        for name in one.trace.channels:
+            having.setdefault(name, source)
+        for name, why in one.left_out.items():
+            found.setdefault(name, f"{source}: {why}")
+    for name, other in having.items():
+        for source, one in loaded:
+            if name not in one.trace.channels:
+                found.setdefault(name, f"{source} lacks the channel {name!r}, which {other} has")
+    if found and not set(having) - set(found):
+        raise LogError(next(iter(found.values())))
+    return found
+
+
+def _without(trace: Trace, names: Collection[str]) -> Trace:
+    return trace.only(name for name in trace.channels if name not in names)
+
+
+def _notes(loaded: Sequence[tuple[Path, Loaded]], lacking: Mapping[str, str]) -> list[str]:
+    """Return what was left out, a sentence for each kind of it with the first file where it was."""
+    found = [f"the channel {name!r} is left out: {why}" for name, why in lacking.items()]
+    kinds: dict[str, list[str]] = {}
+    for path, note in ((path, note) for path, one in loaded for note in one.notes):
+        kinds.setdefault(re.sub(r"\d+", "", note), []).append(f"{path}: {note}")
+    for notes in kinds.values():
+        found.append(notes[0] if len(notes) == 1 else f"{notes[0]}; so in {len(notes)} files")
+    return found
 
 
 def refuse_hidden(
@@ -138,9 +264,16 @@ def _table(path: Path) -> tuple[dict[str, str], list[_Row]]:
     if not path.parent.is_dir():
         raise LogError(f"there is no folder {path.parent}; log:FOLDER is one with recordings and {TABLE}")
     try:
+        if path.exists():
+            regular(path)
         with path.open(newline="", encoding="utf-8-sig") as stream:
-            reader = csv.reader(stream, strict=True, skipinitialspace=True)
-            lines = [(reader.line_num, [cell.strip() for cell in row]) for row in reader if row]
+            text = stream.read(_LONGEST)
+        if len(text) == _LONGEST:
+            raise LogError(f"{path}: it is longer than {_LONGEST:,} letters, too long for a row a recording")
+        reader = csv.reader(io.StringIO(text, newline=""), strict=True, skipinitialspace=True)
+        lines = [(reader.line_num, [cell.strip() for cell in row]) for row in reader if any(row)]
+    except TraceError as error:
+        raise LogError(f"{path}: {error}") from None
     except OSError as error:
         raise LogError(
             f"cannot read {path}: {error.strerror or error}; it says what each recording was a test of: "
@@ -153,13 +286,13 @@ def _table(path: Path) -> tuple[dict[str, str], list[_Row]]:
     (number, header), *body = lines
     units: dict[str, str] = {}
     for place, text in enumerate(header):
-        match = _COLUMN.fullmatch(text)
-        if match is None or match["name"] in units or (place == 0) != (text == _ID):
+        name, unit = _parameter(text)
+        if not name or name in units or (place == 0) != (text == _ID):
             raise LogError(
-                f"{path}, line {number}: the header is {','.join(header)!r}; "
+                f"{path}, line {number}: the header is {shortened(','.join(header))!r}; "
                 f"it must be 'id' and then one name a parameter, such as 'vd' or 'vd [m/s]'"
             )
-        units[match["name"]] = match["unit"] or ""
+        units[name] = unit
     names = list(units)
     rows: dict[str, _Row] = {}
     for line, cells in body:
@@ -172,6 +305,14 @@ def _table(path: Path) -> tuple[dict[str, str], list[_Row]]:
         params.pop(_SEED, None)
         rows[name] = _Row(line, name, params)
     return {name: unit for name, unit in units.items() if name not in (_ID, _SEED)}, list(rows.values())
+
+
+def _parameter(text: str) -> tuple[str, str]:
+    """Return name and unit, "" if none, of a cell such as "vd [m/s]"; no name if it has another form."""
+    name, bracket, rest = text.partition("[")
+    unit = rest.removesuffix("]")
+    fits = not any(mark in name + unit for mark in "[]") and (rest != unit or not bracket)
+    return (name.strip(), unit) if fits else ("", "")
 
 
 def _number(path: Path, line: int, name: str, text: str) -> float:

@@ -164,7 +164,7 @@ class Clock:
         """Return the window of an interval.
 
         Raises:
-            TraceError: see :meth:`Grid.window`.
+            TraceError: see :meth:`s2r_spec.robustness.grid.Grid.window`.
         """
         low, high = interval.low, interval.high
         closed = (interval.low_closed, interval.high_closed)

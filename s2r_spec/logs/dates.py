@@ -1,0 +1,85 @@
+"""Dates as text, ISO 8601 and its relatives, to nanoseconds since 1970."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec.errors import TraceError, shortened
+
+_DATE = re.compile(
+    r"(\d{4})[-/](\d{2})[-/](\d{2})"
+    r"(?:[Tt ](\d{2}):(\d{2})(?::(\d{2})(?:[.,](\d{1,9})\d{0,9})?)? ?(Z|z|UTC|[+-]\d{2}(?::?\d{2})?)?)?",
+    re.ASCII,
+)
+LIKE = "2024-06-10T06:13:20.5Z"
+
+
+def nanoseconds(texts: NDArray[Any], place: Callable[[int], str]) -> NDArray[np.datetime64]:
+    """Return (n,) dates in nanoseconds, UTC where they say their zone.
+
+    Args:
+        texts: (n,) texts; a date with or without time, fraction and zone.
+        place: number of a sample → where it is.
+
+    Raises:
+        TraceError: one is no date, or some say their zone and others do not.
+    """
+    whole: list[str] = []
+    rest = np.zeros(len(texts), dtype=np.int64)
+    zoned: bool | None = None
+    for sample, text in enumerate(texts):
+        match = _DATE.fullmatch(text)
+        if match is None:
+            raise TraceError(
+                f"{place(sample)} is {shortened(text)!r}, neither a number nor a date such as {LIKE}"
+            )
+        year, month, day, hour, minute, second, fraction, zone = match.groups()
+        whole.append(f"{year}-{month}-{day}T{hour or '00'}:{minute or '00'}:{second or '00'}")
+        rest[sample] = int((fraction or "0").ljust(9, "0")) - _offset(zone)
+        if zoned is None:
+            zoned = zone is not None
+        if zoned != (zone is not None):
+            raise TraceError(
+                f"{place(sample)} is {text!r}: some of the dates say their time zone and some do not"
+            )
+    found: NDArray[np.datetime64] = _seconds(whole, texts, place).astype("M8[ns]") + rest.view("m8[ns]")
+    return found
+
+
+def _offset(zone: str | None) -> int:
+    """Return the nanoseconds that a zone is ahead of UTC."""
+    if zone is None or zone in ("Z", "z", "UTC"):
+        return 0
+    digits = zone[1:].replace(":", "").ljust(4, "0")
+    minutes = 60 * int(digits[:2]) + int(digits[2:])
+    return (-minutes if zone[0] == "-" else minutes) * 60 * 10**9
+
+
+def _seconds(whole: list[str], texts: NDArray[Any], place: Callable[[int], str]) -> NDArray[np.datetime64]:
+    try:
+        found = np.array(whole, dtype="M8[s]")
+    except ValueError:
+        for sample, text in enumerate(whole):
+            try:
+                np.datetime64(text, "s")
+            except ValueError:
+                raise TraceError(
+                    f"{place(sample)} is {texts[sample]!r}, a date that does not exist"
+                ) from None
+        raise
+    outside = (found < np.datetime64("1678", "s")) | (found > np.datetime64("2262", "s"))
+    if outside.any():
+        bad = int(np.argmax(outside))
+        raise TraceError(f"{place(bad)} is {texts[bad]!r}; dates are from 1678 to 2261")
+    return found
+
+
+def text(date: Any) -> str:
+    """Return a date as text, without zeros at its end."""
+    found = str(np.datetime_as_string(np.datetime64(date, "ns")))
+    return found.rstrip("0").rstrip(".")

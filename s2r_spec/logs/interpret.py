@@ -1,0 +1,149 @@
+"""From the parsed columns of a file to a trace: the same steps whatever the format was."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec.errors import TraceError
+from s2r_spec.logs import times, values
+from s2r_spec.logs.mapping import ANY, Channel, Plan, Request
+from s2r_spec.logs.table import Table, quoted
+from s2r_spec.trace import Trace
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Loaded:
+    """A trace, and what its user should know of the file.
+
+    Args:
+        trace: as read.
+        notes: rows that were left out, and what was decided by names alone, each in a sentence.
+        begins: the date from which the times count, as text; "" if they are as in the file.
+        left_out: column → why it is not in the trace, of those that nobody asked for.
+    """
+
+    trace: Trace
+    notes: tuple[str, ...]
+    begins: str
+    left_out: Mapping[str, str]
+
+
+def loaded(table: Table, plan: Plan, request: Request) -> Loaded:
+    """Return the trace that a file holds.
+
+    Raises:
+        TraceError: the times or a channel that is asked for cannot be used.
+    """
+    columns = [table.columns[number] for number in plan.times]
+    heads = [table.heads[number] for number in plan.times]
+    if columns[0].values.shape[:1] == (0,) and not columns[0].fault:
+        raise TraceError("; ".join(["there is no sample in it", *table.notes]))
+    stamps = times.read(columns, heads, request.time_unit, lambda k: table.place(k, plan.times[0]))
+    fallen = bool(table.meta.get("failure"))  # its ρ is declared: what it lacks does not matter
+    made = channels(table, plan, stamps.seconds.size)
+    left_out = dict(plan.faults) | made.faults
+    if request.wanted is not None and left_out and not fallen:
+        raise TraceError(next(iter(left_out.values())))
+    trace = Trace(stamps.seconds, made.samples, made.units, table.meta)
+    notes = (*table.notes, *plan.notes, *stamps.notes)
+    return Loaded(trace, notes, stamps.begins, left_out if request.wanted is None else {})
+
+
+@dataclass(frozen=True)
+class Made:
+    """Channels of a trace: samples (n,) or (n, k) and units by name, and why others cannot be made."""
+
+    samples: dict[str, FloatArray]
+    units: dict[str, str]
+    faults: dict[str, str]
+
+
+def channels(table: Table, plan: Plan, count: int) -> Made:
+    """Return the channels of a plan.
+
+    Args:
+        table: with the columns that the plan needs.
+        plan: what makes them.
+        count: number of samples that each must have.
+    """
+    made = Made({}, {}, {})
+    for channel in plan.channels:
+        try:
+            samples, unit = _channel(table, channel, count)
+        except TraceError as error:
+            made.faults[channel.name] = str(error)
+            continue
+        made.samples[channel.name] = samples
+        if unit is not None:
+            made.units[channel.name] = unit
+    return made
+
+
+def _channel(table: Table, channel: Channel, count: int) -> tuple[FloatArray, str | None]:
+    found: list[FloatArray] = []
+    units: list[str | None] = []
+    for part in channel.parts:
+        head = table.heads[part.number]
+        name = quoted(head.text)
+        samples, unit = values.read(table.columns[part.number], name, _placed(table, part.number))
+        if samples.shape[0] != count:
+            raise TraceError(f"{name} has {samples.shape[0]} samples, but there are {count} time stamps")
+        if part.component is not None:
+            width = samples.shape[1] if samples.ndim == 2 else 1
+            if samples.ndim != 2 or part.component >= width:
+                raise TraceError(f"{name} has no component {part.component}; it has {width}")
+            samples = samples[:, part.component]
+        found.append(samples)
+        units.append(_agreed(unit, head.unit, name))
+    if any(unit != units[0] for unit in units):
+        raise TraceError(f"the components of {quoted(channel.name)} have different units")
+    if len(found) == 1 and not channel.vector:
+        return found[0], units[0]
+    if any(samples.ndim != 1 for samples in found):
+        raise TraceError(f"the components of {quoted(channel.name)} are vectors themselves")
+    return np.stack(found, axis=1), units[0]
+
+
+def _placed(table: Table, number: int) -> _Place:
+    return _Place(table, number)
+
+
+@dataclass(frozen=True)
+class _Place:
+    table: Table
+    number: int
+
+    def __call__(self, sample: int) -> str:
+        """Return where a sample is."""
+        return self.table.place(sample, self.number)
+
+
+def _agreed(typed: str | None, written: str | None, name: str) -> str | None:
+    """Return the unit of a column: that of its type, which a written one must not contradict."""
+    if typed is None:
+        return written
+    if written not in (None, typed):
+        raise TraceError(f"{name} holds durations, and its unit is written as {written!r}; leave it out")
+    return typed
+
+
+def request(
+    columns: Mapping[str, str] | None,
+    wanted: Mapping[str, int | None] | Sequence[str] | None,
+    time_unit: str | None,
+    gather: bool = False,
+) -> Request:
+    """Return what is to be read; names without a width may be numbers or vectors.
+
+    Raises:
+        UsageError: the unit is none of time.
+    """
+    if wanted is not None and not isinstance(wanted, Mapping):
+        wanted = dict.fromkeys(wanted, ANY)
+    return Request(dict(columns or {}), wanted, times.unit_of_option(time_unit), gather)
