@@ -19,7 +19,7 @@ for threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(threads, "1")
 
 from s2r_spec import backend  # noqa: E402
-from s2r_spec.rollouts import journal, runner  # noqa: E402
+from s2r_spec.rollouts import lines, runner  # noqa: E402
 from s2r_spec.rollouts.journal import FILE  # noqa: E402
 from tests.processes import lives  # noqa: E402
 
@@ -79,12 +79,12 @@ def toy(monkeypatch):
 
 def rewrite(run: Path, change: Callable[[dict], dict]) -> None:
     """Write a run's journal again with every line changed and the checksums right: as another run would have been."""
-    lines, checksum = [], 0
+    written, checksum = [], 0
     for text in (run / FILE).read_text().splitlines():
         kept = {key: value for key, value in json.loads(text).items() if key != "crc32"}
-        line, checksum = journal._line(change(kept), checksum)
-        lines.append(line + b"\n")
-    (run / FILE).write_bytes(b"".join(lines))
+        line, checksum = lines.written(change(kept), checksum)
+        written.append(line + b"\n")
+    (run / FILE).write_bytes(b"".join(written))
 
 
 @pytest.fixture

@@ -27,9 +27,11 @@ LAYERS = [
     {"logs"},
     {"lang"},
     {"trace"},
+    {"files"},
     {"stamps"},
     {"instants"},
     {"errors", "compiled"},
+    {"printable"},
 ]
 RANK = {name: rank for rank, names in enumerate(LAYERS) for name in names}
 

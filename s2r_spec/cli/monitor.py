@@ -8,13 +8,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import Console
 from rich.text import Text
 
+from s2r_spec.cli import terminal
 from s2r_spec.cli.common import CODES, COLOURS, answered, sentences, worst
 from s2r_spec.cli.online import Settings, follow
 from s2r_spec.cli.options import Columns, Nan, TimeUnit, missing
 from s2r_spec.cli.reading import Asked, Recorded, named, read
+from s2r_spec.printable import lines, one_line
 
 if TYPE_CHECKING:
     from s2r_spec.robustness.evaluation import Evaluation
@@ -172,14 +173,14 @@ def _sampled(found: Evaluation) -> str:
 
 
 def _print(results: list[dict[str, Any]]) -> None:
-    console = Console(highlight=False, soft_wrap=True)
+    console = terminal.console()
     for result in results:
         if "error" in result:
             continue  # said on stderr
         taken = ", ".join(f"{name} = {result['params'][name]:g}" for name in result["from_trace"])
-        head = Text(result["trace"], style="bold")
+        head = Text(one_line(result["trace"]), style="bold")
         console.print(head.append(f", {taken} as recorded", style="not bold") if taken else head)
         for one in result["requirements"]:
-            text = Text(one["text"])
+            text = Text(lines(one["text"]))
             text.highlight_words([f" {one['verdict']}:"], style=COLOURS[one["verdict"]])
             console.print(text)

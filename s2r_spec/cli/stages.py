@@ -15,6 +15,8 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
+from s2r_spec.printable import one_line
+
 
 class Stages:
     """Called with (stage, done, of); a live bar on a terminal, a line a stage elsewhere."""
@@ -22,7 +24,7 @@ class Stages:
     def __init__(self, console: Console, quiet: bool) -> None:
         self._quiet, self._console = quiet, console
         self._progress = Progress(
-            TextColumn("{task.description}"),
+            TextColumn("{task.description}", markup=False),
             BarColumn(20),
             MofNCompleteColumn(),
             TimeElapsedColumn(),
@@ -45,6 +47,7 @@ class Stages:
 
     def __call__(self, stage: str, done: int, of: int) -> None:
         """Show how far a stage is."""
+        stage = one_line(stage)
         if stage != self._stage:
             self._stage = stage
             self._progress.reset(self._task)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 from s2r_spec.lang import formula as f
 from s2r_spec.lang import syntax
@@ -21,13 +21,18 @@ from s2r_spec.lang.source import Source, Span
 _WIDEST = 100_000
 
 
-def check_text(text: str, name: str = "<string>") -> Document:
+def check_text(text: str, name: str = "<string>", stored: Mapping[str, str] | None = None) -> Document:
     """Return the checked specification that a text means.
+
+    Args:
+        text: the specification.
+        name: what it goes by.
+        stored: name → text of all that it imports; they are read from disk if it is None.
 
     Raises:
         SpecError: with every mistake that the text has.
     """
-    parsed, imports = gather(Source.of(text, name))
+    parsed, imports = gather(Source.of(text, name), stored)
     checker = _Checker(parsed, imports)
     found = {*parsed.diagnostics, *(mistake for rule in RULES for mistake in rule(parsed)), *checker.run()}
     if found:

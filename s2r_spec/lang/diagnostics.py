@@ -8,6 +8,7 @@ from typing import Any
 
 from s2r_spec.errors import UsageError, did_you_mean
 from s2r_spec.lang.source import Span
+from s2r_spec.printable import lines, one_line
 
 CODES = {
     "E01": "the text does not follow the grammar",
@@ -55,9 +56,9 @@ class Diagnostic:
 
     def __str__(self) -> str:
         label = "" if self.declared_at is None else f"declared at line {self.declared_at.line}"
-        picture = f"error[{self.code}]: {self.message}\n{self.span.picture(label)}"
+        picture = f"error[{self.code}]: {one_line(self.message)}\n{self.span.picture(label)}"
         margin = " " * len(str(self.span.line))
-        return f"{picture}\n{margin} = {self.fix}" if self.fix else picture
+        return f"{picture}\n{margin} = {one_line(self.fix)}" if self.fix else picture
 
 
 def suggestion(name: str, names: Iterable[str]) -> str:
@@ -78,7 +79,10 @@ class SpecError(UsageError):
         count = len(self.diagnostics)
         name = self.diagnostics[0].span.source.name
         head = f"{count} mistake{'s' if count > 1 else ''} in {name}"
-        super().__init__("\n\n".join((head, *map(str, self.diagnostics))))
+        super().__init__("\n\n".join((one_line(head), *map(str, self.diagnostics))))
+
+    def __str__(self) -> str:
+        return lines(Exception.__str__(self))
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle by the diagnostics: a worker process may be the one that fails."""

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from s2r_spec.printable import one_line
+
 _WIDEST_LINE = 110
 
 
@@ -75,9 +77,9 @@ class Span:
         caret = " " * column + "^" * length
         return "\n".join(
             (
-                f"{margin}--> {self.source.name}:{self.line}:{self.column}",
+                f"{margin}--> {one_line(self.source.name)}:{self.line}:{self.column}",
                 f"{margin} |",
-                f"{number} | {line}".rstrip(),
+                f"{number} | {one_line(line)}".rstrip(),
                 f"{margin} | {caret} {label}".rstrip(),
             )
         )

@@ -12,6 +12,7 @@ from s2r_spec.backend import short
 from s2r_spec.diagnose.diagnosis import Diagnosis, Verdict, Which
 from s2r_spec.diagnose.how_far import Gap, HowFar
 from s2r_spec.diagnose.where.found import Where
+from s2r_spec.printable import one_line
 from s2r_spec.report.checked import test_words
 from s2r_spec.report.figures.robot import said
 from s2r_spec.report.nextstep import next_step
@@ -55,7 +56,7 @@ def text(found: Diagnosis, spec: Spec) -> str:
 
 def markup(found: Diagnosis, spec: Spec) -> str:
     """Return rich markup: the answer first, then what it stands on."""
-    headline = f"[{COLOURS[found.verdict]}]{found.verdict.value.upper()}[/]  {escape(found.reason)}"
+    headline = f"[{COLOURS[found.verdict]}]{found.verdict.value.upper()}[/]  {escape(one_line(found.reason))}"
     return f"{headline}\n{escape(body(found, spec))}"
 
 
@@ -68,7 +69,7 @@ def body(found: Diagnosis, spec: Spec) -> str:
         lines += ["", *_shrinks(found.how_far)]
     lines += ["", f"  next: {next_step(found, spec)}", ""]
     lines += [f"  - {line}" for line in found.assumptions]
-    return "\n".join([*lines, "", f"  {provenance(found)}"])
+    return "\n".join(map(one_line, [*lines, "", f"  {provenance(found)}"]))
 
 
 def provenance(found: Diagnosis) -> str:
