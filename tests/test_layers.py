@@ -30,7 +30,7 @@ LAYERS = [
     {"files"},
     {"stamps"},
     {"instants"},
-    {"errors", "compiled"},
+    {"errors", "compiled", "magnitude"},
     {"printable"},
 ]
 RANK = {name: rank for rank, names in enumerate(LAYERS) for name in names}

@@ -212,6 +212,8 @@ def check_with(
         if search.budget is not None:
             raise UsageError(f"a budget does not apply to {backend}: it has the recordings that it has")
         design = fixed_design(spec, requirement, rig.backend, rig.backend.recordings)
+    else:
+        search.refuse_hopeless()
     provenance = {
         "s2r": version("s2r"),
         "spec": Path(spec.name).name,

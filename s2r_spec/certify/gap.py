@@ -203,6 +203,8 @@ def gap_with(
     observer: Observer | None,
 ) -> GapResult:
     """Run a search for the gap to its end; see :func:`gap`."""
+    if sides.recorded is None:
+        search.refuse_hopeless()
     rigs = {"sim": sides.sim, "real": sides.real}
     provenance: dict[str, Any] = {
         "s2r": version("s2r"),

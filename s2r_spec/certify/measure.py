@@ -66,6 +66,7 @@ def check_measure(
         raise UsageError(f"fall must be a finite number, what a rollout that fails is worth, not {fall!r}")
     if resume:
         must_be_begun([folder], folder)
+    search.refuse_hopeless()
     machine = open_backend(backend, duration)
     rig = Rig(backend, machine, measure, fall)
     header = {

@@ -70,6 +70,8 @@ def certify(
     second = gap_search(
         spec, requirement, seed=seed, budget=budget, mode=mode, engine=engine, per_real=sides.per_real
     )
+    if sides.recorded is None:
+        second.refuse_hopeless()
     checked = check_with(
         first, spec, requirement, simulated, folder / SIMULATION, seed, executor, timeout, resume, observer
     )

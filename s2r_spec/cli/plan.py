@@ -105,7 +105,8 @@ def plan(
             if rollouts is None:
                 return "more than 2000000 rollouts"
             time = f", about {rollouts * seconds:.0f} s on {cores()} cores" if seconds is not None else ""
-            return f"{rollouts:.0f} rollouts{time}"
+            count = f"{rollouts:.0f}" if rollouts < 1e12 else f"{rollouts:.0e}"
+            return f"{count} rollouts{time}"
 
         say(f"R = {R:g}, ε = {eps:g}, δ = {delta:g}, B = {B:g}, {shape.name} over {space.dim} parameter(s)")
         say(f"  impossible below      {cost(result.floor)}, on average, by any method")
