@@ -17,6 +17,7 @@ from s2r_spec.backend import Backend, HasRecordings, load_backend
 from s2r_spec.diagnose import bank as banks
 from s2r_spec.diagnose.accused import named_by_falls
 from s2r_spec.diagnose.ask import Rollouts, real_rollouts
+from s2r_spec.diagnose.cache import Cache
 from s2r_spec.diagnose.diagnosis import Diagnosis, Verdict, Which
 from s2r_spec.diagnose.estimate import Fit, by_linear, fit
 from s2r_spec.diagnose.falls import always_early, falls, falls_alone
@@ -105,8 +106,9 @@ def diagnose(
     name = spec.requirements[0] if requirement is None else requirement
     bench = bench_of(spec, name, sim)
     tell = progress or (lambda stage, done, of: None)
+    kept = Cache.usual() if cache is None else Cache(cache)
     bank, idle = active(
-        banks.bank(bench, executor, lambda done, of: tell("simulating effects", done, of), cache)
+        banks.bank(bench, executor, lambda done, of: tell("simulating effects", done, of), kept)
     )
     bench = replace(bench, features=bank.features)
     # The bank comes first: a simulator that cannot be diagnosed costs no rollout of the machine.
@@ -121,12 +123,12 @@ def diagnose(
         odd = glitches(bench, rollouts) | misread(bench, rollouts, bank.lines)
         alone = falls_alone(bench, rollouts, seed, pool)
         lacking = notes(bench, told, ENOUGH, idle, why, odd, alone)
-        state = prepare(bench, bank, parts.compared, seed, cache, pool, tell)
+        state = prepare(bench, bank, parts.compared, seed, kept, pool, tell)
         found = _answer(bench, state, parts, seed, pool, tell, where)
         if (far := found.how_far) is not None and far.overlooked:
             parts, moved = parts.looked_at([dict(test.params) for test in far.odd])
             if moved:
-                state = prepare(bench, bank, parts.compared, seed, cache, pool, tell)
+                state = prepare(bench, bank, parts.compared, seed, kept, pool, tell)
                 found = _answer(bench, state, parts, seed, pool, tell, where, moved=True)
                 lacking = (*lacking, looked_again(moved))
         lacking = (*lacking, *_hidden(bench, state, found))
@@ -149,7 +151,7 @@ def diagnose(
                 found,
                 reason=f"{found.reason}; {left_out} of {len(rollouts)} ended early, and are not in this",
             )
-        return replace(found, notes=lacking, misread=tuple(odd))
+        return replace(found, notes=(*lacking, *dict.fromkeys(kept.said)), misread=tuple(odd))
 
 
 def _hidden(bench: Bench, state: State, found: Diagnosis) -> list[str]:
