@@ -29,7 +29,9 @@ def clock(c: Comparison) -> list[Suspect]:
     ratio = FACTORS[1] / FACTORS[0]
     for _ in range(2):
         near = best * np.geomspace(1.0 / ratio, ratio, 9)
-        best = min((float(f) for f in near if abs(f - 1.0) > STEADY), key=lambda f: undone(f)[0], default=best)
+        best = min(
+            (float(f) for f in near if abs(f - 1.0) > STEADY), key=lambda f: undone(f)[0], default=best
+        )
         ratio = ratio ** (1 / 4)
     _, values, wanted = undone(best)
     step = float(np.median([np.median(np.diff(trace.times)) for trace in c.traces]))

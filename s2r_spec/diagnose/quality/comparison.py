@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
 import numpy as np
@@ -71,8 +71,9 @@ class Comparison:
         floor: (c,) what is no discrepancy, in the units of the columns: the unit of all that follows.
         scatter: (n, s, d) deviations of single nominal rollouts, whose squares sum to their covariance; d = T · c.
         effects: (k, n, d) changes that the catalogue makes.
-        names: (k,) effect of each.
-        reach: (c,) range of each column of the simulator's.
+        sizes: (k,) the line and its value of each.
+        cost: time [s] of one core that a rollout takes, about.
+        usual: Q of a nominal rollout that had no part in all this.
     """
 
     columns: tuple[Column, ...]
@@ -83,8 +84,9 @@ class Comparison:
     floor: FloatArray
     scatter: FloatArray
     effects: FloatArray
-    names: tuple[str, ...]
-    reach: FloatArray
+    sizes: tuple[tuple[Line, float], ...]
+    cost: float = 0.0
+    usual: float = 1.0
 
     @cached_property
     def recorded(self) -> FloatArray:
@@ -134,26 +136,34 @@ class Comparison:
             q -= float((np.linalg.solve(root, cj.reshape(len(cj), -1) @ r.ravel()) ** 2).sum())
         return max(q, 0.0) / r.size
 
+    def moments(self, values: FloatArray) -> tuple[float, FloatArray, FloatArray]:
+        """Return rᵀC⁻¹r of recordings, (k,) JᵀC⁻¹r and (k, k) JᵀC⁻¹J: all that a fit of effects needs."""
+        r = self.rest(values).reshape(len(self.traces), -1)
+        w, cj, root = self._whitening
+        q = float(np.vdot(r, r) - (np.matmul(w, r[:, :, None]) ** 2).sum())
+        return q, cj.reshape(len(cj), -1) @ r.ravel(), root @ root.T - np.eye(len(root))
+
+    @cached_property
+    def volume(self) -> float:
+        """Return log |C|, a number of a recording: what a machine that scatters more must explain better."""
+        inner = np.eye(self.scatter.shape[1]) + np.einsum("nsd,ntd->nst", self.scatter, self.scatter)
+        logs = np.linalg.slogdet(inner)[1].mean() / self.scatter.shape[2]
+        return float(logs + 2.0 * np.log(self.floor).mean())
+
     def plain(self, values: FloatArray) -> FloatArray:
         """Return (c,) mean square of each column's discrepancy by itself."""
         return np.asarray((self.rest(values) ** 2).mean(axis=(0, 1)))
 
-    def each(self, values: FloatArray) -> FloatArray:
-        """Return (n,) Q of every recording with no effect."""
-        r = self.rest(values).reshape(len(self.traces), -1)
-        w = self._whitening[0]
-        return np.asarray(((r**2).sum(axis=1) - (np.einsum("nsd,nd->ns", w, r) ** 2).sum(axis=1)) / r.shape[1])
 
-
-def columns_of(bench: Bench, traces: Sequence[Trace]) -> tuple[Column, ...]:
-    """Return the columns that every recording has, of numbers throughout."""
+def columns_of(bench: Bench, traces: Sequence[Trace], without: Sequence[str] = ()) -> tuple[Column, ...]:
+    """Return the columns that every recording has, of numbers throughout, but for some."""
     found = []
     for channel in bench.backend.channels:
         shape = {trace[channel.name].shape[1:] for trace in traces if channel.name in trace.channels}
         whole = all(
             channel.name in trace.channels and np.isfinite(trace[channel.name]).all() for trace in traces
         )
-        if not whole or len(shape) != 1:
+        if not whole or len(shape) != 1 or channel.name in without:
             continue
         for place in range(channel.width):
             word = channel.columns[place] if channel.columns else f"column {place + 1}"
@@ -162,7 +172,9 @@ def columns_of(bench: Bench, traces: Sequence[Trace]) -> tuple[Column, ...]:
     return tuple(found)
 
 
-def sampled(columns: Sequence[Column], times: FloatArray, bench: Bench, trace: Trace, test: Test) -> FloatArray:
+def sampled(
+    columns: Sequence[Column], times: FloatArray, bench: Bench, trace: Trace, test: Test
+) -> FloatArray:
     """Return (T · c,) of a rollout; NaN after it ended."""
     del bench, test
     own = trace.times - trace.times[0]
@@ -182,6 +194,7 @@ def compare(
     lines: Sequence[Line] = (),
     executor: Callable[[], Executor] | None = None,
     progress: Callable[[int, int], None] | None = None,
+    without: Sequence[str] = (),
 ) -> Comparison | None:
     """Simulate at tests of the recordings, and return both; None where nothing can be compared.
 
@@ -191,6 +204,7 @@ def compare(
         lines: of the catalogue.
         executor: makes a pool.
         progress: is told (done, of).
+        without: channels that are not compared.
     """
     ran = [(test, trace) for test, trace in rollouts if trace.failure is None and len(trace) > 1]
     if not ran:
@@ -202,30 +216,26 @@ def compare(
     if room < OWN + len(sizes):
         sizes = [(line, line.at_typical()) for line in lines]
     seeds = int(np.clip(room - len(sizes), FEWEST, SEEDS))
-    columns = columns_of(bench, [trace for _, trace in chosen])
+    columns = columns_of(bench, [trace for _, trace in chosen], without)
     if not columns:
         return None
     times = np.linspace(0.0, USED * min(trace.duration for _, trace in chosen), TIMES)
     tests = [test for test, _ in chosen]
-    jobs = [Job({}, tuple((test, seed) for test in tests)) for seed in range(seeds)]
+    jobs = [Job({}, tuple((test, seed) for test in tests)) for seed in range(seeds + 1)]
     jobs += [Job(line.at(value), tuple((test, 0) for test in tests)) for line, value in sizes]
     rows = run_jobs(bench, jobs, executor, progress, partial(sampled, columns, times))
     values = np.array(rows).reshape(len(jobs), len(tests), len(times), len(columns))
-    whole = np.isfinite(values[:seeds]).all(axis=(0, 1, 2))
+    whole = np.isfinite(values[: seeds + 1]).all(axis=(0, 1, 2))
     if not whole.any():
         return None
     columns = tuple(column for column, there in zip(columns, whole, strict=True) if there)
-    usual, changed = values[:seeds][..., whole], values[seeds:][..., whole]
-    nominal = usual.mean(axis=0)
-    reach = np.ptp(nominal, axis=(0, 1))
-    floor = FLOOR * np.where(reach > 0.0, reach, np.maximum(np.abs(nominal).max(axis=(0, 1)), 1.0))
-    floor = floor * np.sqrt(1.0 + _beyond(((usual - nominal) / floor).transpose(1, 0, 2, 3)))
-    scatter = _scatter(((usual - nominal) / floor).transpose(1, 0, 2, 3))
+    values = values[..., whole]
+    usual, changed = values[:seeds], values[seeds + 1 :]
+    nominal, floor, scatter = noise(usual)
     effects = ((changed - usual[0]) / floor).reshape(len(sizes), len(tests), -1)
     effects = np.where(np.isfinite(effects), effects, 0.0)
     moved = (effects**2).mean(axis=(1, 2)) > 1e-6
-    names = tuple(line.effect for (line, _), there in zip(sizes, moved, strict=True) if there)
-    return Comparison(
+    made = Comparison(
         columns,
         tuple(tests),
         tuple(trace for _, trace in chosen),
@@ -234,9 +244,22 @@ def compare(
         floor,
         scatter,
         effects[moved],
-        names,
-        reach,
+        tuple(size for size, there in zip(sizes, moved, strict=True) if there),
+        cost,
     )
+    # A rollout that is nobody's neighbour says what is usual; one is as good as a few, for it is of every test.
+    fresh = values[seeds]
+    return replace(made, usual=made.misfit(fresh) if np.isfinite(fresh).all() else 1.0)
+
+
+def noise(rollouts: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return (n, T, c) mean, (c,) floor and (n, s, T · c) scatter of (s, n, T, c) rollouts of one machine."""
+    mean = rollouts.mean(axis=0)
+    reach = np.ptp(mean, axis=(0, 1))
+    floor = FLOOR * np.where(reach > 0.0, reach, np.maximum(np.abs(mean).max(axis=(0, 1)), 1.0))
+    apart = (rollouts - mean).transpose(1, 0, 2, 3)
+    floor = floor * np.sqrt(1.0 + _beyond(apart / floor))
+    return mean, floor, _scatter(apart / floor)
 
 
 def _scatter(apart: FloatArray) -> FloatArray:

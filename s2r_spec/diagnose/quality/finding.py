@@ -15,12 +15,14 @@ class Finding:
         text: the sentence.
         imitates: what would do the same as an effect, in a few words ("a wrong clock"); "" where the mistake is no
             rival of any effect.
+        same: whether an effect of the catalogue explains the recordings as well.
     """
 
     code: str
     channel: str
     text: str
     imitates: str = ""
+    same: bool = False
 
     def to_json(self) -> dict[str, str]:
         """Return code, channel and text."""

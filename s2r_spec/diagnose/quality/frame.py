@@ -95,4 +95,9 @@ def offset(c: Comparison) -> list[Suspect]:
         f"the real rollouts have a constant offset against the simulator from the first sample on ({each}): is zero "
         f"at the same place? If not, take it off in the recordings"
     )
-    return [Suspect(Finding("offset", named(c, group), text, "a constant offset of the recording"), undo(c, undone, group))]
+    return [
+        Suspect(
+            Finding("offset", named(c, group), text, "a constant offset of the recording"),
+            undo(c, undone, group),
+        )
+    ]

@@ -62,7 +62,9 @@ def others(
     units = bench.spec.space.units
     for a, b in permutations(bench.spec.space.names, 2):
         if a < b and units.get(a) == units.get(b):
-            wanted.append(("exchange", f"{a} and {b}", [{**test, a: test[b], b: test[a]} for test in c.tests]))
+            wanted.append(
+                ("exchange", f"{a} and {b}", [{**test, a: test[b], b: test[a]} for test in c.tests])
+            )
     wanted = [(kind, words, tests) for kind, words, tests in wanted if _able(bench, tests)]
     keys = {key_of(test): test for _, _, tests in wanted for test in tests}
     if not keys:
@@ -104,13 +106,17 @@ def labels(c: Comparison, other: Sequence[Other]) -> list[Suspect]:
                 f"compared fit the test of {one.words} better than their own. Is a line of the table of tests doubled "
                 f"or missing?"
             )
-            found.append(Suspect(Finding("labels", "the tests", text, "a shifted table of tests"), options[k]))
+            found.append(
+                Suspect(Finding("labels", "the tests", text, "a shifted table of tests"), options[k])
+            )
         elif one.kind == "sign":
             text = (
                 f"the real rollouts fit tests with the other sign of {one.words} better than their own"
                 f"{begins(c)}: does {one.words} count the same way in the table of tests?"
             )
-            found.append(Suspect(Finding("labels", "the tests", text, f"the other sign of {one.words}"), undone))
+            found.append(
+                Suspect(Finding("labels", "the tests", text, f"the other sign of {one.words}"), undone)
+            )
         else:
             text = (
                 f"the real rollouts fit tests with {one.words} exchanged better than their own{begins(c)}: mend the "

@@ -32,7 +32,11 @@ def late(c: Comparison) -> list[Suspect]:
             f"everything in the real rollouts comes {abs(by):.2g} s {'after' if by > 0.0 else 'before'} the "
             f"simulator's: do the recordings begin so much too {'early' if by > 0.0 else 'late'}? "
         )
-        return [Suspect(Finding("begin", "the clock", text + CUT, "a recording that begins at another time"), values)]
+        return [
+            Suspect(
+                Finding("begin", "the clock", text + CUT, "a recording that begins at another time"), values
+            )
+        ]
     if len(group) > len(rest):
         # It is the few that are said to be wrong; late poses are early commands.
         text = (

@@ -6,7 +6,7 @@ import numpy as np
 
 from s2r_spec.diagnose.quality.comparison import Comparison
 from s2r_spec.diagnose.quality.finding import Finding
-from s2r_spec.diagnose.quality.suspects import Suspect, by_unit, named, search, undo
+from s2r_spec.diagnose.quality.suspects import Group, Suspect, by_unit, mask, named, search, undo
 
 FACTORS = [*np.geomspace(0.5, 0.98, 12).tolist(), *np.geomspace(1.02, 2.0, 12).tolist()]
 """Definition: factors that are tried before the best is refined; larger ones are of a forgotten unit."""
@@ -14,6 +14,10 @@ FACTORS = [*np.geomspace(0.5, 0.98, 12).tolist(), *np.geomspace(1.02, 2.0, 12).t
 
 def scale(c: Comparison) -> list[Suspect]:
     """Return, for each unit, the factor and the channels that explain most."""
+
+    def price(factor: float, group: Group) -> float:
+        return 2.0 * float(np.log(factor) * mask(c, group).mean())
+
     found = []
     for unit, among in by_unit(c).items():
         options = []
@@ -22,14 +26,18 @@ def scale(c: Comparison) -> list[Suspect]:
             def undone(factor: float, begin: np.ndarray = begin) -> np.ndarray:
                 return np.asarray(begin + (c.recorded - begin) / factor)
 
-            factor, group, q = search(c, FACTORS, undone, among)
+            factor, group, q = search(c, FACTORS, undone, among, price)
             options.append((q, factor, group, about, undo(c, undone(factor), group)))
         _, factor, group, about, values = min(options, key=lambda one: one[0])
         percent = 100.0 * abs(factor - 1.0)
         text = (
             f"{named(c, group)} of the real rollouts {'is' if len(group) == 1 else 'are'} {percent:.2g} % too "
-            f"{'long' if factor > 1.0 else 'short'}, about {about}, by the other channels: check the scale"
+            f"{'long' if factor > 1.0 else 'short'}, about {about}, by the other channels and by the tests: check the scale"
             f"{f', or the unit {unit},' if unit else ''} in the recordings"
         )
-        found.append(Suspect(Finding("scale", named(c, group), text, "a wrong scale"), values))
+        found.append(
+            Suspect(
+                Finding("scale", named(c, group), text, "a wrong scale"), values, None, price(factor, group)
+            )
+        )
     return found

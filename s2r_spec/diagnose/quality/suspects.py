@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,11 +28,13 @@ class Suspect:
         finding: what is said of it.
         values: (n, T, c) recordings after undoing it.
         wanted: (n, T, c) of what was recorded at the same instants, where undoing it leaves some unread; else None.
+        volume: log |∂ recorded / ∂ undone|, a number of a recording, twice: what shrinks everything must explain better.
     """
 
     finding: Finding
     values: FloatArray
     wanted: FloatArray | None = None
+    volume: float = 0.0
 
 
 def channels(c: Comparison) -> tuple[str, ...]:
@@ -81,12 +84,18 @@ def undo(c: Comparison, undone: FloatArray, group: Group) -> FloatArray:
     return np.where(mask(c, group), undone, c.recorded)
 
 
-def best_group(c: Comparison, undone: FloatArray, begin: Group, among: Group) -> tuple[Group, float]:
-    """Return the channels, and Q, that a search finds which adds or drops one channel at a time while Q falls."""
-    group, best = begin, c.misfit(undo(c, undone, begin))
+def best_group(
+    c: Comparison,
+    undone: FloatArray,
+    begin: Group,
+    among: Group,
+    price: Callable[[Group], float] = lambda _: 0.0,
+) -> tuple[Group, float]:
+    """Return the channels, and Q with its price, where adding or dropping one of them lowers it no more."""
+    group, best = begin, c.misfit(undo(c, undone, begin)) + price(begin)
     while True:
         others = [changed for k in sorted(among) if (changed := group ^ {k})]
-        tried = [(c.misfit(undo(c, undone, other)), other) for other in others]
+        tried = [(c.misfit(undo(c, undone, other)) + price(other), other) for other in others]
         if not tried or (least := min(tried, key=lambda one: one[0]))[0] >= best:
             return group, best
         best, group = least
@@ -97,6 +106,7 @@ def search(
     sizes: Sequence[float],
     undone: Callable[[float], FloatArray],
     among: Group | None = None,
+    price: Callable[[float, Group], float] = lambda size, group: 0.0,
 ) -> tuple[float, Group, float]:
     """Return the size, the channels and Q of the mistake of one kind that leaves least.
 
@@ -105,24 +115,28 @@ def search(
         sizes: that are tried, rising; the best is refined between its neighbours.
         undone: from a size to (n, T, c) with the mistake undone in every channel.
         among: the channels that can have it; all if not given.
+        price: that is added to Q; see :class:`Suspect`.
     """
     among = frozenset(range(len(channels(c)))) if among is None else among
     first = [
-        (c.misfit(undo(c, values, group)), size, group)
+        (c.misfit(undo(c, values, group)) + price(size, group), size, group)
         for size in sizes
         for values in [undone(size)]
         for group in starts(c, values, among)
     ]
     _, size, group = min(first, key=lambda one: one[0])
-    group, best = best_group(c, undone(size), group, among)
-    place = sizes.index(size) if isinstance(sizes, list) else list(sizes).index(size)
+    group, best = best_group(c, undone(size), group, among, partial(price, size))
+    place = list(sizes).index(size)
     low, high = sizes[max(place - 1, 0)], sizes[min(place + 1, len(sizes) - 1)]
     for _ in range(2):
-        tried = [(c.misfit(undo(c, undone(x), group)), float(x)) for x in np.linspace(low, high, 9)]
+        tried = [
+            (c.misfit(undo(c, undone(x), group)) + price(x, group), x)
+            for x in np.linspace(low, high, 9).tolist()
+        ]
         found, at = min(tried)
         if found < best:
             best, size = found, at
         step = (high - low) / 8
         low, high = size - step, size + step
-    group, best = best_group(c, undone(size), group, among)
+    group, best = best_group(c, undone(size), group, among, partial(price, size))
     return size, group, best
