@@ -21,17 +21,17 @@ from s2r_spec.diagnose.cache import Cache
 from s2r_spec.diagnose.diagnosis import Diagnosis, Verdict, Which
 from s2r_spec.diagnose.estimate import Fit, by_linear, fit
 from s2r_spec.diagnose.falls import always_early, falls, falls_alone
-from s2r_spec.diagnose.glitches import glitches
 from s2r_spec.diagnose.held_out import measured, mostly_of_one
 from s2r_spec.diagnose.how_far import HowFar
 from s2r_spec.diagnose.idle import active
 from s2r_spec.diagnose.isolability import Isolability, isolability
 from s2r_spec.diagnose.kin import shared
-from s2r_spec.diagnose.misread import misread
 from s2r_spec.diagnose.next_test import next_test
 from s2r_spec.diagnose.notes import Used, hidden_by_one, looked_again, notes
 from s2r_spec.diagnose.parted import ENOUGH, Parted
 from s2r_spec.diagnose.prepare import Progress, State, bench_of, prepare
+from s2r_spec.diagnose.quality import findings
+from s2r_spec.diagnose.quality.doubt import doubted
 from s2r_spec.diagnose.remainder import remainders
 from s2r_spec.diagnose.simulate import Bench, Test
 from s2r_spec.diagnose.size import sized
@@ -120,7 +120,9 @@ def diagnose(
     held_first = parts.held
     with kept_open(executor) as pool:
         why = falls(bench, bank.lines, rollouts, seed, pool)
-        odd = glitches(bench, rollouts) | misread(bench, rollouts, bank.lines)
+        odd = findings(
+            bench, rollouts, bank.lines, pool, lambda done, of: tell("checking the recordings", done, of)
+        )
         alone = falls_alone(bench, rollouts, seed, pool)
         lacking = notes(bench, told, ENOUGH, idle, why, odd, alone)
         state = prepare(bench, bank, parts.compared, seed, kept, pool, tell)
@@ -151,7 +153,8 @@ def diagnose(
                 found,
                 reason=f"{found.reason}; {left_out} of {len(rollouts)} ended early, and are not in this",
             )
-        return replace(found, notes=(*lacking, *dict.fromkeys(kept.said)), misread=tuple(odd))
+        found = replace(found, notes=(*lacking, *dict.fromkeys(kept.said)), findings=odd)
+        return doubted(found)
 
 
 def _hidden(bench: Bench, state: State, found: Diagnosis) -> list[str]:

@@ -1,8 +1,8 @@
 """Mistakes of the recordings: what looks like physics and is the recording's doing.
 
-Data: n recordings y (n, T, c) of c columns at T instants from the first sample on, at their declared tests. Unknown: a
-mistake g of one kind and size (a delay, a clock, an exchange, a sign, a scale, a turn, an offset, another test), and the
-machine θ, in units of the simulated sizes of the catalogue's effects. Model, for each recording i:
+Data: n recordings y (n, T, c) of c columns at T instants from the first sample on, at their declared tests. Unknown:
+a mistake g of one kind and size (a delay, a clock, an exchange, a sign, a scale, a turn, an offset, another test), and
+the machine θ, in units of the simulated sizes of the catalogue's effects. Model, for each recording i:
 
     g⁻¹(y_i) = f_i + J_i θ + ε_i,    θ ~ N(0, 1),    ε_i ~ N(0, C_i),    C_i = F² + D_iᵀD_i
 
@@ -23,8 +23,10 @@ Units: r, J, D in floors; Q, ℓ dimensionless. Source: marginal likelihood of a
 Williams 2006, §2.7, explicit basis functions; Woodbury), generalised-likelihood-ratio tests (Basseville & Nikiforov
 1993, ch. 7).
 
-One check a file: :mod:`.late`, :mod:`.clock`, :mod:`.hold`, :mod:`.exchanged`, :mod:`.sign`, :mod:`.scale`,
-:mod:`.frame`, :mod:`.labels`. Each proposes; :mod:`.decide` judges all by the same rule.
+One check a file. :mod:`.late`, :mod:`.clock`, :mod:`.exchanged`, :mod:`.sign`, :mod:`.scale`, :mod:`.frame` and
+:mod:`.labels` propose, and :mod:`.decide` judges all by this rule. Checks that need no model stand beside them: one
+rollout is compared with one of the simulator (:mod:`.direct`: unit, opposite, wrapped, still, copied, begin), or with
+the other rollouts (:mod:`.hold`; :mod:`.glitches`: spike, stopped). :mod:`.doubt` is what a finding does to a verdict.
 """
 
 from s2r_spec.diagnose.quality.decide import findings

@@ -28,10 +28,11 @@ MINIMUM, TESTS = 3, 8
 """Budget: tests that are compared, at least and at most. Twice as many cost twice the time, and find mistakes that show
 at few tests."""
 FEWEST, SEEDS = 4, 24
-"""Budget: nominal rollouts a test, for their mean and scatter, at least and at most. Twice as many halve the variance of
-the estimate of either."""
+"""Budget: nominal rollouts a test, for their mean and scatter, at least and at most. Twice as many halve the variance
+of the estimate of either."""
 OWN = 10
-"""Definition: nominal rollouts of a test from which on its scatter is its own; of fewer, that of all tests is pooled."""
+"""Definition: nominal rollouts of a test from which on its scatter is its own; of fewer it is that of all tests. Twice
+as many pool more simulators, whose tests may scatter unlike each other."""
 TIMES = 90
 """Definition: instants of a rollout that are compared. Twice as many see delays that are half as long."""
 FLOOR = 0.01
@@ -125,11 +126,17 @@ class Comparison:
         j = self.effects
         cj = j - np.einsum("nsd,nsk->knd", w, np.einsum("nsd,knd->nsk", w, j))
         gram = np.eye(len(j)) + np.einsum("knd,lnd->kl", j, cj)
-        return w, cj, np.linalg.cholesky(gram)
+        return np.asarray(w), cj, np.asarray(np.linalg.cholesky(gram))
 
-    def misfit(self, values: FloatArray, effects: bool = True) -> float:
-        """Return Q of recordings (n, T, c), a number of it; with no effect if these are not to explain anything."""
-        r = self.rest(values).reshape(len(self.traces), -1)
+    def misfit(self, values: FloatArray, effects: bool = True, there: FloatArray | float = 1.0) -> float:
+        """Return Q of recordings (n, T, c), a number of it.
+
+        Args:
+            values: recordings.
+            effects: whether the catalogue may explain anything.
+            there: (T, 1) of 1 and 0, which instants count.
+        """
+        r = (self.rest(values) * there).reshape(len(self.traces), -1)
         w, cj, root = self._whitening
         q = float(np.vdot(r, r) - (np.matmul(w, r[:, :, None]) ** 2).sum())
         if effects and len(root):
@@ -225,10 +232,10 @@ def compare(
     jobs += [Job(line.at(value), tuple((test, 0) for test in tests)) for line, value in sizes]
     rows = run_jobs(bench, jobs, executor, progress, partial(sampled, columns, times))
     values = np.array(rows).reshape(len(jobs), len(tests), len(times), len(columns))
-    whole = np.isfinite(values[: seeds + 1]).all(axis=(0, 1, 2))
+    whole = np.asarray(np.isfinite(values[: seeds + 1]).all(axis=(0, 1, 2)))
     if not whole.any():
         return None
-    columns = tuple(column for column, there in zip(columns, whole, strict=True) if there)
+    columns = tuple(column for column, there in zip(columns, whole.tolist(), strict=True) if there)
     values = values[..., whole]
     usual, changed = values[:seeds], values[seeds + 1 :]
     nominal, floor, scatter = noise(usual)
@@ -273,7 +280,7 @@ def _scatter(apart: FloatArray) -> FloatArray:
     if s >= OWN:
         return np.asarray(scatter)
     pooled = scatter.reshape(1, n * s, -1) / np.sqrt(n)
-    return np.broadcast_to(pooled, (n, *pooled.shape[1:]))
+    return np.asarray(np.broadcast_to(pooled, (n, *pooled.shape[1:])))
 
 
 def _beyond(apart: FloatArray) -> FloatArray:

@@ -9,9 +9,11 @@ from dataclasses import dataclass, replace
 from s2r_spec.diagnose.axes import Line
 from s2r_spec.diagnose.quality.clock import clock
 from s2r_spec.diagnose.quality.comparison import Comparison, Rollout, compare
+from s2r_spec.diagnose.quality.direct import direct
 from s2r_spec.diagnose.quality.exchanged import exchanged
 from s2r_spec.diagnose.quality.finding import Finding
 from s2r_spec.diagnose.quality.frame import offset, turned
+from s2r_spec.diagnose.quality.glitches import glitches
 from s2r_spec.diagnose.quality.hold import hold
 from s2r_spec.diagnose.quality.labels import labels, others
 from s2r_spec.diagnose.quality.late import late
@@ -22,8 +24,8 @@ from s2r_spec.diagnose.quality.suspects import Suspect
 from s2r_spec.diagnose.simulate import Bench
 
 MOST = 0.75
-"""Level: part of what the best machine leaves beyond the usual that undoing a mistake must remove. Doubled distance from
-1 (0.5) finds mistakes beside larger unknown effects, and takes more unknown effects for mistakes."""
+"""Level: part of what the best machine leaves beyond the usual that undoing a mistake must remove. At twice the
+distance from 1 it finds mistakes beside larger unknown effects, and takes more unknown effects for mistakes."""
 CLEAR = 0.3
 """Level: of the usual misfit, by which a discrepancy is there at all. Twice as much misses mistakes that are 1.4 times
 smaller; half as much takes scatter for one."""
@@ -31,6 +33,10 @@ SAME = 0.1
 """Tolerance: of the usual misfit, within which two explanations are the same."""
 PROMISING = 0.3
 """Budget: as MOST, for candidates that are tried again beside effects. Twice as much tries fewer of them."""
+APART = ("still", "wrapped", "unit", "unit of one", "spike", "stopped")
+"""Definition: codes of findings whose channels are not compared with the others."""
+TOGETHER = {"late": ("late", "begin"), "clock": ("clock", "begin"), "exchanged": ("exchanged", "sign")}
+"""Definition: by code, what the same mistake also looks like to checks that see one channel alone."""
 AGAIN = 2
 """Budget: such candidates. Twice as many cost twice the simulations."""
 
@@ -51,7 +57,6 @@ def findings(
     lines: Sequence[Line] = (),
     executor: Callable[[], Executor] | None = None,
     progress: Callable[[int, int], None] | None = None,
-    without: Sequence[str] = (),
 ) -> tuple[Finding, ...]:
     """Return the mistakes that the recordings seem to have.
 
@@ -61,13 +66,15 @@ def findings(
         lines: of the catalogue.
         executor: makes a pool for the simulations.
         progress: is told (done, of).
-        without: channels that are known to be wrong, and are not compared.
     """
+    first = [*glitches(bench, rollouts), *direct(bench, rollouts, lines)]
     held, straight = hold(bench, rollouts)
-    c = compare(bench, straight, lines, executor, progress, without)
-    if c is None:
-        return tuple(held)
-    return (*held, *suspected(bench, c, straight, executor, progress))
+    wrong = [each.channel for each in first if each.code in APART]
+    c = compare(bench, straight, lines, executor, progress, wrong)
+    found = [] if c is None else suspected(bench, c, straight, executor, progress)
+    # What all channels say together is said of each of them no more.
+    kinds = {kind for each in found for kind in TOGETHER.get(each.code, (each.code,))}
+    return (*held, *found, *(each for each in first if each.code not in kinds))
 
 
 def suspected(
@@ -94,8 +101,8 @@ def suspected(
     machine, _ = nearest(bench, c, c.recorded, executor)
 
     def physics(one: _Judged) -> float:
-        wanted = c.recorded if one.suspect.wanted is None else one.suspect.wanted
-        return min(one.before, machine.misfit(wanted) + machine.volume - c.volume)
+        left = machine.misfit(c.recorded, there=one.suspect.there)
+        return min(one.before, left + machine.volume - c.volume)
 
     out = []
     for one in sorted((*good, *same), key=lambda one: one.after):
@@ -109,16 +116,17 @@ def suspected(
 
 
 def _judged(c: Comparison, suspect: Suspect) -> _Judged:
-    before = c.misfit(c.recorded if suspect.wanted is None else suspect.wanted)
-    after, alone = c.misfit(suspect.values), c.misfit(suspect.values, effects=False)
+    before = c.misfit(c.recorded, there=suspect.there)
+    after = c.misfit(suspect.values, there=suspect.there)
+    alone = c.misfit(suspect.values, effects=False, there=suspect.there)
     return _Judged(suspect, before, after + suspect.volume, alone + suspect.volume)
 
 
 def _beside(bench: Bench, c: Comparison, one: _Judged, executor: Callable[[], Executor] | None) -> _Judged:
     """Return a candidate beside the machine that fits best with it undone."""
     machine, _ = nearest(bench, c, one.suspect.values, executor)
-    left = machine.misfit(one.suspect.values) + machine.volume - c.volume + one.suspect.volume
-    return replace(one, after=min(one.after, left))
+    left = machine.misfit(one.suspect.values, there=one.suspect.there) + machine.volume - c.volume
+    return replace(one, after=min(one.after, left + one.suspect.volume))
 
 
 def _removed(one: _Judged, before: float, usual: float) -> float:

@@ -20,9 +20,9 @@ from s2r_spec.trace import Trace
 FloatArray = NDArray[np.float64]
 
 LONGER = 2.0
-"""Tolerance: times as long as the simulator's a value must be kept. Twice as much misses rates nearer to the simulator's."""
+"""Tolerance: times as long as the simulator's a value must be kept. Twice as much misses faster ones."""
 REGULAR = 0.8
-"""Tolerance: part of the values that are kept for about the same time; what is quantised is kept as its slope wants it."""
+"""Tolerance: part of the values that are kept equally long; what is quantised is kept as long as its slope wants."""
 SIZES = 4
 """Definition: different steps from one value to the next that a channel makes at least; a quantised one makes few."""
 COMPARED = 3
@@ -75,7 +75,7 @@ def _kept(trace: Trace, name: str) -> float:
 
 
 def _period(trace: Trace, name: str) -> float:
-    """Return for how long [s] a channel keeps each value; 0 where that is no one time, or its steps are of few sizes."""
+    """Return how long [s] a channel keeps each value; 0 where that is no one time, or its steps are of few sizes."""
     if name not in trace.channels or not np.isfinite(trace[name]).all():
         return 0.0
     at = _changes(trace, name)

@@ -26,8 +26,8 @@ FloatArray = NDArray[np.float64]
 EFFECTS = 3
 """Definition: effects that a machine has at most."""
 LINES, MOST = 3, 24
-"""Budget: lines that are tried by simulation, and machines of one effect that are simulated for it at most. Twice as many
-find effects that are far from linear in more cases."""
+"""Budget: lines that are tried by simulation, and machines of one effect that are simulated for it at most. Twice as
+many find effects that are far from linear in more cases."""
 LOOKS = 3
 """Budget: machines of several effects that are simulated; twice as many fit these nearer."""
 SEEDS = 3
@@ -78,7 +78,7 @@ def _curves(c: Comparison) -> list[_Curve]:
 def nearest(
     bench: Bench, c: Comparison, values: FloatArray, executor: Callable[[], Executor] | None = None
 ) -> tuple[Comparison, Values]:
-    """Return the comparison with the machine that explains recordings best in place of the nominal one, and its effects.
+    """Return the comparison with the machine that explains recordings best in the nominal one's place, and its effects.
 
     The nominal one itself where no machine does better, or a rollout costs too much to try.
     """

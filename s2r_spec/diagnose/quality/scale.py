@@ -32,12 +32,9 @@ def scale(c: Comparison) -> list[Suspect]:
         percent = 100.0 * abs(factor - 1.0)
         text = (
             f"{named(c, group)} of the real rollouts {'is' if len(group) == 1 else 'are'} {percent:.2g} % too "
-            f"{'long' if factor > 1.0 else 'short'}, about {about}, by the other channels and by the tests: check the scale"
+            f"{'long' if factor > 1.0 else 'short'}, about {about}, by the other channels: check the scale"
             f"{f', or the unit {unit},' if unit else ''} in the recordings"
         )
-        found.append(
-            Suspect(
-                Finding("scale", named(c, group), text, "a wrong scale"), values, None, price(factor, group)
-            )
-        )
+        said = Finding("scale", named(c, group), text, "a wrong scale")
+        found.append(Suspect(said, values, 1.0, price(factor, group)))
     return found

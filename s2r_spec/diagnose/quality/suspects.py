@@ -27,13 +27,13 @@ class Suspect:
     Attributes:
         finding: what is said of it.
         values: (n, T, c) recordings after undoing it.
-        wanted: (n, T, c) of what was recorded at the same instants, where undoing it leaves some unread; else None.
-        volume: log |∂ recorded / ∂ undone|, a number of a recording, twice: what shrinks everything must explain better.
+        there: (T, 1) of 1 and 0, which instants can be read when it is undone.
+        volume: 2 log |∂ recorded / ∂ undone|, a number of a recording: what shrinks everything must explain better.
     """
 
     finding: Finding
     values: FloatArray
-    wanted: FloatArray | None = None
+    there: FloatArray | float = 1.0
     volume: float = 0.0
 
 
