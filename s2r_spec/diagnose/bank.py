@@ -29,6 +29,9 @@ from s2r_spec.trace import Trace
 
 FloatArray = NDArray[np.float64]
 
+Progress = Callable[[str, int, int], None]
+"""Is told (stage, done, of) now and then; ``of`` is 0 where nobody knows."""
+
 VERSION = 1
 NOMINAL_SEEDS = 12
 EFFECT_SEEDS = 1
@@ -163,7 +166,7 @@ def source_of(kind: type) -> str:
 def bank(
     bench: Bench,
     executor: Callable[[], Executor] | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
     cache: Cache | None = None,
 ) -> Bank:
     """Return the bank of a simulator, from disk if it is there.
@@ -178,9 +181,10 @@ def bank(
 def simulate(
     bench: Bench,
     executor: Callable[[], Executor] | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
 ) -> Bank:
     """Simulate every line of the catalogue over the test space, with common random numbers."""
+    tell = progress or (lambda stage, done, of: None)
     tests = tuple(grid(bench.spec.space))
     middle = tests[len(tests) // 2]
     traces = [
@@ -190,8 +194,12 @@ def simulate(
     bench = replace(bench, features=features)
     catalogue = catalogue_of(bench.backend)
     three = tuple({place: tests[place] for place in (len(tests) // 2, 0, len(tests) - 1)}.values())
-    acts = {effect.name: _able(bench, effect, three) for effect in catalogue}
+    acts = {}
+    for done, effect in enumerate(catalogue):
+        tell("trying each effect", done, len(catalogue))
+        acts[effect.name] = _able(bench, effect, three)
     found = lines(catalogue, acts)
+    tell("asking the equations of motion", 0, 0)
     probes, idle = _probes(bench, found, middle, three)
     features = replace(features, probes=probes)
     # What shows in some machines only takes no part in what explains all of them.
@@ -213,7 +221,7 @@ def simulate(
     others = tuple(bench.backend.variants()) if isinstance(bench.backend, HasVariants) else ()
     several = _runs(tests, VARIANT_SEEDS)
     jobs += [Job({}, several, name) for name in others]
-    rows = run_jobs(bench, jobs, executor, progress)
+    rows = run_jobs(bench, jobs, executor, lambda done, of: tell("simulating effects", done, of))
 
     m = len(tests)
     nominal = np.stack(rows[:m])

@@ -312,7 +312,7 @@ def compare(
     signatures = Signatures.of(bank, available, asked_error)
     tests = [test for test, _ in seen]
     layout = Layout.of(bench.spec.space, bank.tests, tests)
-    tell("the simulator at the real tests", 0, 1)
+    tell("the simulator at the real tests", 0, 0)
     nominal = nominal_rows(bench, layout.tests, SHOTS, executor)
     level = np.nanmean(nominal, axis=0)
     components = signatures.components(rows, level[layout.place][:, signatures.kept])
@@ -349,7 +349,7 @@ def prepare(
     judge = judge_of(bench, signatures, compared.available, compared.asked_error, seed, cache, tell)
     # The networks learnt from data with a trend: where what has none matters, too, they abstain.
     p = judge.memberships(describe(smooth.data)[None])[0] if view is smooth else None
-    tell("fitting the whole catalogue", 0, 1)
+    tell("fitting the whole catalogue", 0, 0)
     begin = _beginning(smooth, not simulator.dear)
     first = view.surrogate.jacobian(begin)
     heard = None

@@ -48,6 +48,7 @@ from s2r_spec.diagnose.verdict import (
     reason,
     spare,
 )
+from s2r_spec.diagnose.watched import Watched
 from s2r_spec.diagnose.where.found import Where
 from s2r_spec.diagnose.where.found import where as find_where
 from s2r_spec.errors import UsageError
@@ -89,7 +90,7 @@ def diagnose(
         requirement: the one to look at; the spec's first if not given.
         seed: fixes everything that is drawn.
         executor: makes a pool for the simulations; None runs them here.
-        progress: is told (stage, done, of) now and then.
+        progress: is told (stage, done, of) now and then; ``of`` is 0 where nobody knows how much there is.
         cache: folder for what is simulated and learnt once; the user's cache folder if not given.
         folder: where rollouts that are asked of a machine are kept, each before the next begins; a
             second call goes on from what is there.
@@ -105,11 +106,9 @@ def diagnose(
         )
     name = spec.requirements[0] if requirement is None else requirement
     bench = bench_of(spec, name, sim)
-    tell = progress or (lambda stage, done, of: None)
+    tell = Watched(progress or (lambda stage, done, of: None))
     kept = Cache.usual() if cache is None else Cache(cache)
-    bank, idle = active(
-        banks.bank(bench, executor, lambda done, of: tell("simulating effects", done, of), kept)
-    )
+    bank, idle = active(banks.bank(bench, executor, tell, kept))
     bench = replace(bench, features=bank.features)
     # The bank comes first: a simulator that cannot be diagnosed costs no rollout of the machine.
     real = load_backend(real) if isinstance(real, str) else real
@@ -118,7 +117,8 @@ def diagnose(
     begun = len(parts.compared) < len(parts.seen)
     told = Used(rollouts, len(parts.used), begun, len(parts.held), *_recorded(bench, real))
     held_first = parts.held
-    with kept_open(executor) as pool:
+    with kept_open(executor) as pool, tell.watching():
+        tell("where the simulator falls", 0, 0)
         why = falls(bench, bank.lines, rollouts, seed, pool)
         odd = findings(
             bench, rollouts, bank.lines, pool, lambda done, of: tell("checking the recordings", done, of)
@@ -204,7 +204,7 @@ def _answer(
     first_none = not ranked[0][0]
     told = shared(state.sets, isolable.kin)
     named = likeliest(ranked, told.ranked())
-    tell("fitting the causes", 0, 1)
+    tell("fitting the causes", 0, 0)
     catalogue = state.view.surrogate.catalogue
     best = sized(state, weighed, named)
     there = large(catalogue, named, best.at)
@@ -327,7 +327,7 @@ def _next(
                 size = replace(size, at=looked.at)
             best = fit(state.view.surrogate.catalogue, members, size)
             rivals.append((" + ".join(state.judge.effects[k] for k in members), best.values))
-    tell("next test", 0, 1)
+    tell("next test", 0, 0)
     return next_test(bench, state.signatures, rivals, run, protocols=True, temperature=state.temperature)
 
 
@@ -347,4 +347,5 @@ def _where(
         simulated.append((other, bench.rho(other, test)))
         tell("where", number + 1, len(rollouts))
     tests = [test for test, _ in rollouts]
+    tell("where in the machine and between the tests", 0, 0)
     return find_where(bench.spec, bench.requirement, tests, real, simulated, seed, bench, improved, executor)

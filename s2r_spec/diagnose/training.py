@@ -110,6 +110,7 @@ def train(
         y[i, list(case.effects)] = 1
         if i % 500 == 0:
             tell(i, 2 * cases)
+    tell(cases, 2 * cases)
     networks = _networks(x, y, seed)
 
     catalogue = Catalogue.of(signatures.curves)
