@@ -18,7 +18,7 @@ from rich.progress import (
 )
 
 EVERY = 60.0
-"""Budget: time [s] after which a stage that goes on says so where there is no terminal. Half as much, twice the lines."""
+"""Budget: time [s] after which a stage that goes on says so without a terminal. Half as much, twice the lines."""
 
 
 class Stages:

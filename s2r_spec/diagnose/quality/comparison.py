@@ -24,7 +24,7 @@ Rollout = tuple[dict[str, float], Trace]
 BUDGET = 20.0
 """Budget: CPU time [s] for the rollouts that a comparison simulates. Twice as much compares more tests, with more
 sizes of every effect; a simulator that cannot run MINIMUM tests in it runs these all the same."""
-MINIMUM, TESTS = 3, 8
+MINIMUM, TESTS = 3, 6
 """Budget: tests that are compared, at least and at most. Twice as many cost twice the time, and find mistakes that show
 at few tests."""
 FEWEST, SEEDS = 4, 24
@@ -295,7 +295,7 @@ def _beyond(apart: FloatArray) -> FloatArray:
     inner = np.eye(known.shape[1]) + np.einsum("nsd,ntd->nst", known, known)
     taken = np.linalg.solve(inner, np.einsum("nsd,nvd->nsv", known, flat))
     left = flat - np.einsum("nsd,nsv->nvd", known, taken)
-    return np.asarray((left.reshape(-1, c) ** 2).mean(axis=0)) * (s - 1) / s
+    return np.asarray((left.reshape(-1, c) ** 2).mean(axis=0) * ((s - 1) / s))
 
 
 def spread(rollouts: Sequence[Rollout], count: int) -> list[Rollout]:

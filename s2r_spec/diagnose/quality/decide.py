@@ -93,12 +93,12 @@ def suspected(
     judged = sorted((_judged(c, suspect) for suspect in found), key=lambda one: one.after)
     good = [one for one in judged if _removed(one, one.before, c.usual) >= MOST]
     same = [one for one in judged if one.alone <= (1.0 + CLEAR) * c.usual and one not in good]
-    if not good and not same:
-        promising = [one for one in judged if _removed(one, one.before, c.usual) >= PROMISING]
-        good = [_beside(bench, c, one, executor) for one in promising[:AGAIN]]
-    if not good and not same:
+    promising = [one for one in judged if _removed(one, one.before, c.usual) >= PROMISING]
+    if not good and not same and not promising:
         return []
     machine, _ = nearest(bench, c, c.recorded, executor)
+    if not good and not same and machine.misfit(c.recorded) > (1.0 + CLEAR) * machine.usual:
+        good = [_beside(bench, c, one, executor) for one in promising[:AGAIN]]
 
     def physics(one: _Judged) -> float:
         left = machine.misfit(c.recorded, there=one.suspect.there)
