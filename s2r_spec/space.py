@@ -80,7 +80,9 @@ class Space:
         units = units or {}
         if not isinstance(ranges, Mapping):
             raise UsageError(f'a test space is a mapping like {{"vd": (-0.2, 0.3)}}, not {ranges!r}')
-        return cls(tuple(Axis(str(name), *_ends(name, ends), units.get(name, "")) for name, ends in ranges.items()))
+        return cls(
+            tuple(Axis(str(name), *_ends(name, ends), units.get(name, "")) for name, ends in ranges.items())
+        )
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -151,7 +153,9 @@ def _ends(name: object, ends: object) -> tuple[float, float]:
     try:
         low, high = ends  # type: ignore[misc]  # whatever the caller gave
     except (TypeError, ValueError):
-        raise UsageError(f"the range of {name!r} is {ends!r}; it needs two numbers, the lower one first") from None
+        raise UsageError(
+            f"the range of {name!r} is {ends!r}; it needs two numbers, the lower one first"
+        ) from None
     what = f"an end of the range of {name!r}"
     return _number(what, low), _number(what, high)
 

@@ -125,7 +125,9 @@ class Search:
             )
         for name, value in (("spread", spread), ("seed", seed)):
             if not number(name, value).is_integer() or value < (name == "spread"):
-                raise UsageError(f"spread = {spread} and seed = {seed} must be whole numbers, at least 1 and 0")
+                raise UsageError(
+                    f"spread = {spread} and seed = {seed} must be whole numbers, at least 1 and 0"
+                )
         if self.space.dim > MOST_PARAMETERS:
             raise UsageError(
                 f"the test space has {self.space.dim} parameters; a certified search takes at most {MOST_PARAMETERS}"
@@ -509,7 +511,7 @@ class Search:
             f"only, and none was left out for what came of it",
         )
         inside = (
-            f"the kernel is longer than the range of {self._long_names()}: between tests, it is the kernel that speaks, "
+            f"the kernel is longer than the range of {self._long_names()}: between tests the kernel speaks, "
             f"and every eighth of the range was tested",
         )
         return (
@@ -549,4 +551,3 @@ def _numbers(outcomes: ArrayLike, what: str) -> FloatArray:
     if (np.abs(values) > LARGEST).any():
         raise UsageError(f"an outcome of {what} is beyond {LARGEST:g}, which double precision cannot square")
     return values
-

@@ -40,7 +40,9 @@ def parse(source: Source, declared: Set[str] = frozenset()) -> Parsed:
     lexed = lex(source, declared)
     if lexed.beyond is not None:
         message = f"the text is too long: it has more than {MOST_TOKENS:,} words, numbers, signs and spaces"
-        mistake = Diagnostic("E22", message, span_of(source, lexed.beyond), fix="split it into several specifications")
+        mistake = Diagnostic(
+            "E22", message, span_of(source, lexed.beyond), fix="split it into several specifications"
+        )
         return Parsed(source, (), (), (), (mistake,))
     statements: list[syntax.Statement] = []
     imports: list[syntax.Import] = []

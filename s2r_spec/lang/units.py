@@ -181,7 +181,15 @@ def _named(name: str) -> Unit:
     try:
         unit = registry.parse_units(name)
         zero, one, two = (_base(registry.Quantity(float(n), unit)) for n in (0, 1, 2))
-    except (pint.PintError, ValueError, TypeError, AttributeError, OverflowError, ArithmeticError, RecursionError):
+    except (
+        pint.PintError,
+        ValueError,
+        TypeError,
+        AttributeError,
+        OverflowError,
+        ArithmeticError,
+        RecursionError,
+    ):
         raise UnknownUnitError(name) from None
     if abs(two - one - (one - zero)) > 1e-9 * abs(two - zero):
         raise UnknownUnitError(name)  # a logarithmic unit, such as dB

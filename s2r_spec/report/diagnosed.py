@@ -55,14 +55,17 @@ def text(found: Diagnosis, spec: Spec) -> str:
 
 
 def markup(found: Diagnosis, spec: Spec) -> str:
-    """Return rich markup: the answer first, then what it stands on."""
+    """Return rich markup: what is wrong with the recordings first, then the answer, then what it stands on."""
+    first = "".join(f"{escape(one_line(f'note: {each.text}'))}\n" for each in found.findings)
     headline = f"[{COLOURS[found.verdict]}]{found.verdict.value.upper()}[/]  {escape(one_line(found.reason))}"
-    return f"{headline}\n{escape(body(found, spec))}"
+    return f"{first}{headline}\n{escape(body(found, spec))}"
 
 
 def body(found: Diagnosis, spec: Spec) -> str:
-    """Return all but the first line, as plain text."""
-    lines = [*(f"  note: {line}" for line in found.notes), "", *_causes(found.which)]
+    """Return all but the answer and what is said before it, as plain text."""
+    said = {each.text for each in found.findings}
+    notes = [f"  note: {line}" for line in found.notes if line not in said]
+    lines = [*notes, "", *_causes(found.which)]
     if found.where is not None:
         lines += ["", *_where(found, found.where, spec)]
     if found.how_far is not None:
