@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -9,12 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.errors import UsageError, one_of, suggest
+from s2r_spec.magnitude import beyond, number
 
 FloatArray = NDArray[np.float64]
 
 ROUNDED = 1e-9
 """Part of its range by which a value may be outside: units were converted, there and back."""
 
+FINEST = 1e-9
+"""Least width of a range beside its ends (tolerance). A search halves a range up to 20 times and more, and double
+precision has 16 digits; with twice as much nothing changes for ranges in use."""
 
 Key = tuple[tuple[str, float], ...]
 
@@ -34,17 +39,33 @@ class Axis:
     unit: str = ""
 
     def __post_init__(self) -> None:
-        """Refuse an empty or infinite range."""
+        """Refuse an empty or infinite range, and one that is wider than a number can say."""
         if not (np.isfinite(self.low) and np.isfinite(self.high) and self.low < self.high):
             raise UsageError(
                 f"the range of {self.name!r} is [{self.low:g}, {self.high:g}]; "
                 f"it needs two finite numbers, the lower one first"
+            )
+        if not math.isfinite(self.width):
+            raise UsageError(
+                f"the range of {self.name!r}, [{self.low:g}, {self.high:g}], is wider than double precision can say"
             )
 
     @property
     def width(self) -> float:
         """Length of the range, in the axis' unit."""
         return self.high - self.low
+
+    @property
+    def unfit(self) -> str:
+        """Why no search can divide this range, "" if one can."""
+        if outside := beyond(self.width):
+            return f"the width of the range of {self.name!r} is {outside}"
+        if self.width < FINEST * max(abs(self.low), abs(self.high)):
+            return (
+                f"the range of {self.name!r} is {self.width:.3g} wide at {self.high:.17g}: double precision cannot "
+                f"divide it; give the parameter as the difference from a fixed value"
+            )
+        return ""
 
 
 @dataclass(frozen=True)
@@ -57,11 +78,10 @@ class Space:
     def of(cls, ranges: Mapping[str, tuple[float, float]], units: Mapping[str, str] | None = None) -> Space:
         """Build a box from ``{"vd": (-0.2, 0.3)}`` and, if wanted, ``{"vd": "m/s"}``."""
         units = units or {}
+        if not isinstance(ranges, Mapping):
+            raise UsageError(f'a test space is a mapping like {{"vd": (-0.2, 0.3)}}, not {ranges!r}')
         return cls(
-            tuple(
-                Axis(name, float(low), float(high), units.get(name, ""))
-                for name, (low, high) in ranges.items()
-            )
+            tuple(Axis(str(name), *_ends(name, ends), units.get(name, "")) for name, ends in ranges.items())
         )
 
     @property
@@ -115,6 +135,7 @@ class Space:
             if axis.name not in point:
                 raise UsageError(f"the test parameter {axis.name!r} is missing from {dict(point)}")
             room = ROUNDED * axis.width
+            number(axis.name, point[axis.name])
             if not axis.low - room <= point[axis.name] <= axis.high + room:
                 raise UsageError(
                     f"{axis.name} = {point[axis.name]:g} {axis.unit} is outside "
@@ -126,3 +147,19 @@ class Space:
         """Return (prod(counts), dim) grid points, both ends of every axis included, last axis fastest."""
         lines = [np.linspace(axis.low, axis.high, n) for axis, n in zip(self.axes, counts, strict=True)]
         return np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, self.dim)
+
+
+def _ends(name: object, ends: object) -> tuple[float, float]:
+    try:
+        low, high = ends  # type: ignore[misc]  # whatever the caller gave
+    except (TypeError, ValueError):
+        raise UsageError(
+            f"the range of {name!r} is {ends!r}; it needs two numbers, the lower one first"
+        ) from None
+    what = f"an end of the range of {name!r}"
+    return _number(what, low), _number(what, high)
+
+
+def _number(what: str, value: object) -> float:
+    # An infinite end is refused by the axis, which says so of the whole range.
+    return float(value) if isinstance(value, float) else number(what, value)

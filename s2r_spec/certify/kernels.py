@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.errors import UsageError, one_of, suggest
+from s2r_spec.magnitude import number, positive
 
 if TYPE_CHECKING:
     from gpytorch.kernels import Kernel as TorchKernel
@@ -29,18 +30,24 @@ class _Family:
     constant: float
     """Linear interpolation over a side h errs by at most ‖J‖ · constant · (h/ℓ)^power."""
     power: float
+    slope: float
+    """A function changes by at most ‖J‖ · slope · h/ℓ over a side h: sqrt(−k''(0)), in lengthscales."""
     mixture: float
     """B²/c of the one-scale mixture: how much smaller than the norm ball its prior is."""
 
 
 FAMILIES = {
     # |J''| ≤ ‖J‖ sqrt(k''''(0)), which is √3/ℓ² and 5/ℓ², and the error is at most h²/8 max|J''|.
-    "rbf": _Family("RBF (analytic functions: no kink, no step)", math.sqrt(3) / 8, 2.0, 5.0),
-    "matern52": _Family("Matérn-5/2 (twice differentiable functions)", 5 / 8, 2.0, 20.0),
+    "rbf": _Family("RBF (analytic functions: no kink, no step)", math.sqrt(3) / 8, 2.0, 1.0, 5.0),
+    "matern52": _Family("Matérn-5/2 (twice differentiable functions)", 5 / 8, 2.0, math.sqrt(5 / 3), 20.0),
     # |J'(x) − J'(y)|² ≤ 2‖J‖²(k''(|x−y|) − k''(0)) ≤ ‖J‖² · 12√3 |x−y|/ℓ³, and the error is
     # w(1−w)h · max|J'(x) − J'(y)| over |x−y| ≤ h, at most h/4 of it.
     "matern32": _Family(
-        "Matérn-3/2 (once differentiable functions)", math.sqrt(12 * math.sqrt(3)) / 4, 1.5, 50.0
+        "Matérn-3/2 (once differentiable functions)",
+        math.sqrt(12 * math.sqrt(3)) / 4,
+        1.5,
+        math.sqrt(3),
+        50.0,
     ),
 }
 
@@ -59,14 +66,20 @@ class Kernel:
 
     def __post_init__(self) -> None:
         """Refuse an unknown name or a lengthscale that is not positive."""
-        if self.name not in FAMILIES:
-            valid = suggest(self.name, FAMILIES)
+        if not isinstance(self.name, str) or self.name not in FAMILIES:
+            valid = suggest(str(self.name), FAMILIES)
             raise UsageError(f"no kernel {self.name!r}{valid} there are {one_of(FAMILIES)}")
-        if isinstance(self.lengthscale, Sequence):
-            object.__setattr__(self, "lengthscale", tuple(float(value) for value in self.lengthscale))
-        values = np.atleast_1d(self.lengthscale)
-        if values.size == 0 or not (np.isfinite(values) & (values > 0)).all():
-            raise UsageError(f"the lengthscale of {self.name} is {self.lengthscale}; it must be positive")
+        several = isinstance(self.lengthscale, Sequence | np.ndarray) and not isinstance(
+            self.lengthscale, str
+        )
+        what = f"the lengthscale of {self.name}"
+        given = tuple(self.lengthscale) if several else (self.lengthscale,)
+        values = tuple(number(what, value) for value in given)
+        object.__setattr__(self, "lengthscale", values if several else values[0])
+        if not values or min(values) <= 0:
+            raise UsageError(f"{what} is {self.lengthscale}; it must be positive")
+        for value in values:
+            positive(what, value)
 
     @property
     def words(self) -> str:
@@ -110,7 +123,9 @@ class Kernel:
     def hidden(self, sides: FloatArray) -> FloatArray:
         """Return (…, dim) what each axis of (…, dim) cell sides adds to :meth:`interpolation`."""
         family = FAMILIES[self.name]
-        return np.asarray(family.constant * (sides / self.lengthscales(sides.shape[-1])) ** family.power)
+        with np.errstate(over="ignore"):  # a cell of too many lengthscales hides anything: inf
+            scaled = (sides / self.lengthscales(sides.shape[-1])) ** family.power
+        return np.asarray(family.constant * scaled)
 
     def interpolation(self, sides: FloatArray) -> FloatArray:
         """Return (…) bounds e(h) = sup_z ‖φ(z) − Σ w_j(z) φ(g_j)‖ over cells of (…, dim) sides.
@@ -121,6 +136,13 @@ class Kernel:
         functions, so that the axes' errors add.
         """
         return np.asarray(self.hidden(sides).sum(axis=-1))
+
+    def change(self, sides: FloatArray) -> FloatArray:
+        """Return (…, dim) bounds of |J(x) − J(y)| / ‖J‖ for x and y that differ by one of the (…, dim) sides.
+
+        |J(x) − J(y)| ≤ ‖J‖ sqrt(2 − 2k(x, y)) by Cauchy–Schwarz, and 1 − k(x, y) ≤ −k''(0) |x − y|²/2.
+        """
+        return np.asarray(FAMILIES[self.name].slope * sides / self.lengthscales(sides.shape[-1]))
 
     def sides_for(self, error: float, dim: int) -> FloatArray:
         """Return (dim,) cell sides with an interpolation bound of ``error``, shared equally by the axes."""

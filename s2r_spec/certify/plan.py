@@ -13,9 +13,11 @@ from numpy.typing import ArrayLike, NDArray
 from s2r_spec.certify import confidence
 from s2r_spec.certify.certificate import Certificate
 from s2r_spec.certify.floors import minimax, sequential_floor
+from s2r_spec.certify.inside import log_rollouts, tests_apart
 from s2r_spec.certify.kernels import Kernel
 from s2r_spec.certify.search import Search
 from s2r_spec.errors import UsageError
+from s2r_spec.magnitude import whole
 from s2r_spec.space import Space
 
 FloatArray = NDArray[np.float64]
@@ -73,12 +75,20 @@ def plan(
         epsilon: width of the interval that is wanted.
         mode: of the confidence set.
         budgets: rollouts for which the reachable ε is wanted.
-        runs: simulated searches; the medians are reported.
+        runs: simulated searches; the medians are reported, or None as soon as one of them gives up.
         most: rollouts after which a search to ε is given up.
         seed: of the simulation.
         progress: is told (stage, searches that are done, of) now and then.
     """
-    Search(space, kernel=kernel, B=B, R=R, delta=delta, epsilon=epsilon, mode=mode)  # refuses bad settings
+    # It refuses bad settings; a budget, since too small an ε is an answer of a plan.
+    tried = Search(space, kernel=kernel, B=B, R=R, delta=delta, epsilon=epsilon, mode=mode, budget=most)
+    tried.refuse_hopeless()
+    for budget in budgets:
+        if whole("budget", budget, 2 * tried.spread) > most:
+            raise UsageError(f"budget = {budget:g}; a plan simulates at most {most:,} rollouts")
+    floor = sequential_floor(R, epsilon, delta)
+    tests = tests_apart(space, kernel)
+    beyond = floor > most or log_rollouts(tests, tried.spread, tried.batch) > math.log10(most)
 
     done, of = 0, runs * (2 + len(budgets))
 
@@ -106,18 +116,22 @@ def plan(
         return search.certificate()
 
     def to_stop(share: float) -> int | None:
-        certificates = [simulated(run, share, most, epsilon) for run in range(runs)]
-        reached = [certificate.rollouts for certificate in certificates if certificate.epsilon <= epsilon]
-        return int(median(reached)) if len(reached) == runs else None
+        reached: list[int] = []
+        for run in range(runs):
+            certificate = None if beyond else simulated(run, share, most, epsilon)
+            if certificate is None or certificate.epsilon > epsilon:
+                return None
+            reached.append(certificate.rollouts)
+        return int(median(reached))
 
     reachable = []
     for budget in budgets:
         # The width wanted is 0.3 of the best that Gaussian noise allows: the budget ends the search, not ε.
-        target = 0.3 * 2 * -NormalDist().inv_cdf(min(delta, 0.3)) * R / math.sqrt(budget)
+        target = min(B, 0.3 * 2 * -NormalDist().inv_cdf(min(delta, 0.3)) * R / math.sqrt(budget))
         widths = [simulated(run, FLAT, budget, target).epsilon for run in range(runs)]
         reachable.append((budget, median(widths)))
     return Plan(
-        floor=sequential_floor(R, epsilon, delta),
+        floor=floor,
         minimax=minimax(R, epsilon, delta),
         peaked=to_stop(PEAKED),
         flat=to_stop(FLAT),

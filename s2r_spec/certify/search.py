@@ -21,6 +21,7 @@ from s2r_spec.certify import confidence
 from s2r_spec.certify.bounds import Bounds
 from s2r_spec.certify.certificate import Certificate, Label, Rung
 from s2r_spec.certify.floors import sequential_floor
+from s2r_spec.certify.inside import LEVELS, MOST_ROLLOUTS, Inside, constant, long_axes, too_many
 from s2r_spec.certify.kernels import Kernel
 from s2r_spec.certify.modes import MODES
 from s2r_spec.certify.outward import at_least
@@ -28,6 +29,7 @@ from s2r_spec.certify.posterior import ENGINES, Conditioned
 from s2r_spec.certify.samples import Samples
 from s2r_spec.certify.tiling import Tiling
 from s2r_spec.errors import UsageError, one_of
+from s2r_spec.magnitude import LARGEST, number, positive, whole
 from s2r_spec.space import Space
 
 FloatArray = NDArray[np.float64]
@@ -99,9 +101,19 @@ class Search:
         self.space = space if isinstance(space, Space) else Space.of(space)
         if self.space.dim == 0:
             raise UsageError("the test space is empty: declare at least one parameter with a range")
-        _positive(B=B, R=R, epsilon=epsilon, batch=batch, spread=spread)
+        if unfit := [axis.unfit for axis in self.space.axes if axis.unfit]:
+            raise UsageError(unfit[0])
+        if not isinstance(kernel, Kernel):
+            raise UsageError(f"kernel = {kernel!r}; it must be a Kernel, like Kernel('matern52', 0.2)")
+        kernel.lengthscales(self.space.dim)
+        B, R, epsilon, batch = (
+            positive(name, value)
+            for name, value in (("B", B), ("R", R), ("epsilon", epsilon), ("batch", batch))
+        )
+        delta = number("delta", delta)
         if not 0 < delta < 1:
             raise UsageError(f"delta = {delta:g}; it is a probability and must lie strictly between 0 and 1")
+        positive("delta", delta)
         if epsilon >= 2 * B:
             raise UsageError(
                 f"epsilon = {epsilon:g} asks for no more than B = {B:g} says without any rollout; it must be below 2B"
@@ -111,8 +123,11 @@ class Search:
                 f"R = {R:g} is too small beside B = {B:g}: double precision carries ratios up to {MOST_PRECISE:g}; "
                 f"declare a larger R"
             )
-        if spread != int(spread) or spread < 1 or seed < 0:
-            raise UsageError(f"spread = {spread} and seed = {seed} must be whole numbers, at least 1 and 0")
+        for name, value in (("spread", spread), ("seed", seed)):
+            if not number(name, value).is_integer() or value < (name == "spread"):
+                raise UsageError(
+                    f"spread = {spread} and seed = {seed} must be whole numbers, at least 1 and 0"
+                )
         if self.space.dim > MOST_PARAMETERS:
             raise UsageError(
                 f"the test space has {self.space.dim} parameters; a certified search takes at most {MOST_PARAMETERS}"
@@ -121,17 +136,23 @@ class Search:
             raise UsageError(f"no mode {mode!r}; there are: {one_of(MODES)}")
         if engine not in ENGINES:
             raise UsageError(f"no engine {engine!r}; there are: {one_of(ENGINES)}")
+        budget = None if budget is None else whole("budget", budget, 0)
         if budget is not None and budget < 2 * spread:
             raise UsageError(f"budget = {budget}; the first batch alone takes {2 * spread} rollouts")
-        self.kernel, self.B, self.R, self.delta, self.epsilon = (
-            kernel,
-            float(B),
-            float(R),
-            float(delta),
-            float(epsilon),
-        )
-        self.mode, self.engine, self.seed, self.unit = mode, engine, seed, unit
-        self.batch, self.spread, self.budget, self.fitted = batch, int(spread), budget, tuple(fitted)
+        self.kernel, self.B, self.R, self.delta, self.epsilon = kernel, B, R, delta, epsilon
+        self.mode, self.engine, self.seed, self.unit = mode, engine, int(seed), unit
+        if isinstance(fitted, str) or not all(isinstance(name, str) for name in fitted or ()):
+            raise UsageError(f"fitted = {fitted!r}; it must be names of settings, like ('R', 'kernel')")
+        self.batch, self.spread, self.budget, self.fitted = batch, int(spread), budget, tuple(fitted or ())
+        self._inside = Inside(self.space, long_axes(self.space, kernel))
+        self._constant = constant(self.space, kernel, B, epsilon)
+        self._too_many = too_many(self.space, kernel, self.spread, batch, budget)
+        floor = sequential_floor(R, epsilon, delta)
+        if budget is None and floor > MOST_ROLLOUTS:
+            self._too_many = (
+                f"epsilon = {epsilon:g} takes at least {floor:.0e} rollouts beside R = {R:g}, by any method; "
+                f"ask for a larger epsilon, or give a budget"
+            )
 
         self._norms = np.array(LADDER) * self.B / self.R
         self._mode = MODES[mode](kernel, self._norms)
@@ -167,14 +188,30 @@ class Search:
             return [query for query, _ in self._open.values()]
         if self.done:
             return []
-        size = self._batch_size()
-        shares = [size // self.spread + (i < size % self.spread) for i in range(self.spread)]
-        # May be fewer tests than shares.
-        for place, share in zip(self._next_points(shares), shares, strict=False):
-            query = Query(self._asked, self.space.point(self._tiling.points[place]), share)
+        if tests := self._inside_batch():
+            places = [(self._bounds.add(vector), replicates) for vector, replicates in tests]
+        else:
+            places = self._usual_batch()
+        for place, replicates in places:
+            query = Query(self._asked, self.space.point(self._tiling.points[place]), replicates)
             self._open[query.index] = (query, place)
             self._asked += 1
         return [query for query, _ in self._open.values()]
+
+    def _usual_batch(self) -> list[tuple[int, int]]:
+        """Return (index of the point, replicates) of the tests that tell most about the maximum."""
+        size = self._batch_size()
+        shares = [size // self.spread + (i < size % self.spread) for i in range(self.spread)]
+        # May be fewer tests than shares.
+        return list(zip(self._next_points(shares), shares, strict=False))
+
+    def _inside_batch(self) -> list[tuple[FloatArray, int]]:
+        """Return (point, replicates) of the tests that are lacking along axes that are shorter than the kernel."""
+        if not self._inside.axes:
+            return []
+        rng = np.random.default_rng([self.seed, self._asked])
+        least = self._inside.telling(self.R, max(self._width(), self.epsilon), self.delta)
+        return self._inside.batch(self.tested, self._samples.counts, least, rng)
 
     def tell(self, query: Query, outcomes: ArrayLike) -> None:
         """Give the (replicates,) outcomes of a query that was asked.
@@ -185,6 +222,8 @@ class Search:
         Raises:
             UsageError: the query was not asked or is told twice, too many outcomes, or one is not finite.
         """
+        if not isinstance(query, Query):
+            raise UsageError(f"tell takes a query that was asked, not a value of type {type(query).__name__}")
         if query.index not in self._open or query.index in self._told:
             raise UsageError(f"query {query.index} is not open: it was told before, or never asked")
         query = self._open[query.index][0]
@@ -343,7 +382,18 @@ class Search:
             discretisation=float(self._bounds.hidden[rung]) * self.R,
         )
 
+    def refuse_hopeless(self) -> None:
+        """Refuse, before any rollout, a search that would be refused whatever its rollouts show.
+
+        Raises:
+            UsageError: a lengthscale is far too long or too short for the test space.
+        """
+        if hopeless := self._constant or self._too_many:
+            raise UsageError(hopeless)
+
     def _label(self) -> tuple[Label, str]:
+        if self._constant or (self._too_many and not self._final):
+            return Label.REFUSED, self._constant or self._too_many
         if self._missing:
             return Label.REFUSED, f"rollouts are missing: {self._missing}; leaving rollouts out is selection"
         if self._log_e >= math.log(1 / self.delta):
@@ -360,7 +410,11 @@ class Search:
         if self._settled() and 2 * B_low > self.B:
             return Label.REFUSED, (
                 f"B = {self.B:g} is less than twice the norm that the data already show (B_low = {at_least(B_low)}); "
-                f"read the interval of a larger B in the ladder, if you can say why that B is right"
+                + (
+                    f"the lengthscale of {self._long_names()}, longer than its range, may be what is wrong"
+                    if self._inside.axes
+                    else "read the interval of a larger B in the ladder, if you can say why that B is right"
+                )
             )
         width = self._width()
         if width <= self.B and self._rollouts < sequential_floor(self.R, width, self.delta):
@@ -370,9 +424,14 @@ class Search:
             )
         if not self._settled():
             return Label.RUNNING, ""
+        if uncovered := self._uncovered():
+            return Label.REFUSED, uncovered
         if self.fitted:
             return Label.MODEL_BASED, f"{', '.join(self.fitted)} fitted on the certificate's own data"
         return (Label.CERTIFIED if width <= self.epsilon else Label.BUDGET), ""
+
+    def _long_names(self) -> str:
+        return ", ".join(self.space.axes[axis].name for axis in self._inside.axes)
 
     def _width(self) -> float:
         rung = self._interval(0)
@@ -380,8 +439,29 @@ class Search:
 
     def _settled(self) -> bool:
         """Whether no further rollout will be asked for, R and B aside."""
-        spent = self.budget is not None and self._rollouts + self._batch_size() > self.budget
-        return self._final or spent or self._width() <= self.epsilon or self._B_low * self.R > self.B
+        if self._final or self._B_low * self.R > self.B:
+            return True
+        inside = sum(replicates for _, replicates in self._inside_batch())
+        size = inside or self._batch_size()
+        spent = self.budget is not None and self._rollouts + size > self.budget
+        return spent or (self._width() <= self.epsilon and not inside)
+
+    def _uncovered(self) -> str:
+        """Return a sentence if a part of a range was not tested along which the kernel is longer, else ""."""
+        if not self._inside.axes:
+            return ""
+        least = self._inside.covering
+        lacking = self._inside.lacking(self.tested, self._samples.counts, least)
+        rows, parts = np.nonzero(lacking)
+        if not len(rows):
+            return ""
+        axis = self.space.axes[self._inside.axes[rows[0]]]
+        low, high = (axis.low + axis.width * (parts[0] + end) / LEVELS for end in (0, 1))
+        return (
+            f"the kernel is longer than the range of {axis.name}, so every eighth of it must be tested first; "
+            f"{axis.name} in [{low:.4g}, {high:.4g}] {axis.unit}".rstrip()
+            + f" lacks {lacking[rows[0], parts[0]]} of {least} rollouts"
+        )
 
     def certificate(self) -> Certificate:
         """Return what the outcomes told so far certify; valid at any time."""
@@ -430,12 +510,17 @@ class Search:
             f"{self._observed} outcomes are of tests that were fixed beforehand, or chosen from outcomes before them "
             f"only, and none was left out for what came of it",
         )
+        inside = (
+            f"the kernel is longer than the range of {self._long_names()}: between tests the kernel speaks, "
+            f"and every eighth of the range was tested",
+        )
         return (
             f"the expected outcome, as a function of the test, has norm ≤ B = {self.B:g}{unit} in the RKHS of the "
             f"{self.kernel.words} kernel with lengthscale {scales}; no data can prove this",
             f"the noise of one rollout is R-sub-Gaussian with R = {self.R:g}{unit}, declared before the data",
             "rollouts are independent given the tests, and every rollout that was asked for is counted",
             *(fixed if self._observed else ()),
+            *(inside if self._inside.axes else ()),
         )
 
 
@@ -449,7 +534,13 @@ def _numbers(outcomes: ArrayLike, what: str) -> FloatArray:
         raise UsageError(
             f"the outcomes of {what} are {np.asarray(outcomes).dtype}: a certificate needs float64"
         )
-    values = np.atleast_1d(np.asarray(outcomes, dtype=np.float64))
+    try:
+        given = np.asarray(outcomes)
+    except Exception as error:  # rows of different lengths; an array that another library keeps elsewhere
+        raise UsageError(f"the outcomes of {what} are not a list of numbers: {error}") from None
+    if given.dtype.kind not in "biuf":
+        raise UsageError(f"the outcomes of {what} are {outcomes!r:.60}; they must be a list of numbers")
+    values = np.atleast_1d(given.astype(np.float64))
     if values.ndim != 1:
         raise UsageError(f"the outcomes of {what} have shape {values.shape}; they must be a list of numbers")
     if not np.isfinite(values).all():
@@ -457,10 +548,6 @@ def _numbers(outcomes: ArrayLike, what: str) -> FloatArray:
             f"outcome {int(np.argmin(np.isfinite(values)))} of {what} is not a finite number; "
             f"a fall or a crash must be given the value that was declared for it"
         )
+    if (np.abs(values) > LARGEST).any():
+        raise UsageError(f"an outcome of {what} is beyond {LARGEST:g}, which double precision cannot square")
     return values
-
-
-def _positive(**settings: float) -> None:
-    for name, value in settings.items():
-        if not (math.isfinite(value) and value > 0):
-            raise UsageError(f"{name} = {value:g}; it must be a positive number")

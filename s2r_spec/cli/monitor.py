@@ -8,19 +8,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import Console
 from rich.text import Text
 
+from s2r_spec.cli import terminal
 from s2r_spec.cli.common import CODES, COLOURS, answered, sentences, worst
 from s2r_spec.cli.online import Settings, follow
 from s2r_spec.cli.options import Columns, Nan, TimeUnit, missing
-from s2r_spec.cli.reading import Asked, named, read
+from s2r_spec.cli.reading import Asked, Recorded, named, read
+from s2r_spec.printable import lines, one_line
 
 if TYPE_CHECKING:
+    from s2r_spec.robustness.evaluation import Evaluation
     from s2r_spec.robustness.profiles import Profile
-    from s2r_spec.robustness.reading import Missing
-    from s2r_spec.spec import Spec
-    from s2r_spec.trace import Trace
 
 
 def monitor(
@@ -115,58 +114,73 @@ def _evaluated(asked: Asked, path: Path, partial: bool, like: str, conventions: 
             "from_trace": sorted(recorded.taken),
             "notes": list(recorded.notes),
             "requirements": [
-                _judged(
-                    asked.spec, recorded.trace, name, recorded.params, partial, like, conventions, asked.nan
-                )
-                for name in asked.requirements
+                _judged(asked, recorded, name, partial, like, conventions) for name in asked.requirements
             ],
         }
 
 
 def _judged(
-    spec: Spec,
-    trace: Trace,
-    requirement: str,
-    params: dict[str, float],
-    partial: bool,
-    like: str,
-    conventions: Profile,
-    nan: Missing,
+    asked: Asked, recorded: Recorded, requirement: str, partial: bool, like: str, conventions: Profile
 ) -> dict[str, Any]:
     """Return the explanation of one requirement as plain data, with a verdict and a text."""
     from s2r_spec.robustness.explain import Explanation
 
+    spec, trace, params, nan = asked.spec, recorded.trace, recorded.params, asked.nan
+    # Whoever states the unit of the times knows how far apart the samples are.
+    sparse = asked.time_unit is not None
+    sampling: dict[str, Any] = {}
+    lines: list[str] = []
+    reason = None
     if trace.failure is None:
-        if partial and conventions["end"] != "hold":
+        held = conventions["end"] == "hold" and len(trace) > 1
+        if partial and not held:
             conventions = {**conventions, "end": "clip"}
-        found = spec.evaluate(trace, requirement, params, nan=nan, **conventions)
-        if not (found.complete[0] or partial or conventions["end"] == "hold"):
-            text = (
-                f"{requirement} unknown: it looks {found.horizon:g} s ahead, but the trace lasts "
-                f"{trace.duration:g} s (--partial evaluates what there is)"
+        found = spec.evaluate(trace, requirement, params, nan=nan, sparse=sparse, **conventions)
+        sampling = {"period": found.period, "duration": found.duration, "narrowest_window": found.narrowest}
+        lines = [_sampled(found), *(f"  note: {note}" for note in found.notes)]
+        if not (found.complete[0] or partial or held):
+            looks = spec.shortfall(trace, requirement, params, nan=nan)
+            text = "\n".join(
+                (f"{requirement} unknown: it {looks} (--partial evaluates what there is)", *lines)
             )
-            return {"requirement": requirement, "verdict": "unknown", "text": text}
+            return {
+                "requirement": requirement,
+                "verdict": "unknown",
+                "satisfied": None,
+                "text": text,
+            } | sampling
         why = ""
         if conventions["interpolation"] != "samples":
-            why = f"it is asked at every instant, as {like} does: no one sample decides it"
-        elif not found.complete[0] and conventions["end"] == "hold":
+            why = f"it is evaluated at every instant, as {like} does: no one sample decides it"
+        elif not found.complete[0] and held:
             why = f"it looks past the last sample, which lasts on, as in {like}"
-        reason = Explanation(requirement, found.value, found.unit, reason=why)
-    if trace.failure is not None or not reason.reason:
-        reason = spec.explain(trace, requirement, params, until=conventions["until"], partial=True, nan=nan)
-    verdict = "holds" if reason.rho >= 0 else "violated"
-    return {"verdict": verdict, "text": str(reason), **reason.to_json()}
+        if why:
+            satisfied = bool(found.satisfied[0])
+            reason = Explanation(requirement, found.value, found.unit, satisfied, reason=why)
+    reason = reason or spec.explain(
+        trace, requirement, params, until=conventions["until"], partial=True, nan=nan, sparse=sparse
+    )
+    verdict = "holds" if reason.satisfied else "violated"
+    return {"verdict": verdict, "text": "\n".join((str(reason), *lines)), **reason.to_json()} | sampling
+
+
+def _sampled(found: Evaluation) -> str:
+    """Return in a line how a trace is sampled: who reads it sees times in a wrong unit."""
+    if found.period is None:
+        return "  one sample"
+    windows = "" if found.narrowest is None else f", {found.narrowest} samples in the narrowest window"
+    return f"  sampled every {found.period:.6g} s for {found.duration:.6g} s{windows}"
 
 
 def _print(results: list[dict[str, Any]]) -> None:
-    console = Console(highlight=False, soft_wrap=True)
+    console = terminal.console()
     for result in results:
         if "error" in result:
             continue  # said on stderr
         taken = ", ".join(f"{name} = {result['params'][name]:g}" for name in result["from_trace"])
-        head = Text(result["trace"], style="bold")
+        head = Text(one_line(result["trace"]), style="bold")
         console.print(head.append(f", {taken} as recorded", style="not bold") if taken else head)
         for one in result["requirements"]:
-            text = Text(one["text"])
+            text = Text(lines(one["text"]))
             text.highlight_words([f" {one['verdict']}:"], style=COLOURS[one["verdict"]])
             console.print(text)

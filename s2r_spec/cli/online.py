@@ -10,11 +10,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rich.console import Console
 from rich.text import Text
 
 from s2r_spec.cli.common import CODES, COLOURS, note, worst
 from s2r_spec.cli.reading import Asked, named, parameters, read
+from s2r_spec.cli.terminal import console
+from s2r_spec.printable import one_line
 
 if TYPE_CHECKING:
     from s2r_spec.robustness.online.monitor import RobustInterval
@@ -78,25 +79,34 @@ def _follow(asked: Asked, given: _Input, settings: Settings) -> int:
     spec = asked.spec
     period = given.period if settings.period is None else settings.period
     monitors = {
-        name: spec.monitor(given.params, name, period=period, ranges=settings.ranges, nan=asked.nan)
+        name: spec.monitor(
+            given.params,
+            name,
+            period=period,
+            ranges=settings.ranges,
+            nan=asked.nan,
+            sparse=asked.time_unit is not None,
+        )
         for name in asked.requirements
     }
     scales = _scales(spec, asked.requirements, given.units)
     shown: dict[str, RobustInterval] = {}
-    last: float | None = None
+    recent: list[float] = []  # the first time and the last two: they say how finely an instant is written
     for last, sample in given.samples:
+        recent = [*recent[:1], *recent[-1:], last]
         for name, monitor in monitors.items():
             (interval,) = monitor.update(last, _converted(sample, scales)).values()
             if interval != shown.get(name) and (name in shown or interval.bounded):
                 shown[name] = interval
-                _changed(spec, name, last, interval, settings.as_json)
+                _changed(spec, name, recent, interval, settings.as_json)
     ended: dict[str, RobustInterval] = {}
     for name, monitor in monitors.items():
         failed = _fallen(spec, name, given.meta)
         ended |= {name: failed} if failed else monitor.finish(partial=settings.partial)
     for sentence in given.notes:
         note(sentence)
-    return _print_end(spec, given.params, settings, ended)
+    looks = {name: monitors[name].shortfall(name) for name, one in ended.items() if one.satisfied is None}
+    return _print_end(spec, given.params, settings, ended, looks)
 
 
 def _rows(asked: Asked) -> _Input:
@@ -161,26 +171,34 @@ def _fallen(spec: Spec, requirement: str, meta: Mapping[str, Any]) -> RobustInte
     if trace.failure is None:
         return None
     rho = spec.robustness(trace, only=requirement)[requirement]
-    return RobustInterval(rho, rho)
+    return RobustInterval(rho, rho, satisfied=rho > 0)
 
 
 def _plain(interval: RobustInterval) -> dict[str, Any]:
     """Return the interval for JSON, which has no infinity."""
     ends = {"lower": interval.lower, "upper": interval.upper}
-    return {"verdict": interval.verdict} | {
+    return {"verdict": interval.verdict, "satisfied": interval.satisfied} | {
         key: end if math.isfinite(end) else str(end) for key, end in ends.items()
     }
 
 
-def _changed(spec: Spec, name: str, time: float, interval: RobustInterval, as_json: bool) -> None:
+def _changed(spec: Spec, name: str, recent: Sequence[float], interval: RobustInterval, as_json: bool) -> None:
+    time = recent[-1]
     if as_json:
         _say(SCHEMA | {"time": time, "requirement": name, "unit": spec.unit(name)} | _plain(interval))
     else:
-        _write(f"t = {time:g} s  {name} {interval.verdict}: {_words(interval, spec.unit(name))}", interval)
+        from s2r_spec.instants import instant
+
+        when = instant(recent, time)
+        _write(f"t = {when}  {name} {interval.verdict}: {_words(interval, spec.unit(name))}", interval)
 
 
 def _print_end(
-    spec: Spec, params: Mapping[str, float], settings: Settings, ended: Mapping[str, RobustInterval]
+    spec: Spec,
+    params: Mapping[str, float],
+    settings: Settings,
+    ended: Mapping[str, RobustInterval],
+    looks: Mapping[str, str],
 ) -> int:
     code = CODES[worst(interval.verdict for interval in ended.values())]
     if settings.as_json:
@@ -191,11 +209,7 @@ def _print_end(
         _say(SCHEMA | about | {"requirements": results})
     else:
         for name, interval in ended.items():
-            more = (
-                ""
-                if interval.decided
-                else f" (it looks {spec.horizon(name):g} s ahead, and the trace ends before)"
-            )
+            more = f" ({looks[name]})" if name in looks else ""
             _write(f"{name} {interval.verdict}: {_words(interval, spec.unit(name))}{more}", interval)
     return code
 
@@ -207,10 +221,10 @@ def _words(interval: RobustInterval, unit: str) -> str:
 
 
 def _say(record: Mapping[str, Any]) -> None:
-    print(json.dumps(record, allow_nan=False, ensure_ascii=False), flush=True)
+    print(json.dumps(record, allow_nan=False), flush=True)
 
 
 def _write(line: str, interval: RobustInterval) -> None:
-    text = Text(line)
+    text = Text(one_line(line))
     text.highlight_words([f" {interval.verdict}:"], style=COLOURS[interval.verdict])
-    Console(highlight=False, soft_wrap=True).print(text)
+    console().print(text)

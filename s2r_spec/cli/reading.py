@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from s2r_spec.cli.common import note
 from s2r_spec.errors import TraceError, UsageError, shortened
+from s2r_spec.printable import one_line
 
 if TYPE_CHECKING:
     from s2r_spec.robustness.reading import Missing
@@ -114,6 +115,6 @@ def named(path: Path) -> Iterator[None]:
     try:
         yield
     except UsageError as error:
-        if str(path) in str(error):
+        if one_line(path) in str(error):
             raise
         raise type(error)(f"{path}: {error}") from None

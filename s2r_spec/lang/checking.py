@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Mapping
 
 from s2r_spec.lang import formula as f
 from s2r_spec.lang import syntax
@@ -21,13 +22,20 @@ from s2r_spec.lang.source import Source, Span
 _WIDEST = 100_000
 
 
-def check_text(text: str, name: str = "<string>") -> Document:
+def check_text(text: str, name: str = "<string>", stored: Mapping[str, str] | None = None) -> Document:
     """Return the checked specification that a text means.
+
+    Args:
+        text: the specification.
+        name: what it goes by.
+        stored: name → text of all that it imports; they are read from disk if it is None.
 
     Raises:
         SpecError: with every mistake that the text has.
     """
-    parsed, imports = gather(Source.of(text, name))
+    parsed, imports = gather(Source.of(text, name), stored)
+    if any(found.code == "E22" for found in parsed.diagnostics):
+        raise SpecError(parsed.diagnostics)  # of a text that was not read nothing else is known
     checker = _Checker(parsed, imports)
     found = {*parsed.diagnostics, *(mistake for rule in RULES for mistake in rule(parsed)), *checker.run()}
     if found:
@@ -112,6 +120,10 @@ class _Checker:
             case syntax.Param(name=word):
                 unit = unit_of(statement.unit)
                 range_ = range_of(statement.range, scope, unit, word.text)
+                if range_ is not None and not math.isfinite(range_[1] - range_[0]):
+                    assert statement.range is not None
+                    message = f"the range of `{word.text}` is wider than the largest number, 1.8e308"
+                    fail("E09", message, statement.range.span, "write narrower ends")
                 default = None
                 if statement.default is not None:
                     default = quantity(statement.default, scope, unit, f"the default of `{word.text}`")

@@ -8,6 +8,7 @@ from typing import Any
 
 from s2r_spec.errors import UsageError, did_you_mean
 from s2r_spec.lang.source import Span
+from s2r_spec.printable import lines, one_line
 
 CODES = {
     "E01": "the text does not follow the grammar",
@@ -31,8 +32,14 @@ CODES = {
     "E19": "a formula is nested too deeply",
     "E20": "a unit with an offset is used like one without",
     "E21": "a file cannot be imported",
+    "E22": "a text is too long",
 }
 """Stable codes: a code never changes its meaning."""
+
+MOST_SHOWN = 20
+"""Mistakes that a message draws (budget: about three screens); twice as many make it twice as long."""
+LONGEST = 400
+"""Letters of a message (budget: four lines of a terminal); twice as many show more of a very long name."""
 
 
 @dataclass(frozen=True)
@@ -53,11 +60,18 @@ class Diagnostic:
     declared_at: Span | None = None
     fix: str = ""
 
+    def __post_init__(self) -> None:
+        """Cut what repeats very long words of a text."""
+        for name in ("message", "fix"):
+            text = getattr(self, name)
+            if len(text) > LONGEST:
+                object.__setattr__(self, name, f"{text[: LONGEST - 1]}…")
+
     def __str__(self) -> str:
         label = "" if self.declared_at is None else f"declared at line {self.declared_at.line}"
-        picture = f"error[{self.code}]: {self.message}\n{self.span.picture(label)}"
+        picture = f"error[{self.code}]: {one_line(self.message)}\n{self.span.picture(label)}"
         margin = " " * len(str(self.span.line))
-        return f"{picture}\n{margin} = {self.fix}" if self.fix else picture
+        return f"{picture}\n{margin} = {one_line(self.fix)}" if self.fix else picture
 
 
 def suggestion(name: str, names: Iterable[str]) -> str:
@@ -78,7 +92,13 @@ class SpecError(UsageError):
         count = len(self.diagnostics)
         name = self.diagnostics[0].span.source.name
         head = f"{count} mistake{'s' if count > 1 else ''} in {name}"
-        super().__init__("\n\n".join((head, *map(str, self.diagnostics))))
+        shown = list(map(str, self.diagnostics[:MOST_SHOWN]))
+        if count > MOST_SHOWN:
+            shown.append(f"and {count - MOST_SHOWN} more; mend these first")
+        super().__init__("\n\n".join((one_line(head), *shown)))
+
+    def __str__(self) -> str:
+        return lines(Exception.__str__(self))
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle by the diagnostics: a worker process may be the one that fails."""

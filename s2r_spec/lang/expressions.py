@@ -70,7 +70,10 @@ def check(expression: syntax.Expression, scope: Scope) -> Checked:
                 span=span, unit=operand.unit, width=operand.width, function="minus", operand=operand
             )
         case syntax.Arithmetic():
-            return _arithmetic(expression, scope)
+            try:
+                return _arithmetic(expression, scope)
+            except OverflowError:
+                fail("E03", f"the unit of `{_short(expression)}` is beyond what can be converted", span)
         case syntax.Comparison():
             return _comparison(expression, scope)
         case syntax.Negation():

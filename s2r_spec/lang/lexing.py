@@ -13,7 +13,7 @@ from collections.abc import Iterator, Set
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
-from itertools import pairwise
+from itertools import islice, pairwise
 
 from lark import Lark, Token
 
@@ -32,6 +32,9 @@ _TEMPORAL = {
 _UNTIL = {"U": "until", "S": "since", "R": "release", "W": "unless"}
 _STEP = {"X": "next", "Y": "prev"}
 _TABLES = {"TEMPORAL": _TEMPORAL, "UNTIL": _UNTIL, "STEP": _STEP, "IFF": {"iff": "<->"}}
+MOST_TOKENS = 50_000
+"""Words, numbers and signs of a file, with the spaces between them (budget): reading takes time in proportion,
+and a specification that was ever seen has a few thousand."""
 ALIASES = {name: (kind, word) for kind, table in _TABLES.items() for name, word in table.items()}
 """Other names of operators → (terminal, the name that this language writes)."""
 
@@ -50,10 +53,12 @@ class Lexed:
     Args:
         statements: each begins with a keyword, except the first if the text does not.
         stray: single characters that are no part of the language.
+        beyond: the token after the last that is read, if the source is too long.
     """
 
     statements: tuple[tuple[Token, ...], ...]
     stray: tuple[Token, ...]
+    beyond: Token | None = None
 
 
 def span_of(source: Source, first: Token, last: Token | None = None) -> Span:
@@ -66,13 +71,15 @@ def span_of(source: Source, first: Token, last: Token | None = None) -> Span:
 
 def lex(source: Source, outside: Set[str] = frozenset()) -> Lexed:
     """Cut a source into tokens and statements; names declared ``outside`` of it are no operators."""
-    tokens = [token for token in grammar().lex(source.text, dont_ignore=True) if token.type not in _SILENT]
+    read = list(islice(grammar().lex(source.text, dont_ignore=True), MOST_TOKENS + 1))
+    beyond = read[MOST_TOKENS] if len(read) > MOST_TOKENS else None
+    tokens = [token for token in read[:MOST_TOKENS] if token.type not in _SILENT]
     stray = tuple(token for token in tokens if token.type == "STRAY")
     kept = [token for token in tokens if token.type != "STRAY"]
     declared = frozenset(
         str(name) for keyword, name in pairwise(kept) if keyword.type in DECLARATIONS and name.type == "NAME"
     )
-    return Lexed(tuple(_statements(kept, declared | outside)), stray)
+    return Lexed(tuple(_statements(kept, declared | outside)), stray, beyond)
 
 
 def comments(source: Source) -> list[Token]:

@@ -11,7 +11,7 @@ from lark.exceptions import UnexpectedToken
 from s2r_spec.lang import syntax
 from s2r_spec.lang.building import build
 from s2r_spec.lang.diagnostics import Diagnostic
-from s2r_spec.lang.lexing import grammar, lex, span_of
+from s2r_spec.lang.lexing import MOST_TOKENS, grammar, lex, span_of
 from s2r_spec.lang.source import Source
 from s2r_spec.lang.unexpected import explain, stray_character
 
@@ -38,6 +38,12 @@ def parse(source: Source, declared: Set[str] = frozenset()) -> Parsed:
         declared: names that imported files declare, and that are no operators here either.
     """
     lexed = lex(source, declared)
+    if lexed.beyond is not None:
+        message = f"the text is too long: it has more than {MOST_TOKENS:,} words, numbers, signs and spaces"
+        mistake = Diagnostic(
+            "E22", message, span_of(source, lexed.beyond), fix="split it into several specifications"
+        )
+        return Parsed(source, (), (), (), (mistake,))
     statements: list[syntax.Statement] = []
     imports: list[syntax.Import] = []
     broken: list[syntax.Broken] = []

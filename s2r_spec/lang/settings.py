@@ -12,6 +12,7 @@ from s2r_spec.lang.expressions import value
 from s2r_spec.lang.quantities import quantity
 from s2r_spec.lang.scope import Scope, each, fail
 from s2r_spec.lang.units import PLAIN
+from s2r_spec.magnitude import beyond
 
 _KERNELS: dict[str, KernelName] = {
     "rbf": "rbf",
@@ -64,6 +65,10 @@ def _number(setting: syntax.Setting, requirement: f.Formula | None, scope: Scope
         )
     if key in ("B", "R", "epsilon") and number <= 0:
         fail("E13", f"`{key}` must be positive, not {number:g}", span)
+    if key == "fall" and number >= 0:
+        fail("E13", f"`fall` must be negative, not {number:g}: a rollout that failed satisfies nothing", span)
+    if outside := beyond(abs(number)) if number else "":
+        fail("E13", f"`{key}` = {number:g} is {outside}", span)
     return number
 
 
@@ -98,4 +103,6 @@ def _lengthscale(written: syntax.Expression, axis: Param, scope: Scope) -> float
     number = quantity(written, scope, None if unit == PLAIN else unit, f"the length scale of `{axis.name}`")
     if number <= 0:
         fail("E14", f"a length scale must be positive, not {number:g}", written.span)
+    if outside := beyond(number):
+        fail("E14", f"the length scale of `{axis.name}`, {number:g}, is {outside}", written.span)
     return number

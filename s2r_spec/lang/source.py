@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from dataclasses import dataclass, field
+from functools import cached_property
+
+from s2r_spec.printable import one_line
 
 _WIDEST_LINE = 110
 
@@ -19,9 +23,16 @@ class Source:
         """Make a source with every line ending written as a line feed."""
         return cls(text.replace("\r\n", "\n").replace("\r", "\n"), name)
 
+    @cached_property
+    def starts(self) -> list[int]:
+        """Where each line begins: found once, for a file may have thousands of mistakes."""
+        return [0, *(place + 1 for place, sign in enumerate(self.text) if sign == "\n")]
+
     def line(self, number: int) -> str:
         """Return the text of a line, counted from 1."""
-        return self.text.split("\n")[number - 1]
+        start = self.starts[number - 1]
+        end = self.text.find("\n", start)
+        return self.text[start:] if end < 0 else self.text[start:end]
 
 
 @dataclass(frozen=True)
@@ -40,12 +51,12 @@ class Span:
     @property
     def line(self) -> int:
         """Line of the first character, counted from 1."""
-        return self.source.text.count("\n", 0, self.start) + 1
+        return bisect_right(self.source.starts, self.start)
 
     @property
     def column(self) -> int:
         """Column of the first character, counted from 1."""
-        return self.start - self.source.text.rfind("\n", 0, self.start)
+        return self.start - self.source.starts[self.line - 1] + 1
 
     @property
     def place(self) -> str:
@@ -75,9 +86,9 @@ class Span:
         caret = " " * column + "^" * length
         return "\n".join(
             (
-                f"{margin}--> {self.source.name}:{self.line}:{self.column}",
+                f"{margin}--> {one_line(self.source.name)}:{self.line}:{self.column}",
                 f"{margin} |",
-                f"{number} | {line}".rstrip(),
+                f"{number} | {one_line(line)}".rstrip(),
                 f"{margin} | {caret} {label}".rstrip(),
             )
         )

@@ -14,6 +14,8 @@ from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
+from s2r_spec.magnitude import LARGEST, SMALLEST
+
 if TYPE_CHECKING:
     import pint
 
@@ -48,6 +50,15 @@ class Unit:
     dimension: Dimension = ()
     factor: float = 1.0
     offset: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Refuse what double precision cannot convert.
+
+        Raises:
+            OverflowError: the factor is too small or too large.
+        """
+        if not SMALLEST <= self.factor <= LARGEST:
+            raise OverflowError(f"the unit {self.text} is beyond what can be converted")
 
     def __str__(self) -> str:
         return self.text or "no unit"
@@ -133,8 +144,11 @@ def _parse(text: str) -> Unit:
     unit = PLAIN
     for name, exponent in parts:
         found = _named(name)
-        powered = Unit(name, found.dimension, found.factor).power(exponent) if name != "1" else PLAIN
-        unit = unit.times(powered)
+        try:
+            powered = Unit(name, found.dimension, found.factor).power(exponent) if name != "1" else PLAIN
+            unit = unit.times(powered)
+        except OverflowError:
+            raise UnknownUnitError(text) from None
     return Unit(text, unit.dimension, unit.factor)
 
 
@@ -167,13 +181,24 @@ def _named(name: str) -> Unit:
     try:
         unit = registry.parse_units(name)
         zero, one, two = (_base(registry.Quantity(float(n), unit)) for n in (0, 1, 2))
-    except (pint.PintError, ValueError, TypeError, AttributeError, OverflowError, ArithmeticError):
+    except (
+        pint.PintError,
+        ValueError,
+        TypeError,
+        AttributeError,
+        OverflowError,
+        ArithmeticError,
+        RecursionError,
+    ):
         raise UnknownUnitError(name) from None
     if abs(two - one - (one - zero)) > 1e-9 * abs(two - zero):
         raise UnknownUnitError(name)  # a logarithmic unit, such as dB
     dimensions: Mapping[str, Any] = unit.dimensionality
     dimension = tuple(sorted((base, float(n)) for base, n in dimensions.items() if n))
-    return Unit(name, dimension, one - zero if zero else one, zero)
+    try:
+        return Unit(name, dimension, one - zero if zero else one, zero)
+    except OverflowError:
+        raise UnknownUnitError(name) from None
 
 
 def _base(quantity: Any) -> float:

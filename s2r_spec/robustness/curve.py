@@ -164,10 +164,28 @@ def added(x: Curve, y: Curve, snap: float) -> Curve:
         return Curve(x.times, x.at + y.at, x.right + y.right, x.left + y.left)
 
 
+def split_at_zero(x: Curve, snap: float) -> Curve:
+    """Return the same curve with a breakpoint wherever it crosses 0; there it is 0, whatever rounding leaves."""
+    with np.errstate(invalid="ignore"):
+        opposite = (x.right < 0) != (x.left < 0)
+        crossing = np.flatnonzero(opposite & np.isfinite(x.right * x.left) & (x.right * x.left != 0))
+    if not crossing.size:
+        return x
+    start, end = x.times[crossing], x.times[crossing + 1]
+    inner = start + (end - start) * x.right[crossing] / (x.right[crossing] - x.left[crossing])
+    inner = inner[(inner > start + snap) & (inner < end - snap)]
+    fine = x.refined(np.sort(np.concatenate((x.times, inner))))
+    new = ~np.isin(fine.times, x.times)
+    return Curve(
+        fine.times,
+        np.where(new, 0.0, fine.at),
+        np.where(new[:-1], 0.0, fine.right),
+        np.where(new[1:], 0.0, fine.left),
+    )
+
+
 def sign(x: Curve, snap: float) -> Curve:
     """Return −1, 0 or 1."""
-    fine, _ = crossed(x, Curve.constant(x.times, 0.0), snap)
+    fine = split_at_zero(x, snap)
     between = np.sign(fine.right + fine.left)
-    # Where it crosses it is 0, whatever rounding leaves of that.
-    at = np.where(np.isin(fine.times, x.times), np.sign(fine.at), 0.0)
-    return Curve(fine.times, at, between, between)
+    return Curve(fine.times, np.sign(fine.at), between, between)

@@ -24,11 +24,13 @@ class Step:
         node: the sub-formula.
         sample: index of the sample.
         factor: ρ of the requirement is factor · ρ of this node here; negative below a negation.
+        vacuous: whether this is the left side of an implication that is false, so that its right side is not needed.
     """
 
     node: f.Formula
     sample: int
     factor: float
+    vacuous: bool = False
 
 
 def descend(root: f.Formula, walk: Walk[FloatArray], clock: Clock) -> Iterator[Step]:
@@ -102,7 +104,9 @@ class _Descent:
         left, right = self.rho(node.left, t), self.rho(node.right, t)
         forward = node.operator == "->" or max(-left, right) <= max(left, -right)
         if forward:
-            return Step(node.left, t, -factor) if -left >= right else Step(node.right, t, factor)
+            if -left >= right:
+                return Step(node.left, t, -factor, vacuous=left < 0)
+            return Step(node.right, t, factor)
         return Step(node.left, t, factor) if left >= -right else Step(node.right, t, -factor)
 
     def _until(self, node: f.Until, t: int, factor: float) -> Step | None:

@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 from s2r_spec.errors import UsageError
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness import windows
-from s2r_spec.robustness.curve import Curve, added, maximum, minimum, sign
+from s2r_spec.robustness.curve import Curve, added, maximum, minimum, sign, split_at_zero
 from s2r_spec.robustness.evaluate import Walk
 from s2r_spec.robustness.numbers import Numbers, no_value
 from s2r_spec.robustness.sampled import SampledAlgebra, Samples
+from s2r_spec.robustness.ties import TIE, rescaled, signed
 
 FloatArray = NDArray[np.float64]
 
@@ -77,16 +78,26 @@ class DenseAlgebra:
         left, right = self.values(node.left), self.values(node.right)
         if node.operator in (">", ">="):
             left, right = right, left
-        result = added(right, -left, self.snap)
-        if node.operator in ("==", "!="):
-            least = minimum(result, -result, self.snap)
-            result = least if node.operator == "==" else -least
+        difference = added(right, -left, self.snap)
         with np.errstate(invalid="ignore"):
-            bad = np.isnan(result.at)
-            bad[:-1] |= ~(np.isfinite(result.left - result.right) | (result.left == result.right))
+            bad = np.isnan(difference.at)
+            bad[:-1] |= ~(
+                np.isfinite(difference.left - difference.right) | (difference.left == difference.right)
+            )
         if bad.any():
-            raise no_value(node, f"{result.times[np.argmax(bad)]:g} s after the first sample")
-        return result
+            raise no_value(node, f"{difference.times[np.argmax(bad)]:.9g} s after the first sample")
+        fine = split_at_zero(difference, self.snap)
+        parts = (fine.at, fine.right, fine.left)
+        if node.operator in ("==", "!="):
+            sign = -1.0 if node.operator == "==" else 1.0
+            parts = (sign * np.abs(fine.at), sign * np.abs(fine.right), sign * np.abs(fine.left))
+        at, right_limit, left_limit = parts
+        return Curve(
+            fine.times,
+            signed(at, node.operator),
+            _signed_limit(right_limit, left_limit, node.operator),
+            _signed_limit(left_limit, right_limit, node.operator),
+        )
 
     def negative(self, x: Curve) -> Curve:
         """Return −x."""
@@ -94,7 +105,7 @@ class DenseAlgebra:
 
     def scaled(self, x: Curve, factor: float) -> Curve:
         """Return factor · x."""
-        return x.scaled(factor)
+        return Curve(x.times, *(rescaled(part, factor) for part in (x.at, x.right, x.left)))
 
     def least(self, x: Curve, y: Curve) -> Curve:
         """Return the smaller of both, with crossings."""
@@ -130,6 +141,14 @@ class DenseAlgebra:
     def rise(self, x: Curve) -> Curve:
         """Return min(x, −x just before)."""
         return windows.rise(x, self.snap)
+
+
+def _signed_limit(limit: FloatArray, other: FloatArray, operator: f.CompareOp) -> FloatArray:
+    """Return (m,) limits with a sign: one of 0 has that of its piece, which is at the ``other`` limit."""
+    zero = limit == 0.0
+    if not zero.any():
+        return limit
+    return np.where(zero & (other != 0.0), np.copysign(TIE, other), signed(limit, operator))
 
 
 @dataclass

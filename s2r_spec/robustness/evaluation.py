@@ -11,14 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.errors import TraceError, UsageError
+from s2r_spec.instants import instant
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness.binding import bound
 from s2r_spec.robustness.dense import Recording, snap_of, walk_curves
 from s2r_spec.robustness.evaluate import Walk, Witness
-from s2r_spec.robustness.grid import Grid
+from s2r_spec.robustness.grid import SNAP, Grid
 from s2r_spec.robustness.horizon import horizon, samples_needed, seconds_needed
+from s2r_spec.robustness.narrow import Window, narrowest, refuse_short, samples_in
 from s2r_spec.robustness.sampled import Samples, walk_samples
 from s2r_spec.robustness.ticks import Ticks, clock_of
+from s2r_spec.robustness.ties import plain
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -37,23 +40,42 @@ class Evaluation:
         unit: of ρ; "" for none, "mixed" for margins that do not compare.
         times: (n,) sample times of the trace [s].
         values: (n,) ρ at each sample.
+        satisfied: (n,) whether the requirement is true at each sample, as the Boolean semantics have it: what
+            the sign of ρ says, and at ρ = 0 what the comparisons say. False where ρ is NaN.
         horizon: how long after an instant the requirement looks [s]; inf for the whole rest.
-        complete: (n,) whether every bounded window lies within the trace.
+        complete: (n,) whether the trace reaches the horizon of each sample, to within one median period.
         jitter: greatest distance of a sample from the regular grid, in periods; None if there is no grid.
+        period: median time from one sample to the next [s]; None for a single sample.
+        window: the shortest window of positive length that the requirement looks through; None without any.
+        notes: what the sample times do to the windows, a sentence each.
     """
 
     requirement: str
     unit: str
     times: FloatArray = field(repr=False)
     values: FloatArray = field(repr=False)
+    satisfied: BoolArray = field(repr=False)
     horizon: float
     complete: BoolArray = field(repr=False)
     jitter: float | None
+    period: float | None
+    window: Window | None = field(repr=False)
+    notes: tuple[str, ...]
 
     @property
     def value(self) -> float:
         """ρ at the trace's first time."""
         return float(self.values[0])
+
+    @cached_property
+    def narrowest(self) -> int | None:
+        """The least number of samples in the shortest window of positive length; None without any."""
+        return None if self.window is None else samples_in(self.window, self.times - self.times[0])
+
+    @property
+    def duration(self) -> float:
+        """From the first sample to the last [s]."""
+        return float(self.times[-1] - self.times[0])
 
     @property
     def complete_until(self) -> float | None:
@@ -105,6 +127,13 @@ class Reading:
         return self.clock if self.interpolation == "samples" and isinstance(self.clock, Grid) else None
 
     @cached_property
+    def period(self) -> float | None:
+        """Median time from one sample to the next [s]; None for a single sample."""
+        if len(self.times) == 1:
+            return None
+        return self.clock.step if isinstance(self.clock, Grid) else float(np.median(np.diff(self.times)))
+
+    @cached_property
     def snap(self) -> float:
         """Times closer than this are the same [s]."""
         return snap_of(self.times)
@@ -120,30 +149,56 @@ class Reading:
         samples = Samples(Ticks.of(self.times), self.signals, self.params, self.until)
         return walk_curves(Recording(samples, self.interpolation, self.snap))
 
-    def robustness(self, formula: f.Formula) -> FloatArray:
-        """Return (n,): ρ at every sample."""
+    def signed(self, formula: f.Formula) -> FloatArray:
+        """Return (n,): ρ at every sample, never 0: its sign is the verdict (:mod:`s2r_spec.robustness.ties`)."""
         found = self.walk()(formula)
         if self.interpolation == "samples":
-            own: FloatArray = found if found.flags.writeable else found.copy()
-            return own
+            return np.asarray(found)
         values: FloatArray = found.values(self.times - self.times[0], self.snap)
         return values
 
+    def refuse_short(self, formula: f.Formula) -> None:
+        """Refuse windows that are shorter than the median period, where conditions hold at the samples alone.
+
+        Raises:
+            SamplingError: there is one.
+        """
+        if self.interpolation == "samples":
+            refuse_short(narrowest(formula), self.period)
+
     def needs(self, formula: f.Formula) -> float:
         """Return how long after an instant the trace must last for a formula there [s]."""
-        if self.grid:
-            return self.grid.seconds(samples_needed(formula, self.grid))
-        return seconds_needed(formula, float(np.diff(self.times).max(initial=0.0)))
+        return seconds_needed(formula, self.period or 0.0)
 
     def complete(self, formula: f.Formula) -> BoolArray:
-        """Return (n,): where every bounded window of the formula lies within the trace."""
-        if self.grid:
-            decided = np.zeros(self.grid.count, dtype=np.bool_)
-            decided[: max(0, self.grid.count - samples_needed(formula, self.grid))] = True
-            return decided
-        slack = self.clock.snap if isinstance(self.clock, Ticks) else self.snap
-        within: BoolArray = self.times + self.needs(formula) <= self.times[-1] + slack
-        return within
+        """Return (n,): where the trace reaches as far as the formula looks, to within one median period.
+
+        The next sample would lie past the horizon. In continuous time the last sample itself must reach it.
+        """
+        n = self.times.size
+        if self.period is None:
+            return np.full(n, horizon(formula) == 0.0 and samples_needed(formula, Grid(1, None)) == 0)
+        if self.interpolation != "samples":
+            return np.asarray(self.times + self.needs(formula) <= self.times[-1] + self.snap)
+        at, snap = self.clock.times, max(self.clock.snap, SNAP * self.period)
+        needs = seconds_needed(formula, self.period, slack=2 * snap)
+        return np.asarray(at + needs <= at[-1] + self.period - snap)
+
+    def notes(self, formula: f.Formula) -> tuple[str, ...]:
+        """Return a sentence for each window of which an end lies between two samples of the grid."""
+        if self.grid is None:
+            return ()
+        found: dict[str, None] = {}
+        for node in f.walk(formula):
+            if isinstance(node, f.Temporal | f.Until):
+                for end in (node.interval.low, node.interval.high):
+                    if self.grid.between(end):
+                        span = node.interval.span
+                        found[
+                            f"{end:g} s in `{' '.join(span.text.split())}` ({span.place}) lies between two samples: "
+                            f"the window holds the samples inside, {self.grid.step:.6g} s apart"
+                        ] = None
+        return tuple(found)
 
     def held(self, formula: f.Formula) -> Reading:
         """Return a reading that goes on for as long as the formula looks, each signal as it was last.
@@ -182,11 +237,23 @@ def evaluate(formula: f.Formula, reading: Reading, requirement: str, unit: str, 
     if end == "error" and not complete.all():
         first = int(np.argmin(complete))
         raise TraceError(
-            f"{requirement!r} at t = {reading.times[first]:g} s looks {reading.needs(formula):g} s ahead, "
-            f"past the end of the trace at {reading.times[-1]:g} s"
+            f"{requirement!r} at t = {instant(reading.times, float(reading.times[first]))} looks "
+            f"{reading.needs(formula):g} s ahead, past the end of the trace at "
+            f"{instant(reading.times, float(reading.times[-1]))}"
         )
-    values = (reading.held(formula) if end == "hold" else reading).robustness(formula)[:n]
+    found = (reading.held(formula) if end == "hold" else reading).signed(formula)[:n]
     if end == "nan":
-        values = np.where(complete, values, np.nan)
-    jitter = reading.clock.jitter if isinstance(reading.clock, Grid) else None
-    return Evaluation(requirement, unit, reading.times, values, horizon(formula), complete, jitter)
+        found = np.where(complete, found, np.nan)
+    return Evaluation(
+        requirement=requirement,
+        unit=unit,
+        times=reading.times,
+        values=plain(found),
+        satisfied=found > 0,
+        horizon=horizon(formula),
+        complete=complete,
+        jitter=reading.clock.jitter if isinstance(reading.clock, Grid) else None,
+        period=reading.period,
+        window=narrowest(formula),
+        notes=reading.notes(formula),
+    )

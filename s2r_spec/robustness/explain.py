@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from s2r_spec.instants import DATES, instant
 from s2r_spec.lang import formula as f
-from s2r_spec.robustness.deciding import descend
+from s2r_spec.robustness.deciding import Step, descend
 from s2r_spec.robustness.evaluate import Walk
 from s2r_spec.robustness.evaluation import Reading
 from s2r_spec.robustness.responsible import responsible
 from s2r_spec.robustness.sampled import SampledAlgebra, Samples
+from s2r_spec.robustness.ties import plain_number
 
 FloatArray = NDArray[np.float64]
 
@@ -58,23 +61,29 @@ class Explanation:
         requirement: its name.
         rho: its robustness, in ``unit``.
         unit: of ρ.
+        satisfied: whether the requirement is true there; at ρ = 0 the comparisons decide.
         parts: from the requirement down to the predicate, each with its own instant.
         instant: when the predicate is asked [s]; None without a predicate.
         predicate: its text; "" if ρ rests on none.
         line: where the predicate, or else the innermost part, is written.
         margin: of the predicate at the instant, in ``margin_unit``; ρ is factor · margin.
+            Where the factor is negative the predicate must not hold.
         margin_unit: unit of the margin.
         factor: 1, or −1 below a negation; times a change of units.
         sides: what the predicate compares, at the instant.
         signals: the signals and parameters in the predicate, at the instant.
+        when: the instant in words, to the sample, after the first one where the times are dates.
+        rests: the times of ``responsible`` in words.
         responsible: times [s], from and to, at which the verdict needs this predicate:
-            where it fails, or else where it has to hold.
+            where it fails, or else where it must hold; below a negation where it holds, or else must not.
+        unneeded: the right side of an implication that is true because its left side is false; "" without one.
         reason: why ρ rests on no predicate; "" if it does.
     """
 
     requirement: str
     rho: float
     unit: str
+    satisfied: bool
     parts: tuple[Part, ...] = ()
     instant: float | None = None
     predicate: str = ""
@@ -85,31 +94,42 @@ class Explanation:
     sides: tuple[Observed, ...] = ()
     signals: tuple[Observed, ...] = ()
     responsible: tuple[tuple[float, float], ...] = ()
+    when: str = ""
+    rests: tuple[str, ...] = ()
+    unneeded: str = ""
     reason: str = ""
 
     def __str__(self) -> str:
-        """Say it in two or three lines."""
-        verdict = "holds" if self.rho >= 0 else "violated"
+        """Say it in a few lines."""
+        verdict = "holds" if self.satisfied else "violated"
         head = f"{self.requirement} {verdict}: ρ = {self.rho:+.6g} {self.unit}".rstrip()
+        if self.rho == 0:
+            head += ", where the comparisons decide"
         if self.reason:
             return f"{head}\n  because {self.reason}"
         named = next((part.name for part in reversed(self.parts) if part.name), "")
         within = f", in `{named}`" if named else ""
-        rests = ", ".join(
-            f"{start:g} s" if start == end else f"{start:g} s to {end:g} s"
-            for start, end in self.responsible[:4]
-        )
-        more = ", …" if len(self.responsible) > 4 else ""
-        what = "fails" if self.rho < 0 else "has to hold"
-        return "\n".join(
-            (
-                head,
-                f"  decided at t = {self.instant:g} s by `{self.predicate}` (line {self.line}{within}): "
-                f"margin {self.margin:+.6g} {self.margin_unit}".rstrip(),
-                f"  there {', '.join(map(str, self.signals))}" if self.signals else "  a constant",
-                f"  it {what} at {rests}{more}",
+        rests = ", ".join(self.rests[:4])
+        more = ", …" if len(self.rests) > 4 else ""
+        wanted = self.factor > 0
+        what = {
+            (True, True): "must hold", (True, False): "must not hold", (False, True): "fails",
+            (False, False): "holds",
+        }[self.satisfied, wanted]  # fmt: skip
+        assert self.margin is not None
+        margin = (self.margin if wanted else -self.margin) + 0.0
+        lines = [
+            head,
+            f"  decided at t = {self.when} by `{self.predicate}` (line {self.line}{within})"
+            f"{'' if wanted else ', which must not hold'}: margin {margin:+.6g} {self.margin_unit}".rstrip(),
+            f"  there {', '.join(map(str, self.signals))}" if self.signals else "  a constant",
+            f"  it {what} at {rests}{more}",
+        ]
+        if self.unneeded:
+            lines.append(
+                f"  `{self.unneeded}` is not needed there: the left side of its implication is false"
             )
-        )
+        return "\n".join(lines)
 
     def to_json(self) -> dict[str, Any]:
         """Return plain data that JSON can hold: an infinite ρ is the word "inf" or "-inf"."""
@@ -121,7 +141,8 @@ def explain(formula: f.Formula, reading: Reading, requirement: str, unit: str) -
     """Explain ρ of a formula at the first sample, conditions asked at the samples."""
     algebra = SampledAlgebra(Samples(reading.clock, reading.signals, reading.params, reading.until))
     walk = Walk(algebra, reading.until)
-    rho = float(walk(formula)[0]) + 0.0  # no one wants to read -0
+    signed = float(walk(formula)[0])
+    rho, satisfied = plain_number(signed), signed > 0
     steps = list(descend(formula, walk, reading.clock))
     parts = tuple(
         Part(
@@ -129,7 +150,7 @@ def explain(formula: f.Formula, reading: Reading, requirement: str, unit: str) -
             step.node.name if isinstance(step.node, f.Named) else "",
             step.node.span.line,
             float(reading.times[step.sample]),
-            float(walk(step.node)[step.sample]) + 0.0,
+            plain_number(float(walk(step.node)[step.sample])),
         )
         for step in steps
         if not isinstance(step.node, f.Rescale)
@@ -144,16 +165,19 @@ def explain(formula: f.Formula, reading: Reading, requirement: str, unit: str) -
                 what = "is true" if parts[-1].rho > 0 else "is false"
             case _:
                 what = "looks where the trace has no samples, so that it is decided by definition"
-        reason = f"`{parts[-1].text}` (line {parts[-1].line}), at t = {parts[-1].time:g} s, {what}"
-        return Explanation(requirement, rho, unit, parts, line=parts[-1].line, reason=reason)
+        when = instant(reading.times, parts[-1].time)
+        reason = f"`{parts[-1].text}` (line {parts[-1].line}), at t = {when}, {what}"
+        return Explanation(requirement, rho, unit, satisfied, parts, line=parts[-1].line, reason=reason)
     times = responsible(formula, walk, reading.clock).get(
         id(predicate), np.zeros(len(reading.times), dtype=bool)
     )
     times[sample] = True  # of several reasons for a violated until, ρ may name another one
+    runs = _runs(times, reading.times)
     return Explanation(
         requirement,
         rho,
         unit,
+        satisfied,
         parts,
         instant=parts[-1].time,
         predicate=parts[-1].text,
@@ -163,8 +187,19 @@ def explain(formula: f.Formula, reading: Reading, requirement: str, unit: str) -
         factor=last.factor,
         sides=tuple(_observed(side, algebra, sample) for side in (predicate.left, predicate.right)),
         signals=_signals(predicate, algebra, sample),
-        responsible=_runs(times, reading.times),
+        responsible=runs,
+        when=instant(reading.times, parts[-1].time),
+        rests=tuple(_stretch(reading.times, *run) for run in runs),
+        unneeded=_unneeded(steps) if satisfied else "",
     )
+
+
+def _unneeded(steps: Sequence[Step]) -> str:
+    """Return the right side of the last implication on the way down that is true for its left side."""
+    for above, below in zip(reversed(steps[:-1]), reversed(steps[1:]), strict=True):
+        if below.vacuous and isinstance(above.node, f.Implication):
+            return _one_line(above.node.right.span.text)
+    return ""
 
 
 def _plain(data: Any) -> Any:
@@ -205,6 +240,16 @@ def _signals(predicate: f.Comparison, algebra: SampledAlgebra, sample: int) -> t
             value = float(component[min(sample, component.size - 1)])
             found.setdefault(name, Observed(name, value, _unit(node)))
     return tuple(found.values())
+
+
+def _stretch(times: FloatArray, start: float, end: float) -> str:
+    """Return a stretch of time in words; where stamps are dates, after the first sample."""
+    if start == end:
+        return instant(times, start)
+    first = 0.0 if times[0] < DATES else float(times[0])
+    return f"{instant(times - first, start - first)} to {instant(times - first, end - first)}" + (
+        " after the first sample" if first else ""
+    )
 
 
 def _runs(at: NDArray[np.bool_], times: FloatArray) -> tuple[tuple[float, float], ...]:

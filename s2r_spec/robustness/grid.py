@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.errors import SamplingError, TraceError
+from s2r_spec.errors import TraceError
 from s2r_spec.lang.formula import Interval
 from s2r_spec.robustness.kernels import until, window_max, window_min
 
@@ -105,18 +105,20 @@ class Grid:
     def window(self, interval: Interval) -> tuple[int, int | None]:
         """Return (low, high): the samples t + low … t + high lie in t + interval; None means all the rest.
 
-        Open ends leave the sample on them out.
+        Open ends leave the sample on them out. An end between two samples leaves the one outside out.
 
         Raises:
-            TraceError: an end is no multiple of the period, or no sample lies in the interval.
+            TraceError: no sample lies in the interval.
         """
         if self.period is None:
             # a single sample: now is in the interval, or everything in it is past the end
             return (0, 0) if interval.low == 0 and interval.low_closed else (1, 1)
-        low = self._index(interval.low, interval) + (not interval.low_closed)
+        nearest, on = self._nearest(interval.low)
+        low = nearest + (not interval.low_closed) if on else math.ceil(interval.low / self.step)
         if math.isinf(interval.high):
             return low, None
-        high = self._index(interval.high, interval) - (not interval.high_closed)
+        nearest, on = self._nearest(interval.high)
+        high = nearest - (not interval.high_closed) if on else math.floor(interval.high / self.step)
         if high < low:
             raise TraceError(
                 f"no sample lies in `{interval.span.text}` ({interval.span.place}): "
@@ -124,18 +126,15 @@ class Grid:
             )
         return low, high
 
-    def _index(self, time: float, interval: Interval) -> int:
-        """Return the number of periods in ``time`` [s], an end of ``interval``."""
+    def between(self, time: float) -> bool:
+        """Return whether a time [s] after a sample lies between two others."""
+        return math.isfinite(time) and self.period is not None and not self._nearest(time)[1]
+
+    def _nearest(self, time: float) -> tuple[int, bool]:
+        """Return the number of periods nearest to ``time`` [s], and whether that sample is there."""
         periods = time / self.step
         nearest = round(periods)
-        if abs(periods - nearest) > SNAP:
-            below, above = self.seconds(math.floor(periods)), self.seconds(math.ceil(periods))
-            raise SamplingError(
-                f"the time {time:g} s in `{interval.span.text}` ({interval.span.place}) "
-                f"is not a multiple of the sample period, {self.step:g} s; "
-                f"the nearest multiples are {below:g} s and {above:g} s"
-            )
-        return nearest
+        return nearest, abs(periods - nearest) <= SNAP
 
     def seconds(self, periods: int) -> float:
         """Return the time of a number of periods [s]."""

@@ -42,18 +42,22 @@ def _samples(formula: f.Formula, period: Fraction | None) -> int:
     return int(_reach(formula, ends, 1.0))
 
 
-def seconds_needed(formula: f.Formula, step: float) -> float:
+def seconds_needed(formula: f.Formula, step: float, slack: float = 0.0) -> float:
     """Return how long after an instant a trace must last for the formula there [s].
 
-    As :func:`samples_needed`, for samples that lie on no grid and for continuous time.
+    As :func:`samples_needed`, in time. An unbounded window needs its begin only.
 
     Args:
         formula: what is evaluated.
-        step: longest time between two samples, for ``next`` [s].
+        step: time from one sample to the next, for ``next`` [s].
+        slack: how much earlier than a closed one an open end comes, which needs no sample on it [s].
     """
-    return _reach(
-        formula, lambda within: (within.low, within.low if math.isinf(within.high) else within.high), step
-    )
+
+    def ends(within: f.Interval) -> tuple[float, float]:
+        high = within.low if math.isinf(within.high) else within.high
+        return within.low, high if within.high_closed or high == within.low else high - slack
+
+    return _reach(formula, ends, step)
 
 
 def _reach(formula: f.Formula, ends: Ends, step: float) -> float:

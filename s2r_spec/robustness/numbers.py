@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from s2r_spec.errors import TraceError
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness import history
+from s2r_spec.robustness.ties import signed
 
 FloatArray = NDArray[np.float64]
 
@@ -117,7 +118,7 @@ class Numbers:
         """Return (…, 1, n): where a condition holds."""
         if self.formula is None:
             self.formula = self.conditions()
-        return np.asarray(self.formula(node) >= 0)[..., np.newaxis, :]
+        return np.asarray(self.formula(node) > 0)[..., np.newaxis, :]
 
     def _history(self, node: f.Value) -> FloatArray:
         times, snap = self.clock.times, self.clock.snap
@@ -148,7 +149,7 @@ class Numbers:
 
 
 def margin(node: f.Comparison, numbers: Numbers, clock: Times) -> FloatArray:
-    """Return (…, n): by how much a comparison holds.
+    """Return (…, n): by how much a comparison holds; never 0, see :mod:`s2r_spec.robustness.ties`.
 
     Raises:
         TraceError: it has no value at some sample.
@@ -165,11 +166,12 @@ def margin(node: f.Comparison, numbers: Numbers, clock: Times) -> FloatArray:
             case "!=":
                 result = np.abs(left - right)
         least = np.minimum.reduce(result, axis=None, initial=np.inf)  # NaN if there is any
+    result = signed(result, node.operator)
     if result.shape[-1] != clock.count:
         result = np.broadcast_to(result, (*result.shape[:-1], clock.count))
     if math.isnan(least):
         sample = int(np.argwhere(np.isnan(result))[0][-1])
-        raise no_value(node, f"sample {sample}, {clock.seconds(sample):g} s after the first")
+        raise no_value(node, f"sample {sample}, {clock.seconds(sample):.9g} s after the first")
     return result
 
 

@@ -25,22 +25,19 @@ def responsible(root: f.Formula, walk: Walk[FloatArray], clock: Clock) -> dict[i
     """
     start = np.zeros(clock.count, dtype=bool)
     start[0] = True
-    rho = float(walk(root)[0])
-    causes = _Causes(walk, clock, strict=rho != 0)
-    causes.add(root, start, rho >= 0)
+    causes = _Causes(walk, clock)
+    causes.add(root, start, float(walk(root)[0]) > 0)
     return causes.found
 
 
 class _Causes:
-    def __init__(self, walk: Walk[FloatArray], clock: Clock, strict: bool) -> None:
+    def __init__(self, walk: Walk[FloatArray], clock: Clock) -> None:
         self.walk, self.clock = walk, clock
-        # a margin of 0 decides nothing, unless ρ itself is 0
-        self.positive = np.greater if strict else np.greater_equal
         self.found: dict[int, BoolArray] = {}
 
     def agrees(self, node: f.Formula, holds: bool) -> BoolArray:
         rho = self.walk(node)
-        return np.asarray(self.positive(rho if holds else -rho, 0))
+        return np.asarray(rho > 0 if holds else rho < 0)
 
     def add(self, node: f.Formula, at: BoolArray, holds: bool) -> None:
         """Add what makes ``node`` hold (or not) at the samples ``at``, where it does."""
@@ -116,7 +113,7 @@ class _Causes:
         """Return the samples at which an until at t needs its left and its right side."""
         left, right = np.zeros((2, self.clock.count), dtype=bool)
         found = best_witness(node, t, self.walk, self.clock, sign)
-        if met and found is not None and (node.operator != "unless" or self.positive(found.rho, 0)):
+        if met and found is not None and (node.operator != "unless" or found.rho > 0):
             left[found.before], right[found.witness] = True, True
             return left, right
         past = node.operator == "since"
@@ -127,12 +124,12 @@ class _Causes:
             return left, right
         # violated: no witness up to where the left side fails
         way = np.arange(t, first - 1, -1) if past else np.arange(t, last + 1)
-        fails = np.flatnonzero(self.positive(-sign * self.walk(node.left)[way], 0))
+        fails = np.flatnonzero(-sign * self.walk(node.left)[way] > 0)
         if fails.size:
             left[way[fails[0]]] = True
             way = way[: fails[0] + 1]
         right[way[(way >= first) & (way <= last)]] = True
-        right &= self.positive(-sign * self.walk(node.right), 0)
+        right &= -sign * self.walk(node.right) > 0
         return left, right
 
 

@@ -20,6 +20,7 @@ from s2r_spec.lang.declarations import Param, Signal
 from s2r_spec.robustness.binding import names
 from s2r_spec.robustness.evaluate import Walk, Witness
 from s2r_spec.robustness.grid import Grid
+from s2r_spec.robustness.narrow import narrowest, refuse_short
 from s2r_spec.robustness.smooth import Smooth, shift
 from s2r_spec.robustness.tensor_values import TensorValues
 
@@ -62,7 +63,8 @@ def evaluate_tensors(
     """Return (…, n): ρ of a formula; see :meth:`s2r_spec.spec.Spec.robustness_tensor`.
 
     Raises:
-        UsageError: a signal or a parameter is missing, or a time bound is a parameter.
+        UsageError: a signal or a parameter is missing, a time bound is a parameter, or a window is shorter
+            than the period.
     """
     import torch
 
@@ -84,6 +86,7 @@ def evaluate_tensors(
             raise UsageError(f"the parameter {name!r} has no value: give params={{{name!r}: …}}")
         numbers[name] = torch.as_tensor(number, dtype=like.dtype, device=like.device)[..., None, None]
     grid = Grid(like.shape[-1], Fraction(period).limit_denominator(10**9))
+    refuse_short(narrowest(formula), grid.step)
     return walk_tensors(grid, read, numbers, until, temperature)(formula)
 
 

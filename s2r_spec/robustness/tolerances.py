@@ -144,8 +144,8 @@ def _bands(
     trial = np.repeat(recorded[:, :1], _CANDIDATES + 1, axis=1)
     trial[row, 1:] = values
     times = np.arange(_CANDIDATES + 1.0)
-    margins = Reading.of(times, {signal.name: trial}, reading.params, "samples", "open").robustness(predicate)
-    holds = np.concatenate(([False], margins[1:] >= 0.0, [False]))
+    margins = Reading.of(times, {signal.name: trial}, reading.params, "samples", "open").signed(predicate)
+    holds = np.concatenate(([False], margins[1:] > 0.0, [False]))
     edges = np.flatnonzero(np.diff(holds))
     return tuple(
         (

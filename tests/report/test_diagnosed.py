@@ -13,6 +13,7 @@ from s2r_spec.diagnose.diagnosis import Diagnosis, NextTest, Verdict, Which
 from s2r_spec.diagnose.estimate import Estimate
 from s2r_spec.diagnose.how_far import how_far
 from s2r_spec.diagnose.isolability import Isolability, Least
+from s2r_spec.diagnose.quality import Finding
 from s2r_spec.diagnose.remainder import Remainder
 from s2r_spec.diagnose.where.attribution import attribute
 from s2r_spec.diagnose.where.body import Body, BodyPart, Shift
@@ -271,7 +272,7 @@ def test_what_no_data_tell_apart_is_said_to_be_so():
 def test_recordings_that_look_misread_are_not_a_success():
     found, spec = diagnosis(0, Verdict.NAMED)
     assert diagnosed.exit_code(found) == 0
-    odd = replace(found, misread=("u",))
+    odd = replace(found, findings=(Finding("unit", "u", "u is in mV"),))
     assert diagnosed.exit_code(odd) == 3
     assert diagnosed.record(odd, spec)["exit_code"] == 3
     assert next_step(odd, spec).startswith("First see to u")

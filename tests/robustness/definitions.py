@@ -11,9 +11,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from fractions import Fraction
+from typing import Any
 
 import numpy as np
 
+from s2r_spec.robustness.evaluation import Evaluation
 from s2r_spec.spec import parse_spec
 from s2r_spec.trace import Trace
 from tests.robustness.drawing import TIMED, Case, Within
@@ -179,6 +181,101 @@ class Definition:
         raise AssertionError(node)
 
 
+class Truth:
+    """Whether a formula is true, by the Boolean semantics of STL: and, or, for all, there is. No robustness.
+
+    Args:
+        definition: gives numbers and windows.
+    """
+
+    def __init__(self, definition: Definition) -> None:
+        self.by = definition
+        self.n = definition.n
+
+    def number(self, node: tuple, t: int) -> float:
+        """Return a value at an instant; at a limit that of the middle between two lattice points."""
+        by = self.by
+        if by.point(t):
+            return by.number(node, t)
+        other = t + (1 if by.places[t] % STEP == AFTER else -1)
+        return (by.number(node, t) + by.number(node, other)) / 2
+
+    def compares(self, node: tuple, t: int) -> bool:
+        """Return what a comparison says at an instant."""
+        operator, a, b = node
+        left, right = self.number(a, t), self.number(b, t)
+        return {
+            "<": left < right, "<=": left <= right, ">": left > right, ">=": left >= right,
+            "==": left == right, "!=": left != right,
+        }[operator]  # fmt: skip
+
+    def until(self, left: list, right: list, t: int, within: Within | None, sign: int = 1) -> bool:
+        """There is a witness in the window, and left holds at every instant before it."""
+        now = within is None or within[0] > 0 or within[2]
+        for w in self.by.window(t, within, sign):
+            before = list(range(t, w, sign))
+            if self.by.closed or (not self.by.point(w) and (w != t or not now)):
+                before.append(w)
+            if right[w] and all(left[s] for s in before):
+                return True
+        return False
+
+    def edge(self, x: list, t: int) -> bool:
+        """True now, and not before."""
+        return t > 0 and x[t] and not (x[t - 1] if self.by.point(t) else x[t])
+
+    def signal(self, node: tuple) -> list[bool]:
+        """Return whether it is true at every instant."""
+        every = range(self.n)
+        if node[0] in ("true", "false"):
+            return [node[0] == "true"] * self.n
+        if node[0] in ("<", "<=", ">", ">=", "==", "!="):
+            return [self.compares(node, t) for t in every]
+        parts = [self.signal(part) for part in node[2 if node[0] in TIMED else 1 :]]
+        x = parts[0]
+        negated = [[not value for value in part] for part in parts]
+        match node[0]:
+            case "not":
+                return negated[0]
+            case "next":
+                return [*x[1:], False]
+            case "prev":
+                return [False, *x[:-1]]
+            case "rise":
+                return [self.edge(x, t) for t in every]
+            case "fall":
+                return [self.edge(negated[0], t) for t in every]
+            case "always" | "historically":
+                sign = 1 if node[0] == "always" else -1
+                return [all(x[s] for s in self.by.window(t, node[1], sign)) for t in every]
+            case "eventually" | "once":
+                sign = 1 if node[0] == "eventually" else -1
+                return [any(x[s] for s in self.by.window(t, node[1], sign)) for t in every]
+        left, right = parts
+        match node[0]:
+            case "and":
+                return [a and b for a, b in zip(left, right, strict=True)]
+            case "or":
+                return [a or b for a, b in zip(left, right, strict=True)]
+            case "->":
+                return [not a or b for a, b in zip(left, right, strict=True)]
+            case "<->":
+                return [a == b for a, b in zip(left, right, strict=True)]
+            case "until":
+                return [self.until(left, right, t, node[1]) for t in every]
+            case "since":
+                return [self.until(left, right, t, node[1], sign=-1) for t in every]
+            case "release":
+                return [not self.until(*negated, t, node[1]) for t in every]
+            case "unless":
+                _, high, _, high_closed = node[1] or (0, None, True, False)
+                stays = [
+                    all(left[s] for s in self.by.window(t, (0, high, True, high_closed), 1)) for t in every
+                ]
+                return [stays[t] or self.until(left, right, t, node[1]) for t in every]
+        raise AssertionError(node)
+
+
 def halvings(node: tuple) -> int:
     """Return how often lines may cross anew, each time on a lattice twice as fine."""
     none = ["not", "true", "false", "<", "<=", ">", ">=", "num", "name", "+", "minus", "overshoot", "init"]
@@ -227,12 +324,31 @@ def sample_reach(node: tuple) -> int:
     return below
 
 
-def by_definition(case: Case) -> list[float]:
-    """Return ρ at every sample of a case.
+def too_short(case: Case) -> bool:
+    """Whether a window of positive length is shorter than the median step: samples say nothing of it."""
+    if case.kind in ("hold", "linear") or len(case.ticks) == 1:
+        return False
+    step = np.median(np.diff(case.ticks))
+    return any(0 < high - low < step for low, high in _ends(case.formula))
+
+
+def _ends(node: tuple) -> list[tuple[int, int]]:
+    """Return where the windows of a formula begin and end, in periods, without those that have no end."""
+    own = [node[1][:2]] if node[0] in TIMED and node[1] and node[1][1] is not None else []
+    return own + [end for part in node if isinstance(part, tuple) and _is_node(part) for end in _ends(part)]
+
+
+def by_definition(case: Case, meaning: type = Definition) -> list:
+    """Return ρ at every sample of a case, or whether it is true (``meaning`` is Truth).
 
     Raises:
         NoSampleError: the package must refuse it with a sentence.
     """
+
+    def signal(*arguments: Any, **named: Any) -> list:
+        definition = Definition(*arguments, **named)
+        return (definition if meaning is Definition else meaning(definition)).signal(case.formula)
+
     ticks, n = list(case.ticks), len(case.ticks)
     x, y = list(case.x), list(case.y)
     closed = case.until == "closed"
@@ -245,12 +361,10 @@ def by_definition(case: Case) -> list[float]:
     if not dense:
         places = [STEP * t for t in ticks]
         strict = case.kind == "irregular"
-        return Definition(places, {"x": x, "y": y}, case.param, closed, strict=strict).signal(case.formula)[
-            :n
-        ]
+        return signal(places, {"x": x, "y": y}, case.param, closed, strict=strict)[:n]
     scale = 1 if case.kind == "hold" else 2 ** (1 + halvings(case.formula))
     places, signals = lattice(ticks, {"x": x, "y": y}, scale, straight=case.kind == "linear")
-    found = Definition(places, signals, case.param, closed, scale).signal(case.formula)
+    found = signal(places, signals, case.param, closed, scale)
     index = {place: k for k, place in enumerate(places)}
     return [found[index[STEP * t * scale]] for t in ticks[:n]]
 
@@ -278,10 +392,10 @@ def lattice(
     return places, signals
 
 
-def evaluated(case: Case) -> np.ndarray:
-    """Return ρ at every sample as the package computes it."""
+def evaluated(case: Case) -> Evaluation:
+    """Return ρ, and whether it is true, at every sample as the package computes it."""
     trace = Trace(case.start + np.array(case.ticks) * float(case.period), {"x": case.x, "y": case.y})
     interpolation = case.kind if case.kind in ("hold", "linear") else "samples"
-    return parse_spec(case.text).robustness_signal(
+    return parse_spec(case.text).evaluate(
         trace, "it", {"p": case.param}, interpolation=interpolation, until=case.until, end=case.end
     )

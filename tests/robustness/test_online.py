@@ -12,11 +12,12 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from s2r_spec.errors import TraceError, UsageError
+from s2r_spec.errors import SamplingError, TraceError, UsageError
 from s2r_spec.robustness.online import points
 from s2r_spec.spec import parse_spec
 from s2r_spec.trace import Trace
-from tests.robustness.definitions import NoSampleError, by_definition, reach, sample_reach
+from tests.examples import examples
+from tests.robustness.definitions import NoSampleError, Truth, by_definition, reach, sample_reach
 from tests.robustness.drawing import Case, cases, text_of
 from tests.robustness.test_functions import DEFINITIONS
 
@@ -59,7 +60,7 @@ def defined(case: Case) -> list[float] | None:
 def opened(case: Case, opens):
     """What follows a case, or None if it is refused for an operator over the whole rest."""
     try:
-        return opens({"p": case.param}, period=period(case), until=case.until)
+        return opens({"p": case.param}, period=period(case), until=case.until, sparse=True)
     except UsageError as error:
         refusal = str(error)
     assert "looks at the whole rest of the trace" in refusal
@@ -67,7 +68,7 @@ def opened(case: Case, opens):
     return None
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=examples(200), deadline=None)
 @given(case=CASES)
 def test_a_stream_is_the_robustness_signal(case: Case) -> None:
     stream = opened(case, parse_spec(case.text).robustness_stream)
@@ -88,7 +89,7 @@ def test_a_stream_is_the_robustness_signal(case: Case) -> None:
     assert [value for _, value in pairs] == pytest.approx(rho, abs=1e-9, rel=0)
 
 
-@settings(max_examples=250, deadline=None)
+@settings(max_examples=examples(250), deadline=None)
 @given(case=CASES, often=st.sampled_from([1, 3, 1024]))
 def test_an_interval_shrinks_to_what_is_defined(case: Case, often: int) -> None:
     """Every prefix of a trace has the whole of it among its completions."""
@@ -103,7 +104,8 @@ def test_an_interval_shrinks_to_what_is_defined(case: Case, often: int) -> None:
         for time, sample in samples(case):
             seen.append(monitor.update(time, sample)["it"])
             assert seen[-2].lower <= seen[-1].lower <= seen[-1].upper <= seen[-2].upper
-    complete = spec.evaluate(trace_of(case), "it", {"p": case.param}, until=case.until).complete[0]
+    offline = spec.evaluate(trace_of(case), "it", {"p": case.param}, until=case.until, sparse=True)
+    complete = offline.complete[0]
     if complete and not unbounded(case.formula):
         assert seen[-1].decided
     # windows that lie wholly past the end of the trace are empty, which no interval foresees
@@ -112,6 +114,46 @@ def test_an_interval_shrinks_to_what_is_defined(case: Case, often: int) -> None:
     ended = monitor.finish(partial=not complete)["it"]
     assert ended.decided
     assert ended.lower == pytest.approx(rho[0], abs=1e-9, rel=0)
+    true = by_definition(case, Truth)[0]
+    assert ended.satisfied == offline.satisfied[0] == true
+    if complete and (not unbounded(case.formula) or reach(case.formula) == 0):
+        assert all(interval.satisfied in (None, true) for interval in seen)
+
+
+@pytest.mark.parametrize("period", [None, 100.0])
+@pytest.mark.parametrize("formula", ["always[0, 2] x > 0", "once[0, 2] x > 0", "count(x > 0, 2) > 0"])
+def test_a_window_that_is_shorter_than_the_period_is_refused(period, formula: str) -> None:
+    spec = parse_spec(f"signal x\nrequire it: {formula}", "a.stl")
+
+    def follow() -> None:
+        monitor = spec.monitor(period=period)
+        for k in range(3):
+            monitor.update(100.0 * k, {"x": 1.0})
+
+    with pytest.raises(SamplingError, match=r"line 2 of a\.stl"):
+        follow()
+
+
+@pytest.mark.parametrize("period", [None, 0.1])
+@pytest.mark.parametrize(
+    ("formula", "count", "verdict"),
+    [("always[0, 0.3] x > 0", 1, "unknown"), ("always[0, 0.3] x > 0", 2, "unknown"),
+     ("always[0, 0.3] x > 0", 3, "unknown"), ("always[0, 0.3] x > 0", 4, "holds"),
+     ("always[0, 0.3) x > 0", 3, "holds"), ("always[0, 0.35] x > 0", 4, "holds"),
+     ("always x > 0", 1, "unknown"), ("always x > 0", 2, "holds"), ("x > 0", 1, "holds"),
+     ("always[0, 0.2] eventually[0, 0.1] x > 0", 4, "holds"), ("next x > 0", 1, "unknown")],
+)  # fmt: skip
+def test_how_long_a_trace_must_be(period, formula: str, count: int, verdict: str) -> None:
+    spec = parse_spec(f"signal x\nrequire it: {formula}")
+    monitor = spec.monitor(period=period)
+    for k in range(count):
+        monitor.update(0.1 * k, {"x": 1.0})
+    assert monitor.finish()["it"].verdict == verdict
+    trace = Trace(np.arange(count) / 10, {"x": np.ones(count)})
+    assert spec.evaluate(trace, "it").complete[0] == (verdict == "holds")
+    if verdict == "unknown":
+        with pytest.raises(TraceError, match="but the trace"):
+            spec.satisfied(trace)
 
 
 _BOUNDED = st.tuples(st.integers(0, 3), st.integers(1, 4), st.booleans(), st.booleans()).map(
@@ -146,7 +188,7 @@ _TWO = st.tuples(_wrapped(_predicate("x")), _wrapped(_predicate("y"))).flatmap(
 )
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=examples(100), deadline=None)
 @given(
     formula=_wrapped(_TWO),
     x=st.lists(st.integers(-6, 6).map(lambda v: v / 4), min_size=1, max_size=10),

@@ -8,11 +8,12 @@ from hypothesis import given, settings
 from s2r_spec.errors import UsageError
 from s2r_spec.robustness import kernels, tensor_windows
 from s2r_spec.spec import parse_spec
+from tests.examples import examples
 from tests.robustness.definitions import evaluated
 from tests.robustness.drawing import Case, cases
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=examples(200), deadline=None)
 @given(case=cases("regular"))
 def test_torch_gives_numpys_numbers(case: Case) -> None:
     case = Case(**(vars(case) | {"end": "clip"}))
@@ -23,7 +24,9 @@ def test_torch_gives_numpys_numbers(case: Case) -> None:
     found = spec.robustness_tensor(
         signals, "it", {"p": torch.tensor(case.param)}, period=float(case.period), until=case.until
     )
-    np.testing.assert_allclose(np.broadcast_to(found.numpy(), len(case.x)), evaluated(case), atol=1e-12)
+    np.testing.assert_allclose(
+        np.broadcast_to(found.numpy(), len(case.x)), evaluated(case).values, atol=1e-12
+    )
 
 
 SMOOTH = [

@@ -15,6 +15,7 @@ from s2r_spec.robustness.online.tape import Tape
 from s2r_spec.robustness.online.terms import Leaf, Least, Negative, Rise, Scaled, Step, Term
 from s2r_spec.robustness.online.timed import Always, Until
 from s2r_spec.robustness.online.values import Component, Number, Values
+from s2r_spec.robustness.ties import signed_number
 
 INFINITE: Span = (-math.inf, math.inf)
 
@@ -55,7 +56,8 @@ class OnlineAlgebra:
         """Compute what every term can become, from what is known of the signals by now."""
         spans = Spans(self.ranges, self.params, self.values.settled)
         for leaf, node in self.predicates:
-            leaf.ahead = spans.margin(node)
+            low, high = spans.margin(node)
+            leaf.ahead = signed_number(low, node.operator), signed_number(high, node.operator)
         for term in self.terms:
             term.foresee()
 
@@ -98,14 +100,14 @@ class OnlineAlgebra:
             rho = difference(k) if sign is None else sign * abs(difference(k))
             if rho != rho:
                 raise self._no_value(node, k)
-            return rho
+            return signed_number(rho, node.operator)
 
         leaf = self._leaf(margin, Number((), (*left.sources, *right.sources)), INFINITE)
         self.predicates.append((leaf, node))
         return leaf
 
     def _no_value(self, node: f.Comparison, k: int) -> TraceError:
-        return no_value(node, f"sample {k}, {self.clock.seconds(k):g} s after the first")
+        return no_value(node, f"sample {k}, {self.clock.seconds(k):.9g} s after the first")
 
     def negative(self, x: Term) -> Term:
         """Return −x."""

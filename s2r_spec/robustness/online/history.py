@@ -203,10 +203,10 @@ class Count(Recorded):
 
     def compute(self, k: int) -> float:
         """See :class:`Recorded`."""
-        self.total += self.condition.value(k) >= 0
+        self.total += self.condition.value(k) > 0
         if math.isfinite(self.seconds):
             begin = self.clock.seconds(k) - self.seconds - self.clock.slack
             while self.clock.seconds(self.first) < begin:
-                self.total -= self.condition.value(self.first) >= 0
+                self.total -= self.condition.value(self.first) > 0
                 self.first += 1
         return float(self.total)

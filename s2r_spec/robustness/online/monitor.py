@@ -11,14 +11,16 @@ from s2r_spec.errors import TraceError, UsageError, one_of, suggest
 from s2r_spec.lang import formula as f
 from s2r_spec.lang.declarations import Signal
 from s2r_spec.robustness.evaluate import Witness
-from s2r_spec.robustness.grid import Grid
-from s2r_spec.robustness.horizon import samples_needed, seconds_needed
+from s2r_spec.robustness.grid import SNAP, Grid
+from s2r_spec.robustness.horizon import horizon, samples_needed, seconds_needed
+from s2r_spec.robustness.narrow import narrowest, refuse_short
 from s2r_spec.robustness.online.algebra import OnlineAlgebra
 from s2r_spec.robustness.online.clock import Clock
 from s2r_spec.robustness.online.points import Point, Points
 from s2r_spec.robustness.online.tape import Tape
 from s2r_spec.robustness.online.terms import Term
 from s2r_spec.robustness.reading import HOLD, LEADING, Missing
+from s2r_spec.robustness.ties import plain_number
 
 Verdict = Literal["holds", "violated", "unknown"]
 
@@ -35,6 +37,7 @@ class Followed:
         until: see :class:`s2r_spec.robustness.evaluate.Walk`.
         nan: what a NaN sample is: an "error", or as the one before it ("hold").
         ranges: whether samples are known to lie in the declared ranges.
+        sparse: whether windows may be shorter than the time between two samples.
     """
 
     formulas: Mapping[str, f.Formula]
@@ -44,6 +47,7 @@ class Followed:
     until: Witness
     nan: Missing
     ranges: bool
+    sparse: bool = False
 
 
 @dataclass(frozen=True)
@@ -51,15 +55,28 @@ class RobustInterval:
     """What ρ can still become, in the unit of ρ: it ends in [lower, upper].
 
     ``lower == upper`` is ρ itself.
+
+    Args:
+        lower: end of the interval.
+        upper: end of the interval.
+        satisfied: whether the requirement is true, whatever comes; None where that is open. At ρ = 0 the
+            comparisons decide it.
     """
 
     lower: float
     upper: float
+    satisfied: bool | None
+
+    @classmethod
+    def of(cls, lower: float, upper: float) -> RobustInterval:
+        """Return the interval of a robustness with a sign; see :mod:`s2r_spec.robustness.ties`."""
+        satisfied = True if lower > 0 else False if upper < 0 else None
+        return cls(plain_number(lower), plain_number(upper), satisfied)
 
     @property
     def decided(self) -> bool:
-        """Whether ρ is known."""
-        return self.lower == self.upper
+        """Whether ρ and the verdict are known."""
+        return self.lower == self.upper and self.satisfied is not None
 
     @property
     def bounded(self) -> bool:
@@ -69,7 +86,7 @@ class RobustInterval:
     @property
     def verdict(self) -> Verdict:
         """Whether the requirement "holds" or is "violated" whatever comes, or that is "unknown"."""
-        return "holds" if self.lower >= 0 else "violated" if self.upper < 0 else "unknown"
+        return "unknown" if self.satisfied is None else "holds" if self.satisfied else "violated"
 
 
 class _Recorder:
@@ -83,6 +100,11 @@ class _Recorder:
         self.algebra = OnlineAlgebra(
             self.clock, self.tapes, ranges, what.params, tuple(what.formulas.values()), what.until
         )
+        found = [narrowest(formula) for formula in what.formulas.values()]
+        self.narrowest = min(
+            (window for window in found if window is not None), key=lambda w: w.length, default=None
+        )
+        self._refuse_short()
         self.terms = {name: self.algebra.walk(formula) for name, formula in what.formulas.items()}
         self.broken: TraceError | None = None
 
@@ -117,8 +139,19 @@ class _Recorder:
         if self.clock.ended:
             raise UsageError("the trace was finished; a new one needs a new monitor")
 
+    def _refuse_short(self) -> None:
+        """Refuse windows that are shorter than the time from one sample to the next, as soon as that is known."""
+        clock = self.clock
+        if self.narrowest is None or self.what.sparse:
+            return
+        if clock.period is not None:
+            refuse_short(self.narrowest, clock.step)
+        elif clock.now > 0:
+            refuse_short(self.narrowest, clock.latest / clock.now, "the mean time between two samples")
+
     def _settle(self) -> None:
         try:
+            self._refuse_short()
             for stream in self.clock.streams:
                 stream.advance()
         except TraceError as error:
@@ -162,11 +195,27 @@ class _Recorder:
         return numbers
 
     def complete(self, formula: f.Formula) -> bool:
-        """Whether every bounded window of a formula at the first instant lies within the samples so far."""
+        """Whether the samples so far reach as far as a formula looks at the first instant, to within a period.
+
+        Without a period, to within the shortest time between two samples: the median would need all of them.
+        """
         clock = self.clock
-        if clock.period is not None:
-            return clock.now >= samples_needed(formula, Grid(2, clock.period))
-        return clock.latest + clock.snap >= seconds_needed(formula, clock.longest)
+        if clock.now < 1:
+            return horizon(formula) == 0 and samples_needed(formula, Grid(1, None)) == 0
+        step = clock.step if clock.period is not None else clock.shortest
+        snap = max(clock.slack, SNAP * step)
+        reached = clock.now * step if clock.period is not None else clock.latest
+        return reached + step - snap >= seconds_needed(formula, step, slack=2 * snap)
+
+    def shortfall(self, formula: f.Formula) -> str:
+        """Return in words how far a formula looks past the samples so far."""
+        ahead, clock = horizon(formula), self.clock
+        if clock.now < 1:
+            return "it looks further, but the trace has one sample"
+        if math.isfinite(ahead):
+            return f"it looks {ahead:g} s ahead, but the trace lasts {clock.time - clock.start:.6g} s"
+        needs = seconds_needed(formula, clock.step or clock.shortest)
+        return f"a part of it looks {needs:g} s ahead, past the end of the trace"
 
 
 class Monitor:
@@ -183,7 +232,7 @@ class Monitor:
             name: points(term, 0) for name, term in self._recorder.terms.items()
         }
         self._recorder.algebra.foresee()
-        self._now = {name: RobustInterval(-math.inf, math.inf) for name in self._points}
+        self._now = {name: RobustInterval.of(-math.inf, math.inf) for name in self._points}
         self._refresh()
 
     @property
@@ -228,12 +277,14 @@ class Monitor:
         self._now = {name: before[name] if name in open_ else after[name] for name in after}
         return self.intervals
 
+    def shortfall(self, requirement: str) -> str:
+        """Return in words how far an undecided requirement looks past the samples so far."""
+        return self._recorder.shortfall(self._recorder.what.formulas[requirement])
+
     def _refresh(self) -> dict[str, RobustInterval]:
         for name, point in self._points.items():
             point.refresh()
-            was = self._now[name]
-            if (was.lower, was.upper) != (point.lower, point.upper):
-                self._now[name] = RobustInterval(point.lower, point.upper)
+            self._now[name] = RobustInterval.of(point.lower, point.upper)
         return self.intervals
 
 
@@ -270,5 +321,7 @@ class RobustnessStream:
         found = {}
         for name, term in self._recorder.terms.items():
             first, self._sent[name] = self._sent[name], term.end
-            found[name] = [(self._times.value(k), term.value(k)) for k in range(first, term.end)]
+            found[name] = [
+                (self._times.value(k), plain_number(term.value(k))) for k in range(first, term.end)
+            ]
         return found

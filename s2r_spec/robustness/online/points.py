@@ -18,6 +18,7 @@ from s2r_spec.robustness.online.spans import Span
 from s2r_spec.robustness.online.tape import lesser
 from s2r_spec.robustness.online.terms import LOWER, UPPER, Least, Negative, Rise, Scaled, Step, Term
 from s2r_spec.robustness.online.timed import Always, Clamp, Timed, Until, followed_by
+from s2r_spec.robustness.ties import rescaled_number
 
 OFTEN = 1024
 """So many unsettled instants are looked at for every sample; h of them only for every (h / OFTEN)-th one."""
@@ -41,7 +42,7 @@ class Points:
             case Scaled():
                 return Multiple(term.clock, self(term.operand, k), term.factor)
             case Negative():
-                return Multiple(term.clock, self(term.operand, k), -1.0)
+                return Opposite(term.clock, self(term.operand, k))
             case Least():
                 return Smaller(term.clock, self(term.left, k), self(term.right, k))
             case Step():
@@ -50,7 +51,7 @@ class Points:
             case Rise():
                 if k == 0:
                     return Never(term.clock)
-                before = Multiple(term.clock, self(term.operand, k - 1), -1.0)
+                before = Opposite(term.clock, self(term.operand, k - 1))
                 return Smaller(term.clock, self(term.operand, k), before)
             case Always(past=False):
                 return AlwaysAt(term, k)
@@ -129,8 +130,21 @@ class Settling(Point):
         return (float(term.bound(k, k, LOWER)[0]), float(term.bound(k, k, UPPER)[0])), False
 
 
+class Opposite(Point):
+    """−x."""
+
+    def __init__(self, clock: Clock, operand: Point) -> None:
+        super().__init__(clock)
+        self.operand = operand
+
+    def found(self) -> tuple[Span, bool]:
+        """See :class:`Point`."""
+        self.operand.refresh()
+        return (-self.operand.upper, -self.operand.lower), self.operand.settled
+
+
 class Multiple(Point):
-    """factor · x."""
+    """factor · x, factor > 0."""
 
     def __init__(self, clock: Clock, operand: Point, factor: float) -> None:
         super().__init__(clock)
@@ -139,8 +153,8 @@ class Multiple(Point):
     def found(self) -> tuple[Span, bool]:
         """See :class:`Point`."""
         self.operand.refresh()
-        ends = self.factor * self.operand.lower, self.factor * self.operand.upper
-        return (ends if self.factor > 0 else ends[::-1]), self.operand.settled
+        low, high = self.operand.lower, self.operand.upper
+        return (rescaled_number(low, self.factor), rescaled_number(high, self.factor)), self.operand.settled
 
 
 class Smaller(Point):

@@ -19,6 +19,7 @@ from s2r_spec.robustness.online.clock import Clock
 from s2r_spec.robustness.online.spans import ANY, Span
 from s2r_spec.robustness.online.tape import Reader, Tape, lesser
 from s2r_spec.robustness.online.values import Component, Number
+from s2r_spec.robustness.ties import rescaled, rescaled_number
 
 FloatArray = NDArray[np.float64]
 LOWER, UPPER = 0, 1
@@ -190,15 +191,15 @@ class Scaled(Negative):
 
     def value(self, k: int) -> float:
         """See :class:`Term`."""
-        return self.factor * self.operand.value(k)
+        return rescaled_number(self.operand.value(k), self.factor)
 
     def foresee(self) -> None:
         """See :class:`Term`."""
         low, high = self.operand.ahead
-        self.ahead = self.factor * low, self.factor * high
+        self.ahead = rescaled_number(low, self.factor), rescaled_number(high, self.factor)
 
     def _bound(self, first: int, last: int, side: int) -> FloatArray:
-        return self.factor * self.operand.bound(first, last, side)
+        return rescaled(self.operand.bound(first, last, side), self.factor)
 
 
 class Least(Stored):

@@ -164,7 +164,7 @@ class Values:
         def chosen(yes: Component, no: Component) -> Component:
             def value(k: int) -> float:
                 values = yes(k), no(k)  # both, as what is in them may remember its first sample
-                return values[0] if condition.value(k) >= 0 else values[1]
+                return values[0] if condition.value(k) > 0 else values[1]
 
             return value
 

@@ -1,0 +1,134 @@
+"""Which of the candidate mistakes is a finding: one rule for all; see the package."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+
+from s2r_spec.diagnose.axes import Line
+from s2r_spec.diagnose.quality.clock import clock
+from s2r_spec.diagnose.quality.comparison import Comparison, Rollout, compare
+from s2r_spec.diagnose.quality.direct import direct
+from s2r_spec.diagnose.quality.exchanged import exchanged
+from s2r_spec.diagnose.quality.finding import Finding
+from s2r_spec.diagnose.quality.frame import offset, turned
+from s2r_spec.diagnose.quality.glitches import glitches
+from s2r_spec.diagnose.quality.hold import hold
+from s2r_spec.diagnose.quality.labels import labels, others
+from s2r_spec.diagnose.quality.late import late
+from s2r_spec.diagnose.quality.physics import nearest
+from s2r_spec.diagnose.quality.scale import scale
+from s2r_spec.diagnose.quality.sign import sign
+from s2r_spec.diagnose.quality.suspects import Suspect
+from s2r_spec.diagnose.simulate import Bench
+
+MOST = 0.75
+"""Level: part of what the best machine leaves beyond the usual that undoing a mistake must remove. At twice the
+distance from 1 it finds mistakes beside larger unknown effects, and takes more unknown effects for mistakes."""
+CLEAR = 0.3
+"""Level: of the usual misfit, by which a discrepancy is there at all. Twice as much misses mistakes that are 1.4 times
+smaller; half as much takes scatter for one."""
+SAME = 0.1
+"""Tolerance: of the usual misfit, within which two explanations are the same."""
+PROMISING = 0.3
+"""Budget: as MOST, for candidates that are tried again beside effects. Twice as much tries fewer of them."""
+APART = ("still", "wrapped", "unit", "unit of one", "spike", "stopped")
+"""Definition: codes of findings whose channels are not compared with the others."""
+TOGETHER = {"late": ("late", "begin"), "clock": ("clock", "begin"), "exchanged": ("exchanged", "sign")}
+"""Definition: by code, what the same mistake also looks like to checks that see one channel alone."""
+AGAIN = 2
+"""Budget: such candidates. Twice as many cost twice the simulations."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Judged:
+    """A candidate: ℓ without and with it undone, beside effects, and with it undone beside none."""
+
+    suspect: Suspect
+    before: float
+    after: float
+    alone: float
+
+
+def findings(
+    bench: Bench,
+    rollouts: Sequence[Rollout],
+    lines: Sequence[Line] = (),
+    executor: Callable[[], Executor] | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> tuple[Finding, ...]:
+    """Return the mistakes that the recordings seem to have.
+
+    Args:
+        bench: the simulator.
+        rollouts: the machine's, in the order of their table.
+        lines: of the catalogue.
+        executor: makes a pool for the simulations.
+        progress: is told (done, of).
+    """
+    first = [*glitches(bench, rollouts), *direct(bench, rollouts, lines)]
+    held, straight = hold(bench, rollouts)
+    wrong = [each.channel for each in first if each.code in APART]
+    c = compare(bench, straight, lines, executor, progress, wrong)
+    found = [] if c is None else suspected(bench, c, straight, executor, progress)
+    # What all channels say together is said of each of them no more.
+    kinds = {kind for each in found for kind in TOGETHER.get(each.code, (each.code,))}
+    return (*held, *found, *(each for each in first if each.code not in kinds))
+
+
+def suspected(
+    bench: Bench,
+    c: Comparison,
+    rollouts: Sequence[Rollout],
+    executor: Callable[[], Executor] | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> list[Finding]:
+    """Return the mistake that explains what no machine does, and one that does the same as the best machine."""
+    if c.misfit(c.recorded, effects=False) < (1.0 + CLEAR) * c.usual:
+        return []  # as the nominal simulator's: there is nothing to explain
+    checks = (late, clock, exchanged, sign, scale, turned, offset)
+    found = [suspect for check in checks for suspect in check(c)]
+    found += labels(c, others(bench, c, rollouts, executor, progress))
+    judged = sorted((_judged(c, suspect) for suspect in found), key=lambda one: one.after)
+    good = [one for one in judged if _removed(one, one.before, c.usual) >= MOST]
+    same = [one for one in judged if one.alone <= (1.0 + CLEAR) * c.usual and one not in good]
+    promising = [one for one in judged if _removed(one, one.before, c.usual) >= PROMISING]
+    if not good and not same and not promising:
+        return []
+    machine, _ = nearest(bench, c, c.recorded, executor)
+    if not good and not same and machine.misfit(c.recorded) > (1.0 + CLEAR) * machine.usual:
+        good = [_beside(bench, c, one, executor) for one in promising[:AGAIN]]
+
+    def physics(one: _Judged) -> float:
+        left = machine.misfit(c.recorded, there=one.suspect.there)
+        return min(one.before, left + machine.volume - c.volume)
+
+    out = []
+    for one in sorted((*good, *same), key=lambda one: one.after):
+        best = physics(one)
+        if _removed(one, best, c.usual) >= MOST and best - one.after >= CLEAR * c.usual:
+            out.append((one.after, one.suspect.finding))
+        elif one.alone <= max(best, c.usual) + SAME * c.usual:
+            out.append((one.after, replace(one.suspect.finding, same=True)))
+    least = min((after for after, _ in out), default=0.0)
+    return [finding for after, finding in out if after <= least + SAME * c.usual]
+
+
+def _judged(c: Comparison, suspect: Suspect) -> _Judged:
+    before = c.misfit(c.recorded, there=suspect.there)
+    after = c.misfit(suspect.values, there=suspect.there)
+    alone = c.misfit(suspect.values, effects=False, there=suspect.there)
+    return _Judged(suspect, before, after + suspect.volume, alone + suspect.volume)
+
+
+def _beside(bench: Bench, c: Comparison, one: _Judged, executor: Callable[[], Executor] | None) -> _Judged:
+    """Return a candidate beside the machine that fits best with it undone."""
+    machine, _ = nearest(bench, c, one.suspect.values, executor)
+    left = machine.misfit(one.suspect.values, there=one.suspect.there) + machine.volume - c.volume
+    return replace(one, after=min(one.after, left + one.suspect.volume))
+
+
+def _removed(one: _Judged, before: float, usual: float) -> float:
+    """Return the part of what is beyond the usual that undoing a mistake removes."""
+    return (before - one.after) / (before - usual) if before > usual else 0.0

@@ -1,0 +1,98 @@
+"""Time windows that a formula looks through, held against the sample times of a trace."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec.errors import SamplingError
+from s2r_spec.lang import formula as f
+from s2r_spec.lang.source import Span
+from s2r_spec.robustness.grid import SNAP
+
+FloatArray = NDArray[np.float64]
+
+SMALLER_UNITS = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+"""A definition: the units of time [s] that loggers write, the largest first."""
+
+
+@dataclass(frozen=True)
+class Window:
+    """A window of time with two ends, relative to an instant.
+
+    Args:
+        low: where it begins [s]; negative in the past.
+        high: where it ends [s].
+        span: where it is written.
+    """
+
+    low: float
+    high: float
+    span: Span
+
+    @property
+    def length(self) -> float:
+        """From its begin to its end [s]."""
+        return self.high - self.low
+
+
+def windows(formula: f.Formula) -> Iterator[Window]:
+    """Yield every window of positive, finite length: of operators in time, and of functions of the past."""
+    for node in f.walk(formula):
+        match node:
+            case f.Temporal() | f.Until():
+                interval = node.interval
+                past = node.operator in ("historically", "once", "since")
+                low, high = (-interval.high, -interval.low) if past else (interval.low, interval.high)
+                found = Window(low, high, interval.span)
+            case f.Count() | f.Accumulated():
+                found = Window(-node.seconds, 0.0, node.span)
+            case _:
+                continue
+        if 0.0 < found.length < math.inf:
+            yield found
+
+
+def narrowest(formula: f.Formula) -> Window | None:
+    """Return the shortest of :func:`windows`, None without any."""
+    return min(windows(formula), key=lambda window: window.length, default=None)
+
+
+def refuse_short(window: Window | None, period: float | None, whose: str = "the sample period") -> None:
+    """Refuse a window that is shorter than the time from one sample to the next.
+
+    It would hold one sample at most: the samples say nothing of the rest of it.
+
+    Args:
+        window: the narrowest of a formula; None for none.
+        period: median time from one sample to the next [s]; None for a single sample.
+        whose: what the period is called in the sentence.
+
+    Raises:
+        SamplingError: it is shorter; the sentence names the unit that the times are likely in.
+    """
+    if window is None or period is None or window.length >= period * (1.0 - SNAP):
+        return
+    unit = next((name for name, size in SMALLER_UNITS.items() if period * size <= window.length), None)
+    way = f"if the times are in {unit}, give --time-unit {unit}; " if unit else ""
+    raise SamplingError(
+        f"`{' '.join(window.span.text.split())}` ({window.span.place}) is {window.length:g} s long, shorter than "
+        f"{whose}, {period:.6g} s; {way}interpolation='hold' or 'linear' evaluates between samples"
+    )
+
+
+def samples_in(window: Window, times: FloatArray) -> int | None:
+    """Return the least number of samples in a window that lies within (n,) times [s]; None if none does."""
+    span = times[-1] - times[0]
+    snap = SNAP * (span / max(times.size - 1, 1))
+    starts, ends = times + window.low, times + window.high
+    within = (starts >= times[0] - snap) & (ends <= times[-1] + snap)
+    if not within.any():
+        return None
+    first = np.searchsorted(times, starts[within] - snap, "left")
+    last = np.searchsorted(times, ends[within] + snap, "right")
+    return int((last - first).min())

@@ -1,0 +1,43 @@
+"""How far a formula looks past the end of a trace, in words."""
+
+from __future__ import annotations
+
+import math
+
+from s2r_spec.lang import formula as f
+from s2r_spec.robustness.deciding import descend
+from s2r_spec.robustness.evaluate import Walk
+from s2r_spec.robustness.evaluation import Reading
+from s2r_spec.robustness.horizon import horizon
+from s2r_spec.robustness.sampled import SampledAlgebra, Samples
+
+
+def shortfall(formula: f.Formula, reading: Reading) -> str:
+    """Return what follows the name of a requirement that the trace does not decide: "looks 2 s ahead, but …".
+
+    The instant that is named is the one that would decide ρ if the trace were all there is.
+    """
+    ahead = horizon(formula)
+    times = reading.times
+    lasts = f"the trace lasts {times[-1] - times[0]:.6g} s"
+    if len(times) == 1:
+        lasts = "the trace has one sample"
+    if 0 < ahead < math.inf:
+        return f"looks {ahead:g} s ahead, but {lasts}"
+    if ahead == 0:
+        return f"looks at the next sample, but {lasts}"
+    if len(times) == 1:
+        return f"looks at the whole rest of a trace, but {lasts}"
+    algebra = SampledAlgebra(Samples(reading.clock, reading.signals, reading.params, reading.until))
+    walk = Walk(algebra, reading.until)
+    walk(formula)
+    found = reading.needs(formula), 0
+    for step in descend(formula, walk, reading.clock):
+        reach = reading.needs(step.node)
+        if reach > 0 and times[step.sample] + reach > times[-1]:
+            found = reach, step.sample
+    reach, sample = found
+    return (
+        f"looks {reach:g} s past t = {float(times[sample] - times[0]):.6g} s, "
+        f"but the trace ends at {float(times[-1] - times[0]):.6g} s"
+    )

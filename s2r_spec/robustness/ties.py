@@ -1,0 +1,69 @@
+"""Robustness with a sign everywhere: what is true or false at a margin of 0.
+
+Data: the margin m of a predicate, in its unit. ``x <= c`` and ``x < c`` have the same margin c − x, and at
+x = c one is true and the other false. STL is sound, ρ > 0 ⇒ true and ρ < 0 ⇒ false (Fainekos and Pappas,
+*Robustness of temporal logic specifications for continuous-time signals*, 2009, Prop. 16), and silent at ρ = 0.
+
+Model: margins are numbers extended by one infinitesimal, TIE. A margin of 0 is written +TIE where the predicate is
+true and −TIE where it is false; no margin is 0. Minimum, maximum and negation are and, or and not of the signs, so
+the sign of ρ is the Boolean semantics, and |ρ| ≤ TIE is a robustness of 0. Whoever hands ρ out writes it
+:func:`plain`, and says beside it whether ρ > 0.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec.lang.formula import CompareOp
+
+FloatArray = NDArray[np.float64]
+
+TIE = 2.0**-1000
+"""A definition: the size of a robustness of 0, in any unit (9.3e-302).
+
+Any positive number below every margin that a user can mean would do, such as twice this one; it is far from the
+subnormal numbers, which some libraries flush to 0.
+"""
+
+
+def tie(operator: CompareOp) -> float:
+    """Return the robustness of a comparison of equal numbers: ±TIE."""
+    return TIE if operator in ("<=", ">=", "==") else -TIE
+
+
+def signed(margin: FloatArray, operator: CompareOp) -> FloatArray:
+    """Return margins of any shape with no 0 among them; the same array where there is none."""
+    zero = margin == 0.0
+    return np.where(zero, tie(operator), margin) if zero.any() else margin
+
+
+def signed_number(margin: float, operator: CompareOp) -> float:
+    """Return :func:`signed` of one margin."""
+    return tie(operator) if margin == 0.0 else margin
+
+
+def rescaled(rho: FloatArray, factor: float) -> FloatArray:
+    """Return factor · ρ, factor > 0, of any shape: a robustness of 0 is 0 in every unit."""
+    result = factor * rho
+    small = (np.abs(rho) <= TIE) | (np.abs(result) < TIE)
+    return np.where(small, np.copysign(TIE, rho), result) if small.any() else result
+
+
+def rescaled_number(rho: float, factor: float) -> float:
+    """Return :func:`rescaled` of one robustness."""
+    result = factor * rho
+    return math.copysign(TIE, rho) if abs(rho) <= TIE or abs(result) < TIE else result
+
+
+def plain(rho: FloatArray) -> FloatArray:
+    """Return ρ as people read it, of any shape: 0 where it is."""
+    zero = np.abs(rho) <= TIE
+    return np.where(zero, 0.0, rho) if zero.any() else rho
+
+
+def plain_number(rho: float) -> float:
+    """Return :func:`plain` of one robustness."""
+    return 0.0 if abs(rho) <= TIE else rho
