@@ -158,7 +158,9 @@ class Text:
             what = "has no line break at its end" if self._lines.cut else "has fewer values than columns"
             if not self._lines.cut and count > width:
                 raise TraceError(f"line {bad[0]} {bad[1]}")
-            self.notes.append(f"the last row, line {bad[0]}, {what}: it may be cut and is not used")
+            self.notes.append(
+                f"the last row, line {bad[0]}, {what}: it may be cut and is not used (if it is whole, complete it)"
+            )
 
 
 class _Lines:

@@ -12,7 +12,7 @@ from s2r_spec import logs
 from s2r_spec.errors import TraceError, UsageError
 from s2r_spec.logs.table import MOST_COLUMNS, MOST_NUMBERS
 from s2r_spec.spec import load_spec
-from tests.logs import tables
+from tests.logs import fuzz, tables
 
 
 def header(shape: object, descr: str = "'<f8'") -> bytes:
@@ -150,3 +150,7 @@ def test_a_table_that_is_nothing_but_names_or_one_line(tmp_path):
         stream.truncate(2**33)
     with pytest.raises(TraceError, match="line 1 is longer than"):
         logs.read(path)
+
+
+def test_damaged_traces_are_read_or_refused_in_a_sentence(tmp_path):
+    assert fuzz.faults(tmp_path, seed=1, count=100) == []
