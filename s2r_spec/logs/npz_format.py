@@ -19,7 +19,7 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.errors import TraceError
+from s2r_spec.errors import TraceError, shortened
 from s2r_spec.logs import cells
 from s2r_spec.logs.table import (
     TEXT_SIZE,
@@ -70,7 +70,8 @@ def load(path: Path, choose: Chooser) -> Table:
         with zipfile.ZipFile(path) as archive:
             return _table(archive, choose)
     except _BROKEN as error:
-        raise TraceError(f"this is not an .npz archive of arrays: {error or type(error).__name__}") from None
+        why = shortened(str(error) or type(error).__name__)
+        raise TraceError(f"this is not an .npz archive of arrays: {why}") from None
 
 
 def _table(archive: zipfile.ZipFile, choose: Chooser) -> Table:

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from s2r_spec.errors import TraceError
+from s2r_spec.errors import TraceError, shortened
 from s2r_spec.logs import cells
 from s2r_spec.logs.table import (
     TEXT_SIZE,
@@ -47,10 +47,12 @@ def load(path: Path, choose: Chooser) -> Table:
         with parquet.ParquetFile(path) as file:
             return _table(arrow, file, choose)
     except (arrow.ArrowException, MemoryError, UnicodeDecodeError) as error:
-        raise TraceError(f"this is not a Parquet file that can be read: {error}") from None
+        raise TraceError(f"this is not a Parquet file that can be read: {shortened(str(error))}") from None
     except OSError as error:
         if error.strerror is None:  # pyarrow's own, of a damaged page
-            raise TraceError(f"this is not a Parquet file that can be read: {error}") from None
+            raise TraceError(
+                f"this is not a Parquet file that can be read: {shortened(str(error))}"
+            ) from None
         raise
 
 
