@@ -65,12 +65,11 @@ def test_a_worker_that_is_stopped_is_ended(noted, monkeypatch):
     pool = ProcessPool(1)
     try:
         first = pool.submit(os.getpid).result()
-        monkeypatch.setattr(child, "BEGINNING", 0.3)
         os.kill(first, signal.SIGSTOP)
-        with pytest.raises(child.WorkerDiedError):
+        with monkeypatch.context() as patch, pytest.raises(child.WorkerDiedError):
+            patch.setattr(child, "BEGINNING", 0.3)
             pool.submit(len, bytes(10**6)).result()
         assert not lives(first)
-        monkeypatch.undo()
         assert pool.submit(abs, -1).result() == 1
     finally:
         pool.shutdown()
