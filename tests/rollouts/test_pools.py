@@ -111,8 +111,8 @@ def test_on_a_cluster_too_a_rollout_that_hangs_in_processes_of_its_own_is_ended_
     address = cluster.scheduler_address
     with import_module("distributed").Client(address, set_as_default=False) as client:
         client.run(exec, f"import os; os.environ['S2R_FORKS'] = {os.environ['S2R_FORKS']!r}")
-    found = outcomes(dask_pool(address), tasks("forks:pool-hang", [0.3, 0.1]), timeout=1)
-    assert [found[i].failure for i in range(2)] == ["crash: no answer within 1 s", None]
+    found = outcomes(dask_pool(address), tasks("forks:pool-hang", [0.3, 0.1]), timeout=2)
+    assert [found[i].failure for i in range(2)] == ["crash: no answer within 2 s", None]
     assert len(noted()) == 3
     assert not [pid for pid, _ in noted() if lives(pid)]
 
