@@ -1,6 +1,7 @@
 """What most commands import and make before anything else: preloaded, see :mod:`tests.forked`."""
 
 import gpytorch  # noqa: F401
+import numba  # noqa: F401
 
 import s2r_spec.certify.check
 import s2r_spec.cli
