@@ -2,6 +2,9 @@
 
 A fresh interpreter would import numerical libraries for longer than most commands run. What is killed, piped or timed
 by a test still begins as a user's would; see ``CommandLine.command``.
+
+A forked command has one worker, where a user's has one a core, and does not wait for the disk: the tests are the
+parallelism, and none of them pulls the plug.
 """
 
 from __future__ import annotations
@@ -53,6 +56,8 @@ def _command(
     os.environ.update(environment)
     sys.path[:] = path
     sys.argv = ["s2r", *words]
+    os.sched_getaffinity = lambda _: {0}  # type: ignore[assignment]
+    os.fsync = lambda _: None
     from s2r_spec.cli import main
 
     main()
