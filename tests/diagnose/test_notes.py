@@ -470,7 +470,7 @@ def test_a_parameter_that_varies_and_that_the_spec_does_not_know_gets_one_senten
         real_rollouts(bench_of(of_one, "tracking", Cart()), f"log:{tmp_path}", None, 0)
 
 
-def test_an_effect_that_is_in_the_simulator_is_what_nominal_is(cache):
+def test_an_effect_that_is_in_the_simulator_is_what_nominal_is(quick):
     patched = Cart().with_effects({"coulomb": {"force": 1.5}})
     known = {effect.name: effect.parameters[0].nominal for effect in banks.catalogue_of(patched)}
     assert known["coulomb"] == 1.5
@@ -478,7 +478,7 @@ def test_an_effect_that_is_in_the_simulator_is_what_nominal_is(cache):
     rng = np.random.default_rng(5)
     tests = [{"vd": rng.uniform(0.2, 1), "acc": rng.uniform(1, 4)} for _ in range(30)]
     runs = [(test, real(test, 700 + i, {})) for i, test in enumerate(tests)]
-    found = s2r.diagnose(s2r.parse_spec(SPEC), patched, runs, cache=cache, where=False)
+    found = s2r.diagnose(s2r.parse_spec(SPEC), patched, runs, cache=quick, where=False)
     # It is the machine that has less friction than the simulator was given.
     assert found.which.answer == ("coulomb",), found.which.ranked[:3]
     assert found.patch["coulomb"]["force"] < 0.4

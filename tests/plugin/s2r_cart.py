@@ -63,7 +63,7 @@ def simulated(vd, acc, v, noise, effects, limit):
     """
     viscous, coulomb, payload, motor, tilt, delay, speed_scale = effects
     ticks = noise.shape[1]
-    late = int(round(delay / STEP))
+    late = round(delay / STEP)
     mass = MASS + payload
     rows, sent = np.zeros((ticks, 4)), np.zeros(ticks)
     for k in range(ticks):

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from s2r_spec.errors import TraceError, UsageError
 from s2r_spec.spec import parse_spec
 from s2r_spec.trace import Trace
+from tests.examples import examples
 from tests.robustness.definitions import NoSampleError, by_definition, evaluated, halvings
 from tests.robustness.drawing import COMPARISONS, DENSE_FORMULAS, cases, intervals, text_of
 
@@ -30,25 +31,25 @@ def agrees(case) -> None:
     np.testing.assert_allclose(evaluated(case), expected, rtol=0, atol=1e-9)
 
 
-@settings(max_examples=700, deadline=None)
+@settings(max_examples=examples(700), deadline=None)
 @given(case=cases("regular"))
 def test_every_sample_is_as_defined(case) -> None:
     agrees(case)
 
 
-@settings(max_examples=500, deadline=None)
+@settings(max_examples=examples(500), deadline=None)
 @given(case=cases("irregular"))
 def test_irregular_samples_are_as_defined(case) -> None:
     agrees(case)
 
 
-@settings(max_examples=600, deadline=None)
+@settings(max_examples=examples(600), deadline=None)
 @given(case=cases("hold"))
 def test_held_signals_are_as_defined(case) -> None:
     agrees(case)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=examples(200), deadline=None)
 @given(case=cases("linear").filter(lambda case: halvings(case.formula) <= 3))
 def test_straight_lines_are_as_defined(case) -> None:
     agrees(case)
@@ -67,7 +68,7 @@ FUTURE = st.recursive(
 _PRODUCTS = re.compile(r"\*|norm|init|overshoot")
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=examples(150), deadline=None)
 @given(
     formula=DENSE_FORMULAS.filter(lambda node: not _PRODUCTS.search(text_of(node, Fraction(1)))),
     x=st.lists(st.floats(-2, 2), min_size=6, max_size=6),
