@@ -15,6 +15,7 @@ from benchmarks.blind.arm import machine as arm
 from benchmarks.blind.car import machine as car
 from benchmarks.blind.emps.cases import KINDS
 from benchmarks.blind.emps.generate import write_case
+from benchmarks.blind.outsiders import cases as outsiders
 from benchmarks.blind.outsiders.cases import SIZES, Case, drawn_tests, make_case, stratified
 from benchmarks.blind.outsiders.generate import main
 from benchmarks.blind.quad import machine as quad
@@ -45,11 +46,14 @@ def simulators():
 
 @pytest.fixture(scope="module")
 def cases():
-    """Return set → kind → a case."""
-    return {
-        name: {kind: make_case(machine, np.random.default_rng(5), kind) for kind in KINDS}
-        for name, machine in MACHINES.items()
-    }
+    """Return set → kind → a case, of six rollouts."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(outsiders, "BUDGET", 6)
+        patch.setattr(outsiders, "DIFFERENT", 4)
+        return {
+            name: {kind: make_case(machine, np.random.default_rng(5), kind) for kind in KINDS}
+            for name, machine in MACHINES.items()
+        }
 
 
 def same(some, others):
@@ -90,7 +94,9 @@ def test_known_causes_are_the_catalogue_and_unknown_ones_are_not(name, simulator
 
 
 @each
-def test_a_case_is_a_function_of_its_random_numbers(name, cases):
+def test_a_case_is_a_function_of_its_random_numbers(name, cases, monkeypatch):
+    monkeypatch.setattr(outsiders, "BUDGET", 6)
+    monkeypatch.setattr(outsiders, "DIFFERENT", 4)
     again = make_case(MACHINES[name], np.random.default_rng(5), "pair")
     assert again.label == cases[name]["pair"].label
     same(again.rollouts, cases[name]["pair"].rollouts)

@@ -136,7 +136,9 @@ def test_a_simulator_that_knows_an_effect_leaves_little_of_it(
     assert size(machine.residuals(trace, {"vd": 0.3})[residual]) < knowing * usual
 
 
-@pytest.mark.parametrize("vd", [-0.2, 0.1, 0.3])
+@pytest.mark.parametrize(
+    "vd", [pytest.param(-0.2, marks=pytest.mark.slow), pytest.param(0.1, marks=pytest.mark.slow), 0.3]
+)
 def test_the_roughness_that_footholds_ask_for_is_that_of_the_ground(vd):
     machine = SIM.with_effects({"roughness": {"height": 0.003}})
     asked = []
