@@ -10,6 +10,7 @@ from hypothesis.extra.numpy import arrays
 from s2r_spec import logs
 from s2r_spec.errors import TraceError
 from s2r_spec.trace import Trace
+from tests.examples import examples
 
 ANY_FLOAT = st.floats(width=64)
 INSTALLED = [ending for ending in logs.FORMATS if ending != ".parquet" or find_spec("pyarrow")]
@@ -45,7 +46,7 @@ def traces(draw: st.DrawFn) -> Trace:
 
 
 @pytest.mark.parametrize("ending", INSTALLED)
-@settings(max_examples=80, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@settings(max_examples=examples(80), suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
 @given(trace=traces())
 def test_what_is_written_is_read_back_bit_for_bit(tmp_path: Path, ending: str, trace: Trace) -> None:
     path = tmp_path / f"trace{ending}"

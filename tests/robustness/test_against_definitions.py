@@ -119,7 +119,7 @@ def test_identities(left: str, right: str, samples) -> None:
     )
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 @given(formula=FUTURE, samples=SAMPLES, more=st.integers(1, 3))
 def test_the_past_does_not_matter_to_a_future_formula(formula, samples, more: int) -> None:
     spec = parse_spec(f"signal x signal y param p = 1 require it: {text_of(formula, Fraction(1, 10))}")
@@ -131,7 +131,7 @@ def test_the_past_does_not_matter_to_a_future_formula(formula, samples, more: in
     np.testing.assert_array_equal(rho([9.0] * more + x, [-9.0] * more + y)[more:], rho(x, y))
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 @given(formula=FUTURE, samples=SAMPLES)
 def test_the_horizon_is_enough(formula, samples) -> None:
     spec = parse_spec(f"signal x signal y param p = 1 require it: {text_of(formula, Fraction(1, 10))}")

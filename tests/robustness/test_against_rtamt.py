@@ -42,7 +42,7 @@ def beyond_the_end(node: tuple, inside: bool = False) -> bool:
     return any(beyond_the_end(part, inside or (timed and node[1] is None)) for part in node[1:])
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=examples(80), deadline=None)
 @given(pair=pairs(dense=True).filter(lambda pair: not beyond_the_end(pair.formula)))
 def test_dense_time(pair: Pair) -> None:
     there = np.array(in_dense_time(written(pair.formula), pair.ticks, pair.x, pair.y))
