@@ -46,7 +46,9 @@ def traces(draw: st.DrawFn) -> Trace:
 
 
 @pytest.mark.parametrize("ending", INSTALLED)
-@settings(max_examples=examples(80), suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@settings(
+    max_examples=examples(80), suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None
+)
 @given(trace=traces())
 def test_what_is_written_is_read_back_bit_for_bit(tmp_path: Path, ending: str, trace: Trace) -> None:
     path = tmp_path / f"trace{ending}"
