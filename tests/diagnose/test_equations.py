@@ -282,7 +282,7 @@ def test_only_effects_that_the_residuals_know_are_asked_for_and_the_bank_keeps_t
 
 
 def test_what_shows_in_no_nominal_motion_is_asked_for_where_it_is_far_off():
-    bench = bench_of(s2r.parse_spec(LINE), "tracking", Limited())
+    bench = bench_of(s2r.parse_spec(SPEC), "tracking", Limited())
     found = banks.simulate(bench).features.probes
     last = found[-1]
     assert (last.effect, last.idle) == ("lowered", True)
@@ -341,7 +341,7 @@ def test_an_effect_that_cannot_be_asked_of_a_nominal_motion_silences_no_other():
                 raise TraceError("not of so gentle a motion")
             return super().residuals(trace, params)
 
-    bench = bench_of(s2r.parse_spec(LINE), "tracking", Fussy())
+    bench = bench_of(s2r.parse_spec(SPEC), "tracking", Fussy())
     made = banks.simulate(bench)
     names = [probe.effect for probe in made.features.probes]
     assert "coulomb" not in names
