@@ -56,7 +56,7 @@ def _command(
     os.environ.update(environment)
     sys.path[:] = path
     sys.argv = ["s2r", *words]
-    os.sched_getaffinity = lambda _: {0}  # type: ignore[assignment]
+    os.sched_getaffinity = lambda _: {0}
     os.fsync = lambda _: None
     from s2r_spec.cli import main
 
