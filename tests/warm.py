@@ -10,6 +10,11 @@ import gpytorch  # noqa: F401
 import numba  # noqa: F401
 import numpy.ma  # noqa: F401
 
+with suppress(ImportError):  # an extra
+    import matplotlib.backends.backend_agg
+    import matplotlib.backends.backend_svg
+    import matplotlib.figure  # noqa: F401
+
 import s2r_spec.certify.check
 import s2r_spec.cli.progress
 import s2r_spec.report.html  # noqa: F401

@@ -266,11 +266,7 @@ def test_replay_plots_the_signals_against_their_tolerances(s2r):
     s2r("replay", "r/walking#0.0", "--plot", "again.svg", code=0)
     assert "</svg>" in (s2r.folder / "again.svg").read_text()
     assert "a plot ends in" in s2r("replay", "r/walking#0.0", "--plot", "again.stl", code=2).stderr
-
-
-def test_replay_plots_also_where_the_backend_draws_no_pictures(s2r):
-    pytest.importorskip("matplotlib")
-    s2r("check", s2r.spec(), "-b", "toy", "-q", "--run", "r", code=0)
+    # It plots also where the backend draws no pictures.
     done = s2r("replay", "r/walking#0.0", "--plot", "again.png", "--render", "again.gif", code=2)
     assert "the backend 'toy' draws no pictures" in done.stderr
     assert (s2r.folder / "again.png").exists()
