@@ -73,8 +73,10 @@ CHANNELS = (
 )
 
 FROM_OUTSIDE = frozenset(
-    ("vx", "vy", "vz", "x", "y", "z", "height", "fallen")
-    + ("foot_position", "foot_velocity", "foot_force", "contact")
+    (
+        *("vx", "vy", "vz", "x", "y", "z", "height", "fallen"),
+        *("foot_position", "foot_velocity", "foot_force", "contact"),
+    )
 )
 """Names of what motion capture and force plates see, and no error of the robot's own sensors is in."""
 
