@@ -57,8 +57,9 @@ class _Residual:
     Attributes:
         name: of its channel.
         unit: of its channel.
-        needs: channels of the trace. Of two more it makes use where they are there: of ``foot_force`` for how far
-            a ground gives under feet, of ``roll`` and ``pitch`` for a frame that is askew.
+        needs: channels of the trace. Of some more it makes use where they are there: of ``foot_force`` for how far
+            a ground gives under feet, of ``foot_velocity`` for how they slide, of ``roll`` and ``pitch`` for a frame
+            that is askew, of ``tau`` for where rotors are in the play of their gears.
         knows: fields of the world that change it; it is shown no other, and asked once for each of their values.
         parts: what its columns belong to.
         of: a motion in a world → (n − 1, columns).

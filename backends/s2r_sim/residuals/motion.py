@@ -80,7 +80,20 @@ class Recorded:
 
     @cached_property
     def foot_speed(self) -> FloatArray:
-        """(n − 1, 4, 3) velocity of the ball centres, base axes [m/s]."""
+        """(n − 1, 4, 3) velocity of the ball centres, base axes [m/s]: as seen from outside, else by the joints."""
+        if "foot_velocity" not in self.trace.channels:
+            return self._foot_speed_by_joints
+        seen = self.mid("foot_velocity").reshape(-1, 4, 3)
+        speed: FloatArray = np.einsum("nji,nkj->nki", self.attitude, seen)
+        return (
+            speed
+            if np.isfinite(speed).all()
+            else np.where(np.isfinite(speed), speed, self._foot_speed_by_joints)
+        )
+
+    @cached_property
+    def _foot_speed_by_joints(self) -> FloatArray:
+        """(n − 1, 4, 3) the same, from the motion of base and joints."""
         place, slide, _ = self.feet
         own = (slide @ self.mid("dq").reshape(-1, 4, 3, 1))[..., 0] + np.cross(
             self.mid("omega")[:, None], place
