@@ -5,12 +5,14 @@ import resource
 import signal
 import stat
 
+import numpy as np
 import pytest
 
-from s2r_spec import files
+from s2r_spec import files, logs
 from s2r_spec.blind.hashes import write_json
 from s2r_spec.errors import UsageError
 from s2r_spec.rollouts import patched
+from s2r_spec.trace import Trace
 
 
 @pytest.fixture
@@ -31,12 +33,26 @@ def small_disk():
     signal.signal(signal.SIGXFSZ, handled)
 
 
+def trace():
+    return Trace(np.arange(100.0), {"v": np.random.default_rng(0).normal(size=100)})
+
+
 WRITERS = {
     "text": lambda path: files.save(path, "x" * 1000),
     "bytes": lambda path: files.save(path, b"x" * 1000),
     "patched": lambda path: patched.write(path, "sim", {"e" * 500: {"p": 1.0}}),
     "manifest": lambda path: write_json(path, {"answer": "x" * 1000}),
 }
+
+
+@pytest.mark.parametrize("ending", logs.FORMATS)
+def test_a_full_disk_leaves_the_old_trace(tmp_path, small_disk, ending):
+    path = tmp_path / f"kept{ending}"
+    path.write_bytes(b"old")
+    with pytest.raises(UsageError, match="cannot write"):
+        logs.write(trace(), path)
+    assert path.read_bytes() == b"old"
+    assert [path.name for path in tmp_path.iterdir()] == [f"kept{ending}"]
 
 
 @pytest.mark.parametrize("writer", WRITERS)

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+from s2r_spec.backend import Backend
 from s2r_spec.errors import UsageError
 from s2r_spec.rollouts.journal import Journal
 from s2r_spec.spec import Spec
@@ -35,6 +37,31 @@ def given_name(backend: Any, what: str = "backend") -> str:
     example = f", such as {own!r}" if isinstance(own, str) else ", such as 'sim'"
     raise UsageError(
         f"{what} must be the name of an installed backend{example}, not {_kind(backend)}: every worker opens it by name"
+    )
+
+
+def given_simulator(backend: Any) -> Backend | str:
+    """Return a simulator or its name.
+
+    Raises:
+        UsageError: it is neither.
+    """
+    if isinstance(backend, str | Backend):
+        return backend
+    raise UsageError(f"sim must be a backend or the name of one, such as 'sim', not {_kind(backend)}")
+
+
+def given_rollouts(real: Any) -> Any:
+    """Return the real side of a diagnosis: a backend, the name of one, or rollouts.
+
+    Raises:
+        UsageError: it is nothing of this.
+    """
+    if isinstance(real, str | Backend | Iterable):
+        return real
+    raise UsageError(
+        f"real must be a backend, the name of one, such as 'log:night', or (test, trace) of each rollout, not "
+        f"{_kind(real)}"
     )
 
 

@@ -92,7 +92,9 @@ def check(
         results = []
         for name, place in there.items():
             if not quiet:
-                errors.print(one_line(f"{name}: run {place}, seed {seed}, {machines}"), markup=False)
+                errors.print(
+                    one_line(f"{name}: run {place}, seed {seed}, {machines}"), markup=False, soft_wrap=True
+                )
             try:
                 with Live(errors, quiet) as live:
                     results.append(

@@ -192,7 +192,7 @@ def begun(
     folder = new_or_old(run, resume, name, seed)
     errors = console(stderr=True)
     if not quiet:
-        errors.print(one_line(f"run {folder}, seed {seed}, {machines}"), markup=False)
+        errors.print(one_line(f"run {folder}, seed {seed}, {machines}"), markup=False, soft_wrap=True)
     return executor, folder, errors
 
 

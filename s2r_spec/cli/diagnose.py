@@ -122,7 +122,7 @@ def diagnose(
             said = (
                 f"use it as --sim patched:{apply}" if added else f"{apply} is not written: no effect is named"
             )
-            errors.print(one_line(said), markup=False)
+            errors.print(one_line(said), markup=False, soft_wrap=True)
         raise typer.Exit(diagnosed.exit_code(found))
 
 

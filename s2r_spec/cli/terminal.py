@@ -41,8 +41,8 @@ def prepare() -> None:
 
 
 def console(*, stderr: bool = False) -> Console:
-    """Return standard output or error as every command writes to it: no markup of its own, no line broken."""
-    return _Console(stderr=stderr, highlight=False, soft_wrap=True)
+    """Return standard output, whose lines are not broken, or standard error, where live views fit the screen."""
+    return _Console(stderr=stderr, highlight=False, soft_wrap=not stderr)
 
 
 def say(line: object, *, error: bool = False) -> None:

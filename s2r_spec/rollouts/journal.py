@@ -196,6 +196,7 @@ class Journal:
         journal = cls.read(folder)
         try:
             _hold(folder)
+            (folder / "traces").mkdir(exist_ok=True)
         except OSError as error:
             raise JournalError(f"cannot write to {folder}: {error.strerror or error}") from error
         asked = json.loads(json.dumps(dict(header)))
@@ -381,7 +382,6 @@ def _write(trace: Trace, path: Path) -> None:
         logs.write(trace, path)
     except TraceError as error:
         raise error.__context__ if isinstance(error.__context__, OSError) else error from None
-    _sync(path)
 
 
 def _sync(path: Path) -> None:

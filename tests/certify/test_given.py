@@ -57,10 +57,20 @@ def test_a_backend_itself_is_answered_with_its_name(spec, tmp_path):
         s2r.check(spec, s2r.load_backend("toy"), tmp_path)
 
 
+@pytest.mark.parametrize("given", [None, 3, object()])
+def test_a_diagnosis_is_of_a_simulator_and_of_rollouts(spec, given):
+    with pytest.raises(UsageError, match="sim must be a backend or the name of one"):
+        s2r.diagnose(spec, given, "toy")
+    with pytest.raises(UsageError, match="real must be a backend, the name of one"):
+        s2r.diagnose(spec, "toy", given)
+
+
 @pytest.mark.parametrize("given", ["spec.stl", Path("spec.stl"), None])
 def test_what_is_no_specification_names_load_spec(tmp_path, given):
     with pytest.raises(UsageError, match="load_spec"):
         s2r.check(given, "toy", tmp_path)
+    with pytest.raises(UsageError, match="load_spec"):
+        s2r.diagnose(given, "toy", "toy:drag")
 
 
 @pytest.mark.parametrize("given", [None, 3, b"bytes"])
