@@ -69,9 +69,8 @@ class Kernel:
         if not isinstance(self.name, str) or self.name not in FAMILIES:
             valid = suggest(str(self.name), FAMILIES)
             raise UsageError(f"no kernel {self.name!r}{valid} there are {one_of(FAMILIES)}")
-        several = isinstance(self.lengthscale, Sequence | np.ndarray) and not isinstance(
-            self.lengthscale, str
-        )
+        several = isinstance(self.lengthscale, Sequence | np.ndarray)
+        several = several and not isinstance(self.lengthscale, str | bytes)
         what = f"the lengthscale of {self.name}"
         given = tuple(self.lengthscale) if several else (self.lengthscale,)
         values = tuple(number(what, value) for value in given)

@@ -44,10 +44,32 @@ def test_where_lints_fire(formula: str, codes: list[str]) -> None:
     assert not any(finding.edits for finding in lint(fixed(text, found)))
 
 
+LENGTHS = [
+    ("p {m} in [-0.3, 0.3]", "matern52(150)", "150 mm"),
+    ("p {rad} in [0, 1]", "rbf(20)", "20 deg"),
+    ("p {m/s} in [0, 2]", "rbf(1.5, 30)", "30 cm/s"),
+    ("p in [0, 1]", "rbf(2)", ""),
+    ("p {m} in [-0.3, 0.3]", "rbf(0.6)", None),
+    ("p {m} in [-0.3, 0.3]", "rbf(150 {mm})", None),
+]
+
+
+@pytest.mark.parametrize(("declared", "kernel", "meant"), LENGTHS)
+def test_a_length_scale_longer_than_its_range(declared: str, kernel: str, meant: str | None) -> None:
+    first = "param n in [0, 2]\n" if "," in kernel else ""
+    text = f"signal y\n{first}param {declared}\nrequire it: y > 0\ncertify it: kernel = {kernel}"
+    found = [finding for finding in lint(text) if finding.code == "L08"]
+    assert [finding.span.text for finding in found] == (
+        [] if meant is None else [kernel[:-1].split("(")[1].split(", ")[-1]]
+    )
+    assert all("`p`" in finding.message and (meant or "") in finding.fix for finding in found)
+
+
 def test_every_code_is_tried() -> None:
     unused = lint(f"{HEAD}require it: y > 0")
     assert [finding.span.text for finding in unused] == ["x", "q"]
-    assert {code for _, codes in CASES for code in codes} | {finding.code for finding in unused} == set(CODES)
+    tried = {code for _, codes in CASES for code in codes} | {finding.code for finding in unused}
+    assert tried | {"L08"} == set(CODES)
 
 
 def test_the_picture() -> None:

@@ -15,6 +15,7 @@ from s2r_spec.lang.imports import declared_outside
 from s2r_spec.lang.lints.equality import equality
 from s2r_spec.lang.lints.finding import Finding
 from s2r_spec.lang.lints.grouping import chained_implication, mixed_junction, temporal_reach
+from s2r_spec.lang.lints.lengthscale import long_lengthscale
 from s2r_spec.lang.lints.ranges import settled_by_range
 from s2r_spec.lang.lints.signs import vanishing_sign
 from s2r_spec.lang.lints.unused import unused
@@ -23,6 +24,7 @@ from s2r_spec.lang.source import Source
 
 LINTS: tuple[Callable[[Parsed, Document], Iterator[Finding]], ...] = (
     temporal_reach, mixed_junction, chained_implication, equality, vanishing_sign, unused, settled_by_range,
+    long_lengthscale,
 )  # fmt: skip
 
 

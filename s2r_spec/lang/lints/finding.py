@@ -17,6 +17,7 @@ CODES = {
     "L05": "a bound is multiplied by a sign that can be 0",
     "L06": "a declaration is not used",
     "L07": "a condition always or never holds, because a signal has a range",
+    "L08": "a length scale is longer than the range of its parameter",
 }
 """Stable codes: a code never changes its meaning."""
 
