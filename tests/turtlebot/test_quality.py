@@ -1,4 +1,4 @@
-"""A recording's mistake is told from physics: what it is, and where; and no machine of the catalogue is taken for one."""
+"""A mistake of a recording is told from physics: what it is, and where; no machine is taken for it."""
 
 import re
 from dataclasses import replace

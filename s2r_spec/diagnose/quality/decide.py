@@ -35,7 +35,11 @@ PROMISING = 0.3
 """Budget: as MOST, for candidates that are tried again beside effects. Twice as much tries fewer of them."""
 APART = ("still", "wrapped", "unit", "unit of one", "spike", "stopped")
 """Definition: codes of findings whose channels are not compared with the others."""
-TOGETHER = {"late": ("late", "begin"), "clock": ("clock", "begin"), "exchanged": ("exchanged", "sign")}
+TOGETHER = {
+    "late": ("late", "begin"),
+    "clock": ("clock", "begin"),
+    "exchanged": ("exchanged", "sign", "begin"),
+}
 """Definition: by code, what the same mistake also looks like to checks that see one channel alone."""
 AGAIN = 2
 """Budget: such candidates. Twice as many cost twice the simulations."""
@@ -150,6 +154,6 @@ def _beside(bench: Bench, c: Comparison, one: _Judged, executor: Callable[[], Ex
 
 
 def _removed(one: _Judged, before: float, usual: float) -> float:
-    """Return the part of what is beyond the usual that undoing a mistake removes; the usual is what it leaves, if less."""
+    """Return the part of what is beyond the usual, or beyond what is left if less, that undoing a mistake removes."""
     beyond = before - min(usual, one.after)
     return (before - one.after) / beyond if beyond > 0.0 else 0.0
