@@ -187,6 +187,7 @@ def simulate(
     tell = progress or (lambda stage, done, of: None)
     tests = tuple(grid(bench.spec.space))
     middle = tests[len(tests) // 2]
+    tell("trying each effect", 0, 0)
     traces = [
         bench.seen(bench.run({}, test, seed), test) for seed, test in enumerate((tests[0], middle, tests[-1]))
     ]

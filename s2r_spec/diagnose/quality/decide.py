@@ -35,7 +35,11 @@ PROMISING = 0.3
 """Budget: as MOST, for candidates that are tried again beside effects. Twice as much tries fewer of them."""
 APART = ("still", "wrapped", "unit", "unit of one", "spike", "stopped")
 """Definition: codes of findings whose channels are not compared with the others."""
-TOGETHER = {"late": ("late", "begin"), "clock": ("clock", "begin"), "exchanged": ("exchanged", "sign")}
+TOGETHER = {
+    "late": ("late", "begin"),
+    "clock": ("clock", "begin"),
+    "exchanged": ("exchanged", "sign", "begin"),
+}
 """Definition: by code, what the same mistake also looks like to checks that see one channel alone."""
 AGAIN = 2
 """Budget: such candidates. Twice as many cost twice the simulations."""
@@ -43,11 +47,20 @@ AGAIN = 2
 
 @dataclass(frozen=True, eq=False)
 class _Judged:
-    """A candidate: ℓ without and with it undone, beside effects, and with it undone beside none."""
+    """A candidate.
+
+    Attributes:
+        suspect: it.
+        before: ℓ of the recordings as they are, beside effects.
+        after: with it undone.
+        bare: as ``before``, beside no effect.
+        alone: as ``after``, beside no effect.
+    """
 
     suspect: Suspect
     before: float
     after: float
+    bare: float
     alone: float
 
 
@@ -85,15 +98,25 @@ def suspected(
     progress: Callable[[int, int], None] | None = None,
 ) -> list[Finding]:
     """Return the mistake that explains what no machine does, and one that does the same as the best machine."""
-    if c.misfit(c.recorded, effects=False) < (1.0 + CLEAR) * c.usual:
+    if c.misfit(c.recorded, effects=False) < c.usual:
         return []  # as the nominal simulator's: there is nothing to explain
     checks = (late, clock, exchanged, sign, scale, turned, offset)
     found = [suspect for check in checks for suspect in check(c)]
     found += labels(c, others(bench, c, rollouts, executor, progress))
     judged = sorted((_judged(c, suspect) for suspect in found), key=lambda one: one.after)
-    good = [one for one in judged if _removed(one, one.before, c.usual) >= MOST]
-    same = [one for one in judged if one.alone <= (1.0 + CLEAR) * c.usual and one not in good]
-    promising = [one for one in judged if _removed(one, one.before, c.usual) >= PROMISING]
+    clear = CLEAR * c.usual
+    good = [
+        one
+        for one in judged
+        if _removed(one, one.before, c.usual) >= MOST and one.before - one.after >= clear
+    ]
+    same = [one for one in judged if one.alone <= c.usual + clear <= one.bare - one.alone + c.usual]
+    same = [one for one in same if one not in good]
+    promising = [
+        one
+        for one in judged
+        if _removed(one, one.before, c.usual) >= PROMISING and one.before - one.after >= clear
+    ]
     if not good and not same and not promising:
         return []
     machine, _ = nearest(bench, c, c.recorded, executor)
@@ -107,9 +130,9 @@ def suspected(
     out = []
     for one in sorted((*good, *same), key=lambda one: one.after):
         best = physics(one)
-        if _removed(one, best, c.usual) >= MOST and best - one.after >= CLEAR * c.usual:
+        if _removed(one, best, c.usual) >= MOST and best - one.after >= clear:
             out.append((one.after, one.suspect.finding))
-        elif one.alone <= max(best, c.usual) + SAME * c.usual:
+        elif one.alone <= max(best, c.usual) + SAME * c.usual and one.bare - one.alone >= clear:
             out.append((one.after, replace(one.suspect.finding, same=True)))
     least = min((after for after, _ in out), default=0.0)
     return [finding for after, finding in out if after <= least + SAME * c.usual]
@@ -118,8 +141,9 @@ def suspected(
 def _judged(c: Comparison, suspect: Suspect) -> _Judged:
     before = c.misfit(c.recorded, there=suspect.there)
     after = c.misfit(suspect.values, there=suspect.there)
+    bare = c.misfit(c.recorded, effects=False, there=suspect.there)
     alone = c.misfit(suspect.values, effects=False, there=suspect.there)
-    return _Judged(suspect, before, after + suspect.volume, alone + suspect.volume)
+    return _Judged(suspect, before, after + suspect.volume, bare, alone + suspect.volume)
 
 
 def _beside(bench: Bench, c: Comparison, one: _Judged, executor: Callable[[], Executor] | None) -> _Judged:
@@ -130,5 +154,6 @@ def _beside(bench: Bench, c: Comparison, one: _Judged, executor: Callable[[], Ex
 
 
 def _removed(one: _Judged, before: float, usual: float) -> float:
-    """Return the part of what is beyond the usual that undoing a mistake removes."""
-    return (before - one.after) / (before - usual) if before > usual else 0.0
+    """Return the part of what is beyond the usual, or beyond what is left if less, that undoing a mistake removes."""
+    beyond = before - min(usual, one.after)
+    return (before - one.after) / beyond if beyond > 0.0 else 0.0

@@ -128,7 +128,7 @@ def search(
     group, best = best_group(c, undone(size), group, among, partial(price, size))
     place = list(sizes).index(size)
     low, high = sizes[max(place - 1, 0)], sizes[min(place + 1, len(sizes) - 1)]
-    for _ in range(2):
+    for _ in range(3):
         tried = [
             (c.misfit(undo(c, undone(x), group)) + price(x, group), x)
             for x in np.linspace(low, high, 9).tolist()
