@@ -197,9 +197,14 @@ def test_a_biased_estimate_shifts_the_true_velocity_by_most_of_it():
 
 
 def test_a_biased_imu_makes_the_trunk_lean_the_other_way():
-    tilted = QUIET.with_effects({"attitude_bias": {"pitch": 3.0}}).rollout({}, 0)
-    lean = np.degrees(tilted["pitch"][steady(tilted)].mean() - unchanged()["pitch"][-400:].mean())
+    seen = SimBackend("record=truth", duration=2.0, noise=Noise.off())
+    tilted, level = (seen.with_effects(e).rollout({}, 0) for e in ({"attitude_bias": {"pitch": 3.0}}, {}))
+    lean, said = (
+        np.degrees(tilted[name][steady(tilted)].mean() - level["pitch"][-400:].mean())
+        for name in ("pitch_true", "pitch")
+    )
     assert -3.0 < lean < -1.0
+    assert said == pytest.approx(lean + 3.0, abs=1e-6)
 
 
 def test_where_on_uneven_ground_a_rollout_begins_comes_from_its_seed():
