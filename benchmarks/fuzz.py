@@ -13,6 +13,7 @@ more than the libraries take. Of two ways of writing one trace the verdicts must
 from __future__ import annotations
 
 import argparse
+import importlib
 import json
 import os
 import random
@@ -39,6 +40,12 @@ MEMORY = 10**9
 """Resident bytes beyond those of the process that it is forked from; the issue's limit."""
 PATIENCE = 60.0
 """Wall time after which a command is ended [s]: it waits for something that never comes."""
+LIBRARIES = (
+    "tests.warm", "pydantic", "matplotlib.pyplot", "matplotlib.backends.backend_agg", "pyarrow.parquet", "numpy.random",
+    "s2r_spec.lang.lints", "s2r_spec.lang.printing", "s2r_spec.lang.latex", "s2r_spec.certify.odds",
+    "s2r_spec.certify.gap", "s2r_spec.cli.progress", "s2r_spec.report.plot", "s2r_spec.rollouts.replay",
+)  # fmt: skip
+"""What commands import: once, so that no fork does."""
 COMMANDS_TERMINAL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]")
 
 
@@ -84,7 +91,8 @@ def _command(words: Sequence[str], folder: Path, files: Sequence[Path]) -> None:
             os.dup2(os.open(file, os.O_WRONLY | os.O_CREAT), descriptor)
         os.chdir(folder)
         sys.stdin, sys.stdout, sys.stderr = (
-            open(number, mode, encoding="utf-8", closefd=False) for number, mode in ((0, "r"), (1, "w"), (2, "w"))
+            open(number, mode, encoding="utf-8", closefd=False)
+            for number, mode in ((0, "r"), (1, "w"), (2, "w"))
         )
         sys.argv = ["s2r", *words]
         from s2r_spec.cli import main
@@ -183,8 +191,8 @@ def tried(number: int, seed: int, ready: Path, folder: Path, kinds: Sequence[str
 
 def fuzz(inputs: Sequence[int], seed: int, kinds: Sequence[str] = tuple(KINDS)) -> dict[str, object]:
     """Run inputs; return their counts and every failure with the words that make it again."""
-    import tests.warm  # noqa: F401  (the libraries, so that no fork imports them)
-
+    for library in LIBRARIES:
+        importlib.import_module(library)
     counts, failures = Counter[str](), []
     with tempfile.TemporaryDirectory() as kept:
         ready = Path(kept, "ready")
@@ -198,7 +206,13 @@ def fuzz(inputs: Sequence[int], seed: int, kinds: Sequence[str] = tuple(KINDS)) 
             if found:
                 command = "s2r " + " ".join(asked.words)
                 failures.append(
-                    {"input": number, "kind": asked.kind, "what": asked.what, "command": command, "wrong": found}
+                    {
+                        "input": number,
+                        "kind": asked.kind,
+                        "what": asked.what,
+                        "command": command,
+                        "wrong": found,
+                    }
                 )
             shutil.rmtree(folder)
     return {"seed": seed, "inputs": dict(counts), "failures": failures}
@@ -206,11 +220,16 @@ def fuzz(inputs: Sequence[int], seed: int, kinds: Sequence[str] = tuple(KINDS)) 
 
 def main() -> None:
     """Run what the command line asks for."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--inputs", type=int, default=1000)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--kinds", nargs="+", choices=tuple(KINDS), default=tuple(KINDS))
-    parser.add_argument("--only", type=int, help="make this input again, keep its folder, and write no results")
+    parser.add_argument(
+        "--only", type=int, help="make this input again, keep its folder, and write no results"
+    )
+    parser.add_argument("--results", type=Path, default=RESULTS, help="where they are written")
     words = parser.parse_args()
     if words.only is not None:
         kept = Path(tempfile.mkdtemp(prefix=f"s2r-fuzz-{words.seed}-{words.only}-"))
@@ -226,7 +245,7 @@ def main() -> None:
 
     record = {"machine": describe("numpy", "pyarrow"), **found, "seconds": round(time.perf_counter() - start)}
     text = json.dumps(record, indent=1, ensure_ascii=False)
-    RESULTS.write_text(text + "\n", encoding="utf-8")
+    words.results.write_text(text + "\n", encoding="utf-8")
     print(text)
 
 

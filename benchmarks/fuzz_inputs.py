@@ -87,7 +87,11 @@ def spec(ready: Path, folder: Path, rng: random.Random) -> Input:
         (folder / "spec.stl").write_text(drawn_spec(rng))
         what = "a drawn specification"
     else:
-        what = "; ".join(damage(folder / "spec.stl", rng) for _ in range(rng.randrange(1, 3)) if _is_file(folder / "spec.stl"))
+        what = "; ".join(
+            damage(folder / "spec.stl", rng)
+            for _ in range(rng.randrange(1, 3))
+            if _is_file(folder / "spec.stl")
+        )
     words = rng.choice(
         (
             ("monitor", "spec.stl", trace, "-p", "vd=0.1", "--json"),
@@ -105,9 +109,13 @@ def trace(ready: Path, folder: Path, rng: random.Random) -> Input:
     """A damaged trace with a good specification."""
     name = f"trace.{rng.choice(FORMATS)}"
     _copied(ready, folder, "spec.stl", name)
-    what = "; ".join(damage(folder / name, rng) for _ in range(rng.randrange(1, 3)) if _is_file(folder / name))
+    what = "; ".join(
+        damage(folder / name, rng) for _ in range(rng.randrange(1, 3)) if _is_file(folder / name)
+    )
     found = [path.name for path in folder.iterdir() if path.name != "spec.stl"] or [name]
-    more = rng.choice(((), ("--json",), ("--online",), ("--partial",), ("--time-unit", "ms"), ("--nan", "hold")))
+    more = rng.choice(
+        ((), ("--json",), ("--online",), ("--partial",), ("--time-unit", "ms"), ("--nan", "hold"))
+    )
     return Input("trace", ("monitor", "spec.stl", "-p", "vd=0.1", *more, "--", *sorted(found)[:1]), what)
 
 
@@ -117,7 +125,11 @@ def logs(ready: Path, folder: Path, rng: random.Random) -> Input:
     what = _damaged_in(folder / "log", rng)
     if rng.random() < 0.3:
         _copied(ready, folder, "sim")
-        return Input("log folder", ("gap", "one.stl", "--sim", "log:sim", "--real", "log:log", "-q", "--run", "run"), what)
+        return Input(
+            "log folder",
+            ("gap", "one.stl", "--sim", "log:sim", "--real", "log:log", "-q", "--run", "run"),
+            what,
+        )
     return Input("log folder", ("check", "one.stl", "-b", "log:log", "-q", "--run", "run", "--json"), what)
 
 
@@ -186,7 +198,9 @@ def _table(
     return ("other.csv",)
 
 
-def _columns(times: np.ndarray, channels: Channels, time: str = "t [s]", scale: float = 1.0) -> list[tuple[str, list[str]]]:
+def _columns(
+    times: np.ndarray, channels: Channels, time: str = "t [s]", scale: float = 1.0
+) -> list[tuple[str, list[str]]]:
     numbers = [(time, times * scale), ("vx [m/s]", channels["vx"]), ("w", channels["w"])]
     numbers += [(f"u[{k}]", channels["u"][:, k]) for k in range(2)]
     return [(name, [repr(float(value)) for value in values]) for name, values in numbers]
@@ -194,7 +208,9 @@ def _columns(times: np.ndarray, channels: Channels, time: str = "t [s]", scale: 
 
 def _unused(times: np.ndarray, channels: Channels, folder: Path, rng: random.Random) -> tuple[str, ...]:
     columns = _columns(times, channels)
-    columns.insert(rng.randrange(1, len(columns) + 1), ("note", [rng.choice(("ok", "", "nan", "1")) for _ in times]))
+    columns.insert(
+        rng.randrange(1, len(columns) + 1), ("note", [rng.choice(("ok", "", "nan", "1")) for _ in times])
+    )
     return _table(folder, columns)
 
 
@@ -233,7 +249,9 @@ def _text(times: np.ndarray, channels: Channels, folder: Path, rng: random.Rando
 
 
 def _split(times: np.ndarray, channels: Channels, folder: Path, rng: random.Random) -> tuple[str, ...]:
-    columns = [(name.replace("[0]", "_0").replace("[1]", "_1"), values) for name, values in _columns(times, channels)]
+    columns = [
+        (name.replace("[0]", "_0").replace("[1]", "_1"), values) for name, values in _columns(times, channels)
+    ]
     return (*_table(folder, columns), "--map", "u[0]=u_0", "--map", "u[1]=u_1")
 
 
@@ -253,7 +271,9 @@ WAYS: dict[str, Way] = {
 def drawn_spec(rng: random.Random, exact: bool = False) -> str:
     """Return a specification by the grammar; with ``exact`` only of what no rounding touches."""
     head = SPEC.split("const")[0] + "signal w\n" if exact else SPEC.split("require")[0]
-    return head + "".join(f"require r{k}: {_formula(rng, rng.randrange(1, 5), exact)}\n" for k in range(rng.randrange(1, 3)))
+    return head + "".join(
+        f"require r{k}: {_formula(rng, rng.randrange(1, 5), exact)}\n" for k in range(rng.randrange(1, 3))
+    )
 
 
 def _formula(rng: random.Random, depth: int, exact: bool) -> str:
@@ -281,16 +301,32 @@ def _interval(rng: random.Random, exact: bool) -> str:
         return ""
     low = rng.randrange(4) / 8
     high = rng.choice((low, low + 0.125, low + 0.5, low + 2.0))
-    return f"[{low} s, {high} s]" if exact or rng.random() < 0.9 else rng.choice(("[0, inf)", "(0, 1 ms)", "[1e-9, 1e9]"))
+    return (
+        f"[{low} s, {high} s]"
+        if exact or rng.random() < 0.9
+        else rng.choice(("[0, inf)", "(0, 1 ms)", "[1e-9, 1e9]"))
+    )
 
 
 def _number(rng: random.Random, depth: int, exact: bool) -> str:
     if depth == 0 or rng.random() < 0.4:
         # u has no unit; plain numbers go with anything
-        return rng.choice(("u[0]", "u[1]", "0", "0.5", "-1", *(("w",) if exact else ("norm(u)", "1e308", "sqrt(u[0])"))))
+        return rng.choice(
+            ("u[0]", "u[1]", "0", "0.5", "-1", *(("w",) if exact else ("norm(u)", "1e308", "sqrt(u[0])")))
+        )
     a, b = _number(rng, depth - 1, exact), _number(rng, depth - 1, exact)
     more = () if exact else (f"({a} / {b})", f"({a}) ^ 2", f"deriv({a})", f"mean({a}, 0.2 s)")
-    return rng.choice((f"({a} + {b})", f"({a} - {b})", f"({a} * {b})", f"abs({a})", f"min({a}, {b})", f"max({a}, {b})", *more))
+    return rng.choice(
+        (
+            f"({a} + {b})",
+            f"({a} - {b})",
+            f"({a} * {b})",
+            f"abs({a})",
+            f"min({a}, {b})",
+            f"max({a}, {b})",
+            *more,
+        )
+    )
 
 
 KINDS: dict[str, Callable[[Path, Path, random.Random], Input]] = {

@@ -19,7 +19,25 @@ EXTREME = (
     "1e308", "-1e308", "1e999", "nan", "inf", "-inf", "-0", "1e-320", "0", "9" * 40, "1718000000", "1718000000000000000",
     "0x10", "1_000", "1e", "--1", "1,5", "true", "", "²",
 )  # fmt: skip
-NOISE = ("\0", "\x1b[31m", "\r", "\n", "\t", "\ufeff", "\u202e", '"', "'", ";", ",", "#", "é", "{", "}", "::error::", "%s")
+NOISE = (
+    "\0",
+    "\x1b[31m",
+    "\r",
+    "\n",
+    "\t",
+    "\ufeff",
+    "\u202e",
+    '"',
+    "'",
+    ";",
+    ",",
+    "#",
+    "é",
+    "{",
+    "}",
+    "::error::",
+    "%s",
+)
 UNITS = ("[us]", "[ns]", "[m^1e9]", "[]", "[[m/s]", "[1e999 m]", "[degC]", "[dB]", "{m/s}", "[" * 300)
 VALUES: tuple[Any, ...] = (
     None, True, False, 0, -1, 1e308, -1e308, 10**30, "", "x", "\x1b[31m", [], {}, [1, [2]], {"a": None}, "1e999", 5e-324,
@@ -202,7 +220,9 @@ def damage_place(path: Path, rng: random.Random) -> None:
             path.unlink()
             os.mkfifo(path)
         case 5:
-            path.rename(path.with_name(rng.choice(("a\x1b[31m", "a\nb", "-", "a b", "é", ".hidden")) + path.suffix))
+            path.rename(
+                path.with_name(rng.choice(("a\x1b[31m", "a\nb", "-", "a b", "é", ".hidden")) + path.suffix)
+            )
         case 6:
             shutil.copy(path, path.with_name("copy-" + name))
         case _:

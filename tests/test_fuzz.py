@@ -1,0 +1,39 @@
+"""A hundred inputs of the fuzz benchmark: an answer or one clean sentence, and never exit 4."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+# Journals whose values have other types, and signs that command a terminal, are mended by other changes.
+OPEN = ("run folder",)
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory):
+    """In a process of its own: what other tests have loaded has threads, which no fork may inherit."""
+    file = tmp_path_factory.mktemp("fuzz") / "fuzz.json"
+    words = [
+        sys.executable,
+        ROOT / "benchmarks" / "fuzz.py",
+        "--inputs",
+        "100",
+        "--seed",
+        "1",
+        "--results",
+        file,
+    ]
+    subprocess.run(words, cwd=ROOT, check=True, capture_output=True)
+    return json.loads(file.read_text())
+
+
+@pytest.mark.parametrize("kind", ["spec", "trace", "log folder", "same verdict", *OPEN])
+def test_nothing_but_an_answer_or_a_sentence(results, kind):
+    assert results["inputs"][kind] == 20
+    failures = [failure for failure in results["failures"] if failure["kind"] == kind]
+    if kind in OPEN and failures:
+        pytest.xfail(f"{len(failures)} of 20")
+    assert not failures
