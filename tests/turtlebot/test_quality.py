@@ -111,7 +111,7 @@ MISTAKES = {
     "positions 5 % short": (scaled(0.95, "x", "y"), "scale", {"x", "y"}, 5.0),
     "poses held for 0.3 s": (held(15), "hold", set(POSES), 0.3),
     "heading off by 0.15 rad": (shifted(0.15, "heading"), "offset", {"heading"}, 0.15),
-    "a clock 6 % slow": (fast(0.94), "clock", {"the clock"}, 0.94),
+    "a clock 10 % slow": (fast(0.9), "clock", {"the clock"}, 0.9),
 }
 
 
@@ -180,6 +180,8 @@ def moved(rows, first):
     ],
 )
 def test_recordings_under_another_test_are_told(runs, words):
-    [finding] = suspected(BENCH, compare(BENCH, runs, LINES), runs)
-    assert (finding.code, finding.channel) == ("labels", "the tests")
+    [finding] = [
+        each for each in suspected(BENCH, compare(BENCH, runs, LINES), runs) if each.code == "labels"
+    ]
+    assert finding.channel == "the tests"
     assert words in finding.text

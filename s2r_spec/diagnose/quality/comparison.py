@@ -30,6 +30,8 @@ at few tests."""
 FEWEST, SEEDS = 4, 24
 """Budget: nominal rollouts a test, for their mean and scatter, at least and at most. Twice as many halve the variance
 of the estimate of either."""
+FRESH = 3
+"""Budget: further nominal rollouts a test, which say what the usual misfit is. Twice as many halve its variance."""
 OWN = 10
 """Definition: nominal rollouts of a test from which on its scatter is its own; of fewer it is that of all tests. Twice
 as many pool more simulators, whose tests may scatter unlike each other."""
@@ -74,7 +76,7 @@ class Comparison:
         effects: (k, n, d) changes that the catalogue makes.
         sizes: (k,) the line and its value of each.
         cost: time [s] of one core that a rollout takes, about.
-        usual: Q of a nominal rollout that had no part in all this.
+        usual: mean Q of nominal rollouts that had no part in all this.
     """
 
     columns: tuple[Column, ...]
@@ -228,16 +230,16 @@ def compare(
         return None
     times = np.linspace(0.0, USED * min(trace.duration for _, trace in chosen), TIMES)
     tests = [test for test, _ in chosen]
-    jobs = [Job({}, tuple((test, seed) for test in tests)) for seed in range(seeds + 1)]
+    jobs = [Job({}, tuple((test, seed) for test in tests)) for seed in range(seeds + FRESH)]
     jobs += [Job(line.at(value), tuple((test, 0) for test in tests)) for line, value in sizes]
     rows = run_jobs(bench, jobs, executor, progress, partial(sampled, columns, times))
     values = np.array(rows).reshape(len(jobs), len(tests), len(times), len(columns))
-    whole = np.asarray(np.isfinite(values[: seeds + 1]).all(axis=(0, 1, 2)))
+    whole = np.asarray(np.isfinite(values[: seeds + FRESH]).all(axis=(0, 1, 2)))
     if not whole.any():
         return None
     columns = tuple(column for column, there in zip(columns, whole.tolist(), strict=True) if there)
     values = values[..., whole]
-    usual, changed = values[:seeds], values[seeds + 1 :]
+    usual, fresh, changed = np.split(values, [seeds, seeds + FRESH])
     nominal, floor, scatter = noise(usual)
     effects = ((changed - usual[0]) / floor).reshape(len(sizes), len(tests), -1)
     effects = np.where(np.isfinite(effects), effects, 0.0)
@@ -254,9 +256,7 @@ def compare(
         tuple(size for size, there in zip(sizes, moved, strict=True) if there),
         cost,
     )
-    # A rollout that is nobody's neighbour says what is usual; one is as good as a few, for it is of every test.
-    fresh = values[seeds]
-    return replace(made, usual=made.misfit(fresh) if np.isfinite(fresh).all() else 1.0)
+    return replace(made, usual=float(np.mean([made.misfit(each) for each in fresh])))
 
 
 def noise(rollouts: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

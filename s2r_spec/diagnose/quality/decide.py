@@ -26,11 +26,14 @@ from s2r_spec.diagnose.simulate import Bench
 MOST = 0.75
 """Level: part of what the best machine leaves beyond the usual that undoing a mistake must remove. At twice the
 distance from 1 it finds mistakes beside larger unknown effects, and takes more unknown effects for mistakes."""
-CLEAR = 0.3
+CLEAR = 0.15
 """Level: of the usual misfit, by which a discrepancy is there at all. Twice as much misses mistakes that are 1.4 times
-smaller; half as much takes scatter for one."""
+as large; a third as much takes scatter for one."""
 SAME = 0.1
 """Tolerance: of the usual misfit, within which two explanations are the same."""
+NEARLY = 0.95
+"""Level: part of what the best mistake removes from which on another one is a finding beside it. At twice the distance
+from 1 poorer ones are said, too."""
 PROMISING = 0.3
 """Budget: as MOST, for candidates that are tried again beside effects. Twice as much tries fewer of them."""
 APART = ("still", "wrapped", "unit", "unit of one", "spike", "stopped")
@@ -97,7 +100,7 @@ def suspected(
     executor: Callable[[], Executor] | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> list[Finding]:
-    """Return the mistake that explains what no machine does, and one that does the same as the best machine."""
+    """Return the mistakes that explain what no machine does, or as much as the best machine; one of each code."""
     if c.misfit(c.recorded, effects=False) < c.usual:
         return []  # as the nominal simulator's: there is nothing to explain
     checks = (late, clock, exchanged, sign, scale, turned, offset)
@@ -120,22 +123,29 @@ def suspected(
     if not good and not same and not promising:
         return []
     machine, _ = nearest(bench, c, c.recorded, executor)
+    machines = [machine]
     if not good and not same and machine.misfit(c.recorded) > (1.0 + CLEAR) * machine.usual:
-        good = [_beside(bench, c, one, executor) for one in promising[:AGAIN]]
+        for one in promising[:AGAIN]:
+            beside, _ = nearest(bench, c, one.suspect.values, executor)
+            left = beside.misfit(one.suspect.values, there=one.suspect.there) + beside.volume - c.volume
+            good.append(replace(one, after=min(one.after, left + one.suspect.volume)))
+            machines.append(beside)
 
     def physics(one: _Judged) -> float:
-        left = machine.misfit(c.recorded, there=one.suspect.there)
-        return min(one.before, left + machine.volume - c.volume)
+        left = [
+            each.misfit(c.recorded, there=one.suspect.there) + each.volume - c.volume for each in machines
+        ]
+        return min(one.before, *left)
 
-    out = []
+    out: dict[str, tuple[float, Finding]] = {}
     for one in sorted((*good, *same), key=lambda one: one.after):
-        best = physics(one)
+        best, finding = physics(one), one.suspect.finding
         if _removed(one, best, c.usual) >= MOST and best - one.after >= clear:
-            out.append((one.after, one.suspect.finding))
-        elif one.alone <= max(best, c.usual) + SAME * c.usual and one.bare - one.alone >= clear:
-            out.append((one.after, replace(one.suspect.finding, same=True)))
-    least = min((after for after, _ in out), default=0.0)
-    return [finding for after, finding in out if after <= least + SAME * c.usual]
+            out.setdefault(finding.code, (best - one.after, finding))
+        elif one.alone <= min(best + SAME * c.usual, c.usual + clear) and one.bare - one.alone >= clear:
+            out.setdefault(finding.code, (one.bare - one.alone, replace(finding, same=True)))
+    most = max((removed for removed, _ in out.values()), default=0.0)
+    return [finding for removed, finding in out.values() if removed >= NEARLY * most]
 
 
 def _judged(c: Comparison, suspect: Suspect) -> _Judged:
@@ -144,13 +154,6 @@ def _judged(c: Comparison, suspect: Suspect) -> _Judged:
     bare = c.misfit(c.recorded, effects=False, there=suspect.there)
     alone = c.misfit(suspect.values, effects=False, there=suspect.there)
     return _Judged(suspect, before, after + suspect.volume, bare, alone + suspect.volume)
-
-
-def _beside(bench: Bench, c: Comparison, one: _Judged, executor: Callable[[], Executor] | None) -> _Judged:
-    """Return a candidate beside the machine that fits best with it undone."""
-    machine, _ = nearest(bench, c, one.suspect.values, executor)
-    left = machine.misfit(one.suspect.values, there=one.suspect.there) + machine.volume - c.volume
-    return replace(one, after=min(one.after, left + one.suspect.volume))
 
 
 def _removed(one: _Judged, before: float, usual: float) -> float:
