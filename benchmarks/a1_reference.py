@@ -12,6 +12,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from s2r_sim import SimBackend
+from s2r_sim.channels import CHANNELS, FROM_OUTSIDE, TRUE_CHANNELS
 from s2r_sim.effects import CATALOGUE
 from s2r_sim.figures import A1, GRAVITY
 from s2r_sim.gains import RATE
@@ -81,8 +82,12 @@ def parameters() -> str:
 
 def channels() -> str:
     return table(
-        ("channel", "unit", "width", ""),
-        [(f"`{c.name}`", c.unit, c.width, c.description) for c in SimBackend().channels],
+        ("channel", "unit", "width", "by", ""),
+        [
+            (f"`{c.name}`", c.unit, c.width, "outside" if c.name in FROM_OUTSIDE else "robot", c.description)
+            for c in CHANNELS
+        ]
+        + [(f"`{c.name}`", c.unit, c.width, "outside*", c.description) for c in TRUE_CHANNELS],
     )
 
 

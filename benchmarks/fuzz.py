@@ -4,8 +4,8 @@
 
 Every input is a number: the same seed and number make the same files and the same command, which runs in a process
 of its own, forked from one that has the libraries. What must come of it: exit code 0, 1, 2 or 3; no traceback;
-no sign that commands a terminal; one JSON object if JSON was asked for; less than 5 s of processor time, and less than 1 GB
-more than the libraries take. Of two ways of writing one trace the verdicts must be the same.
+no sign that commands a terminal; one JSON object if JSON was asked for; less than 5 s of processor time, and
+less than 1 GB more than the libraries take. Of two ways of writing one trace the verdicts must be the same.
 
 ``--only N`` makes input N again and keeps its folder. Writes results/fuzz.json.
 """

@@ -7,7 +7,7 @@ says what it can do before anything runs, and then turns a test into a trace.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from hashlib import sha256
@@ -15,7 +15,15 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any, Protocol, Self, runtime_checkable
 
-from s2r_spec.errors import BackendError, MissingPackageError, S2RError, UnknownBackendError, UsageError
+from s2r_spec.errors import (
+    BackendError,
+    MissingPackageError,
+    S2RError,
+    UnknownBackendError,
+    UsageError,
+    did_you_mean,
+    one_of,
+)
 from s2r_spec.trace import Trace
 
 GROUP = "s2r.backends"
@@ -59,12 +67,53 @@ class Parameter:
 
     def check(self, value: float) -> float:
         """Return the value as a float, or say which range it must lie in."""
-        if not self.low <= value <= self.high:
+        try:
+            number = float(value)
+        except (TypeError, ValueError):
             raise UsageError(
-                f"{self.name} = {value:g} {self.unit} is outside what the backend can do: "
+                f"{self.name} = {value!r} is no number; the backend takes [{self.low:g}, {self.high:g}] {self.unit}"
+            ) from None
+        if not self.low <= number <= self.high:
+            raise UsageError(
+                f"{self.name} = {number:g} {self.unit} is outside what the backend can do: "
                 f"[{self.low:g}, {self.high:g}] {self.unit}"
             )
-        return float(value)
+        return number
+
+
+def refuse_unknown(name: str, parameters: Iterable[Parameter], params: Iterable[str]) -> None:
+    """Refuse a test with a parameter that a backend does not declare: the rollout would be of another test.
+
+    Args:
+        name: of the backend.
+        parameters: that it declares.
+        params: names of the test's.
+
+    Raises:
+        UsageError: see there.
+    """
+    known = [parameter.name for parameter in parameters]
+    for other in params:
+        if other not in known:
+            raise UsageError(
+                f"the backend {name!r} has no parameter {other!r}{did_you_mean(other, known)}; it has {one_of(known)}"
+            )
+
+
+def read_test(name: str, parameters: Iterable[Parameter], params: Mapping[str, float]) -> dict[str, float]:
+    """Return the value of every parameter that a backend declares; one that is not given takes its default.
+
+    Args:
+        name: of the backend.
+        parameters: that it declares.
+        params: of the test.
+
+    Raises:
+        UsageError: a parameter is not declared, is no number, or is outside its range.
+    """
+    parameters = tuple(parameters)
+    refuse_unknown(name, parameters, params)
+    return {p.name: p.check(params.get(p.name, p.default)) for p in parameters}
 
 
 @runtime_checkable

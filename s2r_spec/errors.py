@@ -11,6 +11,8 @@ import difflib
 from collections.abc import Iterable
 from typing import ClassVar
 
+from s2r_spec.printable import one_line
+
 MOST_NAMES = 60
 """Budget: names that an error lists; twice as many fill a screen."""
 LONGEST_NAME = 100
@@ -42,9 +44,12 @@ def suggest(name: str, names: Iterable[str]) -> str:
 
 
 class S2RError(Exception):
-    """Root of all errors that s2r raises on purpose."""
+    """Root of all errors that s2r raises on purpose; each is one line, whatever names and causes it quotes."""
 
     exit_code: ClassVar[int] = 4
+
+    def __str__(self) -> str:
+        return one_line(super().__str__().strip())
 
 
 class UsageError(S2RError):

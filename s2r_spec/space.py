@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -149,9 +150,9 @@ class Space:
         return np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, self.dim)
 
 
-def _ends(name: object, ends: object) -> tuple[float, float]:
+def _ends(name: object, ends: Any) -> tuple[float, float]:
     try:
-        low, high = tuple(ends)  # type: ignore[call-overload]  # whatever the caller gave
+        low, high = ends
     except (TypeError, ValueError):
         raise UsageError(
             f"the range of {name!r} is {ends!r}; it needs two numbers, the lower one first"

@@ -88,9 +88,19 @@ def seconds(values: NDArray[Any], first: Any = None) -> FloatArray:
     return counted(counts, size, from_first=dated, first=start)
 
 
+EXACT = 2**50
+"""Tolerance: counts below this, 13 days of nanoseconds, stay apart as float64 seconds; at 2⁵³ neighbours become one."""
+
+
 def dates(values: NDArray[Any], size: Fraction) -> bool:
-    """Return whether counts of a unit that is not the second are dates: they begin later than in 1973."""
-    return size != 1 and values.size > 0 and abs(float(values[0]) * float(size)) >= DATES
+    """Return whether counts of a unit that is not the second count from the first one.
+
+    They do if they are dates, which begin later than in 1973, or too many for float64 seconds.
+    """
+    if size == 1 or not values.size:
+        return False
+    first = abs(float(values[0]))
+    return first * float(size) >= DATES or first >= EXACT
 
 
 def counted(

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from s2r_spec import stamps
 from s2r_spec.errors import TraceError, one_of, suggest
 from s2r_spec.instants import instant
+from s2r_spec.printable import one_line
 
 FloatArray = NDArray[np.float64]
 
@@ -159,7 +160,7 @@ def _failure(meta: Mapping[str, Any]) -> str | None:
     """
     word = meta.get("failure")
     if word is None or isinstance(word, str):
-        return word.strip() or None if word else None
+        return one_line(word.strip()) or None if word else None
     if isinstance(word, bool | np.bool_ | int | float):
         return "failure" if word else None
     raise TraceError(f'meta["failure"] is {word!r}; it must be a short word, such as "fall"')

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import importlib
 import json
+import math
 import os
+import signal
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -15,11 +19,31 @@ for threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(threads, "1")
 
 from s2r_spec import backend  # noqa: E402
-from s2r_spec.rollouts import journal, runner  # noqa: E402
+from s2r_spec.rollouts import lines, runner  # noqa: E402
 from s2r_spec.rollouts.journal import FILE  # noqa: E402
+from tests.processes import lives  # noqa: E402
 
 PLUGIN = Path(__file__).parent / "plugin"
 sys.path.append(str(PLUGIN))
+TIMES = Path(__file__).parents[1] / "benchmarks" / "results" / "suite_time.json"
+"""Seconds of every file of tests, as ``benchmarks/suite_time.py`` counted them."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put the slowest files first, so that all of xdist's workers end together; a new file is among the first."""
+    seconds = json.loads(TIMES.read_text())["files"] if TIMES.exists() else {}
+    items.sort(key=lambda item: -seconds.get(item.nodeid.split("::")[0], math.inf))
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """Give a file to one worker, whose fixtures it then makes once, and files in the order of collection."""
+    from xdist.scheduler import LoadFileScheduling
+
+    if config.getvalue("dist") != "load":
+        return None  # as somebody asked
+    config.option.loadscopereorder = False
+    return LoadFileScheduling(config, log)
 
 
 @pytest.fixture(scope="session")
@@ -27,6 +51,18 @@ def cache(tmp_path_factory):
     """Where banks and judges are kept: made once for all tests, and for all of xdist's workers."""
     own = tmp_path_factory.getbasetemp()
     return (own.parent if "PYTEST_XDIST_WORKER" in os.environ else own) / "cache"
+
+
+@pytest.fixture
+def quick(monkeypatch, cache):
+    """Train judges on a quarter of the practice, for a catalogue that few tests have; return where they are kept.
+
+    The cart itself has the judge that a user's has, in ``cache``.
+    """
+    training = importlib.import_module("s2r_spec.diagnose.training")
+    for name, value in {"CASES": 100, "JUDGED": 20, "NETWORKS": 1, "TREES": 100}.items():
+        monkeypatch.setattr(training, name, value)
+    return cache / "quick"
 
 
 @pytest.fixture
@@ -43,9 +79,25 @@ def toy(monkeypatch):
 
 def rewrite(run: Path, change: Callable[[dict], dict]) -> None:
     """Write a run's journal again with every line changed and the checksums right: as another run would have been."""
-    lines, checksum = [], 0
+    written, checksum = [], 0
     for text in (run / FILE).read_text().splitlines():
         kept = {key: value for key, value in json.loads(text).items() if key != "crc32"}
-        line, checksum = journal._line(change(kept), checksum)
-        lines.append(line + b"\n")
-    (run / FILE).write_bytes(b"".join(lines))
+        line, checksum = lines.written(change(kept), checksum)
+        written.append(line + b"\n")
+    (run / FILE).write_bytes(b"".join(written))
+
+
+@pytest.fixture
+def noted(tmp_path, monkeypatch):
+    """Return what the rollouts note of their processes; whatever a failed test leaves is killed."""
+    file = tmp_path / "noted"
+    file.touch()
+    monkeypatch.setenv("S2R_FORKS", str(file))
+
+    def read():
+        return [tuple(map(int, line.split())) for line in file.read_text().splitlines()]
+
+    yield read
+    for pid, _ in read():
+        if lives(pid):
+            os.kill(pid, signal.SIGKILL)

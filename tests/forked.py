@@ -2,6 +2,9 @@
 
 A fresh interpreter would import numerical libraries for longer than most commands run. What is killed, piped or timed
 by a test still begins as a user's would; see ``CommandLine.command``.
+
+A forked command has one worker, where a user's has one a core, and does not wait for the disk: the tests are the
+parallelism, and none of them pulls the plug.
 """
 
 from __future__ import annotations
@@ -11,7 +14,10 @@ import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 
 FORKS = multiprocessing.get_context("forkserver")
@@ -25,21 +31,47 @@ def run(words: Sequence[str], folder: Path | None = None, said: str = "") -> sub
 
     ``said`` is its standard input.
     """
+    with started(words, folder, said) as command:
+        return command.finish()
+
+
+@dataclass(frozen=True)
+class Command:
+    """``s2r`` that runs, for what is sent a signal meanwhile."""
+
+    words: Sequence[str]
+    process: BaseProcess
+    out: Path
+    err: Path
+
+    def finish(self, seconds: float = LONGEST) -> subprocess.CompletedProcess[str]:
+        """Wait for its end, and return what it said."""
+        self.process.join(seconds)
+        if self.process.is_alive():
+            self.process.kill()
+            self.process.join()
+            raise TimeoutError(
+                f"s2r {' '.join(self.words)} took more than {seconds:g} s: {self.err.read_text()}"
+            )
+        return subprocess.CompletedProcess(
+            ["s2r", *self.words], self.process.exitcode or 0, self.out.read_text(), self.err.read_text()
+        )
+
+
+@contextmanager
+def started(words: Sequence[str], folder: Path | None = None, said: str = "") -> Iterator[Command]:
+    """Start ``s2r`` as :func:`run` does, and go on beside it."""
     with tempfile.TemporaryDirectory() as kept:
         files = [Path(kept, name) for name in ("in", "out", "err")]
         files[0].write_text(said)
-        out, err = files[1:]
         arguments = (tuple(words), folder or Path.cwd(), dict(os.environ), sys.path, files)
         process = FORKS.Process(target=_command, args=arguments)
         process.start()
-        process.join(LONGEST)
-        if process.is_alive():
+        try:
+            yield Command(words, process, *files[1:])
+        finally:
             process.kill()
             process.join()
-            raise TimeoutError(f"s2r {' '.join(words)} took more than {LONGEST:g} s: {err.read_text()}")
-        return subprocess.CompletedProcess(
-            ["s2r", *words], process.exitcode or 0, out.read_text(), err.read_text()
-        )
 
 
 def _command(
@@ -53,6 +85,8 @@ def _command(
     os.environ.update(environment)
     sys.path[:] = path
     sys.argv = ["s2r", *words]
+    os.sched_getaffinity = lambda _: {0}  # type: ignore[assignment]
+    os.fsync = lambda _: None
     from s2r_spec.cli import main
 
     main()

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from s2r_spec import backend
+from s2r_spec.errors import UsageError
 from s2r_spec.rollouts import runner
 from tests import forked
 
@@ -77,6 +78,20 @@ def test_the_commands_print_what_is_shown(installed, command):
             and numbers(other) == pytest.approx(numbers(text), abs=2e-4)
             for other in there
         ), text
+
+
+@pytest.mark.parametrize("options", ["broken", "wron", "worn "])
+def test_an_option_that_the_lift_does_not_have_is_refused(installed, options):
+    done = forked.run(["check", "lift.stl", "--backend", f"lift:{options}", "--quiet"])
+    assert done.returncode == 2
+    assert repr(options) in done.stderr
+
+
+def test_a_parameter_that_the_lift_does_not_have_is_refused(installed):
+    lift = backend.load_backend("lift")
+    for test in ({"laod": 100.0}, {"load": 100.0, "people": 2.0}, {"load": "heavy"}, {"load": 1e4}):
+        with pytest.raises(UsageError, match=next(reversed(test))):
+            lift.rollout(test, 0)
 
 
 def test_every_link_leads_somewhere():

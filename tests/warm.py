@@ -1,10 +1,33 @@
 """What most commands import and make before anything else: preloaded, see :mod:`tests.forked`."""
 
+import sys
+from contextlib import redirect_stdout, suppress
+from io import StringIO
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
 import gpytorch  # noqa: F401
+import numba  # noqa: F401
+import numpy.ma  # noqa: F401
+
+with suppress(ImportError):  # an extra
+    import matplotlib.backends.backend_agg
+    import matplotlib.backends.backend_svg
+    import matplotlib.figure  # noqa: F401
 
 import s2r_spec.certify.check
-import s2r_spec.cli
+import s2r_spec.cli.progress
 import s2r_spec.report.html  # noqa: F401
-from s2r_spec.spec import parse_spec
+from s2r_spec.cli import app
 
-parse_spec("signal x {m/s}\nparam p {rad} in [0, 1]\nrequire r: always[0 s, 1 s] (x <= 1 {m/s})\n")
+SPEC = "signal x {m/s}\nparam p {rad} in [0, 1]\nrequire r: always[0 s, 1 s] (x <= 1 {m/s})\n"
+
+# One command loads what a command line loads when it is first parsed.
+with TemporaryDirectory() as folder, redirect_stdout(StringIO()), suppress(SystemExit):
+    path = Path(folder, "spec.stl")
+    path.write_text(SPEC)
+    before, sys.argv = sys.argv, ["s2r", "lint", str(path)]
+    try:
+        app()
+    finally:
+        sys.argv = before

@@ -147,9 +147,10 @@ def _ticks(
         u = p.limit if u > p.limit else -p.limit if u < -p.limit else u
         positions[k], speeds[k], sent[k] = seen, speed, u
         if late:
-            u = sent[max(k - p.whole, 0)]
+            # Before the first voltage has arrived there is none.
+            u = sent[k - p.whole] if k >= p.whole else 0.0
             if p.part > 0.0:
-                u += p.part * (sent[max(k - p.whole - 1, 0)] - u)
+                u += p.part * ((sent[k - p.whole - 1] if k > p.whole else 0.0) - u)
         if p.behind != 0.0:
             u, current = u + p.behind * (current - u), current + p.follow * (u - current)
         force = p.gain * u

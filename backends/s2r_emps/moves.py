@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from s2r_emps.noise import FloatArray
 from s2r_emps.physics import MIDDLE, STEP
+from s2r_spec import backend
 from s2r_spec.backend import Parameter
-from s2r_spec.errors import UsageError, did_you_mean, one_of
 
 PARAMETERS = (
     Parameter(
@@ -46,13 +46,7 @@ def read_test(params: Mapping[str, float], known: tuple[Parameter, ...] = PARAME
     Raises:
         UsageError: a name is unknown or a value is out of range.
     """
-    names = {parameter.name: parameter for parameter in known}
-    for name in params:
-        if name not in names:
-            raise UsageError(
-                f"the backend 'emps' has no parameter {name!r}{did_you_mean(name, names)}; it has {one_of(names)}"
-            )
-    return {p.name: p.check(params.get(p.name, p.default)) for p in known}
+    return backend.read_test("emps", known, params)
 
 
 def move(test: Test, ticks: int) -> tuple[FloatArray, NDArray[np.bool_]]:

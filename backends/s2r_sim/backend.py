@@ -14,7 +14,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from s2r_sim.channels import CHANNELS
+from s2r_sim.channels import CHANNELS, TRUE_CHANNELS
 from s2r_sim.effects import CATALOGUE
 from s2r_sim.effects.choice import Choice, choose, world
 from s2r_sim.gains import RATE
@@ -48,8 +48,8 @@ class SimBackend:
 
     options: InitVar[str] = ""
     """After the colon of the name: ``feedback=estimate`` runs the controller on the robot's own
-    velocity estimate instead of the true velocity, ``form=full`` with the 30-variable QP, and
-    ``latency.delay=0.004`` adds an effect."""
+    velocity estimate instead of the true velocity, ``form=full`` with the 30-variable QP,
+    ``record=truth`` adds channels such as ``q_true``, and ``latency.delay=0.004`` adds an effect."""
     duration: float = 1.5
     noise: Noise = field(default_factory=Noise)
     settings: Settings = field(default_factory=Settings)
@@ -67,6 +67,8 @@ class SimBackend:
         settings, added = read_options(options, self.settings, self.added)
         object.__setattr__(self, "settings", settings)
         object.__setattr__(self, "added", added)
+        if settings.record == "truth":
+            object.__setattr__(self, "channels", CHANNELS + TRUE_CHANNELS)
         object.__setattr__(self, "duration", _ticks(self.duration) / RATE)
 
     @property
@@ -149,7 +151,7 @@ class SimBackend:
         return Trace(
             np.arange(record.ticks) / RATE,
             record.channels,
-            units={channel.name: channel.unit for channel in CHANNELS},
+            units={channel.name: channel.unit for channel in self.channels},
             meta=meta,
         )
 
@@ -161,9 +163,10 @@ class SimBackend:
         """
         from s2r_sim.pictures import draw
 
-        trace = self.rollout(params, seed)
+        trace, true = self.rollout(params, seed), replace(self.settings, record="truth")
+        seen = trace if self.settings == true else replace(self, settings=true).rollout(params, seed)
         settings = self._settings
-        draw(replace(settings, physics=read_test(params).world(settings.physics)), trace, Path(path))
+        draw(replace(settings, physics=read_test(params).world(settings.physics)), seen, Path(path))
         return trace
 
     def residuals(self, trace: Trace, params: Mapping[str, float] | None = None) -> Trace:

@@ -1,4 +1,8 @@
-"""The channels of a trace: names and units."""
+"""The channels of a trace: names and units.
+
+What a robot can log comes from its own sensors and loops, with their systematic errors and without white noise;
+base, feet and ground are true, as motion capture and force plates see them.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +19,7 @@ CHANNELS = (
     Channel("vx", "m/s", "true base velocity, forward in the heading frame"),
     Channel("vy", "m/s", "true base velocity, left in the heading frame"),
     Channel("vz", "m/s", "true base velocity, up"),
-    Channel("wz", "rad/s", "true yaw rate"),
+    Channel("wz", "rad/s", "yaw rate by the IMU"),
     Channel("vx_cmd", "m/s", "commanded forward velocity"),
     Channel("vy_cmd", "m/s", "commanded lateral velocity"),
     Channel("wz_cmd", "rad/s", "commanded yaw rate"),
@@ -25,18 +29,30 @@ CHANNELS = (
     Channel("y", "m", "base position in the world"),
     Channel("z", "m", "base position in the world"),
     Channel("height", "m", "base height above the mean plane of the ground below it"),
-    Channel("roll", "rad", "base attitude"),
-    Channel("pitch", "rad", "base attitude"),
-    Channel("yaw", "rad", "base attitude"),
-    Channel("omega", "rad/s", "true angular velocity in base axes", 3, AXES),
-    Channel("acc_pred", "m/s^2", "base acceleration that the QP predicts; forward, left, up", 3, HEADING),
+    Channel("roll", "rad", "base attitude by the IMU"),
+    Channel("pitch", "rad", "base attitude by the IMU"),
+    Channel("yaw", "rad", "base attitude by the IMU"),
+    Channel("omega", "rad/s", "angular velocity by the IMU, base axes", 3, AXES),
+    Channel(
+        "acc_pred",
+        "m/s^2",
+        "base acceleration that the QP predicts; forward, left, up by the IMU",
+        3,
+        HEADING,
+    ),
     Channel("qp_iterations", "", "interior-point iterations of the force QP"),
     Channel("qp_solved", "", "1 where the QP was solved, 0 where the controller fell back"),
     Channel("fallen", "", "1 at the sample at which the robot has fallen"),
     Channel("stance", "", "1 where the gait has the foot on the ground; FR, FL, RR, RL", 4, FEET),
-    Channel("q", "rad", "joint angles; FR, FL, RR, RL, each hip, thigh, calf", 12, JOINTS),
-    Channel("dq", "rad/s", "joint speeds", 12, JOINTS),
-    Channel("tau_cmd", "N*m", "what the motor law asks for at the sample, before clipping", 12, JOINTS),
+    Channel("q", "rad", "joint angles by the encoders; FR, FL, RR, RL, each hip, thigh, calf", 12, JOINTS),
+    Channel("dq", "rad/s", "joint speeds by the encoders", 12, JOINTS),
+    Channel(
+        "tau_cmd",
+        "N*m",
+        "what the motor law asks for at the sample, by the encoders, before clipping",
+        12,
+        JOINTS,
+    ),
     Channel(
         "tau",
         "N*m",
@@ -56,4 +72,19 @@ CHANNELS = (
     Channel("contact", "", "1 where the ground pushes on the foot", 4, FEET),
 )
 
-UNITS = {channel.name: channel.unit for channel in CHANNELS}
+FROM_OUTSIDE = frozenset(
+    (
+        *("vx", "vy", "vz", "x", "y", "z", "height", "fallen"),
+        *("foot_position", "foot_velocity", "foot_force", "contact"),
+    )
+)
+"""Names of what motion capture and force plates see, and no error of the robot's own sensors is in."""
+
+TRUE_CHANNELS = (
+    Channel("q_true", "rad", "true joint angles", 12, JOINTS),
+    Channel("dq_true", "rad/s", "true joint speeds", 12, JOINTS),
+    Channel("roll_true", "rad", "true base attitude"),
+    Channel("pitch_true", "rad", "true base attitude"),
+    Channel("wz_true", "rad/s", "true yaw rate"),
+)
+"""Of ``record=truth``: what the sensors of the robot err about. No robot has these."""

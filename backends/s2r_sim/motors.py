@@ -59,14 +59,19 @@ class Motors:
 
     def reset(self) -> None:
         """Forget everything."""
+        self._driven: FloatArray | None = None
         self.state = MotorState((), np.zeros(12), np.zeros(12))
         self._gain[:] = 1.0
         self._range[:] = (-self._limit, self._limit)
 
     @property
     def reported_torque(self) -> FloatArray:
-        """(12,) [N m] as the drives report it, from their current: blind to the torque constant's error."""
-        return np.array(self._force) / self._physics.torque_constant
+        """(12,) [N m] as the drives report it, from their current: blind to the torque constant's error.
+
+        Also while a rotor crosses the gap of its gear: then its torque turns the rotor, and no joint.
+        """
+        made = self._force if self._driven is None else self._driven
+        return np.array(made) / self._physics.torque_constant
 
     def law(self, motors: MotorCommand) -> Law:
         """Return τ_ff + Kp (q_des − q) + Kd (q̇_des − q̇) with its constant part summed up."""
@@ -96,7 +101,10 @@ class Motors:
             self._cross_the_gap(law, strength)
 
     def _delayed(self, law: Law) -> Law:
-        """Return the law that was given ``_delay`` steps ago, or the first there was."""
+        """Return the law that was given ``_delay`` steps ago.
+
+        Before it there is the first of the warm-up, by which the robot stands; no rollout begins so early.
+        """
         pending = (*self.state.pending, law)
         self.state = self.state._replace(pending=pending[-self._delay :])
         return pending[0]
@@ -114,7 +122,9 @@ class Motors:
         self._control -= law.kp * play + law.kd * speed
         motion = (self._q, self._dq, self._control, self._range)
         actuators = (self._gain, self._minus_kp, self._minus_kd)
-        play, speed = _crossed(*motion, *actuators, play, speed, strength, gap, physics.armature, dt)
+        play, speed, self._driven = _crossed(
+            *motion, *actuators, play, speed, strength, gap, physics.armature, dt
+        )
         self.state = self.state._replace(play=play, play_speed=speed)
 
 
@@ -142,12 +152,16 @@ def _crossed(
     gap: float,
     armature: float,
     dt: float,
-) -> tuple[FloatArray, FloatArray]:
-    """Return (12,) angle and speed of rotors a step later; where one is on no flank, the joint loses its actuator."""
-    now, pace = np.empty_like(play), np.empty_like(speed)
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return (12,) angle and speed of rotors a step later, and the torque that drives them.
+
+    Where one is on no flank, the joint loses its actuator.
+    """
+    now, pace, driven = np.empty_like(play), np.empty_like(speed), np.empty_like(play)
     for j in range(play.shape[0]):
         torque = strength * control[j] + minus_kp[j] * q[j] + minus_kd[j] * dq[j]
         torque = min(max(torque, within[j, 0]), within[j, 1])
+        driven[j] = torque
         pushes = (play[j] >= gap and torque > 0.0) or (play[j] <= -gap and torque < 0.0)
         pace[j] = 0.0 if pushes else speed[j] + torque / armature * dt
         now[j] = min(max(play[j] + pace[j] * dt, -gap), gap)
@@ -156,4 +170,4 @@ def _crossed(
         gain[j] = strength if pushes else 0.0
         minus_kp[j] = minus_kp[j] if pushes else 0.0
         minus_kd[j] = minus_kd[j] if pushes else 0.0
-    return now, pace
+    return now, pace, driven

@@ -6,10 +6,14 @@ from dataclasses import replace
 from typing import Any, get_args
 
 from s2r_sim.effects.choice import Choice, choose
-from s2r_sim.settings import Feedback, Form, Settings
+from s2r_sim.settings import Feedback, Form, Record, Settings
 from s2r_spec.errors import UsageError, did_you_mean, one_of
 
-_OPTIONS: dict[str, tuple[str, ...]] = {"feedback": get_args(Feedback), "form": get_args(Form)}
+_OPTIONS: dict[str, tuple[str, ...]] = {
+    "feedback": get_args(Feedback),
+    "form": get_args(Form),
+    "record": get_args(Record),
+}
 
 
 def read_options(text: str, settings: Settings, added: Choice) -> tuple[Settings, Choice]:

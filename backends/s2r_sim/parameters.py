@@ -7,8 +7,8 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from s2r_sim.physics import Command, Physics
+from s2r_spec import backend
 from s2r_spec.backend import Parameter
-from s2r_spec.errors import UsageError, did_you_mean, one_of
 
 PARAMETERS = (
     Parameter("vd", "m/s", -0.5, 0.5, 0.0, "forward velocity commanded at t = 0"),
@@ -66,11 +66,4 @@ def read_test(params: Mapping[str, float]) -> Test:
     Raises:
         UsageError: a name is unknown or a value is out of range.
     """
-    known = {parameter.name: parameter for parameter in PARAMETERS}
-    for name in params:
-        if name not in known:
-            raise UsageError(
-                f"the backend 'sim' has no parameter {name!r}"
-                f"{did_you_mean(name, known)}; it has {one_of(known)}"
-            )
-    return Test(*(p.check(params.get(p.name, p.default)) for p in PARAMETERS))
+    return Test(**backend.read_test("sim", PARAMETERS, params))

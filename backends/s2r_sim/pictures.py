@@ -99,8 +99,14 @@ def _gait_samples(settings: Settings, trace: Trace) -> range:
 
 def _pose(data: Any, trace: Trace, k: int) -> None:
     k = min(k, len(trace) - 1)
-    x, y, z, w = rotation.quaternion(*(float(trace[name][k]) for name in ("roll", "pitch", "yaw")))
-    data.qpos[:] = [*(trace[name][k] for name in ("x", "y", "z")), w, x, y, z, *trace["q"][k]]
+    roll, pitch, yaw = (float(_true(trace, name)[k]) for name in ("roll", "pitch", "yaw"))
+    x, y, z, w = rotation.quaternion(roll, pitch, yaw)
+    data.qpos[:] = [*(trace[name][k] for name in ("x", "y", "z")), w, x, y, z, *_true(trace, "q")[k]]
+
+
+def _true(trace: Trace, name: str) -> NDArray[np.float64]:
+    """Return the truth where it was recorded beside what the sensors said."""
+    return trace[name if f"{name}_true" not in trace.channels else f"{name}_true"]
 
 
 def _furnish(spec: Any, settings: Settings) -> None:

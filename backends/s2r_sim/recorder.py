@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_sim import terrain
+from s2r_sim.channels import TRUE_CHANNELS
 from s2r_sim.controller import Tick
 from s2r_sim.figures import LEGS
 from s2r_sim.leg_kinematics import foot_motion
@@ -23,6 +24,7 @@ class Recorder:
         self._settings = settings
         self._command = command
         self._truth: list[FloatArray] = []
+        self._own: list[FloatArray] = []
         self._done: list[Tick] = []
         self._torque: list[FloatArray] = []
         self._foot_forces: list[FloatArray] = []
@@ -30,9 +32,12 @@ class Recorder:
     def __len__(self) -> int:
         return len(self._done)
 
-    def write(self, truth: State, done: Tick, torque: FloatArray, foot_forces: FloatArray) -> None:
-        """Append a tick. The arrays must not change afterwards."""
+    def write(
+        self, truth: State, own: State, done: Tick, torque: FloatArray, foot_forces: FloatArray
+    ) -> None:
+        """Append a tick; ``own`` is the state by the robot's own sensors. The arrays must not change afterwards."""
         self._truth.append(truth.flat)
+        self._own.append(own.flat)
         self._done.append(done)
         self._torque.append(torque)
         self._foot_forces.append(foot_forces)
@@ -43,26 +48,29 @@ class Recorder:
         return sum(done.solution is None for done in self._done)
 
     def channels(self, estimate: FloatArray, fallen: bool) -> dict[str, FloatArray]:
-        """Return name → (n,) or (n, width) samples, in the order of ``CHANNELS``.
+        """Return name → (n,) or (n, width) samples, in the order of ``CHANNELS``, then of ``TRUE_CHANNELS``.
 
+        Joints, attitude and rates, and what the controller makes of them, are those of the robot's own
+        sensors; base, feet and ground are seen from outside, by motion capture, and true.
         ``estimate`` is the robot's own of its velocity, (n, 3) in world axes;
         ``fallen`` says whether the last sample is that of a fall.
         """
         n = len(self)
         truth = State(np.array(self._truth).T)
-        roll, pitch, yaw = truth.rpy
+        # Where no sensor errs they are the same arrays.
+        own = truth if self._own[0] is self._truth[0] else State(np.array(self._own).T)
+        roll, pitch, yaw = own.rpy
         vx, vy, vz = truth.velocity
         own_x, own_y, _ = estimate.T
         foot_position, foot_velocity = self._feet(truth)
         foot_force = np.array(self._foot_forces)
-        wx, wy, wz = truth.omega
         iterations = [0 if done.solution is None else done.solution.iterations for done in self._done]
         solved = [done.solution is not None for done in self._done]
         return {
             "vx": np.cos(yaw) * vx + np.sin(yaw) * vy,
             "vy": np.cos(yaw) * vy - np.sin(yaw) * vx,
             "vz": vz,
-            "wz": np.cos(pitch) * (np.sin(roll) * wy + np.cos(roll) * wz) - np.sin(pitch) * wx,
+            "wz": _yaw_rate(own),
             "vx_cmd": np.full(n, self._command.vx),
             "vy_cmd": np.full(n, self._command.vy),
             "wz_cmd": np.full(n, self._command.wz),
@@ -76,21 +84,27 @@ class Recorder:
             "roll": roll,
             "pitch": pitch,
             "yaw": yaw,
-            "omega": truth.omega.T,
-            "acc_pred": self._predicted(truth),
+            "omega": own.omega.T,
+            "acc_pred": self._predicted(own),
             "qp_iterations": np.array(iterations, dtype=float),
             "qp_solved": np.array(solved, dtype=float),
             "fallen": np.append(np.zeros(n - 1), float(fallen)),
             "stance": np.array([done.stance for done in self._done], dtype=float),
-            "q": truth.q.T,
-            "dq": truth.dq.T,
-            "tau_cmd": self._asked(truth),
+            "q": own.q.T,
+            "dq": own.dq.T,
+            "tau_cmd": self._asked(own),
             "tau": np.array(self._torque),
             "foot_position": foot_position,
             "foot_velocity": foot_velocity,
             "foot_force": foot_force,
             "contact": (foot_force[:, 2::3] > 0.0).astype(float),
-        }
+        } | (self._true(truth) if self._settings.record == "truth" else {})
+
+    def _true(self, truth: State) -> dict[str, FloatArray]:
+        """Return the truth of what the robot's own sensors say, in the order of ``TRUE_CHANNELS``."""
+        roll, pitch, _ = truth.rpy
+        values = (truth.q.T, truth.dq.T, roll, pitch, _yaw_rate(truth))
+        return dict(zip((channel.name for channel in TRUE_CHANNELS), values, strict=True))
 
     def _feet(self, truth: State) -> tuple[FloatArray, FloatArray]:
         """Return (n, 12) true positions [m] and (n, 12) velocities [m/s] of the ball centres, world axes."""
@@ -104,20 +118,31 @@ class Recorder:
             velocity += [*(truth.velocity + turned(roll, pitch, yaw, moved, np.sin, np.cos))]
         return np.transpose(position), np.transpose(velocity)
 
-    def _predicted(self, truth: State) -> FloatArray:
-        """Return (n, 3) the base acceleration that the QP predicts, forward, left, up [m/s²]; 0 without one."""
+    def _predicted(self, own: State) -> FloatArray:
+        """Return (n, 3) the base acceleration that the QP predicts, forward, left, up [m/s²]; 0 without one.
+
+        In the robot's own heading frame, level by its own attitude.
+        """
         none = np.zeros(6)
         spatial = np.array([none if d.solution is None else d.solution.base for d in self._done]).T
-        roll, pitch, yaw = truth.rpy
+        roll, pitch, yaw = own.rpy
         # Spatial and classical acceleration differ by ω × v; pitch and roll alone lead to the heading frame.
         forward, left, up = turned(roll, pitch, 0.0, spatial[:3], np.sin, np.cos)
-        wx, wy, wz = turned(roll, pitch, 0.0, truth.omega, np.sin, np.cos)
-        vx, vy, vz = turned(0.0, 0.0, -yaw, truth.velocity, np.sin, np.cos)
+        wx, wy, wz = turned(roll, pitch, 0.0, own.omega, np.sin, np.cos)
+        vx, vy, vz = turned(0.0, 0.0, -yaw, own.velocity, np.sin, np.cos)
         acceleration = (forward + wy * vz - wz * vy, left + wz * vx - wx * vz, up + wx * vy - wy * vx)
         return np.where([d.solution is None for d in self._done], 0.0, acceleration).T
 
-    def _asked(self, truth: State) -> FloatArray:
-        """Return (n, 12) what the motor law asks for, before clipping [N m]."""
+    def _asked(self, own: State) -> FloatArray:
+        """Return (n, 12) what the motors' own loops ask for by their encoders, before clipping [N m]."""
         q, dq, kp, kd, tau = (np.array(rows) for rows in zip(*(d.motors for d in self._done), strict=True))
-        asked: FloatArray = tau + kp * (q - truth.q.T) + kd * (dq - truth.dq.T)
+        asked: FloatArray = tau + kp * (q - own.q.T) + kd * (dq - own.dq.T)
         return asked
+
+
+def _yaw_rate(state: State) -> FloatArray:
+    """Return (n,) the rate of the heading [rad/s] of n states."""
+    roll, pitch, _ = state.rpy
+    wx, wy, wz = state.omega
+    rate: FloatArray = np.cos(pitch) * (np.sin(roll) * wy + np.cos(roll) * wz) - np.sin(pitch) * wx
+    return rate

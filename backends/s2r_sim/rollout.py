@@ -100,9 +100,10 @@ class Simulator:
                 plant.step(controller.tick(measured, _STILL).motors, tick / RATE)
                 continue
             fallen = plant.has_fallen(truth, self._settings.fall)
+            own = sensors.reported(truth, plant.play)
             done = controller.tick(measured, test.command)
             plant.step(done.motors, tick / RATE, _push(test, tick, truth))
-            recorder.write(truth, done, plant.torque, plant.foot_forces)
+            recorder.write(truth, own, done, plant.torque, plant.foot_forces)
             if fallen:
                 break
         channels = recorder.channels(sensors.estimates()[settling:], fallen)

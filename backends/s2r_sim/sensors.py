@@ -52,6 +52,24 @@ class Sensors:
         self._stance: list[Stance] = []
         self._own: list[Sequence[float]] = []
 
+    def reported(self, truth: State, play: tuple[FloatArray, FloatArray]) -> State:
+        """Return the state as encoders, IMU and velocity feedback report it, but for their white noise.
+
+        This is what the motors' own loops act on and what a robot logs. Position and yaw are true; it is
+        ``truth`` itself where no sensor errs. ``play`` is that of the rotors, with the encoders.
+        """
+        if self._bias is None and not self._physics.backlash and self._velocity_is_right:
+            return truth
+        flat = truth.flat.copy()
+        if self._bias is not None:
+            flat += self._bias
+        if self._physics.backlash:
+            flat[12:24] += play[0]
+            flat[24:36] += play[1]
+        own = State(flat)
+        own.velocity[:] = self._distorted(truth.velocity.tolist(), float(truth.rpy[2]))
+        return own
+
     def read(self, truth: State, play: tuple[FloatArray, FloatArray], stance: Stance) -> State:
         """Return the state as the controller is given it; ``play`` is that of the rotors, with the encoders."""
         tick = len(self._truth)

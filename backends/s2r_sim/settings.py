@@ -11,6 +11,7 @@ from s2r_sim.physics import FallLimits, Physics
 
 Form = Literal["condensed", "full"]
 Feedback = Literal["truth", "estimate"]
+Record = Literal["measured", "truth"]
 
 
 @dataclass(frozen=True)
@@ -25,6 +26,8 @@ class Settings:
     """Of the QP: over the stance forces only, or with all 30 unknowns."""
     feedback: Feedback = "truth"
     """Which base position and velocity the controller is given: the true ones under noise, or the robot's own."""
+    record: Record = "measured"
+    """What a trace holds: what a robot logs and motion capture sees, or also the truth of what sensors say."""
     warm_up: float = 1.0
     """[s] of trotting in place without noise, simulated once and shared by all rollouts."""
     settling: float = 0.2

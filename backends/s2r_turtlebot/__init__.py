@@ -16,7 +16,7 @@ from typing import Self
 
 import numpy as np
 
-from s2r_spec.backend import Channel, Parameter
+from s2r_spec.backend import Channel, Parameter, read_test
 from s2r_spec.trace import Trace
 
 
@@ -138,8 +138,8 @@ class TurtlebotBackend:
         return ideal, ideal
 
     def rollout(self, params: Mapping[str, float], seed: int) -> Trace:
-        """Drive once; parameters that are not given have their defaults."""
-        ox, oy = (p.check(params.get(p.name, p.default)) for p in self.parameters)
+        """Drive once; parameters that are not given have their defaults, and unknown ones are refused."""
+        ox, oy = read_test(self.name, self.parameters, params).values()
         step = self.figures.step
         ticks = ceil(self.duration / step - 1e-9)
         x, y, heading, v, w = drive(ox, oy, ticks, seed, self.figures, *self._body()).T

@@ -7,6 +7,7 @@ wheels make of a command. Each starts afresh in every rollout, so it may remembe
 from __future__ import annotations
 
 import hashlib
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from math import exp
@@ -43,12 +44,16 @@ def _heading(figures: Figures, angle: float) -> Body:
 
 
 def _latency(figures: Figures, delay: float) -> Body:
-    sent: list[tuple[float, float]] = []
-    whole, part = divmod(delay / figures.step, 1)
+    """Return wheels that are given u(t − delay), and nothing before the first command has arrived.
+
+    Commands are held for a tick; where two arrive in one, each counts for its share of the tick.
+    """
+    ticks, part = divmod(delay / figures.step, 1)
+    under_way = deque([(0.0, 0.0)] * (int(ticks) + 1))
 
     def body(v: float, w: float) -> tuple[float, float]:
-        sent.append((v, w))
-        (v0, w0), (v1, w1) = (sent[max(0, len(sent) - 1 - int(whole) - k)] for k in (0, 1))
+        under_way.append((v, w))
+        (v1, w1), (v0, w0) = under_way.popleft(), under_way[0]
         return v0 + part * (v1 - v0), w0 + part * (w1 - w0)
 
     return body
@@ -108,7 +113,7 @@ CATALOGUE = (
         _number("angle", "rad", -0.5, 0.5, 0.0, "normal, 0.1 rad"), 0, _heading,
     ),
     BodyEffect(
-        "latency", "timing", "Commands reach the wheels this much later.",
+        "latency", "timing", "Commands reach the wheels this much later; until the first one arrives they stand still.",
         _number("delay", "s", 0.0, 0.3, 0.0, "half-normal, 0.06 s"), 1, _latency,
     ),
     BodyEffect(

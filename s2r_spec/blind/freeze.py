@@ -11,6 +11,7 @@ from typing import Any
 from s2r_spec.blind.hashes import of_folder, read_json, write_json
 from s2r_spec.blind.seal import cases
 from s2r_spec.errors import UsageError
+from s2r_spec.files import save
 
 MANIFEST = "manifest.json"
 BEGUN = "code.sha256"
@@ -86,7 +87,7 @@ def _begun(answers: Path, simulator: str) -> str:
             raise UsageError(
                 f"{answers} holds answers, and no {BEGUN} says what code gave them; use another folder"
             )
-        note.write_text(code + "\n")
+        save(note, code + "\n")
     elif note.read_text().strip() != code:
         raise UsageError(
             f"the answers in {answers} are of another s2r than this one ({note}); go on with that, or begin again in "

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from s2r_spec.errors import UsageError
+from s2r_spec.files import save
 
 
 def of_folder(folder: Path) -> str:
@@ -46,7 +47,9 @@ def read_json(path: Path) -> dict[str, Any]:
 
 
 def write_json(path: Path, value: Mapping[str, Any]) -> None:
-    """Write one JSON object, whole or not at all."""
-    part = path.with_name(f".{path.name}.part")
-    part.write_text(json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
-    part.replace(path)
+    """Write one JSON object, whole or not at all.
+
+    Raises:
+        UsageError: it cannot be written.
+    """
+    save(path, json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False) + "\n")

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from s2r_spec.blind.hashes import of_folder, of_label, read_json, write_json
 from s2r_spec.errors import UsageError
+from s2r_spec.files import save
 
 
 def cases(public: Path) -> list[str]:
@@ -54,7 +55,7 @@ def seal(public: Path, labels: Path, keys: Path) -> int:
         label, salt = read_json(labels / f"{name}.json"), secrets.token_hex(32)
         commitment = of_label(label, of_folder(public / name), salt)
         write_json(keys / f"{name}.json", {"label": label, "salt": salt})
-        (public / f"{name}.commit").write_text(commitment + "\n")
+        save(public / f"{name}.commit", commitment + "\n")
     for name in ids:
         (labels / f"{name}.json").unlink()
     return len(ids)

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from enum import Enum
 from importlib.metadata import version
 from pathlib import Path
-from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -20,14 +19,16 @@ import numpy as np
 from s2r_spec.backend import HasRecordings
 from s2r_spec.certify.certificate import Certificate, Label
 from s2r_spec.certify.drive import Observer, Phase, Rollouts, drive
+from s2r_spec.certify.given import given_folder, given_name, given_spec, must_be_begun
 from s2r_spec.certify.kernels import Kernel
 from s2r_spec.certify.outward import at_most
 from s2r_spec.certify.recorded import Recorded, fixed_design, left_open, observe
 from s2r_spec.certify.search import Search
 from s2r_spec.errors import UsageError, one_of
 from s2r_spec.rollouts.journal import Journal, Record
+from s2r_spec.rollouts.kept import files_of
 from s2r_spec.rollouts.pools import ExecutorFactory, process_pool
-from s2r_spec.rollouts.rig import Rig, spec_files
+from s2r_spec.rollouts.rig import Rig
 from s2r_spec.rollouts.runner import Runner
 from s2r_spec.spec import CertifySettings, Spec
 
@@ -74,7 +75,7 @@ class CheckResult:
         certificate: of the search, which maximises −ρ.
         provenance: version, spec and model hashes, seed.
         folder: where the rollouts lie.
-        seconds: wall time of this process (after a resume, not of the whole run).
+        seconds: that the rollouts took, all workers and all resumed processes added up.
     """
 
     requirement: str
@@ -151,7 +152,7 @@ def rho_unit(spec: Spec, requirement: str) -> str:
 def check(
     spec: Spec,
     backend: str,
-    folder: Path,
+    folder: Path | str,
     *,
     requirement: str | None = None,
     seed: int = 0,
@@ -181,10 +182,13 @@ def check(
         observer: is told of batches and rollouts.
 
     Raises:
-        UsageError: the spec, the backend and the folder do not fit together.
+        UsageError: the spec, the backend and the folder do not fit together, or there is no run to resume.
         BackendError: a rollout raised; all that came before is in the journal.
     """
+    spec, backend, folder = given_spec(spec), given_name(backend), given_folder(folder)
     requirement = requirement or only_requirement(spec)
+    if resume:
+        must_be_begun([folder], folder)
     search = search_for(spec, requirement, seed=seed, budget=budget, mode=mode, engine=engine)
     return check_with(search, spec, requirement, backend, folder, seed, executor, timeout, resume, observer)
 
@@ -202,7 +206,6 @@ def check_with(
     observer: Observer | None,
 ) -> CheckResult:
     """Run a search for the worst expected robustness to its end; see :func:`check`."""
-    start = perf_counter()
     rig = Rig.for_spec(spec, requirement, backend)
     design = None
     if isinstance(rig.backend, HasRecordings):
@@ -227,7 +230,7 @@ def check_with(
     if resume and Journal.begun(folder):
         journal = Journal.resume(folder, provenance)
     else:
-        journal = Journal.create(folder, provenance, spec_files(spec))
+        journal = Journal.create(folder, provenance, files_of(spec))
     if observer is not None:
         unit = rho_unit(spec, requirement)
         observer.begin(Phase("ρ", unit, backend, spec.space.units, search.budget))
@@ -236,9 +239,7 @@ def check_with(
     else:
         with Runner(executor or process_pool(2), timeout) as runner:
             drive(search, Rollouts(rig, seed, journal, runner), observer)
-    result = conclude(
-        spec, requirement, rig.fall, search.certificate(), journal, provenance, perf_counter() - start
-    )
+    result = conclude(spec, requirement, rig.fall, search.certificate(), journal, provenance)
     return result if design is None else of_recordings(result, design.notes, search)
 
 
@@ -256,7 +257,6 @@ def conclude(
     certificate: Certificate,
     journal: Journal,
     provenance: dict[str, Any],
-    seconds: float,
 ) -> CheckResult:
     """Return what a search that was told all of a journal means for the requirement."""
     records = journal.records()
@@ -286,7 +286,7 @@ def conclude(
         certificate=certificate,
         provenance=provenance,
         folder=journal.folder,
-        seconds=seconds,
+        seconds=sum(record.seconds for record in records),
     )
 
 

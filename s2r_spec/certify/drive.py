@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal, Protocol
@@ -140,12 +139,11 @@ class Rollouts:
             key, point = (done.task.query, done.task.replicate), points[done.task.query]
             try:
                 rho, failure = self.rig.score(point, done)
-                if not math.isfinite(rho):
-                    raise BackendError(f"its ρ is {rho}")
             except S2RError as error:
                 kept = self.journal.keep(key, done.trace)
+                test = ", ".join(f"{name} = {value:.6g}" for name, value in point.items())
                 raise BackendError(
-                    f"rollout {key[0]}.{key[1]} at {point} cannot be scored: {error}; its trace is kept in {kept}"
+                    f"rollout {key[0]}.{key[1]} at {test} cannot be scored: {error}; its trace is kept in {kept}"
                 ) from error
             record = Record(
                 *key, point, done.task.seed, rho, failure, trace=None, seconds=round(done.seconds, 4)

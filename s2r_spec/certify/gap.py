@@ -13,7 +13,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
-from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -26,19 +25,18 @@ from s2r_spec.certify.check import (
     search_for,
 )
 from s2r_spec.certify.drive import Experiment, Observer, Pairs, Phase, Rollouts, drive
+from s2r_spec.certify.given import given_folder, given_name, given_spec, must_be_begun
 from s2r_spec.certify.recorded import Recorded, left_open, observe
 from s2r_spec.certify.search import Search
 from s2r_spec.certify.sides import SIMULATED_PER_REAL, Sides
 from s2r_spec.errors import UsageError
 from s2r_spec.rollouts.journal import Journal
+from s2r_spec.rollouts.kept import files_of
+from s2r_spec.rollouts.layout import SIDES
 from s2r_spec.rollouts.pools import ExecutorFactory, process_pool
-from s2r_spec.rollouts.rig import spec_files
 from s2r_spec.rollouts.runner import Runner
 from s2r_spec.rollouts.seeds import Stream
 from s2r_spec.spec import Spec
-
-# The folders of both sides' journals.
-SIDES = ("sim", "real")
 
 
 @dataclass(frozen=True)
@@ -90,7 +88,7 @@ class GapResult:
         certificate: of the search, which maximises −Δ.
         provenance: versions, hashes, seed.
         folder: where the rollouts lie.
-        seconds: wall time of this process.
+        seconds: that the rollouts of both sides took, all workers and all resumed processes added up.
     """
 
     requirement: str
@@ -145,7 +143,7 @@ def gap(
     spec: Spec,
     simulated: str,
     real: str,
-    folder: Path,
+    folder: Path | str,
     *,
     requirement: str | None = None,
     seed: int = 0,
@@ -180,7 +178,11 @@ def gap(
         UsageError: spec, backends and folder do not fit together.
         BackendError: a rollout raised; all that came before is in the journals.
     """
+    spec, folder = given_spec(spec), given_folder(folder)
+    simulated, real = given_name(simulated, "simulated"), given_name(real, "real")
     requirement = requirement or only_requirement(spec)
+    if resume:
+        must_be_begun([folder / side for side in SIDES], folder)
     sides = Sides.of(spec, requirement, simulated, real, budget)
     search = gap_search(
         spec, requirement, seed=seed, budget=budget, mode=mode, engine=engine, per_real=sides.per_real
@@ -201,7 +203,6 @@ def gap_with(
     observer: Observer | None,
 ) -> GapResult:
     """Run a search for the gap to its end; see :func:`gap`."""
-    start = perf_counter()
     if sides.recorded is None:
         search.refuse_hopeless()
     rigs = {"sim": sides.sim, "real": sides.real}
@@ -225,7 +226,7 @@ def gap_with(
         journals[side] = (
             Journal.resume(place, header)
             if resume and Journal.begun(place)
-            else Journal.create(place, header, spec_files(spec))
+            else Journal.create(place, header, files_of(spec))
         )
     if observer is not None:
         unit = rho_unit(spec, requirement)
@@ -243,7 +244,7 @@ def gap_with(
                 simulated = Recorded(sides.simulated, rigs["sim"], journals["sim"], SIMULATED_PER_REAL)
             recorded = Recorded(sides.recorded, rigs["real"], journals["real"])
             observe(search, sides.recorded, Pairs(simulated, recorded, watched="simulated"), observer)
-    return conclude_gap(spec, search, journals, provenance, folder, perf_counter() - start)
+    return conclude_gap(spec, search, journals, provenance, folder)
 
 
 def conclude_gap(
@@ -252,7 +253,6 @@ def conclude_gap(
     journals: Mapping[str, Journal],
     provenance: dict[str, Any],
     folder: Path,
-    seconds: float,
 ) -> GapResult:
     """Return what a search that was told every pair of the journals (of both ``SIDES``) means."""
     requirement, real = provenance["requirement"], provenance["real"]["backend"]
@@ -293,7 +293,7 @@ def conclude_gap(
         certificate=certificate,
         provenance=provenance,
         folder=folder,
-        seconds=seconds,
+        seconds=sum(record.seconds for journal in journals.values() for record in journal.records()),
     )
 
 

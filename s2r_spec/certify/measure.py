@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from importlib.metadata import version
+from math import isfinite
 from pathlib import Path
 
 from s2r_spec.certify.certificate import Certificate
 from s2r_spec.certify.drive import Observer, Rollouts, drive
+from s2r_spec.certify.given import given_folder, given_name, must_be_begun
 from s2r_spec.certify.search import Search
+from s2r_spec.errors import UsageError
 from s2r_spec.rollouts.journal import Journal
 from s2r_spec.rollouts.pools import ExecutorFactory, process_pool
 from s2r_spec.rollouts.rig import Measure, Rig
@@ -19,7 +22,7 @@ def check_measure(
     name: str,
     backend: str,
     search: Search,
-    folder: Path,
+    folder: Path | str,
     *,
     fall: float,
     duration: float | None = None,
@@ -48,9 +51,21 @@ def check_measure(
         observer: is told of batches and rollouts.
 
     Raises:
-        UsageError: backend, search and folder do not fit together.
-        BackendError: a rollout raised; all that came before is in the journal.
+        UsageError: backend, search and folder do not fit together, or there is no run to resume.
+        BackendError: a rollout raised, or the measure of one did or gave no finite number; the message names the
+            rollout and its test. All that came before is in the journal, and that trace is kept.
     """
+    backend, folder = given_name(backend), given_folder(folder)
+    if not callable(measure):
+        raise UsageError(f"measure must be a function of a trace and its test, not {measure!r}")
+    if not isinstance(name, str):
+        raise UsageError(f"name must be a text, what the journal calls the measure, not {name!r}")
+    if not isinstance(search, Search):
+        raise UsageError(f"search must be an s2r.Search, not a value of type {type(search).__name__}")
+    if not isinstance(fall, int | float) or not isfinite(fall):
+        raise UsageError(f"fall must be a finite number, what a rollout that fails is worth, not {fall!r}")
+    if resume:
+        must_be_begun([folder], folder)
     search.refuse_hopeless()
     machine = open_backend(backend, duration)
     rig = Rig(backend, machine, measure, fall)

@@ -10,8 +10,10 @@ from s2r_spec.certify.check import CheckResult, Verdict, check_with, only_requir
 from s2r_spec.certify.compose import Composition, compose
 from s2r_spec.certify.drive import Observer
 from s2r_spec.certify.gap import GapResult, gap_search, gap_with
+from s2r_spec.certify.given import given_folder, given_name, given_spec, must_be_begun
 from s2r_spec.certify.search import Search
 from s2r_spec.certify.sides import Sides
+from s2r_spec.rollouts.layout import GAP, SIMULATION
 from s2r_spec.rollouts.pools import ExecutorFactory
 from s2r_spec.spec import Spec
 
@@ -41,7 +43,7 @@ def certify(
     spec: Spec,
     simulated: str,
     real: str,
-    folder: Path,
+    folder: Path | str,
     *,
     requirement: str | None = None,
     seed: int = 0,
@@ -58,7 +60,11 @@ def certify(
     ``budget`` bounds the real rollouts; the simulator runs as many as its ε takes. Search 2 does
     not begin when search 1 was refused: rollouts of the real machine could not mend that.
     """
+    spec, folder = given_spec(spec), given_folder(folder)
+    simulated, real = given_name(simulated, "simulated"), given_name(real, "real")
     requirement = requirement or only_requirement(spec)
+    if resume:
+        must_be_begun([folder / SIMULATION], folder)
     sides = Sides.of(spec, requirement, simulated, real, budget)
     first = search_for(spec, requirement, seed=seed, budget=None, mode=mode, engine=engine)
     second = gap_search(
@@ -67,12 +73,12 @@ def certify(
     if sides.recorded is None:
         second.refuse_hopeless()
     checked = check_with(
-        first, spec, requirement, simulated, folder / "simulation", seed, executor, timeout, resume, observer
+        first, spec, requirement, simulated, folder / SIMULATION, seed, executor, timeout, resume, observer
     )
     if not checked.certificate.label.bounds:
         return refused(checked, real)
     bounded = gap_with(
-        second, spec, requirement, sides, folder / "gap", seed, executor, timeout, resume, observer
+        second, spec, requirement, sides, folder / GAP, seed, executor, timeout, resume, observer
     )
     return promise(first, second, checked, bounded)
 

@@ -222,6 +222,8 @@ class Search:
         Raises:
             UsageError: the query was not asked or is told twice, too many outcomes, or one is not finite.
         """
+        if not isinstance(query, Query):
+            raise UsageError(f"tell takes a query that was asked, not a value of type {type(query).__name__}")
         if query.index not in self._open or query.index in self._told:
             raise UsageError(f"query {query.index} is not open: it was told before, or never asked")
         query = self._open[query.index][0]
@@ -509,7 +511,7 @@ class Search:
             f"only, and none was left out for what came of it",
         )
         inside = (
-            f"the kernel is longer than the range of {self._long_names()}: between tests the kernel alone speaks, "
+            f"the kernel is longer than the range of {self._long_names()}: between tests the kernel speaks, "
             f"and every eighth of the range was tested",
         )
         return (
@@ -532,7 +534,13 @@ def _numbers(outcomes: ArrayLike, what: str) -> FloatArray:
         raise UsageError(
             f"the outcomes of {what} are {np.asarray(outcomes).dtype}: a certificate needs float64"
         )
-    values = np.atleast_1d(np.asarray(outcomes, dtype=np.float64))
+    try:
+        given = np.asarray(outcomes)
+    except Exception as error:  # rows of different lengths; an array that another library keeps elsewhere
+        raise UsageError(f"the outcomes of {what} are not a list of numbers: {error}") from None
+    if given.dtype.kind not in "biuf":
+        raise UsageError(f"the outcomes of {what} are {outcomes!r:.60}; they must be a list of numbers")
+    values = np.atleast_1d(given.astype(np.float64))
     if values.ndim != 1:
         raise UsageError(f"the outcomes of {what} have shape {values.shape}; they must be a list of numbers")
     if not np.isfinite(values).all():

@@ -28,6 +28,7 @@ from s2r_spec.cli import (
     plan,
     replay,
     report,
+    terminal,
 )
 
 UNREAD = 141
@@ -72,6 +73,7 @@ def _root(
 def main() -> None:
     """Run the command line; whatever is not foreseen is a bug, and exits with 4."""
     as_json = "--json" in sys.argv
+    terminal.prepare()
     try:
         app()
     except SystemExit as end:

@@ -28,7 +28,8 @@ from s2r_spec.cli.options import (
     Workers,
     logs,
 )
-from s2r_spec.cli.output import AsJson, Format, Output, Page, emit, pageable, save, settle
+from s2r_spec.cli.output import AsJson, Format, Output, Page, emit, pageable, settle
+from s2r_spec.files import save
 
 
 @dataclass(frozen=True)
@@ -39,11 +40,13 @@ class Search:
         run: the search, of the library.
         report: of the spec and what was found.
         page: the same of a run on disk, for the page; given its folder and the machine's name.
+        places: folders of journals in that of a run, of which one is there as soon as it has begun.
     """
 
     run: Callable[..., Any]
     report: Callable[..., Any]
     page: Callable[[Path, str], Any]
+    places: tuple[str, ...]
 
 
 def against(prefix: str, help_: str, search: Callable[[], Search]) -> Callable[..., None]:
@@ -73,6 +76,8 @@ def against(prefix: str, help_: str, search: Callable[[], Search]) -> Callable[.
         with sentences(as_json or form == "json"):
             from s2r_spec.cli.progress import Live
             from s2r_spec.report import html
+            from s2r_spec.rollouts.journal import Journal
+            from s2r_spec.rollouts.layout import with_any
             from s2r_spec.spec import load_spec
 
             asked = search()
@@ -80,6 +85,8 @@ def against(prefix: str, help_: str, search: Callable[[], Search]) -> Callable[.
             pageable(page)
             parsed = load_spec(spec)
             name = f"{prefix}{spec.stem}-{sim}-{real}"
+            if resume is not None:
+                resume = with_any(resume, asked.places, Journal.found)
             simulator, machine = logs([sim, real], nan, time_unit, columns)
             executor, folder, errors = begun(run, resume, name, seed, workers, scheduler, quiet)
             try:
@@ -103,7 +110,7 @@ def against(prefix: str, help_: str, search: Callable[[], Search]) -> Callable[.
             report = asked.report(parsed, result)
             emit(report, form, output)
             if page is not None:
-                save(html.render([asked.page(folder, machine)]), page)
+                save(page, html.render([asked.page(folder, machine)]))
             raise typer.Exit(report.exit_code)
 
     command.__doc__ = help_

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from s2r_spec.cli.common import sentences
+from s2r_spec.cli.terminal import say
 from s2r_spec.errors import UsageError
 
 if TYPE_CHECKING:
@@ -36,7 +37,7 @@ def backends(
                 print(json.dumps({"schema": "s2r.backends/1", "backends": found}))
             else:
                 for key, value in found.items():
-                    print(f"{key:12} {value}")
+                    say(f"{key:12} {value}")
             return
         machine = registry.load_backend(name)
         if check:
@@ -57,25 +58,23 @@ def backends(
             }
             print(json.dumps(record))
             return
-        print(
-            f"{machine.name}: rollouts of {machine.duration:g} s, about {machine.cost:g} s each on one core"
-        )
-        print("parameters")
+        say(f"{machine.name}: rollouts of {machine.duration:g} s, about {machine.cost:g} s each on one core")
+        say("parameters")
         for p in machine.parameters:
-            print(
+            say(
                 f"  {p.name:14} [{p.low:g}, {p.high:g}]{f' {p.unit}' if p.unit else ''}; {p.default:g} if not given: "
                 f"{p.description}"
             )
-        print("channels")
+        say("channels")
         for c in machine.channels:
             size = f"[{c.width}]" if c.width > 1 else ""
-            print(f"  {c.name + size:14} {c.unit or '1'}: {c.description}")
+            say(f"  {c.name + size:14} {c.unit or '1'}: {c.description}")
         if effects:
-            print("effects, that `s2r diagnose` looks for")
+            say("effects, that `s2r diagnose` looks for")
         for effect in effects:
-            print(f"  {effect.name} ({effect.family}): {effect.physics}")
+            say(f"  {effect.name} ({effect.family}): {effect.physics}")
             for each in effect.parameters:
-                print(
+                say(
                     f"    {each.name:12} [{each.low:g}, {each.high:g}]{f' {each.unit}' if each.unit else ''}; "
                     f"none is {each.nominal:g}; {each.prior}"
                 )
@@ -89,9 +88,9 @@ def _tried(machine: Backend, as_json: bool) -> int:
     for promise in promises(machine):
         found.append(promise)
         if not as_json:
-            print(f"{'BROKEN' if promise.broken else 'kept  '}  {promise.words}")
+            say(f"{'BROKEN' if promise.broken else 'kept  '}  {promise.words}")
             for sentence in promise.broken + promise.remarks:
-                print(f"        {sentence}")
+                say(f"        {sentence}")
     broken = sum(bool(promise.broken) for promise in found)
     if as_json:
         print(
@@ -100,7 +99,7 @@ def _tried(machine: Backend, as_json: bool) -> int:
             )
         )
     else:
-        print(f"{machine.name} keeps {len(found) - broken} of {len(found)} promises")
+        say(f"{machine.name} keeps {len(found) - broken} of {len(found)} promises")
     return 1 if broken else 0
 
 

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
 from s2r_spec.cli.common import pool, sentences
 from s2r_spec.cli.options import AsJson, Quiet, Scheduler, Seed, Simulator, Workers
+from s2r_spec.cli.terminal import console, print_json, say
 
 app = typer.Typer(
     help="Seal labels, freeze the diagnosis, open, and score: checked on causes that it was not told.",
@@ -32,7 +32,7 @@ def seal(
     with sentences():
         from s2r_spec.blind.seal import seal as commit
 
-        print(f"{commit(public, labels, keys)} labels sealed; salts and labels are in {keys}")
+        say(f"{commit(public, labels, keys)} labels sealed; salts and labels are in {keys}")
 
 
 @app.command()
@@ -56,7 +56,7 @@ def freeze(
         from s2r_spec.spec import load_spec
 
         executor, _ = pool(workers, scheduler)
-        errors = Console(stderr=True, highlight=False)
+        errors = console(stderr=True)
         with Stages(errors, quiet) as stages:
 
             def answer(case: Path) -> dict[str, object]:
@@ -72,7 +72,7 @@ def freeze(
 
             source = source_of(type(load_backend(sim)))
             digest = fix(public, answers, answer, lambda name, done, of: stages("cases", done, of), source)
-        print(f"frozen: {answers}, manifest {digest}; commit it before opening")
+        say(f"frozen: {answers}, manifest {digest}; commit it before opening")
 
 
 @app.command(name="open")
@@ -81,7 +81,7 @@ def open_(public: Public, keys: Keys, answers: Answers) -> None:
     with sentences():
         from s2r_spec.blind.unseal import unseal
 
-        print(f"{len(unseal(public, keys, answers))} labels opened into {answers}")
+        say(f"{len(unseal(public, keys, answers))} labels opened into {answers}")
 
 
 @app.command()
@@ -96,15 +96,15 @@ def score(
 
         found = rate(load(answers))
         if as_json:
-            print(json.dumps(found, indent=2, ensure_ascii=False, allow_nan=False))
+            print_json(json.dumps(found, indent=2, ensure_ascii=False, allow_nan=False))
             return
         for name, value in found.items():
             if isinstance(value, dict) and "hits" in value:
                 share = "-" if value["rate"] is None else f"{value['rate']:.3f}"
-                print(
+                say(
                     f"{name:40} {share:>6}  [{value['low']:.3f}, {value['high']:.3f}]  {value['hits']} of {value['of']}"
                 )
             elif not isinstance(value, dict):
-                print(f"{name:40} {'-' if value is None else value:>6}")
+                say(f"{name:40} {'-' if value is None else value:>6}")
             elif name.startswith("shrink"):
-                print(f"{name:40} {value}")
+                say(f"{name:40} {value}")

@@ -9,8 +9,9 @@ def _search() -> Search:
     from s2r_spec.certify.promise import certify as both
     from s2r_spec.report import certified
     from s2r_spec.report.recompute import recompute_certify
+    from s2r_spec.rollouts.layout import SIMULATION
 
-    return Search(both, certified.report, recompute_certify)
+    return Search(both, certified.report, recompute_certify, (SIMULATION,))
 
 
 certify = against(

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
 from s2r_spec.cli.common import interrupted, new_or_old, pool, seconds, sentences
 from s2r_spec.cli.options import (
@@ -22,7 +23,10 @@ from s2r_spec.cli.options import (
     Workers,
     logs,
 )
-from s2r_spec.cli.output import AsJson, Format, Output, Page, emit, pageable, save, settle
+from s2r_spec.cli.output import AsJson, Format, Output, Page, emit, pageable, settle
+from s2r_spec.cli.terminal import console
+from s2r_spec.files import save
+from s2r_spec.printable import one_line
 
 
 def check(
@@ -62,8 +66,11 @@ def check(
     with sentences(as_json or form == "json"):
         # Imported here: the help must not wait for numerical libraries.
         from s2r_spec.certify import check as checking
+        from s2r_spec.certify.given import must_be_begun
         from s2r_spec.cli.progress import Live
         from s2r_spec.report import checked, html
+        from s2r_spec.rollouts import layout
+        from s2r_spec.rollouts.journal import Journal
         from s2r_spec.spec import load_spec
 
         form = settle(form, as_json, output)
@@ -78,12 +85,16 @@ def check(
         (machine,) = logs([backend], nan, time_unit, columns)
         executor, machines = pool(workers, scheduler)
         folder = new_or_old(run, resume, f"{spec.stem}-{backend}", seed)
-        errors = Console(stderr=True, highlight=False)
+        there = layout.places(folder, names, _own(folder, names) if resume is not None else None)
+        if resume is not None:
+            must_be_begun([*there.values()], folder)
+        errors = console(stderr=True)
         results = []
-        for name in names:
-            place = folder / name
+        for name, place in there.items():
             if not quiet:
-                errors.print(f"{name}: run {place}, seed {seed}, {machines}", markup=False, soft_wrap=True)
+                errors.print(
+                    one_line(f"{name}: run {place}, seed {seed}, {machines}"), markup=False, soft_wrap=True
+                )
             try:
                 with Live(errors, quiet) as live:
                     results.append(
@@ -98,15 +109,35 @@ def check(
                             engine=engine,
                             executor=executor,
                             timeout=seconds(timeout),
-                            resume=resume is not None,
+                            # The next requirement of a run that was cut off may not have begun.
+                            resume=resume is not None and Journal.found(place),
                             observer=live,
                         )
                     )
             except KeyboardInterrupt:
-                interrupted(folder)
+                interrupted(layout.run_of(place, {"requirement": name}))
                 raise
         report = checked.report([(parsed, result) for result in results])
         emit(report, form, output)
         if page is not None:
-            save(html.from_runs([result.folder for result in results]), page)
+            save(page, html.from_runs([result.folder for result in results]))
         raise typer.Exit(report.exit_code)
+
+
+def _own(folder: Path, names: Sequence[str]) -> str | None:
+    """Return the requirement whose journal lies in a folder itself; None if that is one of a whole run.
+
+    Raises:
+        UsageError: it is not of one of the requirements that are checked.
+    """
+    from s2r_spec.errors import UsageError, one_of
+    from s2r_spec.rollouts.journal import Journal
+
+    header = Journal.header_in(folder)
+    own = header.get("requirement")
+    if header and (own not in names or "side" in header):
+        of = f"of the requirement {own!r}" if own not in names else "one side of a gap"
+        raise UsageError(
+            f"the run in {folder} is {of}, and this checks {one_of(names)}; give --run for a new one"
+        )
+    return own

@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from s2r_spec.cli.common import sentences
+from s2r_spec.cli.terminal import say
 
 
 def choose(
@@ -57,14 +58,14 @@ def choose(
                 if i in choice.refused
                 else f"worst expected ρ in {between(result.lower, result.upper)}{unit}"
             )
-            print(f"{mark} {row['backend']!s:32} {bound}, {row['rollouts']} rollouts")
+            say(f"{mark} {row['backend']!s:32} {bound}, {row['rollouts']} rollouts")
         if choice.best is None:
-            print("no candidate can be chosen: every certificate was refused")
+            say("no candidate can be chosen: every certificate was refused")
             raise typer.Exit(3)
         least, better = f"{down(choice.lower)}{unit}", f"{wide(choice.regret)}{unit}"
-        print(
+        say(
             f"take {rows[choice.best]['backend']}: its worst expected ρ is at least {least}, and no other "
             f"candidate's is more than {better} better, with probability ≥ 1 − {at_most(choice.delta)}"
         )
         if choice.refused:
-            print("nothing is said of the refused ones")
+            say("nothing is said of the refused ones")

@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
+import errno
+import itertools
 import json
 import math
 import os
+import re
 import sys
 import warnings
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import typer
 from rich.console import Console
 
+from s2r_spec.cli.terminal import console, say
 from s2r_spec.errors import S2RError, TraceNote, UsageError
+from s2r_spec.printable import one_line
 
 if TYPE_CHECKING:
     from s2r_spec.rollouts.pools import ExecutorFactory
@@ -24,7 +29,12 @@ if TYPE_CHECKING:
 CODES = {"holds": 0, "violated": 1, "unknown": 3}
 COLOURS = {"holds": "bold green", "violated": "bold red", "unknown": "bold yellow"}
 
+_LONGEST_NAME = 150
+"""Letters of a run's folder that say what it is of: a budget, of the 255 bytes that a file's name may have."""
+
 _said = False
+_new: list[Path] = []
+"""Folders that this command has made; those that stay empty are taken away at its end."""
 
 
 def worst(verdicts: Iterable[str]) -> str:
@@ -45,10 +55,27 @@ def sentences(as_json: bool = False) -> Iterator[None]:
             warnings.showwarning = _noted(warnings.showwarning)
             yield
     except S2RError as error:
-        print(f"error: {error}" if not str(error).startswith("error") else str(error), file=sys.stderr)
-        if as_json:
-            print_error(error.exit_code, str(error))
-        raise typer.Exit(error.exit_code) from error
+        _refuse(str(error), error.exit_code, as_json, error)
+    except OSError as error:
+        if error.filename is None or error.errno == errno.EPIPE:
+            raise
+        # A name that is too long, a folder that may not be read: what a caller of the system was refused.
+        _refuse(one_line(f"{error.filename}: {error.strerror}"), UsageError.exit_code, as_json, error)
+    finally:
+        for folder in _new:
+            with suppress(OSError):  # only an empty one goes: nothing was recorded in it
+                folder.rmdir()
+                folder.parent.rmdir()
+        _new.clear()
+
+
+def _refuse(sentence: str, exit_code: int, as_json: bool, cause: Exception) -> NoReturn:
+    # A specification's mistakes are drawn below its sentence.
+    first, line_feed, rest = sentence.partition("\n")
+    print(f"error: {first}{line_feed}{rest}" if not first.startswith("error") else sentence, file=sys.stderr)
+    if as_json:
+        print_error(exit_code, sentence)
+    raise typer.Exit(exit_code) from cause
 
 
 def _noted(shown: Callable[..., None]) -> Callable[..., None]:
@@ -65,7 +92,7 @@ def _noted(shown: Callable[..., None]) -> Callable[..., None]:
 
 def note(sentence: str) -> None:
     """Say on stderr what changes no answer, but should be known."""
-    print(f"note: {sentence}", file=sys.stderr)
+    say(f"note: {sentence}", error=True)
 
 
 def print_error(exit_code: int, sentence: str) -> None:
@@ -75,8 +102,14 @@ def print_error(exit_code: int, sentence: str) -> None:
     print(json.dumps({"schema": "s2r.error/1", "exit_code": exit_code, "error": sentence}, allow_nan=False))
 
 
+def answered() -> None:
+    """Say that stdout has its JSON object, in which errors are, too."""
+    global _said
+    _said = True
+
+
 def error_was_printed() -> bool:
-    """Return whether this process printed an error as JSON."""
+    """Return whether this process printed its errors as JSON."""
     return _said
 
 
@@ -109,19 +142,36 @@ def seconds(timeout: float | None) -> float | None:
 
 
 def new_or_old(run: Path | None, resume: Path | None, name: str, seed: int) -> Path:
-    """Return the folder of a run: the one given, or a new one under ``s2r-runs``.
+    """Return the folder of a run: the one given, or a new one under ``s2r-runs`` that no other process has.
 
     Raises:
-        UsageError: both were given, or there is nothing to resume.
+        UsageError: both were given, there is nothing to resume, or the folder cannot be made.
     """
     if run is not None and resume is not None:
         raise UsageError("--run begins a new run, --resume goes on with an old one: give one of them")
     if resume is not None and not resume.is_dir():
         raise UsageError(f"no run to resume at {resume}: there is no such folder")
+    if run is not None and run.exists() and not run.is_dir():
+        raise UsageError(f"cannot begin a run in {run}: it is not a folder")
+    return resume or run or _new_folder(Path("s2r-runs"), name, seed)
+
+
+def _new_folder(root: Path, name: str, seed: int) -> Path:
+    """Make a folder that was not there: its name has the second, and a number where another process was faster."""
     stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
-    return (
-        resume or run or Path("s2r-runs") / f"{stamp}-{name.replace(':', '-').replace('/', '-')}-seed{seed}"
-    )
+    # Backends are called log:FOLDER; a name of a file has 255 bytes at most.
+    plain = re.sub(r"[^\w.,+=-]", "-", name, flags=re.ASCII)[:_LONGEST_NAME]
+    try:
+        root.mkdir(parents=True, exist_ok=True)
+        for number in itertools.count(1):
+            folder = root / f"{stamp}-{plain}-seed{seed}{f'-{number}' if number > 1 else ''}"
+            with suppress(FileExistsError):
+                folder.mkdir()
+                _new.append(folder)
+                return folder
+    except OSError as error:
+        raise UsageError(f"cannot make a folder for the run in {root}: {error.strerror or error}") from None
+    raise AssertionError  # itertools.count has no end
 
 
 def begun(
@@ -140,12 +190,15 @@ def begun(
     """
     executor, machines = pool(workers, scheduler)
     folder = new_or_old(run, resume, name, seed)
-    errors = Console(stderr=True, highlight=False)
+    errors = console(stderr=True)
     if not quiet:
-        errors.print(f"run {folder}, seed {seed}, {machines}", markup=False, soft_wrap=True)
+        errors.print(one_line(f"run {folder}, seed {seed}, {machines}"), markup=False, soft_wrap=True)
     return executor, folder, errors
 
 
 def interrupted(folder: Path) -> None:
     """Say how an interrupted run goes on."""
-    print(f"interrupted; go on with --resume {folder}", file=sys.stderr)
+    if any(path.is_file() for path in folder.rglob("*")):
+        say(f"interrupted; go on with --resume {folder}", error=True)
+    else:
+        say("interrupted; nothing was recorded yet", error=True)

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
 from s2r_spec.cli.common import begun, interrupted, sentences
 from s2r_spec.cli.options import (
@@ -25,8 +24,14 @@ from s2r_spec.cli.options import (
     Workers,
     logs,
 )
-from s2r_spec.cli.output import AsJson, Output, Page, pageable, save, settle
+from s2r_spec.cli.output import AsJson, Output, Page, pageable, settle
+from s2r_spec.cli.terminal import console, print_json
 from s2r_spec.errors import UsageError
+from s2r_spec.files import save
+from s2r_spec.printable import one_line
+
+REAL, ANSWER = "real", "diagnosis.json"
+"""Folder of the rollouts that a machine was asked for, and the answer, in the folder of a run."""
 
 Form = Annotated[str | None, typer.Option("--format", help="text, json or markdown.", show_default="text")]
 Budget = Annotated[int | None, typer.Option(min=6, help="Real rollouts to ask for, or to use at most.")]
@@ -80,6 +85,8 @@ def diagnose(
         parsed = load_spec(spec)
         name = f"diagnose-{spec.stem}-{sim}-{Path(real).name}"
         (machine,) = logs([real], nan, time_unit, columns)
+        if resume is not None:
+            resume = _recorded(resume)
         executor, folder, errors = begun(run, resume, name, seed, workers, scheduler, quiet)
         try:
             with Stages(errors, quiet) as stages:
@@ -92,26 +99,43 @@ def diagnose(
                     seed=seed,
                     executor=executor,
                     progress=stages,
-                    folder=folder / "real",
+                    folder=folder / REAL,
                 )
         except KeyboardInterrupt:
             interrupted(folder)
             raise
         folder.mkdir(parents=True, exist_ok=True)
-        (folder / "diagnosis.json").write_text(diagnosed.as_json(found, parsed) + "\n", encoding="utf-8")
+        save(folder / ANSWER, diagnosed.as_json(found, parsed) + "\n")
         if apply is not None and (added := found.improved(tuned)):
             patched.write(apply, sim, added)
         if output is not None:
-            save(forms[form](found, parsed) + "\n", output)
+            save(output, forms[form](found, parsed) + "\n")
         elif form == "text":
-            Console(highlight=False, soft_wrap=True).print(diagnosed.markup(found, parsed))
+            console().print(diagnosed.markup(found, parsed))
+        elif form == "json":
+            print_json(diagnosed.as_json(found, parsed))
         else:
             print(forms[form](found, parsed))
         if page is not None:
-            save(diagnosed_page.render(found, parsed, real), page)
+            save(page, diagnosed_page.render(found, parsed, real))
         if apply is not None and form != "json":
             said = (
                 f"use it as --sim patched:{apply}" if added else f"{apply} is not written: no effect is named"
             )
-            errors.print(said, markup=False, soft_wrap=True)
+            errors.print(one_line(said), markup=False, soft_wrap=True)
         raise typer.Exit(diagnosed.exit_code(found))
+
+
+def _recorded(folder: Path) -> Path:
+    """Return the folder of a diagnosis that can go on: given is that, or the one of its real rollouts.
+
+    Raises:
+        UsageError: nothing was recorded there.
+    """
+    run = folder.parent if folder.name == REAL and not (folder / REAL).exists() else folder
+    real = run / REAL
+    if not (run / ANSWER).exists() and not (real.is_dir() and any(real.iterdir())):
+        raise UsageError(
+            f"no run to resume in {folder}: there is no rollout in {real} and no {ANSWER}; begin one with --run"
+        )
+    return run

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -11,6 +10,8 @@ from typing import Annotated
 import typer
 
 from s2r_spec.cli.common import sentences
+from s2r_spec.cli.terminal import say
+from s2r_spec.files import save
 
 
 class Target(StrEnum):
@@ -46,15 +47,14 @@ def fmt(
         # every file is read and parsed before the first is written
         written = {path: format_text(text, str(path)) for path, text in texts.items()}
         changed = [path for path in specs if written[path] != texts[path]]
-        if not check:
-            for path in changed:
-                path.write_text(written[path], encoding="utf-8", newline="\n")
+        for path in changed:
+            if not check:
+                save(path, written[path])
+            say(f"{'would change' if check else 'changed'} {path}", error=True)
         if as_json:
             print(
                 json.dumps(
                     {"schema": "s2r.fmt/1", "check": check, "changed": [str(path) for path in changed]}
                 )
             )
-        for path in changed:
-            print(f"{'would change' if check else 'changed'} {path}", file=sys.stderr)
         raise typer.Exit(1 if check and changed else 0)

@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from s2r_spec.cli.common import sentences
+from s2r_spec.files import save
 
 
 def lint(
@@ -29,7 +30,7 @@ def lint(
         if fix:
             for path, text in texts.items():
                 if any(finding.edits for finding in findings[path]):
-                    path.write_text(fixed(text, findings[path]), encoding="utf-8", newline="\n")
+                    save(path, fixed(text, findings[path]))
             findings = {path: tuple(f for f in found if not f.edits) for path, found in findings.items()}
         flat = [finding for found in findings.values() for finding in found]
         if as_json:

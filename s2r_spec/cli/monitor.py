@@ -8,13 +8,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import Console
 from rich.text import Text
 
-from s2r_spec.cli.common import CODES, COLOURS, sentences, worst
+from s2r_spec.cli import terminal
+from s2r_spec.cli.common import CODES, COLOURS, answered, sentences, worst
 from s2r_spec.cli.online import Settings, follow
 from s2r_spec.cli.options import Columns, Nan, TimeUnit, missing
 from s2r_spec.cli.reading import Asked, Recorded, named, read
+from s2r_spec.printable import lines, one_line
 
 if TYPE_CHECKING:
     from s2r_spec.robustness.evaluation import Evaluation
@@ -93,6 +94,7 @@ def monitor(
         broken = any("error" in result for result in results)
         code = UsageError.exit_code if broken else CODES[worst(verdicts)]
         if as_json:
+            answered()
             record = {"schema": "s2r.monitor/1", "exit_code": code, "spec": parsed.name, "hash": parsed.hash}
             print(
                 json.dumps(record | {"profile": like, "params": values, "results": results}, allow_nan=False)
@@ -110,6 +112,7 @@ def _evaluated(asked: Asked, path: Path, partial: bool, like: str, conventions: 
             "trace": str(path),
             "params": recorded.params,
             "from_trace": sorted(recorded.taken),
+            "notes": list(recorded.notes),
             "requirements": [
                 _judged(asked, recorded, name, partial, like, conventions) for name in asked.requirements
             ],
@@ -170,14 +173,14 @@ def _sampled(found: Evaluation) -> str:
 
 
 def _print(results: list[dict[str, Any]]) -> None:
-    console = Console(highlight=False, soft_wrap=True)
+    console = terminal.console()
     for result in results:
         if "error" in result:
             continue  # said on stderr
         taken = ", ".join(f"{name} = {result['params'][name]:g}" for name in result["from_trace"])
-        head = Text(result["trace"], style="bold")
+        head = Text(one_line(result["trace"]), style="bold")
         console.print(head.append(f", {taken} as recorded", style="not bold") if taken else head)
         for one in result["requirements"]:
-            text = Text(one["text"])
+            text = Text(lines(one["text"]))
             text.highlight_words([f" {one['verdict']}:"], style=COLOURS[one["verdict"]])
             console.print(text)

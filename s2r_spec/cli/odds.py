@@ -10,6 +10,7 @@ from typing import Annotated
 import typer
 
 from s2r_spec.cli.common import sentences
+from s2r_spec.cli.terminal import say
 
 
 def odds(
@@ -72,22 +73,20 @@ def odds(
             return
         for found, risk, levels in results:
             unit = f" {found.result.unit}" if found.result.unit else ""
-            print(
-                f"{found.result.requirement}: {levels[0].rollouts} rollouts, with probability ≥ 1 − {risk:g}"
-            )
+            say(f"{found.result.requirement}: {levels[0].rollouts} rollouts, with probability ≥ 1 − {risk:g}")
             for one in levels:
                 seen = f"{one.seen} of {one.rollouts} were"
                 if one.refused:
-                    print(f"  P(ρ < {one.level:g}{unit}): no bound, {seen}; {one.refused}")
+                    say(f"  P(ρ < {one.level:g}{unit}): no bound, {seen}; {one.refused}")
                     continue
                 bounds = f"≤ {at_most(one.upper)} at every test, ≥ {at_least(one.lower)} at one"
-                print(f"  P(ρ < {one.level:g}{unit}) {bounds}; {seen}")
-            print("  This assumes:")
-            print(
+                say(f"  P(ρ < {one.level:g}{unit}) {bounds}; {seen}")
+            say("  This assumes:")
+            say(
                 f"   - each of these probabilities, as a function of the test, has norm ≤ B = {B:g} in the RKHS of the "
                 f"check's kernel; no data can prove this"
             )
-            print(
+            say(
                 "   - rollouts are independent given the tests, and the levels were chosen before they were seen"
             )
-            print("   - the noise of a yes or no is ½-sub-Gaussian: this is proven (Hoeffding's lemma)")
+            say("   - the noise of a yes or no is ½-sub-Gaussian: this is proven (Hoeffding's lemma)")

@@ -10,11 +10,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rich.console import Console
 from rich.text import Text
 
 from s2r_spec.cli.common import CODES, COLOURS, note, worst
 from s2r_spec.cli.reading import Asked, named, parameters, read
+from s2r_spec.cli.terminal import console
+from s2r_spec.printable import one_line
 
 if TYPE_CHECKING:
     from s2r_spec.robustness.online.monitor import RobustInterval
@@ -113,6 +114,8 @@ def _rows(asked: Asked) -> _Input:
     from s2r_spec.logs.follow import follow as rows_of
     from s2r_spec.logs.interpret import request
 
+    if hasattr(sys.stdin, "reconfigure"):
+        sys.stdin.reconfigure(errors="replace")  # bytes that are no text may be in columns that nobody reads
     rows = rows_of(sys.stdin.readline, request(asked.columns, asked.wanted, asked.time_unit))
     params, _ = parameters(asked, rows.meta, "the trace")
     return _Input(rows.units, rows.meta, rows.samples, None, params, rows.notes)
@@ -218,10 +221,10 @@ def _words(interval: RobustInterval, unit: str) -> str:
 
 
 def _say(record: Mapping[str, Any]) -> None:
-    print(json.dumps(record, allow_nan=False, ensure_ascii=False), flush=True)
+    print(json.dumps(record, allow_nan=False), flush=True)
 
 
 def _write(line: str, interval: RobustInterval) -> None:
-    text = Text(line)
+    text = Text(one_line(line))
     text.highlight_words([f" {interval.verdict}:"], style=COLOURS[interval.verdict])
-    Console(highlight=False, soft_wrap=True).print(text)
+    console().print(text)

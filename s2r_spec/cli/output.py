@@ -7,7 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
+
+from s2r_spec.cli import terminal
+from s2r_spec.files import save
 
 if TYPE_CHECKING:
     from s2r_spec.report.finding import Report
@@ -87,22 +89,12 @@ def emit(report: Report, name: str, output: Path | None) -> None:
     from s2r_spec.report import reporter, text
 
     if output is not None:
-        save(reporter(name)(report) + "\n", output)
+        save(output, reporter(name)(report) + "\n")
     elif name == "text":
-        Console(highlight=False, soft_wrap=True).print(text.markup(report))
+        terminal.console().print(text.markup(report))
+    elif name == "github":
+        terminal.print_commands(reporter(name)(report))
+    elif name == "json":
+        terminal.print_json(reporter(name)(report))
     else:
         print(reporter(name)(report))
-
-
-def save(words: str, path: Path) -> None:
-    """Write a text file.
-
-    Raises:
-        UsageError: it cannot be written.
-    """
-    from s2r_spec.errors import UsageError
-
-    try:
-        path.write_text(words, encoding="utf-8", newline="\n")
-    except OSError as error:
-        raise UsageError(f"cannot write {path}: {error.strerror or error}") from None

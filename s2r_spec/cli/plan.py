@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
 from s2r_spec.cli.common import cores, sentences
 from s2r_spec.cli.options import Quiet
+from s2r_spec.cli.terminal import console, say
 
 
 def plan(
@@ -57,7 +57,7 @@ def plan(
         noise = None
         if pilot is not None:
             groups: dict[int, list[float]] = {}
-            for record in Journal.read(pilot).records():
+            for record in Journal.read(_pilot_run(pilot, requirement)).records():
                 groups.setdefault(record.query, []).append(record.rho)
             noise = planning.read_pilot(list(groups.values()))
         if bounds is not None:
@@ -82,7 +82,7 @@ def plan(
                 raise UsageError(f"give {', '.join(lacking)}, or a spec whose certify line declares them")
             _print_pilot(noise, as_json)
             return
-        with Stages(Console(stderr=True, highlight=False), quiet) as stages:
+        with Stages(console(stderr=True), quiet) as stages:
             result = planning.plan(
                 space,
                 kernel=shape,
@@ -108,17 +108,34 @@ def plan(
             count = f"{rollouts:.0f}" if rollouts < 1e12 else f"{rollouts:.0e}"
             return f"{count} rollouts{time}"
 
-        print(f"R = {R:g}, ε = {eps:g}, δ = {delta:g}, B = {B:g}, {shape.name} over {space.dim} parameter(s)")
-        print(f"  impossible below      {cost(result.floor)}, on average, by any method")
-        print(f"  at one known test     {cost(result.minimax)} (fixed width, Gaussian noise of deviation R)")
-        print(f"  expected, peaked ρ    {cost(result.peaked)} (median of {result.runs} simulated searches)")
-        print(
-            f"  expected, flat ρ      {cost(result.flat)} (every test is nearly the worst: the hardest case)"
-        )
+        say(f"R = {R:g}, ε = {eps:g}, δ = {delta:g}, B = {B:g}, {shape.name} over {space.dim} parameter(s)")
+        say(f"  impossible below      {cost(result.floor)}, on average, by any method")
+        say(f"  at one known test     {cost(result.minimax)} (fixed width, Gaussian noise of deviation R)")
+        say(f"  expected, peaked ρ    {cost(result.peaked)} (median of {result.runs} simulated searches)")
+        say(f"  expected, flat ρ      {cost(result.flat)} (every test is nearly the worst: the hardest case)")
         for rollouts, width in result.reachable:
-            print(f"  with {rollouts} rollouts: ε = {width:.3g}")
+            say(f"  with {rollouts} rollouts: ε = {width:.3g}")
         if noise is not None:
             _print_pilot(noise, as_json=False)
+
+
+def _pilot_run(folder: Path, requirement: str | None) -> Path:
+    """Return the folder of the journal in a run's folder.
+
+    Raises:
+        UsageError: there is none, or there are those of several requirements.
+    """
+    from s2r_spec.errors import UsageError, one_of
+    from s2r_spec.report.recompute import runs_in
+
+    found = {path.name: path for path in runs_in(folder)}
+    if len(found) == 1:
+        return next(iter(found.values()))
+    if requirement not in found:
+        raise UsageError(
+            f"{folder} holds runs of {one_of(found)}: say which with --requirement, or give its folder"
+        )
+    return found[requirement]
 
 
 def _print_pilot(noise: object, as_json: bool) -> None:
@@ -128,12 +145,12 @@ def _print_pilot(noise: object, as_json: bool) -> None:
     if as_json:
         print(json.dumps({"schema": "s2r.plan/1", "pilot": asdict(noise)}, allow_nan=False))
         return
-    print(
+    say(
         f"pilot of {noise.rollouts} rollouts: standard deviation {noise.std:.3g}, "
         f"every R below {noise.refuted:.3g} is refuted"
     )
-    print(
+    say(
         noise.warning
         or "  no heavy tail seen; declare R with a margin (three standard deviations is a usual one)"
     )
-    print("  the pilot chose R: certify with another seed, on rollouts that it has not seen")
+    say("  the pilot chose R: certify with another seed, on rollouts that it has not seen")

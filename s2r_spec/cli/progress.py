@@ -20,6 +20,7 @@ from s2r_spec.certify.certificate import Certificate
 from s2r_spec.certify.drive import Phase
 from s2r_spec.certify.outward import between, wide
 from s2r_spec.certify.search import Query
+from s2r_spec.printable import one_line
 from s2r_spec.rollouts.journal import Record
 
 _LAST = 24
@@ -104,7 +105,7 @@ class Live:
                 f"next {_next(self._state)}",
                 *_left(self._state, self._clock()),
             ]
-            self._console.print(", ".join(words), markup=False, soft_wrap=True)
+            self._console.print(one_line(", ".join(words)), markup=False, soft_wrap=True)
 
     def rollout(self, record: Record, new: bool = True) -> None:
         """Count a rollout that is on disk."""
@@ -120,12 +121,11 @@ class Live:
         if not self._quiet:
             phase = self._state.phase
             test = _test(record.params, phase.units if phase is not None else {})
-            self._console.print(
+            words = (
                 f"rollout {record.query}.{record.replicate} at {test}: {record.failure}; "
-                f"it counts as ρ = {record.rho:g}, as the spec declares",
-                markup=False,
-                soft_wrap=True,
+                f"it counts as ρ = {record.rho:g}, as the spec declares"
             )
+            self._console.print(one_line(words), markup=False, soft_wrap=True)
 
     def view(self) -> RenderableType:
         """Return the picture of this moment."""
@@ -142,14 +142,14 @@ class Live:
         done = Table.grid(padding=(0, 2))
         done.add_row(
             bar,
-            f"{state.rollouts} of {state.phase.backend}",
+            Text(one_line(f"{state.rollouts} of {state.phase.backend}")),
             *_left(state, now),
             f"{now - state.since:.0f} s so far",
         )
         table.add_row("rollouts", done)
         if state.certificate is not None:
-            table.add_row("interval", Text(_interval(state)))
-            table.add_row("next", Text(_next(state)))
+            table.add_row("interval", Text(one_line(_interval(state))))
+            table.add_row("next", Text(one_line(_next(state))))
         if state.last:
             lowest = f"lowest of the last {len(state.last)} {min(state.last):+.4f}"
             words = f"{_spark(state.last)}  {state.last[-1]:+.4f}, {lowest}"

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from s2r_spec.cli.common import note
 from s2r_spec.errors import TraceError, UsageError, shortened
+from s2r_spec.printable import one_line
 
 if TYPE_CHECKING:
     from s2r_spec.robustness.reading import Missing
@@ -54,11 +55,13 @@ class Recorded:
         trace: as read.
         params: parameter → value: as given, else as the trace says, where the spec has it.
         taken: names of those that the trace says.
+        notes: what was left out of the file, and from which date its times count, in sentences.
     """
 
     trace: Trace
     params: dict[str, float]
     taken: frozenset[str]
+    notes: tuple[str, ...]
 
 
 def read(asked: Asked, path: Path) -> Recorded:
@@ -70,13 +73,14 @@ def read(asked: Asked, path: Path) -> Recorded:
     from s2r_spec.logs import load
 
     found = load(path, asked.columns, asked.wanted, time_unit=asked.time_unit)
-    for sentence in found.notes:
-        note(f"{path}: {sentence}")
+    notes = list(found.notes)
     if found.begins:
-        note(f"{path}: times count from the first sample, {found.begins}")
+        notes.append(f"times count from the first sample, {found.begins}")
+    for sentence in notes:
+        note(f"{path}: {sentence}")
     with named(path):
         params, taken = parameters(asked, found.trace.meta, str(path))
-    return Recorded(found.trace, params, taken)
+    return Recorded(found.trace, params, taken, tuple(notes))
 
 
 def parameters(asked: Asked, meta: Mapping[str, Any], source: str) -> tuple[dict[str, float], frozenset[str]]:
@@ -111,6 +115,6 @@ def named(path: Path) -> Iterator[None]:
     try:
         yield
     except UsageError as error:
-        if str(path) in str(error):
+        if one_line(path) in str(error):
             raise
         raise type(error)(f"{path}: {error}") from None

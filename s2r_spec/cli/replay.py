@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from s2r_spec.cli.common import sentences
+from s2r_spec.cli.terminal import say
 
 if TYPE_CHECKING:
     from s2r_spec.rollouts.replay import Replay
@@ -48,17 +48,17 @@ def replay(
             )
         else:
             test = ", ".join(f"{name} = {value:.6g}" for name, value in result.params.items())
-            print(f"{test}, seed {result.seed}: ρ = {result.rho:+.6f} {result.unit}".rstrip())
-            print("the recorded ρ, bit for bit" if result.same else result.difference)
+            say(f"{test}, seed {result.seed}: ρ = {result.rho:+.6f} {result.unit}".rstrip())
+            say("the recorded ρ, bit for bit" if result.same else result.difference)
         if save is not None:
-            print(f"trace: {save}", file=sys.stderr)
+            say(f"trace: {save}", error=True)
         # The plot first: it comes also where pictures cannot be drawn.
         if plot is not None:
             _plot(result, plot)
-            print(f"plot: {plot}", file=sys.stderr)
+            say(f"plot: {plot}", error=True)
         if render is not None:
             result.render(render)
-            print(f"picture: {render}", file=sys.stderr)
+            say(f"picture: {render}", error=True)
         if not result.same:
             raise typer.Exit(4)
 

@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from s2r_spec.cli.common import sentences
-from s2r_spec.cli.output import AsJson, Output, emit, save, settle, writable
+from s2r_spec.cli.output import AsJson, Output, emit, settle, writable
+from s2r_spec.cli.terminal import say
+from s2r_spec.files import save
 
 if TYPE_CHECKING:
     from s2r_spec.report.finding import Report
@@ -43,8 +45,8 @@ def report(
         runs, found = {Kind.CHECK: _checks, Kind.GAP: _gap, Kind.CERTIFY: _certify}[kind(run)](run)
         if page:
             path = output or run / "report.html"
-            save(html.render(runs), path)
-            print(path)
+            save(path, html.render(runs))
+            say(path)
         else:
             emit(found, form or "text", output)
         raise typer.Exit(found.exit_code)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from time import monotonic
 from types import TracebackType
 from typing import Self
 
@@ -15,14 +17,19 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
+from s2r_spec.printable import one_line
+
+EVERY = 60.0
+"""Budget: time [s] after which a stage that goes on says so without a terminal. Half as much, twice the lines."""
+
 
 class Stages:
-    """Called with (stage, done, of); a live bar on a terminal, a line a stage elsewhere."""
+    """Called with (stage, done, of); a live bar on a terminal, a line a stage and a minute elsewhere."""
 
-    def __init__(self, console: Console, quiet: bool) -> None:
-        self._quiet, self._console = quiet, console
+    def __init__(self, console: Console, quiet: bool, clock: Callable[[], float] = monotonic) -> None:
+        self._quiet, self._console, self._clock, self._said = quiet, console, clock, 0.0
         self._progress = Progress(
-            TextColumn("{task.description}"),
+            TextColumn("{task.description}", markup=False),
             BarColumn(20),
             MofNCompleteColumn(),
             TimeElapsedColumn(),
@@ -44,10 +51,17 @@ class Stages:
         self._progress.stop()
 
     def __call__(self, stage: str, done: int, of: int) -> None:
-        """Show how far a stage is."""
+        """Show how far a stage is; ``of`` is 0 where nobody knows how much there is, and rollouts are counted."""
+        stage = one_line(stage)
+        now = self._clock()
+        lines = not self._quiet and not self._console.is_terminal
         if stage != self._stage:
-            self._stage = stage
+            self._stage, self._said = stage, now
             self._progress.reset(self._task)
-            if not self._quiet and not self._console.is_terminal:
-                self._console.print(f"{stage}: {of}", markup=False, soft_wrap=True)
-        self._progress.update(self._task, description=stage, completed=done, total=of)
+            if lines:
+                self._console.print(f"{stage}: {of}" if of else stage, markup=False, soft_wrap=True)
+        elif lines and now - self._said >= EVERY:
+            self._said = now
+            words = f"{done} of {of}" if of else f"{done} rollouts"
+            self._console.print(f"{stage}: {words} so far", markup=False, soft_wrap=True)
+        self._progress.update(self._task, description=stage, completed=done, total=of or None)

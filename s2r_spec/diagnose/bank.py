@@ -6,7 +6,6 @@ import hashlib
 import inspect
 import json
 import math
-import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import asdict, dataclass, replace
@@ -20,6 +19,7 @@ from numpy.typing import NDArray
 from s2r_spec.backend import Backend, Effect, HasChosen, HasEffects, HasResiduals, HasVariants
 from s2r_spec.diagnose.axes import BACKGROUND, STEPS, Line, Values, lines, misread
 from s2r_spec.diagnose.axes import line as line_of
+from s2r_spec.diagnose.cache import Cache
 from s2r_spec.diagnose.design import grid
 from s2r_spec.diagnose.equations import LITTLE, Equations, Probe
 from s2r_spec.diagnose.features import Block, Features
@@ -28,6 +28,9 @@ from s2r_spec.errors import BackendError, UsageError
 from s2r_spec.trace import Trace
 
 FloatArray = NDArray[np.float64]
+
+Progress = Callable[[str, int, int], None]
+"""Is told (stage, done, of) now and then; ``of`` is 0 where nobody knows."""
 
 VERSION = 1
 NOMINAL_SEEDS = 12
@@ -160,44 +163,31 @@ def source_of(kind: type) -> str:
     return digest.hexdigest()
 
 
-def cache_folder() -> Path:
-    """Return where banks are kept: ``$S2R_CACHE``, else the user's cache folder."""
-    if given := os.environ.get("S2R_CACHE"):
-        return Path(given)
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "s2r"
-
-
 def bank(
     bench: Bench,
     executor: Callable[[], Executor] | None = None,
-    progress: Callable[[int, int], None] | None = None,
-    folder: Path | None = None,
+    progress: Progress | None = None,
+    cache: Cache | None = None,
 ) -> Bank:
     """Return the bank of a simulator, from disk if it is there.
 
     Raises:
         UsageError: the backend declares no effects.
     """
-    root = (folder or cache_folder()) / "banks"
-    path = root / f"{key(bench)}.npz"
-    if path.exists():
-        return load(path)
-    made = simulate(bench, executor, progress)
-    root.mkdir(parents=True, exist_ok=True)
-    part = path.with_suffix(f".{os.getpid()}.part.npz")
-    save(made, part)
-    part.replace(path)
-    return made
+    kept = (cache or Cache.usual()).kept
+    return kept(f"banks/{key(bench)}.npz", load, lambda: simulate(bench, executor, progress), save)
 
 
 def simulate(
     bench: Bench,
     executor: Callable[[], Executor] | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
 ) -> Bank:
     """Simulate every line of the catalogue over the test space, with common random numbers."""
+    tell = progress or (lambda stage, done, of: None)
     tests = tuple(grid(bench.spec.space))
     middle = tests[len(tests) // 2]
+    tell("trying each effect", 0, 0)
     traces = [
         bench.seen(bench.run({}, test, seed), test) for seed, test in enumerate((tests[0], middle, tests[-1]))
     ]
@@ -205,8 +195,12 @@ def simulate(
     bench = replace(bench, features=features)
     catalogue = catalogue_of(bench.backend)
     three = tuple({place: tests[place] for place in (len(tests) // 2, 0, len(tests) - 1)}.values())
-    acts = {effect.name: _able(bench, effect, three) for effect in catalogue}
+    acts = {}
+    for done, effect in enumerate(catalogue):
+        tell("trying each effect", done, len(catalogue))
+        acts[effect.name] = _able(bench, effect, three)
     found = lines(catalogue, acts)
+    tell("asking the equations of motion", 0, 0)
     probes, idle = _probes(bench, found, middle, three)
     features = replace(features, probes=probes)
     # What shows in some machines only takes no part in what explains all of them.
@@ -228,7 +222,7 @@ def simulate(
     others = tuple(bench.backend.variants()) if isinstance(bench.backend, HasVariants) else ()
     several = _runs(tests, VARIANT_SEEDS)
     jobs += [Job({}, several, name) for name in others]
-    rows = run_jobs(bench, jobs, executor, progress)
+    rows = run_jobs(bench, jobs, executor, lambda done, of: tell("simulating effects", done, of))
 
     m = len(tests)
     nominal = np.stack(rows[:m])
@@ -518,8 +512,12 @@ def save(made: Bank, path: Path) -> None:
 
 
 def load(path: Path) -> Bank:
-    """Read what :func:`save` wrote."""
-    with np.load(path) as arrays:
+    """Read what :func:`save` wrote.
+
+    Raises:
+        ValueError: it is something else; other errors where it is no archive, or lacks parts.
+    """
+    with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
         text = json.loads(str(arrays["text"]))
         features = Features(
             text["duration"],
@@ -536,7 +534,7 @@ def load(path: Path) -> Bank:
             text["instrumented"],
         )
         found = tuple(Line(**(one | {"values": tuple(one["values"])})) for one in text["lines"])
-        return Bank(
+        read = Bank(
             features,
             tuple(text["tests"]),
             arrays["nominal"],
@@ -548,3 +546,13 @@ def load(path: Path) -> Bank:
             arrays["variants"],
             arrays["weights"],
         )
+    m, p = len(read.tests), 1 + len(features.names())
+    shapes = {
+        "nominal": (read.nominal.shape, (m, NOMINAL_SEEDS, p)),
+        "interactions": (read.interactions.shape, (len(read.pairs), len(read.pair_tests), p)),
+        "variants": (read.variants.shape, (len(read.variants), m, p)),
+        **{f"change{i}": (c.shape, (len(found[i].values), m, p)) for i, c in enumerate(read.changes)},
+    }
+    if wrong := [name for name, (is_, should) in shapes.items() if is_ != should]:
+        raise ValueError(f"the bank has {wrong[0]} of another shape than its tests and features say")
+    return read

@@ -10,6 +10,7 @@ from typing import Any
 from s2r_spec.diagnose.estimate import Estimate
 from s2r_spec.diagnose.how_far import HowFar
 from s2r_spec.diagnose.isolability import Isolability
+from s2r_spec.diagnose.quality.finding import Finding
 from s2r_spec.diagnose.remainder import Remainder
 from s2r_spec.diagnose.where.found import Where
 
@@ -175,9 +176,8 @@ class Diagnosis:
         assumptions: what the answer rests on.
         notes: what the real rollouts lack, a sentence each.
         by_falls: whether what is named rests on falls alone: no other rollout shows it.
-        misread: channels that look as if they were recorded in another unit, with the other sign, from another time
-            on, not at all or with samples that no other rollout has; what is said of causes is worth little until that
-            is seen to. "the tests", where one recording stands under two of them.
+        findings: mistakes that the recordings seem to have; what is said of causes is worth little until these are seen
+            to. Their sentences are the first of the notes.
     """
 
     verdict: Verdict
@@ -192,7 +192,12 @@ class Diagnosis:
     notes: tuple[str, ...] = ()
     left: tuple[Remainder, ...] = ()
     by_falls: bool = False
-    misread: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
+
+    @property
+    def misread(self) -> tuple[str, ...]:
+        """Return the channels that seem to be recorded wrongly, each once; "the tests" and "the clock", too."""
+        return tuple(dict.fromkeys(each.channel for each in self.findings))
 
     def __str__(self) -> str:
         """Return verdict and reason; all else is in the fields."""
@@ -220,5 +225,6 @@ class Diagnosis:
             "tuned": {name: dict(values) for name, values in self.tuned.items()},
             "assumptions": list(self.assumptions),
             "notes": list(self.notes),
+            "findings": [each.to_json() for each in self.findings],
             "misread": list(self.misread),
         }

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import asdict, dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from s2r_spec.diagnose.classifiers import Forest, Network
 from s2r_spec.diagnose.evidence import Evidence, Set
 from s2r_spec.diagnose.logs import logsumexp
 from s2r_spec.diagnose.practice import KINDS
@@ -100,9 +102,9 @@ class Judge:
     """
 
     effects: tuple[str, ...]
-    networks: tuple[Any, ...]
+    networks: tuple[Network, ...]
     weights: Weights
-    stranger: Any
+    stranger: Forest
     threshold: float
     practice: dict[str, float]
 
@@ -138,7 +140,7 @@ class Judge:
         """Return the probability that the cause is not in the catalogue, by the traces alone; ``p`` as above."""
         if p is None:
             p = np.full(len(self.effects), 0.5)
-        return float(self.stranger.predict_proba(strangeness(found, p)[None])[0, 1])
+        return float(self.stranger.probabilities(strangeness(found, p)[None])[0])
 
 
 def describe(coefficients: FloatArray) -> FloatArray:
@@ -149,18 +151,9 @@ def describe(coefficients: FloatArray) -> FloatArray:
     return seen.ravel()
 
 
-def voted(networks: Sequence[Any], description: FloatArray) -> FloatArray:
+def voted(networks: Sequence[Network], description: FloatArray) -> FloatArray:
     """Return (n, K): the mean of the networks, by log odds."""
-    # Of a single effect scikit-learn gives both, that it is absent and that it is there.
-    told = [network.predict_proba(description) for network in networks]
-    p = np.clip(
-        [
-            t[:, 1:] if network.n_outputs_ == 1 and t.shape[1] == 2 else t
-            for network, t in zip(networks, told, strict=True)
-        ],
-        1e-4,
-        1.0 - 1e-4,
-    )
+    p = np.clip([network.probabilities(description) for network in networks], 1e-4, 1.0 - 1e-4)
     odds = np.log(p / (1.0 - p)).mean(axis=0)
     found: FloatArray = 1.0 / (1.0 + np.exp(-odds))
     return found
@@ -231,3 +224,50 @@ def votes(members: tuple[tuple[int, ...], ...], p: FloatArray) -> tuple[FloatArr
     p = np.clip(p, 0.005, 0.995)
     odds = np.log(p / (1.0 - p))
     return np.array([sum(odds[k] for k in a) for a in members]), np.array([len(a) for a in members])
+
+
+def save(made: Judge, path: Path) -> None:
+    """Write a judge as one NPZ file: arrays, and JSON for the rest."""
+    text = json.dumps(
+        {
+            "effects": made.effects,
+            "weights": asdict(made.weights),
+            "threshold": made.threshold,
+            "practice": made.practice,
+            "layers": [len(network.weights) for network in made.networks],
+        }
+    )
+    arrays = {f"forest.{name}": values for name, values in vars(made.stranger).items()}
+    for n, network in enumerate(made.networks):
+        for layer, (weight, bias) in enumerate(zip(network.weights, network.biases, strict=True)):
+            arrays |= {f"network{n}.weights{layer}": weight, f"network{n}.biases{layer}": bias}
+    np.savez(path, text=np.array(text), **arrays)
+
+
+def load(path: Path) -> Judge:
+    """Read what :func:`save` wrote.
+
+    Raises:
+        ValueError: it is something else; other errors where it is no archive, or lacks parts.
+    """
+    with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
+        text = json.loads(str(arrays["text"]))
+        networks = tuple(
+            Network(
+                tuple(arrays[f"network{n}.weights{layer}"] for layer in range(layers)),
+                tuple(arrays[f"network{n}.biases{layer}"] for layer in range(layers)),
+            )
+            for n, layers in enumerate(text["layers"])
+        )
+        forest = Forest(**{name: arrays[f"forest.{name}"] for name in Forest.__dataclass_fields__})
+    effects, weights = tuple(text["effects"]), text["weights"]
+    if any(network.biases[-1].shape != (len(effects),) for network in networks):
+        raise ValueError("the networks know other effects than the judge")
+    return Judge(
+        effects,
+        networks,
+        Weights(**(weights | {"penalty": tuple(weights["penalty"])})),
+        forest,
+        float(text["threshold"]),
+        {name: float(value) for name, value in text["practice"].items()},
+    )

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from s2r_spec.backend import Effect, HasResiduals
 from s2r_spec.diagnose.falls import Falls, always_early
 from s2r_spec.diagnose.how_far import HowFar
+from s2r_spec.diagnose.quality.finding import Finding
 from s2r_spec.diagnose.simulate import Bench
 from s2r_spec.errors import TraceError
 from s2r_spec.space import key_of
@@ -54,7 +55,7 @@ def notes(
     least: tuple[int, int],
     idle: Sequence[str] = (),
     why: Falls | None = None,
-    misread: Mapping[str, str] | None = None,
+    odd: Sequence[Finding] = (),
     alone: Sequence[Mapping[str, float]] = (),
 ) -> tuple[str, ...]:
     """Return, a sentence each, what these rollouts lack for a diagnosis.
@@ -65,10 +66,10 @@ def notes(
         least: from how many different tests, and rollouts, on some are held out.
         idle: effects of the catalogue that change nothing at any test.
         why: what may have ended some of them early.
-        misread: of :func:`misread`.
+        odd: what the recordings seem to have wrong.
         alone: tests at which the simulator ends early, and the machine does not.
     """
-    found = list((misread or {}).values())
+    found = [each.text for each in odd]
     rollouts, count = used.rollouts, len(used.rollouts)
     if idle:
         found.append(

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import math
-import os
-import pickle
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
@@ -17,7 +15,9 @@ from numpy.typing import NDArray
 
 from s2r_spec.backend import Backend, Effect, HasDuration, load_backend
 from s2r_spec.diagnose import bank as banks
+from s2r_spec.diagnose import judge as judges
 from s2r_spec.diagnose.asked import Heard
+from s2r_spec.diagnose.cache import Cache
 from s2r_spec.diagnose.catalogue import Catalogue
 from s2r_spec.diagnose.evidence import (
     ALLOWED,
@@ -58,7 +58,7 @@ FloatArray = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
 
 SOURCES = (
-    "axes", "catalogue", "design", "evidence", "joint", "judge", "layout", "logs", "models", "practice",
+    "axes", "catalogue", "classifiers", "design", "evidence", "joint", "judge", "layout", "logs", "models", "practice",
     "signatures", "training",
 )  # fmt: skip
 """Modules on which a judge depends."""
@@ -312,7 +312,7 @@ def compare(
     signatures = Signatures.of(bank, available, asked_error)
     tests = [test for test, _ in seen]
     layout = Layout.of(bench.spec.space, bank.tests, tests)
-    tell("the simulator at the real tests", 0, 1)
+    tell("the simulator at the real tests", 0, 0)
     nominal = nominal_rows(bench, layout.tests, SHOTS, executor)
     level = np.nanmean(nominal, axis=0)
     components = signatures.components(rows, level[layout.place][:, signatures.kept])
@@ -338,7 +338,7 @@ def prepare(
     bank: banks.Bank,
     seen: list[tuple[dict[str, float], Trace]],
     seed: int,
-    cache: Path | None,
+    cache: Cache | None,
     executor: Callable[[], Executor] | None,
     tell: Progress,
 ) -> State:
@@ -349,7 +349,7 @@ def prepare(
     judge = judge_of(bench, signatures, compared.available, compared.asked_error, seed, cache, tell)
     # The networks learnt from data with a trend: where what has none matters, too, they abstain.
     p = judge.memberships(describe(smooth.data)[None])[0] if view is smooth else None
-    tell("fitting the whole catalogue", 0, 1)
+    tell("fitting the whole catalogue", 0, 0)
     begin = _beginning(smooth, not simulator.dear)
     first = view.surrogate.jacobian(begin)
     heard = None
@@ -599,7 +599,7 @@ def judge_of(
     available: NDArray[np.bool_],
     asked_error: float,
     seed: int,
-    cache: Path | None,
+    cache: Cache | None,
     tell: Progress,
 ) -> Judge:
     """Return the judge of this bank and these columns in these units, from disk if it was trained before."""
@@ -609,15 +609,11 @@ def judge_of(
     for name in SOURCES:
         digest.update((Path(__file__).parent / f"{name}.py").read_bytes())
     digest.update(f"{version('scikit-learn')} {version('numpy')}".encode())
-    root = (cache or banks.cache_folder()) / "judges"
-    path = root / f"{digest.hexdigest()}.pkl"
-    if path.exists():
-        return pickle.loads(path.read_bytes())  # type: ignore[no-any-return]
-    made = train(
-        signatures, bench.spec.space, seed=seed, progress=lambda done, of: tell("practising", done, of)
+    return (cache or Cache.usual()).kept(
+        f"judges/{digest.hexdigest()}.npz",
+        judges.load,
+        lambda: train(
+            signatures, bench.spec.space, seed=seed, progress=lambda done, of: tell("practising", done, of)
+        ),
+        judges.save,
     )
-    root.mkdir(parents=True, exist_ok=True)
-    part = path.with_suffix(f".{os.getpid()}.part")
-    part.write_bytes(pickle.dumps(made))
-    part.replace(path)
-    return made

@@ -14,23 +14,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.backend import Backend, HasRecordings, load_backend
+from s2r_spec.certify.given import given_folder, given_rollouts, given_simulator, given_spec
 from s2r_spec.diagnose import bank as banks
 from s2r_spec.diagnose.accused import named_by_falls
 from s2r_spec.diagnose.ask import Rollouts, real_rollouts
+from s2r_spec.diagnose.cache import Cache
 from s2r_spec.diagnose.diagnosis import Diagnosis, Verdict, Which
 from s2r_spec.diagnose.estimate import Fit, by_linear, fit
 from s2r_spec.diagnose.falls import always_early, falls, falls_alone
-from s2r_spec.diagnose.glitches import glitches
 from s2r_spec.diagnose.held_out import measured, mostly_of_one
 from s2r_spec.diagnose.how_far import HowFar
 from s2r_spec.diagnose.idle import active
 from s2r_spec.diagnose.isolability import Isolability, isolability
 from s2r_spec.diagnose.kin import shared
-from s2r_spec.diagnose.misread import misread
 from s2r_spec.diagnose.next_test import next_test
 from s2r_spec.diagnose.notes import Used, hidden_by_one, looked_again, notes
 from s2r_spec.diagnose.parted import ENOUGH, Parted
 from s2r_spec.diagnose.prepare import Progress, State, bench_of, prepare
+from s2r_spec.diagnose.quality import findings
+from s2r_spec.diagnose.quality.doubt import doubted
 from s2r_spec.diagnose.remainder import remainders
 from s2r_spec.diagnose.simulate import Bench, Test
 from s2r_spec.diagnose.size import sized
@@ -47,6 +49,7 @@ from s2r_spec.diagnose.verdict import (
     reason,
     spare,
 )
+from s2r_spec.diagnose.watched import Watched
 from s2r_spec.diagnose.where.found import Where
 from s2r_spec.diagnose.where.found import where as find_where
 from s2r_spec.errors import UsageError
@@ -88,7 +91,7 @@ def diagnose(
         requirement: the one to look at; the spec's first if not given.
         seed: fixes everything that is drawn.
         executor: makes a pool for the simulations; None runs them here.
-        progress: is told (stage, done, of) now and then.
+        progress: is told (stage, done, of) now and then; ``of`` is 0 where nobody knows how much there is.
         cache: folder for what is simulated and learnt once; the user's cache folder if not given.
         folder: where rollouts that are asked of a machine are kept, each before the next begins; a
             second call goes on from what is there.
@@ -102,12 +105,13 @@ def diagnose(
         raise UsageError(
             "a diagnosis needs scikit-learn, which is not installed: pip install 's2r[diagnose]'"
         )
+    spec, sim, real = given_spec(spec), given_simulator(sim), given_rollouts(real)
+    cache, folder = (None if path is None else given_folder(path) for path in (cache, folder))
     name = spec.requirements[0] if requirement is None else requirement
     bench = bench_of(spec, name, sim)
-    tell = progress or (lambda stage, done, of: None)
-    bank, idle = active(
-        banks.bank(bench, executor, lambda done, of: tell("simulating effects", done, of), cache)
-    )
+    tell = Watched(progress or (lambda stage, done, of: None))
+    kept = Cache.usual() if cache is None else Cache(cache)
+    bank, idle = active(banks.bank(bench, executor, tell, kept))
     bench = replace(bench, features=bank.features)
     # The bank comes first: a simulator that cannot be diagnosed costs no rollout of the machine.
     real = load_backend(real) if isinstance(real, str) else real
@@ -116,17 +120,20 @@ def diagnose(
     begun = len(parts.compared) < len(parts.seen)
     told = Used(rollouts, len(parts.used), begun, len(parts.held), *_recorded(bench, real))
     held_first = parts.held
-    with kept_open(executor) as pool:
+    with kept_open(executor) as pool, tell.watching():
+        tell("where the simulator falls", 0, 0)
         why = falls(bench, bank.lines, rollouts, seed, pool)
-        odd = glitches(bench, rollouts) | misread(bench, rollouts, bank.lines)
+        odd = findings(
+            bench, rollouts, bank.lines, pool, lambda done, of: tell("checking the recordings", done, of)
+        )
         alone = falls_alone(bench, rollouts, seed, pool)
         lacking = notes(bench, told, ENOUGH, idle, why, odd, alone)
-        state = prepare(bench, bank, parts.compared, seed, cache, pool, tell)
+        state = prepare(bench, bank, parts.compared, seed, kept, pool, tell)
         found = _answer(bench, state, parts, seed, pool, tell, where)
         if (far := found.how_far) is not None and far.overlooked:
             parts, moved = parts.looked_at([dict(test.params) for test in far.odd])
             if moved:
-                state = prepare(bench, bank, parts.compared, seed, cache, pool, tell)
+                state = prepare(bench, bank, parts.compared, seed, kept, pool, tell)
                 found = _answer(bench, state, parts, seed, pool, tell, where, moved=True)
                 lacking = (*lacking, looked_again(moved))
         lacking = (*lacking, *_hidden(bench, state, found))
@@ -149,7 +156,8 @@ def diagnose(
                 found,
                 reason=f"{found.reason}; {left_out} of {len(rollouts)} ended early, and are not in this",
             )
-        return replace(found, notes=lacking, misread=tuple(odd))
+        found = replace(found, notes=(*lacking, *dict.fromkeys(kept.said)), findings=odd)
+        return doubted(found)
 
 
 def _hidden(bench: Bench, state: State, found: Diagnosis) -> list[str]:
@@ -199,7 +207,7 @@ def _answer(
     first_none = not ranked[0][0]
     told = shared(state.sets, isolable.kin)
     named = likeliest(ranked, told.ranked())
-    tell("fitting the causes", 0, 1)
+    tell("fitting the causes", 0, 0)
     catalogue = state.view.surrogate.catalogue
     best = sized(state, weighed, named)
     there = large(catalogue, named, best.at)
@@ -322,7 +330,7 @@ def _next(
                 size = replace(size, at=looked.at)
             best = fit(state.view.surrogate.catalogue, members, size)
             rivals.append((" + ".join(state.judge.effects[k] for k in members), best.values))
-    tell("next test", 0, 1)
+    tell("next test", 0, 0)
     return next_test(bench, state.signatures, rivals, run, protocols=True, temperature=state.temperature)
 
 
@@ -342,4 +350,5 @@ def _where(
         simulated.append((other, bench.rho(other, test)))
         tell("where", number + 1, len(rollouts))
     tests = [test for test, _ in rollouts]
+    tell("where in the machine and between the tests", 0, 0)
     return find_where(bench.spec, bench.requirement, tests, real, simulated, seed, bench, improved, executor)

@@ -6,6 +6,7 @@ import pickle
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Executor, as_completed
 from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -150,6 +151,9 @@ class Job:
     """Of the simulator, where it is not the simulator itself that runs."""
 
 
+WATCH: ContextVar[Callable[[int], None]] = ContextVar("watch", default=lambda rollouts: None)
+"""Definition: who is told of rollouts that are run for a stage with no count of its own."""
+
 Read = Callable[[Bench, Trace, Test], FloatArray]
 """What is kept of a rollout: one row of numbers."""
 
@@ -213,7 +217,7 @@ def run_jobs(
         bench: see there.
         jobs: see there.
         executor: makes a pool; None runs everything in this process.
-        progress: is told how many jobs are done, and of how many.
+        progress: is told how many jobs are done, and of how many; if not given, :data:`WATCH` is told of rollouts.
         read: see there; a function that another process can be sent.
 
     Raises:
@@ -224,6 +228,8 @@ def run_jobs(
         results[index] = rows
         if progress is not None:
             progress(len(results), len(jobs))
+        else:
+            WATCH.get()(len(jobs[index].runs))
     return [results[index] for index in range(len(jobs))]
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.diagnose.catalogue import Catalogue
+from s2r_spec.diagnose.classifiers import Forest, Network
 from s2r_spec.diagnose.evidence import Evidence, Linear, believed, evidence, solved
 from s2r_spec.diagnose.judge import (
     FUNCTIONS,
@@ -109,6 +110,7 @@ def train(
         y[i, list(case.effects)] = 1
         if i % 500 == 0:
             tell(i, 2 * cases)
+    tell(cases, 2 * cases)
     networks = _networks(x, y, seed)
 
     catalogue = Catalogue.of(signatures.curves)
@@ -132,7 +134,7 @@ def _tests(rng: np.random.Generator, space: Space) -> list[dict[str, float]]:
     return distinct + [distinct[int(i)] for i in again for _ in range(2)]
 
 
-def _networks(x: FloatArray, y: NDArray[Any], seed: int) -> tuple[Any, ...]:
+def _networks(x: FloatArray, y: NDArray[Any], seed: int) -> tuple[Network, ...]:
     """Return networks that learnt which effects (n, K) are in descriptions (n, d)."""
     from sklearn.neural_network import MLPClassifier
 
@@ -152,7 +154,7 @@ def _networks(x: FloatArray, y: NDArray[Any], seed: int) -> tuple[Any, ...]:
         warnings.simplefilter("ignore")  # that it was still improving when it was stopped
         for network in networks:
             network.fit(x, y)
-    return networks
+    return tuple(Network.of(network) for network in networks)
 
 
 def _solve(
@@ -160,7 +162,7 @@ def _solve(
     signatures: Signatures,
     desk: _Desk,
     practice: Practice,
-    networks: Sequence[Any],
+    networks: Sequence[Network],
     stranger: bool,
 ) -> _Solved:
     case = practice.draw(rng, desk.layout, stranger)
@@ -180,7 +182,7 @@ def _solve(
 
 def _detector(
     rng: np.random.Generator, usual: Sequence[_Solved], strangers: Sequence[_Solved], seed: int
-) -> tuple[Any, float, float]:
+) -> tuple[Forest, float, float]:
     """Return a detector of causes that the catalogue lacks, its threshold, and what part of these it sees.
 
     It learns from cases of effects that no line has, and from others with one of their effects taken out.
@@ -201,17 +203,17 @@ def _detector(
     rare = PRIOR_UNKNOWN / (label == 1).mean()
     weight = np.where(label == 1, rare, (1 - PRIOR_UNKNOWN) / (label == 0).mean())
 
-    def fitted(which: NDArray[np.bool_]) -> Any:
+    def fitted(which: NDArray[np.bool_]) -> Forest:
         trees = ExtraTreesClassifier(
             TREES, min_samples_leaf=4, max_features=None, random_state=seed, n_jobs=1
         )
-        return trees.fit(rows[which], label[which], sample_weight=weight[which])
+        return Forest.of(trees.fit(rows[which], label[which], sample_weight=weight[which]))
 
     # Each half is judged by trees that saw the other: the threshold never sees a vote on a seen case.
     out = np.zeros(len(label))
     fold = rng.permutation(len(label)) % 2 == 0
     for part in (fold, ~fold):
-        out[part] = fitted(~part).predict_proba(rows[part])[:, 1]
+        out[part] = fitted(~part).probabilities(rows[part])
     threshold = float(np.quantile(out[label == 0], 1.0 - FALSE_ALARMS))
     return fitted(np.ones_like(fold)), threshold, float((out[label == 1] > threshold).mean())
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 from s2r_spec.lang import formula as f
 from s2r_spec.lang import syntax
@@ -22,13 +22,18 @@ from s2r_spec.lang.source import Source, Span
 _WIDEST = 100_000
 
 
-def check_text(text: str, name: str = "<string>") -> Document:
+def check_text(text: str, name: str = "<string>", stored: Mapping[str, str] | None = None) -> Document:
     """Return the checked specification that a text means.
+
+    Args:
+        text: the specification.
+        name: what it goes by.
+        stored: name → text of all that it imports; they are read from disk if it is None.
 
     Raises:
         SpecError: with every mistake that the text has.
     """
-    parsed, imports = gather(Source.of(text, name))
+    parsed, imports = gather(Source.of(text, name), stored)
     if any(found.code == "E22" for found in parsed.diagnostics):
         raise SpecError(parsed.diagnostics)  # of a text that was not read nothing else is known
     checker = _Checker(parsed, imports)

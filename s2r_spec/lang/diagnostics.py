@@ -8,6 +8,7 @@ from typing import Any
 
 from s2r_spec.errors import UsageError, did_you_mean
 from s2r_spec.lang.source import Span
+from s2r_spec.printable import lines, one_line
 
 CODES = {
     "E01": "the text does not follow the grammar",
@@ -68,9 +69,9 @@ class Diagnostic:
 
     def __str__(self) -> str:
         label = "" if self.declared_at is None else f"declared at line {self.declared_at.line}"
-        picture = f"error[{self.code}]: {self.message}\n{self.span.picture(label)}"
+        picture = f"error[{self.code}]: {one_line(self.message)}\n{self.span.picture(label)}"
         margin = " " * len(str(self.span.line))
-        return f"{picture}\n{margin} = {self.fix}" if self.fix else picture
+        return f"{picture}\n{margin} = {one_line(self.fix)}" if self.fix else picture
 
 
 def suggestion(name: str, names: Iterable[str]) -> str:
@@ -94,7 +95,10 @@ class SpecError(UsageError):
         shown = list(map(str, self.diagnostics[:MOST_SHOWN]))
         if count > MOST_SHOWN:
             shown.append(f"and {count - MOST_SHOWN} more; mend these first")
-        super().__init__("\n\n".join((head, *shown)))
+        super().__init__("\n\n".join((one_line(head), *shown)))
+
+    def __str__(self) -> str:
+        return lines(Exception.__str__(self))
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle by the diagnostics: a worker process may be the one that fails."""

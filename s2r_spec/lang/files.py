@@ -2,27 +2,33 @@
 
 from __future__ import annotations
 
+import stat
 from pathlib import Path
 
 from s2r_spec.errors import UsageError
+
+LONGEST = 2**18
+"""Budget: bytes of a specification, 262 144, some hundred times those shipped; twice as many parse twice as long."""
 
 
 def read_text(path: str | Path) -> str:
     """Return the text of a specification's file (UTF-8).
 
     Raises:
-        UsageError: the file cannot be read, is not text, or is a mesh (``.stl`` means that, too).
+        UsageError: the file cannot be read, is not text, is too long, or is a mesh (``.stl`` means that, too).
     """
     try:
-        data = Path(path).read_bytes()
+        data, size = _beginning(Path(path))
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
         reason = error.strerror if isinstance(error, OSError) else error
         raise UsageError(f"cannot read the specification {path}: {reason}") from None
-    if _is_mesh(data):
+    if _is_mesh(data, size):
         raise UsageError(
             f"{path} is a 3-D mesh; s2r reads signal temporal logic, which has the same ending, .stl, "
             f"and is text like `require slow: always (v <= 1 {{m/s}})`"
         )
+    if len(data) > LONGEST:
+        raise UsageError(f"{path} is longer than {LONGEST:,} bytes; this is no specification")
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -31,8 +37,22 @@ def read_text(path: str | Path) -> str:
         ) from None
 
 
-def _is_mesh(data: bytes) -> bool:
+def _beginning(path: Path) -> tuple[bytes, int]:
+    """Return what a file holds, of a longer one than :data:`LONGEST` the beginning; and its size [bytes].
+
+    Raises:
+        OSError: it cannot be read.
+        ValueError: it is a pipe or a device, which may never end.
+    """
+    about = path.stat()
+    if not stat.S_ISREG(about.st_mode) and not stat.S_ISDIR(about.st_mode):
+        raise ValueError("it is a pipe or a device, not a file")
+    with path.open("rb") as stream:
+        return stream.read(LONGEST + 1), about.st_size
+
+
+def _is_mesh(data: bytes, size: int) -> bool:
     """Tell a mesh: binary ones give their size, ASCII ones list facets."""
-    binary = len(data) >= 84 and len(data) == 84 + 50 * int.from_bytes(data[80:84], "little")
+    binary = len(data) >= 84 and size == 84 + 50 * int.from_bytes(data[80:84], "little")
     head = data[:1000].lower()
     return binary or (head.lstrip().startswith(b"solid") and (b"facet" in head or b"endsolid" in head))

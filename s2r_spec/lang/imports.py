@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from os.path import dirname, join, normpath
 
@@ -13,13 +13,20 @@ from s2r_spec.lang.files import read_text
 from s2r_spec.lang.parsing import Parsed, parse
 from s2r_spec.lang.source import Source
 
+DEEPEST = 50
+"""Budget: files that import one another in a chain; each takes a part of Python's stack, which ends after 300."""
 
-def gather(source: Source) -> tuple[Parsed, tuple[Source, ...]]:
+
+def gather(source: Source, stored: Mapping[str, str] | None = None) -> tuple[Parsed, tuple[Source, ...]]:
     """Return what a source and its imports contain, and the sources that it imports, each once.
 
     A file is looked for beside the one that imports it.
+
+    Args:
+        source: of the specification.
+        stored: name → text of all that it imports; no file is read then.
     """
-    gathering = _Gathering()
+    gathering = _Gathering(stored)
     parsed = gathering.gather(source, (normpath(source.name),))
     return parsed, tuple(found.source for found in gathering.files.values())
 
@@ -31,8 +38,9 @@ def declared_outside(source: Source) -> frozenset[str]:
 
 
 class _Gathering:
-    def __init__(self) -> None:
+    def __init__(self, stored: Mapping[str, str] | None) -> None:
         self.files: dict[str, Parsed] = {}
+        self._stored = stored
 
     def gather(self, source: Source, chain: tuple[str, ...]) -> Parsed:
         parts: list[Parsed] = []
@@ -43,9 +51,12 @@ class _Gathering:
             name = normpath(join(dirname(source.name), line.path.text))
             if name in chain:
                 mistakes.append(Diagnostic("E21", f"`{name}` imports itself", line.path.span))
+            elif len(chain) > DEEPEST:
+                sentence = f"`{name}` is imported by a chain of more than {DEEPEST} files"
+                mistakes.append(Diagnostic("E21", sentence, line.path.span))
             elif name not in self.files:
                 try:
-                    text = read_text(name)
+                    text = self._read(name)
                 except UsageError as error:
                     mistakes.append(Diagnostic("E21", str(error), line.path.span))
                     continue
@@ -63,6 +74,13 @@ class _Gathering:
             tuple(statement for part in parts for statement in part.broken),
             tuple(diagnostic for part in parts for diagnostic in part.diagnostics),
         )
+
+    def _read(self, name: str) -> str:
+        if self._stored is None:
+            return read_text(name)
+        if name not in self._stored:
+            raise UsageError(f"{name} is not among the stored imports")
+        return self._stored[name]
 
 
 def _declared(files: Iterable[Parsed]) -> Iterator[str]:

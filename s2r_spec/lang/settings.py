@@ -65,6 +65,8 @@ def _number(setting: syntax.Setting, requirement: f.Formula | None, scope: Scope
         )
     if key in ("B", "R", "epsilon") and number <= 0:
         fail("E13", f"`{key}` must be positive, not {number:g}", span)
+    if key == "fall" and number >= 0:
+        fail("E13", f"`fall` must be negative, not {number:g}: a rollout that failed satisfies nothing", span)
     if outside := beyond(abs(number)) if number else "":
         fail("E13", f"`{key}` = {number:g} is {outside}", span)
     return number

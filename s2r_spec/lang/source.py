@@ -6,6 +6,8 @@ from bisect import bisect_right
 from dataclasses import dataclass, field
 from functools import cached_property
 
+from s2r_spec.printable import one_line
+
 _WIDEST_LINE = 110
 
 
@@ -84,9 +86,9 @@ class Span:
         caret = " " * column + "^" * length
         return "\n".join(
             (
-                f"{margin}--> {self.source.name}:{self.line}:{self.column}",
+                f"{margin}--> {one_line(self.source.name)}:{self.line}:{self.column}",
                 f"{margin} |",
-                f"{number} | {line}".rstrip(),
+                f"{number} | {one_line(line)}".rstrip(),
                 f"{margin} | {caret} {label}".rstrip(),
             )
         )

@@ -27,6 +27,10 @@ _JOINT = re.compile(r"[*·/]|(?=\S)")
 _ALSO = {"Nm": (("N", 1), ("m", 1)), "%": (("percent", 1),)}
 
 
+LONGEST = 100
+"""Budget: letters of a unit; the time to multiply names grows with their square."""
+
+
 class UnknownUnitError(ValueError):
     """A text is not a unit; ``args[0]`` is the part that is to blame."""
 
@@ -124,6 +128,8 @@ def parse_unit(text: str) -> Unit:
     Raises:
         UnknownUnitError: a name in it is not a unit.
     """
+    if len(text) > LONGEST:
+        raise UnknownUnitError(f"{text[:LONGEST]}…")
     return _parse(text.strip())
 
 

@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from s2r_spec.errors import TraceError, TraceNote
+from s2r_spec.files import replacing
 from s2r_spec.logs import csv_format, npz_format, parquet_format
 from s2r_spec.logs.interpret import Loaded, loaded, request
 from s2r_spec.logs.mapping import Plan, planned
@@ -100,7 +101,7 @@ def load(
 
 
 def write(trace: Trace, path: str | Path) -> None:
-    """Write a trace; an existing file is replaced.
+    """Write a trace; an existing file is replaced whole or not at all.
 
     Raises:
         TraceError: the ending is not one of :data:`FORMATS`, the format cannot hold a name of
@@ -109,7 +110,8 @@ def write(trace: Trace, path: str | Path) -> None:
     path = Path(path)
     writer = _WRITERS[_ending(path)]
     try:
-        writer(trace, path)
+        with replacing(path) as beside:
+            writer(trace, beside)
     except OSError as error:
         raise TraceError(f"cannot write {path}: {error.strerror or error}") from None
     except TraceError as error:

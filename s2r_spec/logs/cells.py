@@ -26,7 +26,8 @@ def parsed(texts: Sequence[str]) -> NDArray[Any]:
                 found: NDArray[Any] = np.array([convert(text) for text in texts], dtype=kind)
             except (ValueError, OverflowError):
                 continue
-            return found
+            if kind is np.int64 or not _overflown(found, texts):
+                return found
     return words(text.strip() for text in texts)
 
 
@@ -65,9 +66,15 @@ def number(text: str) -> float:
     Raises:
         ValueError: it is none.
     """
-    if "_" in text:
+    if "_" in text or _overflown(np.array([float(text)]), [text]):
         raise ValueError(text)
     return float(text)
+
+
+def _overflown(numbers: NDArray[Any], texts: Sequence[str]) -> bool:
+    """Return whether a text such as 1e999, which no float64 holds, was read as infinite."""
+    infinite = np.flatnonzero(np.isinf(numbers))
+    return any("n" not in texts[place].lower() for place in infinite.tolist())
 
 
 def _number(text: str) -> float:

@@ -21,14 +21,26 @@ from numpy.typing import NDArray
 
 from s2r_spec.errors import TraceError
 from s2r_spec.logs import cells
-from s2r_spec.logs.table import Chooser, Column, Head, Table, affordable, described, few, quoted, regular
+from s2r_spec.logs.table import (
+    TEXT_SIZE,
+    Chooser,
+    Column,
+    Head,
+    Table,
+    affordable,
+    described,
+    few,
+    quoted,
+    regular,
+)
 from s2r_spec.trace import Trace
 
 _NOTES = "# s2r "
 LONGEST = 2**22
 """Budget: letters of one line, 4 million. Twice as many take 0.2 GB more for a line that is all names."""
-_ROWS = 4096
-"""Budget: rows that are kept as text; the numbers of the rows before are arrays."""
+csv.field_size_limit(LONGEST)  # a picture as text in a column that nobody reads is no reason to stop
+_CELLS = 2**18
+"""Budget: cells that are kept as text, 20 MB of them; the numbers of the rows before are arrays."""
 
 
 def load(path: Path, choose: Chooser) -> Table:
@@ -95,8 +107,11 @@ class Text:
             raise TraceError("this is not UTF-8 text: there are zeros between its letters; save it as UTF-8")
         rows: Iterator[list[str]] = iter(lambda: _next(reader, lines), None)
         above = next(csv.reader([comment.lstrip("# ")]), [])
-        if len(above) == len(header) and all(map(_is_number, header)):
-            header, rows = above, chain([header], rows)  # numpy.savetxt writes the names as a comment
+        if len(above) == len(header) and any(map(_is_number, header)):
+            header, rows = (
+                above,
+                chain([header], rows),
+            )  # numpy.savetxt and others write the names as a comment
         few(len(header))
         if len(header) == 1 and (mark := next((mark for mark in ";\t" if mark in header[0]), None)):
             raise TraceError(
@@ -119,6 +134,9 @@ class Text:
         bad: tuple[int, str] | None = None
         line = 0
         for row in self._rows:
+            if self._lines.torn:
+                bad = self._lines.number, "ends inside quotes"
+                break
             if not row or not any(map(str.strip, row)):
                 continue
             if bad is not None:
@@ -140,7 +158,9 @@ class Text:
             what = "has no line break at its end" if self._lines.cut else "has fewer values than columns"
             if not self._lines.cut and count > width:
                 raise TraceError(f"line {bad[0]} {bad[1]}")
-            self.notes.append(f"the last row, line {bad[0]}, {what}: it may be cut and is not used")
+            self.notes.append(
+                f"the last row, line {bad[0]}, {what}: it may be cut and is not used (if it is whole, complete it)"
+            )
 
 
 class _Lines:
@@ -149,12 +169,14 @@ class _Lines:
     Attributes:
         number: of the last line that was read, from 1.
         cut: whether that line has no end.
+        torn: whether it ends inside quotes.
     """
 
     def __init__(self, readline: Callable[[], str]) -> None:
         self._readline = readline
         self.number = 0
         self.cut = False
+        self.torn = False
 
     def __iter__(self) -> _Lines:
         return self
@@ -166,7 +188,7 @@ class _Lines:
         if self.number == 0:
             line = line.removeprefix("\ufeff")
         self.number += 1
-        self.cut = line[-1] not in "\r\n"
+        self.cut = not line.endswith(("\r", "\n"))
         if len(line) >= LONGEST:
             raise TraceError(
                 f"line {self.number} is longer than {LONGEST:,} letters; this is no table of samples"
@@ -181,7 +203,8 @@ def _next(reader: Any, lines: _Lines) -> list[str] | None:
         return next(reader, None)
     except csv.Error as error:
         if lines.cut and lines.number == before + 1 and before > 0:
-            return [""]  # cut inside quotes
+            lines.torn = True
+            return []
         raise TraceError(f"this is not comma-separated text: {error}") from None
 
 
@@ -218,25 +241,31 @@ def _is_number(text: str) -> bool:
 
 def _table(text: Text, needed: Sequence[int]) -> Table:
     pieces: dict[int, list[NDArray[Any]]] = {number: [] for number in needed}
-    numbers = array("q")
-    waiting: list[list[str]] = []
+    waiting: dict[int, list[str]] = {number: [] for number in needed}
+    lines = array("q")
+    most = max(1, _CELLS // len(needed))
+    taken = 0
 
     def settle() -> None:
-        affordable(len(numbers) * len(needed))
-        for number, found in pieces.items():
-            found.append(cells.parsed([row[number] for row in waiting]))
-        waiting.clear()
+        nonlocal taken
+        for number, texts in waiting.items():
+            piece = cells.parsed(texts)
+            pieces[number].append(piece)
+            taken += piece.size * (TEXT_SIZE if piece.dtype == object else 1)
+            texts.clear()
+        affordable(taken)
 
     for line, row in text.rows(needed):
-        numbers.append(line)
-        waiting.append(row)
-        if len(waiting) == _ROWS:
+        lines.append(line)
+        for number, texts in waiting.items():
+            texts.append(row[number])
+        if len(lines) % most == 0:
             settle()
     settle()
     columns = {number: _joined(found) for number, found in pieces.items()}
 
     def place(sample: int, number: int) -> str:
-        return f"line {numbers[sample]}, column {number + 1} ({text.heads[number].name})"
+        return f"line {lines[sample]}, column {number + 1} ({text.heads[number].name})"
 
     return Table(text.heads, columns, text.meta, place, tuple(text.notes))
 

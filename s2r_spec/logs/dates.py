@@ -17,6 +17,8 @@ _DATE = re.compile(
     re.ASCII,
 )
 LIKE = "2024-06-10T06:13:20.5Z"
+LAST = 9e9
+"""Definition: seconds since 1970 up to which nanoseconds are 64-bit numbers, the year 2255."""
 
 
 def nanoseconds(texts: NDArray[Any], place: Callable[[int], str]) -> NDArray[np.datetime64]:
@@ -79,7 +81,7 @@ def _seconds(whole: list[str], texts: NDArray[Any], place: Callable[[int], str])
     return found
 
 
-def text(date: Any) -> str:
+def text(date: np.datetime64) -> str:
     """Return a date as text, without zeros at its end."""
-    found = str(np.datetime_as_string(np.datetime64(date, "ns")))
-    return found.rstrip("0").rstrip(".")
+    found = str(np.datetime_as_string(date))
+    return found.rstrip("0").rstrip(".") if "." in found else found

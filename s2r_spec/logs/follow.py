@@ -50,7 +50,7 @@ def follow(readline: Callable[[int], str], request: Request) -> Rows:
     units = {
         channel.name: unit
         for channel in plan.channels
-        if (unit := text.heads[channel.parts[0].number].unit) is not None
+        if (unit := channel.parts[0].unit or text.heads[channel.parts[0].number].unit) is not None
     }
 
     def samples() -> Iterator[tuple[float, dict[str, Any]]]:

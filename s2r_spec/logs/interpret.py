@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.errors import TraceError
+from s2r_spec.lang.units import LONGEST
 from s2r_spec.logs import times, values
 from s2r_spec.logs.mapping import ANY, Channel, Plan, Request
 from s2r_spec.logs.table import Table, quoted
@@ -79,7 +80,7 @@ def channels(table: Table, plan: Plan, count: int) -> Made:
         except TraceError as error:
             made.faults[channel.name] = str(error)
             continue
-        made.samples[channel.name] = samples
+        made.samples[channel.name] = _shaped(samples, channel.width)
         if unit is not None:
             made.units[channel.name] = unit
     return made
@@ -99,8 +100,11 @@ def _channel(table: Table, channel: Channel, count: int) -> tuple[FloatArray, st
             if samples.ndim != 2 or part.component >= width:
                 raise TraceError(f"{name} has no component {part.component}; it has {width}")
             samples = samples[:, part.component]
+        written = head.unit if part.unit is None else part.unit
+        if written is not None and len(written) > LONGEST:
+            raise TraceError(f"the unit of {name} is {quoted(written)}, which is no unit")
         found.append(samples)
-        units.append(_agreed(unit, head.unit, name))
+        units.append(_agreed(unit, written, name))
     if any(unit != units[0] for unit in units):
         raise TraceError(f"the components of {quoted(channel.name)} have different units")
     if len(found) == 1 and not channel.vector:
@@ -108,6 +112,13 @@ def _channel(table: Table, channel: Channel, count: int) -> tuple[FloatArray, st
     if any(samples.ndim != 1 for samples in found):
         raise TraceError(f"the components of {quoted(channel.name)} are vectors themselves")
     return np.stack(found, axis=1), units[0]
+
+
+def _shaped(samples: FloatArray, width: int | None) -> FloatArray:
+    """Return (n, 1) as (n,) where a number a sample is wanted, and the other way round; any other as it is."""
+    if width is None and samples.ndim == 2 and samples.shape[1] == 1:
+        return samples[:, 0]
+    return samples[:, np.newaxis] if width == 1 and samples.ndim == 1 else samples
 
 
 def _placed(table: Table, number: int) -> _Place:

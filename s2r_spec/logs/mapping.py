@@ -8,9 +8,10 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from s2r_spec.errors import TraceError, UsageError, one_of, suggest
+from s2r_spec.lang.units import UnknownUnitError, parse_unit
 from s2r_spec.logs import time_units
 from s2r_spec.logs.table import Head, quoted
 from s2r_spec.logs.times import TIME
@@ -41,19 +42,21 @@ class Request:
 
 @dataclass(frozen=True)
 class Part:
-    """A column, or one component of a column of vectors."""
+    """A column, or one component of a column of vectors; its unit, where the column's name has it in brackets."""
 
     number: int
     component: int | None = None
+    unit: str | None = None
 
 
 @dataclass(frozen=True)
 class Channel:
-    """The parts that make a channel; ``vector`` if it is one even of a single part."""
+    """The parts that make a channel; ``vector`` if it is one even of a single part; the width that is wanted."""
 
     name: str
     parts: tuple[Part, ...]
     vector: bool
+    width: int | None = ANY
 
 
 @dataclass(frozen=True)
@@ -93,7 +96,7 @@ def planned(heads: Sequence[Head], request: Request) -> Plan:
     channels, faults = [], {}
     for name, width in request.wanted.items():
         try:
-            channels.append(names.channel(name, width, columns))
+            channels.append(replace(names.channel(name, width, columns), width=width))
         except TraceError as error:
             faults[name] = str(error)
     return Plan(times, tuple(channels), faults, tuple(names.notes))
@@ -163,6 +166,8 @@ class _Names:
             return self._exact(name, text, exact)
         if (component := self._component(text)) is not None:
             return Channel(name, (component,), False)
+        if (loose := self._loose(text)) is not None:
+            return Channel(name, (loose,), False)
         if width is not None and (group := self._group(text, width)) is not None:
             return Channel(name, group, True)
         hint = ""
@@ -257,6 +262,19 @@ class _Names:
         ]
         return Part(found[0]) if len(found) == 1 else None
 
+    def _loose(self, text: str) -> Part | None:
+        """Return the one column that is ``text`` but for a unit in brackets, ``v (m/s)`` or ``v[m/s]``; or None."""
+        found = []
+        for number, head in enumerate(self.heads):
+            if number in self.taken:
+                continue
+            if head.unit is not None and text == f"{head.text} [{head.unit}]":
+                found.append(Part(number))
+            unit = time_units.bracketed(head.name) if head.index is None else None
+            if unit is not None and unit[0] == text and head.unit is None and _is_unit(unit[1]):
+                found.append(Part(number, None, unit[1]))
+        return found[0] if len(found) == 1 else None
+
     def _group(self, text: str, width: int) -> tuple[Part, ...] | None:
         """Return the numbered columns that make a vector; None if there are none.
 
@@ -306,11 +324,12 @@ class _Names:
         pair = self._given_pair(text) or self._pair(text)
         if pair is not None:
             return pair
-        bracketed = [number for number, head in enumerate(self.heads) if _without_unit(head.name) == text]
-        if len(bracketed) == 1:
-            return (bracketed[0],)
+        if (loose := self._loose(text)) is not None:
+            return (loose.number,)
         names = dict.fromkeys(head.text for head in self.heads if head.name)
         likely = next((name for name in names if _TIMELY & {*_words(name)}), "time")
+        for stem, (whole, below) in self._halves().items():
+            likely = stem or f"{self.heads[whole].name}+{self.heads[below].name}"
         raise TraceError(
             f"there is no column {text!r} with the times; there are {one_of(names)}. "
             f"Another name is mapped like that of a signal, for example --map {TIME}={likely}"
@@ -374,9 +393,11 @@ def _words(name: str) -> Iterable[str]:
     return "".join(letter if letter.isalnum() else " " for letter in name[:100].lower()).split()
 
 
-def _without_unit(name: str) -> str | None:
-    """Return the name before a unit of time in round brackets, ``time (ns)``; None if there is none."""
-    return name[: name.rindex("(")].rstrip() if time_units.bracketed(name) is not None else None
+def _is_unit(text: str) -> bool:
+    try:
+        return bool(parse_unit(text).dimension) or not text.isdigit()
+    except UnknownUnitError:
+        return False
 
 
 def _numbered(head: Head) -> Iterable[tuple[str, str, int]]:

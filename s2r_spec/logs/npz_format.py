@@ -19,9 +19,20 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.errors import TraceError
+from s2r_spec.errors import TraceError, shortened
 from s2r_spec.logs import cells
-from s2r_spec.logs.table import Chooser, Column, Head, Table, affordable, described, few, quoted, regular
+from s2r_spec.logs.table import (
+    TEXT_SIZE,
+    Chooser,
+    Column,
+    Head,
+    Table,
+    affordable,
+    described,
+    few,
+    quoted,
+    regular,
+)
 from s2r_spec.trace import Trace
 
 _NOTES = "s2r.json"
@@ -59,7 +70,8 @@ def load(path: Path, choose: Chooser) -> Table:
         with zipfile.ZipFile(path) as archive:
             return _table(archive, choose)
     except _BROKEN as error:
-        raise TraceError(f"this is not an .npz archive of arrays: {error or type(error).__name__}") from None
+        why = shortened(str(error) or type(error).__name__)
+        raise TraceError(f"this is not an .npz archive of arrays: {why}") from None
 
 
 def _table(archive: zipfile.ZipFile, choose: Chooser) -> Table:
@@ -122,7 +134,8 @@ class _Member:
         """How many numbers reading it takes the memory of."""
         if self.dtype is None:
             return 0
-        return math.prod(self.shape) * max(1, self.dtype.itemsize // 8)
+        size = TEXT_SIZE if self.dtype.kind in "US" else 1
+        return math.prod(self.shape) * max(size, self.dtype.itemsize // 8)
 
 
 def _array(archive: zipfile.ZipFile, member: _Member, dtype: np.dtype[Any]) -> NDArray[Any]:

@@ -13,12 +13,25 @@ from typing import Any
 
 import numpy as np
 
-from s2r_spec.errors import TraceError
+from s2r_spec.errors import TraceError, shortened
 from s2r_spec.logs import cells
-from s2r_spec.logs.table import Chooser, Column, Head, Table, affordable, described, few, quoted, regular
+from s2r_spec.logs.table import (
+    TEXT_SIZE,
+    Chooser,
+    Column,
+    Head,
+    Table,
+    affordable,
+    described,
+    few,
+    quoted,
+    regular,
+)
 from s2r_spec.trace import Trace
 
 _NOTES = b"s2r"
+_ROWS = 8192
+"""Budget: rows that are read at once; twice as many take twice the memory before it is counted."""
 
 
 def load(path: Path, choose: Chooser) -> Table:
@@ -34,10 +47,12 @@ def load(path: Path, choose: Chooser) -> Table:
         with parquet.ParquetFile(path) as file:
             return _table(arrow, file, choose)
     except (arrow.ArrowException, MemoryError, UnicodeDecodeError) as error:
-        raise TraceError(f"this is not a Parquet file that can be read: {error}") from None
+        raise TraceError(f"this is not a Parquet file that can be read: {shortened(str(error))}") from None
     except OSError as error:
         if error.strerror is None:  # pyarrow's own, of a damaged page
-            raise TraceError(f"this is not a Parquet file that can be read: {error}") from None
+            raise TraceError(
+                f"this is not a Parquet file that can be read: {shortened(str(error))}"
+            ) from None
         raise
 
 
@@ -57,8 +72,7 @@ def _table(arrow: Any, file: Any, choose: Chooser) -> Table:
         )
     needed = sorted(set(choose(heads)))
     roots = {leaves[number][1][0] for number in needed}
-    affordable(_numbers(file.metadata, roots))
-    table = file.read(columns=sorted(roots))
+    table = _read(arrow, file, sorted(roots))
     columns = {number: _column(arrow, _leaf(arrow, table, leaves[number][1])) for number in needed}
 
     def place(sample: int, number: int) -> str:
@@ -93,16 +107,26 @@ def _leaf(arrow: Any, table: Any, path: tuple[str, ...]) -> Any:
     return column
 
 
-def _numbers(metadata: Any, roots: set[str]) -> int:
-    """Return how many values the columns have, by the file's own account."""
-    total = 0
-    for group in range(metadata.num_row_groups):
-        row_group = metadata.row_group(group)
-        for number in range(row_group.num_columns):
-            chunk = row_group.column(number)
-            if chunk.path_in_schema.split(".")[0] in roots or chunk.path_in_schema in roots:
-                total += max(chunk.num_values, row_group.num_rows, chunk.total_uncompressed_size // 8)
-    return total
+def _read(arrow: Any, file: Any, roots: list[str]) -> Any:
+    """Return the columns as a table, read in parts, so that one that inflates ends before it takes all memory.
+
+    The file's own account of its columns is not asked: where it is damaged, pyarrow ends the process.
+    """
+    affordable(file.metadata.num_rows * len(roots))
+    batches, taken = [], 0
+    for batch in file.iter_batches(batch_size=_ROWS, columns=roots, use_threads=False):
+        taken += sum(map(_numbers, batch.columns))
+        affordable(taken)
+        batches.append(batch)
+    if batches:
+        return arrow.Table.from_batches(batches)
+    return arrow.schema([file.schema_arrow.field(name) for name in roots]).empty_table()
+
+
+def _numbers(column: Any) -> int:
+    """Return how many numbers a column takes the memory of; each text counts as several."""
+    texts = "string" in str(column.type)
+    return max(len(column) * (TEXT_SIZE if texts else 1), int(column.nbytes) // 8)
 
 
 def _column(arrow: Any, column: Any) -> Column:

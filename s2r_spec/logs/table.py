@@ -15,6 +15,8 @@ from s2r_spec.errors import TraceError, shortened
 
 MOST_NUMBERS = 2**25
 """Budget: numbers that are read from one file, 34 million; near it s2r takes 0.8 GB, at twice as many 1.6 GB."""
+TEXT_SIZE = 8
+"""Definition: a text counts as so many numbers; Python keeps one in 60 bytes and more."""
 MOST_COLUMNS = 100_000
 """Budget: columns of one file. Twice as many take twice the time to name, 2 s."""
 

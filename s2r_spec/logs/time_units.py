@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from fractions import Fraction
 
-from s2r_spec.lang.units import SECOND, UnknownUnitError, parse_unit
+from s2r_spec.lang.units import LONGEST, SECOND, UnknownUnitError, parse_unit
 
 _SIZES = {
     "s": Fraction(1), "ms": Fraction(1, 10**3), "us": Fraction(1, 10**6), "µs": Fraction(1, 10**6),
@@ -41,12 +41,20 @@ def size(text: str) -> Fraction | None:
     return Fraction(f"{unit.factor:.15g}")
 
 
-def bracketed(name: str) -> str | None:
-    """Return the unit of time that a name has in round brackets at its end, ``time (ns)``; None if none."""
-    if not name.endswith(")") or "(" not in name[1:]:
-        return None
-    unit = name[name.rindex("(") + 1 : -1]
-    return unit if len(unit) < 20 and size(unit) is not None else None
+def bracketed(name: str) -> tuple[str, str] | None:
+    """Return what stands before brackets at the end of a name, and in them: ``v (m/s)``, ``v[m/s]``; None if none."""
+    for opening, closing in ("()", "[]"):
+        if name.endswith(closing) and opening in name[1:]:
+            at = name.rindex(opening)
+            if 0 < len(name) - at - 2 <= LONGEST:
+                return name[:at].rstrip(), name[at + 1 : -1]
+    return None
+
+
+def in_brackets(name: str) -> str | None:
+    """Return the unit of time that a name has in brackets at its end, ``time (ns)``; None if none."""
+    found = bracketed(name)
+    return found[1] if found is not None and size(found[1]) is not None else None
 
 
 def last_word(name: str) -> str:

@@ -9,7 +9,7 @@ subtracted before they are rounded. Numbers in seconds stay as they are.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any
 
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from s2r_spec import stamps
 from s2r_spec.errors import TraceError, UsageError
+from s2r_spec.instants import DATES
 from s2r_spec.logs import cells, dates, time_units
 from s2r_spec.logs.table import Column, Head, quoted
 
@@ -33,7 +34,7 @@ class Times:
     Args:
         seconds: (n,) [s].
         first: the first stamp as it is in the file; what the rest of a trace that comes row by row counts from.
-        begins: the date from which they count, as text; "" if they stay as they are.
+        begins: the date, or the time of a machine's clock, from which they count; "" if they stay as they are.
         notes: what was taken from the name of the column, a sentence.
     """
 
@@ -69,6 +70,7 @@ def read(
     Raises:
         TraceError: a stamp is missing or no time, units contradict each other, or the numbers cannot be seconds.
     """
+    columns = [_flat(column) for column in columns]
     for column, head in zip(columns, heads, strict=True):
         _usable(column, head, place)
     if len(columns) == 2:
@@ -82,9 +84,17 @@ def read(
         raise TraceError(f"the column {quoted(head.text)} holds truth values; it cannot hold the times")
     if stamps.is_typed(values):
         return _typed(values, unit, first)
-    if values.dtype.kind == "f" and np.isnan(values).any():
-        raise TraceError(f"{place(int(np.argmax(np.isnan(values))))} has no time in it")
+    if values.dtype.kind == "f" and not np.isfinite(values).all():
+        bad = int(np.argmin(np.isfinite(values)))
+        what = "has no time in it" if np.isnan(values[bad]) else f"is {values[bad]}, not a time"
+        raise TraceError(f"{place(bad)} {what}")
     return _counts(values, head, unit, first)
+
+
+def _flat(column: Column) -> Column:
+    """Return a column of vectors of one component, as Matlab has them, as one of numbers."""
+    one = column.values.ndim == 2 and column.values.shape[1] == 1
+    return replace(column, values=column.values[:, 0]) if one else column
 
 
 def _usable(column: Column, head: Head, place: Place) -> None:
@@ -161,13 +171,16 @@ def _since(values: NDArray[Any], size: Fraction, first: Any) -> Times:
     seconds = stamps.counted(values, size, from_first=dated, first=start)
     if not dated:
         return Times(seconds, start)
-    return Times(seconds, start, dates.text(int(Fraction(start.item()) * size * 10**9)))
+    since = Fraction(start.item()) * size
+    if DATES <= since < dates.LAST:
+        return Times(seconds, start, dates.text(np.datetime64(int(since * 10**9), "ns")))
+    return Times(seconds, start, f"{float(since):.9g} s")
 
 
 def _size(head: Head, unit: str | None) -> tuple[Fraction | None, tuple[str, ...]]:
     """Return the unit of a column's numbers [s], None if nothing says it, and a note if its name alone does."""
     stated = None if unit is None else time_units.size(unit)
-    declared = head.unit if head.unit is not None else time_units.bracketed(head.name)
+    declared = head.unit if head.unit is not None else time_units.in_brackets(head.name)
     if declared is not None:
         size = time_units.size(declared)
         if size is None:

@@ -76,7 +76,8 @@ def finding(spec: Spec, result: CheckResult) -> Finding:
         ),
         (
             "effort",
-            f"{certificate.rollouts} rollouts at {certificate.points} tests, {failures}, {result.seconds:.0f} s",
+            f"{certificate.rollouts} rollouts at {certificate.points} tests, {failures}"
+            f"{took(result.seconds)}",
         ),
         (
             "label",
@@ -113,6 +114,11 @@ def test_words(params: Mapping[str, float], units: Mapping[str, str]) -> str:
     """Return a test with its units, in their order: ``vd = 0.3 m/s, slope = 2 deg``."""
     ordered = [*(name for name in units if name in params), *(name for name in params if name not in units)]
     return ", ".join(f"{name} = {params[name]:.4g} {units.get(name, '')}".rstrip() for name in ordered)
+
+
+def took(seconds: float) -> str:
+    """Return what the rollouts took, all workers together; nothing for recordings, which were not run."""
+    return f", {seconds:.{0 if seconds >= 10 else 1}f} s of rollouts" if seconds else ""
 
 
 def odds_words(certificate: Certificate) -> str:

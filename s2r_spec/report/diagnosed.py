@@ -12,6 +12,7 @@ from s2r_spec.backend import short
 from s2r_spec.diagnose.diagnosis import Diagnosis, Verdict, Which
 from s2r_spec.diagnose.how_far import Gap, HowFar
 from s2r_spec.diagnose.where.found import Where
+from s2r_spec.printable import one_line
 from s2r_spec.report.checked import test_words
 from s2r_spec.report.figures.robot import said
 from s2r_spec.report.nextstep import next_step
@@ -54,21 +55,24 @@ def text(found: Diagnosis, spec: Spec) -> str:
 
 
 def markup(found: Diagnosis, spec: Spec) -> str:
-    """Return rich markup: the answer first, then what it stands on."""
-    headline = f"[{COLOURS[found.verdict]}]{found.verdict.value.upper()}[/]  {escape(found.reason)}"
-    return f"{headline}\n{escape(body(found, spec))}"
+    """Return rich markup: what is wrong with the recordings first, then the answer, then what it stands on."""
+    first = "".join(f"{escape(one_line(f'note: {each.text}'))}\n" for each in found.findings)
+    headline = f"[{COLOURS[found.verdict]}]{found.verdict.value.upper()}[/]  {escape(one_line(found.reason))}"
+    return f"{first}{headline}\n{escape(body(found, spec))}"
 
 
 def body(found: Diagnosis, spec: Spec) -> str:
-    """Return all but the first line, as plain text."""
-    lines = [*(f"  note: {line}" for line in found.notes), "", *_causes(found.which)]
+    """Return all but the answer and what is said before it, as plain text."""
+    said = {each.text for each in found.findings}
+    notes = [f"  note: {line}" for line in found.notes if line not in said]
+    lines = [*notes, "", *_causes(found.which)]
     if found.where is not None:
         lines += ["", *_where(found, found.where, spec)]
     if found.how_far is not None:
         lines += ["", *_shrinks(found.how_far)]
     lines += ["", f"  next: {next_step(found, spec)}", ""]
     lines += [f"  - {line}" for line in found.assumptions]
-    return "\n".join([*lines, "", f"  {provenance(found)}"])
+    return "\n".join(map(one_line, [*lines, "", f"  {provenance(found)}"]))
 
 
 def provenance(found: Diagnosis) -> str:

@@ -22,8 +22,10 @@ from s2r_spec.spec import Spec
 def markdown(found: Diagnosis, spec: Spec) -> str:
     """Return the answer, then tables of causes and values, then what it stands on."""
     which = found.which
-    lines = ["### s2r diagnose", "", f"**{found.verdict.value.upper()}**: {cell(found.reason)}", ""]
-    lines += [line for note in found.notes for line in (f"**Note**: {cell(note)}", "")]
+    said = [each.text for each in found.findings]
+    lines = ["### s2r diagnose", "", *(line for text in said for line in (f"**Note**: {cell(text)}", ""))]
+    lines += [f"**{found.verdict.value.upper()}**: {cell(found.reason)}", ""]
+    lines += [line for note in found.notes if note not in said for line in (f"**Note**: {cell(note)}", "")]
     lines += [f"**Next**: {cell(next_step(found, spec))}", "", "| cause | probability |", "| --- | ---: |"]
     lines += [f"| {cell(cause(names))} | {p:.3f} |" for names, p in which.ranked[:SHOWN]]
     if which.estimates:

@@ -67,6 +67,7 @@ def render(found: Diagnosis, spec: Spec, real: str = "") -> str:
     return fill(
         "diagnosis.html",
         found=found,
+        said={each.text for each in found.findings},
         sign=sign,
         tone=tone,
         about=_about(found, spec, real),

@@ -7,24 +7,29 @@ A command turns its own result record into findings (:mod:`s2r_spec.report.check
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
 from s2r_spec.certify.check import Verdict
+from s2r_spec.printable import one_line
 
 
 @dataclass(frozen=True)
 class Section:
-    """A titled list of sentences."""
+    """A titled list of sentences, each of one line."""
 
     title: str
     lines: tuple[str, ...]
 
+    def __post_init__(self) -> None:
+        """See that no name in them breaks a line, or commands a terminal."""
+        object.__setattr__(self, "lines", tuple(map(one_line, self.lines)))
+
 
 @dataclass(frozen=True)
 class Finding:
-    """One requirement, in words.
+    """One requirement, in words: every text is one line, in whatever form it is reported.
 
     Attributes:
         name: of the requirement.
@@ -41,7 +46,7 @@ class Finding:
         replay: the command.
         file: the specification.
         line: where the requirement is written in it, counted from 1.
-        seconds: it took.
+        seconds: of rollouts, those of all workers added up.
     """
 
     name: str
@@ -59,6 +64,13 @@ class Finding:
     file: Path
     line: int
     seconds: float
+
+    def __post_init__(self) -> None:
+        """See that no name in it breaks a line, or commands a terminal."""
+        for field in fields(self):
+            if isinstance(value := getattr(self, field.name), str):
+                object.__setattr__(self, field.name, one_line(value))
+        object.__setattr__(self, "facts", tuple((one_line(n), one_line(text)) for n, text in self.facts))
 
 
 @dataclass(frozen=True)

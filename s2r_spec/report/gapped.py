@@ -13,7 +13,7 @@ from s2r_spec.certify.certificate import Label
 from s2r_spec.certify.check import Verdict
 from s2r_spec.certify.gap import GapResult
 from s2r_spec.certify.outward import between, down
-from s2r_spec.report.checked import location, odds_words, refuted_words, test_words
+from s2r_spec.report.checked import location, odds_words, refuted_words, test_words, took
 from s2r_spec.report.finding import Finding, Report, Section
 from s2r_spec.spec import Spec
 
@@ -124,7 +124,7 @@ def facts(result: GapResult, units: Mapping[str, str]) -> tuple[tuple[str, str],
         (
             "effort",
             f"{certificate.rollouts} rollouts of {result.provenance['real']['backend']} at "
-            f"{certificate.points} tests, {failures}, {result.seconds:.0f} s",
+            f"{certificate.points} tests, {failures}{took(result.seconds)}",
         ),
         (
             "label",

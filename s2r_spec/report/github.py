@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from s2r_spec.certify.check import Verdict
+from s2r_spec.printable import one_line
 from s2r_spec.report.finding import Finding, Report
 
 
@@ -14,7 +15,7 @@ def render(report: Report) -> str:
 def _line(finding: Finding) -> str:
     level = "notice" if finding.verdict is Verdict.HOLDS else "error"
     properties = {
-        "file": finding.file.as_posix(),
+        "file": one_line(finding.file.as_posix()),
         "line": str(finding.line),
         "title": f"{finding.name} {finding.word}",
     }

@@ -10,6 +10,7 @@ import re
 from xml.etree import ElementTree as ET
 
 from s2r_spec.certify.check import Verdict
+from s2r_spec.printable import one_line
 from s2r_spec.report import text
 from s2r_spec.report.finding import Finding, Report
 
@@ -43,8 +44,8 @@ def _case(suite: ET.Element, finding: Finding) -> None:
         "testcase",
         {
             "name": _legal(finding.name),
-            "classname": _legal(finding.file.stem),
-            "file": _legal(finding.file.as_posix()),
+            "classname": _legal(one_line(finding.file.stem)),
+            "file": _legal(one_line(finding.file.as_posix())),
             "line": str(finding.line),
             "time": f"{finding.seconds:.3f}",
         },

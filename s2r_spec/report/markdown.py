@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 
 from s2r_spec.certify.check import Verdict
+from s2r_spec.printable import one_line
 from s2r_spec.report.finding import Finding, Report
 
 SIGNS = {Verdict.HOLDS: "✅", Verdict.VIOLATED: "❌", Verdict.UNKNOWN: "❓"}
@@ -33,7 +34,7 @@ def _details(finding: Finding) -> str:
 
 def cell(words: str) -> str:
     """Return one line in which nothing is markup, neither Markdown nor HTML."""
-    line = " ".join(words.split()).replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
+    line = one_line(" ".join(words.split())).replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
     return re.sub(r"([\\`*_{}\[\]|~#!$@])", r"\\\1", line)
 
 

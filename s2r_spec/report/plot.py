@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from s2r_spec.errors import UsageError, one_of
+from s2r_spec.files import saving
 from s2r_spec.robustness.explain import Explanation
 from s2r_spec.robustness.tolerances import Tolerances
 
@@ -40,12 +41,13 @@ def plot(tolerances: Tolerances, explanation: Explanation, title: str, path: Pat
     axes[-1].set_xlabel("t [s]")
     verdict = f"{explanation.requirement}: ρ = {explanation.rho:+.4g} {explanation.unit}".rstrip()
     why = explanation.reason or (
-        f"decided at t = {explanation.instant:g} s by {explanation.predicate}: "
+        f"decided at t = {explanation.when} by {explanation.predicate}: "
         f"margin {explanation.margin:+.4g} {explanation.margin_unit}".rstrip()
     )
     # A dollar sign would begin a formula.
     figure.suptitle(f"{title}\n{verdict}\n{why}".replace("$", r"\$"), fontsize="small")
-    figure.savefig(path, dpi=150)
+    with saving(path) as beside:
+        figure.savefig(beside, dpi=150)
 
 
 def _signal(axis: Any, tolerances: Tolerances, label: str) -> None:

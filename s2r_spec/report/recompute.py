@@ -10,12 +10,14 @@ from typing import Any
 
 from s2r_spec.certify.certificate import Certificate
 from s2r_spec.certify.check import CheckResult, conclude, of_recordings, search_for
-from s2r_spec.certify.gap import SIDES, GapResult, Pair, conclude_gap, gap_search, pairs_of
+from s2r_spec.certify.gap import GapResult, Pair, conclude_gap, gap_search, pairs_of
 from s2r_spec.certify.promise import CertifyResult, promise, refused
 from s2r_spec.certify.search import Query, Search
 from s2r_spec.errors import UsageError
-from s2r_spec.rollouts.journal import FILE, SPEC_FILE, Journal, Record
-from s2r_spec.spec import Spec, load_spec
+from s2r_spec.rollouts.journal import FILE, Journal, Record
+from s2r_spec.rollouts.kept import load_kept
+from s2r_spec.rollouts.layout import GAP, SIDES, SIMULATION
+from s2r_spec.spec import Spec
 
 
 @dataclass(frozen=True)
@@ -80,9 +82,10 @@ def kind(folder: Path) -> Kind:
     Raises:
         UsageError: no rollout of any run is in the folder.
     """
-    if all((folder / side / FILE).exists() for side in SIDES):
+    # A check of requirements that are called so has the same folders.
+    if all(Journal.header_in(folder / side).get("side") == side for side in SIDES):
         return Kind.GAP
-    if (folder / "simulation" / FILE).exists() and (folder / "gap" / "real" / FILE).exists():
+    if (folder / SIMULATION / FILE).exists() and (folder / GAP / SIDES[1] / FILE).exists():
         return Kind.CERTIFY
     runs_in(folder)
     return Kind.CHECK
@@ -114,7 +117,8 @@ def recompute(folder: Path) -> Recomputed:
         raise UsageError(f"{folder} is one side of a gap; give the folder that both sides are in")
     if not len(journal):
         raise UsageError(f"{folder} has no rollouts yet, so there is nothing to report")
-    spec, header = load_spec(folder / SPEC_FILE), journal.header
+    spec, header = load_kept(journal), journal.header
+    journal.check_traces()
     search, history = _replay(spec, journal)
     told = search.certificate().rollouts
     # With what it was told as its budget the search knows that it is over, and so refuses what a check
@@ -130,7 +134,6 @@ def recompute(folder: Path) -> Recomputed:
         search.certificate(),
         journal,
         header,
-        sum(record.seconds for record in records),
     )
     if "recorded" in header:
         result = of_recordings(result, header["recorded"], search)
@@ -141,7 +144,7 @@ def recompute_gap(folder: Path) -> RecomputedGap:
     """Compute the bound of a finished or unfinished gap again; see :func:`recompute`."""
     journals = {side: Journal.read(folder / side) for side in SIDES}
     header = journals["real"].header
-    spec = load_spec(folder / "real" / SPEC_FILE)
+    spec = _of_both(folder, journals)
     per_real = header["simulated_per_real"]
     search = gap_search(spec, header["requirement"], budget=None, per_real=per_real, **_settings(header))
     _same_settings(search, header, folder)
@@ -166,8 +169,7 @@ def recompute_gap(folder: Path) -> RecomputedGap:
         history = _tell(search, outcomes)
     search.budget = told = search.certificate().rollouts
     provenance = {key: value for key, value in header.items() if key not in ("side", "backend", "duration")}
-    seconds = sum(record.seconds for journal in journals.values() for record in journal.records())
-    result = conclude_gap(spec, search, journals, provenance, folder, seconds)
+    result = conclude_gap(spec, search, journals, provenance, folder)
     return RecomputedGap(
         spec,
         result,
@@ -187,12 +189,47 @@ def recompute_certify(folder: Path, real: str | None = None) -> RecomputedCertif
         folder: of both searches.
         real: the real machine, for a run whose second search did not begin.
     """
-    simulated = recompute(folder / "simulation")
+    simulated = recompute(folder / SIMULATION)
     if real is not None and not simulated.result.certificate.label.bounds:
         return RecomputedCertify(simulated.spec, refused(simulated.result, real), simulated, None)
-    gap = recompute_gap(folder / "gap")
+    gap = recompute_gap(folder / GAP)
+    first, second = simulated.result.provenance, gap.result.provenance
+    for key in ("spec_hash", "requirement", "seed"):
+        if first[key] != second[key]:
+            raise UsageError(
+                f"{folder}: the {key} of its simulation is not that of its gap; they are of two runs"
+            )
+    if {key: first[key] for key in second["sim"]} != second["sim"]:
+        raise UsageError(
+            f"{folder}: its simulation is of {first['backend']}, its gap of {second['sim']['backend']}, or of another "
+            f"model of the same name; they are of two runs"
+        )
     result = promise(simulated.search, gap.search, simulated.result, gap.result)
     return RecomputedCertify(simulated.spec, result, simulated, gap)
+
+
+def _of_both(folder: Path, journals: Mapping[str, Journal]) -> Spec:
+    """Return the specification of both sides of a gap.
+
+    Raises:
+        UsageError: a side is not what its folder says, or the two are of different runs; files were changed.
+    """
+    headers = {side: journal.header for side, journal in journals.items()}
+    for side, header in headers.items():
+        if header.get("side") != side:
+            raise UsageError(
+                f"{journals[side].path}:1: this is not the journal of the side {side!r} of a gap"
+            )
+    own = ("side", "backend", "duration")
+    left, right = (
+        {key: value for key, value in header.items() if key not in own} for header in headers.values()
+    )
+    if differ := [key for key in sorted(left.keys() | right.keys()) if left.get(key) != right.get(key)]:
+        raise UsageError(f"{folder}: its sides differ in {differ[0]}; they are of two runs")
+    *_, spec = (load_kept(journal) for journal in journals.values())
+    for journal in journals.values():
+        journal.check_traces()
+    return spec
 
 
 def _replay(spec: Spec, journal: Journal) -> tuple[Search, list[Certificate]]:

@@ -166,9 +166,15 @@ def added(x: Curve, y: Curve, snap: float) -> Curve:
 
 def split_at_zero(x: Curve, snap: float) -> Curve:
     """Return the same curve with a breakpoint wherever it crosses 0; there it is 0, whatever rounding leaves."""
-    fine, _ = crossed(x, Curve.constant(x.times, 0.0), snap)
-    if fine.times.size == x.times.size:
-        return fine
+    with np.errstate(invalid="ignore"):
+        opposite = (x.right < 0) != (x.left < 0)
+        crossing = np.flatnonzero(opposite & np.isfinite(x.right * x.left) & (x.right * x.left != 0))
+    if not crossing.size:
+        return x
+    start, end = x.times[crossing], x.times[crossing + 1]
+    inner = start + (end - start) * x.right[crossing] / (x.right[crossing] - x.left[crossing])
+    inner = inner[(inner > start + snap) & (inner < end - snap)]
+    fine = x.refined(np.sort(np.concatenate((x.times, inner))))
     new = ~np.isin(fine.times, x.times)
     return Curve(
         fine.times,

@@ -85,7 +85,7 @@ class DenseAlgebra:
                 np.isfinite(difference.left - difference.right) | (difference.left == difference.right)
             )
         if bad.any():
-            raise no_value(node, f"{difference.times[np.argmax(bad)]:g} s after the first sample")
+            raise no_value(node, f"{difference.times[np.argmax(bad)]:.9g} s after the first sample")
         fine = split_at_zero(difference, self.snap)
         parts = (fine.at, fine.right, fine.left)
         if node.operator in ("==", "!="):
@@ -145,7 +145,10 @@ class DenseAlgebra:
 
 def _signed_limit(limit: FloatArray, other: FloatArray, operator: f.CompareOp) -> FloatArray:
     """Return (m,) limits with a sign: one of 0 has that of its piece, which is at the ``other`` limit."""
-    return np.where((limit == 0.0) & (other != 0.0), np.copysign(TIE, other), signed(limit, operator))
+    zero = limit == 0.0
+    if not zero.any():
+        return limit
+    return np.where(zero & (other != 0.0), np.copysign(TIE, other), signed(limit, operator))
 
 
 @dataclass

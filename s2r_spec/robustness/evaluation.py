@@ -11,13 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.errors import TraceError, UsageError
+from s2r_spec.instants import instant
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness.binding import bound
 from s2r_spec.robustness.dense import Recording, snap_of, walk_curves
 from s2r_spec.robustness.evaluate import Walk, Witness
 from s2r_spec.robustness.grid import SNAP, Grid
 from s2r_spec.robustness.horizon import horizon, samples_needed, seconds_needed
-from s2r_spec.robustness.narrow import narrowest, refuse_short, samples_in
+from s2r_spec.robustness.narrow import Window, narrowest, refuse_short, samples_in
 from s2r_spec.robustness.sampled import Samples, walk_samples
 from s2r_spec.robustness.ticks import Ticks, clock_of
 from s2r_spec.robustness.ties import plain
@@ -45,7 +46,7 @@ class Evaluation:
         complete: (n,) whether the trace reaches the horizon of each sample, to within one median period.
         jitter: greatest distance of a sample from the regular grid, in periods; None if there is no grid.
         period: median time from one sample to the next [s]; None for a single sample.
-        narrowest: the least number of samples in the shortest window of positive length; None without any.
+        window: the shortest window of positive length that the requirement looks through; None without any.
         notes: what the sample times do to the windows, a sentence each.
     """
 
@@ -58,13 +59,18 @@ class Evaluation:
     complete: BoolArray = field(repr=False)
     jitter: float | None
     period: float | None
-    narrowest: int | None
+    window: Window | None = field(repr=False)
     notes: tuple[str, ...]
 
     @property
     def value(self) -> float:
         """ρ at the trace's first time."""
         return float(self.values[0])
+
+    @cached_property
+    def narrowest(self) -> int | None:
+        """The least number of samples in the shortest window of positive length; None without any."""
+        return None if self.window is None else samples_in(self.window, self.times - self.times[0])
 
     @property
     def duration(self) -> float:
@@ -231,13 +237,13 @@ def evaluate(formula: f.Formula, reading: Reading, requirement: str, unit: str, 
     if end == "error" and not complete.all():
         first = int(np.argmin(complete))
         raise TraceError(
-            f"{requirement!r} at t = {reading.times[first]:g} s looks {reading.needs(formula):g} s ahead, "
-            f"past the end of the trace at {reading.times[-1]:g} s"
+            f"{requirement!r} at t = {instant(reading.times, float(reading.times[first]))} looks "
+            f"{reading.needs(formula):g} s ahead, past the end of the trace at "
+            f"{instant(reading.times, float(reading.times[-1]))}"
         )
     found = (reading.held(formula) if end == "hold" else reading).signed(formula)[:n]
     if end == "nan":
         found = np.where(complete, found, np.nan)
-    window = narrowest(formula)
     return Evaluation(
         requirement=requirement,
         unit=unit,
@@ -248,6 +254,6 @@ def evaluate(formula: f.Formula, reading: Reading, requirement: str, unit: str, 
         complete=complete,
         jitter=reading.clock.jitter if isinstance(reading.clock, Grid) else None,
         period=reading.period,
-        narrowest=None if window is None else samples_in(window, reading.clock.times),
+        window=narrowest(formula),
         notes=reading.notes(formula),
     )

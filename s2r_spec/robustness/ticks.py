@@ -77,7 +77,7 @@ class Ticks:
             sample = int(np.argmax(empty))
             raise TraceError(
                 f"no sample lies in `{interval.span.text}` ({interval.span.place}) of sample {sample}, "
-                f"{self.seconds(sample):g} s after the first; "
+                f"{self.seconds(sample):.9g} s after the first; "
                 f"interpolation='hold' or 'linear' evaluates between samples"
             )
         return first, last

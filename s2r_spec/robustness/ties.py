@@ -36,17 +36,13 @@ def tie(operator: CompareOp) -> float:
 
 def signed(margin: FloatArray, operator: CompareOp) -> FloatArray:
     """Return margins of any shape with no 0 among them; the same array where there is none."""
-    small = np.abs(margin) < TIE
-    if not small.any():
-        return margin
-    return np.where(small, np.where(margin == 0.0, tie(operator), np.copysign(TIE, margin)), margin)
+    zero = margin == 0.0
+    return np.where(zero, tie(operator), margin) if zero.any() else margin
 
 
 def signed_number(margin: float, operator: CompareOp) -> float:
     """Return :func:`signed` of one margin."""
-    if -TIE < margin < TIE:
-        return tie(operator) if margin == 0.0 else math.copysign(TIE, margin)
-    return margin
+    return tie(operator) if margin == 0.0 else margin
 
 
 def rescaled(rho: FloatArray, factor: float) -> FloatArray:
@@ -64,7 +60,8 @@ def rescaled_number(rho: float, factor: float) -> float:
 
 def plain(rho: FloatArray) -> FloatArray:
     """Return ρ as people read it, of any shape: 0 where it is."""
-    return np.where(np.abs(rho) <= TIE, 0.0, rho)
+    zero = np.abs(rho) <= TIE
+    return np.where(zero, 0.0, rho) if zero.any() else rho
 
 
 def plain_number(rho: float) -> float:

@@ -1,9 +1,9 @@
 """A process of its own for each thread that runs rollouts: what dies or hangs in it takes nobody along.
 
-A thread hands a function to its child process and waits. A child that dies is
-replaced, and only the call that it was at is lost; one that takes longer than
-the call itself allowed (:func:`limit`) is ended. The thread may belong to a pool
-of this process or to a Dask worker on another machine: to both this is the same.
+A thread hands a function to its worker process (:mod:`s2r_spec.rollouts.worker`) and waits. A worker that dies is
+replaced, and only the call that it was at is lost; one that takes longer than the call itself allowed
+(:func:`s2r_spec.rollouts.worker.limit`) is ended, with all that it started. The thread may belong to a pool of this
+process or to a Dask worker on another machine: to both this is the same.
 """
 
 from __future__ import annotations
@@ -11,26 +11,31 @@ from __future__ import annotations
 import math
 import os
 import pickle
-import signal
 import subprocess
 import sys
 from collections.abc import Callable
 from concurrent.futures import BrokenExecutor
 from contextlib import suppress
-from queue import Empty, SimpleQueue
-from threading import Lock, Thread, Timer, local
-from time import sleep
-from typing import IO, Any
+from functools import partial
+from threading import Lock, Thread, local
+from time import monotonic
+from typing import Any
 
 from s2r_spec.errors import BackendError
+from s2r_spec.rollouts import frames
+from s2r_spec.rollouts.group import Group, Process
+from s2r_spec.rollouts.ready import waits_for
 
-# A worker that nobody asks for anything any more ends itself [s]: its client may have been killed.
-IDLE = 600.0
-# How long a child may take to leave when it is asked to [s].
-PATIENCE = 2.0
+PATIENCE = 1.0
+"""Budget: how long a worker may take to leave when its pipe is closed, before its group is asked to end [s]. Twice as
+much delays Ctrl-C by as much in the middle of a long rollout."""
+BEGINNING = 60.0
+"""Budget: how long a worker may take to begin with a call [s]. One that does not was stopped, or cannot start; it is
+ended, and the call counts as a worker's death. Twice as much waits twice as long for it."""
 
+_LOOK = 1.0  # how often a silent worker is looked at [s]
 _START = (
-    "import sys; sys.path[:] = {path!r}; from s2r_spec.rollouts.child import serve_forever; serve_forever()"
+    "import sys; sys.path[:] = {path!r}; from s2r_spec.rollouts.worker import serve_forever; serve_forever()"
 )
 _ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
@@ -44,102 +49,129 @@ class TimeLimitError(Exception):
 
 
 class Child:
-    """One child process, as the thread that owns it sees it."""
+    """One worker process, as the thread that owns it sees it."""
 
     def __init__(self, run: str) -> None:
         self.run = run
         path = [os.path.abspath(folder) for folder in sys.path]
-        self._process = subprocess.Popen(
-            [sys.executable, "-c", _START.format(path=path)],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            # The rollouts are the parallelism.
-            env=os.environ | dict.fromkeys(_ONE_THREAD, "1"),
-        )
+        # The rollouts are the parallelism.
+        environment = os.environ | dict.fromkeys(_ONE_THREAD, "1")
+        self._group = Group([sys.executable, "-c", _START.format(path=path)], environment)
+        assert self._group.process.stdin is not None
+        assert self._group.process.stdout is not None
+        self._questions, answers = self._group.process.stdin, self._group.process.stdout
+        self._writable = partial(self._wait, waits_for(self._questions, "write"))
+        self._answers = frames.Reader(answers, partial(self._wait, waits_for(answers, "read")))
+        self._number = 0
+        self._limit, self._deadline = math.nan, math.inf  # what the call may take [s], and until when
+        self._calling = Lock()
+
+    @property
+    def pid(self) -> int:
+        """Process id of the worker, and the number of its process group."""
+        return self._group.process.pid
 
     @property
     def alive(self) -> bool:
         """Whether it can be called."""
-        return self._process.poll() is None
+        return self._group.process.poll() is None
 
     def call(self, function: Callable[..., Any], *arguments: Any) -> Any:
-        """Return what the function returns in the child, or raise what it raises there.
+        """Return what the function returns in the worker, or raise what it raises there.
 
         Raises:
-            WorkerDiedError: the child ended meanwhile.
-            TimeLimitError: the call took longer than it allowed itself, and the child was ended.
+            WorkerDiedError: the worker ended meanwhile, or did not begin.
+            TimeLimitError: the call took longer than it allowed itself, and the worker was ended.
+            BackendError: something else than the worker wrote into the pipe of its answers.
         """
-        assert self._process.stdin is not None
-        assert self._process.stdout is not None
-        timer: Timer | None = None
-        expired: list[float] = []
-        try:
-            with suppress(BrokenPipeError):  # its end is seen below
-                _write(self._process.stdin, pickle.dumps((function, arguments)))
-            while True:
-                kind, value = pickle.loads(_read(self._process.stdout))
-                if timer is not None:
-                    timer.cancel()
-                if kind == "limit":
-                    timer = self._expire_after(value, expired) if math.isfinite(value) else None
-                elif kind == "returned":
-                    return value
-                else:
-                    raise value
-        except EOFError:
-            self.kill()
-            if expired:
-                raise TimeLimitError(expired[0]) from None
-            raise WorkerDiedError("the worker died") from None
-        finally:
-            if timer is not None:
-                timer.cancel()
-            if expired:  # it finished in the moment that it was ended
-                self.kill()
+        question = pickle.dumps((function, arguments))
+        with self._calling:
+            try:
+                kind, value = self._ask(question)
+            except (EOFError, BrokenPipeError):
+                self.end()
+                raise WorkerDiedError("the worker died") from None
+            except TimeLimitError:
+                self.end()
+                raise
+            except frames.ForeignBytesError:
+                self.end()
+                raise BackendError(
+                    "a rollout wrote into the pipe of its worker's answers; "
+                    "a backend may write only to files that it opened itself"
+                ) from None
+        if kind == "raised":
+            raise value
+        return value
 
-    def _expire_after(self, seconds: float, expired: list[float]) -> Timer:
-        def expire() -> None:
-            expired.append(seconds)
-            self._process.kill()
+    def _ask(self, question: bytes) -> tuple[str, Any]:
+        """Return ("returned", value) or ("raised", error), as the worker answers."""
+        self._number += 1
+        self._limit, self._deadline = math.nan, monotonic() + BEGINNING
+        frames.write(self._questions, self._number, question, self._writable)
+        while True:
+            number, data = self._answers.read()
+            if number > self._number:
+                raise frames.ForeignBytesError
+            if number < self._number:
+                continue  # an answer too many, to an earlier call
+            kind, value = pickle.loads(data)
+            if kind != "limit":
+                return kind, value
+            self._limit, self._deadline = value, monotonic() + value
 
-        timer = Timer(seconds, expire)
-        timer.daemon = True
-        timer.start()
-        return timer
+    def _wait(self, ready: Callable[[float], bool]) -> None:
+        """Return when the worker can be written to or read from.
+
+        Raises:
+            EOFError: it has ended, or did not begin in time.
+            TimeLimitError: the call has taken as long as it may.
+        """
+        while True:
+            left = self._deadline - monotonic()
+            if ready(min(max(left, 0.0), _LOOK)):
+                return
+            if left <= 0:
+                raise EOFError if math.isnan(self._limit) else TimeLimitError(self._limit)
+            # What it forked may keep its end of the pipe open. What it still said is read.
+            if not self.alive and not ready(0.0):
+                raise EOFError
 
     def close(self) -> None:
-        """Ask the child to leave, and end it if it does not."""
-        assert self._process.stdin is not None
+        """Ask the worker to leave, and end it if it does not, with all that it started."""
         with suppress(OSError):
-            self._process.stdin.close()
-        try:
-            self._process.wait(PATIENCE)
-        except subprocess.TimeoutExpired:
-            self.kill()
+            self._questions.close()
+        with suppress(subprocess.TimeoutExpired):
+            self._group.process.wait(PATIENCE)
+        self.end()
 
-    def kill(self) -> None:
-        """End the child."""
-        self._process.kill()
-        self._process.wait()
+    def end(self) -> None:
+        """End the worker and all that it started, and name what left its group and still runs."""
+        if self._group.end():
+            for process in self._group.left():
+                _name(process)
 
     def release(self) -> None:
-        """Close what is left of a child that has ended."""
-        for pipe in (self._process.stdin, self._process.stdout):
-            if pipe is not None:
-                with suppress(OSError):
-                    pipe.close()
+        """Close what is left of a worker that has ended."""
+        with self._calling:  # who waits for its answer sees first that there is none
+            self._group.release()
+
+    def disown(self) -> None:
+        """Close the pipes in a process that was forked from the one that owns the worker."""
+        self._group.disown()
 
 
 _mine = local()
 _children: set[Child] = set()
 _lock = Lock()
+_named: set[int] = set()
 
 
 def in_child(run: str, function: Callable[..., Any], *arguments: Any) -> Any:
-    """Call a function in the child process of this thread; see :meth:`Child.call`.
+    """Call a function in the worker process of this thread; see :meth:`Child.call`.
 
     Args:
-        run: a child is used for one run only, for what it has loaded may have changed since.
+        run: a worker is used for one run only, for what it has loaded may have changed since.
         function: importable by its name.
         arguments: anything that can be pickled.
     """
@@ -154,7 +186,7 @@ def in_child(run: str, function: Callable[..., Any], *arguments: Any) -> Any:
 
 
 def close_children(run: str | None = None) -> None:
-    """End the children of a run, or all of this process; a call that one is at raises WorkerDiedError."""
+    """End the workers of a run, or all of this process; a call that one is at raises WorkerDiedError."""
     with _lock:
         ours = [child for child in _children if run in (None, child.run)]
     leaving = [Thread(target=_forget, args=(child,)) for child in ours]
@@ -171,83 +203,28 @@ def _forget(child: Child) -> None:
         _children.discard(child)
 
 
-# -- in the child --------------------------------------------------------------------------------
-
-_answers: IO[bytes] | None = None
-
-
-def limit(seconds: float) -> None:
-    """Allow the call that is running ``seconds`` from now on, which may be ``inf``.
-
-    Does nothing in a process that is no child: a thread cannot be ended.
-    """
-    if _answers is not None:
-        _write(_answers, pickle.dumps(("limit", seconds)))
-
-
-def serve_forever() -> None:
-    """Answer calls until the parent is gone, or has been silent for long."""
-    global _answers
-    # What a backend prints must not get in between the answers: it goes to stderr.
-    _answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
-    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
-    # Ctrl-C reaches the whole process group; it is the parent who decides what becomes of it.
-    signal.signal(signal.SIGINT, lambda *_: None)
-    calls: SimpleQueue[bytes | None] = SimpleQueue()
-    Thread(target=_listen, args=(sys.stdin.buffer, calls), daemon=True).start()
-    while True:
-        try:
-            call = calls.get(timeout=IDLE)
-        except Empty:
-            return
-        if call is None:
-            return
-        with suppress(BrokenPipeError):
-            _write(_answers, _answer(call))
+def _name(process: Process) -> None:
+    """Say once that a process has left the group of its rollout."""
+    with _lock:
+        known = process.pid in _named
+        _named.add(process.pid)
+    if not known:
+        print(
+            f"note: process {process.pid} ({process.command}) was started by a rollout, left its process group "
+            f"and still runs; end it yourself if nobody needs it",
+            file=sys.stderr,
+        )
 
 
-def _listen(questions: IO[bytes], calls: SimpleQueue[bytes | None]) -> None:
-    """Queue what the parent asks; when it is gone, end this process, whatever it is at."""
-    with suppress(EOFError):
-        while True:
-            calls.put(_read(questions))
-    calls.put(None)
-    sleep(PATIENCE / 2)
-    os._exit(1)
+def _disown() -> None:
+    """Leave all workers to the process that this one was forked from."""
+    global _lock
+    _lock = Lock()
+    for child in _children:
+        child.disown()
+    _children.clear()
+    _mine.__dict__.clear()
 
 
-def _answer(call: bytes) -> bytes:
-    """Run a call, and return what came of it, pickled."""
-    try:
-        function, arguments = pickle.loads(call)
-    except Exception as error:
-        # Also what a worker on another machine lacks.
-        return _raised(BackendError(f"a worker cannot run this: {type(error).__name__}: {error}"))
-    try:
-        return pickle.dumps(("returned", function(*arguments)))
-    except Exception as error:
-        return _raised(error)
-
-
-def _raised(error: Exception) -> bytes:
-    try:
-        data = pickle.dumps(("raised", error))
-        pickle.loads(data)  # some errors go in and do not come out
-    except Exception:
-        return _raised(BackendError(f"{type(error).__name__}: {error}"))
-    return data
-
-
-def _write(file: IO[bytes], data: bytes) -> None:
-    file.write(len(data).to_bytes(8, "big"))
-    file.write(data)
-    file.flush()
-
-
-def _read(file: IO[bytes]) -> bytes:
-    head = file.read(8)
-    size = int.from_bytes(head, "big")
-    data = file.read(size)
-    if len(head) < 8 or len(data) < size:
-        raise EOFError
-    return data
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_disown)

@@ -2,16 +2,18 @@
 
 A run is a folder::
 
-    spec.stl           the specification, as it was read
+    spec.stl           the specification, as it was read; see kept.py
     journal.jsonl      line 1: what the run is; then one line per rollout
     traces/            <query>.<replicate>.npz, written before its line
 
 Each line is flushed to the disk (fsync) before the search sees the outcome.
 A last line that a crash cut short is dropped with a note, and that rollout is
 run again; damage anywhere else is an error that names the line. Each line ends
-with a CRC-32 of itself and all before it, so that a number that was changed or
-a line that was taken out is noticed, too. It is no signature: it guards against
-accidents. Journals of schema 1 have no checksums; they are read as they are.
+with a CRC-32 of itself and all before it, and has the CRC-32 of its trace's
+file, so that a number that was changed, a line that was taken out or a trace
+that was exchanged is noticed, too. They are no signatures: they guard against
+accidents. Journals of schema 1 have no checksums, older ones of schema 2 none
+of traces; they are read as they are.
 """
 
 from __future__ import annotations
@@ -19,26 +21,24 @@ from __future__ import annotations
 import json
 import math
 import os
-import re
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from s2r_spec import logs
-from s2r_spec.errors import TraceError, UsageError
+from s2r_spec.errors import TraceError
+from s2r_spec.rollouts import lines
+from s2r_spec.rollouts.layout import run_of
+from s2r_spec.rollouts.lines import JournalError
 from s2r_spec.trace import Trace
 
 SCHEMA = "s2r.journal/2"
 UNCHECKED = "s2r.journal/1"
 FILE = "journal.jsonl"
-SPEC_FILE = "spec.stl"
-_CHECKED = re.compile(rb'(?P<body>.*), "crc32": "(?P<sum>[0-9a-f]{8})"\}')
-
-
-class JournalError(UsageError):
-    """The journal of a run cannot be used: it is missing, damaged, or of another run."""
+LOCK = "lock"
+_TRACE_SUM = "trace_crc32"
 
 
 @dataclass(frozen=True)
@@ -59,6 +59,15 @@ class Record:
     seconds: float
 
 
+@dataclass(frozen=True)
+class _Kept:
+    """A rollout, the number of its line, and the checksum of its trace's file if it has one."""
+
+    record: Record
+    line: int
+    trace_sum: str | None
+
+
 class Journal:
     """An open journal. Make one with :meth:`create` or :meth:`resume`."""
 
@@ -66,15 +75,20 @@ class Journal:
         self,
         folder: Path,
         header: Mapping[str, Any],
-        records: dict[tuple[int, int], Record],
+        kept: dict[tuple[int, int], _Kept],
         note: str,
         checksum: int | None,
     ) -> None:
         self.folder = folder
         self.header = dict(header)
         self.note = note
-        self._records = records
+        self._kept = kept
         self._checksum = checksum  # of all lines so far; None in a journal that has none
+
+    @property
+    def path(self) -> Path:
+        """Its file."""
+        return self.folder / FILE
 
     @classmethod
     def create(cls, folder: Path, header: Mapping[str, Any], texts: Mapping[str, str]) -> Journal:
@@ -85,9 +99,11 @@ class Journal:
         """
         if cls.begun(folder):
             raise JournalError(
-                f"{folder} holds a run already; go on with --resume {folder}, or choose another folder"
+                f"{folder} holds a run already; go on with --resume {run_of(folder, header)}, or choose another folder"
             )
         path = folder / FILE
+        if path.exists() and not path.is_file():
+            raise JournalError(f"cannot write the run to {folder}: {path} is not a file")
         try:
             (folder / "traces").mkdir(parents=True, exist_ok=True)
             _hold(folder)
@@ -97,7 +113,8 @@ class Journal:
                 _sync(folder / name)
             # Whole or not at all: a run that was killed while it began is no run.
             path.unlink(missing_ok=True)
-            line, checksum = _line({"schema": SCHEMA} | dict(header), 0)
+            path.with_suffix(".new").unlink(missing_ok=True)
+            line, checksum = lines.written({"schema": SCHEMA} | dict(header), 0)
             _append(path.with_suffix(".new"), line)
             path.with_suffix(".new").replace(path)
             _sync_folder(folder)
@@ -108,11 +125,33 @@ class Journal:
     @staticmethod
     def begun(folder: Path) -> bool:
         """Return whether the folder holds a journal with at least its first line."""
+        path = folder / FILE
         try:
-            with (folder / FILE).open("rb") as file:
-                return file.readline().endswith(b"\n")
+            if not path.is_file():
+                return False
+            with path.open("rb") as file:
+                first = file.readline(lines.LONGEST)
+            # What is longer than any first line was not left by a run that was killed while it began.
+            return first.endswith(b"\n") or len(first) == lines.LONGEST
         except OSError:
             return False
+
+    @staticmethod
+    def found(folder: Path) -> bool:
+        """Return whether a run was begun in the folder, even if it was killed before its journal had a line."""
+        return (folder / FILE).exists() or (folder / LOCK).exists()
+
+    @staticmethod
+    def header_in(folder: Path) -> dict[str, Any]:
+        """Return the header of the journal in a folder, of which nothing else is read; empty if none is begun there.
+
+        Raises:
+            JournalError: the first line is damaged.
+        """
+        if not Journal.begun(folder):
+            return {}
+        with (folder / FILE).open("rb") as file:
+            return lines.parse(folder / FILE, 1, file.readline(lines.LONGEST))
 
     @classmethod
     def read(cls, folder: Path) -> Journal:
@@ -123,37 +162,29 @@ class Journal:
         """
         path = folder / FILE
         try:
-            data = path.read_bytes()
+            # A line counts once its newline is on disk; what follows the last newline was cut short.
+            texts, rest = lines.read(path)
         except OSError as error:
             raise JournalError(f"no run to resume at {folder}: {error.strerror or error} ({path})") from error
-        # A line counts once its newline is on disk; what follows the last newline was cut short.
-        whole, _, rest = data.rpartition(b"\n")
         note = ""
         if rest:
             note = f"{path}: the last line was cut short; it is dropped, and its rollout will be run again"
-        texts = whole.split(b"\n") if whole else []
-        lines = [_parse(path, number, text) for number, text in enumerate(texts, 1)]
-        if not lines or lines[0].get("schema") not in (SCHEMA, UNCHECKED):
+        parsed = [lines.parse(path, number, text) for number, text in enumerate(texts, 1)]
+        if not parsed or parsed[0].get("schema") not in (SCHEMA, UNCHECKED):
             raise JournalError(f"{path}:1: this is not a journal of schema {SCHEMA}; begin a new run")
-        checksum = None if lines[0]["schema"] == UNCHECKED else _check(path, texts)
-        records: dict[tuple[int, int], Record] = {}
-        for number, line in enumerate(lines[1:], 2):
-            try:
-                record = Record(**{key: value for key, value in line.items() if key != "crc32"})
-            except TypeError as error:
-                raise JournalError(f"{path}:{number}: not a rollout record: {error}") from error
-            if not (isinstance(record.rho, float | int) and isinstance(record.params, dict)):
+        checksum = None if parsed[0]["schema"] == UNCHECKED else lines.check(path, texts)
+        kept: dict[tuple[int, int], _Kept] = {}
+        for number, line in enumerate(parsed[1:], 2):
+            record, trace_sum = _record(path, number, line)
+            key = record.query, record.replicate
+            if key in kept:
                 raise JournalError(
-                    f"{path}:{number}: not a rollout record: ρ must be a number, params an object"
-                )
-            if (record.query, record.replicate) in records:
-                raise JournalError(
-                    f"{path}:{number}: rollout {record.query}.{record.replicate} is there twice; "
+                    f"{path}:{number}: rollout {key[0]}.{key[1]} is there twice; "
                     f"two processes must have written to this run"
                 )
-            records[record.query, record.replicate] = record
-        header = {key: value for key, value in lines[0].items() if key not in ("schema", "crc32")}
-        return cls(folder, header, records, note, checksum)
+            kept[key] = _Kept(record, number, trace_sum)
+        header = {key: value for key, value in parsed[0].items() if key not in ("schema", "crc32")}
+        return cls(folder, header, kept, note, checksum)
 
     @classmethod
     def resume(cls, folder: Path, header: Mapping[str, Any]) -> Journal:
@@ -165,6 +196,7 @@ class Journal:
         journal = cls.read(folder)
         try:
             _hold(folder)
+            (folder / "traces").mkdir(exist_ok=True)
         except OSError as error:
             raise JournalError(f"cannot write to {folder}: {error.strerror or error}") from error
         asked = json.loads(json.dumps(dict(header)))
@@ -172,35 +204,70 @@ class Journal:
             recorded, now = journal.header.get(key), asked.get(key)
             if recorded != now:
                 raise JournalError(
-                    f"{folder} is another run: its {key} is {_short(recorded)}, now it is {_short(now)}; "
+                    f"{folder} is another run: its {key} is {lines.shown(recorded)}, now it is {lines.shown(now)}; "
                     f"a certificate cannot mix the two"
                 )
         if journal.note:
-            path = folder / FILE
-            data = path.read_bytes()
-            with path.open("r+b") as file:
-                file.truncate(data.rfind(b"\n") + 1)
-                os.fsync(file.fileno())
+            try:
+                data = journal.path.read_bytes()
+                with journal.path.open("r+b") as file:
+                    file.truncate(data.rfind(b"\n") + 1)
+                    os.fsync(file.fileno())
+            except OSError as error:
+                raise JournalError(f"cannot write to {journal.path}: {error.strerror or error}") from error
         return journal
 
     def __len__(self) -> int:
-        return len(self._records)
+        return len(self._kept)
 
     def get(self, query: int, replicate: int) -> Record | None:
         """Return a rollout that was done before, or None."""
-        return self._records.get((query, replicate))
+        kept = self._kept.get((query, replicate))
+        return None if kept is None else kept.record
 
     def records(self) -> list[Record]:
         """Return every rollout, ordered by query and replicate."""
-        return [self._records[key] for key in sorted(self._records)]
+        return [self._kept[key].record for key in sorted(self._kept)]
+
+    def place(self, record: Record) -> str:
+        """Return file and line of a rollout, for a sentence."""
+        return f"{self.path}:{self._kept[record.query, record.replicate].line}"
+
+    def check_traces(self) -> None:
+        """See that every trace that is there is the one that was recorded.
+
+        One that is gone is no lie: ρ is in the journal. Traces of older journals have no checksum.
+
+        Raises:
+            JournalError: a file is another one.
+        """
+        for kept in self._kept.values():
+            if kept.record.trace is None or kept.trace_sum is None:
+                continue
+            path = self.folder / kept.record.trace
+            try:
+                changed = path.exists() and (not path.is_file() or _sum(path) != kept.trace_sum)
+            except OSError as error:
+                raise JournalError(f"cannot read {path}: {error.strerror or error}") from error
+            if changed:
+                raise JournalError(
+                    f"{path} is not the trace that was recorded: its checksum is not the one in "
+                    f"{self.place(kept.record)}; restore both from a copy, or begin a new run"
+                )
 
     def keep(self, key: tuple[int, int], trace: Trace | None) -> Path:
-        """Write a trace that cannot be scored beside the journal, and return where."""
+        """Write a trace that cannot be scored beside the journal, and return where.
+
+        Raises:
+            JournalError: it cannot be written.
+        """
         path = self.folder / "unscored" / f"{key[0]:05d}.{key[1]:04d}.npz"
         if trace is not None:
-            path.parent.mkdir(exist_ok=True)
-            logs.write(trace, path)
-            _sync(path)
+            try:
+                path.parent.mkdir(exist_ok=True)
+                _write(trace, path)
+            except OSError as error:
+                raise JournalError(f"cannot write {path}: {error.strerror or error}") from error
         return path
 
     def append(self, record: Record, trace: Trace | None) -> Record:
@@ -213,21 +280,56 @@ class Journal:
             raise JournalError(
                 f"ρ of rollout {record.query}.{record.replicate} is {record.rho}: it cannot be recorded"
             )
+        more: dict[str, str] = {}
         try:
             if trace is not None:
                 name = f"traces/{record.query:05d}.{record.replicate:04d}.npz"
                 record = replace(record, trace=name)
                 _write(trace, self.folder / name)
-            line, checksum = _line(vars(record), self._checksum)
-            _append(self.folder / FILE, line)
+                more = {_TRACE_SUM: _sum(self.folder / name)}
+            line, checksum = lines.written(vars(record) | more, self._checksum)
+            if len(line) > lines.LONGEST:
+                raise JournalError(
+                    f"the line of rollout {record.query}.{record.replicate} has {len(line)} bytes: its failure or its "
+                    f"parameters are too long to be recorded"
+                )
+            _append(self.path, line)
         except OSError as error:
             raise JournalError(
                 f"cannot write to {self.folder}: {error.strerror or error}; what was recorded before is kept, "
-                f"go on with --resume {self.folder}"
+                f"go on with --resume {run_of(self.folder, self.header)}"
             ) from error
         self._checksum = checksum
-        self._records[record.query, record.replicate] = record
+        self._kept[record.query, record.replicate] = _Kept(record, len(self._kept) + 2, more.get(_TRACE_SUM))
         return record
+
+
+def _record(path: Path, number: int, line: Mapping[str, Any]) -> tuple[Record, str | None]:
+    """Return a line's rollout, and the checksum of its trace's file if it has one.
+
+    Raises:
+        JournalError: a field is missing, unknown, or not of its type.
+    """
+    values = {key: value for key, value in line.items() if key not in ("crc32", _TRACE_SUM)}
+    wrong = lines.fault(values, lines.ROLLOUT)
+    if not wrong and (unknown := sorted(values.keys() - lines.ROLLOUT.keys())):
+        wrong = f"{unknown[0]!r} is no field of it"
+    if not wrong and not lines.is_text_or_none(line.get(_TRACE_SUM)):
+        wrong = f"{_TRACE_SUM} must be a text"
+    if wrong:
+        raise JournalError(
+            f"{path}:{number}: not a rollout record: {wrong}; restore it from a copy, or begin a new run"
+        )
+    return Record(**values), line.get(_TRACE_SUM)
+
+
+def _sum(path: Path) -> str:
+    """Return the CRC-32 of a file, as hex digits."""
+    checksum = 0
+    with path.open("rb") as file:
+        while part := file.read(1 << 20):
+            checksum = zlib.crc32(part, checksum)
+    return f"{checksum:08x}"
 
 
 # Folders that this process writes to, by their locks; the system lets go of them when it ends.
@@ -246,7 +348,7 @@ def _hold(folder: Path) -> None:
         return
     if folder.resolve() in _held:
         return
-    handle = os.open(folder / "lock", os.O_CREAT | os.O_RDWR, 0o644)
+    handle = os.open(folder / LOCK, os.O_CREAT | os.O_RDWR, 0o644)
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError as error:
@@ -255,46 +357,6 @@ def _hold(folder: Path) -> None:
             f"{folder} is being written by another process; wait for it, or stop it"
         ) from error
     _held[folder.resolve()] = handle
-
-
-def _parse(path: Path, number: int, line: bytes) -> dict[str, Any]:
-    try:
-        value = json.loads(line)
-    except ValueError as error:
-        raise JournalError(
-            f"{path}:{number}: damaged line ({error}); restore it from a copy, or begin a new run"
-        ) from None
-    if not isinstance(value, dict):
-        raise JournalError(f"{path}:{number}: not an object; restore it from a copy, or begin a new run")
-    return value
-
-
-def _line(value: Mapping[str, Any], before: int | None) -> tuple[bytes, int | None]:
-    """Return a line of the journal and its checksum, from that of the line before; without one if that is None."""
-    body = json.dumps(value, allow_nan=False).encode()[:-1]
-    if before is None:
-        return body + b"}", None
-    checksum = zlib.crc32(body, before)
-    return body + b', "crc32": "%08x"}' % checksum, checksum
-
-
-def _check(path: Path, lines: Sequence[bytes]) -> int:
-    """Return the checksum of all lines.
-
-    Raises:
-        JournalError: a line is not as it was written.
-    """
-    checksum = 0
-    for number, line in enumerate(lines, 1):
-        match = _CHECKED.fullmatch(line)
-        if match is not None:
-            checksum = zlib.crc32(match["body"], checksum)
-        if match is None or int(match["sum"], 16) != checksum:
-            raise JournalError(
-                f"{path}:{number}: the checksum does not fit: this line was changed after it was written, or one "
-                f"before it was taken out; restore it from a copy, or begin a new run"
-            )
-    return checksum
 
 
 def _append(path: Path, line: bytes) -> None:
@@ -320,7 +382,6 @@ def _write(trace: Trace, path: Path) -> None:
         logs.write(trace, path)
     except TraceError as error:
         raise error.__context__ if isinstance(error.__context__, OSError) else error from None
-    _sync(path)
 
 
 def _sync(path: Path) -> None:
@@ -334,8 +395,3 @@ def _sync_folder(folder: Path) -> None:
         os.fsync(handle)
     finally:
         os.close(handle)
-
-
-def _short(value: object) -> str:
-    text = json.dumps(value)
-    return text if len(text) <= 60 else text[:57] + "..."

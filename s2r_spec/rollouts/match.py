@@ -97,7 +97,8 @@ def _conversion(what: str, declared: Unit, unit: str, backend: str) -> tuple[flo
     try:
         offered = parse_unit(unit)
     except UnknownUnitError:
-        raise BackendError(f"backend {backend!r} declares {what} in {unit!r}, which is not a unit") from None
+        wrong = UsageError if backend.startswith("log:") else BackendError  # a file's mistake is its user's
+        raise wrong(f"backend {backend!r} declares {what} in {unit!r}, which is not a unit") from None
     if not declared.fits(offered):
         raise UsageError(
             f"the spec declares {what} in {declared}, but backend {backend!r} has it in {offered}; "

@@ -13,6 +13,7 @@ from pathlib import Path
 
 from s2r_spec.backend import Backend, HasEffects, load_backend
 from s2r_spec.errors import UsageError
+from s2r_spec.files import save
 
 SCHEMA = "s2r/patched/1"
 
@@ -24,10 +25,7 @@ def write(path: Path, base: str, effects: Mapping[str, Mapping[str, float]]) -> 
         UsageError: the file cannot be written.
     """
     text = json.dumps({"schema": SCHEMA, "base": base, "effects": effects}, indent=2)
-    try:
-        path.write_text(text + "\n", encoding="utf-8")
-    except OSError as error:
-        raise UsageError(f"cannot write {path}: {error.strerror or error}") from None
+    save(path, text + "\n")
 
 
 def open_patched(path: str = "") -> Backend:

@@ -201,13 +201,30 @@ def _lacking(loaded: Sequence[tuple[str, Loaded]]) -> dict[str, str]:
             having.setdefault(name, source)
         for name, why in one.left_out.items():
             found.setdefault(name, f"{source}: {why}")
+    by_source = {source: one.trace for source, one in loaded}
     for name, other in having.items():
         for source, one in loaded:
-            if name not in one.trace.channels:
-                found.setdefault(name, f"{source} lacks the channel {name!r}, which {other} has")
+            wrong = _unlike(name, one.trace, by_source[other], other)
+            if wrong:
+                found.setdefault(name, source + wrong)
     if found and not set(having) - set(found):
         raise LogError(next(iter(found.values())))
     return found
+
+
+def _unlike(name: str, trace: Trace, first: Trace, other: str) -> str:
+    """Return why a trace's channel is not that of the first trace with it, after the file's name; "" if it is."""
+    if name not in trace.channels:
+        return f" lacks the channel {name!r}, which {other} has"
+    if trace[name].shape[1:] != first[name].shape[1:]:
+        return f": {name!r} has another width than in {other}"
+    unit, before = trace.units.get(name), first.units.get(name)
+    if unit != before:
+        return (
+            f", line 1: the channel {name!r} is in {unit or 'no unit'}, "
+            f"but in {before or 'no unit'} in {other}; write for example {name} [{unit or before}]"
+        )
+    return ""
 
 
 def _without(trace: Trace, names: Collection[str]) -> Trace:
@@ -362,21 +379,9 @@ def _refuse_copies(recordings: Sequence[Recording]) -> None:
 
 
 def _channels(recordings: Sequence[Recording]) -> tuple[Channel, ...]:
-    """Return the channels of the first trace, which every other one must have alike."""
-    first = recordings[0]
-    for recording in recordings[1:]:
-        for name, values in first.trace.channels.items():
-            if name not in recording.trace.channels:
-                raise LogError(f"{recording.source} lacks the channel {name!r}, which {first.source} has")
-            if recording.trace[name].shape[1:] != values.shape[1:]:
-                raise LogError(f"{recording.source}: {name!r} has another width than in {first.source}")
-            unit, other = recording.trace.units.get(name), first.trace.units.get(name)
-            if unit != other:
-                raise LogError(
-                    f"{recording.source}, line 1: the channel {name!r} is in {unit or 'no unit'}, "
-                    f"but in {other or 'no unit'} in {first.source}; write for example {name} [{unit or other}]"
-                )
+    """Return the channels of the first trace, which every other one has alike."""
+    first = recordings[0].trace
     return tuple(
-        Channel(name, first.trace.units.get(name, ""), "as recorded", math.prod(values.shape[1:]))
-        for name, values in first.trace.channels.items()
+        Channel(name, first.units.get(name, ""), "as recorded", math.prod(values.shape[1:]))
+        for name, values in first.channels.items()
     )

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from s2r_spec.backend import Backend, HasPictures, short
 from s2r_spec.errors import UsageError
-from s2r_spec.rollouts.journal import SPEC_FILE, Journal
+from s2r_spec.files import saving
+from s2r_spec.rollouts.journal import Journal
+from s2r_spec.rollouts.kept import checked_header, load_kept
 from s2r_spec.rollouts.rig import Rig
 from s2r_spec.rollouts.runner import Done, run_task
-from s2r_spec.spec import Spec, load_spec
+from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
 
 
@@ -45,29 +50,33 @@ class Replay:
         """
         if not isinstance(self.backend, HasPictures):
             raise UsageError(f"the backend {self.backend.name!r} draws no pictures; --plot needs none")
-        self.backend.render(self.backend_params, self.seed, path)
+        with saving(path) as beside:
+            try:
+                self.backend.render(self.backend_params, self.seed, beside)
+            except UsageError as error:
+                raise UsageError(str(error).replace(beside.name, path.name)) from None
 
 
 def replay(rollout: str) -> Replay:
     """Run ``FOLDER#QUERY.REPLICATE`` again.
 
     Raises:
-        UsageError: the text is not of that form, or the run has no such rollout.
+        UsageError: the text is not of that form, the run has no such rollout, or its files were changed.
     """
-    folder, hash_sign, key = rollout.rpartition("#")
-    query, dot, replicate = key.partition(".")
-    if not (hash_sign and dot and query.isdecimal() and replicate.isdecimal()):
+    match = re.fullmatch(r"(?s)(?P<folder>.*)#(?P<query>[0-9]{1,20})\.(?P<replicate>[0-9]{1,20})", rollout)
+    if match is None:
         raise UsageError(
             f"{rollout!r} is not FOLDER#QUERY.REPLICATE, for example s2r-runs/night/walking#12.3"
         )
-    journal = Journal.read(Path(folder))
-    record = journal.get(int(query), int(replicate))
+    journal = Journal.read(Path(match["folder"]))
+    record = journal.get(int(match["query"]), int(match["replicate"]))
     if record is None:
-        raise UsageError(f"{folder} has no rollout {key}; it has {len(journal)} rollouts")
-    header, point = journal.header, dict(record.params)
-    spec = load_spec(journal.folder / SPEC_FILE)
+        key = rollout.rpartition("#")[2]
+        raise UsageError(f"{journal.folder} has no rollout {key}; it has {len(journal)} rollouts")
+    spec = load_kept(journal)
+    header, point = checked_header(journal), dict(record.params)
     requirement = header["requirement"]
-    rig = Rig.for_spec(spec, requirement, header["backend"], header["duration"])
+    rig = _rig(spec, header, journal)
     # All channels this time: whoever replays a rollout wants to look at it.
     task = replace(rig.task(record.query, record.replicate, point, record.seed), channels=None)
     trace, seconds = run_task(task)
@@ -75,8 +84,10 @@ def replay(rollout: str) -> Replay:
     difference = ""
     if rho != record.rho:
         difference = f"the record says {record.rho:+.6f}"
-        if rig.backend.model_hash != header["model_hash"]:
-            before, now = short(header["model_hash"]), short(rig.backend.model_hash)
+        # Both sides of a gap have theirs in the header of each.
+        recorded = header[header["side"]]["model_hash"] if "side" in header else header["model_hash"]
+        if rig.backend.model_hash != recorded:
+            before, now = short(recorded), short(rig.backend.model_hash)
             difference += f"; the model has changed since ({before}, now {now})"
     return Replay(
         point,
@@ -91,3 +102,18 @@ def replay(rollout: str) -> Replay:
         dict(task.params),
         difference,
     )
+
+
+def _rig(spec: Spec, header: Mapping[str, Any], journal: Journal) -> Rig:
+    """Open the backend of a run, with rollouts as long as they were.
+
+    Raises:
+        UsageError: the journal says that they were longer than any that the backend or the requirement asks for.
+    """
+    requirement, name, duration = header["requirement"], header["backend"], header["duration"]
+    own = Rig.for_spec(spec, requirement, name)
+    if duration > own.backend.duration:
+        raise UsageError(
+            f"{journal.path}:1: the rollouts lasted {duration:g} s, those of {name} last {own.backend.duration:g} s now"
+        )
+    return own if duration == own.backend.duration else Rig.for_spec(spec, requirement, name, duration)

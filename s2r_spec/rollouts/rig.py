@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Self
 
 from s2r_spec.backend import Backend
-from s2r_spec.errors import UsageError
-from s2r_spec.rollouts.journal import SPEC_FILE
+from s2r_spec.errors import BackendError, S2RError, UsageError
 from s2r_spec.rollouts.match import match
 from s2r_spec.rollouts.runner import Done, Task, open_backend
 from s2r_spec.spec import Spec
@@ -18,16 +16,6 @@ from s2r_spec.trace import Trace
 
 Measure = Callable[[Trace, Mapping[str, float]], float]
 """A number from a trace and its test: positive if the test was passed, and by how much."""
-
-
-def spec_files(spec: Spec) -> dict[str, str]:
-    """Return name → text of the spec and of what it imports, as they are kept beside a journal."""
-    home = os.path.dirname(spec.name)
-    imported = {os.path.relpath(name, home or "."): text for name, text in spec.imported.items()}
-    # What is imported from above the spec's own folder is not kept: it would be written outside the run's.
-    return {SPEC_FILE: spec.text} | {
-        name: text for name, text in imported.items() if not name.startswith("..")
-    }
 
 
 def default_timeout(backend: Backend) -> float:
@@ -103,9 +91,39 @@ class Rig:
 
         A fall or a crash has the value that was declared for it: it is never
         dropped, and never judged by the trace that it cut short.
+
+        Raises:
+            S2RError: the measure raised, or gave no finite number.
         """
         if done.trace is None:
             return self.fall, done.failure or "crash"
         if done.trace.failure is not None:
             return self.fall, done.trace.failure
-        return float(self.measure(done.trace, point)), None
+        try:
+            value = self.measure(done.trace, point)
+        except S2RError:
+            raise
+        except Exception as error:
+            raise BackendError(f"its measure raised {type(error).__name__}: {error}") from error
+        return _number(value), None
+
+
+def _number(value: object) -> float:
+    """Return what a measure gave as a float.
+
+    Raises:
+        BackendError: it is no number, or not finite.
+    """
+    scalar = hasattr(value, "__float__") and getattr(value, "ndim", 0) == 0
+    if scalar and not isinstance(value, str | bytes | complex):
+        try:
+            number = float(value)  # type: ignore[arg-type]
+        except (TypeError, ValueError, OverflowError):
+            pass
+        else:
+            if math.isfinite(number):
+                return number
+            raise BackendError(f"its ρ is {number}")
+    shape = f" of shape {shape}" if (shape := getattr(value, "shape", ())) else ""
+    what = "None" if value is None else f"a value of type {type(value).__name__}{shape}"
+    raise BackendError(f"its measure gave {what}, not a number")

@@ -13,6 +13,7 @@ import math
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cache
 from socket import gethostname
@@ -20,10 +21,11 @@ from time import perf_counter
 from types import TracebackType
 from typing import Self
 
-from s2r_spec.backend import Backend, HasDuration, load_backend, short
-from s2r_spec.errors import BackendError, S2RError
-from s2r_spec.rollouts.child import TimeLimitError, WorkerDiedError, limit
+from s2r_spec.backend import Backend, HasDuration, load_backend, refuse_unknown, short
+from s2r_spec.errors import BackendError, S2RError, one_of, suggest
+from s2r_spec.rollouts.child import TimeLimitError, WorkerDiedError
 from s2r_spec.rollouts.pools import ExecutorFactory
+from s2r_spec.rollouts.worker import end_copy, limit
 from s2r_spec.trace import Trace
 
 STRIKES = 3
@@ -82,34 +84,58 @@ def run_task(task: Task) -> tuple[Trace, float]:
     """Run one rollout in this process; return its trace and the seconds it took.
 
     Raises:
+        UsageError: the backend does not declare one of the test's parameters.
         BackendError: whatever the rollout raised, SystemExit included, in one sentence: the
-            original may not survive the way between processes, and must not end s2r.
+            original may not survive the way between processes, and must not end s2r. Also
+            where it returns no trace, or one that lacks a channel.
     """
-    where = f"at {dict(task.params)}, seed {task.seed}"
     limit(task.timeout + OPENING)
-    try:
+    with _said_of(task):
         backend = _open(task)
+        declared = tuple(backend.parameters)
+    refuse_unknown(task.backend, declared, task.params)
+    with _said_of(task):
         limit(task.timeout)
         start = perf_counter()
         trace = backend.rollout(task.params, task.seed)
         seconds = perf_counter() - start
-    except S2RError as error:
-        raise BackendError(f"backend {task.backend!r}: {error} {where}") from None
-    except BaseException as error:
-        raise BackendError(
-            f"backend {task.backend!r} raised {type(error).__name__}: {error} {where}"
-        ) from None
     if not isinstance(trace, Trace):
-        raise BackendError(f"backend {task.backend!r} returned a {type(trace).__name__} and no Trace {where}")
+        raise BackendError(
+            f"backend {task.backend!r} returned a {type(trace).__name__} and no Trace {_where(task)}"
+        )
     try:
         json.dumps(dict(trace.meta))
-    except TypeError as error:
+    except (TypeError, ValueError, RecursionError) as error:  # the last two: it contains itself
         raise BackendError(
-            f"backend {task.backend!r}: the trace's meta cannot be written: {error} {where}"
+            f"backend {task.backend!r}: the trace's meta cannot be written: {error} {_where(task)}"
         ) from None
-    if task.channels is not None:
-        trace = trace.only(task.channels)
-    return trace, seconds
+    if task.channels is None:
+        return trace, seconds
+    for name in task.channels:
+        if name not in trace.channels:
+            raise BackendError(
+                f"backend {task.backend!r} recorded no channel {name!r} {_where(task)}"
+                f"{suggest(name, trace.channels)} it recorded {one_of(trace.channels)}"
+            )
+    return trace.only(task.channels), seconds
+
+
+def _where(task: Task) -> str:
+    return f"at {dict(task.params)}, seed {task.seed}"
+
+
+@contextmanager
+def _said_of(task: Task) -> Iterator[None]:
+    """Turn what a backend raises into a sentence that names it, and the rollout."""
+    try:
+        yield
+    except S2RError as error:
+        raise BackendError(f"backend {task.backend!r}: {error} {_where(task)}") from None
+    except BaseException as error:
+        end_copy(error)
+        raise BackendError(
+            f"backend {task.backend!r} raised {type(error).__name__}: {error} {_where(task)}"
+        ) from None
 
 
 def _open(task: Task) -> Backend:
@@ -213,7 +239,7 @@ class Runner:
         except BrokenExecutor as error:
             pool.shutdown(wait=True)
             raise BackendError("worker processes cannot start: what they printed above says why") from error
-        except S2RError:
+        except BaseException:  # Ctrl-C included
             pool.shutdown(wait=True)
             raise
         return pool

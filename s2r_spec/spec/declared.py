@@ -40,7 +40,7 @@ class Declared:
     @property
     def hash(self) -> str:
         """SHA-256 of the text and what it imports, as hex digits; line endings do not matter."""
-        return hashlib.sha256("\0".join((self.text, *self.imported.values())).encode()).hexdigest()
+        return hash_of(self.text, self.imported.values())
 
     @property
     def requirements(self) -> tuple[str, ...]:
@@ -91,3 +91,8 @@ class Declared:
 
     def _chosen(self, requirement: str | None) -> Sequence[f.Formula]:
         return tuple(self.formulas.values()) if requirement is None else (self._formula(requirement),)
+
+
+def hash_of(text: str, imported: Iterable[str]) -> str:
+    """Return the SHA-256 of a specification's text and of the texts of what it imports, as hex digits."""
+    return hashlib.sha256("\0".join((text, *imported)).encode()).hexdigest()

@@ -12,6 +12,7 @@ import pytest
 from benchmarks.blind.a1 import cases
 from benchmarks.blind.a1.effects import KNOWN, UNKNOWN
 from benchmarks.blind.a1.generate import plan, write_case
+from benchmarks.blind.a1.plant import Plant
 from benchmarks.blind.a1.rollout import Runner
 from benchmarks.blind.a1.twin import Twin
 from s2r_sim import SimBackend
@@ -88,6 +89,44 @@ def test_the_nominal_robot_walks_as_in_the_simulator(trace):
     late = slice(250, None)
     for name, most in (("vx", 0.005), ("height", 0.002), ("pitch", 0.004), ("tau", 1.0), ("foot_force", 6.0)):
         assert np.abs(trace[name][late].mean(axis=0) - simulated[name][late].mean(axis=0)).max() < most, name
+
+
+@pytest.mark.parametrize(
+    ("effect", "values", "known"),
+    [
+        ("encoder_offset", {"hip": 0.0, "thigh": 0.0, "calf": 0.04}, 0.3),
+        ("attitude_bias", {"roll": -2.0, "pitch": 0.0}, 0.1),
+        ("backlash", {"half_gap": 0.015}, 0.5),
+    ],
+)
+def test_it_logs_joints_and_attitude_by_the_sensors_of_the_robot(effect, values, known):
+    """From base to foot, a simulator with the effect explains most of what a log of other code says."""
+    twin = Twin()
+    KNOWN[effect].apply(twin, np.random.default_rng(5), values)
+    trace = Runner(twin).run(0.2, np.random.default_rng(1), duration=0.3)
+    bare, knowing = (
+        np.abs(sim.residuals(trace, {"vd": 0.2})["foot_place"]).mean()
+        for sim in (SimBackend(), SimBackend().with_effects({effect: values}))
+    )
+    assert bare > 0.002
+    assert knowing < known * bare
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.003, 0.0047])
+def test_drives_do_nothing_before_their_first_command_arrives(delay):
+    twin = Twin()
+    plant = Plant(twin.build, twin.world)
+    plant.stand()
+    law = np.zeros((5, 12))
+    law[4] = 3.0
+    made = []
+    for _ in range(5):
+        plant.send(law, delay)
+        plant.run(-1.0)
+        made.append(plant.state["current"][0, 0])
+    # The last of eight steps of a tick of 2 ms begins at 1.75 ms.
+    assert (np.array(made) > 1.0).tolist() == [0.002 * tick + 0.00175 >= delay for tick in range(5)]
+    assert made[0] == 0.0 or delay < 0.00175
 
 
 def test_a_rollout_is_a_function_of_its_random_numbers(runner):

@@ -15,6 +15,7 @@ from benchmarks.blind.arm import machine as arm
 from benchmarks.blind.car import machine as car
 from benchmarks.blind.emps.cases import KINDS
 from benchmarks.blind.emps.generate import write_case
+from benchmarks.blind.outsiders import cases as outsiders
 from benchmarks.blind.outsiders.cases import SIZES, Case, drawn_tests, make_case, stratified
 from benchmarks.blind.outsiders.generate import main
 from benchmarks.blind.quad import machine as quad
@@ -45,11 +46,14 @@ def simulators():
 
 @pytest.fixture(scope="module")
 def cases():
-    """Return set → kind → a case."""
-    return {
-        name: {kind: make_case(machine, np.random.default_rng(5), kind) for kind in KINDS}
-        for name, machine in MACHINES.items()
-    }
+    """Return set → kind → a case, of six rollouts."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(outsiders, "BUDGET", 6)
+        patch.setattr(outsiders, "DIFFERENT", 4)
+        return {
+            name: {kind: make_case(machine, np.random.default_rng(5), kind) for kind in KINDS}
+            for name, machine in MACHINES.items()
+        }
 
 
 def same(some, others):
@@ -90,7 +94,9 @@ def test_known_causes_are_the_catalogue_and_unknown_ones_are_not(name, simulator
 
 
 @each
-def test_a_case_is_a_function_of_its_random_numbers(name, cases):
+def test_a_case_is_a_function_of_its_random_numbers(name, cases, monkeypatch):
+    monkeypatch.setattr(outsiders, "BUDGET", 6)
+    monkeypatch.setattr(outsiders, "DIFFERENT", 4)
     again = make_case(MACHINES[name], np.random.default_rng(5), "pair")
     assert again.label == cases[name]["pair"].label
     same(again.rollouts, cases[name]["pair"].rollouts)
@@ -205,6 +211,95 @@ def test_without_effects_the_machine_is_near_its_simulator(simulators, name, rho
         apart.append(np.abs(both[0][channel] - both[1][channel]).mean())
     assert 0.0 < np.mean(gaps) < rho
     assert np.mean(apart) < near
+
+
+def split(one, other):
+    """Return the first sample after the first at which two records differ."""
+    return 1 + int(np.argmax(one[1:] != other[1:]))
+
+
+@pytest.mark.parametrize(
+    # A pulse in what is measured at first changes the first command, which arrives after the delay and not before. The
+    # arm's dead time is four fifths of its delay, and the rest a lag.
+    ("name", "delay", "dead", "noise", "column", "size", "channel"),
+    [
+        ("arm", {"delay": 0.02}, 0.016, "encoder", 0, 0.05, "q"),
+        ("quad", {"command_delay": 0.06}, 0.06, "noise", 1, 50.0, "z"),
+        ("car", {"steer_delay": 0.07}, 0.07, "noise", 0, 1.0, "steer_m"),
+        ("segway", {"latency": 0.035}, 0.035, "noise", 0, 0.5, "speed"),
+    ],
+)
+def test_a_machine_moves_no_earlier_than_its_first_command_arrives(
+    name, delay, dead, noise, column, size, channel
+):
+    machine = MACHINES[name]
+    test = stratified(load_spec(machine.SPEC), np.random.default_rng(1), 1)[0]
+    nuisance = machine.drawn_nuisance(np.random.default_rng(3))
+    if hasattr(nuisance, "jitter"):
+        nuisance = replace(nuisance, jitter=0.0 * nuisance.jitter)
+    kicked = getattr(nuisance, noise).copy()
+    kicked[0, column] += size
+    for values, late in ((delay, dead), ({}, 0.0)):
+        one, other = (
+            machine.drive(values, test, n) for n in (nuisance, replace(nuisance, **{noise: kicked}))
+        )
+        at = one.times[
+            split(one[channel].reshape(len(one), -1)[:, 0], other[channel].reshape(len(one), -1)[:, 0])
+        ]
+        # The motion answers at the first sample after the arrival, or at the next, where a sample is too coarse for it.
+        step = one.times[1]
+        assert late < at <= late + 2.5 * step
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.03])
+def test_a_simulated_machine_moves_no_earlier_either(simulators, delay):
+    import s2r_arm
+    import s2r_quad
+
+    def arm_moves(kick):
+        enc = np.zeros((100, 2))
+        enc[0, 0] = kick
+        effects = np.array(s2r_arm.NOMINAL, dtype=float)
+        effects[s2r_arm.NAMES.index("delay")] = delay
+        reference = s2r_arm.reference(0.5, 0.6, 100)
+        found, _ = s2r_arm.simulate(
+            reference, 1.0, np.zeros(3), np.zeros((100, 2)), enc, 1.0, tuple(effects), 2
+        )
+        return found[:, 0]
+
+    def quad_flies(kick):
+        effects = tuple(
+            float(delay if name == "command_delay" else value) for name, _, value in s2r_quad.ORDER
+        )
+        meas = np.zeros((s2r_quad.N, 6))
+        meas[0, 1] = kick
+        found, _ = s2r_quad._fly(1.0, 1.0, 0.0, effects, meas, np.zeros((s2r_quad.N, 2)), np.zeros(5))
+        return found[:, 1]
+
+    for moves, step in ((arm_moves, s2r_arm.TS), (quad_flies, s2r_quad.TC * s2r_quad.EVERY)):
+        at = step * split(moves(0.0), moves(0.05))
+        assert delay < at <= delay + 2.5 * step
+
+
+def test_an_arm_is_held_where_it_is_until_its_first_command_arrives(simulators):
+    import s2r_arm
+
+    effects = np.array(s2r_arm.NOMINAL, dtype=float)
+    effects[s2r_arm.NAMES.index("delay")] = 0.02
+    reference = s2r_arm.reference(0.5, 0.6, 50)
+    found, _ = s2r_arm.simulate(
+        reference,
+        1.0,
+        np.array([0.1, 0.0, 0.0]),
+        np.zeros((50, 2)),
+        np.zeros((50, 2)),
+        1.0,
+        tuple(effects),
+        2,
+    )
+    still, moved = found[:11, 0] - found[0, 0], found[20, 0] - found[0, 0]
+    # The controller is 0.1 rad off and pulls at once, if the drives are not late; what holds is for where it should be.
+    assert np.abs(still).max() < 0.001 < 0.005 < -moved
 
 
 @pytest.mark.parametrize("gust", [0.0, 3000.0])

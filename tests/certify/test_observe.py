@@ -15,7 +15,6 @@ LINE = Space.of({"vd": (-0.2, 0.3)})
 SQUARE = Space.of({"x": (0.0, 0.5), "y": (-0.5, 0.0)})
 KERNEL = Kernel("matern52", 0.2)
 USUAL = {"kernel": KERNEL, "B": 1.5, "R": 0.05, "delta": 0.1, "epsilon": 0.06}
-RUNS = 60
 
 
 def fixed_design(space, function, noise, rng, tests):
@@ -29,10 +28,11 @@ def fixed_design(space, function, noise, rng, tests):
     ]
 
 
+@pytest.mark.parametrize("runs", [15, pytest.param(60, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(("space", "tests", "fine"), [(LINE, 40, 2001), (SQUARE, 60, 101)])
-def test_the_bound_holds_on_a_fixed_random_design(space, tests, fine):
+def test_the_bound_holds_on_a_fixed_random_design(space, tests, fine, runs):
     wrong, widths = 0, []
-    for seed in range(RUNS):
+    for seed in range(runs):
         rng = np.random.default_rng([11, seed])
         function = RandomFunction(KERNEL, space, 1.5, rng)
         search = Search(space, **USUAL)

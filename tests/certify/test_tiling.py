@@ -53,12 +53,20 @@ def test_a_cell_that_cannot_be_halved_any_more_says_so():
 
 
 @pytest.mark.parametrize(
-    ("dim", "name", "fine"), [(1, "rbf", 5001), (1, "matern32", 5001), (2, "matern52", 301), (3, "rbf", 61)]
+    ("dim", "name", "fine", "seeds"),
+    [
+        (1, "rbf", 5001, range(3)),
+        (1, "matern32", 5001, range(3)),
+        (2, "matern52", 301, range(1)),
+        (3, "rbf", 61, range(1)),
+        pytest.param(2, "matern52", 301, range(1, 3), marks=pytest.mark.slow),
+        pytest.param(3, "rbf", 61, range(1, 3), marks=pytest.mark.slow),
+    ],
 )
-def test_the_certified_maximum_is_never_below_that_of_a_ten_times_finer_grid(dim, name, fine):
+def test_the_certified_maximum_is_never_below_that_of_a_ten_times_finer_grid(dim, name, fine, seeds):
     """Without noise to speak of, all that separates the bound from the truth is what cells may hide."""
     space, kernel = Space.of(dict.fromkeys("abc"[:dim], (0.0, 0.5))), Kernel(name, 0.2)
-    for seed in range(3):
+    for seed in seeds:
         rng = np.random.default_rng(seed)
         function = RandomFunction(kernel, space, 1.0, rng)
         search = Search(space, kernel=kernel, B=2.5, R=1e-4, delta=0.1, epsilon=0.02, seed=seed, budget=3000)

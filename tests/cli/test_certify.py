@@ -2,6 +2,7 @@ import os
 import signal
 import subprocess
 import time
+from functools import cache
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from tests.cli.conftest import SPEC
 SPEED = np.linspace(-0.2, 0.3, 11)
 
 
+@cache
 def expected(spec_text: str, backend: str, rollouts: int = 300) -> np.ndarray:
     """Return (11,) mean ρ over the test space, by brute force."""
     spec, machine = s2r_lib.parse_spec(spec_text), s2r_lib.load_backend(backend)

@@ -25,3 +25,24 @@ def test_a_folder_of_recordings_is_certified_and_a_bad_one_exits_with_2(s2r):
     shown = s2r("check", spec, "-b", "log:night", code=2).stderr
     assert "night/rollouts.csv, line 9: '7' has no file" in shown
     assert "Traceback" not in shown
+
+
+def test_how_logs_are_read_can_be_said(s2r):
+    """Times in ms under another name, a missing sample, and a column that nobody reads."""
+    folder, rng, rows = s2r.folder / "night", np.random.default_rng(0), ["id,vd [m/s]"]
+    folder.mkdir()
+    toy = s2r_package.load_backend("toy")
+    for number, vd in enumerate(rng.uniform(-0.2, 0.3, 100).tolist()):
+        rows.append(f"{number},{vd!r}")
+        trace = toy.rollout({"vd": vd}, number)
+        samples = zip((1000 * trace.times).tolist(), trace["vx"].tolist(), strict=True)
+        lines = [f"{time!r},{'' if k == 2 else repr(vx)},walk\n" for k, (time, vx) in enumerate(samples)]
+        (folder / f"{number}.csv").write_text("clock,speed [m/s],mode\n" + "".join(lines))
+    (folder / "rollouts.csv").write_text("\n".join(rows) + "\n")
+    spec = s2r.spec(text=SPEC.replace("LIMIT", "0.1"))
+    asked = ("check", spec, "-b", "log:night", "-m", "t=clock", "-m", "vx=speed", "--time-unit", "ms")
+    assert "night/0.csv" in s2r(*asked, code=2).stderr
+    done = s2r(*asked, "--nan", "hold", "--run", "r", code=0)
+    assert "'mode' is left out" in done.stderr
+    s2r("report", "r", code=0)
+    assert "no log:FOLDER is given" in s2r("check", spec, "-b", "toy", "--nan", "hold", code=2).stderr

@@ -12,7 +12,7 @@ from tests.cli.conftest import SPEC
 TIMES = np.arange(16) / 10
 
 
-def walk(s2r, name: str, *vx: float, column: str = "vx", **meta: str) -> str:
+def walk(s2r, name: str, *vx: float, column: str = "vx", **meta: object) -> str:
     values = np.full(16, 0.3)
     values[: len(vx)] = vx
     write(Trace(TIMES, {column: values}, {column: "m/s"}, meta), s2r.folder / name)
@@ -253,3 +253,54 @@ def test_online_of_a_fall_is_what_the_spec_says(s2r, spec):
     done = follow(s2r, "-", "-p", "vd=0.3", rows='# s2r {"meta": {"failure": "fall"}}\nt,vx\n0,0.3\n')
     assert (done.stdout.splitlines()[-1], done.returncode) == ("walking violated: ρ = -0.5 m/s", 1)
     assert "are for --online" in s2r("monitor", spec, "x.csv", "--period", "1", code=2).stderr
+
+
+def test_each_broken_file_has_its_sentence_and_the_others_their_answers(s2r, spec):
+    good, bad = walk(s2r, "good.csv"), walk(s2r, "bad.csv", *[0.3] * 7, 0.7)
+    (s2r.folder / "none.csv").write_text("t,vx\n0,fast\n1,slow\n")
+    (s2r.folder / "gap.csv").write_text("t,vx\n0,0.3\n1,\n2,0.3\n")
+    files = (good, "none.csv", bad, "missing.npz", "gap.csv")
+    done = s2r("monitor", spec, *files, "-p", "vd=0.3", "--json", code=2)
+    for name, words in {"none.csv": "'fast'", "missing.npz": "No such file", "gap.csv": "--nan hold"}.items():
+        assert any(name in line and words in line for line in done.stderr.splitlines())
+    results = {one["trace"]: one for one in json.loads(done.stdout)["results"]}
+    assert [name for name, one in results.items() if "error" in one] == ["none.csv", "missing.npz", "gap.csv"]
+    assert results[good]["requirements"][0]["verdict"] == "holds"
+    assert results[bad]["requirements"][0]["verdict"] == "violated"
+    done = s2r("monitor", spec, good, "none.csv", "-p", "vd=0.3", code=2)
+    assert "walking holds" in done.stdout
+
+
+def test_a_missing_sample_can_be_held(s2r, spec):
+    (s2r.folder / "gap.csv").write_text("t,vx\n0,0.3\n0.5,\n1,0.28\n1.5,nan\n")
+    assert "gap.csv" in s2r("monitor", spec, "gap.csv", "-p", "vd=0.3", code=2).stderr
+    held = s2r.json("monitor", spec, "gap.csv", "-p", "vd=0.3", "--nan", "hold", code=0)
+    assert held["results"][0]["requirements"][0]["rho"] == pytest.approx(0.08)
+    s2r("monitor", spec, "gap.csv", "-p", "vd=0.3", "--nan", "hold", "--online", code=0)
+    assert "--nan is error or hold" in s2r("monitor", spec, "gap.csv", "--nan", "skip", code=2).stderr
+
+
+def test_times_in_another_unit_and_a_row_that_is_cut(s2r, spec):
+    (s2r.folder / "ns.csv").write_text(
+        "%time,mode,vx\n" + "".join(f"{1718 * 10**15 + k * 10**8},walk,0.3\n" for k in range(17)) + "171800"
+    )
+    asked = ("monitor", spec, "ns.csv", "-p", "vd=0.3", "-m", "t=%time")
+    assert "--time-unit ns" in s2r(*asked, code=2).stderr
+    done = s2r(*asked, "--time-unit", "ns", code=0)
+    assert "line 19" in done.stderr
+    assert "2024-06-10T06:13:20" in done.stderr
+    s2r(*asked, "--time-unit", "ns", "--online", code=0)
+    assert "is no unit of time" in s2r(*asked, "--time-unit", "V", code=2).stderr
+
+
+def test_parameters_that_the_trace_recorded(s2r, spec):
+    recorded = walk(s2r, "recorded.csv", params={"vd": 0.25, "other": "x"})
+    done = s2r("monitor", spec, recorded, code=0)
+    assert "vd = 0.25 as recorded" in done.stdout
+    found = s2r.json("monitor", spec, recorded, "-p", "vd=0.1", code=1)
+    assert found["results"][0]["params"] == {"vd": 0.1}
+    assert "0.25" in s2r("monitor", spec, recorded, "-p", "vd=0.1", code=1).stderr
+    last = json.loads(s2r("monitor", spec, recorded, "--online", "--json", code=0).stdout.splitlines()[-1])
+    assert last["params"] == {"vd": 0.25}
+    wrong = walk(s2r, "wrong.csv", params={"vd": [1]})
+    assert "vd = [1]" in s2r("monitor", spec, wrong, code=2).stderr

@@ -48,7 +48,7 @@ def test_a_pilot_judges_the_proxy_and_says_that_it_must_not_be_used_again(s2r):
         ((*SETTINGS, "--range", 0, 1), "in place of --R"),
         ((*SETTINGS, "--kernel", "rfb"), "no kernel 'rfb'; did you mean 'rbf'?"),
         ((*SETTINGS[:-1], -1), "B = -1; it must be a positive number"),
-        (("--pilot", "nowhere"), "no run to resume at nowhere"),
+        (("--pilot", "nowhere"), "no run in nowhere"),
     ],
 )
 def test_bad_input_gets_a_sentence(s2r, words, sentence):

@@ -11,6 +11,7 @@ from s2r_spec.certify.drive import Phase
 from s2r_spec.certify.kernels import Kernel
 from s2r_spec.certify.search import Query
 from s2r_spec.cli.progress import Live
+from s2r_spec.cli.stages import Stages
 from s2r_spec.rollouts.journal import Record
 
 PHASE = Phase("ρ", "m/s", "toy", {"vd": "m/s"}, None)
@@ -123,3 +124,19 @@ def test_the_second_search_of_certify_begins_anew(clock):
     words = shown(one.view(), console)
     assert "0 of toy:drag about 40 left 0 s so far" in words
     assert "last ρ" not in words
+
+
+def test_a_stage_is_named_at_once_and_says_each_minute_how_far_it_is():
+    now = [0.0]
+    out = StringIO()
+    stages = Stages(Console(file=out, width=80), quiet=False, clock=lambda: now[0])
+    for minutes, done in ((0.0, 0), (0.5, 40), (1.1, 90), (1.2, 95), (2.5, 200)):
+        now[0] = 60.0 * minutes
+        stages("fitting", done, 0)
+    stages("where", 1, 30)
+    assert out.getvalue().splitlines() == [
+        "fitting",
+        "fitting: 90 rollouts so far",
+        "fitting: 200 rollouts so far",
+        "where: 30",
+    ]

@@ -54,10 +54,10 @@ def recorded(limit, again=3):
     return [(test, machine.rollout(test, 900 + i)) for i, test in enumerate(asked)]
 
 
-def test_what_alone_makes_the_simulator_fall_where_the_machine_always_does_is_named(cache):
+def test_what_alone_makes_the_simulator_fall_where_the_machine_always_does_is_named(quick):
     seen = recorded(5.5)
     assert [trace.failure is not None for _, trace in seen] == [False] * 27 + [True] * 3
-    found = s2r.diagnose(s2r.parse_spec(SPEC), Guarded(), seen, cache=cache / "guarded", where=False)
+    found = s2r.diagnose(s2r.parse_spec(SPEC), Guarded(), seen, cache=quick, where=False)
     assert found.verdict is Verdict.NAMED, found.reason
     assert found.which.answer == ("limit",)
     (estimate,) = found.which.estimates
@@ -79,9 +79,7 @@ def test_what_alone_makes_the_simulator_fall_where_the_machine_always_does_is_na
     assert [improved.rollout(test, 3).failure is not None for test, _ in seen] == [False] * 27 + [True] * 3
 
     # Once is an accident.
-    found = s2r.diagnose(
-        s2r.parse_spec(SPEC), Guarded(), recorded(5.5, 1), cache=cache / "guarded", where=False
-    )
+    found = s2r.diagnose(s2r.parse_spec(SPEC), Guarded(), recorded(5.5, 1), cache=quick, where=False)
     assert found.verdict is Verdict.NONE
     assert found.which.answer == ()
     assert found.patch == {}
@@ -94,14 +92,14 @@ def test_what_alone_makes_the_simulator_fall_where_the_machine_always_does_is_na
         assert named_by_falls(found, None, why) is found
 
 
-def test_where_many_fall_what_closes_the_gap_by_falling_there_too_is_named(cache):
+def test_where_many_fall_what_closes_the_gap_by_falling_there_too_is_named(quick):
     rng = np.random.default_rng(11)
     tests = [{"vd": rng.uniform(0.2, 1), "acc": rng.uniform(1, 4)} for _ in range(30)]
     machine = Guarded().with_effects({"limit": {"voltage": 5.0}})
     seen = [(test, machine.rollout(test, 900 + i)) for i, test in enumerate(tests)]
     fell = sum(trace.failure is not None for _, trace in seen)
     assert 4 <= fell <= 12
-    found = s2r.diagnose(s2r.parse_spec(SPEC), Guarded(), seen, cache=cache / "guarded", where=False)
+    found = s2r.diagnose(s2r.parse_spec(SPEC), Guarded(), seen, cache=quick, where=False)
     assert found.verdict is Verdict.NAMED, found.reason
     assert found.which.answer == ("limit",)
     assert found.by_falls

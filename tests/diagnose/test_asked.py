@@ -124,9 +124,9 @@ def test_how_an_effect_acts_is_what_it_adds_to_the_effect_itself():
 
 
 @pytest.fixture(scope="module")
-def felt():
+def felt(cache):
     bench = bench_of(s2r.parse_spec(SPEC), "tracking", Felt())
-    bank = banks.simulate(bench)
+    bank = banks.bank(bench, folder=cache / "quick")
     return replace(bench, features=bank.features), bank
 
 
@@ -184,9 +184,9 @@ def test_a_machine_whose_records_lack_what_a_residual_needs_is_not_heard(felt):
 
 
 @pytest.mark.parametrize(("cost", "strong"), [(1e-3, False), (1e-3, True), (0.3, True)])
-def test_whose_names_and_sizes_are_from_the_equations(cache, tmp_path, monkeypatch, cost, strong):
+def test_whose_names_and_sizes_are_from_the_equations(quick, tmp_path, monkeypatch, cost, strong):
     """Names where instruments are strong or the simulator is dear, sizes where it is dear."""
-    dear, told = cost > 0.1, []
+    dear, told, cache = cost > 0.1, [], quick
     if not strong:
         monkeypatch.setattr(banks, "_instrumented", lambda *_: False)
         cache = tmp_path

@@ -109,7 +109,7 @@ def test_where_the_simulator_ends_early_by_itself_and_no_real_rollout_does_is_fo
     assert falls_alone(bench, [(test, weak.rollout(test, 1)) for test in TESTS], 0) == []
 
 
-def test_falls_that_the_machine_does_not_have_hide_no_gap(cache):
+def test_falls_that_the_machine_does_not_have_hide_no_gap(quick):
     """They would make scatter a hundred times, and a little of everything ten times as large as they are."""
     rng = np.random.default_rng(0)
     tests = [{"vd": float(rng.uniform(0.2, 1.0)), "acc": float(rng.uniform(1.0, 4.0))} for _ in range(18)]
@@ -117,7 +117,7 @@ def test_falls_that_the_machine_does_not_have_hide_no_gap(cache):
 
     def asked_of(trips):
         sim = replace(machine(), trips=trips)
-        return s2r.diagnose(s2r.parse_spec(SPEC), sim, runs, cache=cache, where=False)
+        return s2r.diagnose(s2r.parse_spec(SPEC), sim, runs, cache=quick, where=False)
 
     stands, may_fall, falls_itself = map(asked_of, (0.35, 0.25, 0.23))
     assert stands.notes == ()

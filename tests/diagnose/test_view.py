@@ -130,14 +130,15 @@ def test_what_is_named_falls_short_whatever_a_little_of_everything_closes():
     assert (no_gap.short, no_gap.leaves_more, no_gap.better_tuned) == (False, False, False)
 
 
-def test_scatter_alone_is_rarely_a_material_gap_and_one_bad_test_is_one():
+@pytest.mark.parametrize("machines", [40, pytest.param(120, marks=pytest.mark.slow)])
+def test_scatter_alone_is_rarely_a_material_gap_and_one_bad_test_is_one(machines):
     rng, tests = np.random.default_rng(0), [{"v": k / 9} for k in range(9)]
     spread = 0.01 * np.sqrt(1.0 + 1.0 / 3.0)
     alarms = 0
-    for _ in range(120):
+    for _ in range(machines):
         real = spread * rng.normal(size=9)
         alarms += how_far(real, np.zeros(9), None, np.zeros(9), tests, 0.01, 0.0, 3, "m").material
-    assert alarms < 0.1 * 120
+    assert alarms < 0.1 * machines
     bad = np.array([1e-4, 2e-4, 1e-4, 0.4])
     found = how_far(bad, np.zeros(4), None, np.zeros(4), tests[:4], 2e-4, 0.0, 3, "m")
     assert found.before.low < found.floor

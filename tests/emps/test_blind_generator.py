@@ -9,6 +9,7 @@ import pytest
 from benchmarks.blind.emps import cases, generate
 from benchmarks.blind.emps.cases import KINDS, make_case, plan
 from benchmarks.blind.emps.kinds import KNOWN, NEAR, UNLIKE
+from benchmarks.blind.emps.machine import STEP, TICK, Machine, arrivals
 from benchmarks.blind.emps_compare import SIDE, voltages, without_noise
 from s2r_emps import EmpsBackend
 from s2r_emps.noise import Noise
@@ -136,3 +137,11 @@ def test_every_name_means_the_same_in_both():
     for name, (correlation, slope) in voltages(1100).items():
         assert correlation > 0.6, name
         assert 0.5 < slope < 2.0, name  # other laws: the number means the same to within a factor of two
+
+
+def test_no_command_is_at_the_drive_before_the_delay():
+    late = arrivals(np.random.default_rng(0), 8, Machine(delay=0.0025, jitter=0.0))
+    times = STEP * np.arange(late.size) + 1e-9
+    np.testing.assert_array_equal(late, np.floor((times - 0.0025) / TICK).clip(-1).astype(int))
+    assert late[0] == -1
+    assert arrivals(np.random.default_rng(0), 8, Machine())[0] == 0

@@ -1,14 +1,16 @@
 """Effects of the axis: they compose in any order, do nothing at nominal, and do their physics otherwise."""
 
 import random
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from s2r_emps import EmpsBackend
+from s2r_emps.axis import simulate
 from s2r_emps.effects import CATALOGUE
-from s2r_emps.noise import Noise
-from s2r_emps.physics import Physics
+from s2r_emps.noise import Noise, draw
+from s2r_emps.physics import STEP, Physics
 from s2r_spec.errors import TraceError, UsageError
 from s2r_spec.trace import Trace
 
@@ -224,3 +226,17 @@ def test_an_eccentric_encoder_reads_a_wave():
     spectrum = np.abs(np.fft.rfft(wave))
     frequency = np.fft.rfftfreq(wave.size, 1e-3)[spectrum.argmax()]
     assert frequency == pytest.approx(0.05 / 0.02, abs=0.7)
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.003, 0.0024])
+def test_no_voltage_reaches_the_axis_before_the_delay(delay):
+    ticks = 30
+    draws = draw(Noise.off(), 0, ticks)
+    reference = np.full(ticks, 0.11)
+    found = simulate(
+        reference, np.ones(ticks, dtype=bool), (0.1, 0.0), replace(Physics(), delay=delay), draws
+    )
+    moved = np.flatnonzero(np.abs(found.q - 0.1) > 1e-12)[0]
+    assert found.u[0] > 1.0  # it is asked for at once
+    # A voltage is held for a tick, and shows in the position at its end.
+    assert moved == int(delay / STEP + 1e-9) + 1

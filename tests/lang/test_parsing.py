@@ -10,6 +10,7 @@ from s2r_spec.lang.diagnostics import SpecError
 from s2r_spec.lang.parsing import DEEPEST, parse
 from s2r_spec.lang.source import Source
 from s2r_spec.spec import parse_spec
+from tests.examples import examples
 
 
 def shape(node: object) -> str:
@@ -157,7 +158,7 @@ WORDS = (
 PIECES = st.sampled_from(WORDS.split(" "))
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=examples(300), deadline=None)
 @given(st.one_of(st.text(max_size=60), st.lists(PIECES, max_size=25).map(" ".join)))
 def test_any_text_is_a_specification_or_a_list_of_mistakes(text: str) -> None:
     with suppress(SpecError):

@@ -191,7 +191,8 @@ def test_horizons() -> None:
         (
             walk(0, math.nan, 0, 0),
             {"vd": 0},
-            "channel 'vx' is NaN at sample 1, t = 0.5 s; a missing sample has no robustness",
+            "channel 'vx' is NaN at sample 1, t = 0.5 s; a missing sample has no robustness: "
+            'nan="hold" (--nan hold) takes the sample before it',
         ),
         (
             walk(0, 0, 0, 0, unit="m"),

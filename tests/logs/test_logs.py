@@ -10,6 +10,8 @@ from hypothesis.extra.numpy import arrays
 from s2r_spec import logs
 from s2r_spec.errors import TraceError
 from s2r_spec.trace import Trace
+from tests.examples import examples
+from tests.logs import tables
 
 ANY_FLOAT = st.floats(width=64)
 INSTALLED = [ending for ending in logs.FORMATS if ending != ".parquet" or find_spec("pyarrow")]
@@ -45,7 +47,9 @@ def traces(draw: st.DrawFn) -> Trace:
 
 
 @pytest.mark.parametrize("ending", INSTALLED)
-@settings(max_examples=80, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@settings(
+    max_examples=examples(80), suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None
+)
 @given(trace=traces())
 def test_what_is_written_is_read_back_bit_for_bit(tmp_path: Path, ending: str, trace: Trace) -> None:
     path = tmp_path / f"trace{ending}"
@@ -72,56 +76,52 @@ def test_a_foreign_npz(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "message"),
+    ("text", "words"),
     [
-        ("", "the file is empty; its first line names the columns"),
-        (
-            "time,vx\n0,1\n",
-            "there is no column 't' with the times in seconds; there are time, vx. "
-            "Another name is mapped like that of a signal, for example --map t=time",
-        ),
-        ("t,t\n0,1\n", "2 columns are called 't'; one holds the times in seconds"),
-        ("t;vx\n0;1,5\n", "values are separated by commas here, not by ';', and numbers have a point"),
-        ("t,vx\n0,1_000\n", "line 2, column 2 (vx) is '1_000', not a number"),
-        ("t [ms],v\n1,2\n", "the times are in 'ms'; they must be in seconds"),
-        ("t,v\n0,1\n1\n", "line 3 has 1 values, but there are 2 columns"),
-        ("t,v\n0,1\n1,x\n", "line 3, column 2 (v) is 'x', not a number"),
-        ("t,v\n0,1\n1,\n", "line 3, column 2 (v) is empty"),
-        ('# s2r {"meta": {}}\nt,v\n0,1\n1,\n', "line 4, column 2 (v) is empty"),
-        ("t,v,v\n0,1,2\n", "line 1, column 3: a second column is called 'v'"),
-        ("t,v[0],v[2]\n0,1,2\n", "the components of 'v' are not numbered v[0] to v[1]"),
-        ("t,v[0] [m],v[1] [s]\n0,1,2\n", "line 1, column 3: the components of 'v' have different units"),
-        ("t,v\n", "a trace needs times of shape (n,) with n >= 1, not (0,)"),
-        ("t,v\n1,0\n0,0\n", "times must increase strictly, but sample 1 is at 0 s after 1 s"),
-        ("# s2r {}\nt\n1\n", "line 1: expected # s2r {\"meta\": {…}}: 'meta'"),
-        ('t,v\n0,"1\n', "this is not comma-separated text: unexpected end of data"),
+        ("", ["empty", "first line"]),
+        ("# a comment\n\n", ["empty"]),
+        ("time,v\n0,1\n", ["no column 't'", "time, v", "--map t=time"]),
+        ("t,t,v\n0,1,2\n", ["2 columns are called 't'"]),
+        ("t;v\n0;1,5\n", ["';'"]),
+        ("t,v\n0,1_000\n", ["line 2, column 2 (v)", "'1_000'"]),
+        ("t [m],v\n1,2\n", ["'m'", "t [ms]"]),
+        ("t,v\n0,1\n1\n2,2\n", ["line 3", "1 values", "2 columns"]),
+        ("t,v\n0,1\n1,2,3\n", ["line 3", "3 values", "2 columns"]),
+        ("t,v\n0,1\n1,x\n", ["line 3, column 2 (v)", "'x'"]),
+        ('# s2r {"meta": {}}\n# more\nt,v\n0,1\n1,x\n', ["line 5, column 2 (v)", "'x'"]),
+        ("t,v\n0,1\n,2\n", ["line 3, column 1 (t)", "no time"]),
+        ("t,v,v\n0,1,2\n", ["2 columns are called 'v'"]),
+        ("t,v[0],v[2]\n0,1,2\n", ["v[0] to v[1]"]),
+        ("t,v[0] [m],v[1] [s]\n0,1,2\n", ["'v'", "different units"]),
+        ("t,w\n0,1\n", ["no channel 'v'", "it has w"]),
+        ("t,v\n", ["no sample"]),
+        ("t,v\n1,0\n0,0\n", ["sample 1 is at 0 s after 1 s"]),
+        ("# s2r {}\nt,v\n1,1\n", ["line 1", "meta"]),
+        ('# s2r {"meta": 3}\nt,v\n1,1\n', ["line 1", "meta"]),
+        ("# s2r " + "[" * 99999 + "\nt,v\n1,1\n", ["line 1", "meta"]),
+        ('t,v\n0,"1\n', ["comma-separated", "unexpected end"]),
+        ("t\0,v\n0,1\n", ["UTF-8"]),
+        ("t,v,v [" + "m*" * 90 + "m]\n0,1,2\n", ["2 columns are called 'v'"]),
+        ("t,v [" + "m*" * 90 + "m]\n0,1\n", ["no unit"]),
     ],
 )
-def test_a_bad_csv_names_the_place(tmp_path: Path, text: str, message: str) -> None:
+def test_a_bad_csv_names_the_place(tmp_path: Path, text: str, words: list[str]) -> None:
     path = tmp_path / "bad.csv"
     path.write_text(text, encoding="utf-8")
     with pytest.raises(TraceError) as caught:
-        logs.read(path)
-    assert str(caught.value) == f"{path}: {message}"
+        logs.read(path, wanted=["v"])
+    for word in (str(path), *words):
+        assert word in str(caught.value)
+    assert len(str(caught.value)) < 400 + len(str(path))
 
 
-@pytest.mark.parametrize("ending", ["csv", "npz", "parquet"])
+@pytest.mark.parametrize("ending", INSTALLED)
 def test_the_times_may_have_another_name(tmp_path: Path, ending: str) -> None:
-    path = tmp_path / f"a.{ending}"
-    if ending == "csv":
-        path.write_text("t,time,v\n9,0,1\n9,0.5,2\n")
-    elif ending == "npz":
-        np.savez(path, t=[9, 9], time=[0, 0.5], v=[1, 2])
-    else:
-        parquet = pytest.importorskip("pyarrow.parquet")
-        arrow = pytest.importorskip("pyarrow")
-        parquet.write_table(arrow.table({"t": [9, 9], "time": [0, 0.5], "v": [1, 2]}), path)
+    path = tables.write(tmp_path / f"a{ending}", t=[9, 9], time=[0, 0.5], v=[1, 2])
     trace = logs.read(path, {"t": "time", "x": "v"})
     assert trace.times.tolist() == [0, 0.5]
     assert {name: values.tolist() for name, values in trace.channels.items()} == {"t": [9, 9], "x": [1, 2]}
-    with pytest.raises(
-        TraceError, match=r"no (column|array) 'stamp' with the times in seconds; there are t, "
-    ):
+    with pytest.raises(TraceError, match="no column 'stamp' with the times; there are t, time, v"):
         logs.read(path, {"t": "stamp"})
 
 
@@ -131,11 +131,11 @@ def test_a_bad_npz_says_so(tmp_path: Path) -> None:
     with pytest.raises(TraceError, match=r"not an \.npz archive"):
         logs.read(path)
     np.savez(path, v=[1])
-    with pytest.raises(TraceError, match="there is no array 't'"):
+    with pytest.raises(TraceError, match="there is no column 't'"):
         logs.read(path)
     np.savez(path, t=[0], v=np.array([{}], dtype=object))
-    with pytest.raises(TraceError, match=r"not an \.npz archive of numeric arrays"):
-        logs.read(path)
+    with pytest.raises(TraceError, match="'v' holds Python objects"):
+        logs.read(path, wanted=["v"])
 
 
 def test_bad_names(tmp_path: Path) -> None:

@@ -39,16 +39,15 @@ def test_tables_of_others(tmp_path: Path) -> None:
     parquet.write_table(arrow.table({"t": [0.0, 1.0], "n": [1, 2]}), path)
     assert read(path)["n"].tolist() == [1, 2]
     parquet.write_table(arrow.table({"t": [0.0, 1.0], "n": [1, None]}), path)
-    with pytest.raises(TraceError, match="column 'n' has 1 missing values; none is filled in"):
-        read(path)
+    assert np.isnan(read(path)["n"]).tolist() == [False, True]
     parquet.write_table(arrow.table({"t": [0.0, 1.0], "n": [[1], [1, 2]]}), path)
-    with pytest.raises(TraceError, match="column 'n' holds neither numbers nor lists"):
-        read(path)
+    with pytest.raises(TraceError, match="'n' holds lists of different lengths"):
+        read(path, wanted=["n"])
     parquet.write_table(arrow.table({"time": [0.0]}), path)
-    with pytest.raises(TraceError, match="there is no column 't' with the times in seconds; there are time"):
+    with pytest.raises(TraceError, match="there is no column 't' with the times; there are time"):
         read(path)
     path.write_bytes(b"no table")
-    with pytest.raises(TraceError, match="this is not a Parquet file"):
+    with pytest.raises(TraceError, match="this is not a Parquet file that can be read"):
         read(path)
 
 

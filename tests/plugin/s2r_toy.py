@@ -47,7 +47,7 @@ class Toy:
     def rollout(self, params, seed) -> Trace:
         vd = params["vd"]
         if self.habit == "raise":
-            raise ValueError("the gyroscope is upside down")
+            raise ValueError(os.environ.get("S2R_TOY_SAYS", "the gyroscope is upside down"))
         if self.habit == "exit":
             raise SystemExit(0)
         if self.habit == "missing":

@@ -14,7 +14,8 @@ from s2r_spec import backend
 from s2r_spec.certify.promise import certify as certify_both
 from s2r_spec.report.recompute import Recomputed, recompute
 from s2r_spec.rollouts import runner
-from s2r_spec.rollouts.journal import SPEC_FILE, Journal, Record
+from s2r_spec.rollouts.journal import Journal, Record
+from s2r_spec.rollouts.kept import SPEC_FILE
 from tests.conftest import PLUGIN
 
 SPEC = """\

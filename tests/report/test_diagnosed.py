@@ -13,6 +13,8 @@ from s2r_spec.diagnose.diagnosis import Diagnosis, NextTest, Verdict, Which
 from s2r_spec.diagnose.estimate import Estimate
 from s2r_spec.diagnose.how_far import how_far
 from s2r_spec.diagnose.isolability import Isolability, Least
+from s2r_spec.diagnose.quality import Finding
+from s2r_spec.diagnose.quality.doubt import doubted
 from s2r_spec.diagnose.remainder import Remainder
 from s2r_spec.diagnose.where.attribution import attribute
 from s2r_spec.diagnose.where.body import Body, BodyPart, Shift
@@ -271,10 +273,36 @@ def test_what_no_data_tell_apart_is_said_to_be_so():
 def test_recordings_that_look_misread_are_not_a_success():
     found, spec = diagnosis(0, Verdict.NAMED)
     assert diagnosed.exit_code(found) == 0
-    odd = replace(found, misread=("u",))
+    odd = replace(found, findings=(Finding("unit", "u", "u is in mV"),))
     assert diagnosed.exit_code(odd) == 3
     assert diagnosed.record(odd, spec)["exit_code"] == 3
     assert next_step(odd, spec).startswith("First see to u")
+
+
+@pytest.mark.parametrize(
+    ("same", "verdict", "answer"), [(False, Verdict.UNKNOWN, ()), (True, Verdict.CONFOUNDED, ("friction",))]
+)
+def test_no_cause_is_named_that_a_mistake_of_the_recordings_explains_as_well(same, verdict, answer):
+    found, spec = diagnosis(0, Verdict.NAMED)
+    late = Finding("late", "x and y", "x and y come 0.1 s late: by one clock?", "a wrong clock", same)
+    odd = doubted(replace(found, findings=(late,), notes=(late.text, "another note"), patch={"friction": {}}))
+    assert (odd.verdict, odd.which.answer, diagnosed.exit_code(odd)) == (verdict, answer, 3)
+    assert bool(odd.patch) is same
+    assert "a wrong clock would do the same" in odd.reason
+    said = diagnosed.text(odd, spec)
+    assert said.startswith(f"note: {late.text}\n{verdict.value.upper()}")
+    assert said.count(late.text) == markdown(odd, spec).count(late.text) == 1
+    assert Page(diagnosed_page.render(odd, spec)).text.count("by one clock?") == 1
+    assert diagnosed.record(odd, spec)["findings"] == [
+        {"code": "late", "channel": "x and y", "text": late.text}
+    ]
+
+
+def test_a_mistake_in_one_rollout_takes_no_cause_away():
+    found, _ = diagnosis(0, Verdict.NAMED)
+    odd = doubted(replace(found, findings=(Finding("spike", "u", "u is off for a sample"),)))
+    assert odd.verdict is Verdict.NAMED
+    assert diagnosed.exit_code(odd) == 3
 
 
 def test_confounded_pairs_are_marked():

@@ -116,7 +116,7 @@ def test_nothing_in_a_name_is_markup(holds):
         assert "漢字🤖" in render(report), name
     assert "[f]" in reporter("text")(report)
     case = ET.fromstring(reporter("junit")(report)).find("testsuite/testcase")
-    assert 'a<b & "c" | `d` *e* [f] %0A::error $x$ \N{REPLACEMENT CHARACTER}' in case.find("system-out").text
+    assert 'a<b & "c" | `d` *e* [f] %0A::error $x$ \\u0007' in case.find("system-out").text
     assert len(reporter("github")(report).splitlines()) == 1
     shown = reporter("markdown")(report)
     assert 'a&lt;b &amp; "c" \\| \\`d\\` \\*e\\* \\[f\\]' in shown

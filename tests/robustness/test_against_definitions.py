@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from s2r_spec.errors import SamplingError, TraceError, UsageError
 from s2r_spec.spec import parse_spec
 from s2r_spec.trace import Trace
+from tests.examples import examples
 from tests.robustness.definitions import NoSampleError, Truth, by_definition, evaluated, halvings, too_short
 from tests.robustness.drawing import COMPARISONS, DENSE_FORMULAS, cases, intervals, text_of
 
@@ -37,25 +38,25 @@ def agrees(case) -> None:
     assert found.satisfied.tolist() == by_definition(case, Truth)
 
 
-@settings(max_examples=120, deadline=None)
+@settings(max_examples=examples(700), deadline=None)
 @given(case=cases("regular"))
 def test_every_sample_is_as_defined(case) -> None:
     agrees(case)
 
 
-@settings(max_examples=120, deadline=None)
+@settings(max_examples=examples(500), deadline=None)
 @given(case=cases("irregular"))
 def test_irregular_samples_are_as_defined(case) -> None:
     agrees(case)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=examples(600), deadline=None)
 @given(case=cases("hold"))
 def test_held_signals_are_as_defined(case) -> None:
     agrees(case)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(200), deadline=None)
 @given(case=cases("linear").filter(lambda case: halvings(case.formula) <= 3))
 def test_straight_lines_are_as_defined(case) -> None:
     agrees(case)
@@ -74,7 +75,7 @@ FUTURE = st.recursive(
 _PRODUCTS = re.compile(r"\*|norm|init|overshoot")
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=examples(150), deadline=None)
 @given(
     formula=DENSE_FORMULAS.filter(lambda node: not _PRODUCTS.search(text_of(node, Fraction(1)))),
     x=st.lists(st.floats(-2, 2), min_size=6, max_size=6),
@@ -125,7 +126,7 @@ def test_identities(left: str, right: str, samples) -> None:
     )
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 @given(formula=FUTURE, samples=SAMPLES, more=st.integers(1, 3))
 def test_the_past_does_not_matter_to_a_future_formula(formula, samples, more: int) -> None:
     spec = parse_spec(f"signal x signal y param p = 1 require it: {text_of(formula, Fraction(1, 10))}")
@@ -137,7 +138,7 @@ def test_the_past_does_not_matter_to_a_future_formula(formula, samples, more: in
     np.testing.assert_array_equal(rho([9.0] * more + x, [-9.0] * more + y)[more:], rho(x, y))
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 @given(formula=FUTURE, samples=SAMPLES)
 def test_the_horizon_is_enough(formula, samples) -> None:
     spec = parse_spec(f"signal x signal y param p = 1 require it: {text_of(formula, Fraction(1, 10))}")

@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from s2r_spec.robustness.profiles import profile
 from s2r_spec.spec import parse_spec
 from s2r_spec.trace import Trace
+from tests.examples import examples
 from tests.robustness.drawing import TIMED, text_of
 from tests.robustness.rtamt_runs import Pair, in_dense_time, in_discrete_time, pairs, written
 
@@ -23,7 +24,7 @@ def here(pair: Pair, name: str) -> np.ndarray:
     return spec.robustness_signal(trace, "it", **profile(name))
 
 
-@settings(max_examples=120, deadline=None)
+@settings(max_examples=examples(120), deadline=None)
 @given(pair=pairs(dense=False))
 def test_discrete_time(pair: Pair) -> None:
     there = in_discrete_time(written(pair.formula), pair.x, pair.y)
@@ -41,7 +42,7 @@ def beyond_the_end(node: tuple, inside: bool = False) -> bool:
     return any(beyond_the_end(part, inside or (timed and node[1] is None)) for part in node[1:])
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=examples(80), deadline=None)
 @given(pair=pairs(dense=True).filter(lambda pair: not beyond_the_end(pair.formula)))
 def test_dense_time(pair: Pair) -> None:
     there = np.array(in_dense_time(written(pair.formula), pair.ticks, pair.x, pair.y))

@@ -16,6 +16,7 @@ from s2r_spec.robustness.sampled import Samples, walk_samples
 from s2r_spec.robustness.ticks import clock_of
 from s2r_spec.spec import load_spec, parse_spec
 from s2r_spec.trace import Trace
+from tests.examples import examples
 from tests.robustness.definitions import NoSampleError, Truth, by_definition, too_short
 from tests.robustness.drawing import Case, cases, formulas, text_of
 
@@ -28,7 +29,7 @@ MARGIN = {
 }
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=examples(300), deadline=None)
 @given(case=st.one_of(cases("regular"), cases("irregular")))
 def test_the_predicate_at_its_instant_gives_rho_back(case: Case) -> None:
     assume(not too_short(case))
@@ -68,7 +69,7 @@ def test_the_predicate_at_its_instant_gives_rho_back(case: Case) -> None:
 PREDICATES = st.integers(0, 2).map(lambda k: (">=", ("name", f"z{k}"), ("num", 0.0)))
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=examples(300), deadline=None)
 @given(
     formula=formulas(PREDICATES, ["not", "next", "prev", "rise", "fall"]),
     data=st.data(),

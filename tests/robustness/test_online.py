@@ -16,6 +16,7 @@ from s2r_spec.errors import SamplingError, TraceError, UsageError
 from s2r_spec.robustness.online import points
 from s2r_spec.spec import parse_spec
 from s2r_spec.trace import Trace
+from tests.examples import examples
 from tests.robustness.definitions import NoSampleError, Truth, by_definition, reach, sample_reach
 from tests.robustness.drawing import Case, cases, text_of
 from tests.robustness.test_functions import DEFINITIONS
@@ -67,7 +68,7 @@ def opened(case: Case, opens):
     return None
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=examples(200), deadline=None)
 @given(case=CASES)
 def test_a_stream_is_the_robustness_signal(case: Case) -> None:
     stream = opened(case, parse_spec(case.text).robustness_stream)
@@ -88,7 +89,7 @@ def test_a_stream_is_the_robustness_signal(case: Case) -> None:
     assert [value for _, value in pairs] == pytest.approx(rho, abs=1e-9, rel=0)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=examples(250), deadline=None)
 @given(case=CASES, often=st.sampled_from([1, 3, 1024]))
 def test_an_interval_shrinks_to_what_is_defined(case: Case, often: int) -> None:
     """Every prefix of a trace has the whole of it among its completions."""
@@ -187,7 +188,7 @@ _TWO = st.tuples(_wrapped(_predicate("x")), _wrapped(_predicate("y"))).flatmap(
 )
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=examples(100), deadline=None)
 @given(
     formula=_wrapped(_TWO),
     x=st.lists(st.integers(-6, 6).map(lambda v: v / 4), min_size=1, max_size=10),
@@ -323,7 +324,11 @@ BAD = [
     ((0.1, {"y": 1.0}), "the sample has no channel 'x'; it has y"),
     ((0.1, {"x": "fast"}), "channel 'x' is 'fast', but the spec declares one number a sample"),
     ((0.1, {"x": [1.0, 2.0]}), "channel 'x' is [1.0, 2.0], but the spec declares one number a sample"),
-    ((0.1, {"x": math.nan}), "channel 'x' is NaN at sample 1; a missing sample has no robustness"),
+    (
+        (0.1, {"x": math.nan}),
+        "channel 'x' is NaN at sample 1; a missing sample has no robustness: "
+        'nan="hold" (--nan hold) takes the sample before it',
+    ),
     ((math.inf, {"x": 0.0}), "time stamp 1 is inf; every time must be a finite number of seconds"),
     ((0.0, {"x": 0.0}), "times must increase strictly, but sample 1 is at 0 s after 0 s"),
     (

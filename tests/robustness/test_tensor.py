@@ -8,11 +8,12 @@ from hypothesis import given, settings
 from s2r_spec.errors import UsageError
 from s2r_spec.robustness import kernels, tensor_windows
 from s2r_spec.spec import parse_spec
+from tests.examples import examples
 from tests.robustness.definitions import evaluated
 from tests.robustness.drawing import Case, cases
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=examples(200), deadline=None)
 @given(case=cases("regular"))
 def test_torch_gives_numpys_numbers(case: Case) -> None:
     case = Case(**(vars(case) | {"end": "clip"}))

@@ -5,6 +5,7 @@ import signal
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import replace
+from importlib import import_module
 from multiprocessing import get_context
 
 import pytest
@@ -17,6 +18,7 @@ from s2r_spec.rollouts.rig import default_timeout
 from s2r_spec.rollouts.runner import Runner, Task, run_task
 from s2r_spec.rollouts.seeds import rollout_seed
 from tests.conftest import PLUGIN
+from tests.processes import lives
 
 pytestmark = pytest.mark.usefixtures("toy")
 
@@ -44,7 +46,7 @@ def cluster():
 def engine(request):
     """A factory of pools, and what tells the process ids of its workers."""
     if request.param == "processes":
-        return process_pool(2), lambda: [one._process.pid for one in child._children]
+        return process_pool(2), lambda: [one.pid for one in child._children]
     cluster = request.getfixturevalue("cluster")
     return dask_pool(cluster.scheduler_address), lambda: [
         nanny.process.pid for nanny in cluster.workers.values()
@@ -103,6 +105,16 @@ def test_a_rollout_that_hangs_is_ended_and_takes_nobody_with_it(engine):
     assert found[0].failure == "crash: no answer within 2 s"
     assert found[0].seconds == 2
     assert numbers(found) == here(jobs[1:])
+
+
+def test_on_a_cluster_too_a_rollout_that_hangs_in_processes_of_its_own_is_ended_with_them(cluster, noted):
+    address = cluster.scheduler_address
+    with import_module("distributed").Client(address, set_as_default=False) as client:
+        client.run(exec, f"import os; os.environ['S2R_FORKS'] = {os.environ['S2R_FORKS']!r}")
+    found = outcomes(dask_pool(address), tasks("forks:pool-hang", [0.3, 0.1]), timeout=2)
+    assert [found[i].failure for i in range(2)] == ["crash: no answer within 2 s", None]
+    assert len(noted()) == 3
+    assert not [pid for pid, _ in noted() if lives(pid)]
 
 
 def test_a_worker_that_is_killed_loses_nothing(engine):

@@ -7,7 +7,8 @@ import pytest
 
 import s2r_spec as s2r
 from s2r_spec.backend import Backend, HasRecordings
-from s2r_spec.errors import UsageError
+from s2r_spec.errors import TraceNote, UsageError
+from s2r_spec.rollouts.match import match
 from s2r_spec.rollouts.recorded import LogBackend
 
 TIMES = np.arange(4) / 10
@@ -160,3 +161,68 @@ def test_no_folder_no_table_and_a_file_that_is_no_trace(tmp_path):
     (tmp_path / "log" / "a.csv").write_text("t,vx\n0,1\n0.1,x\n")
     with pytest.raises(UsageError, match=r"a\.csv: line 3, column 2 \(vx\) is 'x', not a number"):
         s2r.load_backend(f"log:{folder}")
+
+
+def raw(folder: Path, *texts: str) -> str:
+    """Write a folder of CSV files, as another tool would."""
+    folder.mkdir()
+    rows = "".join(f"{number},{0.1 * number}\n" for number, _ in enumerate(texts))
+    (folder / "rollouts.csv").write_text(f"id,vd\n{rows}")
+    for number, text in enumerate(texts):
+        (folder / f"{number}.csv").write_text(text)
+    return str(folder)
+
+
+def test_columns_of_text_and_numbered_ones(tmp_path):
+    one = "t,mode,q_0,q_1,on\n0,walk,1,2,True\n1,walk,3,4,no\n"
+    folder = raw(tmp_path / "log", one, one.replace("3,4", "5,6"))
+    with pytest.warns(TraceNote, match="'mode' is left out"):
+        backend = LogBackend(folder)
+    assert {(c.name, c.width) for c in backend.channels} == {("q_0", 1), ("q_1", 1), ("on", 1), ("q", 2)}
+    assert backend.recordings[1].trace["q"].tolist() == [[1, 2], [5, 6]]
+    assert backend.recordings[0].trace["on"].tolist() == [1, 0]
+
+
+def test_a_channel_that_one_recording_lacks_stops_only_who_reads_it(tmp_path):
+    folder = raw(tmp_path / "log", "t,v,w\n0,1,2\n1,2,3\n", "t,v,w\n0,1,fast\n1,3,4\n")
+    with pytest.warns(TraceNote, match="'w' is left out"):
+        backend = LogBackend(folder)
+    assert match(s2r.parse_spec("signal v\nrequire a: always v > 0"), "a", backend).channels == ("v",)
+    for text, words in {
+        "t,v,w [m]\n0,1,2\n": "'w' is in m, but in no unit",
+        "t,v\n0,1\n": "lacks the channel 'w'",
+    }.items():
+        Path(folder, "1.csv").write_text(text)
+        with pytest.warns(TraceNote, match=words):
+            assert [c.name for c in LogBackend(folder).channels] == ["v"]
+    with pytest.raises(UsageError, match=r"signal 'w', but .*1\.csv: line 2.*'fast'"):
+        match(s2r.parse_spec("signal w\nrequire a: always w > 0"), "a", backend)
+
+
+def test_how_the_traces_are_read_follows_the_name(tmp_path):
+    folder = raw(tmp_path / "log", "k,x\n0,1\n500,\n", "k,x\n0,2\n500,3\n2,0.")
+    with pytest.warns(TraceNote, match=r"1\.csv: the last row, line 4"):
+        backend = s2r.load_backend(f"log:{folder}?nan=hold&time-unit=ms&map=t=k&map=v%2Bw=x")
+    assert backend.recordings[0].trace.times.tolist() == [0, 0.5]
+    assert backend.recordings[0].trace["v+w"].tolist() == [1, 1]
+    assert backend.name.startswith(f"log:{folder}?nan=hold")
+    for words, sentence in {
+        "nan=zero": "nan is error or hold",
+        "fill=1": "after the [?] are nan=hold",
+        "time-unit=m": "no unit of time",
+        "map=t": "--map is written",
+    }.items():
+        with pytest.raises(UsageError, match=sentence):
+            s2r.load_backend(f"log:{folder}?{words}")
+
+
+def test_a_table_that_is_a_pipe_or_has_a_head_without_end(tmp_path):
+    folder = raw(tmp_path / "log", "t,v\n0,1\n1,2\n")
+    table = Path(folder) / "rollouts.csv"
+    table.write_text("id,vd" + " " * 200_000 + "x[\n0,1\n")
+    with pytest.raises(UsageError, match="line 1: the header is"):
+        LogBackend(folder)
+    table.unlink()
+    table.symlink_to("/dev/zero")
+    with pytest.raises(UsageError, match="pipe or a device"):
+        LogBackend(folder)

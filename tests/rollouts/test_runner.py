@@ -1,11 +1,13 @@
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import pytest
 
-from s2r_spec.errors import BackendError
+from s2r_spec.errors import BackendError, UsageError
 from s2r_spec.rollouts.pools import process_pool
-from s2r_spec.rollouts.runner import Runner, Task, open_backend
+from s2r_spec.rollouts.runner import Runner, Task, open_backend, run_task
 from s2r_spec.rollouts.seeds import rollout_seed
+from s2r_spec.trace import Trace
 
 pytestmark = pytest.mark.usefixtures("toy")
 
@@ -37,6 +39,29 @@ def test_any_number_of_workers_and_any_executor_give_the_same_traces():
 def test_only_the_channels_asked_for_come_back():
     found = traces(process_pool(1), tasks("toy", [0.1], channels=("vx",)))
     assert set(found[0].trace.channels) == {"vx"}
+
+
+def test_a_channel_that_a_rollout_lacks_is_the_backends_fault_and_named_with_its_rollout():
+    job = tasks("toy", [0.1], channels=("vx", "extr"))[0]
+    with pytest.raises(BackendError, match=rf"'toy' .*'extr' .*'vd': 0\.1.*{job.seed}.*extra, vx") as caught:
+        traces(process_pool(1), [job])
+    assert caught.value.exit_code == 4
+
+
+def test_a_test_with_a_parameter_that_the_backend_does_not_declare_is_not_run():
+    """The toy itself would not mind: it reads vd alone."""
+    job = replace(tasks("toy:raise", [0.1])[0], params={"vd": 0.1, "lod": 1.0})
+    with pytest.raises(UsageError, match=r"'toy:raise' .*'lod'.*'load'"):
+        run_task(job)
+
+
+def test_meta_that_contains_itself_is_a_sentence(monkeypatch):
+    meta: dict = {}
+    meta["again"] = meta
+    toy = open_backend("toy", None)
+    monkeypatch.setattr(type(toy), "rollout", lambda *_: Trace([0.0, 1.0], {"vx": [0.0, 0.0]}, {}, meta))
+    with pytest.raises(BackendError, match=r"'toy': the trace's meta cannot be written.*seed"):
+        run_task(tasks("toy", [0.1])[0])
 
 
 def test_a_spec_that_looks_further_than_rollouts_last_lengthens_them_or_says_so():

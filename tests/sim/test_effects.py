@@ -1,6 +1,7 @@
 """Effects: they compose in any order, do nothing at nominal, and do their physics otherwise."""
 
 import random
+from functools import cache
 
 import numpy as np
 import pytest
@@ -33,6 +34,12 @@ def nominal(effect):
 
 def same(a, b):
     return all(a[name].tobytes() == b[name].tobytes() for name in a.channels)
+
+
+@cache
+def unchanged(vd=0.0):
+    """Return a rollout of the quiet robot without any effect."""
+    return QUIET.rollout({"vd": vd}, 0)
 
 
 def steady(trace):
@@ -133,7 +140,7 @@ def test_payload_is_carried_by_the_feet():
 
 def test_weak_motors_let_the_body_sag():
     weak = QUIET.with_effects({"motor_strength": {"factor": 0.8}}).rollout({}, 0)
-    strong = QUIET.rollout({}, 0)
+    strong = unchanged()
     sag = strong["height"][steady(strong)].mean() - weak["height"][steady(weak)].mean()
     assert 0.002 < sag < 0.02
 
@@ -147,22 +154,32 @@ def test_a_wrong_torque_constant_does_not_show_in_the_reported_torque():
 
 def test_strength_decays_from_the_command_on():
     fading = QUIET.with_effects({"strength_decay": {"rate": 0.2}}).rollout({}, 0)
-    steady_one = QUIET.rollout({}, 0)
+    steady_one = unchanged()
     assert fading["height"][0] == steady_one["height"][0]
     assert fading["height"][-1] < steady_one["height"][-1] - 0.004
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.005, 0.012])
+def test_a_command_moves_the_robot_after_the_delay_and_not_before(delay):
+    late = SimBackend(duration=0.04, noise=Noise.off()).with_effects({"latency": {"delay": delay}})
+    stays, goes = (late.rollout({"vd": vd}, 0) for vd in (0.0, 0.3))
+    assert not np.array_equal(stays["tau_cmd"][0], goes["tau_cmd"][0])
+    apart = (stays["q"] != goes["q"]).any(axis=1)
+    moved = stays.times[np.argmax(apart)]
+    assert delay < moved <= delay + 0.002 + 1e-9
 
 
 def test_uphill_the_robot_climbs_and_is_slower():
     trace = QUIET.with_effects({"slope": {"angle": 4.0}}).rollout({"vd": 0.3}, 0)
     rise = (trace["z"][-1] - trace["z"][0]) / (trace["x"][-1] - trace["x"][0])
     assert rise == pytest.approx(np.tan(np.radians(4.0)), rel=0.1)
-    assert trace["vx"][steady(trace)].mean() < QUIET.rollout({"vd": 0.3}, 0)["vx"][-400:].mean() - 0.02
+    assert trace["vx"][steady(trace)].mean() < unchanged(0.3)["vx"][-400:].mean() - 0.02
 
 
 def test_soft_ground_gives_way():
     soft = QUIET.with_effects({"soft_ground": {"sink": 0.02}}).rollout({}, 0)
     lowest = soft["foot_position"][:, 2::3].min()
-    assert A1.foot_radius - 0.04 < lowest < QUIET.rollout({}, 0)["foot_position"][:, 2::3].min() - 0.004
+    assert A1.foot_radius - 0.04 < lowest < unchanged()["foot_position"][:, 2::3].min() - 0.004
 
 
 def test_drag_slows_the_robot_both_ways():
@@ -175,14 +192,19 @@ def test_drag_slows_the_robot_both_ways():
 def test_a_biased_estimate_shifts_the_true_velocity_by_most_of_it():
     # Not by all of it: on two point feet the QP trades forward acceleration for attitude.
     biased = QUIET.with_effects({"velocity_bias": {"forward": 0.05}}).rollout({}, 0)
-    shift = biased["vx"][steady(biased)].mean() - QUIET.rollout({}, 0)["vx"][-400:].mean()
+    shift = biased["vx"][steady(biased)].mean() - unchanged()["vx"][-400:].mean()
     assert -0.05 < shift < -0.025
 
 
 def test_a_biased_imu_makes_the_trunk_lean_the_other_way():
-    tilted = QUIET.with_effects({"attitude_bias": {"pitch": 3.0}}).rollout({}, 0)
-    lean = np.degrees(tilted["pitch"][steady(tilted)].mean() - QUIET.rollout({}, 0)["pitch"][-400:].mean())
+    seen = SimBackend("record=truth", duration=2.0, noise=Noise.off())
+    tilted, level = (seen.with_effects(e).rollout({}, 0) for e in ({"attitude_bias": {"pitch": 3.0}}, {}))
+    lean, said = (
+        np.degrees(tilted[name][steady(tilted)].mean() - level["pitch"][-400:].mean())
+        for name in ("pitch_true", "pitch")
+    )
     assert -3.0 < lean < -1.0
+    assert said == pytest.approx(lean + 3.0, abs=1e-6)
 
 
 def test_where_on_uneven_ground_a_rollout_begins_comes_from_its_seed():

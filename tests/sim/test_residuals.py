@@ -79,10 +79,10 @@ def test_the_nominal_simulator_leaves_next_to_nothing(vd, seed):
         ("slope", {"angle": 4.0}, ("sinking",), ("motor",)),
         ("shear_creep", {"stiffness": 0.02}, ("slip",), ("motor", "base_force", "joint_torque")),
         ("ground_friction", {"factor": 0.25}, ("grip", "slip"), ("motor", "joint_torque")),
-        ("backlash", {"half_gap": 0.02}, ("motor",), ("joint_torque", "sinking")),
+        ("backlash", {"half_gap": 0.02}, ("joint_torque", "foot_place", "slip"), ("sinking",)),
         ("velocity_bias", {"forward": 0.05}, ("velocity_estimate",), ("motor", "joint_torque", "base_force")),
-        ("encoder_offset", {"thigh": 0.02}, ("motor",), ("joint_torque", "base_force")),
-        ("attitude_bias", {"pitch": 2.0}, ("acceleration",), ("motor", "joint_torque")),
+        ("encoder_offset", {"thigh": 0.02}, ("joint_torque", "base_torque", "foot_place"), ("motor", "sinking")),
+        ("attitude_bias", {"pitch": 2.0}, ("acceleration", "foot_place"), ("motor", "sinking")),
     ],
 )  # fmt: skip
 def test_every_effect_shows_where_it_acts_and_not_elsewhere(nominal, effect, values, shows, quiet):
@@ -101,8 +101,11 @@ KNOWN = [
     ("strength_decay", {"rate": 0.1}, "motor", 50, 2),
     ("torque_speed_line", {"voltage": 0.25}, "motor", 50, 3),
     ("latency", {"delay": 0.005}, "motor", 100, 3),
-    ("backlash", {"half_gap": 0.02}, "motor", 100, 8),
-    ("encoder_offset", {"hip": 0.03, "calf": -0.02}, "motor", 30, 2),
+    ("backlash", {"half_gap": 0.02}, "joint_torque", 15, 8),
+    ("backlash", {"half_gap": 0.02}, "base_force", 20, 15),
+    ("encoder_offset", {"hip": 0.03, "calf": -0.02}, "joint_torque", 4, 2),
+    ("encoder_offset", {"hip": 0.03, "calf": -0.02}, "base_torque", 5, 2),
+    ("encoder_offset", {"hip": 0.03, "calf": -0.02}, "foot_place", 1000, 2),
     ("torque_constant", {"factor": 0.85}, "joint_torque", 10, 2),
     ("torque_constant", {"factor": 0.85}, "acceleration", 3, 1.5),
     ("dry_friction", {"torque": 0.5}, "joint_torque", 10, 4),
@@ -121,6 +124,8 @@ KNOWN = [
     ("velocity_bias", {"forward": 0.05, "left": -0.03}, "velocity_estimate", 10, 2),
     ("velocity_scale", {"factor": 1.2}, "velocity_estimate", 10, 2),
     ("attitude_bias", {"pitch": 3.0}, "acceleration", 2.5, 2.5),
+    ("attitude_bias", {"roll": 2.0, "pitch": 3.0}, "joint_torque", 5, 2),
+    ("attitude_bias", {"roll": 2.0, "pitch": 3.0}, "foot_place", 1000, 2),
 ]
 
 
@@ -136,7 +141,9 @@ def test_a_simulator_that_knows_an_effect_leaves_little_of_it(
     assert size(machine.residuals(trace, {"vd": 0.3})[residual]) < knowing * usual
 
 
-@pytest.mark.parametrize("vd", [-0.2, 0.1, 0.3])
+@pytest.mark.parametrize(
+    "vd", [pytest.param(-0.2, marks=pytest.mark.slow), pytest.param(0.1, marks=pytest.mark.slow), 0.3]
+)
 def test_the_roughness_that_footholds_ask_for_is_that_of_the_ground(vd):
     machine = SIM.with_effects({"roughness": {"height": 0.003}})
     asked = []
@@ -185,7 +192,7 @@ def test_noise_of_a_velocity_is_no_slide():
 
     def lacking(machine, knowing):
         trace = machine.rollout({"vd": 0.3}, seed=1)
-        of = {"dq": 0.1, "vx": 0.02, "vy": 0.02}
+        of = {"dq": 0.1, "vx": 0.02, "vy": 0.02, "foot_velocity": 0.02}
         noisy = {
             name: values + of.get(name, 0.0) * rng.normal(size=values.shape)
             for name, values in trace.channels.items()
@@ -225,7 +232,10 @@ def test_a_residual_is_shown_every_field_of_the_world_that_changes_it():
 def test_rotors_in_their_play_are_turned_by_what_the_current_truly_makes(nominal):
     machine = SIM.with_effects({"backlash": {"half_gap": 0.02}, "torque_constant": {"factor": 0.7}})
     trace = machine.rollout({"vd": 0.3}, seed=1)
-    assert size(machine.residuals(trace, {"vd": 0.3})["motor"]) < 8 * size(nominal["motor"])
+    for name in ("joint_torque", "base_torque"):
+        left = size(machine.residuals(trace, {"vd": 0.3})[name])
+        assert left < 10 * size(nominal[name]), name
+        assert left < size(SIM.residuals(trace, {"vd": 0.3})[name]) / 2, name
 
 
 @pytest.mark.parametrize("sink", [0.0, 0.01, 0.03])
@@ -260,9 +270,10 @@ def test_effects_that_are_known_together_leave_little_together(nominal):
     )
     trace = machine.rollout({"vd": 0.3}, seed=1)
     bare, knowing = SIM.residuals(trace, {"vd": 0.3}), machine.residuals(trace, {"vd": 0.3})
-    for name in ("motor", "joint_torque", "base_force"):
-        assert size(bare[name]) > 10 * size(nominal[name]), name
-        assert size(knowing[name]) < 5 * size(nominal[name]), name
+    # The speed of a rotor that hits a flank within a tick is not recorded, and the motor law needs it.
+    for name, without, with_them in (("motor", 100, 15), ("joint_torque", 10, 6), ("base_force", 10, 8)):
+        assert size(bare[name]) > without * size(nominal[name]), name
+        assert size(knowing[name]) < with_them * size(nominal[name]), name
 
 
 def test_a_residual_does_not_depend_on_what_was_asked_before(nominal):
@@ -314,6 +325,19 @@ def test_what_cannot_be_computed_is_left_out_and_nothing_at_all_is_said():
         SIM.residuals(short)
 
 
+def test_what_rotors_do_in_their_gears_is_no_slide_of_a_foot_that_is_seen():
+    machine = SIM.with_effects({"backlash": {"half_gap": 0.02}})
+    trace = machine.rollout({"vd": 0.3}, seed=1)
+    by_joints = trace.only([name for name in trace.channels if name != "foot_velocity"])
+    seen, told = (size(SIM.residuals(each, {"vd": 0.3})["grip"]) for each in (trace, by_joints))
+    assert seen < 0.05 * told
+    # A sample that was not seen is by the joints.
+    gone = trace["foot_velocity"].copy()
+    gone[100:200] = np.nan
+    holed = Trace(trace.times, dict(trace.channels) | {"foot_velocity": gone}, trace.units)
+    assert seen < size(SIM.residuals(holed, {"vd": 0.3})["grip"]) < told
+
+
 @pytest.mark.parametrize("one", RESIDUALS, ids=lambda one: one.name)
 def test_a_residual_needs_no_channel_but_those_that_it_lists(one):
     machine = SIM.with_effects(
@@ -324,7 +348,10 @@ def test_a_residual_needs_no_channel_but_those_that_it_lists(one):
     )
     trace = SIM.rollout({"vd": 0.1}, seed=0)
     few = trace.only(list(one.needs))
-    np.testing.assert_array_equal(SIM.residuals(few)[one.name], SIM.residuals(trace)[one.name])
+    by_joints = trace.only([name for name in trace.channels if name != "foot_velocity"])
+    np.testing.assert_array_equal(SIM.residuals(few)[one.name], SIM.residuals(by_joints)[one.name])
+    # Feet that are seen from outside move as the joints have it, if nothing is wrong with the encoders.
+    np.testing.assert_allclose(SIM.residuals(few)[one.name], SIM.residuals(trace)[one.name], atol=2e-3)
     assert np.isfinite(machine.residuals(few)[one.name]).all()
 
 

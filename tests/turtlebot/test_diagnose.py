@@ -12,8 +12,8 @@ ROOT = Path(__file__).parents[2]
 pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
 
 
-@pytest.fixture(scope="module")
-def find(cache):
+@pytest.fixture
+def find(quick):
     spec = s2r.load_spec(ROOT / "specs" / "turtlebot.stl")
     nominal = s2r.load_backend("turtlebot")
 
@@ -24,7 +24,7 @@ def find(cache):
         )
         tests = [dict(zip(spec.space.names, point.tolist(), strict=True)) for point in drawn]
         rollouts = [(test, machine.rollout(test, 700 + i)) for i, test in enumerate(tests)]
-        return s2r.diagnose(spec, nominal, rollouts, cache=cache, where=False)
+        return s2r.diagnose(spec, nominal, rollouts, cache=quick, where=False)
 
     return diagnosed
 

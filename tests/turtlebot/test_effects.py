@@ -113,6 +113,36 @@ def test_a_command_arrives_after_the_delay():
     assert [part(float(k), 0.0)[0] for k in range(5)] == pytest.approx([0.0, 0.0, 0.0, 0.5, 1.5])
 
 
+@pytest.mark.parametrize("ticks", [1.0, 2.5, 6.0, 7.25, 15.0])
+def test_nothing_arrives_before_the_delay_and_everything_after_it(ticks):
+    """A pulse of one tick: what arrives covers the shares of the two ticks in which it does."""
+    delay = ticks * ROBOT.figures.step
+    part = ROBOT.with_effects({"latency": {"delay": delay}})._body()[1]
+    arrived = np.array([part(float(k == 0), float(k == 3)) for k in range(24)])
+    for column, sent in ((0, 0), (1, 3)):
+        first, share = sent + int(ticks), ticks % 1
+        expected = np.zeros(24)
+        expected[first], expected[first + 1] = 1.0 - share, share
+        np.testing.assert_allclose(arrived[:, column], expected, atol=1e-9)
+
+
+def test_a_late_robot_stands_until_the_first_command_has_arrived():
+    late = ROBOT.with_effects({"latency": {"delay": 0.12}}).rollout({}, 5)
+    at_rest = late.times <= 0.12 + 1e-9
+    assert late["v"][1] > 0.3  # it was told to drive at once
+    assert set(late["x"][at_rest]) == {-0.8}
+    assert late["x"][at_rest.sum()] > -0.8
+
+
+def test_a_dead_time_is_not_what_a_lag_does_at_the_start():
+    late, slow = (
+        ROBOT.with_effects(e).rollout({}, 5)
+        for e in ({"latency": {"delay": 0.12}}, {"motor_lag": {"time": 0.12}})
+    )
+    assert late["x"][6] == -0.8
+    assert slow["x"][6] > -0.79
+
+
 def test_whoever_believes_to_be_on_the_left_drives_on_the_right():
     trace = ROBOT.with_effects({"position_bias": {"left": 0.1}}).rollout({}, 0)
     assert trace["y"][-1] == pytest.approx(ROBOT.rollout({}, 0)["y"][-1] - 0.1, abs=0.01)

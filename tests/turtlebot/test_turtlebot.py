@@ -78,6 +78,12 @@ def test_an_obstacle_outside_the_range_gets_a_sentence():
         ROBOT.rollout({"ox": 0.5}, seed=0)
 
 
+@pytest.mark.parametrize("name", ["oz", "Ox", "radius"])
+def test_a_parameter_that_it_does_not_have_is_refused(name):
+    with pytest.raises(UsageError, match=rf"{name}.*ox, oy"):
+        ROBOT.rollout({"oy": 0.5, name: 0.1}, seed=0)
+
+
 def test_s2r_check_from_end_to_end(tmp_path):
     spec = s2r.load_spec(SPEC)
     result = s2r.check(spec, "turtlebot", tmp_path / "run", budget=150)

@@ -11,7 +11,9 @@ A motor that is weak, a gear that rubs, a payload, a push: each shows on the
 rows on which it acts, whatever the controller made of it, and is gone once the
 world has it. ``motion.py`` holds what no world changes, and is asked once for a
 trace; ``world.py`` what a world makes of it; ``yielding.py``, ``footing.py`` and
-``play.py`` how its ground yields, how uneven it is, and how its gears rattle. Accelerations are differences of recorded
+``play.py`` how its ground yields, how uneven it is, and how its gears rattle. Joints and attitude
+are as the robot's own sensors have them: the motion that is put through the laws is the one
+of which sensors with the world's errors report what was recorded. Accelerations are differences of recorded
 velocities; all residuals are averaged over :data:`WINDOW` with Hann weights, which
 keep the gait (2.5 Hz) and drop the noise. Nothing here decides a trace, and
 all of it is left out of the model's hash.
@@ -55,8 +57,9 @@ class _Residual:
     Attributes:
         name: of its channel.
         unit: of its channel.
-        needs: channels of the trace. Of two more it makes use where they are there: of ``foot_force`` for how far
-            a ground gives under feet, of ``roll`` and ``pitch`` for a frame that is askew.
+        needs: channels of the trace. Of some more it makes use where they are there: of ``foot_force`` for how far
+            a ground gives under feet, of ``foot_velocity`` for how they slide, of ``roll`` and ``pitch`` for a frame
+            that is askew, of ``tau`` for where rotors are in the play of their gears.
         knows: fields of the world that change it; it is shown no other, and asked once for each of their values.
         parts: what its columns belong to.
         of: a motion in a world → (n − 1, columns).
@@ -188,7 +191,7 @@ def _joint_speed(motion: Motion) -> FloatArray:
 
 
 def _foot_place(motion: Motion) -> FloatArray:
-    log = motion.recorded
+    log = motion.moved
     place, _, _ = log.feet
     base = np.column_stack([log.mid(name) for name in ("x", "y", "z")])
     turned = np.einsum("nij,nkj->nki", log.attitude, place) + base[:, None]
@@ -209,18 +212,16 @@ _ON_GROUND = (*_MOTION, "contact")
 _EACH_AXIS = tuple(f"{foot} foot" for foot in FEET for _ in range(3))
 _EACH_FOOT = tuple(f"{foot} foot" for foot in FEET)
 
-_JOINTS_KNOW = (
-    *("armature", "damping", "dry_friction", "torque_constant"),
-    *("drag", "drag_height", "slope"),
-)
-_BASE_KNOWS = ("payloads", "com_shift", "drag", "drag_height", "slope")
-_MOTOR_KNOWS = (
-    *("strength", "fade", "voltage", "latency", "encoder_offset"),
+_SENSES = (
+    *("encoder_offset", "attitude_bias"),
     *("backlash", "armature", "torque_constant", "timestep"),
 )
+_JOINTS_KNOW = ("damping", "dry_friction", "drag", "drag_height", "slope", *_SENSES)
+_BASE_KNOWS = ("payloads", "com_shift", "drag", "drag_height", "slope", *_SENSES)
+_MOTOR_KNOWS = ("strength", "fade", "voltage", "latency", "timestep")
 _PREDICTION_KNOWS = ("strength", "fade", "torque_constant", "payloads", "com_shift", "attitude_bias")
 _ESTIMATE_KNOWS = ("velocity_bias", "velocity_scale", "attitude_bias")
-_SLIP_KNOWS = ("impratio", "sink", "slope")
+_SLIP_KNOWS = ("impratio", "sink", "slope", *_SENSES)
 
 RESIDUALS = (
     _Residual(
@@ -271,7 +272,7 @@ RESIDUALS = (
     _Residual(
         "joint_speed", "rad/s", ("q", "dq"), (), tuple(f"{name} encoder" for name in JOINTS), _joint_speed
     ),
-    _Residual("foot_place", "m", (*_POSE, "q", "foot_position"), (), _EACH_AXIS, _foot_place),
+    _Residual("foot_place", "m", (*_POSE, "q", "foot_position"), _SENSES, _EACH_AXIS, _foot_place),
 )
 """``slip`` is forward, then left, both of the feet that touch; ``contact_timing`` is +1 where a foot touches
 while the gait has it in the air, −1 where it misses the ground."""

@@ -1,11 +1,12 @@
 """A recorded motion put through the laws of motion, tick by tick, over whole arrays: what no world changes.
 
-Many worlds are asked about the same trace. What depends on the robot and on the slope
+Many worlds are asked about the same trace. What depends on the robot, on errors of its sensors and on the slope
 alone is computed once for each of them.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property, lru_cache
 from math import radians, tan
 from typing import Any
@@ -79,7 +80,20 @@ class Recorded:
 
     @cached_property
     def foot_speed(self) -> FloatArray:
-        """(n − 1, 4, 3) velocity of the ball centres, base axes [m/s]."""
+        """(n − 1, 4, 3) velocity of the ball centres, base axes [m/s]: as seen from outside, else by the joints."""
+        if "foot_velocity" not in self.trace.channels:
+            return self._foot_speed_by_joints
+        seen = self.mid("foot_velocity").reshape(-1, 4, 3)
+        speed: FloatArray = np.einsum("nji,nkj->nki", self.attitude, seen)
+        return (
+            speed
+            if np.isfinite(speed).all()
+            else np.where(np.isfinite(speed), speed, self._foot_speed_by_joints)
+        )
+
+    @cached_property
+    def _foot_speed_by_joints(self) -> FloatArray:
+        """(n − 1, 4, 3) the same, from the motion of base and joints."""
         place, slide, _ = self.feet
         own = (slide @ self.mid("dq").reshape(-1, 4, 3, 1))[..., 0] + np.cross(
             self.mid("omega")[:, None], place
@@ -172,6 +186,12 @@ class Recorded:
         torque = turned @ about + np.cross(spin, spin @ about) + inertia.mass * np.cross(com, lifted)
         return np.hstack((force, torque))
 
+    def less(self, **errors: FloatArray) -> Recorded:
+        """Return the motion without these errors of its channels; a channel that was not recorded has none."""
+        channels = self.trace.channels
+        truer = {name: channels[name] - error for name, error in errors.items() if name in channels}
+        return Recorded(replace(self.trace, channels={**channels, **truer}), self.robot)
+
 
 class Ground:
     """What the ground's slope makes of a recorded motion."""
@@ -218,6 +238,20 @@ def hann(times: FloatArray, width: float) -> FloatArray:
 def recorded(trace: Trace, robot: Robot) -> Recorded:
     """Return the motion of a trace; the same object for as long as one trace is asked about."""
     return Recorded(trace, robot)
+
+
+@lru_cache(maxsize=4)
+def corrected(
+    motion: Recorded, encoder_offset: tuple[float, float, float], attitude_bias: tuple[float, float]
+) -> Recorded:
+    """Return the motion of which sensors with these errors [rad], [deg] report what was recorded, likewise."""
+    errors: dict[str, FloatArray] = {}
+    if any(encoder_offset):
+        errors["q"] = np.tile(encoder_offset, 4)
+    for name, angle in zip(("roll", "pitch"), np.radians(attitude_bias), strict=True):
+        if angle:
+            errors[name] = angle
+    return motion.less(**errors) if errors else motion
 
 
 @lru_cache(maxsize=4)

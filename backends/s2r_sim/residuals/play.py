@@ -1,4 +1,8 @@
-"""Where in the play of its gear every motor stood in a recording, and what torque it passed on."""
+"""Where in the play of its gear every rotor stood in a recording, and what torque it passed on.
+
+Encoders sit on the rotor's side: a recorded angle is that of the joint and the play. While a rotor crosses the
+gap its torque, which the drive reports, turns the rotor alone.
+"""
 
 from __future__ import annotations
 
@@ -8,60 +12,42 @@ from numpy.typing import NDArray
 from s2r_spec.compiled import compiled
 
 FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 @compiled
-def passed_on(
-    asked: FloatArray,
-    kp: FloatArray,
-    kd: float,
-    q: FloatArray,
-    dq: FloatArray,
-    given: IntArray,
-    strength: FloatArray,
-    low: FloatArray,
-    high: FloatArray,
-    dt: FloatArray,
-    gap: float,
-    inertia: float,
-) -> FloatArray:
-    """Return (n, 12) torque [N m] between motor and joint in the last step of every tick.
+def crossed(
+    torque: FloatArray, dt: FloatArray, steps: int, gap: float, inertia: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return (n + 1, 12) play [rad] and its rate [rad/s] at the samples, (n, 12) torque [N m] on the joints.
 
-    A rotor turns freely between the flanks and pushes only against one; the motor's loop is closed on the
-    rotor. It starts against the flank towards which it is driven.
+    A rotor turns freely between the flanks and pushes only against one. It starts against the flank
+    towards which it is driven.
 
     Args:
-        asked: (n, 12) what the motor law asks for at the beginning of a tick, on the joint's state [N m].
-        kp: (n, 12) its gain on the angle [N m/rad].
-        kd: its gain on the speed [N m s/rad].
-        q: (n + 1, 12) angles of the joints at the samples [rad].
-        dq: (n + 1, 12) their speeds [rad/s].
-        given: (n, steps) the tick whose law is in force in each of the steps of physics in a tick.
-        strength: (n,) part of the law that is delivered.
-        low: (n, 12) least torque that the law can ask for [N m].
-        high: (n, 12) most.
+        torque: (n, 12) of the rotors in every tick [N m]; where it is not known, none is taken.
         dt: (n,) length of the ticks [s].
+        steps: of physics in a tick.
         gap: half of the play [rad].
-        inertia: of the rotor, seen at the joint, over what a newton metre of the law truly is [kg m²].
+        inertia: of a rotor, seen at the joint [kg m²].
     """
-    n, joints = asked.shape
-    steps = given.shape[1]
-    torque = np.zeros((n, joints))
+    n, joints = torque.shape
+    play, rate, passed = np.zeros((n + 1, joints)), np.zeros((n + 1, joints)), np.zeros((n, joints))
     for j in range(joints):
-        play, speed = gap * np.sign(asked[0, j]), 0.0
+        at, speed = gap * np.sign(torque[0, j]), 0.0
+        if not abs(at) >= 0.0:
+            at = 0.0
+        play[0, j] = at
         for i in range(n):
-            step = dt[i] / steps
-            for k in range(steps):
-                g, part = given[i, k], k / steps
-                moved = (1.0 - part) * q[i, j] + part * q[i + 1, j] - q[g, j] + play
-                turned = (1.0 - part) * dq[i, j] + part * dq[i + 1, j] - dq[g, j] + speed
-                law = asked[g, j] - kp[g, j] * moved - kd * turned
-                drive = strength[i] * min(max(law, low[i, j]), high[i, j])
-                pushes = (play >= gap and drive > 0.0) or (play <= -gap and drive < 0.0)
+            drive, step = torque[i, j], dt[i] / steps
+            if not abs(drive) >= 0.0:
+                drive = 0.0
+            for _ in range(steps):
+                pushes = (at >= gap and drive > 0.0) or (at <= -gap and drive < 0.0)
                 speed = 0.0 if pushes else speed + drive / inertia * step
-                play = min(max(play + speed * step, -gap), gap)
-                if abs(play) >= gap:
+                at = min(max(at + speed * step, -gap), gap)
+                if abs(at) >= gap:
                     speed = 0.0
-                torque[i, j] = drive if pushes else 0.0
-    return torque
+                if pushes:
+                    passed[i, j] += drive / steps
+            play[i + 1, j], rate[i + 1, j] = at, speed
+    return play, rate, passed

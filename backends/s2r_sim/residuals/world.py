@@ -14,10 +14,10 @@ from s2r_sim.figures import GRAVITY, Robot
 from s2r_sim.gains import Gains
 from s2r_sim.parameters import Test
 from s2r_sim.physics import Physics
-from s2r_sim.residuals.motion import Ground, Recorded, ground, hann
-from s2r_sim.residuals.play import passed_on
+from s2r_sim.residuals.motion import Ground, Recorded, corrected, ground, hann
+from s2r_sim.residuals.play import crossed
 from s2r_sim.residuals.yielding import Yielding, yielding
-from s2r_sim.rotation import turned
+from s2r_sim.rotation import turned, turned_back
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -35,7 +35,7 @@ class Motion:
     """Arrays of one row for every tick, as :class:`~s2r_sim.residuals.motion.Recorded`.
 
     Attributes:
-        recorded: the motion.
+        recorded: the motion, as the robot's own sensors and motion capture have it.
         gains: of the controller.
         bare: the nominal world in which the test takes place.
         world: the same with the effects that are reckoned with.
@@ -56,7 +56,25 @@ class Motion:
     @property
     def ground(self) -> Ground:
         """Of the world."""
-        return ground(self.recorded, self.world.slope)
+        return ground(self.moved, self.world.slope)
+
+    @cached_property
+    def moved(self) -> Recorded:
+        """The motion itself, if the world's sensors err as they say: of which they report what was recorded."""
+        motion = corrected(self.recorded, self.world.encoder_offset, self.world.attitude_bias)
+        if self._gears is None:
+            return motion
+        play, rate, _ = self._gears
+        return motion.less(q=play, dq=rate)
+
+    @cached_property
+    def _gears(self) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+        """What :func:`crossed` returns, if there is play in the gears and torque was recorded."""
+        log, world = self.recorded, self.world
+        if not world.backlash or "tau" not in log.trace.channels:
+            return None
+        turns = world.torque_constant * log.at("tau")
+        return crossed(turns, log.dt, self._steps, world.backlash, world.armature)
 
     @cached_property
     def loaded(self) -> Robot:
@@ -66,7 +84,7 @@ class Motion:
     @cached_property
     def needed(self) -> FloatArray:
         """(n − 1, 18) what the motion took: wrench on the base in base axes [N], [N m], torque on joints [N m]."""
-        log = self.recorded
+        log = self.moved
         needed = log.needed.copy()
         _, speeds_up = log.twist
         needed[:, 6:] += self.world.armature * speeds_up[:, 6:]
@@ -77,10 +95,10 @@ class Motion:
     @cached_property
     def joints(self) -> FloatArray:
         """(n − 1, 12) torque that the joints' motion takes beyond ground, motors and friction [N m]."""
-        log, world = self.recorded, self.world
+        log, world = self.moved, self.world
         speed = log.mid("dq")
         _, ground = self.forces
-        driven = world.torque_constant * log.at("tau")
+        driven = world.torque_constant * log.at("tau") if self._gears is None else self._gears[2]
         lacks = self.needed[:, 6:] + world.damping * speed - ground - driven
         held = np.sign(lacks) * np.maximum(0.0, np.abs(lacks) - world.dry_friction)
         left: FloatArray = np.where(np.abs(speed) > _STILL, lacks + world.dry_friction * np.sign(speed), held)
@@ -92,13 +110,13 @@ class Motion:
         base, joints = self.ground.forces
         if not self.world.drag:
             return base, joints
-        held = self.recorded.pushed(self._drag)
+        held = self.moved.pushed(self._drag)
         return base + held[0], joints + held[1]
 
     @cached_property
     def _drag(self) -> FloatArray:
         """(n − 1, 4, 3) on low feet, base axes [N]."""
-        log = self.recorded
+        log = self.moved
         place, _, _ = log.feet
         rise = np.array([-self.ground.rise, 0.0, 1.0])
         base = np.column_stack([log.mid(name) for name in ("x", "y", "z")]) @ rise
@@ -110,7 +128,7 @@ class Motion:
     @cached_property
     def push(self) -> FloatArray:
         """(n − 1, 3) force on the base that the test declares, base axes [N]."""
-        log = self.recorded
+        log = self.moved
         if not self.test.push:
             return np.zeros((len(log.dt), 3))
         force = np.array([self.test.push_force(time) for time in log.trace.times[:-1].tolist()])
@@ -128,29 +146,12 @@ class Motion:
 
     @cached_property
     def delivered(self) -> FloatArray:
-        """(n − 1, 12) torque that the motors should report [N m]: late, limited, and through the play of gears."""
-        log, gains, world = self.recorded, self.gains, self.world
+        """(n − 1, 12) torque that the motors should report [N m]: late and limited."""
+        log, gains = self.recorded, self.gains
         swings = 1.0 - np.repeat(log.at("stance"), 3, axis=1)
         kp, kd = gains.kp_joint_swing * swings, gains.kd_joint
-        asked = log.at("tau_cmd") - kp * np.tile(world.encoder_offset, 4)
+        asked, given = log.at("tau_cmd"), self._given
         low, high = self._limits
-        given = self._given
-        if world.backlash:
-            q, dq = log.trace["q"], log.trace["dq"]
-            return passed_on(
-                asked,
-                kp,
-                kd,
-                q,
-                dq,
-                given,
-                self.strength,
-                low,
-                high,
-                log.dt,
-                world.backlash,
-                world.armature / world.torque_constant,
-            )
         # What is reported is of the last step of a tick, and so are the law and the joints in it.
         law, last = given[:, -1], (given.shape[1] - 1) / given.shape[1]
         moved, turned = (
@@ -164,11 +165,15 @@ class Motion:
     @cached_property
     def _given(self) -> IntArray:
         """(n − 1, steps) the tick whose law is in force in each of the steps of physics in a tick."""
-        log, world = self.recorded, self.world
-        steps = max(1, round(float(np.median(log.dt)) / world.timestep))
+        log, world, steps = self.recorded, self.world, self._steps
         middles = log.trace.times[:-1, None] + log.dt[:, None] * (np.arange(steps) + 0.5) / steps
         ticks: IntArray = np.searchsorted(log.trace.times, middles - world.latency, side="right") - 1
         return np.clip(ticks, 0, None)
+
+    @property
+    def _steps(self) -> int:
+        """Steps of physics in a tick."""
+        return max(1, round(float(np.median(self.recorded.dt)) / self.world.timestep))
 
     @cached_property
     def _limits(self) -> tuple[FloatArray, FloatArray]:
@@ -187,15 +192,17 @@ class Motion:
         Forces are what the controller reckons with in its own frame and with its own mass:
         motors deliver a part of them, they lift another mass, and the frame is askew.
         """
-        log = self.recorded
-        up = np.array([0.0, 0.0, 1.0])
-        if any(self.world.attitude_bias) and {"roll", "pitch"} <= set(log.trace.channels):
-            roll, pitch = log.mid("roll"), log.mid("pitch")
+        log, gravity = self.recorded, np.array([0.0, 0.0, GRAVITY])
+        felt = log.at("acc_pred") + gravity
+        if any(self.world.attitude_bias):
+            level = np.zeros(len(log.dt))
+            roll, pitch = (
+                log.mid(name) if name in log.trace.channels else level for name in ("roll", "pitch")
+            )
             by_roll, by_pitch = np.radians(self.world.attitude_bias)
-            up = _levelled(roll, pitch, _up_in_base(roll + by_roll, pitch + by_pitch))
+            felt = _levelled(roll - by_roll, pitch - by_pitch, _in_base(roll, pitch, felt))
         part = self.strength * self.world.torque_constant * self.robot.mass / self.loaded.mass
-        felt = log.at("acc_pred") + GRAVITY * up
-        follows: FloatArray = part[:, None] * felt - np.array([0.0, 0.0, GRAVITY])
+        follows: FloatArray = part[:, None] * felt - gravity
         return follows
 
     @cached_property
@@ -272,9 +279,9 @@ class Motion:
         return yielding(self.robot, here.impratio, here.sink), yielding(self.robot, bare.impratio, bare.sink)
 
 
-def _up_in_base(roll: FloatArray, pitch: FloatArray) -> FloatArray:
-    """Return (n, 3) the vertical in base axes."""
-    return np.column_stack((-np.sin(pitch), np.sin(roll) * np.cos(pitch), np.cos(roll) * np.cos(pitch)))
+def _in_base(roll: FloatArray, pitch: FloatArray, vector: FloatArray) -> FloatArray:
+    """Return (n, 3) of forward, left and up in base axes."""
+    return np.column_stack(turned_back(roll, pitch, 0.0, vector.T, np.sin, np.cos))
 
 
 def _levelled(roll: FloatArray, pitch: FloatArray, vector: FloatArray) -> FloatArray:

@@ -20,7 +20,7 @@ from s2r_spec.spec import Spec, load_spec
 from s2r_spec.trace import Trace
 
 SPEC = Path(__file__).parents[3] / "specs" / "a1_velocity.stl"
-VERSION = "a1/1"
+VERSION = "a1/2"
 """Of this generator; it goes into every label."""
 
 CaseKind = Literal["single", "pair", "triple", "unknown", "null"]

@@ -61,6 +61,7 @@ def _drives(w, s, elapsed, dt, qpos, qvel, joints):
     for sent in range(max(s.in_force + 1, s.sent - QUEUE), s.sent):
         if s.due[sent % QUEUE] <= s.clock + 1e-9:
             s.in_force = sent
+    # Before any has arrived: the last place of the queue, which is empty then.
     law = s.queue[s.in_force % QUEUE]
     load = 0.0
     for j in range(12):

@@ -1,4 +1,9 @@
-"""What the lab logs of a run, as channels: those of the simulator's trace, with their units."""
+"""What is logged of a run, as channels: those of the simulator's trace, with their units.
+
+The robot logs what its own sensors and drives have: encoders on the rotors with their offsets, an IMU that may be
+askew, torques that the drives ask for and report. The lab sees base, feet and ground from outside, by motion
+capture and force plates, and knows how they are.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +33,7 @@ NOISE = {
     "pitch": 3e-4, "yaw": 3e-4, "omega": 2e-3, "q": 2e-4, "dq": 5e-3, "tau_cmd": 5e-3, "tau": 2e-2,
     "foot_position": 2e-4, "foot_velocity": 1e-3, "foot_force": 0.5,
 }  # fmt: skip
-"""Standard deviations of the lab's instruments, in each channel's unit; correlated over 4 ms.
+"""Standard deviations of what is logged, in each channel's unit; correlated over 4 ms.
 
 They resolve about a quarter of that: a power of two, which 32-bit floats hold exactly.
 """
@@ -42,7 +47,7 @@ class Log:
 
     def __init__(self, ticks: int, command: float, slope: float, torque_limit: float) -> None:
         self._command, self._slope = command, slope
-        self._truth = np.zeros((ticks, 36))
+        self._truth, self._rotors = np.zeros((ticks, 36)), np.zeros((ticks, 24))
         self._feet = np.zeros((ticks, 24))
         self._motors = np.zeros((ticks, 5, 12))
         self._rest = np.zeros((ticks, 12))
@@ -54,11 +59,18 @@ class Log:
         return self._n
 
     def write(
-        self, truth: FloatArray, feet: FloatArray, done: Decision, torque: FloatArray, force: FloatArray
+        self,
+        truth: FloatArray,
+        rotors: FloatArray,
+        feet: FloatArray,
+        done: Decision,
+        torque: FloatArray,
+        force: FloatArray,
     ) -> None:
-        """Append a tick; ``force`` (4, 3) is in the axes of the flat ground."""
+        """Append a tick; ``rotors`` (24,) is by the encoders, ``force`` (4, 3) in the axes of the flat ground."""
         n = self._n
-        self._truth[n], self._feet[n], self._motors[n] = truth, feet.ravel(), done.motors
+        self._truth[n], self._rotors[n] = truth, rotors
+        self._feet[n], self._motors[n] = feet.ravel(), done.motors
         self._rest[n, :4], self._rest[n, 4:10] = done.stance, done.base
         self._rest[n, 10:] = done.iterations, done.solved
         self._torque[n], self._force[n] = torque, force
@@ -70,14 +82,18 @@ class Log:
         """Return the trace; ``measured`` (ticks, 36) and errors begin ``settling`` ticks before the command."""
         n = self._n
         truth, feet, rest = self._truth[:n], self._feet[:n], self._rest[:n]
-        roll, pitch, yaw = truth[:, 3:6].T
         vx, vy, vz = truth[:, 6:9].T
-        c, s = np.cos(yaw), np.sin(yaw)
-        axes = _axes(roll, pitch, yaw)
-        spin = np.einsum("nij,nj->ni", axes, truth[:, 9:12])
+        c, s = np.cos(truth[:, 5]), np.sin(truth[:, 5])
         now = slice(settling, settling + n)
-        own = self._own(measured[now], errors.force[now], axes)
+        own = self._own(measured[now], errors.force[now], _axes(*truth[:, 3:6].T))
         scale, bias = errors.scale[now], errors.bias[now]
+        said = truth + errors.lasting[now]
+        said[:, 6] = scale * vx + c * bias[:, 0] - s * bias[:, 1]
+        said[:, 7] = scale * vy + s * bias[:, 0] + c * bias[:, 1]
+        said[:, 12:] = self._rotors[:n]
+        roll, pitch, yaw = said[:, 3:6].T
+        axes = _axes(roll, pitch, yaw)
+        spin = np.einsum("nij,nj->ni", axes, said[:, 9:12])
         q, dq, kp, kd, tau = (self._motors[:n, row] for row in range(5))
         force = self._force[:n] @ _leaning(self._slope).T
         values = {
@@ -97,15 +113,15 @@ class Log:
             "roll": roll,
             "pitch": pitch,
             "yaw": yaw,
-            "omega": truth[:, 9:12],
-            "acc_pred": _felt(rest[:, 4:10], rest[:, 11], axes, truth, c, s),
+            "omega": said[:, 9:12],
+            "acc_pred": _felt(rest[:, 4:10], rest[:, 11], axes, said, c, s),
             "qp_iterations": rest[:, 10],
             "qp_solved": rest[:, 11],
             "fallen": np.append(np.zeros(n - 1), float(fallen)),
             "stance": rest[:, :4],
-            "q": truth[:, 12:24],
-            "dq": truth[:, 24:36],
-            "tau_cmd": tau + kp * (q - truth[:, 12:24]) + kd * (dq - truth[:, 24:36]),
+            "q": said[:, 12:24],
+            "dq": said[:, 24:36],
+            "tau_cmd": tau + kp * (q - said[:, 12:24]) + kd * (dq - said[:, 24:36]),
             "tau": self._torque[:n],
             "foot_position": feet[:, :12],
             "foot_velocity": feet[:, 12:],
@@ -146,11 +162,11 @@ def _axes(roll: FloatArray, pitch: FloatArray, yaw: FloatArray) -> FloatArray:
 
 
 def _felt(
-    spatial: FloatArray, solved: FloatArray, axes: FloatArray, truth: FloatArray, c: FloatArray, s: FloatArray
+    spatial: FloatArray, solved: FloatArray, axes: FloatArray, said: FloatArray, c: FloatArray, s: FloatArray
 ) -> FloatArray:
     """Return (n, 3) the predicted acceleration of the trunk's origin, forward, left, up; 0 without a prediction."""
-    velocity = np.einsum("nji,nj->ni", axes, truth[:, 6:9])
-    classical = spatial[:, :3] + np.cross(truth[:, 9:12], velocity)
+    velocity = np.einsum("nji,nj->ni", axes, said[:, 6:9])
+    classical = spatial[:, :3] + np.cross(said[:, 9:12], velocity)
     world = np.einsum("nij,nj->ni", axes, classical)
     forward, left = c * world[:, 0] + s * world[:, 1], c * world[:, 1] - s * world[:, 0]
     return np.stack((forward, left, world[:, 2]), axis=1) * solved[:, None]

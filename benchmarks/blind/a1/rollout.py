@@ -108,7 +108,7 @@ class Runner:
 
     def _write(self, log: Log, done: Decision) -> None:
         plant = self._plant
-        log.write(self._truth, self._feet, done, plant.state["current"][0], plant.ground_force)
+        log.write(self._truth, self._rotors, self._feet, done, plant.state["current"][0], plant.ground_force)
 
 
 def _delays(twin: Twin, rng: Generator, ticks: int) -> FloatArray:

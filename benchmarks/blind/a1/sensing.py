@@ -57,34 +57,38 @@ class Errors:
         scale: (ticks,) of the fed-back velocity.
         bias: (ticks, 2) of it, forward and left [m/s]; scale and bias are also in the robot's own estimate.
         force: (ticks, 3) of the accelerometer [m/s^2].
+        lasting: (ticks, 36) the part of ``added`` that is no noise: of the IMU's attitude and rates.
     """
 
     added: FloatArray
     scale: FloatArray
     bias: FloatArray
     force: FloatArray
+    lasting: FloatArray
 
 
 def errors(sensing: Sensing, rng: Generator, ticks: int, settling: int) -> Errors:
     """Draw the errors of a rollout whose command comes after ``settling`` ticks."""
-    added = np.zeros((ticks, 36))
+    added, lasting = np.zeros((ticks, 36)), np.zeros((ticks, 36))
     added[:, 0:3] = coloured(rng, ticks, 3, 0.0002, 0.02)
     added[:, 3:6] = rng.normal(size=(ticks, 3)) * 0.0015 + coloured(rng, ticks, 3, 0.0008, 0.02)
     added[:, 6:9] = rng.normal(size=(ticks, 3)) * 0.008 + coloured(rng, ticks, 3, 0.003, 0.01)
-    added[:, 9:12] = rng.normal(size=(ticks, 3)) * 0.008 + rng.normal(size=3) * 0.002
+    added[:, 9:12] = rng.normal(size=(ticks, 3)) * 0.008
+    lasting[:, 9:12] = rng.normal(size=3) * 0.002
     added[:, 12:24] = rng.uniform(-0.0015, 0.0015, (ticks, 12))
     added[:, 24:36] = rng.uniform(-0.09, 0.09, (ticks, 12))
     clock = (np.arange(ticks) - settling) / RATE
     roll, pitch = sensing.attitude_bias
     size = radians(abs(roll) + abs(pitch))
-    added[:, 3:5] += np.radians([roll, pitch]) + 0.05 * size * clock[:, None] * rng.normal(size=2)
+    lasting[:, 3:5] = np.radians([roll, pitch]) + 0.05 * size * clock[:, None] * rng.normal(size=2)
+    added += lasting
     wander = coloured(rng, ticks, 2, 1.0, 0.6)
     bias = np.array(sensing.velocity_bias)
     bias = bias + 0.1 * np.hypot(*bias) * wander
     bias[:, 0] += sensing.velocity_drift * np.maximum(clock, 0.0)
     scale = 1.0 + (sensing.velocity_scale - 1.0) * (1.0 + 0.1 * coloured(rng, ticks, 1, 1.0, 0.6)[:, 0])
     force = rng.normal(size=(ticks, 3)) * 0.08 + coloured(rng, ticks, 3, 0.05, 0.05)
-    return Errors(added, scale, bias, force)
+    return Errors(added, scale, bias, force, lasting)
 
 
 def off(sensing: Sensing, ticks: int) -> Errors:
@@ -96,4 +100,5 @@ def off(sensing: Sensing, ticks: int) -> Errors:
         np.full(ticks, sensing.velocity_scale),
         np.tile(np.array(sensing.velocity_bias), (ticks, 1)),
         np.zeros((ticks, 3)),
+        added,
     )

@@ -115,7 +115,7 @@ STATE = np.dtype(
         ("queue", "f8", (QUEUE, 5, 12)),  # motor laws, a ring
         ("due", "f8", (QUEUE,)),  # s, on the clock
         ("sent", "i8"),
-        ("in_force", "i8"),  # which of those that were sent
+        ("in_force", "i8"),  # which of those that were sent; -1: none has arrived
     ],
     align=True,
 )
@@ -127,4 +127,5 @@ def fresh() -> Record:
     """Return a (1,) state record in which nothing has happened yet."""
     state = np.zeros(1, STATE)
     state["due"] = np.inf
+    state["in_force"] = -1
     return state

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from benchmarks.blind.outsiders.cases import linear
 from s2r_spec.trace import Trace
 
-VERSION = "arm/1"
+VERSION = "arm/2"
 """Of this generator; it goes into every label."""
 SPEC = Path(__file__).parent / "arm.stl"
 TS, H, SUB, N = 0.002, 0.00025, 8, 1501
@@ -200,7 +200,10 @@ def machine(
     y[0] -= e[6] * g1
     y[1] = y[0] + y[3] - 2 * e[6] * g2
     hist = np.zeros((n * SUB, 2))
-    lagged = np.zeros(2)
+    # Until the first command arrives the drives hold the arm that they were told of where it is.
+    lower = (0.34 + mp_told * 0.35) * 9.81 * np.cos(ref[0, 0] + ref[0, 1])
+    hold = np.array([lower + (0.6 + (2 + mp_told) * 0.4) * 9.81 * np.cos(ref[0, 0]), lower]) * gain * kt
+    lagged = hold.copy()
     tau = np.zeros(2)
     u = np.zeros(2)
     s1, s2, before = np.zeros(2), np.zeros(2), np.zeros(2)
@@ -242,8 +245,8 @@ def machine(
             for j in range(2):
                 x = gain * kt * u[j]
                 hist[now, j] = x
-                x0 = hist[max(now - whole, 0), j]
-                x1 = hist[max(now - whole - 1, 0), j]
+                x0 = hist[now - whole, j] if now >= whole else hold[j]
+                x1 = hist[now - whole - 1, j] if now > whole else hold[j]
                 x = x0 + part * (x1 - x0)
                 lagged[j] = x + lag * (lagged[j] - x)
                 L = limit * lims[j]

@@ -135,7 +135,7 @@ def run(
         for j in range(SUBSTEPS):
             step = k * SUBSTEPS + j
             time = step * _H
-            command = sent[late[:, step], rows]
+            command = np.where(late[:, step] < 0, 0.0, sent[late[:, step], rows])
             # Critically damped, exactly over the substep; without a lag it follows at once.
             off, rate = current - command, fast
             mixed = rate + 2 / np.maximum(p["lag"], 1e-9) * off

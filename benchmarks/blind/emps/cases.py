@@ -20,7 +20,7 @@ from s2r_spec.space import Space
 from s2r_spec.spec import load_spec
 from s2r_spec.trace import Trace
 
-VERSION = "emps/3"
+VERSION = "emps/4"
 """Of this generator; it goes into every label."""
 SPEC = Path(__file__).parents[3] / "specs" / "emps_tracking.stl"
 DURATION = 2.5

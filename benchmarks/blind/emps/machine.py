@@ -120,12 +120,12 @@ def sines(rng: np.random.Generator, steps: int) -> FloatArray:
 
 
 def arrivals(rng: np.random.Generator, ticks: int, machine: Machine) -> NDArray[np.intp]:
-    """Return (substeps,) which tick's command is the newest at the drive: a queue that is overtaken by none."""
+    """Return (substeps,) which tick's command is the newest at the drive, −1 before any: none overtakes another."""
     sent = TICK * np.arange(ticks)
     waits = machine.delay * (1 + machine.jitter * rng.uniform(-1, 1, ticks))
     arrived = np.maximum.accumulate(sent + waits)
     times = STEP * np.arange(ticks * SUBSTEPS) + 1e-9
-    return np.maximum(np.searchsorted(arrived, times, side="right") - 1, 0)
+    return np.searchsorted(arrived, times, side="right") - 1
 
 
 def missing(rng: np.random.Generator, ticks: int, machine: Machine) -> NDArray[np.bool_]:

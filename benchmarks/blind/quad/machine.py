@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from benchmarks.blind.outsiders.cases import Cause, linear
 from s2r_spec.trace import Trace
 
-VERSION = "quad/1"
+VERSION = "quad/2"
 """Of this generator; it goes into every label."""
 SPEC = Path(__file__).parent / "quad.stl"
 TC, N, EVERY = 0.005, 1001, 4
@@ -232,8 +232,9 @@ def fly(dx, height, P, bias, delay, gps, gyro, nz, gu, once, jit):
         for j in range(4):
             h = TC / 4
             tt = t + j * h - delay * (1 + 0.2 * jit[k])  # zero-order hold, a delay that jitters
-            i = min(k, max(0, int(np.floor(tt / TC + 1e-9))))
-            c1, c2 = cf[i], cr[i]
+            i = min(k, int(np.floor(tt / TC + 1e-9)))
+            # Until the first command arrives the rotors hover on.
+            c1, c2 = (cf[i], cr[i]) if i >= 0 else (0.5 * MASS * G, 0.5 * MASS * G)
             k1 = deriv(s, c1, c2, P, wx, wz, t + j * h)
             k2 = deriv(s + 0.5 * h * k1, c1, c2, P, wx, wz, t + j * h)
             k3 = deriv(s + 0.5 * h * k2, c1, c2, P, wx, wz, t + j * h)

@@ -160,7 +160,7 @@ def _words(reason: Explanation | None) -> str:
     if reason is None or reason.instant is None:
         return ""
     margin = f"{reason.margin:+.4f} {reason.margin_unit}".rstrip()
-    return f"Decided at t = {reason.instant:g} s by {reason.predicate} (margin {margin})."
+    return f"Decided at t = {reason.when} by {reason.predicate} (margin {margin})."
 
 
 def _panels(runs: Runs, trace: Trace, record: Record, beside: tuple[Trace, ...]) -> list[Panel]:

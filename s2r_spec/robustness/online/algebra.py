@@ -107,7 +107,7 @@ class OnlineAlgebra:
         return leaf
 
     def _no_value(self, node: f.Comparison, k: int) -> TraceError:
-        return no_value(node, f"sample {k}, {self.clock.seconds(k):g} s after the first")
+        return no_value(node, f"sample {k}, {self.clock.seconds(k):.9g} s after the first")
 
     def negative(self, x: Term) -> Term:
         """Return −x."""

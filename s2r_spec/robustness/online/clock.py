@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.errors import TraceError, UsageError
+from s2r_spec.instants import instant
 from s2r_spec.lang.formula import Interval
 from s2r_spec.robustness import grid, ticks
 from s2r_spec.robustness.grid import Grid
@@ -140,16 +141,20 @@ class Clock:
         step = time - self.time
         if step <= 0:
             raise TraceError(
-                f"times must increase strictly, but sample {self.now + 1} is at {time:g} s "
-                f"after {self.time:g} s"
+                f"times must increase strictly, but sample {self.now + 1} is at {self._when(time)} "
+                f"after {self._when(self.time)}"
             )
         # each of two samples may be off by the jitter of a recorded trace
         if self.period is not None and abs(step - self.step) > 2 * grid.JITTER * self.step:
             raise TraceError(
-                f"sample {self.now + 1} at {time:g} s comes {step:g} s after the one before, but the period is "
+                f"sample {self.now + 1} at {self._when(time)} comes {step:g} s after the one before, but the period is "
                 f"{self.step:g} s; without a period, windows hold the samples that lie in them by time"
             )
         self.shortest, self.longest = min(self.shortest, step), max(self.longest, step)
+
+    def _when(self, time: float) -> str:
+        """Return an instant of the trace in words."""
+        return instant([self.start, self.time, time], time)
 
     @property
     def slack(self) -> float:
@@ -190,5 +195,5 @@ class Clock:
         span = reach.interval.span
         raise TraceError(
             f"no sample lies in `{span.text}` ({span.place}) of sample {k}, "
-            f"{at if self.period is None else k * self.step:g} s after the first"
+            f"{self.seconds(k):.9g} s after the first"
         )

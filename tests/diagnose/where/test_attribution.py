@@ -15,6 +15,7 @@ from s2r_spec.diagnose.where.path import Path as Straight
 from s2r_spec.errors import TraceError
 from s2r_spec.spec import load_spec, parse_spec
 from s2r_spec.trace import Trace
+from tests.examples import examples
 from tests.robustness.drawing import cases
 
 SPECS = Path(__file__).parents[3] / "specs"
@@ -32,7 +33,7 @@ def pairs(draw):
     return case, Trace(times, {"x": case.x, "y": case.y}), other
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 @given(pair=pairs())
 def test_parts_add_up_and_the_sandwich_holds(pair):
     case, real, simulated = pair

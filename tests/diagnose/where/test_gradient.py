@@ -11,6 +11,7 @@ from s2r_spec.robustness.evaluate import Walk
 from s2r_spec.robustness.sampled import SampledAlgebra, Samples
 from s2r_spec.robustness.ticks import clock_of
 from s2r_spec.spec import parse_spec
+from tests.examples import examples
 from tests.robustness.drawing import COMPARISONS, text_of
 
 TEXTS = [
@@ -70,7 +71,7 @@ def test_against_finite_differences(text, even):
                 assert slope[place] == pytest.approx((up - margin(moved)) / (2 * step), abs=1e-6, rel=1e-5)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 @given(comparison=COMPARISONS, seed=st.integers(0, 1000), sample=st.integers(0, 4))
 def test_against_torch(comparison, seed, sample):
     generator = np.random.default_rng(seed)

@@ -167,6 +167,8 @@ def simulate(ref, payload, start, push, enc, gain, e, substeps):
     x[1] -= off
     th[:] = x
     buffer = np.zeros((n * substeps, 2))
+    _, _, _, hold0, hold1 = terms(ref[0, 0], ref[0, 1], 0.0, 0.0, 0.0, payload, L2, 0.0)
+    hold = np.array([hold0, hold1])
     seen_before = np.zeros(2)
     speed = np.zeros(2)
     u = np.zeros(2)
@@ -205,8 +207,9 @@ def simulate(ref, payload, start, push, enc, gain, e, substeps):
             part = past - whole
             for j in range(2):
                 buffer[now, j] = u[j]
-                a = buffer[max(now - whole, 0), j]
-                b = buffer[max(now - whole - 1, 0), j]
+                # Until the first command arrives the drives hold the arm where it is.
+                a = buffer[now - whole, j] if now >= whole else hold[j]
+                b = buffer[now - whole - 1, j] if now > whole else hold[j]
                 made = gain * kt * (a + part * (b - a))
                 top = limit * LIMIT[j]
                 tau[j] = min(max(made, -top), top)

@@ -122,7 +122,8 @@ def _fly(dx, height, fan, eff, meas, gust, once):
     m = M0 + mass
     keep = np.exp(-h / (0.03 + tlag))
     x, z, th, vx, vz, q = 0.02 * once[0], height + 0.02 * once[1], 0.0, 0.0, 0.0, 0.0
-    tf = tr = 0.5 * M0 * G
+    hover = 0.5 * M0 * G
+    tf = tr = hover
     ix = iz = ia = 0.0
     wx = wz = 0.0
     front, rear = np.empty(N), np.empty(N)
@@ -162,12 +163,15 @@ def _fly(dx, height, fan, eff, meas, gust, once):
         wx += -wx * TC / 0.8 + 0.3 * np.sqrt(2 * TC / 0.8) * gust[k, 0]
         wz += -wz * TC / 0.5 + 0.15 * np.sqrt(2 * TC / 0.5) * gust[k, 1]
         # plant
-        back = min(delay / TC, float(k))
+        back = delay / TC
         whole = int(back)
         part = back - whole
-        i0, i1 = k - whole, max(k - whole - 1, 0)
-        cf = front[i0] + part * (front[i1] - front[i0])
-        cr = rear[i0] + part * (rear[i1] - rear[i0])
+        i0, i1 = k - whole, k - whole - 1
+        # Until the first command arrives the rotors hover on.
+        f0, f1 = front[i0] if i0 >= 0 else hover, front[i1] if i1 >= 0 else hover
+        r0, r1 = rear[i0] if i0 >= 0 else hover, rear[i1] if i1 >= 0 else hover
+        cf = f0 + part * (f1 - f0)
+        cr = r0 + part * (r1 - r0)
         fade = factor * (1.0 - sag * max(t, 0.0)) * (1 + 0.005 * once[3])
         for _ in range(SUB):
             tf = cf + keep * (tf - cf)

@@ -1,0 +1,72 @@
+"""What is computed once and kept on disk: arrays and JSON in an NPZ file, read as data and made again if damaged.
+
+A cache file may be cut, of another version or somebody else's: whatever it holds, reading it runs nothing, and where
+it cannot be read it is made again, with a sentence that names it.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TypeVar
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Cache:
+    """A folder of files that can be made again.
+
+    Attributes:
+        folder: of all of them.
+        said: a sentence for each file that was damaged or could not be kept, in order; grows.
+    """
+
+    folder: Path
+    said: list[str] = field(default_factory=list)
+
+    @classmethod
+    def usual(cls) -> Cache:
+        """Return that of ``$S2R_CACHE``, else in the user's cache folder."""
+        if given := os.environ.get("S2R_CACHE"):
+            return cls(Path(given))
+        return cls(Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "s2r")
+
+    def kept(
+        self, place: str, load: Callable[[Path], T], make: Callable[[], T], save: Callable[[T, Path], None]
+    ) -> T:
+        """Return what a file holds, or make it and write it there.
+
+        Args:
+            place: of the file below the folder, ending in ".npz".
+            load: reads it as data, and raises whatever it likes if it is not what ``save`` writes.
+            make: what should be in it.
+            save: writes it.
+        """
+        path = self.folder / place
+        if path.is_file():
+            try:
+                return load(path)
+            except Exception:  # what a file of unknown content raises has no end: zip, JSON, memory, shapes
+                self.said.append(f"the cache file {path} cannot be read as one, and was made again")
+        made = make()
+        try:
+            _write(lambda part: save(made, part), path)
+        except OSError as error:
+            self.said.append(
+                f"{path} could not be written ({error.strerror}): it will be made again next time"
+            )
+        return made
+
+
+def _write(save: Callable[[Path], None], path: Path) -> None:
+    """Write a file beside its place, and put it there when it is whole."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_suffix(f".{os.getpid()}.part.npz")
+    try:
+        save(part)
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)

@@ -1,0 +1,44 @@
+"""A clock that runs too fast or too slowly: all channels undone by reading them at stretched times."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec.diagnose.quality.comparison import Comparison
+from s2r_spec.diagnose.quality.finding import Finding
+from s2r_spec.diagnose.quality.suspects import Suspect
+
+FloatArray = NDArray[np.float64]
+
+FACTORS = tuple(np.geomspace(0.5, 2.0, 45).tolist())
+"""Definition: real seconds that a stamped second may have been, before the best is refined."""
+STEADY = 0.005
+"""Tolerance: a clock that is off by less is no mistake; clocks of computers are off by a hundredth of that."""
+
+
+def clock(c: Comparison) -> list[Suspect]:
+    """Return the clock that explains most; instants that are in no recording then are not compared."""
+    end = min(trace.duration for trace in c.traces)
+
+    def undone(stamped: float) -> tuple[float, FloatArray, FloatArray]:
+        values, there = c.read(stretch=stamped), (stamped * c.times <= end)[:, None].astype(float)
+        return c.misfit(values, there=there) - c.misfit(c.recorded, there=there), values, there
+
+    tried = [f for f in FACTORS if abs(f - 1.0) > STEADY]
+    best = min(tried, key=lambda f: undone(f)[0])
+    ratio = FACTORS[1] / FACTORS[0]
+    for _ in range(2):
+        near = best * np.geomspace(1.0 / ratio, ratio, 9)
+        best = min(
+            (float(f) for f in near if abs(f - 1.0) > STEADY), key=lambda f: undone(f)[0], default=best
+        )
+        ratio = ratio ** (1 / 4)
+    _, values, there = undone(best)
+    step = float(np.median([np.median(np.diff(trace.times)) for trace in c.traces]))
+    rate, was = 1.0 / step, best / step
+    text = (
+        f"everything in the real rollouts goes {1.0 / best:.3g} times as fast as in the simulator, commands included: "
+        f"was a sample taken every {step / best:.3g} s ({was:.3g} Hz), and stamped every {step:.3g} s ({rate:.3g} Hz)?"
+    )
+    return [Suspect(Finding("clock", "the clock", text, "a wrong clock"), values, there)]

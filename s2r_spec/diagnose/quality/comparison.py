@@ -1,0 +1,308 @@
+"""Recordings beside the simulator at the same tests: the discrepancy that effects leave, before and after undoing.
+
+See the package for the model. Everything here is in units of σ, the simulator's scatter with its floor.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec.diagnose.axes import Line
+from s2r_spec.diagnose.simulate import Bench, Job, Test, run_jobs
+from s2r_spec.space import key_of
+from s2r_spec.trace import Trace, between
+
+FloatArray = NDArray[np.float64]
+Rollout = tuple[dict[str, float], Trace]
+
+BUDGET = 20.0
+"""Budget: CPU time [s] for the rollouts that a comparison simulates. Twice as much compares more tests, with more
+sizes of every effect; a simulator that cannot run MINIMUM tests in it runs these all the same."""
+MINIMUM, TESTS = 3, 6
+"""Budget: tests that are compared, at least and at most. Twice as many cost twice the time, and find mistakes that show
+at few tests."""
+FEWEST, SEEDS = 4, 24
+"""Budget: nominal rollouts a test, for their mean and scatter, at least and at most. Twice as many halve the variance
+of the estimate of either."""
+FRESH = 3
+"""Budget: further nominal rollouts a test, which say what the usual misfit is. Twice as many halve its variance."""
+OWN = 10
+"""Definition: nominal rollouts of a test from which on its scatter is its own; of fewer it is that of all tests. Twice
+as many pool more simulators, whose tests may scatter unlike each other."""
+TIMES = 90
+"""Definition: instants of a rollout that are compared. Twice as many see delays that are half as long."""
+FLOOR = 0.01
+"""Tolerance: part of a channel's range that is no discrepancy, whatever the simulator's scatter. Twice as much hides
+mistakes that are half as large."""
+USED = 0.9
+"""Definition: part of a rollout that is compared, so that undoing a delay or a slow clock has samples to read."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column of a channel, as it is compared.
+
+    Attributes:
+        channel: that it is of.
+        place: among the channel's columns.
+        name: for people ("q, FR hip").
+        unit: of the channel.
+    """
+
+    channel: str
+    place: int
+    name: str
+    unit: str
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """n recordings at their tests, and the nominal simulator and its effects there.
+
+    Attributes:
+        columns: c of them, that both have.
+        tests: of each recording.
+        traces: recordings.
+        times: (T,) from a recording's begin [s].
+        nominal: (n, T, c) mean of the simulator at each test.
+        floor: (c,) what is no discrepancy, in the units of the columns: the unit of all that follows.
+        scatter: (n, s, d) deviations of single nominal rollouts, whose squares sum to their covariance; d = T · c.
+        effects: (k, n, d) changes that the catalogue makes.
+        sizes: (k,) the line and its value of each.
+        cost: time [s] of one core that a rollout takes, about.
+        usual: mean Q of nominal rollouts that had no part in all this.
+    """
+
+    columns: tuple[Column, ...]
+    tests: tuple[Test, ...]
+    traces: tuple[Trace, ...]
+    times: FloatArray
+    nominal: FloatArray
+    floor: FloatArray
+    scatter: FloatArray
+    effects: FloatArray
+    sizes: tuple[tuple[Line, float], ...]
+    cost: float = 0.0
+    usual: float = 1.0
+
+    @cached_property
+    def recorded(self) -> FloatArray:
+        """Return (n, T, c) of the recordings as they are."""
+        return self.read()
+
+    def read(self, stretch: float = 1.0, late: float | FloatArray = 0.0) -> FloatArray:
+        """Return (n, T, c) of the recordings, read at other times: t → stretch · t + late.
+
+        Before the first sample a channel is what it was in the first.
+
+        Args:
+            stretch: of all columns.
+            late: [s] by which all columns are late, or (c,) each.
+        """
+        shifts = np.broadcast_to(late, (len(self.columns),))
+        out = np.empty((len(self.traces), len(self.times), len(self.columns)))
+        for n, trace in enumerate(self.traces):
+            own = trace.times - trace.times[0]
+            for shift in np.unique(shifts):
+                at = stretch * self.times + shift
+                for k in np.flatnonzero(shifts == shift):
+                    values = trace[self.columns[k].channel].reshape(len(trace), -1)[:, self.columns[k].place]
+                    out[n, :, k] = np.interp(at, own, values)
+        return out
+
+    def rest(self, values: FloatArray) -> FloatArray:
+        """Return (n, T, c) discrepancies of recordings, in floors."""
+        return np.asarray((values - self.nominal) / self.floor)
+
+    @cached_property
+    def _whitening(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return (n, s, d) W by which C⁻¹ = 1 − WᵀW of a rollout, (k, n, d) C⁻¹J, and (k, k) the root of 1 + JᵀC⁻¹J."""
+        inner = np.eye(self.scatter.shape[1]) + np.einsum("nsd,ntd->nst", self.scatter, self.scatter)
+        w = np.linalg.solve(np.linalg.cholesky(inner), self.scatter)
+        j = self.effects
+        cj = j - np.einsum("nsd,nsk->knd", w, np.einsum("nsd,knd->nsk", w, j))
+        gram = np.eye(len(j)) + np.einsum("knd,lnd->kl", j, cj)
+        return np.asarray(w), cj, np.asarray(np.linalg.cholesky(gram))
+
+    def misfit(self, values: FloatArray, effects: bool = True, there: FloatArray | float = 1.0) -> float:
+        """Return Q of recordings (n, T, c), a number of it.
+
+        Args:
+            values: recordings.
+            effects: whether the catalogue may explain anything.
+            there: (T, 1) of 1 and 0, which instants count.
+        """
+        r = (self.rest(values) * there).reshape(len(self.traces), -1)
+        w, cj, root = self._whitening
+        q = float(np.vdot(r, r) - (np.matmul(w, r[:, :, None]) ** 2).sum())
+        if effects and len(root):
+            q -= float((np.linalg.solve(root, cj.reshape(len(cj), -1) @ r.ravel()) ** 2).sum())
+        return max(q, 0.0) / r.size
+
+    def moments(self, values: FloatArray) -> tuple[float, FloatArray, FloatArray]:
+        """Return rᵀC⁻¹r of recordings, (k,) JᵀC⁻¹r and (k, k) JᵀC⁻¹J: all that a fit of effects needs."""
+        r = self.rest(values).reshape(len(self.traces), -1)
+        w, cj, root = self._whitening
+        q = float(np.vdot(r, r) - (np.matmul(w, r[:, :, None]) ** 2).sum())
+        return q, cj.reshape(len(cj), -1) @ r.ravel(), root @ root.T - np.eye(len(root))
+
+    @cached_property
+    def volume(self) -> float:
+        """Return log |C|, a number of a recording: what a machine that scatters more must explain better."""
+        inner = np.eye(self.scatter.shape[1]) + np.einsum("nsd,ntd->nst", self.scatter, self.scatter)
+        logs = np.linalg.slogdet(inner)[1].mean() / self.scatter.shape[2]
+        return float(logs + 2.0 * np.log(self.floor).mean())
+
+    def plain(self, values: FloatArray) -> FloatArray:
+        """Return (c,) mean square of each column's discrepancy by itself."""
+        return np.asarray((self.rest(values) ** 2).mean(axis=(0, 1)))
+
+
+def columns_of(bench: Bench, traces: Sequence[Trace], without: Sequence[str] = ()) -> tuple[Column, ...]:
+    """Return the columns that every recording has, of numbers throughout, but for some."""
+    found = []
+    for channel in bench.backend.channels:
+        shape = {trace[channel.name].shape[1:] for trace in traces if channel.name in trace.channels}
+        whole = all(
+            channel.name in trace.channels and np.isfinite(trace[channel.name]).all() for trace in traces
+        )
+        if not whole or len(shape) != 1 or channel.name in without:
+            continue
+        for place in range(channel.width):
+            word = channel.columns[place] if channel.columns else f"column {place + 1}"
+            name = channel.name if channel.width == 1 else f"{channel.name}, {word}"
+            found.append(Column(channel.name, place, name, channel.unit))
+    return tuple(found)
+
+
+def sampled(
+    columns: Sequence[Column], times: FloatArray, bench: Bench, trace: Trace, test: Test
+) -> FloatArray:
+    """Return (T · c,) of a rollout; NaN after it ended."""
+    del bench, test
+    own = trace.times - trace.times[0]
+    out = np.full((len(times), len(columns)), np.nan)
+    there = times <= own[-1] + 1e-9
+    for k, column in enumerate(columns):
+        if column.channel in trace.channels:
+            values = trace[column.channel].reshape(len(trace), -1)
+            if column.place < values.shape[1]:
+                out[there, k] = between(times[there], own, values[:, column.place])
+    return out.ravel()
+
+
+def compare(
+    bench: Bench,
+    rollouts: Sequence[Rollout],
+    lines: Sequence[Line] = (),
+    executor: Callable[[], Executor] | None = None,
+    progress: Callable[[int, int], None] | None = None,
+    without: Sequence[str] = (),
+) -> Comparison | None:
+    """Simulate at tests of the recordings, and return both; None where nothing can be compared.
+
+    Args:
+        bench: the simulator.
+        rollouts: the machine's.
+        lines: of the catalogue.
+        executor: makes a pool.
+        progress: is told (done, of).
+        without: channels that are not compared.
+    """
+    ran = [(test, trace) for test, trace in rollouts if trace.failure is None and len(trace) > 1]
+    if not ran:
+        return None
+    cost = max(float(bench.backend.cost), 1e-4)
+    sizes = [(line, value) for line in lines for value in line.values]
+    chosen = spread(ran, int(np.clip(BUDGET / (cost * (OWN + len(sizes))), MINIMUM, TESTS)))
+    room = BUDGET / (cost * len(chosen))
+    if room < OWN + len(sizes):
+        sizes = [(line, line.at_typical()) for line in lines]
+    seeds = int(np.clip(room - len(sizes), FEWEST, SEEDS))
+    columns = columns_of(bench, [trace for _, trace in chosen], without)
+    if not columns:
+        return None
+    times = np.linspace(0.0, USED * min(trace.duration for _, trace in chosen), TIMES)
+    tests = [test for test, _ in chosen]
+    jobs = [Job({}, tuple((test, seed) for test in tests)) for seed in range(seeds + FRESH)]
+    jobs += [Job(line.at(value), tuple((test, 0) for test in tests)) for line, value in sizes]
+    rows = run_jobs(bench, jobs, executor, progress, partial(sampled, columns, times))
+    values = np.array(rows).reshape(len(jobs), len(tests), len(times), len(columns))
+    whole = np.asarray(np.isfinite(values[: seeds + FRESH]).all(axis=(0, 1, 2)))
+    if not whole.any():
+        return None
+    columns = tuple(column for column, there in zip(columns, whole.tolist(), strict=True) if there)
+    values = values[..., whole]
+    usual, fresh, changed = np.split(values, [seeds, seeds + FRESH])
+    nominal, floor, scatter = noise(usual)
+    effects = ((changed - usual[0]) / floor).reshape(len(sizes), len(tests), -1)
+    effects = np.where(np.isfinite(effects), effects, 0.0)
+    moved = (effects**2).mean(axis=(1, 2)) > 1e-6
+    made = Comparison(
+        columns,
+        tuple(tests),
+        tuple(trace for _, trace in chosen),
+        times,
+        nominal,
+        floor,
+        scatter,
+        effects[moved],
+        tuple(size for size, there in zip(sizes, moved, strict=True) if there),
+        cost,
+    )
+    return replace(made, usual=float(np.mean([made.misfit(each) for each in fresh])))
+
+
+def noise(rollouts: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return (n, T, c) mean, (c,) floor and (n, s, T · c) scatter of (s, n, T, c) rollouts of one machine."""
+    mean = rollouts.mean(axis=0)
+    reach = np.ptp(mean, axis=(0, 1))
+    floor = FLOOR * np.where(reach > 0.0, reach, np.maximum(np.abs(mean).max(axis=(0, 1)), 1.0))
+    apart = (rollouts - mean).transpose(1, 0, 2, 3)
+    floor = floor * np.sqrt(1.0 + _beyond(apart / floor))
+    return mean, floor, _scatter(apart / floor)
+
+
+def _scatter(apart: FloatArray) -> FloatArray:
+    """Return (n, s', T · c) deviations whose squares sum to the covariance of a rollout around the mean of s others.
+
+    Args:
+        apart: (n, s, T, c) of s nominal rollouts a test from their mean.
+    """
+    n, s = apart.shape[:2]
+    scatter = apart.reshape(n, s, -1) * np.sqrt((1.0 + 1.0 / s) / (s - 1))
+    if s >= OWN:
+        return np.asarray(scatter)
+    pooled = scatter.reshape(1, n * s, -1) / np.sqrt(n)
+    return np.asarray(np.broadcast_to(pooled, (n, *pooled.shape[1:])))
+
+
+def _beyond(apart: FloatArray) -> FloatArray:
+    """Return (c,) mean square of what the other half of the rollouts does not foretell of each, in floors.
+
+    A scatter that is as rough as its samples has more directions than there are rollouts to learn them from.
+    """
+    n, s, _, c = apart.shape
+    known, new = apart[:, ::2], apart[:, 1::2]
+    known = _scatter(known - known.mean(axis=1, keepdims=True))
+    flat = new.reshape(n, new.shape[1], -1)
+    inner = np.eye(known.shape[1]) + np.einsum("nsd,ntd->nst", known, known)
+    taken = np.linalg.solve(inner, np.einsum("nsd,nvd->nsv", known, flat))
+    left = flat - np.einsum("nsd,nsv->nvd", known, taken)
+    return np.asarray((left.reshape(-1, c) ** 2).mean(axis=0) * ((s - 1) / s))
+
+
+def spread(rollouts: Sequence[Rollout], count: int) -> list[Rollout]:
+    """Return so many rollouts, of different tests where there are, evenly over their order."""
+    first: dict[object, Rollout] = {}
+    for test, trace in rollouts:
+        first.setdefault(key_of(test), (test, trace))
+    different = list(first.values())
+    places = np.unique(np.linspace(0, len(different) - 1, min(count, len(different))).round().astype(int))
+    return [different[int(k)] for k in places]

@@ -1,0 +1,32 @@
+"""What a finding does to the verdict: no cause is named that the mistake explains as well."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from s2r_spec.diagnose.diagnosis import Diagnosis, Verdict
+
+
+def doubted(found: Diagnosis) -> Diagnosis:
+    """Return the diagnosis with no cause named that a mistake of the recordings explains as well.
+
+    Where the catalogue explains the recordings as well as the mistake does, the cause stays, and is not sure. Where
+    it does not, no cause is left. What is said of the gap alone is said of the recordings as they are.
+    """
+    rivals = [each for each in found.findings if each.imitates]
+    if not rivals or found.verdict is Verdict.UNKNOWN:
+        return found
+    names, what = " and ".join(found.which.answer), rivals[0].imitates
+    if found.verdict in (Verdict.NONE, Verdict.SPREAD):
+        said = found.reason.partition(";")[0]
+        reason = f"{said}, in the recordings as they are; {what} explains how they differ: see to the recordings first"
+        return replace(found, reason=reason)
+    if all(each.same for each in rivals):
+        reason = f"{names} explains the data, and {what} would do the same: see to the recordings first"
+        return replace(found, verdict=Verdict.CONFOUNDED, reason=reason)
+    reason = (
+        f"{names} fits best of the catalogue, but {what} would do the same, and explains more: see to the recordings "
+        f"first"
+    )
+    which = replace(found.which, answer=(), confounded=(), spare=(), next_test=None)
+    return replace(found, verdict=Verdict.UNKNOWN, reason=reason, which=which, patch={})

@@ -1,0 +1,103 @@
+"""Another frame of reference: two columns of one unit turned about their first sample, angles off by the same angle.
+
+And a column that is off by a constant from the first sample on.
+"""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+
+from s2r_spec.diagnose.quality.comparison import Comparison
+from s2r_spec.diagnose.quality.finding import Finding
+from s2r_spec.diagnose.quality.suspects import (
+    Group,
+    Suspect,
+    best_group,
+    by_unit,
+    channels,
+    listed,
+    mask,
+    named,
+    undo,
+)
+
+DEGREE = np.pi / 180.0
+TURNS = {"rad": 1.0, "deg": 1.0 / DEGREE}
+"""Definition: units of angles, and how many of it a radian is."""
+PAIRS = 40
+"""Budget: pairs of columns that are tried, nearest in the list of channels first."""
+
+
+def turned(c: Comparison) -> list[Suspect]:
+    """Return the pair of columns and the angle by which its frame is turned that explain most."""
+    begin = c.read(stretch=0.0)
+    angles = frozenset(k for unit, group in by_unit(c).items() if unit in TURNS for k in group)
+    per = np.array([TURNS.get(column.unit, 0.0) for column in c.columns])
+    pairs = [
+        (i, j)
+        for i, j in combinations(range(len(c.columns)), 2)
+        if c.columns[i].unit == c.columns[j].unit and c.columns[i].unit and c.columns[i].unit not in TURNS
+    ]
+    pairs = sorted(pairs, key=lambda pair: pair[1] - pair[0])[:PAIRS]
+
+    def undone(a: float, pair: tuple[int, int], offset: Group) -> np.ndarray:
+        values = c.recorded - np.where(mask(c, offset), a * per, 0.0)
+        i, j = pair
+        u, v = c.recorded[..., i] - begin[..., i], c.recorded[..., j] - begin[..., j]
+        values[..., i] = begin[..., i] + np.cos(a) * u + np.sin(a) * v
+        values[..., j] = begin[..., j] - np.sin(a) * u + np.cos(a) * v
+        return np.asarray(values)
+
+    sizes = [a for a in np.linspace(-np.pi, np.pi, 73).tolist() if abs(a) > DEGREE]
+    offsets = list(dict.fromkeys([frozenset(), angles, *(frozenset([k]) for k in angles)]))
+    tried = [
+        (c.misfit(undone(a, pair, offset)), a, pair, offset)
+        for pair in pairs
+        for offset in offsets
+        for a in sizes
+    ]
+    if not tried:
+        return []
+    _, a, pair, offset = min(tried, key=lambda one: one[0])
+    step = sizes[1] - sizes[0]
+    for _ in range(3):
+        near = np.linspace(a - step, a + step, 9)
+        a = min((float(x) for x in near), key=lambda x: c.misfit(undone(x, pair, offset)))
+        step /= 4
+    words = listed([*(c.columns[k].name for k in pair), *(channels(c)[k] for k in sorted(offset))])
+    more = f", and {named(c, offset)} is off by that from the first sample on" if offset else ""
+    text = (
+        f"{c.columns[pair[0]].name} and {c.columns[pair[1]].name} of the real rollouts are turned by {a:.2g} rad "
+        f"against the simulator's{more}: are they in the same frame? If not, turn them back in the recordings"
+    )
+    return [Suspect(Finding("frame", words, text, "a turned frame"), undone(a, pair, offset))]
+
+
+def offset(c: Comparison) -> list[Suspect]:
+    """Return the channels whose constant offset, that of their first samples, explains most."""
+    first = (c.recorded - c.nominal)[:, 0]
+    by = np.median(first, axis=0)
+    off = np.abs(by) > 2.0 * np.abs(first - by).max(axis=0)
+    off &= np.abs(by) > c.floor
+    among = frozenset(k for k in range(len(channels(c))) if off[mask(c, [k])].any())
+    if not among:
+        return []
+    undone = c.recorded - np.where(off, by, 0.0)
+    options = [best_group(c, undone, begin, among) for begin in (among, *(frozenset([k]) for k in among))]
+    group, _ = min(options, key=lambda one: one[1])
+    each = ", ".join(
+        f"{c.columns[k].name} by {by[k]:.2g} {c.columns[k].unit}".rstrip()
+        for k in np.flatnonzero(off & mask(c, group))[:4]
+    )
+    text = (
+        f"the real rollouts have a constant offset against the simulator from the first sample on ({each}): is zero "
+        f"at the same place? If not, take it off in the recordings"
+    )
+    return [
+        Suspect(
+            Finding("offset", named(c, group), text, "a constant offset of the recording"),
+            undo(c, undone, group),
+        )
+    ]

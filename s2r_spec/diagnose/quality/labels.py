@@ -1,0 +1,159 @@
+"""Recordings that stand under another test than they were run at: undone by comparing with the simulator there.
+
+Each comparison has the nominal rollouts at its tests. At the tests of the row before and after, at those with one
+parameter's other sign, and with two parameters of one unit exchanged, the simulator is run a few times more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from functools import partial
+from itertools import permutations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec.diagnose.quality.comparison import Comparison, Rollout, sampled
+from s2r_spec.diagnose.quality.finding import Finding
+from s2r_spec.diagnose.quality.suspects import Suspect
+from s2r_spec.diagnose.simulate import Bench, Job, Test, run_jobs
+from s2r_spec.space import key_of
+
+FloatArray = NDArray[np.float64]
+
+SEEDS = 4
+"""Budget: rollouts at each of the other tests. Twice as many halve the variance of their mean."""
+
+
+@dataclass(frozen=True, eq=False)
+class Other:
+    """Other tests of the same recordings.
+
+    Attributes:
+        kind: "row", "sign" or "exchange".
+        words: what the mistake would be.
+        nominal: (n, T, c) of the simulator there.
+    """
+
+    kind: str
+    words: str
+    nominal: FloatArray
+
+
+def others(
+    bench: Bench,
+    c: Comparison,
+    rollouts: Sequence[Rollout],
+    executor: Callable[[], Executor] | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> list[Other]:
+    """Run the simulator at the tests that the recordings may have been run at."""
+    rows = [test for test, _ in rollouts]
+    places = [next(k for k, (_, trace) in enumerate(rollouts) if trace is mine) for mine in c.traces]
+    wanted: list[tuple[str, str, list[Test]]] = []
+    for step, words in ((1, "the one after"), (-1, "the one before")):
+        wanted.append(("row", words, [rows[min(max(k + step, 0), len(rows) - 1)] for k in places]))
+    for name in bench.spec.space.names:
+        mirrored: list[Test] = [{**test, name: -test[name] or 0.0} for test in c.tests]
+        if any(test[name] for test in c.tests):
+            wanted.append(("sign", name, mirrored))
+    units = bench.spec.space.units
+    for a, b in permutations(bench.spec.space.names, 2):
+        if a < b and units.get(a) == units.get(b):
+            wanted.append(
+                ("exchange", f"{a} and {b}", [{**test, a: test[b], b: test[a]} for test in c.tests])
+            )
+    wanted = [(kind, words, tests) for kind, words, tests in wanted if _able(bench, tests)]
+    keys = {key_of(test): test for _, _, tests in wanted for test in tests}
+    if not keys:
+        return []
+    jobs = [Job({}, tuple((test, seed) for seed in range(SEEDS))) for test in keys.values()]
+    read = partial(sampled, c.columns, c.times)
+    found = {
+        key: np.asarray(values.mean(axis=0).reshape(len(c.times), len(c.columns)))
+        for key, values in zip(keys, run_jobs(bench, jobs, executor, progress, read), strict=True)
+    }
+    out = [Other(k, w, np.stack([found[key_of(test)] for test in tests])) for k, w, tests in wanted]
+    return [other for other in out if np.isfinite(other.nominal).all()]
+
+
+def _able(bench: Bench, tests: Sequence[Mapping[str, float]]) -> bool:
+    """Return whether the backend can run all of these tests."""
+    ranges = {parameter.name: parameter for parameter in bench.backend.parameters}
+    return all(
+        name not in ranges or ranges[name].low <= value <= ranges[name].high
+        for test in tests
+        for name, value in bench.matched.to_backend(test).items()
+    )
+
+
+def labels(c: Comparison, other: Sequence[Other]) -> list[Suspect]:
+    """Return what explains most of each kind of wrong label."""
+    found = []
+    for one in other:
+        undone = c.recorded - one.nominal + c.nominal
+        if one.kind == "row":
+            # From some row on, or up to some row, or all of them.
+            n = len(c.traces)
+            parts = [np.arange(n) >= k for k in range(n)] + [np.arange(n) <= k for k in range(n - 1)]
+            options = [np.where(part[:, None, None], undone, c.recorded) for part in parts]
+            k = min(range(len(options)), key=lambda k: c.misfit(options[k]))
+            count = int(parts[k].sum())
+            text = (
+                f"recordings do not begin where their tests say{begins(c, parts[k])}: {count} of {n} that were "
+                f"compared fit the test of {one.words} better than their own. Is a line of the table of tests doubled "
+                f"or missing?"
+            )
+            found.append(
+                Suspect(Finding("labels", "the tests", text, "a shifted table of tests"), options[k])
+            )
+        elif one.kind == "sign":
+            text = (
+                f"the real rollouts fit tests with the other sign of {one.words} better than their own"
+                f"{begins(c)}: does {one.words} count the same way in the table of tests?"
+            )
+            found.append(
+                Suspect(Finding("labels", "the tests", text, f"the other sign of {one.words}"), undone)
+            )
+        else:
+            text = (
+                f"the real rollouts fit tests with {one.words} exchanged better than their own{begins(c)}: mend the "
+                f"table of tests if so"
+            )
+            found.append(Suspect(Finding("labels", "the tests", text, f"{one.words} exchanged"), undone))
+    return [*found, *_assigned(c)]
+
+
+def _assigned(c: Comparison) -> list[Suspect]:
+    """Return the assignment of recordings to the tests that were compared, if it is not the identity."""
+    from scipy.optimize import linear_sum_assignment
+
+    apart = (c.recorded[:, None] - c.nominal[None]) / c.floor
+    costs = (apart**2).mean(axis=(2, 3))
+    _, order = linear_sum_assignment(costs)
+    moved = order != np.arange(len(order))
+    if not moved.any():
+        return []
+    count = int(moved.sum())
+    text = (
+        f"recordings do not begin where their tests say{begins(c, moved)}: {count} of {len(order)} that were compared "
+        f"fit the test of another one better than their own. Are lines of the table of tests exchanged?"
+    )
+    values = c.recorded - c.nominal[order] + c.nominal
+    return [Suspect(Finding("labels", "the tests", text, "an exchange of tests"), values)]
+
+
+def begins(c: Comparison, which: NDArray[np.bool_] | None = None) -> str:
+    """Return by how much a channel is off in the first sample, where one is, in words."""
+    first = np.abs(c.recorded - c.nominal)[:, 0]
+    if which is not None:
+        first = first[which]
+    far = (first / c.floor).max(axis=0)
+    k = int(far.argmax())
+    if far[k] < 3.0:
+        return ""
+    column = c.columns[k]
+    much = f"{float(first[:, k].max()):.2g} {column.unit}".rstrip()
+    return f" ({column.name} at the first sample is off by up to {much})"

@@ -1,0 +1,142 @@
+"""Candidate mistakes, each undone: a search over the channels that share one, and over its size."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec.diagnose.quality.comparison import Comparison
+from s2r_spec.diagnose.quality.finding import Finding
+
+FloatArray = NDArray[np.float64]
+Group = frozenset[int]
+"""Places of channels in :func:`channels`."""
+
+SHOWN = 6
+"""Definition: channels that a sentence names; of more the number is said."""
+
+
+@dataclass(frozen=True, eq=False)
+class Suspect:
+    """A mistake of a certain size in certain channels, and the recordings without it.
+
+    Attributes:
+        finding: what is said of it.
+        values: (n, T, c) recordings after undoing it.
+        there: (T, 1) of 1 and 0, which instants can be read when it is undone.
+        volume: 2 log |∂ recorded / ∂ undone|, a number of a recording: what shrinks everything must explain better.
+    """
+
+    finding: Finding
+    values: FloatArray
+    there: FloatArray | float = 1.0
+    volume: float = 0.0
+
+
+def channels(c: Comparison) -> tuple[str, ...]:
+    """Return the names of the channels that are compared, in order."""
+    return tuple(dict.fromkeys(column.channel for column in c.columns))
+
+
+def mask(c: Comparison, group: Iterable[int]) -> NDArray[np.bool_]:
+    """Return (c,) which columns are of these channels."""
+    names = channels(c)
+    chosen = {names[k] for k in group}
+    return np.array([column.channel in chosen for column in c.columns])
+
+
+def named(c: Comparison, group: Iterable[int]) -> str:
+    """Return the channels of a group in words."""
+    return listed([channels(c)[k] for k in sorted(group)])
+
+
+def listed(names: Sequence[str]) -> str:
+    """Return "x, y and heading"."""
+    if len(names) > SHOWN:
+        return f"{', '.join(names[:SHOWN])} and {len(names) - SHOWN} more"
+    return " and ".join(filter(None, (", ".join(names[:-1]), names[-1]))) if names else ""
+
+
+def by_unit(c: Comparison) -> dict[str, Group]:
+    """Return unit → the channels that have it."""
+    units = {column.channel: column.unit for column in c.columns}
+    found: dict[str, Group] = {}
+    for place, name in enumerate(channels(c)):
+        found[units[name]] = found.get(units[name], frozenset()) | {place}
+    return found
+
+
+def starts(c: Comparison, undone: FloatArray, among: Group) -> list[Group]:
+    """Return groups to begin a search with: all, each unit's, each alone, those that look nearer by themselves."""
+    nearer = c.plain(undone) < c.plain(c.recorded)
+    alone = [frozenset([k]) for k in sorted(among)]
+    some = frozenset(k for k in among if nearer[mask(c, [k])].mean() > 0.5)
+    units = [group & among for group in by_unit(c).values()]
+    return [group for group in dict.fromkeys([among, some, *units, *alone]) if group]
+
+
+def undo(c: Comparison, undone: FloatArray, group: Group) -> FloatArray:
+    """Return (n, T, c) with the columns of these channels taken from ``undone``."""
+    return np.where(mask(c, group), undone, c.recorded)
+
+
+def best_group(
+    c: Comparison,
+    undone: FloatArray,
+    begin: Group,
+    among: Group,
+    price: Callable[[Group], float] = lambda _: 0.0,
+) -> tuple[Group, float]:
+    """Return the channels, and Q with its price, where adding or dropping one of them lowers it no more."""
+    group, best = begin, c.misfit(undo(c, undone, begin)) + price(begin)
+    while True:
+        others = [changed for k in sorted(among) if (changed := group ^ {k})]
+        tried = [(c.misfit(undo(c, undone, other)) + price(other), other) for other in others]
+        if not tried or (least := min(tried, key=lambda one: one[0]))[0] >= best:
+            return group, best
+        best, group = least
+
+
+def search(
+    c: Comparison,
+    sizes: Sequence[float],
+    undone: Callable[[float], FloatArray],
+    among: Group | None = None,
+    price: Callable[[float, Group], float] = lambda size, group: 0.0,
+) -> tuple[float, Group, float]:
+    """Return the size, the channels and Q of the mistake of one kind that leaves least.
+
+    Args:
+        c: the recordings.
+        sizes: that are tried, rising; the best is refined between its neighbours.
+        undone: from a size to (n, T, c) with the mistake undone in every channel.
+        among: the channels that can have it; all if not given.
+        price: that is added to Q; see :class:`Suspect`.
+    """
+    among = frozenset(range(len(channels(c)))) if among is None else among
+    first = [
+        (c.misfit(undo(c, values, group)) + price(size, group), size, group)
+        for size in sizes
+        for values in [undone(size)]
+        for group in starts(c, values, among)
+    ]
+    _, size, group = min(first, key=lambda one: one[0])
+    group, best = best_group(c, undone(size), group, among, partial(price, size))
+    place = list(sizes).index(size)
+    low, high = sizes[max(place - 1, 0)], sizes[min(place + 1, len(sizes) - 1)]
+    for _ in range(3):
+        tried = [
+            (c.misfit(undo(c, undone(x), group)) + price(x, group), x)
+            for x in np.linspace(low, high, 9).tolist()
+        ]
+        found, at = min(tried)
+        if found < best:
+            best, size = found, at
+        step = (high - low) / 8
+        low, high = size - step, size + step
+    group, best = best_group(c, undone(size), group, among, partial(price, size))
+    return size, group, best

@@ -1,0 +1,15 @@
+"""How many random examples a property is tried on.
+
+A run of the suite tries three tenths of what a test states, other ones every time; ``S2R_EXAMPLES=1`` tries all of
+them, and 10 ten times as many.
+"""
+
+import os
+
+PART = float(os.environ.get("S2R_EXAMPLES", "0.3"))
+"""Part of the stated examples (dimensionless, a budget): twice as much takes the properties twice as long."""
+
+
+def examples(stated: int) -> int:
+    """Return how many of so many examples are tried now, at least one."""
+    return max(1, round(PART * stated))
