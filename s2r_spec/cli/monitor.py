@@ -155,7 +155,7 @@ def _judged(
         elif not found.complete[0] and held:
             why = f"it looks past the last sample, which lasts on, as in {like}"
         if why:
-            satisfied = bool(found.satisfied[0])
+            satisfied = found.satisfied
             reason = Explanation(requirement, found.value, found.unit, satisfied, reason=why)
     reason = reason or spec.explain(
         trace, requirement, params, until=conventions["until"], partial=True, nan=nan, sparse=sparse

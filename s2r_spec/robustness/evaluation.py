@@ -40,7 +40,7 @@ class Evaluation:
         unit: of ρ; "" for none, "mixed" for margins that do not compare.
         times: (n,) sample times of the trace [s].
         values: (n,) ρ at each sample.
-        satisfied: (n,) whether the requirement is true at each sample, as the Boolean semantics have it: what
+        truth: (n,) whether the requirement is true at each sample, as the Boolean semantics have it: what
             the sign of ρ says, and at ρ = 0 what the comparisons say. False where ρ is NaN.
         horizon: how long after an instant the requirement looks [s]; inf for the whole rest.
         complete: (n,) whether the trace reaches the horizon of each sample, to within one median period.
@@ -54,7 +54,7 @@ class Evaluation:
     unit: str
     times: FloatArray = field(repr=False)
     values: FloatArray = field(repr=False)
-    satisfied: BoolArray = field(repr=False)
+    truth: BoolArray = field(repr=False)
     horizon: float
     complete: BoolArray = field(repr=False)
     jitter: float | None
@@ -76,6 +76,11 @@ class Evaluation:
     def duration(self) -> float:
         """From the first sample to the last [s]."""
         return float(self.times[-1] - self.times[0])
+
+    @property
+    def satisfied(self) -> bool:
+        """Whether the requirement is true at the trace's first time."""
+        return bool(self.truth[0])
 
     @property
     def complete_until(self) -> float | None:
@@ -249,7 +254,7 @@ def evaluate(formula: f.Formula, reading: Reading, requirement: str, unit: str, 
         unit=unit,
         times=reading.times,
         values=plain(found),
-        satisfied=found > 0,
+        truth=found > 0,
         horizon=horizon(formula),
         complete=complete,
         jitter=reading.clock.jitter if isinstance(reading.clock, Grid) else None,

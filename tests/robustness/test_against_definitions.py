@@ -35,7 +35,7 @@ def agrees(case) -> None:
     found = evaluated(case)
     np.testing.assert_allclose(found.values, expected, rtol=0, atol=1e-9)
     # the numbers drawn are quarters, so that many ρ are 0: there the comparisons decide
-    assert found.satisfied.tolist() == by_definition(case, Truth)
+    assert found.truth.tolist() == by_definition(case, Truth)
 
 
 @settings(max_examples=examples(700), deadline=None)
@@ -161,7 +161,7 @@ def test_a_bound_between_two_samples_means_the_samples_inside(interval, first, l
     for k in range(9):
         x = np.where(np.arange(9) == k, -1.0, 1.0)
         found = spec.evaluate(Trace(np.arange(9) / 10, {"x": x}), "it")
-        assert found.satisfied[0] == (not first <= k <= last)
+        assert found.satisfied == (not first <= k <= last)
         assert found.narrowest is not None
         assert "between two samples" in found.notes[0]
 
@@ -197,7 +197,7 @@ def test_a_punctual_window_is_short_and_meant() -> None:
 def test_a_sparse_window_is_answered_where_it_is_asked_for() -> None:
     spec = parse_spec("signal x\nrequire it: always[0, 2 s] x > 0")
     found = spec.evaluate(Trace(np.arange(9) * 5.0, {"x": np.ones(9)}), "it", sparse=True)
-    assert (found.satisfied[0], found.narrowest, found.period, found.duration) == (True, 1, 5.0, 40.0)
+    assert (found.satisfied, found.narrowest, found.period, found.duration) == (True, 1, 5.0, 40.0)
 
 
 @pytest.mark.parametrize("drift", [-3e-4, 3e-4, 8e-3])
@@ -208,7 +208,7 @@ def test_a_clock_that_drifts_is_evaluated_as_one_that_jitters(drift) -> None:
     for bad, verdict in ((inside, False), (inside + 1, True)):
         x = np.where(np.arange(600) == bad, -1.0, 1.0)
         found = spec.evaluate(Trace(times, {"x": x}), "it")
-        assert (bool(found.satisfied[0]), found.narrowest) == (verdict, inside + 1)
+        assert (found.satisfied, found.narrowest) == (verdict, inside + 1)
 
 
 def test_an_interval_without_a_sample_is_refused() -> None:

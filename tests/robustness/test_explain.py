@@ -62,7 +62,7 @@ def test_the_predicate_at_its_instant_gives_rho_back(case: Case) -> None:
         assert abs(part.rho) == pytest.approx(abs(rho))
     assert any(start <= found.instant <= end for start, end in found.responsible)
     # a predicate that decides is true where the requirement is, or false below a negation
-    held = alone.evaluate(trace, "it", {"p": case.param}, sparse=True).satisfied[at]
+    held = alone.evaluate(trace, "it", {"p": case.param}, sparse=True).truth[at]
     assert held == (found.satisfied == (found.factor > 0))
 
 
@@ -183,4 +183,4 @@ def test_at_zero_the_comparisons_decide(condition: str, true: bool) -> None:
     if "if" not in condition and "count" not in condition:
         assert found.rho == spec.robustness(trace)["it"] == 0
     for interpolation in ("hold", "linear"):
-        assert bool(spec.evaluate(trace, "it", interpolation=interpolation).satisfied[0]) == true
+        assert spec.evaluate(trace, "it", interpolation=interpolation).satisfied == true

@@ -115,7 +115,7 @@ def test_an_interval_shrinks_to_what_is_defined(case: Case, often: int) -> None:
     assert ended.decided
     assert ended.lower == pytest.approx(rho[0], abs=1e-9, rel=0)
     true = by_definition(case, Truth)[0]
-    assert ended.satisfied == offline.satisfied[0] == true
+    assert ended.satisfied == offline.satisfied == true
     if complete and (not unbounded(case.formula) or reach(case.formula) == 0):
         assert all(interval.satisfied in (None, true) for interval in seen)
 
