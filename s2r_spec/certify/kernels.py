@@ -69,11 +69,10 @@ class Kernel:
         if not isinstance(self.name, str) or self.name not in FAMILIES:
             valid = suggest(str(self.name), FAMILIES)
             raise UsageError(f"no kernel {self.name!r}{valid} there are {one_of(FAMILIES)}")
-        several = isinstance(self.lengthscale, Sequence | np.ndarray)
-        several = several and not isinstance(self.lengthscale, str | bytes)
+        given: Any = self.lengthscale
+        several = isinstance(given, Sequence | np.ndarray) and not isinstance(given, str | bytes)
         what = f"the lengthscale of {self.name}"
-        given = tuple(self.lengthscale) if several else (self.lengthscale,)
-        values = tuple(number(what, value) for value in given)
+        values = tuple(number(what, value) for value in (given if several else (given,)))
         object.__setattr__(self, "lengthscale", values if several else values[0])
         if not values or min(values) <= 0:
             raise UsageError(f"{what} is {self.lengthscale}; it must be positive")
