@@ -134,7 +134,7 @@ def test_a_mistake_is_named_with_its_channels_and_its_size(nominal, name):
 @pytest.mark.parametrize(
     ("spoil", "effects", "code"),
     [
-        (late(8), {"motor_lag": {"time": 0.15}}, "late"),
+        (late(8), {"position_bias": {"left": -0.06}}, "late"),
         (exchanged("x", "y"), {"heading_bias": {"angle": 0.15}}, "exchanged"),
         (turned(0.15), {"position_bias": {"left": 0.06}}, "frame"),
     ],

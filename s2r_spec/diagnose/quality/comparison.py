@@ -40,6 +40,9 @@ TIMES = 90
 FLOOR = 0.01
 """Tolerance: part of a channel's range that is no discrepancy, whatever the simulator's scatter. Twice as much hides
 mistakes that are half as large."""
+LEAST = 0.5
+"""Tolerance: usual misfit at least, a number; a discrepancy of one floor throughout makes 1. Twice as much hides
+mistakes that are 1.4 times as large where the simulator hardly scatters."""
 USED = 0.9
 """Definition: part of a rollout that is compared, so that undoing a delay or a slow clock has samples to read."""
 
@@ -256,7 +259,7 @@ def compare(
         tuple(size for size, there in zip(sizes, moved, strict=True) if there),
         cost,
     )
-    return replace(made, usual=float(np.mean([made.misfit(each) for each in fresh])))
+    return replace(made, usual=max(float(np.mean([made.misfit(each) for each in fresh])), LEAST))
 
 
 def noise(rollouts: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -16,7 +16,7 @@ def scale(c: Comparison) -> list[Suspect]:
     """Return, for each unit, the factor and the channels that explain most."""
 
     def price(factor: float, group: Group) -> float:
-        return 2.0 * float(np.log(factor) * mask(c, group).mean())
+        return max(2.0 * float(np.log(factor) * mask(c, group).mean()), 0.0)
 
     found = []
     for unit, among in by_unit(c).items():
