@@ -139,7 +139,7 @@ class Comparison:
         Args:
             values: recordings.
             effects: whether the catalogue may explain anything.
-            there: (T, 1) of 1 and 0, which instants count.
+            there: of 1 and 0, (T, 1) which instants count, or (n, 1, 1) which recordings.
         """
         r = (self.rest(values) * there).reshape(len(self.traces), -1)
         w, cj, root = self._whitening
@@ -161,6 +161,15 @@ class Comparison:
         inner = np.eye(self.scatter.shape[1]) + np.einsum("nsd,ntd->nst", self.scatter, self.scatter)
         logs = np.linalg.slogdet(inner)[1].mean() / self.scatter.shape[2]
         return float(logs + 2.0 * np.log(self.floor).mean())
+
+    def elsewhere(self, nominal: FloatArray, scatter: FloatArray, which: NDArray[np.bool_]) -> Comparison:
+        """Return the comparison of some recordings (n,) with other means (n, T, c) and scatters (n, s, T · c)."""
+        more = max(self.scatter.shape[1], scatter.shape[1])
+        own, other = (
+            np.pad(each, ((0, 0), (0, more - each.shape[1]), (0, 0))) for each in (self.scatter, scatter)
+        )
+        mean = np.where(which[:, None, None], nominal, self.nominal)
+        return replace(self, nominal=mean, scatter=np.where(which[:, None, None], other, own))
 
     def plain(self, values: FloatArray) -> FloatArray:
         """Return (c,) mean square of each column's discrepancy by itself."""
@@ -269,10 +278,10 @@ def noise(rollouts: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     floor = FLOOR * np.where(reach > 0.0, reach, np.maximum(np.abs(mean).max(axis=(0, 1)), 1.0))
     apart = (rollouts - mean).transpose(1, 0, 2, 3)
     floor = floor * np.sqrt(1.0 + _beyond(apart / floor))
-    return mean, floor, _scatter(apart / floor)
+    return mean, floor, scatter_of(apart / floor)
 
 
-def _scatter(apart: FloatArray) -> FloatArray:
+def scatter_of(apart: FloatArray) -> FloatArray:
     """Return (n, s', T · c) deviations whose squares sum to the covariance of a rollout around the mean of s others.
 
     Args:
@@ -293,7 +302,7 @@ def _beyond(apart: FloatArray) -> FloatArray:
     """
     n, s, _, c = apart.shape
     known, new = apart[:, ::2], apart[:, 1::2]
-    known = _scatter(known - known.mean(axis=1, keepdims=True))
+    known = scatter_of(known - known.mean(axis=1, keepdims=True))
     flat = new.reshape(n, new.shape[1], -1)
     inner = np.eye(known.shape[1]) + np.einsum("nsd,ntd->nst", known, known)
     taken = np.linalg.solve(inner, np.einsum("nsd,nvd->nsv", known, flat))

@@ -36,5 +36,5 @@ def scale(c: Comparison) -> list[Suspect]:
             f"{f', or the unit {unit},' if unit else ''} in the recordings"
         )
         said = Finding("scale", named(c, group), text, "a wrong scale")
-        found.append(Suspect(said, values, 1.0, price(factor, group)))
+        found.append(Suspect(said, values, None, 1.0, price(factor, group)))
     return found
