@@ -119,7 +119,12 @@ def channels(finding):
     return set(finding.channel.replace(" and ", ", ").split(", "))
 
 
-@pytest.mark.parametrize("name", MISTAKES)
+LONG = {"commands 0.12 s late", "a frame turned by -0.2 rad", "another convention", "positions 5 % short"}
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.slow] if name in LONG else []) for name in MISTAKES]
+)
 def test_a_mistake_is_named_with_its_channels_and_its_size(nominal, name):
     spoil, code, where, size = MISTAKES[name]
     finding, *others = found(nominal, recorded(spoil=spoil))
@@ -131,6 +136,7 @@ def test_a_mistake_is_named_with_its_channels_and_its_size(nominal, name):
         assert said[0] == pytest.approx(size, rel=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("spoil", "effects", "code"),
     [
@@ -178,7 +184,11 @@ def moved(rows, first):
     [
         (moved(recorded(), 3), "fit the test of"),
         ([({**test, "ox": -test["ox"]}, trace) for test, trace in recorded()], "the other sign of ox"),
-        ([({**test, "oy": -test["oy"]}, trace) for test, trace in recorded()], "the other sign of oy"),
+        pytest.param(
+            [({**test, "oy": -test["oy"]}, trace) for test, trace in recorded()],
+            "the other sign of oy",
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_recordings_under_another_test_are_told(runs, words):
