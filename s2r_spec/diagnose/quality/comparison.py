@@ -35,8 +35,10 @@ FRESH = 3
 OWN = 10
 """Definition: nominal rollouts of a test from which on its scatter is its own; of fewer it is that of all tests. Twice
 as many pool more simulators, whose tests may scatter unlike each other."""
-TIMES = 90
-"""Definition: instants of a rollout that are compared. Twice as many see delays that are half as long."""
+SPARSE, TIMES = 30, 90
+"""Definition: instants of a rollout that are compared, at least and at most. Twice as many see delays half as long."""
+NUMBERS = 2000
+"""Budget: numbers of a rollout that are compared, about. Twice as many take twice the time with many columns."""
 FLOOR = 0.01
 """Tolerance: part of a channel's range that is no discrepancy, whatever the simulator's scatter. Twice as much hides
 mistakes that are half as large."""
@@ -240,7 +242,8 @@ def compare(
     columns = columns_of(bench, [trace for _, trace in chosen], without)
     if not columns:
         return None
-    times = np.linspace(0.0, USED * min(trace.duration for _, trace in chosen), TIMES)
+    count = int(np.clip(NUMBERS / len(columns), SPARSE, TIMES))
+    times = np.linspace(0.0, USED * min(trace.duration for _, trace in chosen), count)
     tests = [test for test, _ in chosen]
     jobs = [Job({}, tuple((test, seed) for test in tests)) for seed in range(seeds + FRESH)]
     jobs += [Job(line.at(value), tuple((test, 0) for test in tests)) for line, value in sizes]
