@@ -3,6 +3,7 @@
 import io
 import os
 import pickle
+import shutil
 import zipfile
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from s2r_spec.diagnose import bank as banks
 from s2r_spec.diagnose import judge as judges
 from s2r_spec.diagnose.cache import Cache
 from s2r_spec.diagnose.classifiers import Forest, Network
+from s2r_spec.diagnose.prepare import bench_of
 
 pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
 
@@ -75,7 +77,9 @@ def runs():
 def kept(cache):
     """Every file that a diagnosis keeps, by the folder that it is in."""
     s2r.diagnose(s2r.parse_spec(SPEC), Cart(), runs(), cache=cache, where=False)
-    return {folder.name: next(folder.iterdir()) for folder in cache.iterdir()}
+    own = f"{banks.key(bench_of(s2r.parse_spec(SPEC), 'tracking', Cart()))}.npz"
+    files = {folder.name: next(folder.iterdir()) for folder in cache.iterdir()}
+    return files | {"banks": cache / "banks" / own}
 
 
 LOADS = {"banks": (banks.load, banks.save), "judges": (judges.load, judges.save)}
@@ -112,8 +116,7 @@ def test_a_damaged_or_hostile_file_runs_nothing_and_is_made_again(kept, tmp_path
 def test_a_diagnosis_runs_no_file_and_names_the_one_that_it_made_again(kept, tmp_path):
     marker = tmp_path / "touched"
     for name, path in kept.items():
-        (tmp_path / name).mkdir()
-        (tmp_path / name / path.name).write_bytes(path.read_bytes())
+        shutil.copytree(path.parent, tmp_path / name)
     bank = tmp_path / "banks" / kept["banks"].name
     bank.write_bytes(pickled(b"", marker))
     (tmp_path / "judges" / kept["judges"].with_suffix(".pkl").name).write_bytes(pickled(b"", marker))

@@ -41,4 +41,4 @@ def clock(c: Comparison) -> list[Suspect]:
         f"everything in the real rollouts goes {1.0 / best:.3g} times as fast as in the simulator, commands included: "
         f"was a sample taken every {step / best:.3g} s ({was:.3g} Hz), and stamped every {step:.3g} s ({rate:.3g} Hz)?"
     )
-    return [Suspect(Finding("clock", "the clock", text, "a wrong clock"), values, there)]
+    return [Suspect(Finding("clock", "the clock", text, "a wrong clock"), values, None, there)]

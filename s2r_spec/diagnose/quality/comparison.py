@@ -35,11 +35,16 @@ FRESH = 3
 OWN = 10
 """Definition: nominal rollouts of a test from which on its scatter is its own; of fewer it is that of all tests. Twice
 as many pool more simulators, whose tests may scatter unlike each other."""
-TIMES = 90
-"""Definition: instants of a rollout that are compared. Twice as many see delays that are half as long."""
+SPARSE, TIMES = 30, 90
+"""Definition: instants of a rollout that are compared, at least and at most. Twice as many see delays half as long."""
+NUMBERS = 2000
+"""Budget: numbers of a rollout that are compared, about. Twice as many take twice the time with many columns."""
 FLOOR = 0.01
 """Tolerance: part of a channel's range that is no discrepancy, whatever the simulator's scatter. Twice as much hides
 mistakes that are half as large."""
+LEAST = 0.5
+"""Tolerance: usual misfit at least, a number; a discrepancy of one floor throughout makes 1. Twice as much hides
+mistakes that are 1.4 times as large where the simulator hardly scatters."""
 USED = 0.9
 """Definition: part of a rollout that is compared, so that undoing a delay or a slow clock has samples to read."""
 
@@ -136,7 +141,7 @@ class Comparison:
         Args:
             values: recordings.
             effects: whether the catalogue may explain anything.
-            there: (T, 1) of 1 and 0, which instants count.
+            there: of 1 and 0, (T, 1) which instants count, or (n, 1, 1) which recordings.
         """
         r = (self.rest(values) * there).reshape(len(self.traces), -1)
         w, cj, root = self._whitening
@@ -158,6 +163,15 @@ class Comparison:
         inner = np.eye(self.scatter.shape[1]) + np.einsum("nsd,ntd->nst", self.scatter, self.scatter)
         logs = np.linalg.slogdet(inner)[1].mean() / self.scatter.shape[2]
         return float(logs + 2.0 * np.log(self.floor).mean())
+
+    def elsewhere(self, nominal: FloatArray, scatter: FloatArray, which: NDArray[np.bool_]) -> Comparison:
+        """Return the comparison of some recordings (n,) with other means (n, T, c) and scatters (n, s, T · c)."""
+        more = max(self.scatter.shape[1], scatter.shape[1])
+        own, other = (
+            np.pad(each, ((0, 0), (0, more - each.shape[1]), (0, 0))) for each in (self.scatter, scatter)
+        )
+        mean = np.where(which[:, None, None], nominal, self.nominal)
+        return replace(self, nominal=mean, scatter=np.where(which[:, None, None], other, own))
 
     def plain(self, values: FloatArray) -> FloatArray:
         """Return (c,) mean square of each column's discrepancy by itself."""
@@ -228,7 +242,8 @@ def compare(
     columns = columns_of(bench, [trace for _, trace in chosen], without)
     if not columns:
         return None
-    times = np.linspace(0.0, USED * min(trace.duration for _, trace in chosen), TIMES)
+    count = int(np.clip(NUMBERS / len(columns), SPARSE, TIMES))
+    times = np.linspace(0.0, USED * min(trace.duration for _, trace in chosen), count)
     tests = [test for test, _ in chosen]
     jobs = [Job({}, tuple((test, seed) for test in tests)) for seed in range(seeds + FRESH)]
     jobs += [Job(line.at(value), tuple((test, 0) for test in tests)) for line, value in sizes]
@@ -256,7 +271,7 @@ def compare(
         tuple(size for size, there in zip(sizes, moved, strict=True) if there),
         cost,
     )
-    return replace(made, usual=float(np.mean([made.misfit(each) for each in fresh])))
+    return replace(made, usual=max(float(np.mean([made.misfit(each) for each in fresh])), LEAST))
 
 
 def noise(rollouts: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -266,10 +281,10 @@ def noise(rollouts: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     floor = FLOOR * np.where(reach > 0.0, reach, np.maximum(np.abs(mean).max(axis=(0, 1)), 1.0))
     apart = (rollouts - mean).transpose(1, 0, 2, 3)
     floor = floor * np.sqrt(1.0 + _beyond(apart / floor))
-    return mean, floor, _scatter(apart / floor)
+    return mean, floor, scatter_of(apart / floor)
 
 
-def _scatter(apart: FloatArray) -> FloatArray:
+def scatter_of(apart: FloatArray) -> FloatArray:
     """Return (n, s', T · c) deviations whose squares sum to the covariance of a rollout around the mean of s others.
 
     Args:
@@ -290,7 +305,7 @@ def _beyond(apart: FloatArray) -> FloatArray:
     """
     n, s, _, c = apart.shape
     known, new = apart[:, ::2], apart[:, 1::2]
-    known = _scatter(known - known.mean(axis=1, keepdims=True))
+    known = scatter_of(known - known.mean(axis=1, keepdims=True))
     flat = new.reshape(n, new.shape[1], -1)
     inner = np.eye(known.shape[1]) + np.einsum("nsd,ntd->nst", known, known)
     taken = np.linalg.solve(inner, np.einsum("nsd,nvd->nsv", known, flat))

@@ -126,7 +126,7 @@ def suspected(
     machines = [machine]
     if not good and not same and machine.misfit(c.recorded) > (1.0 + CLEAR) * machine.usual:
         for one in promising[:AGAIN]:
-            beside, _ = nearest(bench, c, one.suspect.values, executor)
+            beside, _ = nearest(bench, one.suspect.beside or c, one.suspect.values, executor)
             left = beside.misfit(one.suspect.values, there=one.suspect.there) + beside.volume - c.volume
             good.append(replace(one, after=min(one.after, left + one.suspect.volume)))
             machines.append(beside)
@@ -150,9 +150,10 @@ def suspected(
 
 def _judged(c: Comparison, suspect: Suspect) -> _Judged:
     before = c.misfit(c.recorded, there=suspect.there)
-    after = c.misfit(suspect.values, there=suspect.there)
+    mine = suspect.beside or c
+    after = mine.misfit(suspect.values, there=suspect.there)
     bare = c.misfit(c.recorded, effects=False, there=suspect.there)
-    alone = c.misfit(suspect.values, effects=False, there=suspect.there)
+    alone = mine.misfit(suspect.values, effects=False, there=suspect.there)
     return _Judged(suspect, before, after + suspect.volume, bare, alone + suspect.volume)
 
 

@@ -26,7 +26,7 @@ from s2r_spec.diagnose.quality.suspects import (
 DEGREE = np.pi / 180.0
 TURNS = {"rad": 1.0, "deg": 1.0 / DEGREE}
 """Definition: units of angles, and how many of it a radian is."""
-PAIRS = 40
+PAIRS = 12
 """Budget: pairs of columns that are tried, nearest in the list of channels first."""
 
 
@@ -50,7 +50,7 @@ def turned(c: Comparison) -> list[Suspect]:
         values[..., j] = begin[..., j] - np.sin(a) * u + np.cos(a) * v
         return np.asarray(values)
 
-    sizes = [a for a in np.linspace(-np.pi, np.pi, 73).tolist() if abs(a) > DEGREE]
+    sizes = [a for a in np.linspace(-np.pi, np.pi, 37).tolist() if abs(a) > DEGREE]
     offsets = list(dict.fromkeys([frozenset(), angles, *(frozenset([k]) for k in angles)]))
     tried = [
         (c.misfit(undone(a, pair, offset)), a, pair, offset)

@@ -15,16 +15,21 @@ from itertools import permutations
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.diagnose.quality.comparison import Comparison, Rollout, sampled
+from s2r_spec.diagnose.quality.comparison import (
+    BUDGET,
+    FEWEST,
+    SEEDS,
+    Comparison,
+    Rollout,
+    sampled,
+    scatter_of,
+)
 from s2r_spec.diagnose.quality.finding import Finding
 from s2r_spec.diagnose.quality.suspects import Suspect
 from s2r_spec.diagnose.simulate import Bench, Job, Test, run_jobs
 from s2r_spec.space import key_of
 
 FloatArray = NDArray[np.float64]
-
-SEEDS = 4
-"""Budget: rollouts at each of the other tests. Twice as many halve the variance of their mean."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,11 +40,15 @@ class Other:
         kind: "row", "sign" or "exchange".
         words: what the mistake would be.
         nominal: (n, T, c) of the simulator there.
+        scatter: (n, s, T · c) of one rollout there; see :class:`Comparison`.
+        known: (n,) whether there is such a test; the row after the last one is in no table.
     """
 
     kind: str
     words: str
     nominal: FloatArray
+    scatter: FloatArray
+    known: NDArray[np.bool_]
 
 
 def others(
@@ -69,14 +78,24 @@ def others(
     keys = {key_of(test): test for _, _, tests in wanted for test in tests}
     if not keys:
         return []
-    jobs = [Job({}, tuple((test, seed) for seed in range(SEEDS))) for test in keys.values()]
+    seeds = int(np.clip(BUDGET / (c.cost * len(keys)), FEWEST, SEEDS))
+    jobs = [Job({}, tuple((test, seed) for seed in range(seeds))) for test in keys.values()]
     read = partial(sampled, c.columns, c.times)
-    found = {
-        key: np.asarray(values.mean(axis=0).reshape(len(c.times), len(c.columns)))
-        for key, values in zip(keys, run_jobs(bench, jobs, executor, progress, read), strict=True)
-    }
-    out = [Other(k, w, np.stack([found[key_of(test)] for test in tests])) for k, w, tests in wanted]
-    return [other for other in out if np.isfinite(other.nominal).all()]
+    ran = run_jobs(bench, jobs, executor, progress, read)
+    shape = (seeds, len(c.times), len(c.columns))
+    found = {key: values.reshape(shape) for key, values in zip(keys, ran, strict=True)}
+    out = []
+    for kind, words, tests in wanted:
+        rollouts_there = np.stack([found[key_of(test)] for test in tests])
+        if np.isfinite(rollouts_there).all():
+            mean = rollouts_there.mean(axis=1)
+            scatter = scatter_of((rollouts_there - mean[:, None]) / c.floor)
+            known = np.ones(len(tests), dtype=bool)
+            if kind == "row":
+                end = 0 if words == "the one before" else len(rows) - 1
+                known = np.array([place != end for place in places])
+            out.append(Other(kind, words, mean, scatter, known))
+    return out
 
 
 def _able(bench: Bench, tests: Sequence[Mapping[str, float]]) -> bool:
@@ -92,37 +111,34 @@ def _able(bench: Bench, tests: Sequence[Mapping[str, float]]) -> bool:
 def labels(c: Comparison, other: Sequence[Other]) -> list[Suspect]:
     """Return what explains most of each kind of wrong label."""
     found = []
+    n = len(c.traces)
     for one in other:
-        undone = c.recorded - one.nominal + c.nominal
+        whole = c.elsewhere(one.nominal, one.scatter, np.ones(n, dtype=bool))
         if one.kind == "row":
             # From some row on, or up to some row, or all of them.
-            n = len(c.traces)
             parts = [np.arange(n) >= k for k in range(n)] + [np.arange(n) <= k for k in range(n - 1)]
-            options = [np.where(part[:, None, None], undone, c.recorded) for part in parts]
-            k = min(range(len(options)), key=lambda k: c.misfit(options[k]))
-            count = int(parts[k].sum())
+            options = [c.elsewhere(one.nominal, one.scatter, part) for part in parts]
+            counts = [(one.known | ~part).astype(float)[:, None, None] for part in parts]
+            k = min(range(len(options)), key=lambda k: _gain(c, options[k], counts[k]))
+            count = int((parts[k] & one.known).sum())
             text = (
                 f"recordings do not begin where their tests say{begins(c, parts[k])}: {count} of {n} that were "
                 f"compared fit the test of {one.words} better than their own. Is a line of the table of tests doubled "
                 f"or missing?"
             )
-            found.append(
-                Suspect(Finding("labels", "the tests", text, "a shifted table of tests"), options[k])
-            )
+            found.append(_suspect(c, options[k], text, "a shifted table of tests", counts[k]))
         elif one.kind == "sign":
             text = (
                 f"the real rollouts fit tests with the other sign of {one.words} better than their own"
                 f"{begins(c)}: does {one.words} count the same way in the table of tests?"
             )
-            found.append(
-                Suspect(Finding("labels", "the tests", text, f"the other sign of {one.words}"), undone)
-            )
+            found.append(_suspect(c, whole, text, f"the other sign of {one.words}"))
         else:
             text = (
                 f"the real rollouts fit tests with {one.words} exchanged better than their own{begins(c)}: mend the "
                 f"table of tests if so"
             )
-            found.append(Suspect(Finding("labels", "the tests", text, f"{one.words} exchanged"), undone))
+            found.append(_suspect(c, whole, text, f"{one.words} exchanged"))
     return [*found, *_assigned(c)]
 
 
@@ -141,8 +157,21 @@ def _assigned(c: Comparison) -> list[Suspect]:
         f"recordings do not begin where their tests say{begins(c, moved)}: {count} of {len(order)} that were compared "
         f"fit the test of another one better than their own. Are lines of the table of tests exchanged?"
     )
-    values = c.recorded - c.nominal[order] + c.nominal
-    return [Suspect(Finding("labels", "the tests", text, "an exchange of tests"), values)]
+    there = c.elsewhere(c.nominal[order], c.scatter[order], moved)
+    return [_suspect(c, there, text, "an exchange of tests")]
+
+
+def _gain(c: Comparison, there: Comparison, counts: FloatArray) -> float:
+    """Return by how much ℓ is larger with other tests; the recordings count by (n, 1, 1)."""
+    return there.misfit(c.recorded, there=counts) - c.misfit(c.recorded, there=counts) + there.volume
+
+
+def _suspect(
+    c: Comparison, there: Comparison, text: str, imitates: str, counts: FloatArray | float = 1.0
+) -> Suspect:
+    """Return the suspect that the recordings are of the tests of another comparison."""
+    said = Finding("labels", "the tests", text, imitates)
+    return Suspect(said, c.recorded, there, counts, there.volume - c.volume)
 
 
 def begins(c: Comparison, which: NDArray[np.bool_] | None = None) -> str:

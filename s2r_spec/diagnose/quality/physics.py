@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.diagnose.axes import Line, Values
-from s2r_spec.diagnose.quality.comparison import BUDGET, FEWEST, Comparison, noise, sampled
+from s2r_spec.diagnose.quality.comparison import BUDGET, FEWEST, LEAST, Comparison, noise, sampled
 from s2r_spec.diagnose.quality.comparison import SEEDS as MANY
 from s2r_spec.diagnose.simulate import Bench, Job, run_jobs
 
@@ -117,7 +117,7 @@ def rebased(
     shape = (len(c.effects), len(c.tests), *c.nominal.shape[1:])
     effects = (c.effects.reshape(shape) * (c.floor / floor)).reshape(c.effects.shape)
     made = replace(c, nominal=mean, floor=floor, scatter=scatter, effects=effects)
-    return replace(made, usual=made.misfit(rollouts[-1]))
+    return replace(made, usual=max(made.misfit(rollouts[-1]), LEAST))
 
 
 def _exact(

@@ -16,7 +16,7 @@ def scale(c: Comparison) -> list[Suspect]:
     """Return, for each unit, the factor and the channels that explain most."""
 
     def price(factor: float, group: Group) -> float:
-        return 2.0 * float(np.log(factor) * mask(c, group).mean())
+        return max(2.0 * float(np.log(factor) * mask(c, group).mean()), 0.0)
 
     found = []
     for unit, among in by_unit(c).items():
@@ -36,5 +36,5 @@ def scale(c: Comparison) -> list[Suspect]:
             f"{f', or the unit {unit},' if unit else ''} in the recordings"
         )
         said = Finding("scale", named(c, group), text, "a wrong scale")
-        found.append(Suspect(said, values, 1.0, price(factor, group)))
+        found.append(Suspect(said, values, None, 1.0, price(factor, group)))
     return found

@@ -27,12 +27,14 @@ class Suspect:
     Attributes:
         finding: what is said of it.
         values: (n, T, c) recordings after undoing it.
-        there: (T, 1) of 1 and 0, which instants can be read when it is undone.
+        beside: what they are compared with then; None for the same as before.
+        there: of 1 and 0, (T, 1) which instants can be read when it is undone, or (n, 1, 1) which recordings count.
         volume: 2 log |∂ recorded / ∂ undone|, a number of a recording: what shrinks everything must explain better.
     """
 
     finding: Finding
     values: FloatArray
+    beside: Comparison | None = None
     there: FloatArray | float = 1.0
     volume: float = 0.0
 

@@ -51,8 +51,8 @@ def other_unit_of_one(bench: Bench, channel: Channel, rollouts: Sequence[Rollout
     sizes = np.array([rms(trace[name]) if name in trace.channels else 0.0 for _, trace in rollouts])
     if not channel.unit or np.count_nonzero(sizes) <= len(sizes) / 2:
         return ""
-    factors = sizes / np.median(sizes[sizes > 0.0])
-    odd = np.flatnonzero((sizes > 0.0) & ((factors > OTHERWISE) | (factors < 1.0 / OTHERWISE)))
+    times = sizes / np.median(sizes[sizes > 0.0])
+    odd = np.flatnonzero((sizes > 0.0) & ((times > OTHERWISE) | (times < 1.0 / OTHERWISE)))
     if not len(odd):
         return ""
     number = int(odd[0])
