@@ -62,7 +62,7 @@ def quick(monkeypatch, cache):
     training = importlib.import_module("s2r_spec.diagnose.training")
     for name, value in {"CASES": 100, "JUDGED": 20, "NETWORKS": 1, "TREES": 100}.items():
         monkeypatch.setattr(training, name, value)
-    return cache / "quick"
+    return cache.with_name("quick")
 
 
 @pytest.fixture

@@ -13,6 +13,7 @@ from s2r_spec.diagnose import bank as banks
 from s2r_spec.diagnose.asked import Asked, Curve, Heard, _straight, asked_columns, pooled
 from s2r_spec.diagnose.axes import Line
 from s2r_spec.diagnose.axes import line as line_of
+from s2r_spec.diagnose.cache import Cache
 from s2r_spec.diagnose.evidence import FORM
 from s2r_spec.diagnose.prepare import bench_of
 from tests.diagnose.test_equations import Felt
@@ -126,7 +127,7 @@ def test_how_an_effect_acts_is_what_it_adds_to_the_effect_itself():
 @pytest.fixture(scope="module")
 def felt(cache):
     bench = bench_of(s2r.parse_spec(SPEC), "tracking", Felt())
-    bank = banks.bank(bench, folder=cache / "quick")
+    bank = banks.bank(bench, cache=Cache(cache.with_name("quick")))
     return replace(bench, features=bank.features), bank
 
 

@@ -11,6 +11,7 @@ import s2r_spec as s2r
 from s2r_spec.backend import Effect, EffectParameter
 from s2r_spec.diagnose import bank as banks
 from s2r_spec.diagnose.axes import line
+from s2r_spec.diagnose.cache import Cache
 from s2r_spec.diagnose.equations import Equations, Probe
 from s2r_spec.diagnose.prepare import bench_of, equations_error
 from s2r_spec.diagnose.signatures import LEVEL
@@ -108,7 +109,9 @@ def test_the_equations_are_believed_as_far_as_they_explain_the_residuals(felt):
 
 @pytest.fixture(scope="module")
 def bank(cache):
-    return banks.bank(bench_of(s2r.parse_spec(SPEC), "tracking", Felt()), folder=cache / "quick")
+    return banks.bank(
+        bench_of(s2r.parse_spec(SPEC), "tracking", Felt()), cache=Cache(cache.with_name("quick"))
+    )
 
 
 @pytest.fixture(scope="module")
@@ -278,7 +281,7 @@ def test_only_effects_that_the_residuals_know_are_asked_for_and_the_bank_keeps_t
     assert len(rows[0]) == 1 + len(made.features.names())
     assert [f.block for f in made.features.names() if f.statistic == "equation"] == names
     plain = bench_of(s2r.parse_spec(SPEC), "tracking", Cart())
-    assert not banks.bank(plain, folder=cache).features.probes
+    assert not banks.bank(plain, cache=Cache(cache)).features.probes
 
 
 def test_what_shows_in_no_nominal_motion_is_asked_for_where_it_is_far_off():

@@ -11,14 +11,15 @@ from s2r_spec.diagnose.quality.suspects import Suspect
 
 FloatArray = NDArray[np.float64]
 
-FACTORS = tuple(np.geomspace(0.5, 2.0, 45).tolist())
-"""Definition: real seconds that a stamped second may have been, before the best is refined."""
+FACTORS = tuple(np.geomspace(0.4, 2.5, 59).tolist())
+"""Definition: real seconds that a stamped second may have been, before the best is refined. A rate that was set twice
+as high as it was, or half as high, lies well inside; a best at either end is no minimum."""
 STEADY = 0.005
 """Tolerance: a clock that is off by less is no mistake; clocks of computers are off by a hundredth of that."""
 
 
 def clock(c: Comparison) -> list[Suspect]:
-    """Return the clock that explains most; instants that are in no recording then are not compared."""
+    """Return the clock that explains most, if it is a minimum; instants that are in no recording are not compared."""
     end = min(trace.duration for trace in c.traces)
 
     def undone(stamped: float) -> tuple[float, FloatArray, FloatArray]:
@@ -27,6 +28,8 @@ def clock(c: Comparison) -> list[Suspect]:
 
     tried = [f for f in FACTORS if abs(f - 1.0) > STEADY]
     best = min(tried, key=lambda f: undone(f)[0])
+    if best in (FACTORS[0], FACTORS[-1]):
+        return []
     ratio = FACTORS[1] / FACTORS[0]
     for _ in range(2):
         near = best * np.geomspace(1.0 / ratio, ratio, 9)
