@@ -201,7 +201,7 @@ def _inside(bench: Bench, test: Mapping[str, float], source: str) -> dict[str, f
 
 
 def _decided(bench: Bench, test: Mapping[str, float], trace: Trace, source: str) -> Trace:
-    """Return a trace of which ρ can be told: where the spec's times fall between its samples, at the simulator's.
+    """Return a trace that decides ρ: where a window is shorter than the time between samples, at the simulator's.
 
     Raises:
         UsageError: it cannot; the sentence says of which recording, or rollout.

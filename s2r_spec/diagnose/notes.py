@@ -116,8 +116,9 @@ def notes(
     apart = [trace.meta[READ_AT] for _, trace in rollouts if READ_AT in trace.meta]
     if apart:
         found.append(
-            f"the spec's times fall between the samples of {len(apart)} of {count} real rollouts: these are read at "
-            f"the simulator's, {apart[0]:g} s apart, by straight lines, which may change ρ a little"
+            f"a window of the spec is shorter than the time between two samples of {len(apart)} of {count} real "
+            f"rollouts: these are read every {apart[0]:g} s, as the simulator's, by straight lines, which may change "
+            f"ρ a little"
         )
     lacking = [
         channel.name

@@ -225,18 +225,29 @@ def slower(trace, step):
     return Trace(trace.times[::every], {n: x[::every] for n, x in trace.channels.items()}, trace.units)
 
 
-def test_where_the_times_of_the_spec_fall_between_the_samples_the_simulators_are_read():
+def test_recordings_whose_samples_miss_an_end_of_a_window_are_used_as_they_are():
     runs = many(8, 8)
     slow = [(test, slower(trace, 0.03)) for test, trace in runs]
     read = real_rollouts(BENCH, slow, None, 0)
+    for (test, found), (_, before), (_, trace) in zip(read, slow, runs, strict=True):
+        np.testing.assert_array_equal(np.diff(found.times), np.diff(before.times))
+        assert BENCH.rho(found, test) == pytest.approx(BENCH.rho(trace, test), abs=0.02)
+    assert notes(BENCH, Used(read, 8, False, 3, 8), ENOUGH) == ()
+
+
+def test_where_a_window_is_shorter_than_the_time_between_samples_the_simulators_are_read():
+    short = bench_of(s2r.parse_spec(SPEC.replace("[0, 1.99 s]", "[1.98 s, 1.99 s]")), "tracking", Cart())
+    runs = many(8, 8)
+    read = real_rollouts(short, [(test, slower(trace, 0.03)) for test, trace in runs], None, 0)
     for (test, found), (_, trace) in zip(read, runs, strict=True):
         np.testing.assert_allclose(found.times, trace.times[: len(found)] - trace.times[0], atol=1e-9)
-        assert BENCH.rho(found, test) == pytest.approx(BENCH.rho(trace, test), abs=0.02)
-    told = notes(BENCH, Used(read, 8, False, 3, 8), ENOUGH)
-    assert told == (
-        "the spec's times fall between the samples of 8 of 8 real rollouts: these are read at the simulator's, "
-        "0.01 s apart, by straight lines, which may change ρ a little",
-    )
+        assert short.rho(found, test) == pytest.approx(short.rho(trace, test), abs=0.02)
+    (note,) = notes(short, Used(read, 8, False, 3, 8), ENOUGH)
+    assert "shorter than the time between two samples of 8 of 8 real rollouts" in note
+
+
+def test_recordings_as_fine_as_the_simulators_are_not_changed():
+    runs = many(8, 8)
     same = real_rollouts(BENCH, runs, None, 0)[0][1]
     np.testing.assert_array_equal(same["v"], runs[0][1]["v"])
     assert dict(same.meta) == dict(runs[0][1].meta)
