@@ -39,6 +39,7 @@ def made(s2r, monkeypatch, cache):
     return s2r
 
 
+@pytest.mark.slow  # the same steps without the command line are in tests/blind/test_blind.py
 def test_a_set_from_its_sealing_to_its_score(made):
     seal = ("blind", "seal", "public", "--labels", "labels", "--keys", "keys")
     freeze = ("blind", "freeze", "public", "--answers", "answers", "--sim", "cart", "--workers", 1, "-q")

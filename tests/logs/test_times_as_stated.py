@@ -85,7 +85,7 @@ def answered(spec, source):
 
 
 @pytest.mark.parametrize(("how", "unit"), HOW)
-@settings(max_examples=examples(40), deadline=None)
+@settings(max_examples=examples(16), deadline=None)
 @given(recording=recordings(), low=st.integers(0, 4), length=st.integers(1, 12), quarter=st.integers(0, 3))
 def test_the_verdict_is_of_the_times_as_stated(
     tmp_path_factory, how, unit, recording, low, length, quarter
@@ -113,7 +113,7 @@ def test_the_verdict_is_of_the_times_as_stated(
 
 
 @pytest.mark.parametrize("unit", ["ms", "us", "ns"])
-@settings(max_examples=examples(40), deadline=None)
+@settings(max_examples=examples(16), deadline=None)
 @given(recording=recordings(), length=st.integers(2, 12))
 def test_counts_that_do_not_say_their_unit_are_no_seconds_in_silence(
     tmp_path_factory, unit, recording, length

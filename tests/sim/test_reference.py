@@ -15,7 +15,14 @@ def tables():
     return module.TABLES
 
 
-@pytest.mark.parametrize("make", tables(), ids=lambda make: make.__name__)
+SLOW = pytest.mark.slow  # two rollouts of every effect; tests/sim/test_residuals.py has a few of them
+
+
+@pytest.mark.parametrize(
+    "make",
+    [pytest.param(make, marks=SLOW if make.__name__ == "residuals" else ()) for make in tables()],
+    ids=lambda make: make.__name__,
+)
 def test_the_page_has_the_table(make):
     page = (ROOT / "docs" / "reference" / "a1.md").read_text()
     assert make() in page, (

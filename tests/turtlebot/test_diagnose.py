@@ -34,7 +34,8 @@ def find(quick):
     [
         pytest.param("heading_bias", "angle", 0.3, marks=pytest.mark.slow),  # moves ρ far
         ("motor_lag", "time", 0.3),  # hardly does: the traces alone say so
-        ("latency", "delay", 0.18),  # makes the loop unsteady: no patch closes what single rollouts show
+        # makes the loop unsteady: no patch closes what single rollouts show
+        pytest.param("latency", "delay", 0.18, marks=pytest.mark.slow),
     ],
 )
 def test_what_was_added_is_named(find, effect, parameter, value):
