@@ -83,7 +83,7 @@ def replay(rollout: str) -> Replay:
     rho, _ = rig.score(point, Done(task, trace, seconds))
     difference = ""
     if rho != record.rho:
-        difference = f"the record says {record.rho:+.6f}"
+        difference = f"the record says {record.rho:+.6g}"
         # Both sides of a gap have theirs in the header of each.
         recorded = header[header["side"]]["model_hash"] if "side" in header else header["model_hash"]
         if rig.backend.model_hash != recorded:
