@@ -114,7 +114,7 @@ class Inside:
         return LEAST * self.space.dim
 
     def telling(self, R: float, width: float, delta: float) -> int:
-        """Return the rollouts in each part without which 0 cannot be told from ``width`` there."""
+        """Return the rollouts in each part without which 0 cannot be distinguished from ``width`` there."""
         return max(self.covering, math.ceil(min(sequential_floor(R, width, delta), MOST_ROLLOUTS)))
 
     def lacking(self, points: FloatArray, counts: FloatArray, least: int) -> IndexArray:

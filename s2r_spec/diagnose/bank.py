@@ -30,7 +30,7 @@ from s2r_spec.trace import Trace
 FloatArray = NDArray[np.float64]
 
 Progress = Callable[[str, int, int], None]
-"""Is told (stage, done, of) now and then; ``of`` is 0 where nobody knows."""
+"""Called with (stage, done, of) now and then; ``of`` is 0 where nobody knows."""
 
 VERSION = 1
 NOMINAL_SEEDS = 12

@@ -91,7 +91,7 @@ def diagnose(
         requirement: the one to look at; the spec's first if not given.
         seed: fixes everything that is drawn.
         executor: makes a pool for the simulations; None runs them here.
-        progress: is told (stage, done, of) now and then; ``of`` is 0 where nobody knows how much there is.
+        progress: called with (stage, done, of) now and then; ``of`` is 0 where nobody knows how much there is.
         cache: folder for what is simulated and learnt once; the user's cache folder if not given.
         folder: where rollouts that are asked of a machine are kept, each before the next begins; a
             second call goes on from what is there.

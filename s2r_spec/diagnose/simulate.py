@@ -152,7 +152,7 @@ class Job:
 
 
 WATCH: ContextVar[Callable[[int], None]] = ContextVar("watch", default=lambda rollouts: None)
-"""Definition: who is told of rollouts that are run for a stage with no count of its own."""
+"""Definition: what counts the rollouts that are run for a stage with no count of its own."""
 
 Read = Callable[[Bench, Trace, Test], FloatArray]
 """What is kept of a rollout: one row of numbers."""
@@ -217,7 +217,7 @@ def run_jobs(
         bench: see there.
         jobs: see there.
         executor: makes a pool; None runs everything in this process.
-        progress: is told how many jobs are done, and of how many; if not given, :data:`WATCH` is told of rollouts.
+        progress: called with how many jobs are done, and of how many; if not given, :data:`WATCH` counts rollouts.
         read: see there; a function that another process can be sent.
 
     Raises:

@@ -11,7 +11,7 @@ Progress = Callable[[str, int, int], None]
 
 
 class Watched:
-    """Passes (stage, done, of) on; a stage of 0 is told of every rollout, for a fit does not know how many it takes."""
+    """Passes (stage, done, of) on; a stage of 0 counts every rollout, for a fit does not know how many it takes."""
 
     def __init__(self, tell: Progress) -> None:
         self._tell = tell
@@ -24,7 +24,7 @@ class Watched:
 
     @contextmanager
     def watching(self) -> Iterator[None]:
-        """Be told of the rollouts of every stage that has no count."""
+        """Count the rollouts of every stage that has no count."""
         token = WATCH.set(self._ran)
         try:
             yield

@@ -1,4 +1,4 @@
-"""A lengthscale in the wrong unit is refused, or tested inside the box before it is believed."""
+"""A lengthscale in the wrong unit is refused, or tested inside the box before it is used."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""A run's folder: named once, gone on with as the advice says, and no longer believed when its files were changed."""
+"""A run's folder: named once, gone on with as the advice says, and refused when its files were changed."""
 
 import json
 import os

@@ -200,7 +200,7 @@ def machine(
     y[0] -= e[6] * g1
     y[1] = y[0] + y[3] - 2 * e[6] * g2
     hist = np.zeros((n * SUB, 2))
-    # Until the first command arrives the drives hold the arm that they were told of where it is.
+    # Until the first command arrives the drives hold the arm where it was set.
     lower = (0.34 + mp_told * 0.35) * 9.81 * np.cos(ref[0, 0] + ref[0, 1])
     hold = np.array([lower + (0.6 + (2 + mp_told) * 0.4) * 9.81 * np.cos(ref[0, 0]), lower]) * gain * kt
     lagged = hold.copy()

@@ -226,7 +226,7 @@ def compare(
         rollouts: the machine's.
         lines: of the catalogue.
         executor: makes a pool.
-        progress: is told (done, of).
+        progress: called with (done, of).
         without: channels that are not compared.
     """
     ran = [(test, trace) for test, trace in rollouts if trace.failure is None and len(trace) > 1]

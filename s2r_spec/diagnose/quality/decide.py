@@ -81,7 +81,7 @@ def findings(
         rollouts: the machine's, in the order of their table.
         lines: of the catalogue.
         executor: makes a pool for the simulations.
-        progress: is told (done, of).
+        progress: called with (done, of).
     """
     first = [*glitches(bench, rollouts), *direct(bench, rollouts, lines)]
     held, straight = hold(bench, rollouts)
