@@ -35,9 +35,10 @@ from fuzz_inputs import KINDS, Input, prepare
 
 RESULTS = Path(__file__).parent / "results" / "fuzz.json"
 SECONDS = 5.0
-"""Processor time of a command [s]; the issue's limit."""
+"""Processor time of a command [s]: a level, as long as a user waits; twice as much hides slow parsers."""
 MEMORY = 10**9
-"""Resident bytes beyond those of the process that it is forked from; the issue's limit."""
+"""Resident bytes beyond those of the process that it is forked from: a level; twice as much hides readers that
+load what they refuse."""
 PATIENCE = 60.0
 """Wall time after which a command is ended [s]: it waits for something that never comes."""
 LIBRARIES = (

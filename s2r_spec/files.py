@@ -83,16 +83,21 @@ def replacing(path: Path) -> Iterator[Path]:
             with suppress(OSError, AttributeError):  # another's file; not a POSIX system
                 os.chown(beside, before.st_uid, before.st_gid)
             os.chmod(beside, stat.S_IMODE(before.st_mode))
-        _onto_disk(beside)
+        onto_disk(beside)
         os.replace(beside, target)
     except BaseException:
         beside.unlink(missing_ok=True)
         raise
     with suppress(OSError):  # some file systems have no folder that can be opened
-        _onto_disk(target.parent)
+        onto_disk(target.parent)
 
 
-def _onto_disk(path: Path) -> None:
+def onto_disk(path: Path) -> None:
+    """Bring a file, or the names in a folder, onto the disk.
+
+    Raises:
+        OSError: it cannot be opened or written there.
+    """
     handle = os.open(path, os.O_RDONLY)
     try:
         os.fsync(handle)

@@ -29,6 +29,7 @@ from typing import Any
 
 from s2r_spec import logs
 from s2r_spec.errors import TraceError
+from s2r_spec.files import onto_disk
 from s2r_spec.rollouts import lines
 from s2r_spec.rollouts.layout import run_of
 from s2r_spec.rollouts.lines import JournalError
@@ -110,14 +111,14 @@ class Journal:
             for name, text in texts.items():
                 (folder / name).parent.mkdir(parents=True, exist_ok=True)
                 (folder / name).write_text(text, encoding="utf-8", newline="")
-                _sync(folder / name)
+                onto_disk(folder / name)
             # Whole or not at all: a run that was killed while it began is no run.
             path.unlink(missing_ok=True)
             path.with_suffix(".new").unlink(missing_ok=True)
             line, checksum = lines.written({"schema": SCHEMA} | dict(header), 0)
             _append(path.with_suffix(".new"), line)
             path.with_suffix(".new").replace(path)
-            _sync_folder(folder)
+            onto_disk(folder)
         except OSError as error:
             raise JournalError(f"cannot write the run to {folder}: {error.strerror or error}") from error
         return cls(folder, header, {}, "", checksum)
@@ -382,16 +383,3 @@ def _write(trace: Trace, path: Path) -> None:
         logs.write(trace, path)
     except TraceError as error:
         raise error.__context__ if isinstance(error.__context__, OSError) else error from None
-
-
-def _sync(path: Path) -> None:
-    with path.open("rb") as file:
-        os.fsync(file.fileno())
-
-
-def _sync_folder(folder: Path) -> None:
-    handle = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
