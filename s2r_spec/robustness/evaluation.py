@@ -18,7 +18,7 @@ from s2r_spec.robustness.dense import Recording, snap_of, walk_curves
 from s2r_spec.robustness.evaluate import Walk, Witness
 from s2r_spec.robustness.grid import SNAP, Grid
 from s2r_spec.robustness.horizon import horizon, samples_needed, seconds_needed
-from s2r_spec.robustness.narrow import Window, narrowest, refuse_short, samples_in
+from s2r_spec.robustness.narrow import narrowest, refuse_short
 from s2r_spec.robustness.sampled import Samples, walk_samples
 from s2r_spec.robustness.ticks import Ticks, clock_of
 from s2r_spec.robustness.ties import plain
@@ -46,7 +46,8 @@ class Evaluation:
         complete: (n,) whether the trace reaches the horizon of each sample, to within one median period.
         jitter: greatest distance of a sample from the regular grid, in periods; None if there is no grid.
         period: median time from one sample to the next [s]; None for a single sample.
-        window: the shortest window of positive length that the requirement looks through; None without any.
+        narrowest: the least number of samples in the shortest window of positive length that lies within the
+            trace; None without any.
         notes: what the sample times do to the windows, a sentence each.
     """
 
@@ -59,18 +60,13 @@ class Evaluation:
     complete: BoolArray = field(repr=False)
     jitter: float | None
     period: float | None
-    window: Window | None = field(repr=False)
+    narrowest: int | None = field(repr=False)
     notes: tuple[str, ...]
 
     @property
     def value(self) -> float:
         """ρ at the trace's first time."""
         return float(self.values[0])
-
-    @cached_property
-    def narrowest(self) -> int | None:
-        """The least number of samples in the shortest window of positive length; None without any."""
-        return None if self.window is None else samples_in(self.window, self.times - self.times[0])
 
     @property
     def duration(self) -> float:
@@ -171,6 +167,13 @@ class Reading:
         if self.interpolation == "samples":
             refuse_short(narrowest(formula), self.period)
 
+    def narrowest(self, formula: f.Formula) -> int | None:
+        """Return the least number of samples in the shortest window of positive length within the trace."""
+        if (window := narrowest(formula)) is None:
+            return None
+        clock = self.clock if self.interpolation == "samples" else Ticks.of(self.times)
+        return clock.fewest(window.interval, window.past)
+
     def needs(self, formula: f.Formula) -> float:
         """Return how long after an instant the trace must last for a formula there [s]."""
         return seconds_needed(formula, self.period or 0.0)
@@ -259,6 +262,6 @@ def evaluate(formula: f.Formula, reading: Reading, requirement: str, unit: str, 
         complete=complete,
         jitter=reading.clock.jitter if isinstance(reading.clock, Grid) else None,
         period=reading.period,
-        window=narrowest(formula),
+        narrowest=reading.narrowest(formula),
         notes=reading.notes(formula),
     )

@@ -83,6 +83,17 @@ class Grid:
             return np.maximum(here - (rest if high is None else high), 0), here - low
         return here + low, np.minimum(here + (rest if high is None else high), self.count - 1)
 
+    def fewest(self, interval: Interval, past: bool) -> int | None:
+        """Return the least number of samples in a window that lies within the trace; None if none does.
+
+        Raises:
+            TraceError: see :meth:`window`.
+        """
+        low, high = self.window(interval)
+        if high is None or self.period is None or interval.high > self.seconds(self.count - 1) + self.snap:
+            return None
+        return high - low + 1
+
     def always(self, x: FloatArray, interval: Interval, past: bool) -> FloatArray:
         """Return (…, n): the least of x in t + interval (t − interval if ``past``)."""
         return self._over(window_min, x, interval, past)

@@ -6,15 +6,10 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
 from s2r_spec.errors import SamplingError
 from s2r_spec.lang import formula as f
 from s2r_spec.lang.source import Span
 from s2r_spec.robustness.grid import SNAP
-
-FloatArray = NDArray[np.float64]
 
 SMALLER_UNITS = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 """A definition: the units of time [s] that loggers write, the largest first."""
@@ -25,19 +20,19 @@ class Window:
     """A window of time with two ends, relative to an instant.
 
     Args:
-        low: where it begins [s]; negative in the past.
-        high: where it ends [s].
+        interval: from its nearer end to its farther one [s].
+        past: whether it lies before the instant.
         span: where it is written.
     """
 
-    low: float
-    high: float
+    interval: f.Interval
+    past: bool
     span: Span
 
     @property
     def length(self) -> float:
         """From its begin to its end [s]."""
-        return self.high - self.low
+        return self.interval.high - self.interval.low
 
 
 def windows(formula: f.Formula) -> Iterator[Window]:
@@ -45,12 +40,10 @@ def windows(formula: f.Formula) -> Iterator[Window]:
     for node in f.walk(formula):
         match node:
             case f.Temporal() | f.Until():
-                interval = node.interval
                 past = node.operator in ("historically", "once", "since")
-                low, high = (-interval.high, -interval.low) if past else (interval.low, interval.high)
-                found = Window(low, high, interval.span)
+                found = Window(node.interval, past, node.interval.span)
             case f.Count() | f.Accumulated():
-                found = Window(-node.seconds, 0.0, node.span)
+                found = Window(f.Interval(0.0, node.seconds, True, True, node.span), True, node.span)
             case _:
                 continue
         if 0.0 < found.length < math.inf:
@@ -83,16 +76,3 @@ def refuse_short(window: Window | None, period: float | None, whose: str = "the 
         f"`{' '.join(window.span.text.split())}` ({window.span.place}) is {window.length:g} s long, shorter than "
         f"{whose}, {period:.6g} s; {way}interpolation='hold' or 'linear' evaluates between samples"
     )
-
-
-def samples_in(window: Window, times: FloatArray) -> int | None:
-    """Return the least number of samples in a window that lies within (n,) times [s]; None if none does."""
-    span = times[-1] - times[0]
-    snap = SNAP * (span / max(times.size - 1, 1))
-    starts, ends = times + window.low, times + window.high
-    within = (starts >= times[0] - snap) & (ends <= times[-1] + snap)
-    if not within.any():
-        return None
-    first = np.searchsorted(times, starts[within] - snap, "left")
-    last = np.searchsorted(times, ends[within] + snap, "right")
-    return int((last - first).min())

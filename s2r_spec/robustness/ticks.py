@@ -15,6 +15,7 @@ from s2r_spec.robustness.once import once
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
+BoolArray = NDArray[np.bool_]
 
 SNAP = 1e-6
 """Interval ends this close to a sample, as a part of the shortest step, are on it, and those within rounding."""
@@ -57,6 +58,23 @@ class Ticks:
         Raises:
             TraceError: a window lies within the trace, between two samples, and has none.
         """
+        first, last, within = self._samples(interval, past)
+        if (empty := within & (last < first)).any():
+            sample = int(np.argmax(empty))
+            raise TraceError(
+                f"no sample lies in `{interval.span.text}` ({interval.span.place}) of sample {sample}, "
+                f"{self.seconds(sample):.9g} s after the first; "
+                f"interpolation='hold' or 'linear' evaluates between samples"
+            )
+        return first, last
+
+    def fewest(self, interval: Interval, past: bool) -> int | None:
+        """Return the least number of samples in a window that lies within the trace; None if none does."""
+        first, last, within = self._samples(interval, past)
+        return int((last - first + 1)[within].min()) if within.any() else None
+
+    def _samples(self, interval: Interval, past: bool) -> tuple[IntArray, IntArray, BoolArray]:
+        """Return (first, last, whether the window lies within the trace), each (n,)."""
         ends = (-interval.high, -interval.low) if past else (interval.low, interval.high)
         closed = (interval.low_closed, interval.high_closed)
         low_closed, high_closed = closed[::-1] if past else closed
@@ -72,15 +90,7 @@ class Ticks:
             "right" if high_closed else "left",
         )
         last -= 1
-        within = (start >= -self.snap) & (end <= self.times[-1] + self.snap)
-        if (empty := within & (last < first)).any():
-            sample = int(np.argmax(empty))
-            raise TraceError(
-                f"no sample lies in `{interval.span.text}` ({interval.span.place}) of sample {sample}, "
-                f"{self.seconds(sample):.9g} s after the first; "
-                f"interpolation='hold' or 'linear' evaluates between samples"
-            )
-        return first, last
+        return first, last, (start >= -self.snap) & (end <= self.times[-1] + self.snap)
 
     def always(self, x: FloatArray, interval: Interval, past: bool) -> FloatArray:
         """Return (…, n): the least of x in the window of each sample."""
