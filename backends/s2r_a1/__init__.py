@@ -1,0 +1,1 @@
+"""Unitree's A1 itself, over its own wire."""

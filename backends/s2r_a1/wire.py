@@ -1,0 +1,286 @@
+"""The packets of the robot's low-level interface, to the byte.
+
+A command goes to the robot every 2 ms, and a state comes back. Both are packed little-endian structures that end in
+a CRC-32/MPEG-2 of their words. Two robots are known: the A1 (610 and 771 bytes) and the Go1 (614 and 807 bytes).
+
+Motors are in the order FR, FL, RR, RL, each hip, thigh, calf. Units: rad, rad/s, N·m, N·m/rad, N·m·s/rad.
+Source: packets of the vendor's compiled library (unitree_legged_sdk v3.2 to v3.8.4), byte by byte; the two vectors
+and the Go1's packets in ``tests/a1/test_wire.py``.
+"""
+
+from __future__ import annotations
+
+import zlib
+from dataclasses import dataclass
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+MOTORS = 12
+"""A definition: motors that a quadruped has. The packets have room for 20."""
+CLOSED_LOOP = 0x0A
+"""A definition: the mode of a motor that follows its orders; in a state any other mode is a fault."""
+LOW_LEVEL = 0xFF
+"""A definition: the level flag of a packet for the motors. Other levels speak to the vendor's own walking."""
+POSITION_OFF = 2.146e9
+"""A definition: a commanded angle [rad] that switches the position loop off (the vendor's ``PosStopF``)."""
+
+_TAU, _KP, _KD = 256.0, 32.0, 16.0  # counts per N·m, N·m/rad, N·m·s/rad
+_COUNTS = 32768.0  # of a 16-bit integer, on either side of 0
+
+Fault = Literal["length", "level", "crc", "number"]
+
+
+class WireError(ValueError):
+    """A packet, or the numbers for one, that must not be used.
+
+    Attributes:
+        fault: what is wrong: "length", "level" or "crc" of a packet, or a "number" in it that is not finite or
+            does not fit its field.
+    """
+
+    def __init__(self, fault: Fault, sentence: str) -> None:
+        super().__init__(sentence)
+        self.fault: Fault = fault
+
+
+class Orders(NamedTuple):
+    """Orders for the twelve motors, each (12,): τ = tau + kp (q − q_measured) + kd (dq − dq_measured)."""
+
+    q: FloatArray
+    dq: FloatArray
+    kp: FloatArray
+    kd: FloatArray
+    tau: FloatArray
+
+
+class Reading(NamedTuple):
+    """One state of the robot.
+
+    Attributes:
+        quaternion: (4,) attitude w, x, y, z.
+        gyro: (3,) angular velocity, base axes [rad/s].
+        accelerometer: (3,) specific force, base axes [m/s²]; +9.81 in z at rest.
+        q: (12,) joint angles [rad].
+        dq: (12,) joint speeds [rad/s].
+        tau: (12,) torques that the motors report [N·m].
+        temperature: (12,) of the motors [°C].
+        mode: (12,) of the motors; see ``CLOSED_LOOP``.
+        tick: the robot's clock, 32 bits; its unit is measured (:mod:`s2r_a1.link`).
+        remote: the 40 bytes of the remote control.
+        error: (12,) error words of the motors; 0 is none.
+        foot_force: (4,) raw counts of the foot sensors.
+    """
+
+    quaternion: FloatArray
+    gyro: FloatArray
+    accelerometer: FloatArray
+    q: FloatArray
+    dq: FloatArray
+    tau: FloatArray
+    temperature: FloatArray
+    mode: IntArray
+    tick: int
+    remote: bytes = bytes(40)
+    error: IntArray = np.zeros(MOTORS, dtype=np.int64)
+    foot_force: FloatArray = np.zeros(4)
+
+
+_ORDER = [
+    ("mode", "u1"),
+    ("q", "<f4"),
+    ("dq", "<f4"),
+    ("tau", "<i2"),
+    ("kp", "<i2"),
+    ("kd", "<i2"),
+    ("reserve", "<u4", 3),
+]
+_STATE = [
+    ("mode", "u1"), ("q", "<f4"), ("dq", "<f4"), ("ddq", "<i2"), ("tau", "<i2"), ("q_raw", "<f4"), ("dq_raw", "<f4"),
+    ("ddq_raw", "<i2"), ("temperature", "i1"), ("error", "<u4"), ("reserve", "<u4"),
+]  # fmt: skip
+_IMU = [
+    ("quaternion", "<f4", 4), ("gyro", "<f4", 3), ("accelerometer", "<f4", 3), ("rpy", "<f4", 3), ("heat", "i1"),
+]  # fmt: skip
+_FEET = [("foot_force", "<i2", 4), ("foot_force_estimate", "<i2", 4), ("tick", "<u4")]
+_A1_HEAD = [("level", "u1"), ("version", "<u2"), ("robot", "<u2"), ("serial", "<u4"), ("bandwidth", "u1")]
+_GO1_HEAD = [
+    ("head", "u1", 2), ("level", "u1"), ("frame", "u1"), ("serial", "<u4", 2), ("version", "<u4", 2),
+    ("bandwidth", "<u2"),
+]  # fmt: skip
+_REMOTE = [("remote", "u1", 40), ("spare", "<u4"), ("crc", "<u4")]
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """Where the fields of a robot's packets are.
+
+    Attributes:
+        name: of the robot.
+        command: packed type of a command.
+        state: packed type of a state.
+        head: the bytes that every packet begins with, up to its level flag.
+    """
+
+    name: str
+    command: np.dtype[Any]
+    state: np.dtype[Any]
+    head: bytes
+
+
+A1 = Layout(
+    "A1",
+    np.dtype([*_A1_HEAD, ("motors", _ORDER, 20), ("led", "u1", 12), *_REMOTE]),
+    np.dtype([*_A1_HEAD, *_IMU, ("motors", _STATE, 20), *_FEET, *_REMOTE]),
+    bytes([LOW_LEVEL]),
+)
+"""610 bytes to the robot, 771 from it."""
+GO1 = Layout(
+    "Go1",
+    np.dtype([*_GO1_HEAD, ("motors", _ORDER, 20), ("battery", "u1", 4), *_REMOTE]),
+    np.dtype([*_GO1_HEAD, *_IMU, ("motors", _STATE, 20), ("battery", "u1", 24), *_FEET, *_REMOTE]),
+    bytes([0xFE, 0xEF, LOW_LEVEL]),
+)
+"""614 bytes to the robot, 807 from it."""
+LAYOUTS = {"a1": A1, "go1": GO1}
+
+_MIRRORED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
+
+
+def checksum(packet: bytes) -> int:
+    """Return the CRC-32/MPEG-2 of all whole words of a packet but its last, each from its highest bit on.
+
+    The bytes between the last of these words and the CRC itself are not covered: so the robots have it.
+    """
+    words = np.frombuffer(packet, "<u4", len(packet) // 4 - 1)
+    # MPEG-2's polynomial is zlib's; zlib begins at the lowest bit, and inverts the result.
+    inverted = zlib.crc32(words.astype(">u4").tobytes().translate(_MIRRORED)) ^ 0xFFFFFFFF
+    return int.from_bytes(inverted.to_bytes(4, "little").translate(_MIRRORED), "big")
+
+
+def pack(orders: Orders, layout: Layout) -> bytes:
+    """Return the command that carries these orders.
+
+    Counts are cut off towards zero, as the vendor's library does: a kd of 0.8 goes out as 0.75.
+
+    Raises:
+        WireError: a number is not finite or does not fit. The vendor's library wraps: a torque of 200 goes out
+            as −56 N·m.
+    """
+    packet = np.zeros((), layout.command)
+    motors = packet["motors"][:MOTORS]
+    motors["mode"] = CLOSED_LOOP
+    for name, values in zip(("q", "dq"), orders[:2], strict=True):
+        motors[name] = _in_range(name, values, float(np.finfo(np.float32).max))
+    for name, scale, values in (("kp", _KP, orders.kp), ("kd", _KD, orders.kd), ("tau", _TAU, orders.tau)):
+        motors[name] = np.trunc(_in_range(name, values, _COUNTS / scale) * scale)
+    return _closed(packet, layout)
+
+
+def unpack(data: bytes, layout: Layout) -> Reading:
+    """Return the state that a packet carries.
+
+    Raises:
+        WireError: its length, level or checksum is wrong, or a number in it is not finite.
+    """
+    state = _opened(data, layout, layout.state)
+    motors = state["motors"][:MOTORS]
+    attitude, gyro, force = (
+        state[name].astype(np.float64) for name in ("quaternion", "gyro", "accelerometer")
+    )
+    q, dq = motors["q"].astype(np.float64), motors["dq"].astype(np.float64)
+    if not np.isfinite(np.concatenate((attitude, gyro, force, q, dq))).all():
+        raise WireError("number", "a state has a number in it that is not finite")
+    return Reading(
+        quaternion=attitude,
+        gyro=gyro,
+        accelerometer=force,
+        q=q,
+        dq=dq,
+        tau=motors["tau"] / _TAU,
+        temperature=motors["temperature"].astype(np.float64),
+        mode=motors["mode"].astype(np.int64),
+        tick=int(state["tick"]),
+        remote=state["remote"].tobytes(),
+        error=motors["error"].astype(np.int64),
+        foot_force=state["foot_force"].astype(np.float64),
+    )
+
+
+def unpack_orders(data: bytes, layout: Layout) -> Orders:
+    """Return what the motors of a robot make of a command: the robot's side of :func:`pack`.
+
+    A motor in another mode than ``CLOSED_LOOP`` gets no gains and no torque; an angle of ``POSITION_OFF`` has no kp.
+
+    Raises:
+        WireError: as :func:`unpack`.
+    """
+    motors = _opened(data, layout, layout.command)["motors"][:MOTORS]
+    on = motors["mode"] == CLOSED_LOOP
+    q, dq = motors["q"].astype(np.float64), motors["dq"].astype(np.float64)
+    if not np.isfinite(np.concatenate((q, dq))).all():
+        raise WireError("number", "a command has a number in it that is not finite")
+    kp = np.where(on & (q < 0.99 * POSITION_OFF), motors["kp"] / _KP, 0.0)
+    return Orders(q, dq, kp, on * (motors["kd"] / _KD), on * (motors["tau"] / _TAU))
+
+
+def pack_reading(reading: Reading, layout: Layout) -> bytes:
+    """Return the packet of a state: the robot's side of :func:`unpack`.
+
+    Torques beyond the field are cut to it, as a sensor saturates. Numbers that are not finite go out as they are,
+    so that a twin can send what a broken sensor does.
+    """
+    packet = np.zeros((), layout.state)
+    for name in ("quaternion", "gyro", "accelerometer"):
+        packet[name] = getattr(reading, name)
+    motors = packet["motors"][:MOTORS]
+    motors["mode"] = reading.mode
+    motors["q"] = motors["q_raw"] = reading.q
+    motors["dq"] = motors["dq_raw"] = reading.dq
+    motors["tau"] = np.clip(np.trunc(reading.tau * _TAU), -_COUNTS, _COUNTS - 1)
+    motors["temperature"] = reading.temperature
+    motors["error"] = reading.error
+    packet["foot_force"] = reading.foot_force
+    packet["tick"] = reading.tick & 0xFFFFFFFF
+    packet["remote"] = np.frombuffer(reading.remote, "u1")
+    return _closed(packet, layout)
+
+
+def _in_range(name: str, values: Any, bound: float) -> FloatArray:
+    """Return (12,) values that fit their field; |value| < bound."""
+    numbers: FloatArray = np.asarray(values, dtype=np.float64)
+    if numbers.shape != (MOTORS,):
+        raise WireError("number", f"{name} must have {MOTORS} numbers, not the shape {values.shape}")
+    wrong = ~(np.abs(values) < bound)
+    if wrong.any():
+        motor = int(np.argmax(wrong))
+        raise WireError(
+            "number", f"{name} of motor {motor} is {values[motor]:g}; it must lie within ±{bound:g}"
+        )
+    return values
+
+
+def _closed(packet: NDArray[Any], layout: Layout) -> bytes:
+    """Return the bytes of a packet with its head and checksum."""
+    data = layout.head + packet.tobytes()[len(layout.head) :]
+    return data[:-4] + checksum(data).to_bytes(4, "little")
+
+
+def _opened(data: bytes, layout: Layout, kind: np.dtype[Any]) -> NDArray[Any]:
+    """Return the fields of a packet.
+
+    Raises:
+        WireError: its length, level or checksum is wrong.
+    """
+    if len(data) != kind.itemsize:
+        raise WireError("length", f"a packet of the {layout.name} has {kind.itemsize} bytes, not {len(data)}")
+    if data[-4:] != checksum(data).to_bytes(4, "little"):
+        raise WireError("crc", f"the checksum of a packet of the {layout.name} is wrong")
+    if not data.startswith(layout.head):
+        raise WireError("level", f"a packet is not one of the low level of the {layout.name}")
+    fields: NDArray[Any] = np.frombuffer(data, kind)[0]
+    return fields
