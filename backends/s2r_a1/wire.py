@@ -282,5 +282,4 @@ def _opened(data: bytes, layout: Layout, kind: np.dtype[Any]) -> NDArray[Any]:
         raise WireError("crc", f"the checksum of a packet of the {layout.name} is wrong")
     if not data.startswith(layout.head):
         raise WireError("level", f"a packet is not one of the low level of the {layout.name}")
-    fields: NDArray[Any] = np.frombuffer(data, kind)[0]
-    return fields
+    return np.frombuffer(data, kind).reshape(())
