@@ -254,14 +254,14 @@ def _in_range(name: str, values: Any, bound: float) -> FloatArray:
     """Return (12,) values that fit their field; |value| < bound."""
     numbers: FloatArray = np.asarray(values, dtype=np.float64)
     if numbers.shape != (MOTORS,):
-        raise WireError("number", f"{name} must have {MOTORS} numbers, not the shape {values.shape}")
-    wrong = ~(np.abs(values) < bound)
+        raise WireError("number", f"{name} must have {MOTORS} numbers, not the shape {numbers.shape}")
+    wrong = ~(np.abs(numbers) < bound)
     if wrong.any():
         motor = int(np.argmax(wrong))
         raise WireError(
-            "number", f"{name} of motor {motor} is {values[motor]:g}; it must lie within ±{bound:g}"
+            "number", f"{name} of motor {motor} is {numbers[motor]:g}; it must lie within ±{bound:g}"
         )
-    return values
+    return numbers
 
 
 def _closed(packet: NDArray[Any], layout: Layout) -> bytes:
