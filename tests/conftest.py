@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from hypothesis import settings
 
 # The tests are the parallelism: threads beside them wait for each other, and cost a quarter of all time.
 for threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
@@ -22,6 +23,10 @@ from s2r_spec import backend  # noqa: E402
 from s2r_spec.rollouts import lines, runner  # noqa: E402
 from s2r_spec.rollouts.journal import FILE  # noqa: E402
 from tests.processes import lives  # noqa: E402
+
+settings.register_profile("again", derandomize=True)
+if "S2R_EXAMPLES" not in os.environ:
+    settings.load_profile("again")  # the same examples every time: what passed here passes on a new machine
 
 PLUGIN = Path(__file__).parent / "plugin"
 sys.path.append(str(PLUGIN))

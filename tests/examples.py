@@ -1,7 +1,7 @@
 """How many random examples a property is tried on.
 
-A run of the suite tries three tenths of what a test states, other ones every time; ``S2R_EXAMPLES=1`` tries all of
-them, and 10 ten times as many.
+A run of the suite tries three tenths of what a test states, the same ones every time, so that it passes again where
+it passed before; ``S2R_EXAMPLES=1`` tries as many as stated, other ones every time, and 10 ten times as many.
 """
 
 import os
