@@ -185,9 +185,12 @@ class VendorLink:
             return None
         self.counters.received += 1
         try:
-            self.packet = pack_reading(_reading(state), self._layout)
+            given = _reading(state)
+            if not np.isfinite(given.tau).all():  # an integer on the wire, which would hide it
+                raise WireError("number", "a torque is not finite")
+            self.packet = pack_reading(given, self._layout)
             reading = unpack(self.packet, self._layout)
-        except (WireError, ValueError, OverflowError):
+        except (ValueError, OverflowError):  # WireError is one
             self.counters.numbers += 1
             self.fault = "number"
             return None
