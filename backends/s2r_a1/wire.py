@@ -272,11 +272,11 @@ def _counted(orders: Orders) -> FloatArray:
         raise WireError("number", "orders must be numbers")
     right = np.abs(values) < _BOUNDS
     if not right.all():
-        row, motor = divmod(int(np.argmin(right)), MOTORS)
+        field, motor = divmod(int(np.argmin(right)), MOTORS)
         raise WireError(
             "number",
-            f"{Orders._fields[row]} of motor {motor} is {values[row, motor]:g}; "
-            f"it must lie within ±{_BOUNDS[row, 0]:g}",
+            f"{Orders._fields[field]} of motor {motor} is {values[field, motor]:g}; "
+            f"it must lie within ±{_BOUNDS[field, 0]:g}",
         )
     values[2:] = np.trunc(values[2:] * _SCALES)
     return values
