@@ -64,9 +64,7 @@ class Sensors:
         own.velocity[:] = self._distorted(truth.velocity.tolist(), float(truth.rpy[2]))
         return own
 
-    def disturbed(
-        self, truth: State, play: tuple[FloatArray, FloatArray], noise: FloatArray | None
-    ) -> State:
+    def disturbed(self, truth: State, play: tuple[FloatArray, FloatArray], noise: FloatArray | None) -> State:
         """Return the state with all errors of encoders and IMU on it; ``noise`` is (36,) white, or none.
 
         ``play`` is that of the rotors, with the encoders.

@@ -83,9 +83,7 @@ def read_inject(text: str) -> Inject:
     written, at, rounds = text.partition("@")
     name, equals, value = written.partition("=")
     if name not in KINDS:
-        raise UsageError(
-            f"there is no inject {name!r}{did_you_mean(name, KINDS)}; there is {one_of(KINDS)}"
-        )
+        raise UsageError(f"there is no inject {name!r}{did_you_mean(name, KINDS)}; there is {one_of(KINDS)}")
     kind = KINDS[name]
     try:
         found = kind.read(value) if equals else kind.default
@@ -176,4 +174,4 @@ KINDS: dict[str, Kind] = {
     "button": Kind("R2", _buttons, "holds down buttons of the remote, as L2+B, or switches it off"),
     "push": Kind(100.0, _number(-1000, 1000), "pushes the trunk to the left, in N"),
 }  # fmt: skip
-"""A definition: all faults. Some change what sensors report, some what arrives; ``mode`` and ``push`` act on the robot."""
+"""A definition: all faults. Most change what is reported, or what arrives; ``mode`` and ``push`` act on the robot."""

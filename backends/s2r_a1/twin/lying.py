@@ -22,7 +22,7 @@ where the twin begins."""
 _ABOVE = 0.08
 """A tolerance: [m] of the base above the ground before it settles; it lies at 0.057 m, half the trunk's height."""
 _HELD, _DAMPED, _LIMP = 1.0, 1.0, 2.0
-"""Budgets: [s] for which the legs are held, braked and left alone; longer ones change the pose by less than 0.01 rad."""
+"""Budgets: [s] for which the legs are held, braked and left alone; twice as long changes the pose by 0.01 rad."""
 _RELEASED = np.zeros(12)
 
 

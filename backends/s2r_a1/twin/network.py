@@ -40,7 +40,9 @@ class Network:
         return sum(int(inject.number) for inject in acting(self.injects, round_, "delay"))
 
     def _happens(self, round_: int, kind: str) -> bool:
-        return any([self._random.random() < inject.number for inject in acting(self.injects, round_, kind)])
+        """Draw, for every fault of this kind, whether it strikes; all are drawn, whatever the first one says."""
+        struck = [self._random.random() < inject.number for inject in acting(self.injects, round_, kind)]
+        return any(struck)
 
     def _damaged(self, round_: int, data: bytes) -> bytes:
         if self._happens(round_, "corrupt"):

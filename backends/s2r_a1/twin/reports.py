@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_a1 import remote
 from s2r_a1.ticks import SECONDS, TickUnit
@@ -65,7 +64,7 @@ def _button(reading: Reading, inject: Inject) -> Reading:
 
 def _of_motors(field: str) -> Callable[[Reading, Inject], Reading]:
     def report(reading: Reading, inject: Inject) -> Reading:
-        values: NDArray[np.float64 | np.int64] = getattr(reading, field).copy()
+        values = getattr(reading, field).copy()
         values[list(inject.part.motors)] = inject.part.number
         return reading._replace(**{field: values})
 
