@@ -345,6 +345,13 @@ def test_a_motor_that_is_off_gets_neither_gains_nor_torque():
         assert orders.kp[2] == orders.tau[4] == 1
 
 
+def test_an_angle_that_is_off_has_no_stiffness_but_keeps_damping():
+    q = np.array([POSITION_OFF, 1e9, *np.zeros(10)])
+    orders = unpack_orders(pack(Orders(q, *np.ones((4, 12))), A1), A1)
+    assert orders.kp.tolist() == [0, *[1] * 11]
+    assert orders.kd.tolist() == orders.tau.tolist() == [1] * 12
+
+
 def test_torques_of_a_state_are_cut_to_their_field():
     reading = still()._replace(tau=np.array([500.0, -500.0] * 6))
     assert unpack(pack_reading(reading, A1), A1).tau.tolist() == [32767 / 256, -128.0] * 6
