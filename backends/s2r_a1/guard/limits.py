@@ -11,10 +11,10 @@ make a rollout void: link, client, operator, disk.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from math import acos, cos, isfinite
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Annotated, Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,112 +46,130 @@ JOINTS = tuple(f"{side} {part}" for side in ("FR", "FL", "RR", "RL") for part in
 """A definition: names of the motors in the order of the wire."""
 
 
-def _figure(value: Any, unit: str, source: str, twice: str) -> Any:
-    """Return a figure of the table with its unit, its source, and what happens when it doubles."""
-    return field(default=value, metadata={"unit": unit, "source": source, "twice": twice})
+class Figure(NamedTuple):
+    """What is known of a figure: its unit, where it comes from, and what happens when it doubles."""
+
+    unit: str
+    source: str
+    twice: str
 
 
 @dataclass(frozen=True)
 class Limits:
     """Every figure that the guard judges by, for the A1; all are levels but the first three, which define the robot.
 
-    The metadata of each field say its unit, its source, and what happens when it doubles.
+    The annotation of each field is its :class:`Figure`.
     Sources by their short names: SDK = unitree_legged_sdk, FE = fast_and_efficient, WP = walk_in_the_park,
     QP = A1-QP-MPC-Controller, guide = unitree_guide, ZZ = ros_udp_node of Z. Zhuang.
     """
 
-    lowest: Vector3 = _figure(
-        (-0.802, -1.05, -2.7),
-        "rad",
-        "Safety of SDK for the A1: hip, thigh, calf",
-        "legs may strike their stops",
-    )
-    highest: Vector3 = _figure(
-        (0.802, 4.19, -0.916),
-        "rad",
-        "Safety of SDK for the A1: hip, thigh, calf",
-        "legs may strike their stops",
-    )
-    legs: leg.Legs = _figure(leg.A1, "m", "the A1's URDF", "the height is wrong by as much")
-    margin: float = _figure(
-        0.087,
-        "rad",
-        "PositionProtect of SDK; joints that stand or walk keep it",
-        "crouching walks end as faults",
-    )
-    torque: float = _figure(
-        33.5, "N·m", "the A1's URDF; ZZ stops beyond it, WP beyond 35.5", "gears are overloaded unseen"
-    )
-    torque_rounds: int = _figure(
-        3, "rounds", "one reading may be wrong, and an impact lasts one", "an overload lasts 6 ms longer"
-    )
-    strain: float = _figure(
-        20.0, "N·m", "a motor held at 24.5 N·m gave up at 48 °C (SDK issue 54)", "no warning"
-    )
-    strain_time: int = _figure(
-        SECOND, "ns", "a step of the trot takes 0.2 s", "the warning comes a second later"
-    )
-    power_level: int = _figure(
-        5,
-        "1 to 10",
-        "PowerProtect of SDK: 1 for the new, 5 usual, 8 to 10 for walking fast",
-        "1000 W are let pass",
-    )
-    power_rounds: int = _figure(
-        6, "rounds", "PowerProtect of SDK ends its process at the sixth", "an overload lasts 12 ms longer"
-    )
-    hot: float = _figure(
-        60.0, "°C", "motors of an A1 stop themselves within minutes (WP warns at 50)", "a limp leg"
-    )
-    warm: float = _figure(
-        50.0, "°C", "WP warns there; no test begins beyond", "tests end by heat, and are lost"
-    )
-    tilt: float = _figure(
-        0.5, "rad", "FE stops at 0.555, a specification's fall is 0.7", "falls end by an impact"
-    )
-    height: float = _figure(0.18, "m", "FE; a specification's fall is 0.16", "a stand of 0.28 m is one")
-    deviation: float = _figure(
-        0.5,
-        "rad",
-        "a pose that is not reached has smoked a motor (locomotion_simulation issue 7)",
-        "2 × 40 N·m",
-    )
-    still: float = _figure(0.05, "rad/s", "a robot that walks by itself moves faster", "a slow walk is armed")
-    still_time: int = _figure(
-        SECOND // 2,
-        "ns",
-        "a period of the trot is 0.4 s, and the encoders' noise is 1 mrad",
-        "arming takes 0.5 s more",
-    )
-    bridged: int = _figure(
-        10 * MS,
-        "ns",
-        "ZZ; gaps on loopback are 7 ms at most (benchmarks/a1_gaps.py)",
-        "torque acts on old states",
-    )
-    silence: int = _figure(
-        20 * MS, "ns", "ZZ: 20 to 50 ms; the robot's own is 30 ms", "the robot's own rule acts first"
-    )
-    absence: int = _figure(
-        SECOND,
-        "ns",
-        "where nothing moves; a battery takes longer to change",
-        "a robot that was switched on is armed",
-    )
-    dropped: int = _figure(5, "packets", "five rounds are 10 ms", "torque acts on old states")
-    kp: float = _figure(100.0, "N·m/rad", "the stiffest stand published (FE, WP)", "joints ring")
-    kd: float = _figure(10.0, "N·m·s/rad", "the guide's stand has 7", "joints ring")
-    speed: float = _figure(21.0, "rad/s", "the A1's URDF", "kd alone asks for 200 N·m")
-    wild_speed: float = _figure(
-        42.0, "rad/s", "twice the joints' largest speed", "a broken encoder acts for longer"
-    )
-    wild_angle: float = _figure(
-        0.5, "rad", "beyond a joint's stop; a calf rests 0.1 beyond (SDK issue 131)", "as above"
-    )
-    wild_turn: float = _figure(35.0, "rad/s", "range of gyros of this kind, 2000 °/s", "as above")
-    norm: float = _figure(
-        0.05, "1", "an attitude's quaternion has the norm 1", "a broken IMU acts for longer"
-    )
+    lowest: Annotated[
+        Vector3, Figure("rad", "Safety of SDK for the A1: hip, thigh, calf", "legs may strike their stops")
+    ] = (-0.802, -1.05, -2.7)
+    highest: Annotated[
+        Vector3, Figure("rad", "Safety of SDK for the A1: hip, thigh, calf", "legs may strike their stops")
+    ] = (0.802, 4.19, -0.916)
+    legs: Annotated[leg.Legs, Figure("m", "the A1's URDF", "the height is wrong by as much")] = leg.A1
+    margin: Annotated[
+        float,
+        Figure(
+            "rad",
+            "PositionProtect of SDK; joints that stand or walk keep it",
+            "crouching walks end as faults",
+        ),
+    ] = 0.087
+    torque: Annotated[
+        float,
+        Figure("N·m", "the A1's URDF; ZZ stops beyond it, WP beyond 35.5", "gears are overloaded unseen"),
+    ] = 33.5
+    torque_rounds: Annotated[
+        int,
+        Figure(
+            "rounds", "one reading may be wrong, and an impact lasts one", "an overload lasts 6 ms longer"
+        ),
+    ] = 3
+    strain: Annotated[
+        float, Figure("N·m", "a motor held at 24.5 N·m gave up at 48 °C (SDK issue 54)", "no warning")
+    ] = 20.0
+    strain_time: Annotated[
+        int, Figure("ns", "a step of the trot takes 0.2 s", "the warning comes a second later")
+    ] = SECOND
+    power_level: Annotated[
+        int,
+        Figure(
+            "1 to 10",
+            "PowerProtect of SDK: 1 for the new, 5 usual, 8 to 10 for walking fast",
+            "1000 W are let pass",
+        ),
+    ] = 5
+    power_rounds: Annotated[
+        int,
+        Figure(
+            "rounds", "PowerProtect of SDK ends its process at the sixth", "an overload lasts 12 ms longer"
+        ),
+    ] = 6
+    hot: Annotated[
+        float, Figure("°C", "motors of an A1 stop themselves within minutes (WP warns at 50)", "a limp leg")
+    ] = 60.0
+    warm: Annotated[
+        float, Figure("°C", "WP warns there; no test begins beyond", "tests end by heat, and are lost")
+    ] = 50.0
+    tilt: Annotated[
+        float, Figure("rad", "FE stops at 0.555, a specification's fall is 0.7", "falls end by an impact")
+    ] = 0.5
+    height: Annotated[
+        float, Figure("m", "FE; a specification's fall is 0.16", "a stand of 0.28 m is one")
+    ] = 0.18
+    deviation: Annotated[
+        float,
+        Figure(
+            "rad",
+            "a pose that is not reached has smoked a motor (locomotion_simulation issue 7)",
+            "2 × 40 N·m",
+        ),
+    ] = 0.5
+    still: Annotated[
+        float, Figure("rad/s", "a robot that walks by itself moves faster", "a slow walk is armed")
+    ] = 0.05
+    still_time: Annotated[
+        int,
+        Figure(
+            "ns",
+            "a period of the trot is 0.4 s, and the encoders' noise is 1 mrad",
+            "arming takes 0.5 s more",
+        ),
+    ] = SECOND // 2
+    bridged: Annotated[
+        int,
+        Figure(
+            "ns", "ZZ; gaps on loopback are 7 ms at most (benchmarks/a1_gaps.py)", "torque acts on old states"
+        ),
+    ] = 10 * MS
+    silence: Annotated[
+        int, Figure("ns", "ZZ: 20 to 50 ms; the robot's own is 30 ms", "the robot's own rule acts first")
+    ] = 20 * MS
+    absence: Annotated[
+        int,
+        Figure(
+            "ns",
+            "where nothing moves; a battery takes longer to change",
+            "a robot that was switched on is armed",
+        ),
+    ] = SECOND
+    dropped: Annotated[int, Figure("packets", "five rounds are 10 ms", "torque acts on old states")] = 5
+    kp: Annotated[float, Figure("N·m/rad", "the stiffest stand published (FE, WP)", "joints ring")] = 100.0
+    kd: Annotated[float, Figure("N·m·s/rad", "the guide's stand has 7", "joints ring")] = 10.0
+    speed: Annotated[float, Figure("rad/s", "the A1's URDF", "kd alone asks for 200 N·m")] = 21.0
+    wild_speed: Annotated[
+        float, Figure("rad/s", "twice the joints' largest speed", "a broken encoder acts for longer")
+    ] = 42.0
+    wild_angle: Annotated[
+        float, Figure("rad", "beyond a joint's stop; a calf rests 0.1 beyond (SDK issue 131)", "as above")
+    ] = 0.5
+    wild_turn: Annotated[float, Figure("rad/s", "range of gyros of this kind, 2000 °/s", "as above")] = 35.0
+    norm: Annotated[
+        float, Figure("1", "an attitude's quaternion has the norm 1", "a broken IMU acts for longer")
+    ] = 0.05
 
     @cached_property
     def span(self) -> tuple[FloatArray, FloatArray]:
@@ -407,7 +425,10 @@ def _deviation(limits: Limits, seen: Seen) -> str | None:
     if off.max() <= limits.deviation:
         return None
     joint = _worst(off)
-    return f"the {JOINTS[joint]} is {off[joint]:.2f} rad from where it should be; something holds it, or its motor is weak"
+    return (
+        f"the {JOINTS[joint]} is {off[joint]:.2f} rad from where it should be; "
+        "something holds it, or its motor is weak"
+    )
 
 
 def _tilt(limits: Limits, seen: Seen) -> str | None:

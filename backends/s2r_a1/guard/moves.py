@@ -22,7 +22,7 @@ FloatArray = NDArray[np.float64]
 STAND_HEIGHT = 0.28
 """A definition [m]: of the base over the ground in a stand; the walking controller of ``s2r_sim`` has the same."""
 STAND_UP = 2_000_000_000
-"""A level [ns]: time of standing up. Source: unitree_guide. Twice as long halves the speeds, and heats motors longer."""
+"""A level [ns]: time of standing up. Source: unitree_guide. Twice as long heats motors longer."""
 LIE_DOWN = 2_000_000_000
 """A level [ns]: time of lying down. Source: as of standing up. Twice as long heats the motors longer."""
 CATCH = 300_000_000

@@ -327,7 +327,10 @@ def unready(machine: Machine, conditions: Conditions, limits: Limits) -> str | N
         if sentence := check.find(limits, seen):
             return sentence
     if memory.pose is None or memory.now - memory.still < limits.still_time:
-        return f"joints move by more than {limits.still:g} rad/s; end the factory's controller and let the robot hang or lie"
+        return (
+            f"joints move by more than {limits.still:g} rad/s; "
+            "end the factory's controller, and let the robot hang or lie"
+        )
     if not (conditions.loopback or remote.seen(reading.remote)):
         return "no remote control is on; switch it on, and keep it at hand"
     return None
@@ -398,7 +401,9 @@ def stopped(
         if machine.wanted and machine.wanted.state is State.RESTING:
             end = State.RESTING
         if word and not now_:
-            return machine if machine.wanted else machine._replace(wanted=Wanted(end, now, word, reason))
+            if machine.wanted:
+                return machine._replace(wanted=machine.wanted._replace(state=end))
+            return machine._replace(wanted=Wanted(end, now, word, reason))
         return _halted(machine, end, word, reason)
     if not lie or machine.state not in (State.STANDING_UP, State.STAND):
         return machine
