@@ -121,7 +121,7 @@ def rows(elements):
 
 ORDERS = st.builds(
     Orders,
-    rows(finite), rows(finite), rows(st.floats(0, 1023)), rows(st.floats(0, 2047)), rows(st.floats(-127.99, 127.99)),
+    rows(finite), rows(st.floats(-1e4, 1e4, width=32)), rows(st.floats(0, 1023)), rows(st.floats(0, 2047)), rows(st.floats(-127.99, 127.99)),
 )  # fmt: skip
 
 
