@@ -3,8 +3,8 @@
     KIND[=VALUE][@ROUND[-[ROUND]]]      nan=gyro@100-101    loss=0.01    heat=3:65@500-    silence@200-210
 
 A round is 2 ms; round 0 is that of the first command. ``@100`` is that round alone, ``@100-`` it and all after it,
-no ``@`` every round. A value for motors may begin with the number of one, 0…11 in the order of the wire, or with ``hip``,
-``thigh``, ``calf`` or ``all``: ``joint=calf:-2.6``.
+no ``@`` every round. A value for motors may begin with the number of one, 0…11 in the order of the wire, or with
+``hip``, ``thigh``, ``calf`` or ``all``: ``joint=calf:-2.6``.
 """
 
 from __future__ import annotations
