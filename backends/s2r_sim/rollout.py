@@ -64,7 +64,7 @@ class Simulator:
         settings, plant, controller = self._settings, self._plant, self._controller
         period = Gait.of(settings.gains).period
         height = settings.gains.base_height
-        plant.place(np.array([0.0, 0.0, height]), np.zeros(3), _standing(settings.robot, height))
+        plant.place(np.array([0.0, 0.0, height]), np.zeros(3), standing(settings.robot, height))
         controller.restore(Memory())
         saved: dict[int, _Warm] = {}
         warm_up = round(settings.warm_up * RATE)
@@ -120,7 +120,7 @@ def simulator(settings: Settings) -> Simulator:
     return Simulator(settings)
 
 
-def _standing(robot: Robot, height: float) -> FloatArray:
+def standing(robot: Robot, height: float) -> FloatArray:
     """Return (12,) joint angles of a stand of this base height [m], feet below the hips."""
     knee = acos((height - robot.foot_radius) / (robot.thigh_length + robot.calf_length))
     return np.tile([0.0, knee, -2.0 * knee], len(LEGS))
