@@ -31,6 +31,10 @@ POSITION_OFF = 2.146e9
 
 _TAU, _KP, _KD = 256.0, 32.0, 16.0  # counts per N·m, N·m/rad, N·m·s/rad
 _COUNTS = 32768.0  # of a 16-bit integer, on either side of 0
+_SCALES = np.array([[_KP], [_KD], [_TAU]])
+_BOUNDS = np.array(
+    [[float(np.finfo(np.float32).max)]] * 2 + (_COUNTS / _SCALES).tolist()
+)  # q, dq, kp, kd, tau
 
 Fault = Literal["length", "level", "crc", "number"]
 
@@ -99,6 +103,7 @@ _ORDER = [
     ("kd", "<i2"),
     ("reserve", "<u4", 3),
 ]
+_ORDER_TYPE = np.dtype(_ORDER)
 _STATE = [
     ("mode", "u1"), ("q", "<f4"), ("dq", "<f4"), ("ddq", "<i2"), ("tau", "<i2"), ("q_raw", "<f4"), ("dq_raw", "<f4"),
     ("ddq_raw", "<i2"), ("temperature", "i1"), ("error", "<u4"), ("reserve", "<u4"),
@@ -171,14 +176,14 @@ def pack(orders: Orders, layout: Layout) -> bytes:
         WireError: a number is not finite or does not fit. The vendor's library wraps: a torque of 200 goes out
             as −56 N·m.
     """
-    packet = np.zeros((), layout.command)
-    motors = packet["motors"][:MOTORS]
+    values = _counted(orders)
+    motors = np.zeros(MOTORS, _ORDER_TYPE)
     motors["mode"] = CLOSED_LOOP
-    for name, values in zip(("q", "dq"), orders[:2], strict=True):
-        motors[name] = _in_range(name, values, float(np.finfo(np.float32).max))
-    for name, scale, values in (("kp", _KP, orders.kp), ("kd", _KD, orders.kd), ("tau", _TAU, orders.tau)):
-        motors[name] = np.trunc(_in_range(name, values, _COUNTS / scale) * scale)
-    return _closed(packet, layout)
+    for name, row in zip(Orders._fields, values, strict=True):
+        motors[name] = row
+    start = _start(layout)
+    rest = layout.command.itemsize - start - motors.nbytes
+    return _closed(bytes(start) + motors.tobytes() + bytes(rest), layout)
 
 
 def unpack(data: bytes, layout: Layout) -> Reading:
@@ -247,26 +252,44 @@ def pack_reading(reading: Reading, layout: Layout) -> bytes:
     packet["foot_force"] = reading.foot_force
     packet["tick"] = reading.tick & 0xFFFFFFFF
     packet["remote"] = np.frombuffer(reading.remote, "u1")
-    return _closed(packet, layout)
+    return _closed(packet.tobytes(), layout)
 
 
-def _in_range(name: str, values: Any, bound: float) -> FloatArray:
-    """Return (12,) values that fit their field; |value| < bound."""
-    numbers: FloatArray = np.asarray(values, dtype=np.float64)
-    if numbers.shape != (MOTORS,):
-        raise WireError("number", f"{name} must have {MOTORS} numbers, not the shape {numbers.shape}")
-    wrong = ~(np.abs(numbers) < bound)
-    if wrong.any():
-        motor = int(np.argmax(wrong))
+def _counted(orders: Orders) -> FloatArray:
+    """Return (5, 12) orders in the counts of their fields, of which the integers are cut off towards zero.
+
+    Raises:
+        WireError: a number is not finite, or does not fit.
+    """
+    try:
+        values = np.array(orders, dtype=np.float64)
+    except (TypeError, ValueError):  # of several shapes, or no numbers
+        values = np.empty(0)
+    if values.shape != (len(orders), MOTORS):
+        for name, row in zip(Orders._fields, orders, strict=True):
+            if np.shape(row) != (MOTORS,):
+                raise WireError("number", f"{name} must have {MOTORS} numbers, not the shape {np.shape(row)}")
+        raise WireError("number", "orders must be numbers")
+    right = np.abs(values) < _BOUNDS
+    if not right.all():
+        field, motor = divmod(int(np.argmin(right)), MOTORS)
         raise WireError(
-            "number", f"{name} of motor {motor} is {numbers[motor]:g}; it must lie within ±{bound:g}"
+            "number",
+            f"{Orders._fields[field]} of motor {motor} is {values[field, motor]:g}; "
+            f"it must lie within ±{_BOUNDS[field, 0]:g}",
         )
-    return numbers
+    values[2:] = np.trunc(values[2:] * _SCALES)
+    return values
 
 
-def _closed(packet: NDArray[Any], layout: Layout) -> bytes:
-    """Return the bytes of a packet with its head and checksum."""
-    data = layout.head + packet.tobytes()[len(layout.head) :]
+def _start(layout: Layout) -> int:
+    """Return where the first motor of a command is."""
+    return int(layout.command.fields["motors"][1])  # type: ignore[index]
+
+
+def _closed(packet: bytes, layout: Layout) -> bytes:
+    """Return a packet with its head and checksum in their places."""
+    data = layout.head + packet[len(layout.head) :]
     return data[:-4] + checksum(data).to_bytes(4, "little")
 
 
