@@ -1,213 +1,146 @@
-"""The worker's two connections to the guard: requests over its control socket, packets over the robot's own wire.
-
-The control socket is a Unix stream of JSON objects, one a line. Every request has one reply; between replies the
-guard tells of each change of its state, before it forwards the robot's packet of that round.
-"""
+"""The worker's two connections to the guard: requests over its control socket, packets over the robot's own wire."""
 
 from __future__ import annotations
 
-import json
 import os
 import select
-import socket
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from s2r_a1.datagrams import LinkError, LockStepSocket, RealTimeSocket
+from s2r_a1.datagrams import LockStepSocket, RealTimeSocket
+from s2r_a1.guard.control import ControlError
+from s2r_a1.guard.start import Robot, attach
 from s2r_a1.link import UdpLink
-from s2r_a1.ticks import PERIOD, TickUnit
+from s2r_a1.mocap import Listener
+from s2r_a1.ticks import PERIOD, SECONDS, TickUnit
 from s2r_a1.walk import GONE, Change
 from s2r_a1.wire import LAYOUTS, Orders, Reading
 from s2r_spec.errors import BackendError
 
 PATIENCE = 30.0
-"""A budget [s]: how long a reply of the guard may take. Twice as much waits longer for one that is stuck."""
+"""A budget [s]: how long a round of lock step may take. Twice as much waits longer for a guard that is stuck."""
 WAIT = 2.0 * PERIOD
 """A budget [s]: how long a round waits for a state in real time, before the last orders go out again. The guard bridges
-10 ms; from there on twice as much would be taken for silence."""
-
-
-class GuardError(BackendError):
-    """The guard refused a request, or is gone."""
-
-
-class Control:
-    """The control connection.
-
-    Attributes:
-        change: the newest state of the guard that was heard of.
-    """
-
-    def __init__(self, path: str | os.PathLike[str]) -> None:
-        """Connect to the guard that listens at a path.
-
-        Raises:
-            GuardError: none does.
-        """
-        self.change = Change("OFF")
-        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-        self._received = b""
-        try:
-            self._socket.connect(os.fspath(path))
-        except OSError:
-            self._socket.close()
-            raise GuardError(
-                f"no guard of the robot is running (none listens at {os.fspath(path)}); it is started by the command"
-                " that holds the terminal: s2r certify, gap or check"
-            ) from None
-
-    def request(self, do: str, **fields: Any) -> dict[str, Any]:
-        """Send a request, and return the reply to it.
-
-        Raises:
-            GuardError: the guard refuses, is gone, or does not answer.
-        """
-        try:
-            self._socket.sendall(json.dumps({"do": do, **fields}).encode() + b"\n")
-        except OSError:
-            self._end()
-        while True:
-            message = self._message(PATIENCE)
-            if message is None:
-                raise GuardError(
-                    self.change.reason or f"the guard of the robot did not answer {do!r} within {PATIENCE:g} s"
-                )
-            if "ok" not in message:
-                self._note(message)
-                continue
-            if not message["ok"]:
-                raise GuardError(str(message.get("error") or f"the guard of the robot refuses to {do}"))
-            if state := message.get("state"):
-                self.change = self.change if state == self.change.state else Change(state)
-            return message
-
-    def listen(self, seconds: float = 0.0) -> Change:
-        """Take in what the guard has told, waiting so long for it, and return its newest state."""
-        while (message := self._message(seconds)) is not None:
-            self._note(message)
-            seconds = 0.0
-        return self.change
-
-    def fileno(self) -> int:
-        """Return what ``select`` waits for."""
-        return self._socket.fileno()
-
-    def close(self) -> None:
-        """Leave. In a state in which the robot stands or walks, that is a fault to the guard."""
-        self._socket.close()
-
-    def _note(self, message: Mapping[str, Any]) -> None:
-        if message.get("event") == "state":
-            words = (message.get(name) or "" for name in ("word", "reason"))
-            self.change = Change(str(message["state"]), *map(str, words))
-
-    def _message(self, seconds: float) -> dict[str, Any] | None:
-        """Return the next line of the guard, or None if none comes in so many seconds, or ever again."""
-        while b"\n" not in self._received:
-            if self.change.state == GONE or not select.select([self._socket], [], [], seconds)[0]:
-                return None
-            try:
-                data = self._socket.recv(65536)
-            except OSError:
-                data = b""
-            if not data:
-                self._end()
-            self._received += data
-        line, _, self._received = self._received.partition(b"\n")
-        message = json.loads(line)
-        if not isinstance(message, dict):
-            raise GuardError("the guard of the robot speaks another language; install the same s2r for both")
-        return message
-
-    def _end(self) -> None:
-        self.change = Change(GONE, "link", "the guard of the robot has ended; nothing holds the robot now")
+10 ms; four times as much would be taken for silence."""
 
 
 class Client:
-    """A :class:`~s2r_a1.walk.Line` over the guard's control socket and its UDP port.
+    """A :class:`~s2r_a1.walk.Line` to the guard of a robot.
 
     Attributes:
         unit: of the robot's clock.
-        control: the control connection.
+        change: the newest state of the guard, as of the last ``receive`` or ``request``.
+        wanted: what the guard asks this client to come to, and why; None as long as it may walk on.
+        mocap: takes in poses with every reading, if it is set.
     """
 
-    def __init__(self, path: str | os.PathLike[str], lockstep: bool) -> None:
-        """Attach to the guard whose control socket is at a path.
+    def __init__(self, robot: Robot) -> None:
+        """Attach to the guard of a robot.
 
         Raises:
-            GuardError: there is none, it has a client, or it runs by another clock.
+            BackendError: none lives, it has a client, or it does not know the robot's clock yet.
         """
-        self.control = Control(path)
-        self._socket = LockStepSocket() if lockstep else RealTimeSocket()
+        self.wanted: Change | None = None
+        self.mocap: Listener | None = None
+        self._lockstep = robot.clock == "lockstep"
+        self._socket = LockStepSocket() if self._lockstep else RealTimeSocket()
         try:
-            self._hello(lockstep)
-        except (BackendError, LinkError):
-            self.close()
+            self._attach(robot)
+        except BaseException:
+            self._socket.close()
             raise
 
-    def _hello(self, lockstep: bool) -> None:
-        hello = self.control.request("hello", role="client", port=self._socket.port, pid=os.getpid())
-        if (hello["clock"] == "lockstep") != lockstep:
-            raise GuardError(
-                f"the guard of the robot runs by the clock {hello['clock']!r}: say clock={hello['clock']}, or end it"
-                " with python -m s2r_a1.guard stop"
+    def _attach(self, robot: Robot) -> None:
+        attached = attach(robot, "client", port=self._socket.port)
+        if attached is None:
+            raise BackendError(
+                f"no guard of the robot at {robot.host}:{robot.port} is running; the command that holds the terminal "
+                "starts it: s2r certify, gap or check"
             )
-        if hello.get("tick_unit") is None:
-            raise GuardError("the guard of the robot has not measured the robot's clock yet; connect it first")
+        self._control, hello = attached
+        if hello["tick_unit"] is None:
+            self._control.close()
+            raise BackendError(
+                "the guard has not measured the unit of the robot's clock yet; connect the robot first"
+            )
         self.unit: TickUnit = hello["tick_unit"]
-        self._lockstep = lockstep
+        self.change = Change(hello["state"])
         self._socket.connect(("127.0.0.1", int(hello["port"])))
-        self.link = UdpLink(self._socket, LAYOUTS[hello["layout"].lower()], self.unit)
-
-    @property
-    def change(self) -> Change:
-        """The newest state of the guard."""
-        return self.control.change
+        self._link = UdpLink(self._socket, LAYOUTS[hello["layout"]], self.unit)
 
     def receive(self) -> Reading | None:
-        """Return the state of this round; None where none came that can be used."""
+        """Return the state of this round; None where none came that can be used.
+
+        Raises:
+            BackendError: in lock step, the guard does nothing any more.
+        """
         if self._lockstep:
             self._wait()
         else:
-            select.select([self.link], [], [], WAIT)
-        self.control.listen()
-        return None if self.change.state == GONE else self.link.read()
-
-    def _wait(self) -> None:
-        """Wait for the guard's datagram, or for its end, of which a datagram socket does not tell."""
-        while self.change.state != GONE:
-            ready, _, _ = select.select([self.link, self.control], [], [], PATIENCE)
-            if not ready:
-                raise GuardError(f"the guard of the robot did nothing for {PATIENCE:g} s; look what holds it")
-            if self.link in ready:
-                return
-            self.control.listen()
+            select.select([self._link], [], [], WAIT)
+        self._listen()
+        if self.change.state == GONE:
+            return None
+        reading = self._link.read()
+        if reading is not None and self.mocap is not None:
+            self.mocap.take(reading.tick * SECONDS[self.unit])
+        return reading
 
     def send(self, orders: Orders | None) -> None:
         """Send the orders of this round, or none."""
         if orders is None:
-            self.link.skip()
+            self._link.skip()
         else:
-            self.link.write(orders)
+            self._link.write(orders)
 
     def request(self, do: str, **fields: Any) -> Mapping[str, Any]:
         """Ask the guard for something, and return its reply.
 
         Raises:
-            GuardError: it refuses; the sentence says why.
+            BackendError: it refuses, or is gone; the sentence says why.
         """
-        return self.control.request(do, **fields)
+        reply = self._control.request(do, **fields)
+        self._listen()
+        if reply["state"] != self.change.state:
+            self.change = Change(reply["state"])
+        return reply
 
     def record(self, path: Path, header: Mapping[str, Any]) -> None:
         """Have the guard record every packet to a file, which must not exist.
 
         Raises:
-            GuardError: it cannot.
+            BackendError: it cannot.
         """
-        self.request("record", path=str(path.resolve()), header=dict(header))
+        self.request("record", path=os.path.abspath(path), header=dict(header))
 
     def close(self) -> None:
-        """Leave the guard."""
-        self.control.close()
+        """Leave the guard. Where the robot stands or walks, that is a fault to it."""
+        self._control.close()
         self._socket.close()
+
+    def _wait(self) -> None:
+        """Wait for the guard's datagram, or for its end, of which a datagram socket does not tell."""
+        while self.change.state != GONE:
+            ready, _, _ = select.select([self._link, self._control], [], [], PATIENCE)
+            if not ready:
+                raise BackendError(
+                    f"the guard of the robot has done nothing for {PATIENCE:g} s; end it, and start anew"
+                )
+            if self._link in ready:
+                return
+            self._listen()
+
+    def _listen(self) -> None:
+        """Take in what the guard has told."""
+        try:
+            for event in self._control.take():
+                told = Change(str(event.get("state")), event.get("word") or "", event.get("reason") or "")
+                if event["event"] == "state":
+                    self.change = told
+                elif event["event"] == "wanted":
+                    self.wanted = told
+        except ControlError:
+            self.change = Change(
+                GONE, "link", "the guard of the robot has ended; nothing holds the robot now"
+            )

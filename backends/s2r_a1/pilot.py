@@ -15,8 +15,8 @@ from s2r_a1.ticks import SECONDS, TickUnit
 from s2r_a1.wire import A1, CLOSED_LOOP, MOTORS, Orders, Reading, pack, pack_reading, unpack
 from s2r_sim.controller import Controller, Memory, Tick
 from s2r_sim.gains import RATE
+from s2r_sim.leg_kinematics import standing
 from s2r_sim.physics import Command, State
-from s2r_sim.rollout import standing
 from s2r_sim.settings import Settings
 
 PRACTICE = 100
@@ -77,12 +77,18 @@ class Pilot:
             if late:
                 controller.skip(late, before.state, schedule.at(self._tick))
             self._tick += 1 + late
-        self._sensed = sensed = sense(
-            self.settings.robot, before, reading, controller.stance, ticks
-        )
+        self._sensed = sensed = sense(self.settings.robot, before, reading, controller.stance, ticks)
         command = schedule.at(self._tick)
         done = controller.tick(sensed.state, command)
         return Note(reading.tick, self._tick, late, command, sensed.state, done)
+
+    def stop(self) -> None:
+        """Ramp down from here on, whatever is left of the test."""
+        self._schedule = self._schedule.cut(self._tick)
+
+    def is_done(self, note: Note) -> bool:
+        """Return whether the robot may be halted: it trots in place, and all its feet have just come to stand."""
+        return self._schedule.is_over(note.tick) and all(note.done.stance)
 
     def practise(self) -> None:
         """Compile and touch all that a walk uses, on a made-up reading of a robot that stands."""

@@ -10,7 +10,7 @@ A tick is 2 ms; tick 0 is t = 0.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from s2r_sim.gains import RATE, Gains
 from s2r_sim.gait import Gait
@@ -59,6 +59,10 @@ class Schedule:
         if left == 1.0:
             return self.command
         return Command(*(left * part for part in self.command))
+
+    def cut(self, tick: int) -> Schedule:
+        """Return the schedule of a test that ends at this tick, if it would go on."""
+        return replace(self, hold=min(self.hold, tick))
 
     def is_over(self, tick: int) -> bool:
         """Return whether the robot may be halted as soon as all feet stand."""

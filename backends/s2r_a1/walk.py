@@ -46,10 +46,12 @@ class Line(Protocol):
     Attributes:
         unit: of the robot's clock.
         change: the newest state of the guard, as of the last ``receive`` or ``request``.
+        wanted: what the guard asks for, STAND or RESTING, and why; None as long as the robot may walk on.
     """
 
     unit: TickUnit
     change: Change
+    wanted: Change | None
 
     def receive(self) -> Reading | None:
         """Return the state of this round; None where none came that can be used."""
@@ -123,22 +125,24 @@ def stand(line: Line) -> Reading:
     raise NotBegunError("the robot did not stand up within 10 s; look what holds it, and try again")
 
 
-def _walk(
-    line: Line, pilot: Pilot, schedule: Schedule, reading: Reading
-) -> tuple[list[Note], Change | None]:
+def _walk(line: Line, pilot: Pilot, schedule: Schedule, reading: Reading) -> tuple[list[Note], Change | None]:
     """Return the notes of a walk that begins at a reading, and what ended it early."""
     notes: list[Note] = []
     pilot.begin(schedule, line.unit)
     line.request("walk")
     newest: Reading | None = reading
     ordered: Orders | None = None
+    stopped: Change | None = None
     while True:
         if newest is not None:
+            if line.wanted and not stopped:
+                stopped = line.wanted
+                pilot.stop()
             note = pilot.step(newest)
             notes.append(note)
-            if schedule.is_over(note.tick) and all(note.done.stance):
+            if pilot.is_done(note):
                 line.request("halt")
-                return notes, None
+                return notes, stopped
             ordered = orders(note)
         # Without a new state the last orders go out again: the guard is to know that this end is alive.
         line.send(ordered)
@@ -149,4 +153,6 @@ def _walk(
 
 def _sentence(change: Change) -> str:
     """Return why a walk did not begin."""
-    return change.reason or f"the guard of the robot is in the state {change.state}, in which no walk can begin"
+    return (
+        change.reason or f"the guard of the robot is in the state {change.state}, in which no walk can begin"
+    )

@@ -7,10 +7,9 @@ import numpy as np
 from s2r_a1.walk import Change
 from s2r_a1.wire import A1, CLOSED_LOOP, Reading, pack, pack_reading, unpack, unpack_orders
 from s2r_sim import estimator, rotation
-from s2r_sim.gains import RATE
+from s2r_sim.leg_kinematics import standing
 from s2r_sim.physics import MotorCommand
 from s2r_sim.plant import Plant
-from s2r_sim.rollout import standing
 from s2r_sim.settings import Settings
 
 STATES = {"stand": "STAND", "walk": "WALK", "halt": "STAND", "lie": "RESTING"}
@@ -30,6 +29,7 @@ class PlantLine:
         if saved is not None:
             self.plant.restore(saved)
         self.change = Change("STAND")
+        self.wanted = None
         self.packets = []
         self.rounds = 0
         self.lost = set(lost)
@@ -84,6 +84,3 @@ def reading(plant, velocity, clock):
         mode=np.full(12, CLOSED_LOOP),
         tick=clock,
     )
-
-
-__all__ = ["RATE", "PlantLine", "reading"]
