@@ -16,7 +16,7 @@ from s2r_a1.mocap import Listener
 from s2r_a1.ticks import PERIOD, SECONDS, TickUnit
 from s2r_a1.walk import GONE, Change
 from s2r_a1.wire import LAYOUTS, Orders, Reading
-from s2r_spec.errors import BackendError
+from s2r_spec.errors import BackendError, NotBegunError
 
 PATIENCE = 30.0
 """A budget [s]: how long a round of lock step may take. Twice as much waits longer for a guard that is stuck."""
@@ -29,6 +29,8 @@ class Client:
     """A :class:`~s2r_a1.walk.Line` to the guard of a robot.
 
     Attributes:
+        lockstep: whether it runs in lock step.
+        layout: name of the robot's packets, "a1".
         unit: of the robot's clock.
         change: the newest state of the guard, as of the last ``receive`` or ``request``.
         wanted: what the guard asks this client to come to, and why; None as long as it may walk on.
@@ -43,8 +45,8 @@ class Client:
         """
         self.wanted: Change | None = None
         self.mocap: Listener | None = None
-        self._lockstep = robot.clock == "lockstep"
-        self._socket = LockStepSocket() if self._lockstep else RealTimeSocket()
+        self.lockstep = robot.clock == "lockstep"
+        self._socket = LockStepSocket() if self.lockstep else RealTimeSocket()
         try:
             self._attach(robot)
         except BaseException:
@@ -67,7 +69,20 @@ class Client:
         self.unit: TickUnit = hello["tick_unit"]
         self.change = Change(hello["state"])
         self._socket.connect(("127.0.0.1", int(hello["port"])))
-        self._link = UdpLink(self._socket, LAYOUTS[hello["layout"]], self.unit)
+        self.layout: str = hello["layout"]
+        self._link = UdpLink(self._socket, LAYOUTS[self.layout], self.unit)
+
+    def ready(self) -> None:
+        """Say if there is no motion capture where it is needed.
+
+        Raises:
+            NotBegunError: see there.
+        """
+        if self.mocap is not None and not len(self.mocap.poses().times):
+            raise NotBegunError(
+                f"no motion capture came to the UDP port {self.mocap.port} of this machine; start its stream, as lines "
+                "of JSON with t, x, y, z, qw, qx, qy, qz"
+            )
 
     def receive(self) -> Reading | None:
         """Return the state of this round; None where none came that can be used.
@@ -75,7 +90,7 @@ class Client:
         Raises:
             BackendError: in lock step, the guard does nothing any more.
         """
-        if self._lockstep:
+        if self.lockstep:
             self._wait()
         else:
             select.select([self._link], [], [], WAIT)

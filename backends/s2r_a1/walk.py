@@ -10,7 +10,7 @@ no rollout (:class:`NotBegunError`); after it, the walk so far and the guard's w
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
@@ -18,10 +18,11 @@ from s2r_a1.pilot import Note, Pilot, orders
 from s2r_a1.schedule import Schedule
 from s2r_a1.ticks import TickUnit
 from s2r_a1.wire import Orders, Reading
-from s2r_spec.errors import NotBegunError
+from s2r_spec.errors import BackendError, NotBegunError
 
 GETTING_UP = 5000
-"""A budget [rounds of 2 ms]: how long standing up may take, 10 s. Twice as much waits longer for a robot that is stuck."""
+"""A budget [rounds of 2 ms]: how long getting up or down may take, 10 s. Twice as much waits longer for one that is
+stuck."""
 SETTLING = 250
 """A budget [rounds of 2 ms]: of standing still before a walk and after it, 0.5 s. Twice as much costs 1 s a rollout."""
 ROBOTS_WORDS = frozenset({"fall", "joint", "torque", "power", "heat", "motor"})
@@ -83,16 +84,21 @@ class Walked:
     ending: Change | None
 
 
-def walk(line: Line, pilot: Pilot, schedule: Schedule) -> Walked:
+def walk(line: Line, pilot: Pilot, schedule: Schedule, ready: Callable[[], None] = lambda: None) -> Walked:
     """Walk one test; the robot stands afterwards, unless something ended the walk.
 
-    ``pilot`` must have practised: what compiles for a second now is silence to the guard.
+    Args:
+        line: to the robot.
+        pilot: has practised: what compiles for a second now is silence to the guard.
+        schedule: of the test.
+        ready: raises a NotBegunError if a robot that stands shall not walk yet.
 
     Raises:
         NotBegunError: something ended it before t = 0.
         BackendError: the guard refused a request.
     """
     reading = stand(line)
+    ready()
     notes, ending = _walk(line, pilot, schedule, reading)
     for _ in range(SETTLING):
         if line.change.state == GONE:
@@ -141,14 +147,22 @@ def _walk(line: Line, pilot: Pilot, schedule: Schedule, reading: Reading) -> tup
             note = pilot.step(newest)
             notes.append(note)
             if pilot.is_done(note):
-                line.request("halt")
-                return notes, stopped
+                return notes, _halted(line) or stopped
             ordered = orders(note)
         # Without a new state the last orders go out again: the guard is to know that this end is alive.
         line.send(ordered)
         newest = line.receive()
         if line.change.state != "WALK":
             return notes, line.change
+
+
+def _halted(line: Line) -> Change | None:
+    """Have the guard take over; return what it did instead, if it was quicker."""
+    try:
+        line.request("halt")
+    except BackendError:
+        return line.change
+    return None
 
 
 def _sentence(change: Change) -> str:
