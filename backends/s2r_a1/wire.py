@@ -194,18 +194,14 @@ def unpack(data: bytes, layout: Layout) -> Reading:
     """
     state = _opened(data, layout, layout.state)
     motors = state["motors"][:MOTORS]
-    attitude, gyro, force = (
-        state[name].astype(np.float64) for name in ("quaternion", "gyro", "accelerometer")
-    )
-    q, dq = motors["q"].astype(np.float64), motors["dq"].astype(np.float64)
-    if not np.isfinite(np.concatenate((attitude, gyro, force, q, dq))).all():
-        raise WireError("number", "a state has a number in it that is not finite")
+    names = ("quaternion", "gyro", "accelerometer")
+    numbers = _finite("state", *(state[name] for name in names), motors["q"], motors["dq"])
     return Reading(
-        quaternion=attitude,
-        gyro=gyro,
-        accelerometer=force,
-        q=q,
-        dq=dq,
+        quaternion=numbers[:4],
+        gyro=numbers[4:7],
+        accelerometer=numbers[7:10],
+        q=numbers[10:22],
+        dq=numbers[22:],
         tau=motors["tau"] / _TAU,
         temperature=motors["temperature"].astype(np.float64),
         mode=motors["mode"].astype(np.int64),
@@ -226,9 +222,8 @@ def unpack_orders(data: bytes, layout: Layout) -> Orders:
     """
     motors = _opened(data, layout, layout.command)["motors"][:MOTORS]
     on = motors["mode"] == CLOSED_LOOP
-    q, dq = motors["q"].astype(np.float64), motors["dq"].astype(np.float64)
-    if not np.isfinite(np.concatenate((q, dq))).all():
-        raise WireError("number", "a command has a number in it that is not finite")
+    numbers = _finite("command", motors["q"], motors["dq"])
+    q, dq = numbers[:MOTORS], numbers[MOTORS:]
     kp = np.where(on & (q < 0.99 * POSITION_OFF), motors["kp"] / _KP, 0.0)
     return Orders(q, dq, kp, on * (motors["kd"] / _KD), on * (motors["tau"] / _TAU))
 
@@ -280,6 +275,18 @@ def _counted(orders: Orders) -> FloatArray:
         )
     values[2:] = np.trunc(values[2:] * _SCALES)
     return values
+
+
+def _finite(what: str, *fields: NDArray[np.float32]) -> FloatArray:
+    """Return some fields of a packet, one after the other.
+
+    Raises:
+        WireError: a number is not finite. It is looked for before a cast, which warns of some NaNs.
+    """
+    numbers = np.concatenate(fields)
+    if not np.isfinite(numbers).all():
+        raise WireError("number", f"a {what} has a number in it that is not finite")
+    return numbers.astype(np.float64)
 
 
 def _start(layout: Layout) -> int:
