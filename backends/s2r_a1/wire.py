@@ -28,6 +28,8 @@ LOW_LEVEL = 0xFF
 """A definition: the level flag of a packet for the motors. Other levels speak to the vendor's own walking."""
 POSITION_OFF = 2.146e9
 """A definition: a commanded angle [rad] that switches the position loop off (the vendor's ``PosStopF``)."""
+SPEED_OFF = 16000.0
+"""A definition: a commanded speed [rad/s] that switches the speed loop off (the vendor's ``VelStopF``)."""
 
 _TAU, _KP, _KD = 256.0, 32.0, 16.0  # counts per N·m, N·m/rad, N·m·s/rad
 _COUNTS = 32768.0  # of a 16-bit integer, on either side of 0
@@ -215,7 +217,8 @@ def unpack(data: bytes, layout: Layout) -> Reading:
 def unpack_orders(data: bytes, layout: Layout) -> Orders:
     """Return what the motors of a robot make of a command: the robot's side of :func:`pack`.
 
-    A motor in another mode than ``CLOSED_LOOP`` gets no gains and no torque; an angle of ``POSITION_OFF`` has no kp.
+    A motor in another mode than ``CLOSED_LOOP`` gets no gains and no torque; an angle of ``POSITION_OFF`` has no kp, and
+    a speed of ``SPEED_OFF`` no kd.
 
     Raises:
         WireError: as :func:`unpack`.
@@ -225,7 +228,8 @@ def unpack_orders(data: bytes, layout: Layout) -> Orders:
     numbers = _finite("command", motors["q"], motors["dq"])
     q, dq = numbers[:MOTORS], numbers[MOTORS:]
     kp = np.where(on & (q < 0.99 * POSITION_OFF), motors["kp"] / _KP, 0.0)
-    return Orders(q, dq, kp, on * (motors["kd"] / _KD), on * (motors["tau"] / _TAU))
+    kd = np.where(on & (dq < 0.99 * SPEED_OFF), motors["kd"] / _KD, 0.0)
+    return Orders(q, dq, kp, kd, on * (motors["tau"] / _TAU))
 
 
 def pack_reading(reading: Reading, layout: Layout) -> bytes:
