@@ -177,24 +177,24 @@ class Attendance:
         state = status["state"]
         if state == "DAMPING":
             self._ask(
-                f"{self._name.capitalize()} was damped: {status.get('reason') or 'for no known reason'}. Look at it, put "
-                "it down lying, and clear the cause.",
+                f"{self._name.capitalize()} was damped: {status.get('reason') or 'for no known reason'}. Look at "
+                "it, put it down lying, and clear the cause.",
                 {"r": "reset; it stays limp until you arm it"},
             )
             self._guard.request("reset")
             state = self._state()
         if state == "OFF":
             self._consent(
-                f"Let {self._name} hang or lie, and end the factory's own controller: L2+A twice, L2+B, then L1+L2+START. "
-                "Nothing has been sent to it yet; connecting sends packets without gains or torque.",
+                f"Let {self._name} hang or lie, and end the factory's own controller: L2+A twice, L2+B, then "
+                "L1+L2+START. Nothing has been sent to it yet; connecting sends packets without gains or torque.",
                 WORD_CONNECT,
             )
             self._guard.request("connect")
             state = self._state()
         if state == "LINKED":
             self._consent(
-                f"{self._name.capitalize()} answers. Put it on the floor, lying, with 1 m of room around it, and take the "
-                "remote in your hand: R2 or L2+B damps it at once. Arming allows it to move.",
+                f"{self._name.capitalize()} answers. Put it on the floor, lying, with 1 m of room around it, and take "
+                "the remote in your hand: R2 or L2+B damps it at once. Arming allows it to move.",
                 WORD_ARM,
             )
             self._guard.request("arm")
@@ -211,7 +211,8 @@ class Attendance:
         why = f"a motor has {self._warmest():.0f} °C" if warm else f"{self._since_rest} tests are done"
         while True:
             answer = self._ask(
-                f"A rest is due: {why}. {self._name.capitalize()} lies; let it cool, and change the battery if it needs it.",
+                f"A rest is due: {why}. {self._name.capitalize()} lies; let it cool, and change the battery "
+                "if it needs it.",
                 {"": "the rest is over", "s": "skip the rest"},
             )
             if answer == "s" or not warm or self._warmest() < COOL:

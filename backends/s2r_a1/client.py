@@ -10,6 +10,7 @@ from typing import Any
 
 from s2r_a1.datagrams import LockStepSocket, RealTimeSocket
 from s2r_a1.guard.control import ControlError
+from s2r_a1.guard.limits import LIMITS, impossible
 from s2r_a1.guard.start import Robot, attach
 from s2r_a1.link import UdpLink
 from s2r_a1.mocap import Listener
@@ -98,7 +99,9 @@ class Client:
         if self.change.state == GONE:
             return None
         reading = self._link.read()
-        if reading is not None and self.mocap is not None:
+        if reading is None or impossible(LIMITS, reading):  # the guard forwards what comes, and bridges it
+            return None
+        if self.mocap is not None:
             self.mocap.take(reading.tick * SECONDS[self.unit])
         return reading
 
@@ -115,7 +118,7 @@ class Client:
         Raises:
             BackendError: it refuses, or is gone; the sentence says why.
         """
-        reply = self._control.request(do, **fields)
+        reply: Mapping[str, Any] = self._control.request(do, **fields)
         self._listen()
         if reply["state"] != self.change.state:
             self.change = Change(reply["state"])

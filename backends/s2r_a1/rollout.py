@@ -13,6 +13,7 @@ import numpy as np
 
 from s2r_a1 import mocap, recording
 from s2r_a1.client import Client
+from s2r_a1.guard.limits import ROBOT_WORDS
 from s2r_a1.guard.place import folder
 from s2r_a1.mocap import Listener, MocapError
 from s2r_a1.pilot import Pilot
@@ -20,7 +21,7 @@ from s2r_a1.rawlog import SUFFIX
 from s2r_a1.schedule import Schedule
 from s2r_a1.ticks import SECONDS
 from s2r_a1.undisturbed import undisturbed
-from s2r_a1.walk import ROBOTS_WORDS, Change, Walked, rest, walk
+from s2r_a1.walk import Change, Walked, rest, walk
 from s2r_sim.gains import RATE
 from s2r_sim.physics import Command, State
 from s2r_sim.recorder import yaw_rate
@@ -136,7 +137,7 @@ def _ended(trace: Trace, ending: Change | None, schedule: Schedule, path: Path) 
         meta["reason"] = ending.reason
         if round(trace.times[-1] * RATE) >= schedule.hold:
             meta["after"] = ending.word  # the test itself was over
-        elif ending.word in ROBOTS_WORDS:
+        elif ending.word in ROBOT_WORDS:
             meta["failure"] = ending.word
             meta.pop("void", None)
         else:

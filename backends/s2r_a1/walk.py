@@ -25,10 +25,6 @@ GETTING_UP = 5000
 stuck."""
 SETTLING = 250
 """A budget [rounds of 2 ms]: of standing still before a walk and after it, 0.5 s. Twice as much costs 1 s a rollout."""
-ROBOTS_WORDS = frozenset({"fall", "joint", "torque", "power", "heat", "motor"})
-"""A definition: words of the guard for what the robot ended itself; such a rollout counts, and as a failure. All other
-words void it."""
-
 GONE = "GONE"
 """A definition: the state of a guard that ended while the robot was in its care."""
 
@@ -129,6 +125,21 @@ def stand(line: Line) -> Reading:
         line.send(None)
         reading = line.receive()
     raise NotBegunError("the robot did not stand up within 10 s; look what holds it, and try again")
+
+
+def rest(line: Line) -> None:
+    """Have a robot that stands lie down, and return when it does, or when the guard has another plan.
+
+    Raises:
+        BackendError: the guard refuses.
+    """
+    if line.change.state in ("STANDING_UP", "STAND"):
+        line.request("lie")
+    for _ in range(GETTING_UP):
+        if line.change.state != "LYING_DOWN":
+            return
+        line.send(None)
+        line.receive()
 
 
 def _walk(line: Line, pilot: Pilot, schedule: Schedule, reading: Reading) -> tuple[list[Note], Change | None]:
