@@ -13,11 +13,34 @@ import socket
 import stat
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 from s2r_spec.errors import BackendError, UsageError
 
 LONGEST = 100
 """A definition: letters of a socket's path; the kernel takes 107, and cuts no longer one."""
+
+
+Clock = Literal["real", "lockstep"]
+
+
+@dataclass(frozen=True)
+class Robot:
+    """Which robot, and how its guard speaks with it.
+
+    Attributes:
+        host: of the robot's motion controller, or of a twin.
+        port: its UDP port.
+        layout: of its packets, "a1" or "go1".
+        clock: "real", or "lockstep" with a twin on this machine.
+        local: UDP port from which the guard speaks; 0 takes any.
+    """
+
+    host: str
+    port: int = 8007
+    layout: str = "a1"
+    clock: Clock = "real"
+    local: int = 0
 
 
 @dataclass(frozen=True)

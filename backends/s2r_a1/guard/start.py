@@ -10,36 +10,16 @@ import select
 import subprocess
 import sys
 import time
-from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 from s2r_a1.guard.control import Connection, ControlError, RefusedError, Role
-from s2r_a1.guard.place import Place, hold, place
+from s2r_a1.guard.place import Place, Robot, hold, place
 from s2r_spec.errors import BackendError, UsageError
 
-Clock = Literal["real", "lockstep"]
+__all__ = ["Robot", "attach", "start"]
 
 PATIENCE = 20.0
 """A budget [s]: how long a guard may take to begin; it needs about 0.3 s on a quiet machine."""
-
-
-@dataclass(frozen=True)
-class Robot:
-    """Which robot, and how its guard speaks with it.
-
-    Attributes:
-        host: of the robot's motion controller, or of a twin.
-        port: its UDP port.
-        layout: of its packets, "a1" or "go1".
-        clock: "real", or "lockstep" with a twin on this machine.
-        local: UDP port from which the guard speaks; 0 takes any.
-    """
-
-    host: str
-    port: int = 8007
-    layout: str = "a1"
-    clock: Clock = "real"
-    local: int = 0
 
 
 def attach(robot: Robot, role: Role | None = None, **hello: Any) -> tuple[Connection, dict[str, Any]] | None:
@@ -135,6 +115,8 @@ def _begin(robot: Robot, found: Place, idle: float) -> str | None:
             # It forks, and its first process ends at once: so the guard is nobody's child, and leaves no zombie.
             subprocess.run(
                 command,
+                # Its sums are of twelve numbers; threads for them would only wake at a bad time.
+                env={**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 stderr=words,

@@ -17,7 +17,8 @@ FloatArray = NDArray[np.float64]
 AMBIENT = 25.0
 """A level: [°C] of all motors at the beginning."""
 RISE = 0.1
-"""A level: [K/(N·m)²] at which a motor ends above ambient; 12 N·m for ever is +14 K. Twice as much, +29 K."""
+"""A level: [K/(N·m)²] at which a motor ends above ambient. In the trot of `s2r_sim` the mean τ² of a calf is 60 (N·m)²,
+which ends at +6 K; twice as much, at +12 K."""
 TIME_CONSTANT = 300.0
 """A level: [s]."""
 

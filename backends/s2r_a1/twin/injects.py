@@ -61,6 +61,9 @@ class Inject:
         return self.value
 
 
+Injects = tuple[Inject, ...]
+
+
 class Kind(NamedTuple):
     """One kind of fault: its value if none is written, how one is read, and what it does."""
 

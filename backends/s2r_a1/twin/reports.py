@@ -8,12 +8,12 @@ import numpy as np
 
 from s2r_a1 import remote
 from s2r_a1.ticks import SECONDS, TickUnit
-from s2r_a1.twin.injects import REMOTE_OFF, Inject, acting
+from s2r_a1.twin.injects import REMOTE_OFF, Inject, Injects, acting
 from s2r_a1.wire import Reading
 from s2r_sim import rotation
 
 
-def tick(round_: int, start: int, unit: TickUnit, injects: tuple[Inject, ...]) -> int:
+def tick(round_: int, start: int, unit: TickUnit, injects: Injects) -> int:
     """Return the tick of a round's state, which begins at ``start`` [ms] and follows the robot's clock of 2 ms a round.
 
     Faults that act: it stands still, was set back, or counts in another unit.
@@ -28,7 +28,7 @@ def tick(round_: int, start: int, unit: TickUnit, injects: tuple[Inject, ...]) -
     return round(milliseconds * 1e-3 / SECONDS[unit]) & 0xFFFFFFFF
 
 
-def distorted(reading: Reading, round_: int, injects: tuple[Inject, ...]) -> Reading:
+def distorted(reading: Reading, round_: int, injects: Injects) -> Reading:
     """Return the reading with the faults of this round in it."""
     for inject in acting(injects, round_, *_REPORTS):
         reading = _REPORTS[inject.kind](reading, inject)

@@ -102,17 +102,11 @@ class Server:
                 return
             for data in self._round(self._heard(WAITING)):
                 self._send(data)
-        # A pause to collect garbage is a late round, and rounds make none.
-        gc.collect()
-        gc.freeze()
-        gc.disable()
         due = time.monotonic()
-        while True:
-            due = max(due + PERIOD, time.monotonic() - BEHIND)
-            if not self._rest_until(due):
-                return
-            for data in self._round(self._heard(WAITING)):
-                self._send(data)
+        with _no_pauses():
+            while self._rest_until(due := max(due + PERIOD, time.monotonic() - BEHIND)):
+                for data in self._round(self._heard(WAITING)):
+                    self._send(data)
 
     def _round(self, arrived: list[bytes]) -> list[bytes]:
         twin = self._twin
@@ -160,3 +154,18 @@ class Server:
     def _note(self, direction: int, data: bytes) -> None:
         if self._tap:
             self._tap(self._twin.rounds * _NANOSECONDS, direction, data)
+
+
+@contextlib.contextmanager
+def _no_pauses() -> Iterator[None]:
+    """Collect no garbage in the block: a pause for it is a late round, and rounds make none."""
+    enabled = gc.isenabled()
+    gc.collect()
+    gc.freeze()
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.unfreeze()
+        if enabled:
+            gc.enable()

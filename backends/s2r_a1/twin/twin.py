@@ -14,12 +14,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from s2r_a1 import remote
 from s2r_a1.ticks import TickUnit
 from s2r_a1.twin.body import Body
 from s2r_a1.twin.firmware import Command, Firmware, Silence, read_command
-from s2r_a1.twin.injects import Inject, acting
+from s2r_a1.twin.injects import Injects, acting
 from s2r_a1.twin.mocap import Mocap
 from s2r_a1.twin.network import Network
 from s2r_a1.twin.places import physics
@@ -29,6 +30,8 @@ from s2r_a1.wire import A1, Layout, Orders, Reading, WireError, pack_reading
 from s2r_sim.noise import Noise
 from s2r_sim.physics import State
 from s2r_sim.plant import Saved
+
+FloatArray = NDArray[np.float64]
 
 LEAST_TICK, MOST_TICK = 10_000, 1_000_000
 """A level: [ms] between which the robot's clock stands at the first command, by the seed: nobody must count on 0."""
@@ -57,7 +60,7 @@ class TwinSettings:
     noise: bool = True
     silence: Silence = "damp"
     tick_unit: TickUnit = "ms"
-    injects: tuple[Inject, ...] = ()
+    injects: Injects = ()
     start: Saved | None = None
 
 
@@ -76,19 +79,21 @@ class Twin:
 
     Attributes:
         settings: what it was made from.
+        injects: faults, at first those of the settings; whoever holds the twin may replace them between rounds.
         rounds: that have passed; none before the first valid command.
         counts: of the packets that came.
     """
 
     def __init__(self, settings: TwinSettings) -> None:
         self.settings = settings
+        self.injects = settings.injects
         self.rounds = 0
         self.counts = Counts()
         seed = settings.seed
         noise = Noise() if settings.noise else Noise.off()
         self._body = Body(physics(settings.place), seed, noise, settings.start)
         self._firmware = Firmware(settings.delay, settings.silence)
-        self._network = Network(settings.injects, seed)
+        self._network = Network(seed)
         self._mocap = Mocap(seed)
         self._start_tick = int(np.random.default_rng([seed, 6]).integers(LEAST_TICK, MOST_TICK))
 
@@ -96,6 +101,11 @@ class Twin:
     def begun(self) -> bool:
         """Whether a valid command has come: before it, a twin says nothing, and no time passes."""
         return self.counts.used > 0
+
+    @property
+    def temperature(self) -> FloatArray:
+        """(12,) true temperatures of the motors [°C]; a state has whole degrees."""
+        return self._body.temperature
 
     def truth(self) -> State:
         """Return the true state of the robot, which no packet says."""
@@ -125,7 +135,7 @@ class Twin:
         if not self.begun:
             return []
         state = self._step()
-        arriving = self._network.carry(self.rounds, state)
+        arriving = self._network.carry(self.rounds, self.injects, state)
         self.rounds += 1
         return arriving
 
@@ -136,7 +146,7 @@ class Twin:
     def _newest(self, arrived: Sequence[bytes]) -> Command | None:
         newest = None
         for data in arrived:
-            if self.begun and not self._network.hears(self.rounds):
+            if self.begun and not self._network.hears(self.rounds, self.injects):
                 self.counts.lost += 1
                 continue
             try:
@@ -152,12 +162,12 @@ class Twin:
 
     def _step(self) -> bytes:
         """Let a round pass; return the state at its end."""
-        settings, round_ = self.settings, self.rounds
+        settings, injects, round_ = self.settings, self.injects, self.rounds
         orders = self._firmware.orders(round_, self.truth().q)
         push = np.zeros(3)
-        for pushed in acting(settings.injects, round_, "push"):
+        for pushed in acting(injects, round_, "push"):
             push[1] += pushed.number
-        felt = self._body.step(_limp(orders, settings.injects, round_), push)
+        felt = self._body.step(_limp(orders, injects, round_), push)
         reading = Reading(
             felt.quaternion,
             felt.gyro,
@@ -167,14 +177,14 @@ class Twin:
             felt.tau,
             felt.temperature,
             self._firmware.mode,
-            tick(round_, self._start_tick, settings.tick_unit, settings.injects),
+            tick(round_, self._start_tick, settings.tick_unit, injects),
             remote.packed(),
             foot_force=felt.foot_force,
         )
-        return pack_reading(distorted(reading, round_, settings.injects), settings.layout)
+        return pack_reading(distorted(reading, round_, injects), settings.layout)
 
 
-def _limp(orders: Orders, injects: tuple[Inject, ...], round_: int) -> Orders:
+def _limp(orders: Orders, injects: Injects, round_: int) -> Orders:
     """Return the orders without those for motors that have dropped out."""
     for dropped in acting(injects, round_, "mode"):
         works = np.ones_like(orders.tau)
