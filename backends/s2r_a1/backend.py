@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Self
 
 from s2r_a1.channels import channels
-from s2r_a1.guard.start import Robot
+from s2r_a1.guard.place import Robot
 from s2r_a1.mocap import Placing, read_placing
 from s2r_a1.options import Options, read_options, write_options
 from s2r_sim import parameters

@@ -11,7 +11,8 @@ from typing import Any
 from s2r_a1.datagrams import LockStepSocket, RealTimeSocket
 from s2r_a1.guard.control import ControlError
 from s2r_a1.guard.limits import LIMITS, impossible
-from s2r_a1.guard.start import Robot, attach
+from s2r_a1.guard.place import Robot
+from s2r_a1.guard.start import attach
 from s2r_a1.link import UdpLink
 from s2r_a1.mocap import Listener
 from s2r_a1.ticks import PERIOD, SECONDS, TickUnit
@@ -139,13 +140,14 @@ class Client:
 
     def _wait(self) -> None:
         """Wait for the guard's datagram, or for its end, of which a datagram socket does not tell."""
+        link = self._link
         while self.change.state != GONE:
-            ready, _, _ = select.select([self._link, self._control], [], [], PATIENCE)
+            ready, _, _ = select.select([link.fileno(), self._control.fileno()], [], [], PATIENCE)
             if not ready:
                 raise BackendError(
                     f"the guard of the robot has done nothing for {PATIENCE:g} s; end it, and start anew"
                 )
-            if self._link in ready:
+            if link.fileno() in ready:
                 return
             self._listen()
 

@@ -20,7 +20,10 @@ def swaying(times):
     return yaw, np.stack([way * np.cos(0.3), way * np.sin(0.3), 0.28 + 0 * times], axis=1)
 
 
-def poses(placing=Placing(), noise=0.0, seed=0, late=0.004, missing=()):
+AT_BASE = Placing()
+
+
+def poses(placing=AT_BASE, noise=0.0, seed=0, late=0.004, missing=()):
     times = np.arange(0.0, 3.0, 0.005)
     times = np.delete(times, [i for i in range(len(times)) if any(a <= times[i] < b for a, b in missing)])
     yaw, base = swaying(times)

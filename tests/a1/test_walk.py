@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from tests.a1.plant import HOLDING, PlantLine
 
 from s2r_a1 import recording
 from s2r_a1.pilot import Pilot
@@ -14,11 +13,11 @@ from s2r_a1.walk import SETTLING, Change, walk
 from s2r_a1.wire import A1, Orders, pack, pack_reading, unpack, unpack_orders
 from s2r_sim.controller import Controller, Memory
 from s2r_sim.gains import RATE
-from s2r_sim.physics import Command, MotorCommand, State
+from s2r_sim.physics import Command, MotorCommand
 from s2r_sim.sensors import Sensors
 from s2r_sim.settings import Settings
 from s2r_spec.errors import NotBegunError, TraceError
-from s2r_spec.trace import Trace
+from tests.a1.plant import HOLDING, PlantLine, reading
 
 COMMAND = Command(0.25, 0.0, 0.2)
 TICKS = 50
@@ -178,15 +177,12 @@ def test_a_walk_that_is_to_stop_ramps_down_and_stands(pilot):
 
 
 def test_a_reading_becomes_the_state_that_it_was_made_of():
-    from tests.a1.plant import reading
-
     line = PlantLine()
     truth = line.plant.truth()
     seen = unpack(pack_reading(reading(line.plant, truth.velocity, 4), A1), A1)
     pilot = Pilot(SETTINGS)
     pilot.begin(SCHEDULE, "ms")
-    state: State = pilot.step(seen).state
+    state = pilot.step(seen).state
     np.testing.assert_allclose(state.q, truth.q, atol=1e-6)
     np.testing.assert_allclose(state.rpy[:2], truth.rpy[:2], atol=1e-6)
     assert state.rpy[2] == 0.0
-    assert isinstance(Trace(np.array([0.0]), {}), Trace)
