@@ -110,7 +110,7 @@ class BindingB:
 
 
 class VendorLink:
-    """A link over the vendor's module.
+    """A :class:`s2r_a1.link.Link` over the vendor's module, in real time.
 
     Attributes:
         counters: what happened since the link was opened.
@@ -156,6 +156,9 @@ class VendorLink:
         self._opened().write(unpack_orders(data, self._layout))
         if self.tap:
             self.tap(TO_ROBOT, data)
+
+    def skip(self) -> None:
+        """Send nothing: silence needs no packet in real time."""
 
     def forget(self) -> None:
         """Take the next state for new and measure the unit again, as after the robot was switched off and on."""

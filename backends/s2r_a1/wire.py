@@ -76,7 +76,7 @@ class Reading(NamedTuple):
         tau: (12,) torques that the motors report [N·m].
         temperature: (12,) of the motors [°C].
         mode: (12,) of the motors; see ``CLOSED_LOOP``.
-        tick: the robot's clock, 32 bits; its unit is measured (:mod:`s2r_a1.link`).
+        tick: the robot's clock, 32 bits; its unit is measured (:mod:`s2r_a1.ticks`).
         remote: the 40 bytes of the remote control.
         error: (12,) error words of the motors; 0 is none.
         foot_force: (4,) raw counts of the foot sensors.

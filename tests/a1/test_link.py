@@ -1,6 +1,8 @@
 """Links over sockets on loopback, and what a robot's ticks say of its states."""
 
 import socket
+import subprocess
+import sys
 from types import SimpleNamespace
 
 import numpy as np
@@ -18,8 +20,9 @@ from s2r_a1.datagrams import (
     is_loopback,
     opened,
 )
-from s2r_a1.link import RobotSide, UdpLink
+from s2r_a1.link import Link, RobotSide, UdpLink
 from s2r_a1.ticks import PERIOD, Counters, Ticks, elapsed, unit_of
+from s2r_a1.vendor import VendorLink
 from s2r_a1.wire import A1, GO1, Orders, Reading, WireError, pack, pack_reading
 from tests.examples import examples
 
@@ -291,6 +294,23 @@ def test_lock_step_is_refused_with_another_machine(host):
 def test_loopback_is_told_from_networks():
     assert all(is_loopback(host) for host in ("127.0.0.1", "127.3.2.1", "localhost"))
     assert not any(is_loopback(host) for host in ("192.168.123.10", "0.0.0.0", "no.such.host.invalid", ""))
+
+
+def test_links_and_recordings_load_no_simulator():
+    """The guard is made of them, and must start fast and stay small."""
+    code = (
+        "import sys, s2r_a1.link, s2r_a1.rawlog, s2r_a1.remote, s2r_a1.vendor; "
+        "print(*{name.split('.')[0] for name in sys.modules})"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    heavy = {"s2r_sim", "mujoco", "pinocchio", "torch", "scipy", "numba", "piqp", "pint", "lark"}
+    assert not heavy & set(done.stdout.split())
+
+
+def test_every_link_has_the_whole_protocol(leg):
+    names = set(Link.__annotations__) | {name for name in vars(Link) if not name.startswith("_")}
+    for kind in (leg.link, VendorLink(None, A1)):
+        assert all(hasattr(kind, name) for name in names)
 
 
 # The robot's clock
