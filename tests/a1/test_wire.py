@@ -113,6 +113,7 @@ def test_a_state_has_the_checksum_that_the_vendor_s_programs_accept():
 
 
 finite = st.floats(-1e6, 1e6, width=32)
+slow = st.floats(-1e4, 1e4, width=32)  # faster is the vendor's VelStopF
 
 
 def rows(elements):
@@ -121,7 +122,7 @@ def rows(elements):
 
 ORDERS = st.builds(
     Orders,
-    rows(finite), rows(finite), rows(st.floats(0, 1023)), rows(st.floats(0, 2047)), rows(st.floats(-127.99, 127.99)),
+    rows(finite), rows(slow), rows(st.floats(0, 1023)), rows(st.floats(0, 2047)), rows(st.floats(-127.99, 127.99)),
 )  # fmt: skip
 
 
