@@ -224,7 +224,7 @@ def status(guard: Guard) -> dict[str, Any]:
 
 def _battery(guard: Guard) -> int | None:
     """Return the charge [%] that a Go1 says; an A1 says none."""
-    if guard.robot.layout != "go1" or not guard.packet:
+    if guard.robot.layout != "go1" or guard.robot.module or not guard.packet:  # a module says none
         return None
     return int(np.frombuffer(guard.packet, guard.layout.state)["battery"][0, 3])
 

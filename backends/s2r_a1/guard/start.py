@@ -108,7 +108,7 @@ def _begin(robot: Robot, found: Place, idle: float) -> str | None:
     command = [
         sys.executable, "-m", "s2r_a1.guard", "run", "--host", robot.host, "--port", str(robot.port),
         "--layout", robot.layout, "--clock", robot.clock, "--local", str(robot.local),
-        "--idle", str(idle), "--ready", str(theirs),
+        "--module", robot.module, "--idle", str(idle), "--ready", str(theirs),
     ]  # fmt: skip
     try:
         with open(found.words, "wb") as words:
