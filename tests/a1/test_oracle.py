@@ -4,16 +4,23 @@ The package speaks the Go1's wire, with the A1's motor blocks, scales and checks
 knows the A1's limits. It returns −1 where the A1's library ends the process, so it can be asked here.
 """
 
+import os
+import select
 import struct
+import threading
+import time
 
 import numpy as np
 import pytest
 
 from s2r_a1.datagrams import RealTimeSocket
 from s2r_a1.guard.limits import JOINT, LIMITS, Limits, Seen, clipped, powered
+from s2r_a1.guard.place import Robot, hold, place
+from s2r_a1.guard.start import start
 from s2r_a1.link import RobotSide
 from s2r_a1.vendor import opened
 from s2r_a1.wire import CLOSED_LOOP, GO1, POSITION_OFF, Orders, Reading, checksum, pack_reading, unpack
+from tests.processes import until
 
 sdk = pytest.importorskip(
     "unitree_legged_sdk.robot_interface",
@@ -164,6 +171,58 @@ def test_our_link_drives_the_vendor_s_module(robot, rng):
         assert link.fault == "repeated"
     assert robot.counters.corrupt == 0
     link.close()
+
+
+@pytest.fixture
+def guarded(robot, tmp_path, monkeypatch):
+    """An operator's connection to a guard that speaks through the vendor's module; it ends with the test."""
+    monkeypatch.setenv("S2R_A1_RUN", str(tmp_path / "run"))
+    where = Robot(HERE, robot.local, layout="go1", local=robot.peer, module=NAME)
+    connection, _ = start(where)
+    yield connection
+    connection.request("stop")
+    connection.close()
+    until(lambda: free(place(HERE, robot.local)))
+
+
+def free(where):
+    """Return whether no process holds a robot's lock."""
+    held = hold(where)
+    if held is not None:
+        os.close(held)
+    return held is not None
+
+
+@pytest.fixture
+def answering(robot, rng):
+    """A robot that answers every command with a state, 2 ms later by its own clock; yields what it was sent."""
+    got, ended = [], threading.Event()
+    still = some_reading(rng, 0)._replace(
+        quaternion=np.array([1.0, 0, 0, 0]), q=np.tile([0, 1.3, -2.7], 4), dq=np.zeros(12)
+    )
+
+    def answer():
+        begun = time.monotonic()
+        while not ended.is_set():
+            if select.select([robot], [], [], 0.05)[0] and (orders := robot.read()):
+                got.append(orders)
+                robot.send(pack_reading(still._replace(tick=round((time.monotonic() - begun) * 1e3)), GO1))
+
+    thread = threading.Thread(target=answer)
+    thread.start()
+    yield got
+    ended.set()
+    thread.join()
+
+
+def test_a_guard_drives_a_robot_through_the_vendor_s_module(guarded, answering):
+    assert guarded.request("status")["state"] == "OFF"
+    assert not answering  # nothing is sent before the operator's first consent
+    status = guarded.request("connect")
+    assert (status["state"], status["tick_unit"]) == ("LINKED", "ms")
+    assert status["counters"]["received"] > 100
+    assert len(answering) > 100
+    assert not any(np.any([orders.kp, orders.kd, orders.tau]) for orders in answering)
 
 
 def test_a_bit_of_every_word_counts_in_the_checksum(rng):
