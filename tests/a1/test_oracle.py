@@ -136,8 +136,8 @@ def test_both_refuse_the_same_damaged_states(robot, udp, rng):
     taken(udp, state)
     assert state.tick == 1
     other = pack_reading(some_reading(rng, 2), GO1)
-    for place in rng.choice(len(good), 60, replace=False):
-        damaged = other[:place] + bytes([other[place] ^ 4]) + other[place + 1 :]
+    for byte in rng.choice(len(good), 60, replace=False):
+        damaged = other[:byte] + bytes([other[byte] ^ 4]) + other[byte + 1 :]
         robot.send(damaged)
         answer = taken(udp, state)
         try:
@@ -271,14 +271,14 @@ def test_the_count_of_power_is_the_vendor_s(rng):
             speeds = rng.choice([0.5, 1, 2, 4], 12)
             for motor, dq, tau in zip(motors, signs[0] * speeds, signs[1] * shares / speeds, strict=True):
                 motor.dq, motor.tauEst = float(dq), float(tau)
-            for place, (limits, safety) in enumerate(zip(tables, safeties, strict=True)):
-                counts[place] = powered(limits, counts[place], float(watts))
-                trips = counts[place] >= limits.power_rounds
+            for level, (limits, safety) in enumerate(zip(tables, safeties, strict=True)):
+                counts[level] = powered(limits, counts[level], float(watts))
+                trips = counts[level] >= limits.power_rounds
                 assert (safety.PowerProtect(command, state, limits.power_level) < 0) == trips
                 if trips:  # where the A1's library ends the process
-                    tripped[place] += 1
-                    counts[place] = 0
-                    safeties[place] = sdk.Safety(sdk.LeggedType.A1)
+                    tripped[level] += 1
+                    counts[level] = 0
+                    safeties[level] = sdk.Safety(sdk.LeggedType.A1)
     assert tripped.min() > 20, tripped
 
 
