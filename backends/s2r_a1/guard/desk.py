@@ -202,6 +202,7 @@ def status(guard: Guard) -> dict[str, Any]:
         "port": guard.robot.port,
         "twin": guard.loopback,
         "layout": guard.robot.layout,
+        "module": guard.robot.module,
         "clock": guard.robot.clock,
         "tick_unit": guard.link.unit if guard.link else None,
         "unready": states.unready(machine, guard.conditions(), guard.limits)
