@@ -260,7 +260,7 @@ def test_the_count_of_power_is_the_vendor_s(rng):
     command, state = sdk.LowCmd(), sdk.LowState()
     motors = state.motorState[:12]
     tables = [Limits(power_level=level) for level in range(0, 12)]
-    tripped = np.zeros(len(tables))
+    any_reading, tripped = some_reading(rng, 0), np.zeros(len(tables))
     for _ in range(1000):
         safeties = [sdk.Safety(sdk.LeggedType.A1) for _ in tables]
         counts = [0] * len(tables)
@@ -273,7 +273,7 @@ def test_the_count_of_power_is_the_vendor_s(rng):
             dq, tau = signs[0] * speeds, signs[1] * shares / speeds
             for motor, speed, torque in zip(motors, dq.tolist(), tau.tolist(), strict=True):
                 motor.dq, motor.tauEst = speed, torque
-            measured = power(some_reading(rng, 0)._replace(dq=dq, tau=tau))
+            measured = power(any_reading._replace(dq=dq, tau=tau))
             for level, (limits, safety) in enumerate(zip(tables, safeties, strict=True)):
                 counts[level] = powered(limits, counts[level], measured)
                 trips = counts[level] >= limits.power_rounds
