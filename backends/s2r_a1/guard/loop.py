@@ -26,14 +26,16 @@ from s2r_a1.guard.control import Listener, Party, RefusedError, Request
 from s2r_a1.guard.limits import LIMITS, ROUND, SECOND
 from s2r_a1.guard.place import Robot
 from s2r_a1.guard.states import ROWS, Conditions, Inputs, Machine, State
-from s2r_a1.link import RobotSide, UdpLink
+from s2r_a1.link import Link, RobotSide, UdpLink
 from s2r_a1.rawlog import RawLogError, RawLogWriter
 from s2r_a1.wire import LAYOUTS, Orders, Reading
 
-SETTLED = 3 * SECOND
-"""A budget [ns]: how long rounds go on after a robot was damped, until it lies. Twice as long delays the end."""
+SINKING = {State.DAMPING: 3 * SECOND, State.RESTING: SECOND}
+"""A budget [ns]: how long a robot that was let go is looked after, until it lies. Twice as long delays the end."""
 LOOKED = 0.2
 """A budget [s]: how long an idle guard waits before it looks whether it is to end."""
+MUTE = 3.0
+"""A budget [s]: how long the first answer of a twin in lock step may take. Twice as long reveals a wrong one later."""
 POLLED = 0.005
 """A budget [s]: how often a request that waits for the disk is looked at."""
 
@@ -93,7 +95,7 @@ class Guard:
         self.loopback = is_loopback(robot.host)
         self.listener = listener
         self.machine = Machine()
-        self.link: UdpLink | None = None
+        self.link: Link | None = None
         self.client: Client | None = None
         self.log: RawLogWriter | None = None
         self.rounds = 0
@@ -141,15 +143,27 @@ class Guard:
         """Open the link to the robot.
 
         Raises:
-            LinkError: the local port is taken, or no network leads to the robot.
+            LinkError: the local port is taken, no network leads to the robot, or the vendor's module is no such one.
         """
         if self.link is None:
-            peer = (self.robot.host, self.robot.port)
-            self._socket = opened(peer, lockstep=self.lockstep, port=self.robot.local)
-            self.link = UdpLink(self._socket, self.layout)
+            self.link = self._opened()
             self.link.tap = self._record
         self.become(states.connected(self.machine, self.now))
         self._orders, self._due = ROWS[self.machine.state].orders(self.machine, self.now, self.limits), 0
+
+    def _opened(self) -> Link:
+        robot = self.robot
+        peer = (robot.host, robot.port)
+        if not robot.module:
+            self._socket = opened(peer, lockstep=self.lockstep, port=robot.local)
+            return UdpLink(self._socket, self.layout)
+        if self.lockstep:
+            raise LinkError(
+                "the vendor's module runs in real time only; leave it out, or leave out lock step"
+            )
+        from s2r_a1 import vendor  # loads a program of others, which only who names it wants
+
+        return vendor.opened(robot.module, self.layout, peer, robot.local)
 
     def disconnect(self) -> None:
         """Close the link to a robot that does not answer."""
@@ -254,10 +268,7 @@ class Guard:
     def _ended(self) -> bool:
         """Return whether the guard has nothing left to do."""
         machine = self.machine
-        if machine.state in AT_REST:
-            if self.ending:
-                return True
-        elif self.ending and machine.state is State.DAMPING and self.now - machine.since >= SETTLED:
+        if self.ending and machine.state in (*AT_REST, State.DAMPING) and not self._sinking():
             return True
         if machine.state not in AT_REST or self.listener.parties:
             self._alone = time.monotonic()
@@ -269,13 +280,16 @@ class Guard:
             return False
         if not self.lockstep or self.client or any(waits.rounds for waits in self._pending):
             return True
-        return self._moving()
+        return self.moving()
 
-    def _moving(self) -> bool:
+    def moving(self) -> bool:
+        """Return whether the robot moves by itself, so that rounds must go on though nobody looks."""
         machine = self.machine
-        if machine.state is State.DAMPING:
-            return self.now - machine.since < SETTLED
-        return ROWS[machine.state].moves or machine.wanted is not None
+        return ROWS[machine.state].moves or machine.wanted is not None or self._sinking()
+
+    def _sinking(self) -> bool:
+        """Return whether a robot that was let go may still be on its way down."""
+        return self.now - self.machine.since < SINKING.get(self.machine.state, 0)
 
     def _round(self) -> None:
         brought = self._lock_step() if self.lockstep else self._real_time()
@@ -305,10 +319,11 @@ class Guard:
         assert link is not None
         reading: Reading | None = None
         bad = False
+        watched = link.fileno()
         while True:
             left = self._due - time.monotonic_ns()
-            ready = self._ready([link.fileno()], max(left, 0) / SECOND)
-            if link.fileno() in ready:
+            ready = self._ready([] if watched is None else [watched], max(left, 0) / SECOND)
+            if watched in ready or (watched is None and left <= 0):
                 newest, wrong = self._read(link)
                 reading, bad = newest or reading, bad or wrong
             self._serve(ready)
@@ -321,24 +336,27 @@ class Guard:
         link, socket = self.link, self._socket
         assert link is not None
         assert socket is not None
-        self._await(socket)
+        # One that never answers does not understand us; one that has answered is waited for.
+        self._await(socket, None if link.counters.received else MUTE)
         reading, bad = self._read(link)
         client = self.client
         if client:
             if reading is None:
                 client.side.skip()
-            self._await(client.socket, client)
+            self._await(client.socket, client=client)
         return self._ordered(client if client is self.client else None, reading, bad)
 
-    def _await(self, socket: Socket, client: Client | None = None) -> None:
-        """Serve requests until a datagram waits at a socket, or its peer is gone."""
+    def _await(self, socket: Socket, seconds: float | None = None, client: Client | None = None) -> None:
+        """Serve requests until a datagram waits at a socket, or its peer is gone: after so many seconds, if any."""
+        began = time.monotonic()
         while not socket.gone and (client is None or self.client is client):
             ready = self._ready([socket.fileno()], LOOKED)
             self._serve(ready)
             if socket.fileno() in ready:
                 return
+            socket.gone = seconds is not None and time.monotonic() - began >= seconds
 
-    def _read(self, link: UdpLink) -> tuple[Reading | None, bool]:
+    def _read(self, link: Link) -> tuple[Reading | None, bool]:
         """Return the good reading that came, passed on to the client, and whether one came that cannot be."""
         reading, bad = states.arrived(self.limits, link.read(), link.fault)
         if reading is not None:
@@ -367,7 +385,7 @@ class Guard:
         """Let the robot lie down if the disk takes no more, and end a recording that nobody ends."""
         if log.failure and not self.machine.wanted:
             self.become(states.stopped(self.machine, True, "disk", log.failure, now_=True))
-        if self.client is None and not self._moving() and not ROWS[self.machine.state].stands:
+        if self.client is None and not self.moving() and not ROWS[self.machine.state].stands:
             self.finish_recording()
 
     # Requests.
