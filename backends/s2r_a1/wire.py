@@ -28,9 +28,15 @@ LOW_LEVEL = 0xFF
 """A definition: the level flag of a packet for the motors. Other levels speak to the vendor's own walking."""
 POSITION_OFF = 2.146e9
 """A definition: a commanded angle [rad] that switches the position loop off (the vendor's ``PosStopF``)."""
+SPEED_OFF = 16000.0
+"""A definition: a commanded speed [rad/s] that switches the speed loop off (the vendor's ``VelStopF``)."""
 
 _TAU, _KP, _KD = 256.0, 32.0, 16.0  # counts per N·m, N·m/rad, N·m·s/rad
 _COUNTS = 32768.0  # of a 16-bit integer, on either side of 0
+_SCALES = np.array([[_KP], [_KD], [_TAU]])
+_BOUNDS = np.array(
+    [[float(np.finfo(np.float32).max)]] * 2 + (_COUNTS / _SCALES).tolist()
+)  # q, dq, kp, kd, tau
 
 Fault = Literal["length", "level", "crc", "number"]
 
@@ -70,7 +76,7 @@ class Reading(NamedTuple):
         tau: (12,) torques that the motors report [N·m].
         temperature: (12,) of the motors [°C].
         mode: (12,) of the motors; see ``CLOSED_LOOP``.
-        tick: the robot's clock, 32 bits; its unit is measured (:mod:`s2r_a1.link`).
+        tick: the robot's clock, 32 bits; its unit is measured (:mod:`s2r_a1.ticks`).
         remote: the 40 bytes of the remote control.
         error: (12,) error words of the motors; 0 is none.
         foot_force: (4,) raw counts of the foot sensors.
@@ -99,6 +105,7 @@ _ORDER = [
     ("kd", "<i2"),
     ("reserve", "<u4", 3),
 ]
+_ORDER_TYPE = np.dtype(_ORDER)
 _STATE = [
     ("mode", "u1"), ("q", "<f4"), ("dq", "<f4"), ("ddq", "<i2"), ("tau", "<i2"), ("q_raw", "<f4"), ("dq_raw", "<f4"),
     ("ddq_raw", "<i2"), ("temperature", "i1"), ("error", "<u4"), ("reserve", "<u4"),
@@ -171,14 +178,14 @@ def pack(orders: Orders, layout: Layout) -> bytes:
         WireError: a number is not finite or does not fit. The vendor's library wraps: a torque of 200 goes out
             as −56 N·m.
     """
-    packet = np.zeros((), layout.command)
-    motors = packet["motors"][:MOTORS]
+    values = _counted(orders)
+    motors = np.zeros(MOTORS, _ORDER_TYPE)
     motors["mode"] = CLOSED_LOOP
-    for name, values in zip(("q", "dq"), orders[:2], strict=True):
-        motors[name] = _in_range(name, values, float(np.finfo(np.float32).max))
-    for name, scale, values in (("kp", _KP, orders.kp), ("kd", _KD, orders.kd), ("tau", _TAU, orders.tau)):
-        motors[name] = np.trunc(_in_range(name, values, _COUNTS / scale) * scale)
-    return _closed(packet, layout)
+    for name, row in zip(Orders._fields, values, strict=True):
+        motors[name] = row
+    start = _start(layout)
+    rest = layout.command.itemsize - start - motors.nbytes
+    return _closed(bytes(start) + motors.tobytes() + bytes(rest), layout)
 
 
 def unpack(data: bytes, layout: Layout) -> Reading:
@@ -189,18 +196,14 @@ def unpack(data: bytes, layout: Layout) -> Reading:
     """
     state = _opened(data, layout, layout.state)
     motors = state["motors"][:MOTORS]
-    attitude, gyro, force = (
-        state[name].astype(np.float64) for name in ("quaternion", "gyro", "accelerometer")
-    )
-    q, dq = motors["q"].astype(np.float64), motors["dq"].astype(np.float64)
-    if not np.isfinite(np.concatenate((attitude, gyro, force, q, dq))).all():
-        raise WireError("number", "a state has a number in it that is not finite")
+    names = ("quaternion", "gyro", "accelerometer")
+    numbers = _finite("state", *(state[name] for name in names), motors["q"], motors["dq"])
     return Reading(
-        quaternion=attitude,
-        gyro=gyro,
-        accelerometer=force,
-        q=q,
-        dq=dq,
+        quaternion=numbers[:4],
+        gyro=numbers[4:7],
+        accelerometer=numbers[7:10],
+        q=numbers[10:22],
+        dq=numbers[22:],
         tau=motors["tau"] / _TAU,
         temperature=motors["temperature"].astype(np.float64),
         mode=motors["mode"].astype(np.int64),
@@ -214,18 +217,19 @@ def unpack(data: bytes, layout: Layout) -> Reading:
 def unpack_orders(data: bytes, layout: Layout) -> Orders:
     """Return what the motors of a robot make of a command: the robot's side of :func:`pack`.
 
-    A motor in another mode than ``CLOSED_LOOP`` gets no gains and no torque; an angle of ``POSITION_OFF`` has no kp.
+    A motor in another mode than ``CLOSED_LOOP`` gets no gains and no torque; an angle of ``POSITION_OFF`` has no kp,
+    and a speed of ``SPEED_OFF`` no kd.
 
     Raises:
         WireError: as :func:`unpack`.
     """
     motors = _opened(data, layout, layout.command)["motors"][:MOTORS]
     on = motors["mode"] == CLOSED_LOOP
-    q, dq = motors["q"].astype(np.float64), motors["dq"].astype(np.float64)
-    if not np.isfinite(np.concatenate((q, dq))).all():
-        raise WireError("number", "a command has a number in it that is not finite")
+    numbers = _finite("command", motors["q"], motors["dq"])
+    q, dq = numbers[:MOTORS], numbers[MOTORS:]
     kp = np.where(on & (q < 0.99 * POSITION_OFF), motors["kp"] / _KP, 0.0)
-    return Orders(q, dq, kp, on * (motors["kd"] / _KD), on * (motors["tau"] / _TAU))
+    kd = np.where(on & (dq < 0.99 * SPEED_OFF), motors["kd"] / _KD, 0.0)
+    return Orders(q, dq, kp, kd, on * (motors["tau"] / _TAU))
 
 
 def pack_reading(reading: Reading, layout: Layout) -> bytes:
@@ -247,26 +251,56 @@ def pack_reading(reading: Reading, layout: Layout) -> bytes:
     packet["foot_force"] = reading.foot_force
     packet["tick"] = reading.tick & 0xFFFFFFFF
     packet["remote"] = np.frombuffer(reading.remote, "u1")
-    return _closed(packet, layout)
+    return _closed(packet.tobytes(), layout)
 
 
-def _in_range(name: str, values: Any, bound: float) -> FloatArray:
-    """Return (12,) values that fit their field; |value| < bound."""
-    numbers: FloatArray = np.asarray(values, dtype=np.float64)
-    if numbers.shape != (MOTORS,):
-        raise WireError("number", f"{name} must have {MOTORS} numbers, not the shape {numbers.shape}")
-    wrong = ~(np.abs(numbers) < bound)
-    if wrong.any():
-        motor = int(np.argmax(wrong))
+def _counted(orders: Orders) -> FloatArray:
+    """Return (5, 12) orders in the counts of their fields, of which the integers are cut off towards zero.
+
+    Raises:
+        WireError: a number is not finite, or does not fit.
+    """
+    try:
+        values = np.array(orders, dtype=np.float64)
+    except (TypeError, ValueError):  # of several shapes, or no numbers
+        values = np.empty(0)
+    if values.shape != (len(orders), MOTORS):
+        for name, row in zip(Orders._fields, orders, strict=True):
+            if np.shape(row) != (MOTORS,):
+                raise WireError("number", f"{name} must have {MOTORS} numbers, not the shape {np.shape(row)}")
+        raise WireError("number", "orders must be numbers")
+    right = np.abs(values) < _BOUNDS
+    if not right.all():
+        field, motor = divmod(int(np.argmin(right)), MOTORS)
         raise WireError(
-            "number", f"{name} of motor {motor} is {numbers[motor]:g}; it must lie within ±{bound:g}"
+            "number",
+            f"{Orders._fields[field]} of motor {motor} is {values[field, motor]:g}; "
+            f"it must lie within ±{_BOUNDS[field, 0]:g}",
         )
-    return numbers
+    values[2:] = np.trunc(values[2:] * _SCALES)
+    return values
 
 
-def _closed(packet: NDArray[Any], layout: Layout) -> bytes:
-    """Return the bytes of a packet with its head and checksum."""
-    data = layout.head + packet.tobytes()[len(layout.head) :]
+def _finite(what: str, *fields: NDArray[np.float32]) -> FloatArray:
+    """Return some fields of a packet, one after the other.
+
+    Raises:
+        WireError: a number is not finite. It is looked for before a cast, which warns of some NaNs.
+    """
+    numbers = np.concatenate(fields)
+    if not np.isfinite(numbers).all():
+        raise WireError("number", f"a {what} has a number in it that is not finite")
+    return numbers.astype(np.float64)
+
+
+def _start(layout: Layout) -> int:
+    """Return where the first motor of a command is."""
+    return int(layout.command.fields["motors"][1])  # type: ignore[index]
+
+
+def _closed(packet: bytes, layout: Layout) -> bytes:
+    """Return a packet with its head and checksum in their places."""
+    data = layout.head + packet[len(layout.head) :]
     return data[:-4] + checksum(data).to_bytes(4, "little")
 
 

@@ -19,14 +19,20 @@ _AXES = {"hip": (1.0, 0.0, 0.0), "thigh": (0.0, 1.0, 0.0), "calf": (0.0, 1.0, 0.
 _REDUCE_TO_NET_FORCE = 3  # `reduce="netforce"` of MuJoCo's contact sensor; it has no enum in Python
 _TRUNK_BIT = 1 << len(LEGS)
 _ALL_BITS = 2 * _TRUNK_BIT - 1
+KNEE_RADIUS = 0.02
+"""A definition: [m] of the balls at the knees. Source: half a thigh's width in the vendor's URDF, and a cover."""
 
 
-def build(robot: Robot, physics: Physics) -> Any:
+def build(robot: Robot, physics: Physics, knees: bool = False) -> Any:
     """Return the ``MjModel``: nq 19, nv 18, nu 12, and per foot the net contact force in world axes.
 
-    Only the four ball feet and the trunk box collide, and only with the ground.
+    Only the four ball feet and the trunk box collide, and only with the ground; with ``knees`` these do, too,
+    without which the folded legs of a robot that lies would sink into it.
     """
-    model = specify(robot, physics).compile()
+    spec = specify(robot, physics)
+    if knees:
+        _add_knees(spec, robot, physics)
+    model = spec.compile()
     model.dof_damping[6:] = physics.damping
     if physics.roughness:
         # By default MuJoCo would not look at the place of a plane that began at the origin again.
@@ -137,6 +143,20 @@ def _add_leg(spec: Any, base: Any, leg: Leg, bit: int, robot: Robot, physics: Ph
         refname=foot,
         intprm=[1 << mujoco.mjtConDataField.mjCONDATA_FORCE.value, _REDUCE_TO_NET_FORCE, 1],
     )
+
+
+def _add_knees(spec: Any, robot: Robot, physics: Physics) -> None:
+    """Add a ball at the end of every thigh, which lies on the same plane as the trunk."""
+    for leg in LEGS:
+        spec.body(f"{leg.name}_thigh").add_geom(
+            name=f"{leg.name}_knee",
+            type=mujoco.mjtGeom.mjGEOM_SPHERE,
+            pos=[0.0, 0.0, -robot.thigh_length],
+            size=[KNEE_RADIUS, 0, 0],
+            contype=_TRUNK_BIT,
+            conaffinity=0,
+            **_surface(physics),
+        )
 
 
 def _add_motor(spec: Any, joint: str, torque_limit: float) -> None:

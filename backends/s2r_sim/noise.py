@@ -75,14 +75,25 @@ def draw(noise: Noise, seed: int, ticks: int, period: int) -> Draws:
     """Draw a rollout's random numbers; a longer rollout starts with those of a shorter one."""
     rng = np.random.default_rng(seed)
     phase = int(rng.uniform() * noise.gait_phase * period) % period
-    scales = (noise.encoder, noise.joint_speed, noise.gyro, noise.attitude, noise.velocity)
     rise = float(rng.normal()) * noise.initial_height
     tilt = rng.normal(size=3) * noise.initial_attitude
     joints = rng.normal(size=12) * noise.initial_joint
-    sensors = np.zeros((ticks, 36))
-    sensors[:, 3:] = (rng.normal(size=(ticks, sum(_DRAWN))) * np.repeat(scales, _DRAWN))[:, _AS_STATE]
+    sensors = sensor_errors(noise, rng, ticks)
     # A stream of its own: what was added later must not move what was drawn before.
     rng = np.random.default_rng([seed, 1])
     x, y = rng.uniform(-_FIELD, _FIELD, 2).tolist()
-    accelerometer = rng.normal(size=(ticks, 3)) * noise.accelerometer
+    accelerometer = accelerometer_errors(noise, rng, ticks)
     return Draws(phase, rise, tilt, joints, sensors, accelerometer, (x, y))
+
+
+def sensor_errors(noise: Noise, rng: np.random.Generator, ticks: int) -> FloatArray:
+    """Return (ticks, 36) errors of the measured state, in the order of ``State.flat``; the next ones at every call."""
+    scales = (noise.encoder, noise.joint_speed, noise.gyro, noise.attitude, noise.velocity)
+    errors = np.zeros((ticks, 36))
+    errors[:, 3:] = (rng.normal(size=(ticks, sum(_DRAWN))) * np.repeat(scales, _DRAWN))[:, _AS_STATE]
+    return errors
+
+
+def accelerometer_errors(noise: Noise, rng: np.random.Generator, ticks: int) -> FloatArray:
+    """Return (ticks, 3) errors of the accelerometer [m/s²]; the next ones at every call."""
+    return rng.normal(size=(ticks, 3)) * noise.accelerometer

@@ -32,8 +32,8 @@ class Saved(NamedTuple):
 class Plant:
     """Steps the world from one control tick to the next."""
 
-    def __init__(self, robot: Robot, physics: Physics) -> None:
-        self.model = mujoco_model.build(robot, physics)
+    def __init__(self, robot: Robot, physics: Physics, knees: bool = False) -> None:
+        self.model = mujoco_model.build(robot, physics, knees)
         self.data = mujoco.MjData(self.model)
         self.origin = (0.0, 0.0)
         """(x, y) [m] of the terrain at the world's origin."""

@@ -60,28 +60,29 @@ class Sensors:
         """
         if self._bias is None and not self._physics.backlash and self._velocity_is_right:
             return truth
-        flat = truth.flat.copy()
+        own = self.disturbed(truth, play, None)
+        own.velocity[:] = self._distorted(truth.velocity.tolist(), float(truth.rpy[2]))
+        return own
+
+    def disturbed(self, truth: State, play: tuple[FloatArray, FloatArray], noise: FloatArray | None) -> State:
+        """Return the state with all errors of encoders and IMU on it; ``noise`` is (36,) white, or none.
+
+        ``play`` is that of the rotors, with the encoders.
+        """
+        flat = truth.flat.copy() if noise is None else truth.flat + noise
         if self._bias is not None:
             flat += self._bias
         if self._physics.backlash:
             flat[12:24] += play[0]
             flat[24:36] += play[1]
-        own = State(flat)
-        own.velocity[:] = self._distorted(truth.velocity.tolist(), float(truth.rpy[2]))
-        return own
+        return State(flat)
 
     def read(self, truth: State, play: tuple[FloatArray, FloatArray], stance: Stance) -> State:
         """Return the state as the controller is given it; ``play`` is that of the rotors, with the encoders."""
         tick = len(self._truth)
-        flat = truth.flat.copy() if self._random is None else truth.flat + self._random.sensors[tick]
-        if self._bias is not None:
-            flat += self._bias
-        if self._physics.backlash:
-            flat[12:24] += play[0]
-            flat[24:36] += play[1]
-        measured = State(flat)
+        measured = self.disturbed(truth, play, None if self._random is None else self._random.sensors[tick])
         self._truth.append(truth.flat)
-        self._measured.append(flat)
+        self._measured.append(measured.flat)
         self._stance.append(stance)
         if self._feedback == "estimate":
             self._feed_back(truth, measured, tick)

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from s2r_spec.cli.common import interrupted, new_or_old, pool, seconds, sentences
+from s2r_spec.cli.common import interrupted, new_or_old, pool, refuse_without_operator, seconds, sentences
 from s2r_spec.cli.options import (
     Columns,
     Nan,
@@ -20,6 +20,7 @@ from s2r_spec.cli.options import (
     SpecFile,
     Timeout,
     TimeUnit,
+    Void,
     Workers,
     logs,
 )
@@ -45,6 +46,7 @@ def check(
     workers: Workers = None,
     scheduler: Scheduler = None,
     timeout: Timeout = None,
+    void: Void = "again",
     mode: Annotated[
         str, typer.Option(help="Confidence set: rigorous, rigorous-simple or paper.")
     ] = "rigorous",
@@ -64,6 +66,7 @@ def check(
     from s2r_spec.errors import UsageError
 
     with sentences(as_json or form == "json"):
+        refuse_without_operator(backend)
         # Imported here: the help must not wait for numerical libraries.
         from s2r_spec.certify import check as checking
         from s2r_spec.certify.given import must_be_begun
@@ -112,6 +115,7 @@ def check(
                             # The next requirement of a run that was cut off may not have begun.
                             resume=resume is not None and Journal.found(place),
                             observer=live,
+                            void=void,
                         )
                     )
             except KeyboardInterrupt:

@@ -20,7 +20,7 @@ import typer
 from rich.console import Console
 
 from s2r_spec.cli.terminal import console, say
-from s2r_spec.errors import S2RError, TraceNote, UsageError
+from s2r_spec.errors import S2RError, StoppedError, TraceNote, UsageError
 from s2r_spec.printable import one_line
 
 if TYPE_CHECKING:
@@ -72,7 +72,12 @@ def sentences(as_json: bool = False) -> Iterator[None]:
 def _refuse(sentence: str, exit_code: int, as_json: bool, cause: Exception) -> NoReturn:
     # A specification's mistakes are drawn below its sentence.
     first, line_feed, rest = sentence.partition("\n")
-    print(f"error: {first}{line_feed}{rest}" if not first.startswith("error") else sentence, file=sys.stderr)
+    if isinstance(cause, StoppedError):  # as was asked: no error
+        say(sentence, error=True)
+    else:
+        print(
+            f"error: {first}{line_feed}{rest}" if not first.startswith("error") else sentence, file=sys.stderr
+        )
     if as_json:
         print_error(exit_code, sentence)
     raise typer.Exit(exit_code) from cause
@@ -134,6 +139,34 @@ def pool(workers: int | None, scheduler: str | None) -> tuple[ExecutorFactory, s
             "--workers is for this machine, --scheduler has workers of its own: give one of them"
         )
     return dask_pool(scheduler), f"scheduler {scheduler}"
+
+
+def refuse_without_operator(name: str) -> None:
+    """Refuse a machine whose operator is at no terminal, before numerical libraries are loaded for seconds.
+
+    What else is wrong with a backend is said where it is used; the search asks again.
+
+    Raises:
+        UsageError: see there.
+    """
+    from s2r_spec.backend import HasAttendance, is_exclusive, load_backend
+    from s2r_spec.rollouts.operator import Terminal, refuse_nobody
+
+    operator = Terminal()
+    if operator.there or name.startswith("log:"):
+        return
+    try:
+        backend = load_backend(name)
+    except S2RError:
+        return
+    if not is_exclusive(backend):
+        return
+    attended = None
+    if isinstance(backend, HasAttendance):
+        with suppress(S2RError):  # one that needs the specification first is attended
+            attended = backend.attendance(operator)
+    if not getattr(attended, "unattended", False):
+        refuse_nobody(operator)
 
 
 def seconds(timeout: float | None) -> float | None:

@@ -1,0 +1,201 @@
+"""The guard's commands: ``python -m s2r_a1.guard status|lie|damp|stop [--host HOST] [--port PORT]``.
+
+They speak with a guard that lives, through its control socket, and never with a robot. ``run`` is how
+:mod:`s2r_a1.guard.start` begins one; it is not for people.
+
+Signals of the process that ``run`` makes: SIGINT and SIGHUP do nothing; SIGTERM lets the robot lie down if it stands,
+and ends the guard then. SIGKILL cannot be caught: commands stop, and the robot's firmware decides what happens.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import os
+import signal
+import sys
+import time
+from typing import Any
+
+from s2r_a1.guard.control import Connection, ControlError, Listener
+from s2r_a1.guard.place import folder, hold, place
+from s2r_a1.guard.start import Robot
+from s2r_spec.errors import BackendError, S2RError, UsageError
+
+PRIORITY = 20
+"""A level: of the real-time scheduler (1 to 99), if the system lets the guard have it; above what has none."""
+SWITCH = 0.0005
+"""A budget [s]: how long another thread of the guard may hold it up; Python's own value is 5 ms, two rounds."""
+ENDING = 15.0
+"""A budget [s]: how long ``stop`` waits for the guard's end; a stop from a walk takes 6 s."""
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run a command and return its exit code; errors are one sentence on standard error."""
+    parser = argparse.ArgumentParser(
+        prog="python -m s2r_a1.guard", description="Speak with the guard of a robot."
+    )
+    commands = parser.add_subparsers(dest="do", required=True)
+    for name, text in _COMMANDS.items():
+        command = commands.add_parser(name, help=text, description=text)
+        command.add_argument("--host", help="the robot's address; not needed where one guard lives")
+        command.add_argument("--port", type=int, default=8007, help="its port (8007)")
+        if name == "status":
+            command.add_argument("--json", action="store_true", help="print one object")
+    _add_run(commands.add_parser("run", description="Begin a guard; s2r does this."))
+    given = parser.parse_args(arguments)
+    try:
+        return _run(given) if given.do == "run" else _speak(given)
+    except S2RError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return error.exit_code
+
+
+_COMMANDS = {
+    "status": "Print what the guard does, and why.",
+    "lie": "Let the robot come to a stand and lie down.",
+    "damp": "Damp the robot at once; only a reset leaves that.",
+    "stop": "Let the robot lie down if it stands, and end the guard.",
+}
+
+
+def _speak(given: argparse.Namespace) -> int:
+    """Make a request of a living guard."""
+    connection = Connection(_found(given.host, given.port))
+    try:
+        reply = connection.request(given.do)
+        if given.do == "status":
+            print(json.dumps(reply) if given.json else _told(reply))
+        else:
+            print(f"{given.do}: the robot is in {reply['state']}")
+        if given.do == "stop":
+            _await_end(connection)
+    finally:
+        connection.close()
+    return 0
+
+
+def _found(host: str | None, port: int) -> Any:
+    """Return the control socket of the guard of a robot, or of the only one.
+
+    Raises:
+        BackendError: none lives.
+        UsageError: several live, and none is named.
+    """
+    if host:
+        return place(host, port).control
+    living = [path for path in sorted(folder().glob("*.sock")) if _lives(path.stem)]
+    if not living:
+        raise BackendError("no guard lives; a run with a1:host=… starts one")
+    if len(living) > 1:
+        names = ", ".join(path.stem.replace("_", ":") for path in living)
+        raise UsageError(f"{len(living)} guards live, of {names}; name one by --host and --port")
+    return living[0]
+
+
+def _lives(stem: str) -> bool:
+    host, _, port = stem.rpartition("_")
+    lock = hold(place(host, int(port)))
+    if lock is not None:
+        os.close(lock)
+    return lock is None
+
+
+def _await_end(connection: Connection) -> None:
+    """Wait until the guard ends.
+
+    Raises:
+        BackendError: it does not.
+    """
+    end = time.monotonic() + ENDING
+    while time.monotonic() < end:
+        try:
+            for _ in connection.take():
+                pass
+        except ControlError:
+            return
+        time.sleep(0.02)
+    raise BackendError("the guard has not ended yet; look at its status")
+
+
+def _told(status: dict[str, Any]) -> str:
+    """Return a status in lines for a person."""
+    kind = "a twin" if status["twin"] else "a robot"
+    since = f" since {status['since']:.1f} s" if status["since"] is not None else ""
+    lines = [
+        f"{status['state']}{since}: {kind} at {status['host']}:{status['port']}, {status['clock']} clock"
+    ]
+    if status["reason"]:
+        lines.append(f"  why: {status['reason']} ({status['word']})")
+    if status["temperatures"]:
+        lines.append(f"  warmest motor: {max(status['temperatures']):.0f} °C")
+    if status["battery"] is not None:
+        lines.append(f"  battery: {status['battery']} %")
+    if status["client"]:
+        lines.append(f"  moved by process {status['client']}")
+    if status["recording"]:
+        lines.append(f"  recording to {status['recording']}")
+    lines += [f"  warning: {sentence}" for sentence in status["warnings"]]
+    counted = ", ".join(f"{name} {count}" for name, count in status["counters"].items() if count)
+    lines.append(f"  {status['rounds']} rounds, {status['late']} late; packets: {counted or 'none'}")
+    return "\n".join(lines)
+
+
+def _add_run(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--host", required=True)
+    parser.add_argument("--port", type=int, required=True)
+    parser.add_argument("--layout", choices=("a1", "go1"), default="a1")
+    parser.add_argument("--clock", choices=("real", "lockstep"), default="real")
+    parser.add_argument("--local", type=int, default=0)
+    parser.add_argument("--module", default="")
+    parser.add_argument("--idle", type=float, default=60.0)
+    parser.add_argument("--ready", type=int, required=True)
+
+
+def _run(given: argparse.Namespace) -> int:
+    """Begin a guard in a process of its own, which says through the descriptor ``ready`` that it listens."""
+    if os.fork():
+        os._exit(0)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    with os.fdopen(given.ready, "w") as ready:
+        try:
+            guard = _begun(given)
+        except S2RError as error:
+            ready.write(f"error: {error}\n")
+            return error.exit_code
+        if guard is None:
+            ready.write("held\n")
+            return 4
+        ready.write("ready\n")
+    guard.run()
+    return 0
+
+
+def _begun(given: argparse.Namespace) -> Any:
+    """Return a guard that holds the robot's lock and listens; None where another one does."""
+    from s2r_a1.guard.desk import answer
+    from s2r_a1.guard.loop import Guard
+
+    found = place(given.host, given.port)
+    if hold(found) is None:  # until this process ends
+        return None
+    robot = Robot(given.host, given.port, given.layout, given.clock, given.local, given.module)
+    guard = Guard(robot, Listener(found.control), answer, given.idle)
+
+    def terminated(number: int, frame: Any) -> None:
+        guard.terminated = True
+
+    signal.signal(signal.SIGTERM, terminated)
+    sys.setswitchinterval(SWITCH)
+    if given.clock == "real":
+        # A right that most users do not have; without it the guard is late more often, and counts it.
+        with contextlib.suppress(OSError):
+            policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
+            os.sched_setscheduler(0, policy, os.sched_param(PRIORITY))
+    return guard
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,266 @@
+"""Answers the requests of a guard's parties; the table is in :mod:`s2r_a1.guard.control`."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from s2r_a1 import remote
+from s2r_a1.guard import states
+from s2r_a1.guard.control import ROLES, Party, RefusedError, Request
+from s2r_a1.guard.limits import SECOND
+from s2r_a1.guard.loop import Deferred, Guard
+from s2r_a1.guard.states import ROWS, State
+
+Reply = dict[str, Any] | Deferred
+
+PATIENCE = 750
+"""A budget [rounds]: how long a request waits for the robot to fulfil its conditions: 1.5 s, of which measuring the
+robot's clock takes 0.5 s. Twice as many make a robot that is not there known later."""
+LONGEST = 300
+"""A budget: letters of a reason."""
+
+
+def answer(guard: Guard, party: Party, request: Request) -> Reply:
+    """Return the reply to a request, or say when there is one.
+
+    Raises:
+        RefusedError: the sentence says why not.
+        LinkError: the robot cannot be reached from here.
+    """
+    if party.role not in ROLES[request.do]:
+        needed = " or ".join(sorted(role for role in ROLES[request.do] if role))
+        raise RefusedError(f"{request.do} is for the {needed}; say hello as one first")
+    if request.do in states.BEGINNINGS or request.do in _MOTIONS:
+        return _motion(guard, party, request)
+    return _ANSWERS[request.do](guard, party, request.fields)
+
+
+def _motion(guard: Guard, party: Party, request: Request) -> Reply:
+    if request.do in states.BEGINNINGS:
+        if guard.client is None or guard.client.party is not party:
+            raise RefusedError("this program does not move the robot any more; connect anew")
+        if party.spent:
+            raise RefusedError("this program was moving the robot when it was damped; connect anew")
+        if guard.ending:
+            raise RefusedError("the guard is about to end; start a new one")
+    reason = request.fields.get("reason")
+    reason = " ".join(reason.split())[:LONGEST] if isinstance(reason, str) else None
+    machine, refusal = states.request(guard.machine, request.do, party.role, reason, guard.limits)
+    if refusal:
+        raise RefusedError(refusal)
+    if machine.state is not guard.machine.state and ROWS[machine.state].client:
+        guard.forget_orders()
+    guard.become(machine)
+    return {}
+
+
+def _hello(guard: Guard, party: Party, fields: dict[str, Any]) -> Reply:
+    role, pid, port = fields.get("role"), fields.get("pid"), fields.get("port")
+    if role not in ("client", "operator"):
+        raise RefusedError('a hello has the role "client" or "operator"')
+    if party.role:
+        raise RefusedError(f"this connection has said hello as {party.role}")
+    pid = pid if isinstance(pid, int) else None
+    if role == "operator":
+        party.role, party.pid = role, pid
+        return status(guard)
+    if not isinstance(port, int) or not 0 < port < 65536:
+        raise RefusedError("a client's hello has the port that it listens at, 1 to 65535")
+
+    def poll() -> dict[str, Any] | None:
+        if guard.link is None:
+            raise RefusedError("the robot is not connected; an operator connects it first")
+        if guard.client and guard.client.party.open:
+            raise RefusedError(
+                f"another program moves the robot (process {guard.client.party.pid}); end it first"
+            )
+        if guard.client:
+            guard.leave(guard.client.party)
+        if guard.lockstep and guard.moving():
+            return None  # else it would depend on the machine's load which state it sees first
+        own = guard.attach(party, port)
+        party.role, party.pid = role, pid
+        return {**status(guard), "port": own}
+
+    return poll() or Deferred(party, poll, rounds=True)
+
+
+def _connect(guard: Guard, party: Party, fields: dict[str, Any]) -> Reply:
+    if guard.machine.state not in (State.OFF, State.LINKED):
+        return status(guard)
+    guard.connect()
+    until = guard.rounds + PATIENCE
+
+    def poll() -> dict[str, Any] | None:
+        conditions, reading = guard.conditions(), guard.machine.memory.reading
+        if reading is not None and conditions.unit:
+            return status(guard)
+        if guard.rounds < until:
+            return None
+        sentence = conditions.refusal if reading is not None and conditions.refusal else silent(guard)
+        guard.disconnect()
+        raise RefusedError(sentence)
+
+    return Deferred(party, poll, rounds=True)
+
+
+def _arm(guard: Guard, party: Party, fields: dict[str, Any]) -> Reply:
+    if guard.machine.state is State.OFF:
+        raise RefusedError("the robot is not connected; connect it first")
+    if guard.machine.state is State.DAMPING:
+        raise RefusedError(f"the robot is damped ({guard.machine.reason}); reset it first")
+    until = guard.rounds + PATIENCE
+
+    def poll() -> dict[str, Any] | None:
+        if guard.machine.state is State.LINKED:
+            sentence = states.unready(guard.machine, guard.conditions(), guard.limits)
+            if sentence and guard.rounds < until:
+                return None
+            if sentence:
+                raise RefusedError(sentence)
+            guard.become(states.armed(guard.machine, guard.now))
+        return {}
+
+    return Deferred(party, poll, rounds=True)
+
+
+def _reset(guard: Guard, party: Party, fields: dict[str, Any]) -> Reply:
+    if guard.machine.state is not State.DAMPING:
+        raise RefusedError(
+            f"the robot is in {guard.machine.state}, and not damped; there is nothing to reset"
+        )
+
+    def poll() -> dict[str, Any] | None:
+        if guard.now - guard.machine.since < states.SINKING:
+            return None
+        guard.reset()
+        return {}
+
+    return Deferred(party, poll, rounds=True)
+
+
+def _record(guard: Guard, party: Party, fields: dict[str, Any]) -> Reply:
+    path, header = fields.get("path"), fields.get("header", {})
+    if not isinstance(path, str) or not Path(path).is_absolute():
+        raise RefusedError("a recording has a path that begins at the root")
+    if not isinstance(header, dict):
+        raise RefusedError("the header of a recording is an object")
+    robot = guard.robot
+    own = {
+        "host": robot.host,
+        "port": robot.port,
+        "twin": guard.loopback,
+        "layout": robot.layout,
+        "clock": robot.clock,
+        "tick_unit": guard.link.unit if guard.link else None,
+        "limits": asdict(guard.limits),
+    }
+    log = guard.record(path, {**header, **own})
+
+    def poll() -> dict[str, Any] | None:
+        if not log.ready:
+            return None
+        if log.failure:
+            guard.finish_recording()
+            raise RefusedError(log.failure)
+        return {"path": path}
+
+    return Deferred(party, poll, rounds=False)
+
+
+def _stop_recording(guard: Guard, party: Party, fields: dict[str, Any]) -> Reply:
+    log = guard.finish_recording()
+    if log is None:
+        raise RefusedError("nothing is being recorded")
+
+    def poll() -> dict[str, Any] | None:
+        if not log.done:
+            return None
+        if log.failure:
+            raise RefusedError(log.failure)
+        return {"path": str(log.path), "packets": log.written.packets, "bytes": log.written.bytes}
+
+    return Deferred(party, poll, rounds=False)
+
+
+def _leave(guard: Guard, party: Party, fields: dict[str, Any]) -> Reply:
+    machine = guard.machine
+    if ROWS[machine.state].client:
+        raise RefusedError(f"the robot is in {machine.state}; halt it first")
+    guard.release()
+    return {}
+
+
+def _stop(guard: Guard, party: Party, fields: dict[str, Any]) -> Reply:
+    guard.stop("the guard was asked to end")
+    return {}
+
+
+def status(guard: Guard) -> dict[str, Any]:
+    """Return all that there is to know of a guard."""
+    machine, reading = guard.machine, guard.machine.memory.reading
+    counters = asdict(guard.link.counters) if guard.link else {}
+    followed = machine.followed
+    return {
+        "pid": os.getpid(),
+        "reason": machine.reason,
+        "word": machine.word,
+        "since": (guard.now - machine.since) / SECOND if machine.state is not State.OFF else None,
+        "host": guard.robot.host,
+        "port": guard.robot.port,
+        "twin": guard.loopback,
+        "layout": guard.robot.layout,
+        "module": guard.robot.module,
+        "clock": guard.robot.clock,
+        "tick_unit": guard.link.unit if guard.link else None,
+        "unready": states.unready(machine, guard.conditions(), guard.limits)
+        if machine.state is State.LINKED
+        else None,
+        "rounds": guard.rounds,
+        "late": guard.late,
+        "counters": counters,
+        "clipped": followed.clipped,
+        "dropped": followed.unusable,
+        "temperatures": None if reading is None else reading.temperature.tolist(),
+        "battery": _battery(guard),
+        "remote_seen": reading is not None and remote.seen(reading.remote),
+        "client": guard.client.party.pid if guard.client else None,
+        "recording": str(guard.log.path) if guard.log else None,
+        "warnings": [sentence for _, sentence in machine.warnings],
+        "event": guard.event,
+    }
+
+
+def _battery(guard: Guard) -> int | None:
+    """Return the charge [%] that a Go1 says; an A1 says none."""
+    if guard.robot.layout != "go1" or guard.robot.module or not guard.packet:  # a module says none
+        return None
+    return int(np.frombuffer(guard.packet, guard.layout.state)["battery"][0, 3])
+
+
+def silent(guard: Guard) -> str:
+    """Return a sentence about a robot that has not answered."""
+    where = f"{guard.robot.host}:{guard.robot.port}"
+    if guard.link and guard.link.counters.corrupt:
+        return f"what answers at {where} sends no packets of the {guard.layout.name}; name its layout, or its address"
+    return f"no robot answers at {where}; check that it is on, its address, and the cable"
+
+
+_MOTIONS = frozenset({"halt", "lie", "damp"})
+_ANSWERS: dict[str, Callable[[Guard, Party, dict[str, Any]], Reply]] = {
+    "hello": _hello,
+    "status": lambda guard, party, fields: status(guard),
+    "connect": _connect,
+    "arm": _arm,
+    "reset": _reset,
+    "record": _record,
+    "stop_recording": _stop_recording,
+    "leave": _leave,
+    "stop": _stop,
+}

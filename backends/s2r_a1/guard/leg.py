@@ -1,0 +1,66 @@
+"""Computes where the feet are, and from it how high the base stands, for single numbers.
+
+Data: joint angles q and the attitude of the base as a unit quaternion (w, x, y, z). The guard has kinematics of its
+own, since it must not load a simulator; ``tests/a1/test_limits.py`` holds it against ``s2r_sim``'s. Legs in the order
+FR, FL, RR, RL; axes x forward, y left, z up; m and rad.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import acos, cos, sin
+
+
+@dataclass(frozen=True)
+class Legs:
+    """Lengths [m] of a quadruped's legs. Source of the defaults: the A1's URDF, as in ``s2r_sim.figures``.
+
+    Attributes:
+        hip_x, hip_y: of the hip joints from the middle of the base.
+        thigh_y: from the hip joint out to the thigh joint.
+        thigh, calf: between joints, and from the knee to the middle of the foot's ball.
+        foot: radius of the foot's ball.
+    """
+
+    hip_x: float = 0.1805
+    hip_y: float = 0.047
+    thigh_y: float = 0.0838
+    thigh: float = 0.2
+    calf: float = 0.2
+    foot: float = 0.02
+
+
+A1 = Legs()
+SIDES = ((1, -1), (1, 1), (-1, -1), (-1, 1))
+"""A definition: (+1 front or −1 rear, +1 left or −1 right) of each leg."""
+
+
+def feet(legs: Legs, q: Sequence[float]) -> list[tuple[float, float, float]]:
+    """Return the middles of the four feet's balls in base axes [m], from twelve joint angles [rad]."""
+    found = []
+    for leg, (front, left) in enumerate(SIDES):
+        hip, thigh, calf = q[3 * leg], q[3 * leg + 1], q[3 * leg + 2]
+        x = -legs.thigh * sin(thigh) - legs.calf * sin(thigh + calf)
+        down = legs.thigh * cos(thigh) + legs.calf * cos(thigh + calf)
+        out = left * legs.thigh_y
+        c, s = cos(hip), sin(hip)
+        found.append((front * legs.hip_x + x, left * legs.hip_y + c * out + s * down, s * out - c * down))
+    return found
+
+
+def height(legs: Legs, q: Sequence[float], quaternion: Sequence[float]) -> float:
+    """Return the height [m] of the base over a level ground through the lowest foot."""
+    w, a, b, c = quaternion
+    up = (2.0 * (a * c - w * b), 2.0 * (b * c + w * a), 1.0 - 2.0 * (a * a + b * b))
+    lowest = min(up[0] * x + up[1] * y + up[2] * z for x, y, z in feet(legs, q))
+    return legs.foot - lowest
+
+
+def standing(legs: Legs, height: float) -> tuple[float, float, float]:
+    """Return hip, thigh and calf angle [rad] of a stand with the base at this height [m], feet below the hips.
+
+    For thighs and calves of one length.
+    """
+    thigh = acos((height - legs.foot) / (legs.thigh + legs.calf))
+    return 0.0, thigh, -2.0 * thigh

@@ -1,0 +1,476 @@
+"""Judges whether a robot may go on: every figure in one table, and one pure function for each limit.
+
+Data: the newest reading of the robot, and counts that the state machine keeps (:class:`Seen`). A check returns a
+sentence about what is wrong, or None. Which checks hold in which state is said by ``states.ROWS``; every check has a
+word, which says what a rollout that it ended was ended by.
+
+Words of the robot, which count as outcomes: fall, joint, torque, power, heat, motor. Words of everything else, which
+make a rollout void: link, client, operator, disk.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from math import acos, cos, isfinite
+from typing import Annotated, Literal, NamedTuple, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_a1 import remote
+from s2r_a1.guard import leg
+from s2r_a1.wire import CLOSED_LOOP, MOTORS, Orders, Reading
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+Vector3 = tuple[float, float, float]
+
+RobotWord = Literal["fall", "joint", "torque", "power", "heat", "motor"]
+VoidWord = Literal["link", "client", "operator", "disk"]
+Word = Literal[RobotWord, VoidWord]
+ROBOT_WORDS: frozenset[str] = frozenset(get_args(RobotWord))
+"""A definition: words of a rollout that the robot itself ended; it counts with the spec's value of a fall."""
+VOID_WORDS: frozenset[str] = frozenset(get_args(VoidWord))
+"""A definition: words of a rollout that says nothing about the robot; it is kept, and run again."""
+
+MS = 1_000_000
+"""A definition: nanoseconds of a millisecond; all times of the guard are whole nanoseconds."""
+SECOND = 1000 * MS
+"""A definition: nanoseconds of a second."""
+ROUND = 2 * MS
+"""A definition: nanoseconds of a round, the time between two commands."""
+
+JOINTS = tuple(f"{side} {part}" for side in ("FR", "FL", "RR", "RL") for part in ("hip", "thigh", "calf"))
+"""A definition: names of the motors in the order of the wire."""
+
+
+class Figure(NamedTuple):
+    """What is known of a figure: its unit, where it comes from, and what happens when it doubles."""
+
+    unit: str
+    source: str
+    twice: str
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Every figure that the guard judges by, for the A1; all are levels but the first three, which define the robot.
+
+    The annotation of each field is its :class:`Figure`.
+    Sources by their short names: SDK = unitree_legged_sdk, FE = fast_and_efficient, WP = walk_in_the_park,
+    QP = A1-QP-MPC-Controller, guide = unitree_guide, ZZ = ros_udp_node of Z. Zhuang.
+    """
+
+    lowest: Annotated[
+        Vector3, Figure("rad", "Safety of SDK for the A1: hip, thigh, calf", "legs may strike their stops")
+    ] = (-0.802, -1.05, -2.7)
+    highest: Annotated[
+        Vector3, Figure("rad", "Safety of SDK for the A1: hip, thigh, calf", "legs may strike their stops")
+    ] = (0.802, 4.19, -0.916)
+    legs: Annotated[leg.Legs, Figure("m", "the A1's URDF", "the height is wrong by as much")] = leg.A1
+    margin: Annotated[
+        float,
+        Figure(
+            "rad",
+            "PositionProtect of SDK; joints that stand or walk keep it",
+            "crouching walks end as faults",
+        ),
+    ] = 0.087
+    torque: Annotated[
+        float,
+        Figure("N·m", "the A1's URDF; ZZ stops beyond it, WP beyond 35.5", "gears are overloaded unseen"),
+    ] = 33.5
+    torque_rounds: Annotated[
+        int,
+        Figure(
+            "rounds", "one reading may be wrong, and an impact lasts one", "an overload lasts 6 ms longer"
+        ),
+    ] = 3
+    strain: Annotated[
+        float, Figure("N·m", "a motor held at 24.5 N·m gave up at 48 °C (SDK issue 54)", "no warning")
+    ] = 20.0
+    strain_time: Annotated[
+        int, Figure("ns", "a step of the trot takes 0.2 s", "the warning comes a second later")
+    ] = SECOND
+    power_level: Annotated[
+        int,
+        Figure(
+            "1 to 10",
+            "PowerProtect of SDK: 1 for the new, 5 usual, 8 to 10 for walking fast",
+            "1000 W are let pass",
+        ),
+    ] = 5
+    power_rounds: Annotated[
+        int,
+        Figure(
+            "rounds", "PowerProtect of SDK ends its process at the sixth", "an overload lasts 12 ms longer"
+        ),
+    ] = 6
+    hot: Annotated[
+        float, Figure("°C", "motors of an A1 stop themselves within minutes (WP warns at 50)", "a limp leg")
+    ] = 60.0
+    warm: Annotated[
+        float, Figure("°C", "WP warns there; no test begins beyond", "tests end by heat, and are lost")
+    ] = 50.0
+    tilt: Annotated[
+        float, Figure("rad", "FE stops at 0.555, a specification's fall is 0.7", "falls end by an impact")
+    ] = 0.5
+    height: Annotated[
+        float, Figure("m", "FE; a specification's fall is 0.16", "a stand of 0.28 m is one")
+    ] = 0.18
+    deviation: Annotated[
+        float,
+        Figure(
+            "rad",
+            "a pose that is not reached has smoked a motor (locomotion_simulation issue 7)",
+            "2 × 40 N·m",
+        ),
+    ] = 0.5
+    still: Annotated[
+        float, Figure("rad/s", "a robot that walks by itself moves faster", "a slow walk is armed")
+    ] = 0.05
+    still_time: Annotated[
+        int,
+        Figure(
+            "ns",
+            "a period of the trot is 0.4 s, and the encoders' noise is 1 mrad",
+            "arming takes 0.5 s more",
+        ),
+    ] = SECOND // 2
+    bridged: Annotated[
+        int,
+        Figure(
+            "ns", "ZZ; gaps on loopback are 7 ms at most (benchmarks/a1_gaps.py)", "torque acts on old states"
+        ),
+    ] = 10 * MS
+    silence: Annotated[
+        int, Figure("ns", "ZZ: 20 to 50 ms; the robot's own is 30 ms", "the robot's own rule acts first")
+    ] = 20 * MS
+    absence: Annotated[
+        int,
+        Figure(
+            "ns",
+            "where nothing moves; a battery takes longer to change",
+            "a robot that was switched on is armed",
+        ),
+    ] = SECOND
+    dropped: Annotated[int, Figure("packets", "five rounds are 10 ms", "torque acts on old states")] = 5
+    kp: Annotated[float, Figure("N·m/rad", "the stiffest stand published (FE, WP)", "joints ring")] = 100.0
+    kd: Annotated[float, Figure("N·m·s/rad", "the guide's stand has 7", "joints ring")] = 10.0
+    speed: Annotated[float, Figure("rad/s", "the A1's URDF", "kd alone asks for 200 N·m")] = 21.0
+    wild_speed: Annotated[
+        float, Figure("rad/s", "twice the joints' largest speed", "a broken encoder acts for longer")
+    ] = 42.0
+    wild_angle: Annotated[
+        float, Figure("rad", "beyond a joint's stop; a calf rests 0.1 beyond (SDK issue 131)", "as above")
+    ] = 0.5
+    wild_turn: Annotated[float, Figure("rad/s", "range of gyros of this kind, 2000 °/s", "as above")] = 35.0
+    norm: Annotated[
+        float, Figure("1", "an attitude's quaternion has the norm 1", "a broken IMU acts for longer")
+    ] = 0.05
+
+    @cached_property
+    def span(self) -> tuple[FloatArray, FloatArray]:
+        """(12,) lowest and highest angle [rad] of every joint."""
+        return np.tile(self.lowest, 4), np.tile(self.highest, 4)
+
+    @cached_property
+    def kept(self) -> tuple[FloatArray, FloatArray]:
+        """(12,) middle [rad] and inverse half width of what joints keep to that stand or walk."""
+        return self._narrowed(self.margin)
+
+    @cached_property
+    def possible(self) -> tuple[FloatArray, FloatArray]:
+        """(12,) middle [rad] and inverse half width of the angles that a joint can have."""
+        return self._narrowed(-self.wild_angle)
+
+    @cached_property
+    def ordered(self) -> tuple[FloatArray, FloatArray]:
+        """(60,) least and largest numbers of orders that need not be clipped."""
+        (low, high), one = self.span, np.ones(MOTORS)
+        least = (low, -self.speed * one, 0.0 * one, 0.0 * one, -self.torque * one)
+        most = (high, self.speed * one, self.kp * one, self.kd * one, self.torque * one)
+        return np.concatenate(least), np.concatenate(most)
+
+    @cached_property
+    def upright(self) -> float:
+        """Least cosine of the angle between the base's z axis and the vertical."""
+        return cos(self.tilt)
+
+    @property
+    def watts(self) -> float:
+        """Power that the level allows [W]."""
+        return 100.0 * min(max(self.power_level, 1), 10)
+
+    def _narrowed(self, margin: float) -> tuple[FloatArray, FloatArray]:
+        low, high = self.span
+        return (low + high) / 2.0, 2.0 / (high - low - 2.0 * margin)
+
+
+LIMITS = Limits()
+"""The A1's."""
+
+_ALL_CLOSED = np.full(MOTORS, CLOSED_LOOP, dtype=np.int64).tobytes()
+_NO_ERROR = np.zeros(MOTORS, dtype=np.int64).tobytes()
+
+
+class Seen(NamedTuple):
+    """What a check looks at.
+
+    Attributes:
+        reading: the newest good one.
+        desired: (12,) angles that the guard's own motion asks for [rad]; None in a client's.
+        link: since the newest good reading [ns].
+        bad: readings in a row that cannot be.
+        client: since the client's newest orders [ns]; 0 where none is due.
+        late: by which this round of the guard itself came after the last [ns].
+        power: the count of :func:`powered`.
+        strong: (12,) readings in a row with more than the largest torque.
+        strained: (12,) rounds in a row with more than the torque of a warning.
+    """
+
+    reading: Reading
+    desired: FloatArray | None
+    link: int
+    bad: int
+    client: int
+    late: int
+    power: int
+    strong: IntArray
+    strained: IntArray
+
+
+class Check(NamedTuple):
+    """One limit.
+
+    Attributes:
+        name: of the row in the table of limits.
+        word: what a rollout that it ends is said to have ended by.
+        find: returns a sentence about what is wrong, or None.
+        measures: whether it looks at the reading; such a check waits where this round brought none.
+    """
+
+    name: str
+    word: Word
+    find: Callable[[Limits, Seen], str | None]
+    measures: bool = True
+
+
+def impossible(limits: Limits, reading: Reading) -> str | None:
+    """Return a sentence if a reading cannot be true of a robot that is whole; NaN cannot."""
+    w, x, y, z = reading.quaternion.tolist()
+    norm = w * w + x * x + y * y + z * z
+    if not abs(norm - 1.0) <= 2.0 * limits.norm:
+        return f"the attitude's quaternion has the norm {norm**0.5:.3g}, not 1"
+    for axis, rate in zip("xyz", reading.gyro.tolist(), strict=True):
+        if not abs(rate) <= limits.wild_turn:
+            return f"the gyro says {rate:.3g} rad/s about {axis}, which is beyond its range"
+    if not all(isfinite(force) for force in reading.accelerometer.tolist()):
+        return "the accelerometer says a number that is not finite"
+    middle, inverse = limits.possible
+    off = np.abs((reading.q - middle) * inverse)
+    if not off.max() <= 1.0:
+        joint = _worst(off)
+        return f"the {JOINTS[joint]} is said to be at {reading.q[joint]:.3g} rad, where it cannot be"
+    if not np.abs(reading.dq).max() <= limits.wild_speed:
+        joint = _worst(np.abs(reading.dq))
+        return f"the {JOINTS[joint]} is said to turn at {reading.dq[joint]:.3g} rad/s, which it cannot"
+    return None
+
+
+def power(reading: Reading) -> float:
+    """Return Σ |dq · tau| of all motors [W], as the vendor's protection has it."""
+    return float(np.abs(reading.dq) @ np.abs(reading.tau))
+
+
+def powered(limits: Limits, count: int, watts: float) -> int:
+    """Return the vendor's count of power after one more reading: up by one beyond the level's power, else down.
+
+    Source: ``Safety.PowerProtect`` of the vendor's compiled library, seen: level 1 to 10 is 100 to 1000 W, and other
+    levels are the nearest of these.
+    """
+    return count + 1 if watts > limits.watts else max(count - 1, 0)
+
+
+def clipped(limits: Limits, orders: Orders) -> tuple[Orders, int] | None:
+    """Return a client's orders within the limits, and how many of their numbers were beyond.
+
+    None where they may not be used at all: a number is not finite, or a gain is negative. A speed beyond the joints'
+    is none: the motor's kd is 0 then, as with the vendor's ``VelStopF``.
+    """
+    flat = np.concatenate(orders)
+    least, most = limits.ordered
+    if ((flat >= least) & (flat <= most)).all():  # as nearly always, in a third of the time
+        return orders, 0
+    if not np.isfinite(flat).all() or orders.kp.min() < 0.0 or orders.kd.min() < 0.0:
+        return None
+    low, high = limits.span
+    fast = np.abs(orders.dq) > limits.speed
+    within = Orders(
+        q=np.clip(orders.q, low, high),
+        dq=np.where(fast, 0.0, orders.dq),
+        kp=np.minimum(orders.kp, limits.kp),
+        kd=np.where(fast, 0.0, np.minimum(orders.kd, limits.kd)),
+        tau=np.clip(orders.tau, -limits.torque, limits.torque),
+    )
+    # Where a gain is 0, its angle or speed does not act, and programs leave there what they like.
+    beyond = (
+        (within.q != orders.q) & (orders.kp > 0.0),
+        within.kp != orders.kp,
+        within.kd != orders.kd,
+        within.tau != orders.tau,
+    )
+    return within, int(np.count_nonzero(beyond))
+
+
+def _worst(values: FloatArray) -> int:
+    """Return where the largest value is; a NaN is larger than all."""
+    return int(np.argmax(values))
+
+
+def _link(limits: Limits, seen: Seen) -> str | None:
+    if seen.link >= limits.silence:
+        return f"no new state has come from the robot for {seen.link / MS:.0f} ms"
+    return None
+
+
+def _absent(limits: Limits, seen: Seen) -> str | None:
+    if seen.link >= limits.absence:
+        return f"no new state has come from the robot for {seen.link / SECOND:.1f} s"
+    return None
+
+
+def _numbers(limits: Limits, seen: Seen) -> str | None:
+    return "two states in a row had numbers that cannot be" if seen.bad >= 2 else None
+
+
+def _client(limits: Limits, seen: Seen) -> str | None:
+    if seen.client >= limits.silence:
+        return (
+            f"no orders that can be used have come from the program that walks for {seen.client / MS:.0f} ms"
+        )
+    return None
+
+
+def _held_up(limits: Limits, seen: Seen) -> str | None:
+    if seen.late >= limits.silence:
+        return (
+            f"the guard itself was held up for {seen.late / MS:.0f} ms; let nothing else run on its machine"
+        )
+    return None
+
+
+def _button(limits: Limits, seen: Seen) -> str | None:
+    pressed = remote.stop(seen.reading.remote)
+    return f"{pressed} was pressed on the remote control" if pressed else None
+
+
+def _motor(limits: Limits, seen: Seen) -> str | None:
+    mode, error = seen.reading.mode, seen.reading.error
+    # Bytes compare in a tenth of the time that arrays take.
+    if mode.tobytes() != _ALL_CLOSED:
+        joint = int(np.argmax(mode != CLOSED_LOOP))
+        return f"the motor of the {JOINTS[joint]} is in mode {mode[joint]}, not in {CLOSED_LOOP}, and follows no orders"
+    if error.tobytes() != _NO_ERROR:
+        joint = int(np.argmax(error != 0))
+        return f"the motor of the {JOINTS[joint]} reports error {error[joint]}"
+    return None
+
+
+def _heat(limits: Limits, seen: Seen) -> str | None:
+    return _above(limits.hot, seen.reading.temperature)
+
+
+def _warmth(limits: Limits, seen: Seen) -> str | None:
+    return _above(limits.warm, seen.reading.temperature)
+
+
+def _above(limit: float, temperature: FloatArray) -> str | None:
+    if temperature.max() < limit:
+        return None
+    joint = int(np.argmax(temperature))
+    return f"the motor of the {JOINTS[joint]} has {temperature[joint]:.0f} °C; the limit is {limit:.0f} °C"
+
+
+def _torque(limits: Limits, seen: Seen) -> str | None:
+    if seen.strong.max() < limits.torque_rounds:
+        return None
+    joint = int(np.argmax(seen.strong))
+    return (
+        f"the {JOINTS[joint]} makes {seen.reading.tau[joint]:.1f} N·m, more than ±{limits.torque:g} N·m, "
+        f"in {limits.torque_rounds} states in a row"
+    )
+
+
+def _strain(limits: Limits, seen: Seen) -> str | None:
+    if seen.strained.max() * ROUND < limits.strain_time:
+        return None
+    joint = int(np.argmax(seen.strained))
+    return (
+        f"the {JOINTS[joint]} has made more than {limits.strain:g} N·m for {limits.strain_time / SECOND:g} s"
+    )
+
+
+def _power(limits: Limits, seen: Seen) -> str | None:
+    if seen.power < limits.power_rounds:
+        return None
+    return f"the motors take {power(seen.reading):.0f} W; level {limits.power_level} of 10 allows {limits.watts:.0f} W"
+
+
+def _joints(limits: Limits, seen: Seen) -> str | None:
+    q = seen.reading.q
+    middle, inverse = limits.kept
+    off = np.abs((q - middle) * inverse)
+    if off.max() <= 1.0:
+        return None
+    joint = _worst(off)
+    bound = (limits.lowest if q[joint] < middle[joint] else limits.highest)[joint % 3]
+    return f"the {JOINTS[joint]} is at {q[joint]:.2f} rad, within {limits.margin:g} rad of its limit of {bound:.2f} rad"
+
+
+def _deviation(limits: Limits, seen: Seen) -> str | None:
+    if seen.desired is None:
+        return None
+    off = np.abs(seen.reading.q - seen.desired)
+    if off.max() <= limits.deviation:
+        return None
+    joint = _worst(off)
+    return (
+        f"the {JOINTS[joint]} is {off[joint]:.2f} rad from where it should be; "
+        "something holds it, or its motor is weak"
+    )
+
+
+def _tilt(limits: Limits, seen: Seen) -> str | None:
+    _, x, y, _ = seen.reading.quaternion.tolist()
+    upright = 1.0 - 2.0 * (x * x + y * y)
+    if upright >= limits.upright:
+        return None
+    return f"the base is tilted by {acos(max(upright, -1.0)):.2f} rad; the limit is {limits.tilt:g} rad"
+
+
+def _height(limits: Limits, seen: Seen) -> str | None:
+    height = leg.height(limits.legs, seen.reading.q.tolist(), seen.reading.quaternion.tolist())
+    if height >= limits.height:
+        return None
+    return f"the base is {height:.2f} m over the lowest foot; the limit is {limits.height:g} m"
+
+
+LINK = Check("link", "link", _link, measures=False)
+ABSENT = Check("absence", "link", _absent, measures=False)
+NUMBERS = Check("numbers", "link", _numbers, measures=False)
+CLIENT = Check("client", "client", _client, measures=False)
+HELD_UP = Check("guard", "link", _held_up, measures=False)
+BUTTON = Check("button", "operator", _button)
+MOTOR = Check("motor", "motor", _motor)
+HEAT = Check("heat", "heat", _heat)
+WARMTH = Check("warmth", "heat", _warmth)
+TORQUE = Check("torque", "torque", _torque)
+STRAIN = Check("strain", "torque", _strain)
+POWER = Check("power", "power", _power)
+JOINT = Check("joint", "joint", _joints)
+DEVIATION = Check("deviation", "joint", _deviation)
+TILT = Check("tilt", "fall", _tilt)
+HEIGHT = Check("height", "fall", _height)

@@ -1,0 +1,293 @@
+"""Writes and reads the raw recording of a rollout: every packet, both ways, as it came.
+
+A file is a magic line, one line of JSON that says what was recorded, and blocks, little-endian:
+
+    u32 length of the records | u32 CRC-32 of length and records | records
+    a record: u64 time [ns] | u8 direction | u16 length | bytes
+
+A block without records ends a recording that was finished. One that was not (a killed process, a full disk) is read
+up to its last whole block, which is at most 100 ms old. In lock step time counts rounds of 2 ms.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import struct
+import threading
+import zlib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec.errors import BackendError, TraceError
+
+MAGIC = b"s2r a1log 1\n"
+"""A definition: the first line of a recording."""
+SUFFIX = ".a1log"
+"""A definition: how the name of a recording ends."""
+BLOCK = 100_000_000
+"""A budget [ns]: time that a block spans, and that a kill may cost; half of it doubles the writes."""
+BEHIND = 64 * 2**20
+"""A budget [bytes]: what waits in memory for a disk that does not take it: a minute of packets both ways."""
+
+_BLOCK = struct.Struct("<II")
+_RECORD = struct.Struct("<QBH")
+
+
+class RawLogError(BackendError):
+    """A recording cannot be written any more."""
+
+
+@dataclass(frozen=True, eq=False)
+class RawLog:
+    """A recording.
+
+    Attributes:
+        header: what was recorded, and how.
+        times: (n,) of the packets [ns].
+        directions: (n,) 0 from the robot, 1 to it.
+        packets: n of them, as they came or went.
+        finished: whether the recording ends where it was meant to, and not by a kill.
+    """
+
+    header: dict[str, Any]
+    times: NDArray[np.uint64]
+    directions: NDArray[np.uint8]
+    packets: tuple[bytes, ...]
+    finished: bool
+
+
+@dataclass(frozen=True)
+class Written:
+    """What a finished recording holds."""
+
+    path: Path
+    packets: int
+    bytes: int
+
+
+class RawLogWriter:
+    """Writes a recording from a thread of its own, so that a slow disk never holds up a round.
+
+    Attributes:
+        path: of the file, which must not exist.
+        packets: appended so far.
+        failure: a sentence once the disk refused; the thread goes on trying, and what waits is kept.
+    """
+
+    def __init__(self, path: str | os.PathLike[str], header: Mapping[str, Any]) -> None:
+        self.path = Path(path)
+        self.packets = 0
+        self.failure: str | None = None
+        self._written = 0
+        self._begun: int | None = None
+        self._records = bytearray()
+        self._waiting = bytearray(MAGIC + json.dumps(dict(header), ensure_ascii=False).encode() + b"\n")
+        self._ending = False
+        self._lost = False
+        self._changed = threading.Condition()
+        self._done = threading.Event()
+        self._ready = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="raw log", daemon=True)
+        self._thread.start()
+
+    @property
+    def ready(self) -> bool:
+        """Whether the file is there with its header, or has failed."""
+        return self._ready.is_set()
+
+    @property
+    def done(self) -> bool:
+        """Whether the recording was finished and is on the disk, or has failed for good."""
+        return self._done.is_set()
+
+    def wait_ready(self, seconds: float | None = None) -> bool:
+        """Wait until the file is there or has failed; return ``ready``."""
+        return self._ready.wait(seconds)
+
+    def append(self, time: int, direction: int, packet: bytes) -> None:
+        """Add a packet at a time [ns]; never waits for the disk, and never raises."""
+        if self._begun is not None and time - self._begun >= BLOCK:
+            self.flush()
+        if self._begun is None:
+            self._begun = time
+        self._records += _RECORD.pack(time, direction, len(packet)) + packet
+        self.packets += 1
+
+    def flush(self) -> None:
+        """Give the thread what was appended, as one block; call it where no packet is to be expected for a while."""
+        if not self._records:
+            return
+        block, self._records, self._begun = self._records, bytearray(), None
+        self._give(_block(block))
+
+    def finish(self) -> None:
+        """Ask for the last block, and for the file to be on the disk; do not wait for it. Look at ``done``."""
+        self.flush()
+        self._give(b"" if self._lost else _block(b""), ending=True)
+
+    def close(self, seconds: float | None = None) -> Written:
+        """Finish the recording, wait for the disk, and return what it holds.
+
+        Raises:
+            RawLogError: the disk did not take everything, or not within ``seconds``.
+        """
+        if not self._ending:
+            self.finish()
+        if not self._done.wait(seconds) or self.failure:
+            raise RawLogError(self.failure or f"{self.path}: the disk has not taken the recording yet")
+        return self.written
+
+    @property
+    def written(self) -> Written:
+        """What has been written so far."""
+        return Written(self.path, self.packets, self._written)
+
+    def _give(self, data: bytes | bytearray, ending: bool = False) -> None:
+        with self._changed:
+            if not self._lost and len(self._waiting) + len(data) <= BEHIND:
+                self._waiting += data
+            elif data:  # nothing is recorded after a gap
+                self._lost = True
+                self.failure = self.failure or (
+                    f"{self.path}: the disk is too slow to record on; free it or name another folder"
+                )
+            self._ending = self._ending or ending
+            self._changed.notify()
+
+    def _run(self) -> None:
+        """Write what is given, until the end: the thread."""
+        try:
+            file = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
+        except OSError as error:
+            self._fail(error)
+            self._ready.set()
+            self._done.set()
+            return
+        try:
+            self._serve(file)
+        finally:
+            os.close(file)
+            self._ready.set()
+            self._done.set()
+
+    def _serve(self, file: int) -> None:
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._waiting or self._ending)
+                ending, data = self._ending, bytes(self._waiting)
+            taken = self._write(file, data)
+            with self._changed:
+                del self._waiting[:taken]
+                more = len(self._waiting) > 0
+            self._ready.set()
+            if ending and (self.failure or not more):
+                break
+            if taken < len(data):
+                with self._changed:  # a full disk is tried again with the next block, and at the end
+                    self._changed.wait_for(lambda: self._ending, timeout=BLOCK / 1e9)
+        try:
+            os.fsync(file)
+            _sync_folder(self.path.parent)
+        except OSError as error:
+            self._fail(error)
+
+    def _write(self, file: int, data: bytes) -> int:
+        """Write as much as the disk takes; return how many bytes that was."""
+        taken = 0
+        while taken < len(data):
+            try:
+                taken += os.write(file, memoryview(data)[taken:])
+            except OSError as error:
+                self._fail(error)
+                break
+        self._written += taken
+        return taken
+
+    def _fail(self, error: OSError) -> None:
+        self.failure = (
+            f"{self.path}: the recording cannot be written: {error.strerror}; free the disk, or name another"
+        )
+
+
+def _sync_folder(folder: Path) -> None:
+    """Put the name of a new file on the disk, too."""
+    opened = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        os.fsync(opened)
+    finally:
+        os.close(opened)
+
+
+def read(path: str | os.PathLike[str]) -> RawLog:
+    """Return a recording up to its last whole block.
+
+    Raises:
+        TraceError: the file cannot be read, or is no recording; the sentence names it.
+    """
+    try:
+        data = Path(path).read_bytes()
+    except OSError as error:
+        raise TraceError(f"{os.fspath(path)}: {error.strerror}") from None
+    if not data.startswith(MAGIC):
+        raise TraceError(
+            f"{os.fspath(path)} is no raw recording of a robot; name a file that ends in {SUFFIX}"
+        )
+    line, newline, rest = data[len(MAGIC) :].partition(b"\n")
+    try:
+        header = json.loads(line) if newline else None
+    except (ValueError, RecursionError):  # of JSON, of UTF-8, of brackets in brackets
+        header = None
+    if not isinstance(header, dict):
+        raise TraceError(
+            f"{os.fspath(path)}: the header of the recording is damaged; nothing of it can be used"
+        )
+    times, directions, packets, finished = [], [], [], False
+    for block in _blocks(rest):
+        finished = not block
+        for time, direction, packet in _records(block):
+            times.append(time)
+            directions.append(direction)
+            packets.append(packet)
+    return RawLog(
+        header, np.array(times, np.uint64), np.array(directions, np.uint8), tuple(packets), finished
+    )
+
+
+def _block(records: bytes | bytearray) -> bytes:
+    return _BLOCK.pack(len(records), _checksum(records)) + records
+
+
+def _checksum(records: bytes | bytearray) -> int:
+    """Return a CRC-32 that zeros of a page that never reached the disk do not have."""
+    return zlib.crc32(records, zlib.crc32(len(records).to_bytes(4, "little")))
+
+
+def _blocks(data: bytes) -> Iterator[bytes]:
+    """Yield the records of each block, up to the first that is not whole; the block that ends all is empty."""
+    place = 0
+    while place + _BLOCK.size <= len(data):
+        length, checksum = _BLOCK.unpack_from(data, place)
+        place += _BLOCK.size
+        block = data[place : place + length]
+        if len(block) < length or _checksum(block) != checksum:
+            return
+        yield block
+        if not block:
+            return
+        place += length
+
+
+def _records(block: bytes) -> Iterator[tuple[int, int, bytes]]:
+    """Yield time [ns], direction and bytes of each packet of a block."""
+    place = 0
+    while place + _RECORD.size <= len(block):
+        time, direction, length = _RECORD.unpack_from(block, place)
+        place += _RECORD.size
+        yield time, direction, block[place : place + length]
+        place += length

@@ -1,0 +1,7 @@
+"""A stand-in for the robot behind its own wire: bytes in, bytes out; in a process of its own or in a test."""
+
+from s2r_a1.twin.injects import Inject, read_inject
+from s2r_a1.twin.places import PLACES
+from s2r_a1.twin.twin import Twin, TwinSettings
+
+__all__ = ["PLACES", "Inject", "Twin", "TwinSettings", "read_inject"]

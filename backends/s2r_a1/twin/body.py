@@ -1,0 +1,104 @@
+"""The robot of a twin: the plant, its sensors and the heat of its motors, one round of 2 ms at a time."""
+
+from __future__ import annotations
+
+import math
+from math import inf
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_a1.twin.heating import AMBIENT, warmed
+from s2r_a1.twin.lying import lying
+from s2r_a1.wire import MOTORS, Orders
+from s2r_sim import estimator, rotation
+from s2r_sim.figures import A1
+from s2r_sim.gains import RATE
+from s2r_sim.noise import Noise, accelerometer_errors, sensor_errors
+from s2r_sim.physics import MotorCommand, Physics, State
+from s2r_sim.plant import Plant, Saved
+from s2r_sim.sensors import Sensors
+
+FloatArray = NDArray[np.float64]
+
+_BLOCK = 500
+"""A budget: rounds whose noise is drawn at once. The numbers do not depend on it."""
+
+
+class Felt(NamedTuple):
+    """What the sensors of the robot say after a round, as :class:`s2r_a1.wire.Reading` has it."""
+
+    quaternion: FloatArray
+    gyro: FloatArray
+    accelerometer: FloatArray
+    q: FloatArray
+    dq: FloatArray
+    tau: FloatArray
+    temperature: FloatArray
+    foot_force: FloatArray
+
+
+class Body:
+    """The plant of `s2r_sim` with knees that lie on the ground, and the noise of its sensors from a seed."""
+
+    def __init__(self, physics: Physics, seed: int, noise: Noise, start: Saved | None = None) -> None:
+        self._plant = Plant(A1, physics, knees=True)
+        self._plant.restore(lying(physics) if start is None else start)
+        self._sensors = Sensors(A1, physics, "truth")
+        self._errors = _Errors(noise, seed)
+        self._velocity = self._plant.truth().velocity
+        self.temperature = np.full(MOTORS, AMBIENT)
+
+    def truth(self) -> State:
+        """Return the true state."""
+        return self._plant.truth()
+
+    def save(self) -> Saved:
+        """Return the state of the plant, without that of sensors and heat."""
+        return self._plant.save()
+
+    def step(self, orders: Orders, push: FloatArray | None = None) -> Felt:
+        """Let the motors act by these orders for a round, under a (3,) force on the base [N]."""
+        self._plant.step(MotorCommand(*orders), -inf, push)
+        return self._felt()
+
+    def _felt(self) -> Felt:
+        plant, truth = self._plant, self._plant.truth()
+        noise, noise_of_force = self._errors.next()
+        own = self._sensors.disturbed(truth, plant.play, noise)
+        change = (truth.velocity - self._velocity).tolist()
+        self._velocity = truth.velocity
+        force = estimator.specific_force(truth.rpy.tolist(), change, noise_of_force, math.sin, math.cos)
+        torque = plant.torque
+        self.temperature = warmed(self.temperature, torque, 1.0 / RATE)
+        x, y, z, w = rotation.quaternion(*own.rpy.tolist())
+        # The unit of the robot's foot sensors is not known; here one count is a newton along the world's z.
+        feet = plant.foot_forces.reshape(4, 3)[:, 2]
+        return Felt(
+            np.array([w, x, y, z]),
+            own.omega,
+            np.array(force),
+            own.q,
+            own.dq,
+            torque,
+            self.temperature,
+            feet,
+        )
+
+
+class _Errors:
+    """The noise of round after round."""
+
+    def __init__(self, noise: Noise, seed: int) -> None:
+        self._noise = noise
+        self._state, self._force = np.random.default_rng([seed, 2]), np.random.default_rng([seed, 3])
+        self._left: list[tuple[FloatArray, list[float]]] = []
+
+    def next(self) -> tuple[FloatArray, list[float]]:
+        """Return (36,) errors of the state and (3,) of the accelerometer."""
+        if not self._left:
+            state = sensor_errors(self._noise, self._state, _BLOCK)
+            force = accelerometer_errors(self._noise, self._force, _BLOCK).tolist()
+            self._left = list(zip(state, force, strict=True))[::-1]
+        return self._left.pop()

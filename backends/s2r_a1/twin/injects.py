@@ -1,0 +1,186 @@
+"""Faults that a twin can be given: how they are written, and in which rounds they act.
+
+    KIND[=VALUE][@ROUND[-[ROUND]]]      nan=gyro@100-101    loss=0.01    heat=3:65@500-    silence@200-210
+
+A round is 2 ms; round 0 is that of the first command. ``@100`` is that round alone, ``@100-`` it and all after it,
+no ``@`` every round. A value for motors may begin with the number of one, 0…11 in the order of the wire, or with
+``hip``, ``thigh``, ``calf`` or ``all``: ``joint=calf:-2.6``.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from math import inf, isfinite
+from typing import NamedTuple
+
+from s2r_a1.remote import BUTTONS
+from s2r_a1.wire import MOTORS
+from s2r_spec.errors import UsageError, did_you_mean, one_of
+
+NUMBERS = ("quaternion", "gyro", "accelerometer", "q", "dq")
+"""A definition: the parts of a state that the inject ``nan`` can name."""
+
+GROUPS: dict[str, tuple[int, ...]] = {
+    "all": tuple(range(MOTORS)),
+    **{name: tuple(range(place, MOTORS, 3)) for place, name in enumerate(("hip", "thigh", "calf"))},
+}
+"""A definition: motors that can be named together."""
+REMOTE_OFF = "off"
+"""A definition: the value of the inject ``button`` for a remote that is switched off."""
+
+
+class Part(NamedTuple):
+    """A number for some motors."""
+
+    motors: tuple[int, ...]
+    number: float
+
+
+Value = float | str | Part | None
+
+
+@dataclass(frozen=True)
+class Inject:
+    """A fault, and the rounds in which it acts, both ends included."""
+
+    kind: str
+    value: Value = None
+    first: int = 0
+    last: float = inf
+
+    def acts(self, round_: int) -> bool:
+        """Return whether the fault acts in a round."""
+        return self.first <= round_ <= self.last
+
+    @property
+    def number(self) -> float:
+        """The value, of a kind whose value is a number."""
+        assert isinstance(self.value, float)
+        return self.value
+
+    @property
+    def part(self) -> Part:
+        """The value, of a kind whose value is a number for some motors."""
+        assert isinstance(self.value, Part)
+        return self.value
+
+
+Injects = tuple[Inject, ...]
+
+
+class Kind(NamedTuple):
+    """One kind of fault: its value if none is written, how one is read, and what it does."""
+
+    default: Value
+    read: Callable[[str], Value]
+    does: str
+
+
+def acting(injects: Iterable[Inject], round_: int, *kinds: str) -> Iterator[Inject]:
+    """Yield the faults of these kinds that act in a round."""
+    return (inject for inject in injects if inject.kind in kinds and inject.acts(round_))
+
+
+def read_inject(text: str) -> Inject:
+    """Return the fault that a text stands for.
+
+    Raises:
+        UsageError: its kind, value or rounds cannot be used.
+    """
+    written, at, rounds = text.partition("@")
+    name, equals, value = written.partition("=")
+    if name not in KINDS:
+        raise UsageError(f"there is no inject {name!r}{did_you_mean(name, KINDS)}; there is {one_of(KINDS)}")
+    kind = KINDS[name]
+    try:
+        found = kind.read(value) if equals else kind.default
+    except ValueError as error:
+        raise UsageError(f"the inject {text!r}: {error}; {name} {kind.does}") from None
+    first, last = _rounds(text, rounds) if at else (0, inf)
+    return Inject(name, found, first, last)
+
+
+def _rounds(text: str, rounds: str) -> tuple[int, float]:
+    found = re.fullmatch(r"(\d{1,12})(-(\d{1,12})?)?", rounds, re.ASCII)
+    if not found:
+        raise UsageError(f"the inject {text!r} has no rounds after @; write @100, @100-200 or @100-")
+    first = int(found[1])
+    last = first if not found[2] else int(found[3]) if found[3] else inf
+    if last < first:
+        raise UsageError(f"the inject {text!r} ends before it begins; write the smaller round first")
+    return first, last
+
+
+def _number(low: float, high: float) -> Callable[[str], float]:
+    def read(text: str) -> float:
+        value = float(text)
+        if not isfinite(value) or not low <= value <= high:
+            raise ValueError(f"{text} is not within {low:g}…{high:g}")
+        return value
+
+    return read
+
+
+def _part(low: float, high: float) -> Callable[[str], Part]:
+    number = _number(low, high)
+
+    def read(text: str) -> Part:
+        who, colon, value = text.rpartition(":")
+        if who in GROUPS:
+            return Part(GROUPS[who], number(value))
+        if colon and not (who.isascii() and who.isdigit() and int(who) < MOTORS):
+            raise ValueError(f"{who!r} is no motor; write 0…{MOTORS - 1}, or one of {one_of(GROUPS)}")
+        return Part((int(who or 0),), number(value))
+
+    return read
+
+
+def _word(*words: str) -> Callable[[str], str]:
+    def read(text: str) -> str:
+        if text not in words:
+            raise ValueError(f"{text!r} is not one of {one_of(words)}")
+        return text
+
+    return read
+
+
+def _nothing(text: str) -> None:
+    raise ValueError(f"it takes no value, and {text!r} is one")
+
+
+def _buttons(text: str) -> str:
+    if unknown := [name for name in text.split("+") if name not in (*BUTTONS, REMOTE_OFF)]:
+        raise ValueError(f"{unknown[0]!r} is not one of {one_of((*BUTTONS, REMOTE_OFF))}")
+    return text
+
+
+_probability = _number(0.0, 1.0)
+
+KINDS: dict[str, Kind] = {
+    "loss": Kind(1.0, _probability, "loses states, with a probability per packet"),
+    "deaf": Kind(1.0, _probability, "loses commands, with a probability per packet"),
+    "delay": Kind(5.0, _number(0, 1000), "holds states back for a number of rounds"),
+    "duplicate": Kind(1.0, _probability, "delivers states once more a round later, after that round's own"),
+    "reorder": Kind(1.0, _probability, "delivers states a round late, after that round's own"),
+    "corrupt": Kind(1.0, _probability, "turns over one bit of a state, with a probability per packet"),
+    "short": Kind(1.0, _probability, "cuts states off, with a probability per packet"),
+    "silence": Kind(None, _nothing, "sends no state"),
+    "stuck_tick": Kind(None, _nothing, "lets the tick stand still"),
+    "back_tick": Kind(100.0, _number(-1e6, 1e6), "sets the tick back by a number of ms, ahead by a negative one"),
+    "tick_unit": Kind("us", _word("ms", "us"), "counts the tick in ms or us from then on"),
+    "nan": Kind("q", _word(*NUMBERS), f"makes one of {one_of(NUMBERS)} no number"),
+    "quaternion": Kind(2.0, _number(-1e6, 1e6), "multiplies the quaternion by a number"),
+    "gyro": Kind(100.0, _number(-1e6, 1e6), "reports a roll rate in rad/s"),
+    "tilt": Kind(0.6, _number(-3.2, 3.2), "adds to the reported roll, in rad"),
+    "joint": Kind(Part((0,), 3.0), _part(-1e6, 1e6), "reports an angle of a motor, in rad"),
+    "speed": Kind(Part((0,), 20.0), _part(-1e6, 1e6), "reports a speed of a motor, in rad/s"),
+    "torque": Kind(Part((0,), 40.0), _part(-127, 127), "reports a torque of a motor, in N·m"),
+    "heat": Kind(Part((0,), 65.0), _part(-128, 127), "reports a temperature of a motor, in °C"),
+    "mode": Kind(Part((0,), 0.0), _part(0, 255), "lets a motor go limp and report this mode"),
+    "error": Kind(Part((0,), 4.0), _part(0, 2**32 - 1), "reports an error word of a motor"),
+    "button": Kind("R2", _buttons, "holds down buttons of the remote, as L2+B, or switches it off"),
+    "push": Kind(100.0, _number(-1000, 1000), "pushes the trunk to the left, in N"),
+}  # fmt: skip
+"""A definition: all faults. Most change what is reported, or what arrives; ``mode`` and ``push`` act on the robot."""

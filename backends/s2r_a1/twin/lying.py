@@ -1,0 +1,39 @@
+"""How a twin begins: lying on its belly, legs folded beside it, motors off."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from math import inf, radians
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_sim.figures import A1, LEGS
+from s2r_sim.gains import RATE
+from s2r_sim.physics import MotorCommand, Physics
+from s2r_sim.plant import Plant, Saved
+
+FloatArray = NDArray[np.float64]
+
+HIP, THIGH, CALF = 0.5, 1.35, -2.69
+"""A definition: [rad] of a folded leg, hip outwards. Calves are at their limit, as on a robot that lies; the hip is
+out so far that knees and feet touch the ground beside a trunk that lies on it. A first guess: what it settles to is
+where the twin begins."""
+_ABOVE = 0.08
+"""A tolerance: [m] of the base above the ground before it settles; it lies at 0.057 m, half the trunk's height."""
+_HELD, _DAMPED, _LIMP = 0.3, 0.7, 3.0
+"""Budgets: [s] for which the legs are held, braked and left alone; twice as long changes the pose by 0.02 rad."""
+_RELEASED = np.zeros(12)
+
+
+@lru_cache(maxsize=16)
+def lying(physics: Physics) -> Saved:
+    """Return the state of a robot that lies still; the same for all twins of a place."""
+    plant = Plant(A1, physics, knees=True)
+    folded = np.concatenate([[leg.sy * HIP, THIGH, CALF] for leg in LEGS])
+    plant.place(np.array([0.0, 0.0, _ABOVE]), np.array([0.0, -radians(physics.slope), 0.0]), folded)
+    for seconds, kp, kd in ((_HELD, 5.0, 1.0), (_DAMPED, 0.0, 3.0), (_LIMP, 0.0, 0.0)):
+        law = MotorCommand(folded, _RELEASED, np.full(12, kp), np.full(12, kd), _RELEASED)
+        for _ in range(round(seconds * RATE)):
+            plant.step(law, -inf)
+    return plant.save()

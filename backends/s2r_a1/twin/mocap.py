@@ -1,0 +1,55 @@
+"""Motion capture of a twin: its true pose at 200 Hz, on a clock of its own.
+
+A line is JSON: ``{"t", "x", "y", "z", "qw", "qx", "qy", "qz"}``, time [s], position of the base origin [m] and
+attitude, all in the world. ``t`` differs from the robot's clock by a constant that only the seed decides.
+"""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_sim import rotation
+from s2r_sim.gains import RATE
+from s2r_sim.physics import State
+
+FloatArray = NDArray[np.float64]
+
+FREQUENCY = 200
+"""A definition: poses a second."""
+_KEYS = ("t", "x", "y", "z", "qw", "qx", "qy", "qz")
+_OFFSET = 1000.0
+"""A level: [s] by which the clocks differ at most, evenly drawn."""
+
+
+class Mocap:
+    """Turns true states, one a round, into lines; between two rounds the pose is interpolated."""
+
+    def __init__(self, seed: int) -> None:
+        self._offset = float(np.random.default_rng([seed, 5]).uniform(-_OFFSET, _OFFSET))
+        self._before: FloatArray | None = None
+        self._sent = 0
+
+    def lines(self, round_: int, truth: State) -> list[bytes]:
+        """Return the lines of poses up to the end of a round."""
+        x, y, z, w = rotation.quaternion(*truth.rpy.tolist())
+        pose = np.array([*truth.position, w, x, y, z])
+        before = pose if self._before is None else self._before
+        if pose[3:] @ before[3:] < 0.0:  # q and −q are the same attitude
+            pose[3:] *= -1.0
+        self._before = pose
+        found = []
+        # In units of 1 / (RATE · FREQUENCY) seconds everything is a whole number.
+        end = (round_ + 1) * FREQUENCY
+        while self._sent * RATE <= end:
+            part = 1.0 - (end - self._sent * RATE) / FREQUENCY
+            found.append(self._line(self._sent / FREQUENCY, before + part * (pose - before)))
+            self._sent += 1
+        return found
+
+    def _line(self, seconds: float, pose: FloatArray) -> bytes:
+        pose[3:] /= np.linalg.norm(pose[3:])
+        numbers = [seconds + self._offset, *pose.tolist()]
+        return (json.dumps(dict(zip(_KEYS, numbers, strict=True))) + "\n").encode()

@@ -1,0 +1,25 @@
+"""Where a twin of the robot can be: the places of the backend `twin`, and one without any effect."""
+
+from __future__ import annotations
+
+from s2r_sim.effects.choice import choose, world
+from s2r_sim.physics import Physics
+from s2r_sim.twins import PLACES as _TWINS
+from s2r_spec.errors import UsageError, did_you_mean, one_of
+
+NOMINAL = "nominal"
+"""A definition: the place whose plant is that of the backend `sim`."""
+PLACES = (NOMINAL, *_TWINS)
+
+
+def physics(place: str) -> Physics:
+    """Return the world at a place.
+
+    Raises:
+        UsageError: there is no such place.
+    """
+    if place not in PLACES:
+        raise UsageError(
+            f"there is no twin of a place {place!r}{did_you_mean(place, PLACES)}; there is {one_of(PLACES)}"
+        )
+    return Physics() if place == NOMINAL else world(Physics(), choose((), _TWINS[place]))

@@ -1,0 +1,86 @@
+"""What a twin reports instead of what its sensors say: the faults in the bytes of a state."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from s2r_a1 import remote
+from s2r_a1.ticks import SECONDS, TickUnit
+from s2r_a1.twin.injects import REMOTE_OFF, Inject, Injects, acting
+from s2r_a1.wire import Reading
+from s2r_sim import rotation
+
+
+def tick(round_: int, start: int, unit: TickUnit, injects: Injects) -> int:
+    """Return the tick of a round's state, which begins at ``start`` [ms] and follows the robot's clock of 2 ms a round.
+
+    Faults that act: it stands still, was set back, or counts in another unit.
+    """
+    for stuck in acting(injects, round_, "stuck_tick"):
+        round_ = min(round_, stuck.first - 1)
+    milliseconds = start + 2 * (round_ + 1)
+    for back in acting(injects, round_, "back_tick"):
+        milliseconds -= int(back.number)
+    for other in acting(injects, round_, "tick_unit"):
+        unit = "us" if other.value == "us" else "ms"
+    return round(milliseconds * 1e-3 / SECONDS[unit]) & 0xFFFFFFFF
+
+
+def distorted(reading: Reading, round_: int, injects: Injects) -> Reading:
+    """Return the reading with the faults of this round in it."""
+    for inject in acting(injects, round_, *_REPORTS):
+        reading = _REPORTS[inject.kind](reading, inject)
+    return reading
+
+
+def _nan(reading: Reading, inject: Inject) -> Reading:
+    name = str(inject.value)
+    values = getattr(reading, name).copy()
+    values[0] = np.nan
+    return reading._replace(**{name: values})
+
+
+def _quaternion(reading: Reading, inject: Inject) -> Reading:
+    return reading._replace(quaternion=inject.number * reading.quaternion)
+
+
+def _gyro(reading: Reading, inject: Inject) -> Reading:
+    return reading._replace(gyro=np.array([inject.number, *reading.gyro[1:]]))
+
+
+def _tilt(reading: Reading, inject: Inject) -> Reading:
+    w, x, y, z = reading.quaternion.tolist()
+    roll, pitch, yaw = rotation.rpy_from_wxyz(w, x, y, z)
+    x, y, z, w = rotation.quaternion(roll + inject.number, pitch, yaw)
+    return reading._replace(quaternion=np.array([w, x, y, z]))
+
+
+def _button(reading: Reading, inject: Inject) -> Reading:
+    names = str(inject.value).split("+")
+    return reading._replace(remote=bytes(remote.SIZE) if REMOTE_OFF in names else remote.packed(names))
+
+
+def _of_motors(field: str) -> Callable[[Reading, Inject], Reading]:
+    def report(reading: Reading, inject: Inject) -> Reading:
+        values = getattr(reading, field).copy()
+        values[list(inject.part.motors)] = inject.part.number
+        return reading._replace(**{field: values})
+
+    return report
+
+
+_REPORTS: dict[str, Callable[[Reading, Inject], Reading]] = {
+    "nan": _nan,
+    "quaternion": _quaternion,
+    "gyro": _gyro,
+    "tilt": _tilt,
+    "button": _button,
+    "joint": _of_motors("q"),
+    "speed": _of_motors("dq"),
+    "torque": _of_motors("tau"),
+    "heat": _of_motors("temperature"),
+    "mode": _of_motors("mode"),
+    "error": _of_motors("error"),
+}

@@ -1,0 +1,173 @@
+"""Puts a twin behind a UDP socket of this machine, in real time or in lock step.
+
+Whoever sent the last valid command is the peer: states go there, and other senders are not heard until they send one.
+In lock step every datagram of the peer is a round, answered by one datagram; an empty one stands for nothing.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+import select
+import signal
+import socket
+import time
+from collections.abc import Callable, Iterator
+from types import TracebackType
+from typing import Self
+
+from s2r_a1.datagrams import FROM_ROBOT, LARGEST, TO_ROBOT, WAITING, Address
+from s2r_a1.ticks import PERIOD
+from s2r_a1.twin.twin import Twin
+from s2r_spec.errors import BackendError
+
+BEHIND = 0.1
+"""A tolerance [s]: rounds that are late by less are made up for; after more, the twin's time has stood still."""
+_NANOSECONDS = round(PERIOD * 1e9)
+
+Tap = Callable[[int, int, bytes], None]
+"""What sees every datagram: time of the twin [ns], direction, bytes."""
+
+
+class Server:
+    """A twin, and the sockets that it speaks through.
+
+    Attributes:
+        port: on which it listens.
+
+    ``tap`` sees every datagram that came, whoever sent it, and every one that went; in lock step also empty ones.
+    """
+
+    def __init__(
+        self, twin: Twin, address: Address, mocap: int | None = None, tap: Tap | None = None
+    ) -> None:
+        """Open the port.
+
+        Raises:
+            BackendError: it is not to be had.
+        """
+        self._twin, self._mocap, self._tap = twin, mocap, tap
+        self._peer: Address | None = None
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        try:
+            self._socket.bind(address)
+        except OSError as error:
+            self._socket.close()
+            raise BackendError(
+                f"the UDP port {address[1]} cannot be opened: {error.strerror}; "
+                "end the program that holds it, or name another with --port"
+            ) from None
+        self._socket.setblocking(False)
+        self._woken, self._waker = socket.socketpair()
+        for end in (self._woken, self._waker):
+            end.setblocking(False)
+        self.port: int = self._socket.getsockname()[1]
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        for end in (self._socket, self._woken, self._waker):
+            end.close()
+
+    @contextlib.contextmanager
+    def until_signalled(self) -> Iterator[None]:
+        """Let SIGTERM and SIGINT end the serving, within the block, and not the process."""
+        before = {one: signal.signal(one, lambda *_: None) for one in (signal.SIGTERM, signal.SIGINT)}
+        woken_before = signal.set_wakeup_fd(self._waker.fileno())
+        try:
+            yield
+        finally:
+            signal.set_wakeup_fd(woken_before)
+            for one, handler in before.items():
+                signal.signal(one, handler)
+
+    def stop(self) -> None:
+        """End the serving, from another thread."""
+        self._waker.send(b"\0")
+
+    def serve_in_lock_step(self) -> None:
+        """Answer datagrams until a signal comes."""
+        while self._wait(None):
+            for data in self._heard(1):
+                answers = self._round([data])
+                if self._twin.begun:
+                    # As much as a link that drains its socket would keep of several.
+                    self._send(answers[-1] if answers else b"")
+
+    def serve_in_real_time(self) -> None:
+        """Let a round pass every 2 ms until a signal comes, from the first command on."""
+        while not self._twin.begun:
+            if not self._wait(None):
+                return
+            for data in self._round(self._heard(WAITING)):
+                self._send(data)
+        due = time.monotonic()
+        with _no_pauses():
+            while self._rest_until(due := max(due + PERIOD, time.monotonic() - BEHIND)):
+                for data in self._round(self._heard(WAITING)):
+                    self._send(data)
+
+    def _round(self, arrived: list[bytes]) -> list[bytes]:
+        twin = self._twin
+        answers = twin.round(arrived)
+        if self._mocap:
+            for line in twin.mocap():
+                with contextlib.suppress(OSError):
+                    self._socket.sendto(line, ("127.0.0.1", self._mocap))
+        return answers
+
+    def _rest_until(self, due: float) -> bool:
+        """Wait for the time; return False if a signal came."""
+        while True:
+            left = due - time.monotonic()
+            if select.select([self._woken], [], [], max(0.0, left))[0]:
+                return False
+            if left <= 0.0:
+                return True
+
+    def _wait(self, seconds: float | None) -> bool:
+        """Wait for a datagram; return False if a signal came."""
+        return self._woken not in select.select([self._socket, self._woken], [], [], seconds)[0]
+
+    def _heard(self, most: int) -> list[bytes]:
+        """Return the datagrams that wait, of the peer or of whoever takes its place by a valid command."""
+        heard = []
+        for _ in range(most):
+            try:
+                data, source = self._socket.recvfrom(LARGEST)
+            except OSError:  # nothing waits
+                break
+            self._note(TO_ROBOT, data)
+            if source != self._peer and self._twin.accepts(data):
+                self._peer = source
+            if source == self._peer or self._peer is None:
+                heard.append(data)
+        return heard
+
+    def _send(self, data: bytes) -> None:
+        assert self._peer
+        self._note(FROM_ROBOT, data)
+        with contextlib.suppress(OSError):  # a network that takes no more loses packets
+            self._socket.sendto(data, self._peer)
+
+    def _note(self, direction: int, data: bytes) -> None:
+        if self._tap:
+            self._tap(self._twin.rounds * _NANOSECONDS, direction, data)
+
+
+@contextlib.contextmanager
+def _no_pauses() -> Iterator[None]:
+    """Collect no garbage in the block: a pause for it is a late round, and rounds make none."""
+    enabled = gc.isenabled()
+    gc.collect()
+    gc.freeze()
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.unfreeze()
+        if enabled:
+            gc.enable()

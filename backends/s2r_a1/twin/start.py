@@ -1,0 +1,40 @@
+"""A plant's state in a file, from which `sim` and a twin can begin alike.
+
+The file is numpy's .npz: ``world`` MuJoCo's state, ``pending`` (n, 3, 12) motor laws under way, ``play`` and
+``play_speed`` (12,) of the rotors. See :class:`s2r_sim.plant.Saved`.
+"""
+
+from __future__ import annotations
+
+import zipfile
+from pathlib import Path
+
+import numpy as np
+
+from s2r_sim.motors import Law, MotorState
+from s2r_sim.plant import Saved
+from s2r_spec.errors import UsageError
+
+
+def write_start(path: Path, saved: Saved) -> None:
+    """Write a plant's state."""
+    motors = saved.motors
+    pending = np.array([list(law) for law in motors.pending]).reshape(-1, 3, 12)
+    with path.open("wb") as file:
+        np.savez(file, world=saved.world, pending=pending, play=motors.play, play_speed=motors.play_speed)
+
+
+def read_start(path: Path) -> Saved:
+    """Return the state that :func:`write_start` wrote.
+
+    Raises:
+        UsageError: the file cannot be read, or holds something else.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            world, pending, play, speed = (file[name] for name in ("world", "pending", "play", "play_speed"))
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        raise UsageError(f"{path} is no state of a plant to start from: {error}") from None
+    if world.ndim != 1 or pending.shape[1:] != (3, 12) or play.shape != (12,) or speed.shape != (12,):
+        raise UsageError(f"{path} is no state of a plant to start from: its arrays have other shapes")
+    return Saved(world, MotorState(tuple(Law(*law) for law in pending), play, speed))

@@ -1,0 +1,197 @@
+"""A stand-in for the robot, as bytes see it: commands in, states out, one round of 2 ms after another.
+
+A twin is a pure function of its settings and of the bytes that came in: it reads no clock, opens nothing and draws all
+chance from its seed.
+
+    twin = Twin(TwinSettings(place="lab"))
+    states = twin.round([command])      # datagrams that arrived in this round -> datagrams that arrive at the sender
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_a1 import remote
+from s2r_a1.ticks import TickUnit
+from s2r_a1.twin.body import Body
+from s2r_a1.twin.firmware import Command, Firmware, Silence, read_command
+from s2r_a1.twin.injects import Injects, acting
+from s2r_a1.twin.mocap import Mocap
+from s2r_a1.twin.network import Network
+from s2r_a1.twin.places import physics
+from s2r_a1.twin.reports import distorted, tick
+from s2r_a1.twin.start import write_start
+from s2r_a1.wire import A1, Layout, Orders, Reading, WireError, pack_reading
+from s2r_sim.noise import Noise
+from s2r_sim.physics import State
+from s2r_sim.plant import Saved
+
+FloatArray = NDArray[np.float64]
+
+LEAST_TICK, MOST_TICK = 10_000, 1_000_000
+"""A level: [ms] between which the robot's clock stands at the first command, by the seed: nobody must count on 0."""
+
+
+@dataclass(frozen=True)
+class TwinSettings:
+    """What a twin is made from.
+
+    Attributes:
+        place: one of :data:`s2r_a1.twin.places.PLACES`.
+        layout: of the packets.
+        seed: of noise, of faults with a probability, and of where clocks begin.
+        delay: rounds from the arrival of a command to the motors; a delay of the place comes on top.
+        noise: whether the sensors are noisy.
+        silence: what the motors do when commands stop.
+        tick_unit: of the tick in a state.
+        injects: faults.
+        start: state of the plant at the first command; without it the robot lies on its belly.
+    """
+
+    place: str = "lab"
+    layout: Layout = A1
+    seed: int = 0
+    delay: int = 1
+    noise: bool = True
+    silence: Silence = "damp"
+    tick_unit: TickUnit = "ms"
+    injects: Injects = ()
+    start: Saved | None = None
+
+
+@dataclass
+class Counts:
+    """Packets that came to a twin: used, refused by what was wrong with them, and lost on their way to it."""
+
+    used: int = 0
+    superseded: int = 0
+    lost: int = 0
+    refused: dict[str, int] = field(default_factory=dict)
+
+
+class Twin:
+    """The A1's plant of `s2r_sim` behind the A1's wire.
+
+    Attributes:
+        settings: what it was made from.
+        injects: faults, at first those of the settings; whoever holds the twin may replace them between rounds.
+        rounds: that have passed; none before the first valid command.
+        counts: of the packets that came.
+    """
+
+    def __init__(self, settings: TwinSettings) -> None:
+        self.settings = settings
+        self.injects = settings.injects
+        self.rounds = 0
+        self.counts = Counts()
+        seed = settings.seed
+        noise = Noise() if settings.noise else Noise.off()
+        self._body = Body(physics(settings.place), seed, noise, settings.start)
+        self._firmware = Firmware(settings.delay, settings.silence)
+        self._network = Network(seed)
+        self._mocap = Mocap(seed)
+        self._start_tick = int(np.random.default_rng([seed, 6]).integers(LEAST_TICK, MOST_TICK))
+
+    @property
+    def begun(self) -> bool:
+        """Whether a valid command has come: before it, a twin says nothing, and no time passes."""
+        return self.counts.used > 0
+
+    @property
+    def temperature(self) -> FloatArray:
+        """(12,) true temperatures of the motors [°C]; a state has whole degrees."""
+        return self._body.temperature
+
+    def truth(self) -> State:
+        """Return the true state of the robot, which no packet says."""
+        return self._body.truth()
+
+    def saved(self) -> Saved:
+        """Return the state of the plant, from which it and another twin can go on; no sensor and no heat is in it."""
+        return self._body.save()
+
+    def save(self, path: Path) -> None:
+        """Write the state of the plant to a file to start from; see :mod:`s2r_a1.twin.start`."""
+        write_start(path, self.saved())
+
+    def accepts(self, data: bytes) -> bool:
+        """Return whether a datagram is a command that the robot would use."""
+        try:
+            read_command(data, self.settings.layout)
+        except WireError:
+            return False
+        return True
+
+    def round(self, arrived: Sequence[bytes]) -> list[bytes]:
+        """Return the states that reach the sender in this round, the last to arrive last.
+
+        ``arrived`` are the datagrams that came to the robot in it; the newest that is valid counts, an empty one
+        says that nothing came.
+        """
+        newest = self._newest([data for data in arrived if data])
+        if newest:
+            self._firmware.take(self.rounds, newest)
+        if not self.begun:
+            return []
+        state = self._step()
+        arriving = self._network.carry(self.rounds, self.injects, state)
+        self.rounds += 1
+        return arriving
+
+    def mocap(self) -> list[bytes]:
+        """Return the lines of motion capture since the last call; call it after every round, or never."""
+        return self._mocap.lines(self.rounds - 1, self.truth()) if self.begun else []
+
+    def _newest(self, arrived: Sequence[bytes]) -> Command | None:
+        newest = None
+        for data in arrived:
+            if self.begun and not self._network.hears(self.rounds, self.injects):
+                self.counts.lost += 1
+                continue
+            try:
+                command = read_command(data, self.settings.layout)
+            except WireError as error:
+                refused = self.counts.refused
+                refused[error.fault] = refused.get(error.fault, 0) + 1
+            else:
+                self.counts.superseded += newest is not None
+                self.counts.used += newest is None
+                newest = command
+        return newest
+
+    def _step(self) -> bytes:
+        """Let a round pass; return the state at its end."""
+        settings, injects, round_ = self.settings, self.injects, self.rounds
+        orders = self._firmware.orders(round_, self.truth().q)
+        push = np.zeros(3)
+        for pushed in acting(injects, round_, "push"):
+            push[1] += pushed.number
+        felt = self._body.step(_limp(orders, injects, round_), push)
+        reading = Reading(
+            felt.quaternion,
+            felt.gyro,
+            felt.accelerometer,
+            felt.q,
+            felt.dq,
+            felt.tau,
+            felt.temperature,
+            self._firmware.mode,
+            tick(round_, self._start_tick, settings.tick_unit, injects),
+            remote.packed(),
+            foot_force=felt.foot_force,
+        )
+        return pack_reading(distorted(reading, round_, injects), settings.layout)
+
+
+def _limp(orders: Orders, injects: Injects, round_: int) -> Orders:
+    """Return the orders without those for motors that have dropped out."""
+    for dropped in acting(injects, round_, "mode"):
+        works = np.ones_like(orders.tau)
+        works[list(dropped.part.motors)] = 0.0
+        orders = orders._replace(kp=works * orders.kp, kd=works * orders.kd, tau=works * orders.tau)
+    return orders

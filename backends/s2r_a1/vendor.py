@@ -1,0 +1,275 @@
+"""Drives a robot through the vendor's own Python module, where a user has one.
+
+Two modules are in use. *Binding A* has a class ``RobotInterface`` with ``send_command`` of 60 numbers, five a motor
+(q, kp, dq, kd, tau), and ``receive_observation``. *Binding B* has ``UDP``, ``LowCmd`` and ``LowState``.
+
+A :class:`VendorLink` never touches the module's ``Safety``: it ends the process that calls it, before the motors are
+damped. Nor does it trust the module's word that a state came, since a dead link hands out the last one again: only
+the robot's tick tells. What goes in or out passes :mod:`s2r_a1.wire`, with the same refusals.
+"""
+
+from __future__ import annotations
+
+import socket
+import time
+from collections.abc import Callable
+from importlib import import_module
+from typing import Any, Protocol
+
+import numpy as np
+
+from s2r_a1.datagrams import FROM_ROBOT, TO_ROBOT, Address, LinkError, Tap
+from s2r_a1.link import LinkFault
+from s2r_a1.ticks import Counters, Ticks, TickUnit
+from s2r_a1.wire import (
+    CLOSED_LOOP,
+    GO1,
+    LOW_LEVEL,
+    MOTORS,
+    Layout,
+    Orders,
+    Reading,
+    WireError,
+    pack,
+    pack_reading,
+    unpack,
+    unpack_orders,
+)
+
+COMPILED_IN: Address = ("192.168.123.10", 8007)
+"""A definition: the only robot that binding A speaks to; its address is compiled in."""
+
+
+class Driver(Protocol):
+    """The vendor's module, in either shape."""
+
+    def read(self) -> Any:
+        """Return the vendor's ``LowState``; the last one again if none came."""
+
+    def write(self, orders: Orders) -> None:
+        """Send orders that fit their fields."""
+
+
+class BindingA:
+    """A module with a ``RobotInterface``."""
+
+    def __init__(self, module: Any, peer: Address) -> None:
+        """Open the module's socket; nothing is sent.
+
+        Raises:
+            LinkError: the robot is not the one that the module speaks to.
+        """
+        if peer != COMPILED_IN:
+            raise LinkError(
+                f"this module speaks to {COMPILED_IN[0]}:{COMPILED_IN[1]} only, not to {peer[0]}:{peer[1]}; "
+                "leave the module out to use the built-in wire"
+            )
+        try:
+            self._robot = module.RobotInterface(LOW_LEVEL)
+        except TypeError:  # older modules know the low level only
+            self._robot = module.RobotInterface()
+
+    def read(self) -> Any:
+        """Return the vendor's ``LowState``; the last one again if none came."""
+        return self._robot.receive_observation()
+
+    def write(self, orders: Orders) -> None:
+        """Send orders that fit their fields; the module clips angles to its own limits."""
+        q, dq, kp, kd, tau = orders
+        self._robot.send_command(np.stack((q, kp, dq, kd, tau), axis=1).ravel().tolist())
+
+
+class BindingB:
+    """A module with ``UDP``, ``LowCmd`` and ``LowState``."""
+
+    def __init__(self, module: Any, layout: Layout, peer: Address, port: int) -> None:
+        """Open the module's socket on a local port; nothing is sent."""
+        self._state, self._command = module.LowState(), module.LowCmd()
+        try:  # the newest module takes the lengths of the packets
+            self._udp = module.UDP(port, *peer, layout.command.itemsize, layout.state.itemsize, -1)
+        except TypeError:
+            self._udp = module.UDP(LOW_LEVEL, port, *peer)
+        self._udp.InitCmdData(self._command)
+        self._command.levelFlag = LOW_LEVEL
+        self._motors = self._command.motorCmd
+
+    def read(self) -> Any:
+        """Return the vendor's ``LowState``; the last one again if none came."""
+        self._udp.Recv()
+        self._udp.GetRecv(self._state)
+        return self._state
+
+    def write(self, orders: Orders) -> None:
+        """Send orders that fit their fields."""
+        for motor, q, dq, kp, kd, tau in zip(self._motors, *(row.tolist() for row in orders), strict=False):
+            motor.mode = CLOSED_LOOP
+            motor.q, motor.dq, motor.Kp, motor.Kd, motor.tau = q, dq, kp, kd, tau
+        self._udp.SetSend(self._command)
+        self._udp.Send()
+
+
+class VendorLink:
+    """A :class:`s2r_a1.link.Link` over the vendor's module, in real time.
+
+    What the module raises is silence, or a command that was not sent: whoever holds the link must outlive it.
+
+    Attributes:
+        counters: what happened since the link was opened.
+        packet: the state that the last read came to its answer by, packed from the module's numbers.
+        fault: why the last read gave nothing; None where it gave a reading.
+        tap: sees every packet with its direction.
+    """
+
+    def __init__(self, driver: Driver, layout: Layout, clock: Callable[[], float] = time.monotonic) -> None:
+        self.counters = Counters()
+        self.packet = b""
+        self.fault: LinkFault | None = None
+        self.tap: Tap | None = None
+        self._driver: Driver | None = driver
+        self._layout = layout
+        self._clock = clock
+        self._ticks = Ticks(self.counters)
+
+    @property
+    def unit(self) -> TickUnit | None:
+        """The unit of the robot's ticks, if it is known."""
+        return self._ticks.unit
+
+    @property
+    def refusal(self) -> str | None:
+        """A sentence if the robot's ticks have no known unit."""
+        return self._ticks.refusal
+
+    def read(self) -> Reading | None:
+        """Return the state that the module has, or None if it was returned before or must not be used."""
+        self.packet, self.fault = b"", "silence"
+        reading = self._fresh()
+        self.counters.late += reading is None
+        return reading
+
+    def write(self, orders: Orders) -> None:
+        """Send orders to the motors.
+
+        Raises:
+            WireError: a number does not fit its field; nothing is sent.
+        """
+        data = pack(orders, self._layout)
+        driver = self._opened()
+        try:
+            driver.write(unpack_orders(data, self._layout))
+        except Exception:
+            self.counters.unsent += 1
+            return
+        if self.tap:
+            self.tap(TO_ROBOT, data)
+
+    def skip(self) -> None:
+        """Send nothing: silence needs no packet in real time."""
+
+    def fileno(self) -> None:
+        """Return None: the module's socket is its own, and it must be asked."""
+
+    def forget(self) -> None:
+        """Take the next state for new and measure the unit again, as after the robot was switched off and on."""
+        self._ticks.forget()
+
+    def close(self) -> None:
+        """Let go of the module's socket; the module closes it when nothing holds it."""
+        self._driver = None
+
+    def _opened(self) -> Driver:
+        if self._driver is None:
+            raise LinkError("this link is closed; open another")
+        return self._driver
+
+    def _fresh(self) -> Reading | None:
+        driver = self._opened()
+        try:
+            state = driver.read()
+            if not any(state.imu.quaternion):  # nothing came yet: the module's state is all zero
+                return None
+            given = _reading(state)
+        except Exception:
+            return None
+        self.counters.received += 1
+        try:
+            if not np.isfinite(given.tau).all():  # an integer on the wire, which would hide it
+                raise WireError("number", "a torque is not finite")
+            self.packet = pack_reading(given, self._layout)
+            reading = unpack(self.packet, self._layout)
+        except (ValueError, OverflowError):  # WireError is one
+            self.counters.numbers += 1
+            self.fault = "number"
+            return None
+        self.fault = self._ticks.judge(reading.tick, self._clock())
+        if self.fault:
+            return None
+        if self.tap:
+            self.tap(FROM_ROBOT, self.packet)
+        return reading
+
+
+def opened(
+    name: str, layout: Layout, peer: Address, port: int = 0, clock: Callable[[], float] = time.monotonic
+) -> VendorLink:
+    """Return a link over a module that is installed under this name.
+
+    Args:
+        name: of the module, as "robot_interface".
+        layout: of the robot's packets.
+        peer: the robot.
+        port: local; binding B takes any that is free for 0, and binding A has its own.
+        clock: time [s], against which the robot's ticks are measured.
+
+    Raises:
+        LinkError: there is no such module, it has neither of the two shapes, or it is not for this robot.
+    """
+    try:
+        module = import_module(name)
+    except Exception as error:  # others' code may raise anything
+        raise LinkError(f"the vendor's module {name!r} cannot be imported: {error}; leave it out") from None
+    binding_a = hasattr(module, "RobotInterface")
+    if not binding_a and not all(hasattr(module, part) for part in ("UDP", "LowCmd", "LowState")):
+        raise LinkError(
+            f"the module {name!r} has neither RobotInterface nor UDP, LowCmd and LowState; "
+            "name the vendor's module, or leave it out"
+        )
+    if hasattr(getattr(module, "LowState", None), "bms") != (layout is GO1):  # the battery is the Go1's
+        raise LinkError(
+            f"the module {name!r} is not the {layout.name}'s, by the fields of its states; "
+            "name the module of this robot, or leave it out"
+        )
+    try:
+        if binding_a:
+            return VendorLink(BindingA(module, peer), layout, clock)
+        return VendorLink(BindingB(module, layout, peer, port or _free_port()), layout, clock)
+    except LinkError:
+        raise
+    except Exception as error:
+        raise LinkError(f"the module {name!r} cannot be opened: {error}; leave it out") from None
+
+
+def _free_port() -> int:
+    """Return a local UDP port that is free now."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one:
+        one.bind(("", 0))
+        return int(one.getsockname()[1])
+
+
+def _reading(state: Any) -> Reading:
+    """Return the vendor's ``LowState`` as a reading."""
+    motors = state.motorState[:MOTORS]
+    return Reading(
+        quaternion=np.array(state.imu.quaternion, dtype=np.float64),
+        gyro=np.array(state.imu.gyroscope, dtype=np.float64),
+        accelerometer=np.array(state.imu.accelerometer, dtype=np.float64),
+        q=np.array([motor.q for motor in motors], dtype=np.float64),
+        dq=np.array([motor.dq for motor in motors], dtype=np.float64),
+        tau=np.array([motor.tauEst for motor in motors], dtype=np.float64),
+        temperature=np.array([motor.temperature for motor in motors], dtype=np.float64),
+        mode=np.array([motor.mode for motor in motors], dtype=np.int64),
+        tick=int(state.tick),
+        remote=bytes(state.wirelessRemote),
+        error=np.array([motor.reserve[0] for motor in motors], dtype=np.int64),
+        foot_force=np.array(state.footForce, dtype=np.float64),
+    )
