@@ -388,7 +388,7 @@ class Attended(Protocol):
         ...
 
     def end(self) -> None:
-        """Leave the machine at rest: after the last rollout, and after whatever else ended the run."""
+        """Leave the machine at rest: after the last rollout, and after whatever else ended the run, ``begin`` included."""
         ...
 
 
