@@ -347,6 +347,15 @@ class Operator(Protocol):
         """
         ...
 
+    def line(self, question: str) -> str:
+        """Return the line that was typed, such as the path of a file.
+
+        Raises:
+            StoppedError: ``q``, the end of input, or Ctrl-C.
+            UsageError: there is no terminal.
+        """
+        ...
+
 
 @dataclass(frozen=True)
 class Coming:

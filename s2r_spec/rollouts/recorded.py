@@ -304,7 +304,8 @@ def digest(trace: Trace) -> bytes | None:
         return None
     found = hashlib.sha256(trace.times.tobytes())
     for name, values in sorted(trace.channels.items()):
-        found.update(name.encode() + values.tobytes())
+        # One NaN has many forms, and a file need not keep which it was.
+        found.update(name.encode() + np.where(np.isnan(values), np.nan, values).tobytes())
     return found.digest()
 
 

@@ -10,6 +10,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+import numpy as np
+
 from s2r_spec.backend import Coming, Needs, Operator
 from s2r_spec.errors import TraceError, UsageError
 from s2r_spec.logs import FORMATS
@@ -56,7 +58,8 @@ class Attendance:
         count, there = coming.rollouts, self.place.recorded()
         much = "Tests are coming" if count is None else f"{count} tests at most are coming"
         self.operator.say(
-            f"{much}, one after the other; you run each on the robot, and put its log into {self.place.root / INCOMING}."
+            f"{much}, one after the other. You run each on the robot, and put its log into "
+            f"{self.place.root / INCOMING}."
             + (f" {there} are recorded in {self.place.root} already." if there else "")
         )
         if self.seconds > 0:
@@ -73,6 +76,8 @@ class Attendance:
         step = self.place.step()
         if step is not None and step.params != dict(params):
             self._leave(step)
+            step = None
+        if step is not None and step.log is not None and self._spoilt(step):
             step = None
         if step is not None and step.state != "asked":
             self.operator.say(f"The outcome of {self._test(step)} is there already, as {step.id}.")
@@ -148,6 +153,15 @@ class Attendance:
         )
         return False
 
+    def _spoilt(self, step: Step) -> bool:
+        """Return whether the log of a step that was accepted before is no longer what it was, after saying so."""
+        if step.state != "accepted":
+            return False
+        _, why = self._checked(self.place.root / ORIGINALS / str(step.log), step, step.failure)
+        if why is not None:
+            self.operator.say(f"The log of {self._test(step)} cannot be used any more: {why}.")
+        return why is not None
+
     def _waiting(self) -> Path | None:
         """Return the one log in ``incoming``; say so if there is none or several."""
         found, where = self.place.waiting(), self.place.root / INCOMING
@@ -187,7 +201,7 @@ class Attendance:
 
     def _checked(self, path: Path, step: Step, failure: str | None) -> tuple[Trace, str | None]:
         """Return the trace of a log, and why it is not that of the test."""
-        empty = Trace([0.0], {})
+        empty = Trace(np.zeros(1), {})
         try:
             read = self.reading.load(path)
         except TraceError as error:

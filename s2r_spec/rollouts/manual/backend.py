@@ -15,7 +15,9 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Self
 
-from s2r_spec.backend import Channel, Needs, Operator, Parameter
+import numpy as np
+
+from s2r_spec.backend import VOID, Channel, Needs, Operator, Parameter
 from s2r_spec.errors import NotBegunError, UsageError
 from s2r_spec.rollouts.manual.attendance import Attendance
 from s2r_spec.rollouts.manual.checks import in_units, with_all
@@ -138,7 +140,9 @@ class ManualBackend:
                 f"the log of {test_words(params, self.parameters)} is recorded as {step.id}, for an earlier rollout"
             )
         if step.void is not None:
-            return Trace([0.0], {}, {}, {"void": step.void, "reason": VOID_REASON, "params": dict(params)})
+            return Trace(
+                np.zeros(1), {}, {}, {VOID: step.void, "reason": VOID_REASON, "params": dict(params)}
+            )
         trace = self.place.record(step, self._trace(step), seed, self.parameters)
         self.place.write(recorded(step, seed), {})
         return trace

@@ -168,7 +168,8 @@ def commands(trace: Trace, question: Question) -> str | None:
             found, asked = factor * float(np.median(values)) + offset, question.params[parameter.name]
             if abs(found - asked) > _tolerance(parameter, asked):
                 shown = _unit(parameter.unit)
-                return f"its command {name} is {found:.4g}{shown}, and the test has {parameter.name} = {asked:.4g}{shown}"
+                wanted = f"{parameter.name} = {asked:.4g}{shown}"
+                return f"its command {name} is {found:.4g}{shown}, and the test has {wanted}"
     return None
 
 
