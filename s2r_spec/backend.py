@@ -397,7 +397,7 @@ class Attended(Protocol):
         ...
 
     def end(self) -> None:
-        """Leave the machine at rest: after the last rollout, and after whatever else ended the run, ``begin`` included."""
+        """Leave the machine at rest: after the last rollout, or whatever else ended the run, ``begin`` too."""
         ...
 
 

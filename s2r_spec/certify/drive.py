@@ -17,7 +17,6 @@ from s2r_spec.rollouts.rig import Rig
 from s2r_spec.rollouts.runner import Done, Task
 from s2r_spec.rollouts.seeds import Stream, rollout_seed
 
-
 UNSCORED = "unscored"
 """Definition: word of a machine's rollout whose trace the requirement cannot judge."""
 

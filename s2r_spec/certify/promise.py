@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from s2r_spec.certify.certificate import Label
 from s2r_spec.backend import Operator
+from s2r_spec.certify.certificate import Label
 from s2r_spec.certify.check import CheckResult, Verdict, check_with, only_requirement, search_for
 from s2r_spec.certify.compose import Composition, compose
 from s2r_spec.certify.drive import Observer
@@ -14,7 +14,8 @@ from s2r_spec.certify.gap import GapResult, gap_search, gap_with
 from s2r_spec.certify.given import given_folder, given_name, given_spec, must_be_begun
 from s2r_spec.certify.search import Search
 from s2r_spec.certify.sides import Sides
-from s2r_spec.rollouts.attended import AGAIN, refuse_terms, terms_of
+from s2r_spec.rollouts.attempts import AGAIN
+from s2r_spec.rollouts.attended import refuse_terms, terms_of
 from s2r_spec.rollouts.layout import GAP, SIMULATION
 from s2r_spec.rollouts.pools import ExecutorFactory
 from s2r_spec.spec import Spec

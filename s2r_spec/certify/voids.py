@@ -14,7 +14,7 @@ from typing import Any
 
 from s2r_spec.backend import Backend, assumptions_of, is_exclusive
 from s2r_spec.certify.certificate import Certificate, Label
-from s2r_spec.rollouts.attended import FALL
+from s2r_spec.rollouts.attempts import FALL
 from s2r_spec.rollouts.journal import Journal
 
 MOST_VOID = 1 / 20

@@ -26,6 +26,8 @@ Key = tuple[int, int]
 """Query and replicate of a rollout."""
 
 BEGUN, VOID, NOT_BEGUN = "begun", "void", "not begun"
+AGAIN, FALL = "again", "fall"
+"""Definition: what becomes of a void rollout. Its test runs again, or it counts as a fall."""
 KILLED = "killed"
 """Word of a rollout whose process died, was killed, or was ended because it took too long."""
 LONGEST_REASON = 1000

@@ -39,7 +39,7 @@ from s2r_spec.backend import (
     is_exclusive,
 )
 from s2r_spec.errors import BackendError, NotBegunError, S2RError, StoppedError, UsageError
-from s2r_spec.rollouts.attempts import KILLED, Begun, Void
+from s2r_spec.rollouts.attempts import AGAIN, FALL, KILLED, Begun, Void
 from s2r_spec.rollouts.child import TimeLimitError, WorkerDiedError
 from s2r_spec.rollouts.journal import Journal
 from s2r_spec.rollouts.layout import run_of
@@ -48,8 +48,6 @@ from s2r_spec.rollouts.pools import ProcessPool
 from s2r_spec.rollouts.runner import Done, Runner, Task, run_task
 from s2r_spec.trace import Trace
 
-AGAIN, FALL = "again", "fall"
-"""Definition: what becomes of a void rollout. Its test runs again, or it counts as a fall."""
 ERROR = "error"
 """Definition: word of a rollout that the backend ended with an error."""
 RAW = "raw"
