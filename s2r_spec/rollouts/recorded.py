@@ -19,7 +19,7 @@ import math
 import re
 import warnings
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -76,7 +76,7 @@ class LogBackend:
         units, rows = _table(root / TABLE)
         files = _files(root, rows)
         self.name = f"log:{folder}"
-        loaded = {row.id: reading.load(files[row.id]) for row in rows}
+        loaded = _completed({row.id: reading.load(files[row.id]) for row in rows})
         self.lacking = _lacking([(str(files[row.id]), loaded[row.id]) for row in rows])
         self.recordings = tuple(
             Recording(
@@ -116,6 +116,30 @@ class LogBackend:
             more = f" and {len(tests) - 5} more" if len(tests) > 5 else ""
             raise UsageError(f"{self.name} has no recording at {_words(params)}; it has {shown}{more}")
         return fitting[seed % len(fitting)].trace
+
+
+def _completed(loaded: Mapping[str, Loaded]) -> dict[str, Loaded]:
+    """Return what was read, with what stands for a failed rollout without a log like the first recording.
+
+    It has no number, so that no channel is left out because it lacks it.
+    """
+    first = next((one.trace for one in loaded.values() if not _stands_in(one.trace)), None)
+    if first is None:
+        return dict(loaded)
+    found = {}
+    for name, one in loaded.items():
+        if _stands_in(one.trace):
+            count = len(one.trace)
+            nothing = {key: np.full((count, *v.shape[1:]), np.nan) for key, v in first.channels.items()}
+            one = replace(
+                one, trace=Trace(one.trace.times, nothing, first.units, one.trace.meta), left_out={}
+            )
+        found[name] = one
+    return found
+
+
+def _stands_in(trace: Trace) -> bool:
+    return trace.failure is not None and digest(trace) is None
 
 
 def _lacking(loaded: Sequence[tuple[str, Loaded]]) -> dict[str, str]:

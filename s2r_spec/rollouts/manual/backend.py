@@ -21,7 +21,7 @@ from s2r_spec.backend import VOID, Channel, Needs, Operator, Parameter
 from s2r_spec.errors import NotBegunError, UsageError
 from s2r_spec.rollouts.manual.attendance import Attendance
 from s2r_spec.rollouts.manual.checks import in_units, with_all
-from s2r_spec.rollouts.manual.place import ORIGINALS, Place, Step, recorded
+from s2r_spec.rollouts.manual.place import ORIGINALS, Place, Step, recorded, without_log
 from s2r_spec.rollouts.manual.words import test_words
 from s2r_spec.rollouts.reading import Reading
 from s2r_spec.trace import Trace
@@ -151,7 +151,7 @@ class ManualBackend:
         """Return the trace of an accepted step, with channels in the units of the specification."""
         about: dict[str, Any] = {"params": dict(step.params)}
         if step.log is None:
-            trace = self.place.fallen(step.failure or "fall", self.channels)
+            trace = without_log(step.failure or "fall", self.channels)
         else:
             read = self.reading.load(self.place.root / ORIGINALS / step.log).trace
             about |= {"log": step.log} | ({"failure": step.failure} if step.failure is not None else {})

@@ -6,7 +6,7 @@
     refused/       logs that were not of the test, as they were given
     manual.json    channels and parameters that the specification asks for
     next.json      the test that is asked for now, and how far it is
-    skipped.csv    tests that were not begun because the robot was broken
+    skipped.txt    tests that were not begun because the robot was broken
 
 Every file is replaced whole or not at all. A trace is written before its row; a kill in between leaves a trace
 without a row, which the next start completes.
@@ -36,7 +36,7 @@ from s2r_spec.trace import Trace
 
 SCHEMA = "s2r.manual/1"
 INCOMING, ORIGINALS, REFUSED = "incoming", "originals", "refused"
-DECLARED, NEXT, SKIPPED, LOCK = "manual.json", "next.json", "skipped.csv", "lock"
+DECLARED, NEXT, SKIPPED, LOCK = "manual.json", "next.json", "skipped.txt", "lock"
 
 State = Literal["asked", "accepted", "recorded"]
 _held: dict[Path, int] = {}
@@ -226,20 +226,6 @@ class Place:
                 return logs.load(path, gather=True).trace
         raise UsageError(f"the recording {step.id} is no longer in {self.root}; restore it from a copy")
 
-    def fallen(self, word: str, channels: tuple[Channel, ...]) -> Trace:
-        """Return what stands for a rollout that failed and has no log: one sample of nothing.
-
-        It has the channels of the last recording, so that the folder's traces have them alike.
-        """
-        shapes = {c.name: (c.width,) if c.width > 1 else () for c in channels}
-        units = {c.name: c.unit for c in channels if c.unit}
-        if last := self._traces()[-1:]:
-            trace = logs.load(last[0], gather=True).trace
-            shapes = {name: values.shape[1:] for name, values in trace.channels.items()}
-            units = dict(trace.units)
-        samples = {name: np.full((1, *shape), np.nan) for name, shape in shapes.items()}
-        return Trace(np.zeros(1), samples, units, {"failure": word})
-
     def skip(self, step: Step) -> None:
         """Note that a test was not begun because the robot was broken."""
         path = self.root / SKIPPED
@@ -295,6 +281,12 @@ class Place:
                 f"another run asks for tests in {self.root}: wait for it, or use another folder"
             ) from None
         _held[self.root.resolve()] = handle
+
+
+def without_log(word: str, channels: tuple[Channel, ...]) -> Trace:
+    """Return what stands for a rollout that failed and has no log: one sample of nothing."""
+    samples = {c.name: np.full((1, c.width) if c.width > 1 else 1, np.nan) for c in channels}
+    return Trace(np.zeros(1), samples, {c.name: c.unit for c in channels if c.unit}, {"failure": word})
 
 
 def recorded(step: Step, seed: int) -> Step:
