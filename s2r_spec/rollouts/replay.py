@@ -53,7 +53,7 @@ class Replay:
         """
         if not self.ran:
             raise UsageError(
-                f"{self.backend.name} is a machine, which would move to be drawn; --plot draws what it did"
+                f"{self.backend.name} is a machine, and would move to be drawn; --plot draws what it did"
             )
         if not isinstance(self.backend, HasPictures):
             raise UsageError(f"the backend {self.backend.name!r} draws no pictures; --plot needs none")
