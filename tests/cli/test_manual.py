@@ -24,6 +24,7 @@ COMMANDS = [
     for block in re.findall(r"```sh\n(.*?)```", PAGE, re.S)
     for line in block.splitlines()
 ]
+BLOCK = re.findall(r"```text\n(.*?)```", PAGE, re.S)[0]
 PROMPT = "> "
 
 
@@ -101,7 +102,7 @@ def test_every_answer_at_the_terminal(lab):
         person() as someone,
         started([*COMMANDS[0], "--run", "r"], lab.folder, terminal=someone.name) as command,
     ):
-        someone.reads(PROMPT)
+        assert BLOCK in someone.reads(PROMPT)
         good = robot.rollout(asked(lab.folder)["params"], 1)
         half = good.times <= 4.0
         wrong = {

@@ -47,6 +47,7 @@ class Attendance:
     operator: Operator
     _seen: set[bytes] = field(default_factory=set)
     _noted: set[str] = field(default_factory=set)
+    _before: dict[str, float] | None = None
 
     def begin(self, coming: Coming) -> None:
         """Make the folder ready, and say what is coming.
@@ -84,7 +85,8 @@ class Attendance:
             return
         step = step or self.place.new(params)
         self.place.write(step, self._about())
-        self.operator.say(f"\nTest {step.id}: {self._test(step)}")
+        again = ", once more" if step.params == self._before else ""
+        self.operator.say(f"\nTest {step.id}{again}: {self._test(step)}")
         if (given := self.place.given(step)) is not None and self._try(given, step, None):
             return
         while not self._asked(step):
@@ -97,6 +99,7 @@ class Attendance:
             return
         if (found := digest(trace)) is not None:
             self._seen.add(found)
+        self._before = step.params
         self.place.close()
 
     def interrupt(self, urgent: bool) -> None:
@@ -196,7 +199,9 @@ class Attendance:
             self.operator.say(str(error))
             return False
         moved = f" It is in {self.place.root / REFUSED} now." if where != path else ""
-        self.operator.say(f"{path.name} is refused: {why}.{moved}")
+        self.operator.say(
+            f"{path.name} is refused: {why}.{moved}\nA test that ran counts: give its right log, or answer f or n."
+        )
         return False
 
     def _checked(self, path: Path, step: Step, failure: str | None) -> tuple[Trace, str | None]:
