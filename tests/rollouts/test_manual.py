@@ -109,6 +109,17 @@ def test_what_failed_is_judged_by_no_sample(question):
     assert refusal(log(times=TIMES / 2, vx=None, meta={"failure": "fall"}), question) is None
 
 
+def test_a_spec_that_looks_at_the_whole_rest_takes_a_log_of_any_length():
+    text = SPEC.replace("always[0 s, 2 s]", "always")
+    backend = Rig.for_spec(s2r.parse_spec(text, "spec.stl"), "tracks", "manual:nowhere").backend
+    question = Question(TEST, backend.needs, backend.duration)
+    assert backend.duration == 0.0
+    for seconds in (0.5, 100.0):
+        assert refusal(log(times=np.linspace(0, seconds, 101)), question) is None
+    assert "no sample" in refusal(log(times=shifted(gap=0.5)), question)
+    assert "vx_cmd is 0.1 m/s" in refusal(log(vx_cmd=np.full(101, 0.1)), question)
+
+
 def test_a_failed_log_gets_the_channels_that_it_lacks(question):
     trace = checks.with_all(
         log(vx=None, q=np.zeros((101, 3)), meta={"failure": "fall"}), question.needs.channels
