@@ -2,9 +2,9 @@
 
 What it does is in its name, words with a comma between them: ``robot:auto`` asks nobody; ``link=3`` loses the link in
 the third rollout that anybody runs of it, ``die=3`` kills the process that runs it, ``hang=3`` waits there until it is
-interrupted (with ``S2R_ROBOT_DEAF`` it does not listen) or killed, ``raise=3`` raises, ``shy=3`` does not begin, ``fell=3`` falls, ``both=3`` falls and loses the
-link; ``link=3+4`` does so twice. ``refuse`` does not let the first rollout begin. All that happens to it is a line of
-the file that ``S2R_ROBOT`` names.
+interrupted (with ``S2R_ROBOT_DEAF`` until it is killed), ``raise=3`` raises, ``shy=3`` does not begin, ``fell=3``
+falls, ``both=3`` falls and loses the link; ``link=3+4`` does so twice. ``refuse`` does not let the first rollout begin.
+All that happens to it is a line of the file that ``S2R_ROBOT`` names.
 """
 
 from __future__ import annotations

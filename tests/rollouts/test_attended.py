@@ -135,7 +135,7 @@ def test_more_than_one_void_in_twenty_refuses_the_certificate(robot, spec, tmp_p
     assert recompute(tmp_path / "r").result.certificate.label is Label.REFUSED
 
 
-def test_counted_as_falls_voids_are_outcomes_and_one_refutes_R(robot, spec, tmp_path):
+def test_counted_as_falls_voids_are_outcomes_and_one_refutes_the_proxy(robot, spec, tmp_path):
     counted = s2r.check(spec, "robot:auto,link=3", tmp_path / "r", budget=100, void="fall")
     assert counted.failures == {"void: link": 1}
     assert counted.voids == {}
