@@ -310,6 +310,15 @@ def is_exclusive(backend: object) -> bool:
     return bool(getattr(backend, "exclusive", False))
 
 
+def hands_over(backend: object) -> bool:
+    """Return whether ``rollout`` only hands over a test that a person ran while ``Attended.before`` waited.
+
+    A backend says so by a class attribute ``hands_over = True``. A process that dies in such a rollout ended no test,
+    so that nothing is void; the rollout is handed over again.
+    """
+    return bool(getattr(backend, "hands_over", False))
+
+
 def assumptions_of(backend: object) -> tuple[str, ...]:
     """Return what every statement about a backend assumes of it, each in one sentence: ``backend.assumptions``."""
     return tuple(getattr(backend, "assumptions", ()))

@@ -36,6 +36,7 @@ from s2r_spec.backend import (
     HasAttendance,
     KeepsRaw,
     Operator,
+    hands_over,
     is_exclusive,
 )
 from s2r_spec.errors import BackendError, NotBegunError, S2RError, StoppedError, UsageError
@@ -133,6 +134,8 @@ class Attending:
         self._pool: ProcessPool | None = None
 
     def __enter__(self) -> Self:
+        for begun in self._journal.open if hands_over(self._backend) else ():
+            self._journal.not_begun(begun, "s2r was killed while the outcome was handed over")
         for begun in self._journal.open if self._terms.void == AGAIN else ():
             self._journal.killed(begun, "s2r was killed during this rollout")
         return self
@@ -248,7 +251,16 @@ class Attending:
             raise alone
 
     def _ended(self, task: Task, begun: Begun, interrupts: _Interrupts) -> _Ended:
-        """Hand a rollout to the worker, and return what came of it."""
+        """Hand a rollout to the worker, and return what came of it.
+
+        Where the test was over before, whatever ends the worker leaves no void rollout: it is handed over again.
+        """
+        ended = self._handed(task, interrupts)
+        if hands_over(self._backend) and ended.word in (KILLED, ERROR):
+            return replace(ended, word=None, not_begun=NotBegunError(ended.reason))
+        return ended
+
+    def _handed(self, task: Task, interrupts: _Interrupts) -> _Ended:
         assert self._pool is not None
         start = perf_counter()
         future = self._pool.submit(run_task, task)

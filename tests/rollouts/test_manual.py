@@ -11,6 +11,7 @@ import pytest
 import s2r_spec as s2r
 from s2r_spec.backend import Backend, Coming, HasAttendance, Needs, NeedsSpec, is_exclusive
 from s2r_spec.errors import NotBegunError, S2RError, StoppedError, TraceNote, UsageError
+from s2r_spec.rollouts.journal import Journal
 from s2r_spec.rollouts.manual import ManualBackend, checks
 from s2r_spec.rollouts.manual.checks import Question, refusal
 from s2r_spec.rollouts.recorded import LogBackend
@@ -470,6 +471,28 @@ def test_a_log_that_was_changed_after_it_was_accepted_is_asked_for_again(desk):
     (desk.root / "originals" / "0001-log.csv").unlink()
     desk.run(enter(desk.drop(log())))
     assert len(desk.recordings) == 1
+
+
+def test_a_kill_while_an_outcome_is_handed_over_makes_nothing_void(desk, spec):
+    class Runs(Script):
+        def choose(self, question, answers):
+            self.asked.append(question)
+            if len(self.asked) == 3:
+                raise StoppedError("the operator stopped the run")
+            level = json.loads((desk.root / "next.json").read_text())["params"]["vd"]
+            desk.drop(log(vx=level + 1e-3 * len(self.asked) * TIMES, vx_cmd=None))()
+            return ""
+
+    for resume in (False, True):
+        with pytest.raises(StoppedError):
+            s2r.check(spec, desk.name, "run", budget=20, operator=Runs(), resume=resume)
+        journal = Journal.read(Path("run"))
+        assert len(journal) == 2 * (1 + resume)
+        if not resume:
+            journal.begin((9, 0), {"vd": 0.0}, 1)
+    assert journal.voids == ()
+    assert journal.open == ()
+    assert len(desk.recordings) == 4
 
 
 def test_two_runs_do_not_share_a_folder(desk, spec):

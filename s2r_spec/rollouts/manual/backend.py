@@ -49,6 +49,7 @@ class ManualBackend:
     needs: Needs | None = field(default=None, compare=False, repr=False)
 
     exclusive = True
+    hands_over = True
     deterministic = False
 
     def __post_init__(self) -> None:
