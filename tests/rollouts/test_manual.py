@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -329,6 +330,25 @@ def test_a_path_can_be_typed_and_its_file_stays(desk, tmp_path):
     assert len(desk.recordings) == 1
 
 
+def test_a_name_that_a_format_cannot_hold_costs_no_rollout(spec, desk):
+    other = Desk(spec, "?map=t=stamp")
+    one = log(vx=0.2 + 0.01 * TIMES)
+    names = ["stamp", "vx [m/s]", "q_0", "q_1", "vx_cmd", "t"]
+    columns = [TIMES, one["vx"], *one["q"].T, one["vx_cmd"], TIMES + 7]
+
+    def foreign():
+        rows = [
+            ",".join(names),
+            *(",".join(map(repr, map(float, row))) for row in zip(*columns, strict=True)),
+        ]
+        (other.root / "incoming" / "a.csv").write_text("\n".join(rows) + "\n")
+
+    assert np.array_equal(other.run(enter(foreign))["vx"], one["vx"])
+    other.again()
+    assert [path.suffix for path in desk.root.glob("0001*")] == [".npz"]
+    assert set(desk.recordings[0].trace.channels) == {"vx", "q"}
+
+
 def test_a_log_counts_once(desk):
     desk.run(enter(desk.drop(log(vx=0.2 + 0.01 * TIMES))))
     again = desk.drop(log(vx=0.2 + 0.01 * TIMES), "other.npz")
@@ -385,6 +405,7 @@ def test_to_stop_keeps_the_test_and_what_was_recorded(desk):
 
 def killed_after(desk, name, monkeypatch):
     """Accept a log, and be killed when a method of the folder is called: before it, or after it."""
+    from s2r_spec.rollouts.manual import table
     from s2r_spec.rollouts.manual.place import Place
 
     class Killed(BaseException):
@@ -394,7 +415,7 @@ def killed_after(desk, name, monkeypatch):
         raise Killed
 
     with monkeypatch.context() as patch:
-        patch.setattr(Place, name, kill)
+        patch.setattr(table if name == "add" else Place, name, kill)
         with pytest.raises(Killed):
             desk.run(enter(desk.drop(log())))
     desk.again()
@@ -420,7 +441,7 @@ def test_a_log_that_was_taken_before_a_kill_is_not_asked_for_again(desk, monkeyp
     assert len(desk.recordings) == 1
 
 
-@pytest.mark.parametrize("method", ["record", "_add", "close"])
+@pytest.mark.parametrize("method", ["record", "add", "close"])
 def test_a_kill_at_any_point_after_the_log_was_accepted_loses_nothing_and_asks_nothing_twice(
     desk, monkeypatch, method
 ):
@@ -534,6 +555,29 @@ def test_a_numberless_stand_in_is_no_copy_and_hidden_files_are_nobodys(desk):
     (desk.root / ".0003.abcd.part.csv").write_text("half")
     os.utime(desk.root / "rollouts.csv")
     assert len(desk.recordings) == 2
+
+
+def test_the_page_quotes_what_is_said(question):
+    root = Path(__file__).parents[2]
+    turtlebot = s2r.load_spec(root / "specs" / "turtlebot.stl")
+    backend = Rig.for_spec(turtlebot, "delivers", "manual:nowhere").backend
+    asked = Question({"ox": 0.22, "oy": 0.1875}, backend.needs, backend.duration)
+    trace = s2r.load_backend("turtlebot").with_duration(4.0).rollout(asked.params, 0)
+    other = Trace(trace.times, trace.channels, trace.units, {"params": {"ox": 0.3}})
+    said = [refusal(one, asked) for one in (trace, other, trace.only(["d_obs"]))]
+    wrong = log(vx_cmd=np.full(101, 0.1)), log(times=TIMES * 1000), log(vx=NAN), log(vx=np.full(101, np.inf))
+    said += [refusal(one, question) for one in wrong]
+    said += ["it is the log of an earlier test, sample for sample"]
+    table = (
+        (root / "docs" / "how-to" / "manual.md")
+        .read_text()
+        .split("| the log is refused if")[1]
+        .split("\n\n")[0]
+    )
+    quotes = re.findall(r"\| \*([^*]+)\* \|", table)
+    assert len(quotes) == 8
+    for quote in quotes:
+        assert any(quote in sentence for sentence in said), quote
 
 
 def test_needs_are_those_of_the_requirement(spec):

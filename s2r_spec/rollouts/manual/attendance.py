@@ -57,7 +57,7 @@ class Attendance:
         """
         self._seen = set(self.place.prepare(self.needs.channels, self.needs.parameters))
         count, there = coming.rollouts, self.place.recorded()
-        much = "Tests are coming" if count is None else f"{count} tests at most are coming"
+        much = "Tests are coming" if count is None else f"At most {count} tests are coming"
         self.operator.say(
             f"{much}, one after the other. You run each on the robot, and put its log into "
             f"{self.place.root / INCOMING}."

@@ -144,7 +144,7 @@ class ManualBackend:
             return Trace(
                 np.zeros(1), {}, {}, {VOID: step.void, "reason": VOID_REASON, "params": dict(params)}
             )
-        trace = self.place.record(step, self._trace(step), seed, self.parameters)
+        trace = self.place.record(step, self._trace(step), seed, self.channels, self.parameters)
         self.place.write(recorded(step, seed), {})
         return trace
 

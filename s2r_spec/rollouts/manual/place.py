@@ -14,11 +14,10 @@ without a row, which the next start completes.
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import os
 import shutil
+import warnings
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
@@ -29,8 +28,9 @@ import numpy as np
 
 from s2r_spec import logs
 from s2r_spec.backend import Channel, Parameter
-from s2r_spec.errors import TraceError, UsageError
+from s2r_spec.errors import TraceError, TraceNote, UsageError
 from s2r_spec.files import replacing, save
+from s2r_spec.rollouts.manual import table
 from s2r_spec.rollouts.recorded import TABLE, LogBackend, digest
 from s2r_spec.trace import Trace
 
@@ -85,18 +85,18 @@ class Place:
         except OSError as error:
             raise UsageError(f"cannot make the folder {self.root}: {error.strerror or error}") from None
         self._hold()
-        header = _header(parameters)
-        if (self.root / TABLE).exists():
-            columns = _rows(self.root / TABLE)[0]
-            if columns != header:
-                raise UsageError(
-                    f"{self.root / TABLE} is of other tests: its columns are {', '.join(columns)}, and the spec's are "
-                    f"{', '.join(header)}; use another folder"
-                )
+        there, wanted = table.read(self.root / TABLE)[0], table.header(parameters)
+        if there and there != wanted:
+            raise UsageError(
+                f"{self.root / TABLE} is of other tests: its columns are {', '.join(there)}, and the spec's are "
+                f"{', '.join(wanted)}; use another folder"
+            )
         if (step := self.step()) is not None:
             self._complete(step)
         if (self.root / TABLE).exists():
-            LogBackend(str(self.root))  # refuses what is no folder of recordings
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", TraceNote)  # it says them where it is used
+                LogBackend(str(self.root))  # refuses what is no folder of recordings
         record = {
             "schema": SCHEMA,
             "channels": [{"name": c.name, "unit": c.unit, "width": c.width} for c in channels],
@@ -128,7 +128,7 @@ class Place:
 
     def recorded(self) -> int:
         """Return how many rollouts are recorded."""
-        return len(_rows(self.root / TABLE)[1]) if (self.root / TABLE).exists() else 0
+        return len(table.ids(self.root / TABLE))
 
     def step(self) -> Step | None:
         """Return the test that is asked for; None if there is none.
@@ -155,7 +155,7 @@ class Place:
 
     def new(self, params: Mapping[str, float]) -> Step:
         """Return a step for a test, with the next free id."""
-        ids = [row[0] for row in _rows(self.root / TABLE)[1]] if (self.root / TABLE).exists() else []
+        ids = table.ids(self.root / TABLE)
         ids += [path.name.partition("-")[0] for path in (self.root / ORIGINALS).iterdir()]
         last = max((int(one) for one in ids if one.isascii() and one.isdigit()), default=0)
         return Step(f"{last + 1:04d}", dict(params))
@@ -199,20 +199,33 @@ class Place:
         _moved(path, kept, move=True)
         return kept
 
-    def record(self, step: Step, trace: Trace, seed: int, parameters: tuple[Parameter, ...]) -> Trace:
+    def record(
+        self,
+        step: Step,
+        trace: Trace,
+        seed: int,
+        channels: tuple[Channel, ...],
+        parameters: tuple[Parameter, ...],
+    ) -> Trace:
         """Write a trace and its row, and return the trace as it is read back.
+
+        A channel that no format can hold is left to the original; those of the spec have names that each can.
 
         Raises:
             UsageError: it cannot be written.
         """
-        name = Path(step.log or "none.csv")
-        path = self.root / f"{step.id}{name.suffix.lower()}"
+        path = self.root / f"{step.id}{Path(step.log or 'none.csv').suffix.lower()}"
         try:
             logs.write(trace, path)
-        except TraceError:  # a name that its format cannot hold
+        except TraceError:
             path = path.with_suffix(".npz")
-            logs.write(trace, path)
-        self._add(step, seed, parameters)
+            try:
+                logs.write(trace, path)
+            except TraceError:
+                logs.write(trace.only(channel.name for channel in channels), path)
+        if step.id not in table.ids(self.root / TABLE):
+            row = [step.id, *(repr(step.params[p.name]) for p in parameters), str(seed)]
+            table.add(self.root / TABLE, table.header(parameters), row)
         return logs.load(path, gather=True).trace
 
     def trace(self, step: Step) -> Trace:
@@ -228,11 +241,9 @@ class Place:
 
     def skip(self, step: Step) -> None:
         """Note that a test was not begun because the robot was broken."""
-        path = self.root / SKIPPED
-        rows = _rows(path)[1] if path.exists() else []
         now = datetime.now(UTC).isoformat(timespec="seconds")
-        rows.append([now, *(repr(value) for value in step.params.values())])
-        _write(path, ["time", *step.params], rows)
+        row = [now, *(repr(value) for value in step.params.values())]
+        table.add(self.root / SKIPPED, ["time", *step.params], row)
 
     def release(self) -> None:
         """Let another process use the folder."""
@@ -240,24 +251,16 @@ class Place:
         if handle is not None:
             os.close(handle)
 
-    def _add(self, step: Step, seed: int, parameters: tuple[Parameter, ...]) -> None:
-        path = self.root / TABLE
-        rows = _rows(path)[1] if path.exists() else []
-        if all(row[0] != step.id for row in rows):
-            rows.append([step.id, *(repr(step.params[p.name]) for p in parameters), str(seed)])
-            _write(path, _header(parameters), rows)
-
     def _complete(self, step: Step) -> None:
         """Take away a trace whose row a kill prevented: it is made again from the log that was given."""
-        rows = _rows(self.root / TABLE)[1] if (self.root / TABLE).exists() else []
-        if step.state == "accepted" and all(row[0] != step.id for row in rows):
+        if step.state == "accepted" and step.id not in table.ids(self.root / TABLE):
             for ending in logs.FORMATS:
                 (self.root / f"{step.id}{ending}").unlink(missing_ok=True)
 
     def _traces(self) -> list[Path]:
         """Return the traces that are recorded, in order."""
-        ids = [row[0] for row in _rows(self.root / TABLE)[1]] if (self.root / TABLE).exists() else []
-        paths = ((self.root / f"{one}{ending}") for one in ids for ending in logs.FORMATS)
+        ids = table.ids(self.root / TABLE)
+        paths = (self.root / f"{one}{ending}" for one in ids for ending in logs.FORMATS)
         return [path for path in paths if path.exists()]
 
     def _hold(self) -> None:
@@ -292,30 +295,6 @@ def without_log(word: str, channels: tuple[Channel, ...]) -> Trace:
 def recorded(step: Step, seed: int) -> Step:
     """Return a step that is in the table."""
     return replace(step, state="recorded", seed=seed)
-
-
-def _header(parameters: tuple[Parameter, ...]) -> list[str]:
-    return ["id", *(f"{p.name} [{p.unit}]" if p.unit else p.name for p in parameters), "seed"]
-
-
-def _rows(path: Path) -> tuple[list[str], list[list[str]]]:
-    """Return the header and the rows of a table.
-
-    Raises:
-        UsageError: it cannot be read.
-    """
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-        rows = [row for row in csv.reader(io.StringIO(text, newline=""), skipinitialspace=True) if any(row)]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise UsageError(f"cannot read {path}: {error}") from None
-    return (rows[0], rows[1:]) if rows else ([], [])
-
-
-def _write(path: Path, header: list[str], rows: list[list[str]]) -> None:
-    text = io.StringIO(newline="")
-    csv.writer(text, lineterminator="\n").writerows([header, *rows])
-    save(path, text.getvalue())
 
 
 def _moved(path: Path, kept: Path, *, move: bool) -> None:
