@@ -123,7 +123,7 @@ def test_a_spec_that_looks_at_the_whole_rest_takes_a_log_of_any_length():
 
 
 def test_a_failed_log_gets_the_channels_that_it_lacks(question):
-    trace = checks.with_all(
+    trace = checks.alike(
         log(vx=None, q=np.zeros((101, 3)), meta={"failure": "fall"}), question.needs.channels
     )
     assert np.isnan(trace["vx"]).all()
@@ -368,7 +368,7 @@ def test_falls_are_failures_of_the_log_folder_whether_there_is_a_log_or_not(desk
     trace = desk.run(("f", desk.drop(short)), ("y", None))
     assert trace.failure == "fall"
     assert trace.duration == 0.5
-    own = log(times=TIMES / 3, meta={"failure": "torque"})
+    own = log(times=TIMES / 3, meta={"failure": "torque"}, units={"q": "no unit at all"})
     assert desk.run(enter(desk.drop(own))).failure == "torque"
     desk.run(("f", desk.drop(log(0.2, vx=0.2 + 0.02 * TIMES))), ("n", None))
     assert [recording.trace.failure for recording in desk.recordings] == [

@@ -10,12 +10,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-import numpy as np
-
 from s2r_spec.backend import Coming, Needs, Operator
 from s2r_spec.errors import TraceError, UsageError
 from s2r_spec.logs import FORMATS
-from s2r_spec.rollouts.manual.checks import Question, in_units, refusal, without_unit
+from s2r_spec.rollouts.manual.checks import Question, alike, refusal, without_unit
 from s2r_spec.rollouts.manual.place import INCOMING, ORIGINALS, REFUSED, Place, Step
 from s2r_spec.rollouts.manual.words import channel_words, test_words
 from s2r_spec.rollouts.reading import Reading
@@ -26,6 +24,15 @@ FALL = "fall"
 """Definition: the word for a rollout that the robot ended."""
 NO_LOG = "log"
 """Definition: the word for a void rollout that ran and has no log."""
+
+
+@dataclass(frozen=True)
+class _Found:
+    """What a file is: the trace of the test, or why it is not; and what its person should know."""
+
+    trace: Trace | None
+    why: str | None
+    notes: tuple[str, ...] = ()
 
 
 @dataclass
@@ -85,8 +92,6 @@ class Attendance:
             return
         step = step or self.place.new(params)
         self.place.write(step, self._about())
-        again = ", once more" if step.params == self._before else ""
-        self.operator.say(f"\nTest {step.id}{again}: {self._test(step)}")
         if (given := self.place.given(step)) is not None and self._try(given, step, None):
             return
         while not self._asked(step):
@@ -111,9 +116,10 @@ class Attendance:
 
     def _asked(self, step: Step) -> bool:
         """Ask once; return whether the test has an outcome now."""
-        place = self.place.root / INCOMING
+        again = ", once more" if step.params == self._before else ""
         answer = self.operator.choose(
-            f"Record {channel_words(self.needs.channels)}. Put the log into {place}, then press Enter.",
+            f"\nTest {step.id}{again}: {self._test(step)}\nRecord {channel_words(self.needs.channels)}. "
+            f"Put the log into {self.place.root / INCOMING}, then press Enter.",
             {
                 "": "the log is there",
                 "p": "the log is elsewhere: type its path",
@@ -144,7 +150,7 @@ class Attendance:
             if answer == "y":
                 return self._try(path, step, FALL)
         self._accept(replace(step, state="accepted", failure=FALL))
-        self.operator.say(f"Recorded as {step.id}: it fell.")
+        self.operator.say(f"Accepted as {step.id}: it fell.")
         return True
 
     def _skip(self, step: Step) -> bool:
@@ -160,10 +166,10 @@ class Attendance:
         """Return whether the log of a step that was accepted before is no longer what it was, after saying so."""
         if step.state != "accepted":
             return False
-        _, why = self._checked(self.place.root / ORIGINALS / str(step.log), step, step.failure)
-        if why is not None:
-            self.operator.say(f"The log of {self._test(step)} cannot be used any more: {why}.")
-        return why is not None
+        found = self._checked(self.place.root / ORIGINALS / str(step.log), step, step.failure)
+        if found.why is not None:
+            self.operator.say(f"The log of {self._test(step)} cannot be used any more: {found.why}.")
+        return found.why is not None
 
     def _waiting(self) -> Path | None:
         """Return the one log in ``incoming``; say so if there is none or several."""
@@ -188,49 +194,51 @@ class Attendance:
     def _try(self, path: Path, step: Step, failure: str | None) -> bool:
         """Accept a log if it is of the test, else say why it is not; return whether it was accepted."""
         try:
-            trace, why = self._checked(path, step, failure)
-            if why is None:
+            found = self._checked(path, step, failure)
+            if found.trace is not None:
                 kept = path if path.parent == self.place.root / ORIGINALS else self.place.take(path, step)
                 self._accept(replace(step, state="accepted", log=kept.name, failure=failure))
-                self._said(trace, step)
+                self._said(step, found.trace, found.notes)
                 return True
             where = self.place.refuse(path)
         except UsageError as error:
             self.operator.say(str(error))
             return False
         moved = f" It is in {self.place.root / REFUSED} now." if where != path else ""
-        self.operator.say(
-            f"{path.name} is refused: {why}.{moved}\nA test that ran counts: give its right log, or answer f or n."
-        )
+        self.operator.say(f"{path.name} is refused: {found.why}.{moved}")
+        self.operator.say("A test that ran counts: give its right log, or answer f or n.")
         return False
 
-    def _checked(self, path: Path, step: Step, failure: str | None) -> tuple[Trace, str | None]:
-        """Return the trace of a log, and why it is not that of the test."""
-        empty = Trace(np.zeros(1), {})
+    def _checked(self, path: Path, step: Step, failure: str | None) -> _Found:
+        """Read a log, and look whether it is of the test."""
         try:
             read = self.reading.load(path)
         except TraceError as error:
-            return empty, str(error).removeprefix(f"{path}: ")
+            return _Found(None, str(error).removeprefix(f"{path}: "))
         trace = self.reading.held(read.trace)
         if failure is not None:
             trace = Trace(trace.times, trace.channels, trace.units, dict(trace.meta) | {"failure": failure})
         why = refusal(trace, Question(step.params, self.needs, self.seconds))
-        lacking = next((c.name for c in self.needs.channels if c.name in read.left_out), None)
-        if why is not None and lacking is not None:
-            why = read.left_out[lacking]
-        if why is None and digest(in_units(trace, self.needs.channels)) in self._seen:
-            why = "it is the log of an earlier test, sample for sample"
-        return trace, why
+        if why is not None:
+            lacking = next((c.name for c in self.needs.channels if c.name in read.left_out), None)
+            return _Found(None, why if lacking is None else read.left_out[lacking])
+        if digest(alike(trace, self.needs.channels)) in self._seen:
+            return _Found(None, "it is the log of an earlier test, sample for sample")
+        units = {c.name: c.unit for c in self.needs.channels}
+        unsaid = [
+            f"the channel {name} has no unit; its numbers are read as {units[name]}"
+            for name in without_unit(trace, self.needs.channels)
+        ]
+        return _Found(trace, None, (*read.notes, *unsaid))
 
-    def _said(self, trace: Trace, step: Step) -> None:
-        """Say that a log was accepted, and once how numbers without a unit are read."""
+    def _said(self, step: Step, trace: Trace, notes: tuple[str, ...]) -> None:
+        """Say that a log was accepted, and each note once."""
         ended = f", {trace.failure}" if trace.failure is not None else ""
         self.operator.say(f"Accepted as {step.id}: {trace.duration:.4g} s, {len(trace)} samples{ended}.")
-        for name in without_unit(trace, self.needs.channels):
-            unit = next(c.unit for c in self.needs.channels if c.name == name)
-            if name not in self._noted:
-                self.operator.say(f"Note: the channel {name} has no unit; its numbers are read as {unit}.")
-                self._noted.add(name)
+        for note in notes:
+            if note not in self._noted:
+                self.operator.say(f"Note: {note}.")
+                self._noted.add(note)
 
     def _leave(self, step: Step) -> None:
         """Say what becomes of an outcome that no run asks for any more."""

@@ -19,8 +19,8 @@ import numpy as np
 
 from s2r_spec.backend import VOID, Channel, Needs, Operator, Parameter
 from s2r_spec.errors import NotBegunError, UsageError
-from s2r_spec.rollouts.manual.attendance import Attendance
-from s2r_spec.rollouts.manual.checks import in_units, with_all
+from s2r_spec.rollouts.manual.attendance import FALL, Attendance
+from s2r_spec.rollouts.manual.checks import alike
 from s2r_spec.rollouts.manual.place import ORIGINALS, Place, Step, recorded, without_log
 from s2r_spec.rollouts.manual.words import test_words
 from s2r_spec.rollouts.reading import Reading
@@ -152,11 +152,8 @@ class ManualBackend:
         """Return the trace of an accepted step, with channels in the units of the specification."""
         about: dict[str, Any] = {"params": dict(step.params)}
         if step.log is None:
-            trace = without_log(step.failure or "fall", self.channels)
-        else:
-            read = self.reading.load(self.place.root / ORIGINALS / step.log).trace
-            about |= {"log": step.log} | ({"failure": step.failure} if step.failure is not None else {})
-            trace = self.reading.held(read)
-            failed = step.failure is not None or read.failure is not None
-            trace = with_all(trace, self.channels) if failed else in_units(trace, self.channels)
-        return Trace(trace.times, trace.channels, trace.units, dict(trace.meta) | about)
+            trace = without_log(step.failure or FALL, self.channels)
+            return Trace(trace.times, trace.channels, trace.units, dict(trace.meta) | about)
+        about |= {"log": step.log} | ({} if step.failure is None else {"failure": step.failure})
+        read = self.reading.held(self.reading.load(self.place.root / ORIGINALS / step.log).trace)
+        return alike(Trace(read.times, read.channels, read.units, dict(read.meta) | about), self.channels)

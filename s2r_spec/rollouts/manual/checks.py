@@ -188,7 +188,7 @@ def _commands_of(parameter: str, trace: Trace, counted: NDArray[np.bool_]) -> li
 def score(trace: Trace, question: Question) -> str | None:
     """Refuse what the spec cannot judge, for whatever reason: the run would end over it."""
     try:
-        found = question.needs.score(in_units(trace, question.needs.channels), question.params)
+        found = question.needs.score(_in_units(trace, question.needs.channels), question.params)
     except S2RError as error:
         return f"the spec cannot judge it: {error}"
     return None if math.isfinite(found) else f"the spec cannot judge it: its robustness is {found}"
@@ -199,11 +199,17 @@ OF_FAILURES: tuple[Check, ...] = (said_test, commands)
 CHECKS: tuple[Check, ...] = (said_test, channels, clock, length, commands, gaps, samples, score)
 
 
-def in_units(trace: Trace, needed: tuple[Channel, ...]) -> Trace:
-    """Return the trace with the channels of the spec in its units and shapes; numbers without a unit are in those.
+def alike(trace: Trace, needed: tuple[Channel, ...]) -> Trace:
+    """Return a trace that was not refused as every trace of a folder is: channels of the spec in its units.
 
-    So every trace of a folder has them alike, whatever the logs were.
+    One that failed has all of them, with no sample where its log has none that fits: its robustness is declared, and
+    nothing is read from it.
     """
+    return _with_all(trace, needed) if trace.failure is not None else _in_units(trace, needed)
+
+
+def _in_units(trace: Trace, needed: tuple[Channel, ...]) -> Trace:
+    """Return the trace with the channels of the spec in its units; numbers without a unit are in those."""
     found, units = dict(trace.channels), dict(trace.units)
     for channel in needed:
         if channel.name in found:
@@ -218,11 +224,8 @@ def in_units(trace: Trace, needed: tuple[Channel, ...]) -> Trace:
     return Trace(trace.times, found, units, trace.meta)
 
 
-def with_all(trace: Trace, needed: tuple[Channel, ...]) -> Trace:
-    """Return the trace of a rollout that failed with all channels of the spec; no sample where it has none that fits.
-
-    Its robustness is declared, so that nothing is read from it; but the traces of a folder have the same channels.
-    """
+def _with_all(trace: Trace, needed: tuple[Channel, ...]) -> Trace:
+    """Return the trace with all channels of the spec; no sample where it has none that fits."""
     fit = {
         c.name
         for c in needed
@@ -236,7 +239,7 @@ def with_all(trace: Trace, needed: tuple[Channel, ...]) -> Trace:
             found[c.name] = np.full((len(trace), *((c.width,) if c.width > 1 else ())), np.nan)
     units = {name: unit for name, unit in trace.units.items() if name in found}
     units |= {c.name: c.unit for c in needed if c.unit and c.name not in fit}
-    return in_units(Trace(trace.times, found, units, trace.meta), needed)
+    return _in_units(Trace(trace.times, found, units, trace.meta), needed)
 
 
 def without_unit(trace: Trace, needed: tuple[Channel, ...]) -> list[str]:
