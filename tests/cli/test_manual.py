@@ -56,6 +56,8 @@ def test_thirty_tests_with_a_kill_in_the_middle_are_the_rollouts_of_the_backend_
         """Run the test that is asked for, as the live backend did it, and press Enter."""
         nonlocal done
         someone.reads(PROMPT)
+        if done:
+            assert len(LogBackend(str(lab.folder / "night")).recordings) == done
         assert asked(lab.folder)["params"] == records[done].params
         trace = robot.rollout(asked(lab.folder)["params"], records[done].seed)
         s2r_library.write_trace(trace, lab.folder / "night" / "incoming" / f"{done}.npz")
@@ -66,8 +68,6 @@ def test_thirty_tests_with_a_kill_in_the_middle_are_the_rollouts_of_the_backend_
     with person() as someone, started([*words, "--run", "r"], lab.folder, terminal=someone.name) as command:
         for _ in range(len(records) // 2):
             hand_over(someone)
-            if done > 1:
-                assert len(LogBackend(str(lab.folder / "night")).recordings) == done - 1
         someone.reads(PROMPT)
         before = asked(lab.folder)
         os.kill(command.process.pid, signal.SIGKILL)

@@ -279,7 +279,7 @@ def test_logs_of_other_units_and_names_make_one_folder_that_needs_no_options(spe
     other.operator.answers = [enter(foreign)]
     with pytest.raises(StoppedError):
         other.attended.before(TEST)
-    assert "vd_cmd is 0.1 m/s" in other.operator.said[-1]
+    assert "vd_cmd is 0.1 m/s" in " ".join(other.operator.said)
     other.again()
     desk.run(enter(desk.drop(log())))
     with pytest.warns(TraceNote, match="left out"):  # vd_cmd, which only one of them has
