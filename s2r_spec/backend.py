@@ -7,7 +7,7 @@ says what it can do before anything runs, and then turns a test into a trace.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from hashlib import sha256
@@ -310,6 +310,15 @@ def is_exclusive(backend: object) -> bool:
     return bool(getattr(backend, "exclusive", False))
 
 
+def hands_over(backend: object) -> bool:
+    """Return whether ``rollout`` only hands over a test that a person ran while ``Attended.before`` waited.
+
+    A backend says so by a class attribute ``hands_over = True``. A process that dies in such a rollout ended no test,
+    so that nothing is void; the rollout is handed over again.
+    """
+    return bool(getattr(backend, "hands_over", False))
+
+
 def assumptions_of(backend: object) -> tuple[str, ...]:
     """Return what every statement about a backend assumes of it, each in one sentence: ``backend.assumptions``."""
     return tuple(getattr(backend, "assumptions", ()))
@@ -340,6 +349,15 @@ class Operator(Protocol):
 
     def choose(self, question: str, answers: Mapping[str, str]) -> str:
         """Return the key that was typed, of key → what it means; "" among the keys is Enter alone.
+
+        Raises:
+            StoppedError: ``q``, the end of input, or Ctrl-C.
+            UsageError: there is no terminal.
+        """
+        ...
+
+    def line(self, question: str) -> str:
+        """Return the line that was typed, such as the path of a file.
 
         Raises:
             StoppedError: ``q``, the end of input, or Ctrl-C.
@@ -416,6 +434,30 @@ class KeepsRaw(Protocol):
 
     def keeping(self, folder: str) -> Self:
         """Return the same backend, whose rollouts add files of their own to this folder; none is ever overwritten."""
+        ...
+
+
+@dataclass(frozen=True)
+class Needs:
+    """What a specification asks of a backend.
+
+    Attributes:
+        channels: that the requirement reads, in the units of the spec.
+        parameters: of a test, in the units of the spec; one that the spec fixes has its value as both ends.
+        score: ρ of a trace and its test, as a search computes it; an S2RError says why there is none.
+    """
+
+    channels: tuple[Channel, ...]
+    parameters: tuple[Parameter, ...]
+    score: Callable[[Trace, Mapping[str, float]], float]
+
+
+@runtime_checkable
+class NeedsSpec(Protocol):
+    """A backend without channels and parameters of its own: it records whatever a specification asks for."""
+
+    def for_spec(self, needs: Needs) -> Self:
+        """Return the same backend with these channels and parameters; opens nothing."""
         ...
 
 

@@ -33,6 +33,7 @@ from s2r_spec.backend import (
     Backend,
     Coming,
     KeepsRaw,
+    hands_over,
     is_exclusive,
 )
 from s2r_spec.errors import BackendError, NotBegunError, S2RError, StoppedError
@@ -97,6 +98,8 @@ class Attending:
         self._pool: ProcessPool | None = None
 
     def __enter__(self) -> Self:
+        for begun in self._journal.open if hands_over(self._backend) else ():
+            self._journal.not_begun(begun, "s2r was killed while the outcome was handed over")
         for begun in self._journal.open if self._terms.void == AGAIN else ():
             self._journal.killed(begun, "s2r was killed during this rollout")
         return self
@@ -227,7 +230,16 @@ class Attending:
             raise type(alone)(f"{alone}; {self._resume()}")
 
     def _ended(self, task: Task, begun: Begun, interrupts: Interrupts) -> _Ended:
-        """Hand a rollout to the worker, and return what came of it."""
+        """Hand a rollout to the worker, and return what came of it.
+
+        Where the test was over before, whatever ends the worker leaves no void rollout: it is handed over again.
+        """
+        ended = self._handed(task, interrupts)
+        if hands_over(self._backend) and ended.word in (KILLED, ERROR):
+            return replace(ended, word=None, not_begun=NotBegunError(ended.reason))
+        return ended
+
+    def _handed(self, task: Task, interrupts: Interrupts) -> _Ended:
         assert self._pool is not None
         start = perf_counter()
         future = self._pool.submit(run_task, task)

@@ -1,0 +1,50 @@
+"""Tables of a folder of tests: read as they are, replaced whole."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+from pathlib import Path
+
+from s2r_spec.backend import Parameter
+from s2r_spec.errors import UsageError
+from s2r_spec.files import save
+
+
+def header(parameters: Sequence[Parameter]) -> list[str]:
+    """Return the header of ``rollouts.csv``: ``id, vd [m/s], …, seed``."""
+    return ["id", *(f"{p.name} [{p.unit}]" if p.unit else p.name for p in parameters), "seed"]
+
+
+def read(path: Path) -> tuple[list[str], list[list[str]]]:
+    """Return the header and the rows of a table; neither if there is no file.
+
+    Raises:
+        UsageError: it cannot be read.
+    """
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+        rows = [row for row in csv.reader(io.StringIO(text, newline=""), skipinitialspace=True) if any(row)]
+    except FileNotFoundError:
+        return [], []
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise UsageError(f"cannot read {path}: {error}") from None
+    return (rows[0], rows[1:]) if rows else ([], [])
+
+
+def ids(path: Path) -> list[str]:
+    """Return the first cell of every row."""
+    return [row[0] for row in read(path)[1]]
+
+
+def add(path: Path, names: Sequence[str], row: Sequence[str]) -> None:
+    """Write a table with one more row; ``names`` are its header if it is new.
+
+    Raises:
+        UsageError: it cannot be written; what was there before is as it was.
+    """
+    there, rows = read(path)
+    text = io.StringIO(newline="")
+    csv.writer(text, lineterminator="\n").writerows([there or names, *rows, row])
+    save(path, text.getvalue())
