@@ -382,11 +382,12 @@ class Guard:
         inputs = Inputs(0, reading, bad)
         if client is None:
             return inputs
+        if not ROWS[self.machine.state].client or client.party.spent:
+            client.socket.receive()  # nobody follows it; not even decoded
+            return inputs
         counters = client.side.counters
         before = counters.corrupt + counters.numbers
         orders = client.side.read()
-        if client.party.spent:
-            return inputs
         return inputs._replace(orders=orders, dropped=counters.corrupt + counters.numbers - before)
 
     def _record(self, direction: int, data: bytes) -> None:
