@@ -301,6 +301,115 @@ class HasVariants(Protocol):
         ...
 
 
+def is_exclusive(backend: object) -> bool:
+    """Return whether a backend is a machine of which there is one.
+
+    A backend says so by a class attribute ``exclusive = True``. Its rollouts then run one at a time in one worker
+    process on this machine, each after its operator's word; nothing else opens it, and none is run again without one.
+    """
+    return bool(getattr(backend, "exclusive", False))
+
+
+def assumptions_of(backend: object) -> tuple[str, ...]:
+    """Return what every statement about a backend assumes of it, each in one sentence: ``backend.assumptions``."""
+    return tuple(getattr(backend, "assumptions", ()))
+
+
+VOID = "void"
+"""Definition: ``trace.meta["void"]`` is a word for what ended a rollout, when that was not the robot ("link").
+
+Such a rollout is kept and is no outcome: the same test runs again. ``trace.meta["reason"]`` has a sentence.
+"""
+
+
+class Operator(Protocol):
+    """The person at the terminal. Where there is no terminal, every question raises a UsageError at once."""
+
+    def say(self, text: str) -> None:
+        """Show a text; without a terminal it goes to standard error."""
+        ...
+
+    def type_word(self, question: str, word: str) -> None:
+        """Return when exactly this word was typed; Enter alone and other words are asked again.
+
+        Raises:
+            StoppedError: ``q``, the end of input, or Ctrl-C.
+            UsageError: there is no terminal.
+        """
+        ...
+
+    def choose(self, question: str, answers: Mapping[str, str]) -> str:
+        """Return the key that was typed, of key → what it means; "" among the keys is Enter alone.
+
+        Raises:
+            StoppedError: ``q``, the end of input, or Ctrl-C.
+            UsageError: there is no terminal.
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class Coming:
+    """What a run is about to do to a machine.
+
+    Attributes:
+        rollouts: at most; None if nobody knows.
+    """
+
+    rollouts: int | None
+
+
+class Attended(Protocol):
+    """What a backend does in the process that holds the terminal; a worker never reads one.
+
+    An attribute ``unattended = True`` says that nobody is asked. Without it a run without a terminal is refused
+    before anything is opened, and after a void rollout the operator says whether the same test runs again.
+    """
+
+    def begin(self, coming: Coming) -> None:
+        """Get the machine ready, and get the operator's consent: before the first rollout."""
+        ...
+
+    def before(self, params: Mapping[str, float]) -> None:
+        """Return when the rollout of this test may be handed to the worker.
+
+        Raises:
+            NotBegunError: it may not; the operator is asked whether to try again.
+            StoppedError: the operator ends the run.
+        """
+        ...
+
+    def after(self, trace: Trace | None) -> None:
+        """Follow a rollout: its trace is recorded by now; None if it left none, or never began."""
+        ...
+
+    def interrupt(self, urgent: bool) -> None:
+        """Bring the machine to rest while a rollout runs; ``urgent``, by the second Ctrl-C, at once. Returns soon."""
+        ...
+
+    def end(self) -> None:
+        """Leave the machine at rest: after the last rollout, or whatever else ended the run, ``begin`` too."""
+        ...
+
+
+@runtime_checkable
+class HasAttendance(Protocol):
+    """A machine whose rollouts need a person, or a guard of it, in the process that holds the terminal."""
+
+    def attendance(self, operator: Operator) -> Attended:
+        """Return who attends to the rollouts of a run; opens nothing."""
+        ...
+
+
+@runtime_checkable
+class KeepsRaw(Protocol):
+    """A backend that records more than its traces."""
+
+    def keeping(self, folder: str) -> Self:
+        """Return the same backend, whose rollouts add files of their own to this folder; none is ever overwritten."""
+        ...
+
+
 def installed() -> dict[str, EntryPoint]:
     """Return name → entry point of every installed backend, without importing any of them."""
     found: dict[str, EntryPoint] = {}

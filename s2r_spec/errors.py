@@ -74,6 +74,16 @@ class BackendError(S2RError):
     """A backend failed while it ran, or broke its declared contract."""
 
 
+class NotBegunError(BackendError):
+    """A rollout of a machine could not begin: nothing moved before t = 0, so that there is no rollout to record."""
+
+
+class StoppedError(S2RError):
+    """The operator of a machine ended the run; what was recorded is kept, and --resume goes on with it."""
+
+    exit_code: ClassVar[int] = 130
+
+
 class UnknownBackendError(UsageError):
     """No installed distribution offers a backend of this name."""
 

@@ -24,8 +24,10 @@ from s2r_spec.backend import (
     HasRecordings,
     HasResiduals,
     HasVariants,
+    is_exclusive,
 )
 from s2r_spec.diagnose.bank import catalogue_of
+from s2r_spec.errors import UsageError
 from s2r_spec.trace import Trace
 
 FloatArray = NDArray[np.float64]
@@ -60,7 +62,15 @@ class Promise:
 
 
 def promises(backend: Backend) -> Iterator[Promise]:
-    """Try every promise that the backend makes, one after the other; whatever it raises is a breach."""
+    """Try every promise that the backend makes, one after the other; whatever it raises is a breach.
+
+    Raises:
+        UsageError: it is a machine, which this would move.
+    """
+    if is_exclusive(backend):
+        raise UsageError(
+            f"{backend.name} is a machine: trying its promises would move it to the ends of its ranges"
+        )
     trial = _Trial(backend)
     checks: list[tuple[str, Callable[[_Trial, Promise], None]]] = [
         ("its default test runs", _runs),

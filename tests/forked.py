@@ -59,12 +59,17 @@ class Command:
 
 
 @contextmanager
-def started(words: Sequence[str], folder: Path | None = None, said: str = "") -> Iterator[Command]:
-    """Start ``s2r`` as :func:`run` does, and go on beside it."""
+def started(
+    words: Sequence[str], folder: Path | None = None, said: str = "", terminal: str | None = None
+) -> Iterator[Command]:
+    """Start ``s2r`` as :func:`run` does, and go on beside it.
+
+    ``terminal`` names the one that it belongs to; without it it belongs to none, whoever started the tests.
+    """
     with tempfile.TemporaryDirectory() as kept:
         files = [Path(kept, name) for name in ("in", "out", "err")]
         files[0].write_text(said)
-        arguments = (tuple(words), folder or Path.cwd(), dict(os.environ), sys.path, files)
+        arguments = (tuple(words), folder or Path.cwd(), dict(os.environ), sys.path, files, terminal)
         process = FORKS.Process(target=_command, args=arguments)
         process.start()
         try:
@@ -75,8 +80,16 @@ def started(words: Sequence[str], folder: Path | None = None, said: str = "") ->
 
 
 def _command(
-    words: Sequence[str], folder: Path, environment: dict[str, str], path: list[str], files: list[Path]
+    words: Sequence[str],
+    folder: Path,
+    environment: dict[str, str],
+    path: list[str],
+    files: list[Path],
+    terminal: str | None,
 ) -> None:
+    os.setsid()
+    if terminal is not None:  # the first that the leader of a session opens is its own
+        os.close(os.open(terminal, os.O_RDWR))
     for descriptor, file in enumerate(files):
         os.dup2(os.open(file, os.O_RDWR | os.O_CREAT), descriptor)
     sys.stdin = os.fdopen(0, closefd=False)

@@ -12,7 +12,7 @@ REPORT = """<testsuites><testsuite name="pytest" tests="3" time="2.5">
 <testcase classname="tests.certify.test_search.TestRefusals" name="test_b" time="2.0"/>
 <testcase classname="tests.cli.test_check" name="test_c" time="0.5"/>
 </testsuite></testsuites>"""
-OURS = ("s2r_spec", "s2r_sim", "s2r_emps", "s2r_turtlebot", "benchmarks")
+OURS = ("s2r_spec", "s2r_a1", "s2r_sim", "s2r_emps", "s2r_turtlebot", "benchmarks")
 
 
 def test_the_time_of_the_suite_is_told_by_folder(tmp_path, monkeypatch):

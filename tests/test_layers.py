@@ -64,6 +64,24 @@ def test_a_backend_imports_no_more_of_s2r_than_it_must():
         assert imported(path) <= {"backend", "compiled", "effects", "errors", "trace"}, path
 
 
+def other_backends(name: str) -> set[str]:
+    """Return the packages of other backends that one imports."""
+    found = set()
+    for path in (PACKAGE.parent / "backends" / name).rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            names += [node.module] if isinstance(node, ast.ImportFrom) and node.module else []
+            found |= {name.split(".")[0] for name in names}
+    return {other for other in found if other.startswith("s2r_")} - {name, "s2r_spec"}
+
+
+def test_the_robot_may_import_its_simulator_and_no_backend_another():
+    names = {path.name for path in (PACKAGE.parent / "backends").iterdir() if path.name.startswith("s2r_")}
+    allowed = {"s2r_a1": {"s2r_sim"}}
+    for name in names:
+        assert other_backends(name) <= allowed.get(name, set()), name
+
+
 def printed(code: str) -> set[str]:
     """Return the words that a fresh interpreter prints."""
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -85,10 +85,10 @@ class RealTimeSocket:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
             self._socket.bind((host, port))
-        except OSError as error:
+        except (OSError, OverflowError) as error:
             self._socket.close()
             raise LinkError(
-                f"the local UDP port {port} cannot be opened: {error.strerror}; "
+                f"the local UDP port {port} cannot be opened: {getattr(error, 'strerror', 'no such port')}; "
                 "end the program that holds it, or name another port"
             ) from None
         self._socket.setblocking(False)
@@ -105,9 +105,10 @@ class RealTimeSocket:
             LinkError: the address is none, or no network leads there.
         """
         try:
-            self._socket.connect(peer)
-        except OSError as error:
-            raise LinkError(f"{peer[0]}:{peer[1]} cannot be reached: {error.strerror or error}") from None
+            self._socket.connect((socket.gethostbyname(peer[0]), peer[1]))
+        except (OSError, UnicodeError, OverflowError) as error:  # no network, no such name, no such port
+            why = getattr(error, "strerror", None) or "no such address"
+            raise LinkError(f"{peer[0]}:{peer[1]} cannot be reached: {why}") from None
         self._peer = self._socket.getpeername()
 
     def receive(self) -> list[bytes]:

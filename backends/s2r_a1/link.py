@@ -30,27 +30,37 @@ class Link(Protocol):
         counters: what happened since the link was opened.
         packet: the datagram that the last read came to its answer by, as it came; empty where none came.
         fault: why the last read gave nothing; None where it gave a reading.
-        unit: of the robot's ticks; None until it is measured, half a second after the first state.
-        refusal: a sentence if the ticks have no known unit.
+        tap: sees every datagram with its direction; a raw log, for instance.
     """
 
     counters: Counters
     packet: bytes
     fault: LinkFault | None
+    tap: Tap | None
 
     @property
     def unit(self) -> TickUnit | None:
-        """The unit of the robot's ticks, if it is known."""
+        """The unit of the robot's ticks; None until it is measured, half a second after the first state."""
 
     @property
     def refusal(self) -> str | None:
-        """A sentence if the robot's ticks have no known unit."""
+        """A sentence if the robot's ticks have neither known unit."""
 
     def read(self) -> Reading | None:
         """Return the newest state that was not returned before, or None if no such state came."""
 
     def write(self, orders: Orders) -> None:
-        """Send orders to the motors."""
+        """Send orders to the motors.
+
+        Raises:
+            WireError: a number does not fit its field; nothing is sent.
+        """
+
+    def skip(self) -> None:
+        """Send nothing in this round; lock step goes on all the same."""
+
+    def forget(self) -> None:
+        """Take the next state for new and measure the unit again, as after the robot was switched off and on."""
 
     def close(self) -> None:
         """Free what the link holds."""

@@ -150,9 +150,9 @@ class RawLogWriter:
 
     def _give(self, data: bytes | bytearray, ending: bool = False) -> None:
         with self._changed:
-            if len(self._waiting) + len(data) <= BEHIND:
+            if not self._lost and len(self._waiting) + len(data) <= BEHIND:
                 self._waiting += data
-            else:
+            elif data:  # nothing is recorded after a gap
                 self._lost = True
                 self.failure = self.failure or (
                     f"{self.path}: the disk is too slow to record on; free it or name another folder"

@@ -84,17 +84,8 @@ class BindingB:
     """A module with ``UDP``, ``LowCmd`` and ``LowState``."""
 
     def __init__(self, module: Any, layout: Layout, peer: Address, port: int) -> None:
-        """Open the module's socket on a local port; nothing is sent.
-
-        Raises:
-            LinkError: the module is that of another robot.
-        """
+        """Open the module's socket on a local port; nothing is sent."""
         self._state, self._command = module.LowState(), module.LowCmd()
-        if hasattr(self._state, "bms") != (layout is GO1):
-            raise LinkError(
-                f"this module is not the {layout.name}'s, by the fields of its states; "
-                "name the module of this robot, or leave it out"
-            )
         try:  # the newest module takes the lengths of the packets
             self._udp = module.UDP(port, *peer, layout.command.itemsize, layout.state.itemsize, -1)
         except TypeError:
@@ -119,7 +110,7 @@ class BindingB:
 
 
 class VendorLink:
-    """A link over the vendor's module.
+    """A :class:`s2r_a1.link.Link` over the vendor's module, in real time.
 
     Attributes:
         counters: what happened since the link was opened.
@@ -166,6 +157,9 @@ class VendorLink:
         if self.tap:
             self.tap(TO_ROBOT, data)
 
+    def skip(self) -> None:
+        """Send nothing: silence needs no packet in real time."""
+
     def forget(self) -> None:
         """Take the next state for new and measure the unit again, as after the robot was switched off and on."""
         self._ticks.forget()
@@ -202,7 +196,9 @@ class VendorLink:
         return reading
 
 
-def opened(name: str, layout: Layout, peer: Address, port: int = 0) -> VendorLink:
+def opened(
+    name: str, layout: Layout, peer: Address, port: int = 0, clock: Callable[[], float] = time.monotonic
+) -> VendorLink:
     """Return a link over a module that is installed under this name.
 
     Args:
@@ -210,6 +206,7 @@ def opened(name: str, layout: Layout, peer: Address, port: int = 0) -> VendorLin
         layout: of the robot's packets.
         peer: the robot.
         port: local; binding B takes any that is free for 0, and binding A has its own.
+        clock: time [s], against which the robot's ticks are measured.
 
     Raises:
         UsageError: there is no such module, or it has neither of the two shapes.
@@ -219,14 +216,19 @@ def opened(name: str, layout: Layout, peer: Address, port: int = 0) -> VendorLin
         module = import_module(name)
     except ImportError as error:
         raise UsageError(f"the vendor's module {name!r} cannot be imported: {error}; leave it out") from None
-    if hasattr(module, "RobotInterface"):
-        return VendorLink(BindingA(module, peer), layout)
-    if all(hasattr(module, part) for part in ("UDP", "LowCmd", "LowState")):
-        return VendorLink(BindingB(module, layout, peer, port or _free_port()), layout)
-    raise UsageError(
-        f"the module {name!r} has neither RobotInterface nor UDP, LowCmd and LowState; "
-        "name the vendor's module, or leave it out"
-    )
+    binding_a = hasattr(module, "RobotInterface")
+    if not binding_a and not all(hasattr(module, part) for part in ("UDP", "LowCmd", "LowState")):
+        raise UsageError(
+            f"the module {name!r} has neither RobotInterface nor UDP, LowCmd and LowState; "
+            "name the vendor's module, or leave it out"
+        )
+    if hasattr(getattr(module, "LowState", None), "bms") != (layout is GO1):  # the battery is the Go1's
+        raise LinkError(
+            f"the module {name!r} is not the {layout.name}'s, by the fields of its states; "
+            "name the module of this robot, or leave it out"
+        )
+    driver = BindingA(module, peer) if binding_a else BindingB(module, layout, peer, port or _free_port())
+    return VendorLink(driver, layout, clock)
 
 
 def _free_port() -> int:

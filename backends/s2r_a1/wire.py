@@ -76,7 +76,7 @@ class Reading(NamedTuple):
         tau: (12,) torques that the motors report [N·m].
         temperature: (12,) of the motors [°C].
         mode: (12,) of the motors; see ``CLOSED_LOOP``.
-        tick: the robot's clock, 32 bits; its unit is measured (:mod:`s2r_a1.link`).
+        tick: the robot's clock, 32 bits; its unit is measured (:mod:`s2r_a1.ticks`).
         remote: the 40 bytes of the remote control.
         error: (12,) error words of the motors; 0 is none.
         foot_force: (4,) raw counts of the foot sensors.
@@ -217,8 +217,8 @@ def unpack(data: bytes, layout: Layout) -> Reading:
 def unpack_orders(data: bytes, layout: Layout) -> Orders:
     """Return what the motors of a robot make of a command: the robot's side of :func:`pack`.
 
-    A motor in another mode than ``CLOSED_LOOP`` gets no gains and no torque; an angle of ``POSITION_OFF`` has no kp, and
-    a speed of ``SPEED_OFF`` no kd.
+    A motor in another mode than ``CLOSED_LOOP`` gets no gains and no torque; an angle of ``POSITION_OFF`` has no kp,
+    and a speed of ``SPEED_OFF`` no kd.
 
     Raises:
         WireError: as :func:`unpack`.

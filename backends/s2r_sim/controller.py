@@ -75,6 +75,19 @@ class Controller:
         """Which feet the clock has on the ground at the coming tick."""
         return self._schedule[self.memory.tick % len(self._schedule)].stance
 
+    def skip(self, ticks: int, measured: State, command: Command) -> None:
+        """Pass over ticks at which nothing was computed: the gait's clock and the reference go on.
+
+        Args:
+            ticks: that were missed.
+            measured: the last state before them.
+            command: that held during them.
+        """
+        memory = self.memory
+        memory.tick += ticks
+        for _ in range(ticks):
+            memory.reference = memory.reference.advanced(measured, command)
+
     def tick(self, measured: State, command: Command) -> Tick:
         """Run one control tick."""
         gains, body, memory = self._gains, self._body, self.memory

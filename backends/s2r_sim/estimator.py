@@ -102,22 +102,35 @@ def motion(robot: Robot, measured: State, force: Sequence[Any], stance: Any, sin
     return Motion(height, velocity, (ax, ay, az - GRAVITY))
 
 
-def blend(before: Vector, odometry: Sequence[float], acceleration: Sequence[float]) -> Vector:
-    """Return the velocity one tick later: carried on by the IMU, drawn towards leg odometry."""
-    trust = 1.0 / (BLEND * RATE)
-    x, y, z = (v + a / RATE for v, a in zip(before, acceleration, strict=True))
+def blend(
+    before: Vector, odometry: Sequence[float], acceleration: Sequence[float], ticks: float = 1.0
+) -> Vector:
+    """Return the velocity so many control ticks later: carried on by the IMU, drawn towards leg odometry."""
+    trust = min(1.0, ticks / (BLEND * RATE))
+    x, y, z = (v + a * ticks / RATE for v, a in zip(before, acceleration, strict=True))
     return (x + trust * (odometry[0] - x), y + trust * (odometry[1] - y), z + trust * (odometry[2] - z))
 
 
-def update(robot: Robot, before: Estimate | None, measured: State, force: Vector, stance: Any) -> Estimate:
-    """Return the estimate at one tick; the first one is leg odometry alone."""
+def update(
+    robot: Robot, before: Estimate | None, measured: State, force: Vector, stance: Any, ticks: float = 1.0
+) -> Estimate:
+    """Return the estimate at one tick; the first one is leg odometry alone.
+
+    Args:
+        robot: its kinematics.
+        before: the estimate so many ``ticks`` earlier; None at the first.
+        measured: attitude, rates, joint angles and speeds; of the position, (x, y) at the first tick.
+        force: what the accelerometer reads [m/s²], base axes. Where ticks were missed it stands for them, too.
+        stance: (4,) which feet stand.
+        ticks: of the robot's own clock since ``before``, in control ticks of 2 ms.
+    """
     numbers = State(measured.flat.tolist())
     height, odometry, acceleration = motion(robot, numbers, force, stance, math.sin, math.cos)
     if before is None:
         return Estimate((numbers.position[0], numbers.position[1], height), odometry)
-    vx, vy, vz = blend(before.velocity, odometry, acceleration)
+    vx, vy, vz = blend(before.velocity, odometry, acceleration, ticks)
     x, y, _ = before.position
-    return Estimate((x + vx / RATE, y + vy / RATE, height), (vx, vy, vz))
+    return Estimate((x + vx * ticks / RATE, y + vy * ticks / RATE, height), (vx, vy, vz))
 
 
 def replay(robot: Robot, measured: State, force: Sequence[Any], stance: Any) -> FloatArray:

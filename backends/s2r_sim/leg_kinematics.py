@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from math import acos
 from typing import Any, NamedTuple
 
-from s2r_sim.figures import Leg, Robot
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_sim.figures import LEGS, Leg, Robot
 
 
 class FootMotion(NamedTuple):
@@ -40,3 +44,10 @@ def foot_motion(robot: Robot, leg: Leg, q: Any, dq: Any, sin: Any, cos: Any) -> 
         (dx, dy - z * d_hip, dz + y * d_hip),
         (d_hip, c * d_knee, s * d_knee),
     )
+
+
+def standing(robot: Robot, height: float) -> NDArray[np.float64]:
+    """Return (12,) joint angles of a stand of this base height [m], feet below the hips."""
+    knee = acos((height - robot.foot_radius) / (robot.thigh_length + robot.calf_length))
+    angles: NDArray[np.float64] = np.tile([0.0, knee, -2.0 * knee], len(LEGS))
+    return angles

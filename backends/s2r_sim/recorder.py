@@ -70,7 +70,7 @@ class Recorder:
             "vx": np.cos(yaw) * vx + np.sin(yaw) * vy,
             "vy": np.cos(yaw) * vy - np.sin(yaw) * vx,
             "vz": vz,
-            "wz": _yaw_rate(own),
+            "wz": yaw_rate(own),
             "vx_cmd": np.full(n, self._command.vx),
             "vy_cmd": np.full(n, self._command.vy),
             "wz_cmd": np.full(n, self._command.wz),
@@ -103,7 +103,7 @@ class Recorder:
     def _true(self, truth: State) -> dict[str, FloatArray]:
         """Return the truth of what the robot's own sensors say, in the order of ``TRUE_CHANNELS``."""
         roll, pitch, _ = truth.rpy
-        values = (truth.q.T, truth.dq.T, roll, pitch, _yaw_rate(truth))
+        values = (truth.q.T, truth.dq.T, roll, pitch, yaw_rate(truth))
         return dict(zip((channel.name for channel in TRUE_CHANNELS), values, strict=True))
 
     def _feet(self, truth: State) -> tuple[FloatArray, FloatArray]:
@@ -140,7 +140,7 @@ class Recorder:
         return asked
 
 
-def _yaw_rate(state: State) -> FloatArray:
+def yaw_rate(state: State) -> FloatArray:
     """Return (n,) the rate of the heading [rad/s] of n states."""
     roll, pitch, _ = state.rpy
     wx, wy, wz = state.omega

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from math import acos, cos, inf, radians, sin
+from math import cos, inf, radians, sin
 from threading import Lock
 from typing import NamedTuple
 
@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_sim.controller import Controller, Memory
-from s2r_sim.figures import LEGS, Robot
 from s2r_sim.gains import RATE
 from s2r_sim.gait import Gait
+from s2r_sim.leg_kinematics import standing
 from s2r_sim.noise import Noise, draw
 from s2r_sim.parameters import Test
 from s2r_sim.physics import Command, State
@@ -64,7 +64,7 @@ class Simulator:
         settings, plant, controller = self._settings, self._plant, self._controller
         period = Gait.of(settings.gains).period
         height = settings.gains.base_height
-        plant.place(np.array([0.0, 0.0, height]), np.zeros(3), _standing(settings.robot, height))
+        plant.place(np.array([0.0, 0.0, height]), np.zeros(3), standing(settings.robot, height))
         controller.restore(Memory())
         saved: dict[int, _Warm] = {}
         warm_up = round(settings.warm_up * RATE)
@@ -118,12 +118,6 @@ def simulator(settings: Settings) -> Simulator:
     their own, keeps the last few.
     """
     return Simulator(settings)
-
-
-def _standing(robot: Robot, height: float) -> FloatArray:
-    """Return (12,) joint angles of a stand of this base height [m], feet below the hips."""
-    knee = acos((height - robot.foot_radius) / (robot.thigh_length + robot.calf_length))
-    return np.tile([0.0, knee, -2.0 * knee], len(LEGS))
 
 
 def _push(test: Test, tick: int, truth: State) -> FloatArray | None:

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from s2r_spec.backend import HasRecordings
+from s2r_spec.backend import HasRecordings, Operator, is_exclusive
 from s2r_spec.certify.certificate import Certificate, Label
 from s2r_spec.certify.drive import Observer, Phase, Rollouts, drive
 from s2r_spec.certify.given import given_folder, given_name, given_spec, must_be_begun
@@ -24,7 +24,10 @@ from s2r_spec.certify.kernels import Kernel
 from s2r_spec.certify.outward import at_most
 from s2r_spec.certify.recorded import Recorded, fixed_design, left_open, observe
 from s2r_spec.certify.search import Search
+from s2r_spec.certify.voids import about, assumed, counted, is_machine, without_too_many
 from s2r_spec.errors import UsageError, one_of
+from s2r_spec.rollouts.attempts import AGAIN
+from s2r_spec.rollouts.attended import Terms, attending, refuse_terms, terms_of
 from s2r_spec.rollouts.journal import Journal, Record
 from s2r_spec.rollouts.kept import files_of
 from s2r_spec.rollouts.pools import ExecutorFactory, process_pool
@@ -76,6 +79,7 @@ class CheckResult:
         provenance: version, spec and model hashes, seed.
         folder: where the rollouts lie.
         seconds: that the rollouts took, all workers and all resumed processes added up.
+        voids: of a machine, how many rollouts were void, by word; None of what is none.
     """
 
     requirement: str
@@ -92,6 +96,7 @@ class CheckResult:
     provenance: dict[str, Any]
     folder: Path
     seconds: float
+    voids: dict[str, int] | None = None
 
 
 def search_for(
@@ -163,6 +168,8 @@ def check(
     timeout: float | None = None,
     resume: bool = False,
     observer: Observer | None = None,
+    void: str = AGAIN,
+    operator: Operator | None = None,
 ) -> CheckResult:
     """Certify the worst expected robustness of one requirement over the spec's test space.
 
@@ -180,6 +187,9 @@ def check(
             :func:`s2r_spec.rollouts.rig.default_timeout`.
         resume: go on with the run in ``folder``.
         observer: is told of batches and rollouts.
+        void: of a machine, what becomes of a rollout that the robot did not end: "again" for the same test once
+            more, "fall" to count it as a fall.
+        operator: of a machine, who is asked; the person at this process's terminal if None.
 
     Raises:
         UsageError: the spec, the backend and the folder do not fit together, or there is no run to resume.
@@ -190,7 +200,10 @@ def check(
     if resume:
         must_be_begun([folder], folder)
     search = search_for(spec, requirement, seed=seed, budget=budget, mode=mode, engine=engine)
-    return check_with(search, spec, requirement, backend, folder, seed, executor, timeout, resume, observer)
+    terms = terms_of(void, operator)
+    return check_with(
+        search, spec, requirement, backend, folder, seed, executor, timeout, resume, observer, terms
+    )
 
 
 def check_with(
@@ -204,9 +217,11 @@ def check_with(
     timeout: float | None,
     resume: bool,
     observer: Observer | None,
+    terms: Terms | None = None,
 ) -> CheckResult:
     """Run a search for the worst expected robustness to its end; see :func:`check`."""
-    rig = Rig.for_spec(spec, requirement, backend)
+    rig, terms = Rig.for_spec(spec, requirement, backend), terms or Terms()
+    refuse_terms(rig.backend, terms)
     design = None
     if isinstance(rig.backend, HasRecordings):
         if search.budget is not None:
@@ -227,17 +242,22 @@ def check_with(
     }
     if design is not None:
         provenance["recorded"] = list(design.notes)
+    provenance |= about(rig.backend, terms.void)
     if resume and Journal.begun(folder):
         journal = Journal.resume(folder, provenance)
     else:
         journal = Journal.create(folder, provenance, files_of(spec))
     if observer is not None:
         unit = rho_unit(spec, requirement)
-        observer.begin(Phase("ρ", unit, backend, spec.space.units, search.budget))
+        attended = is_exclusive(rig.backend)
+        observer.begin(Phase("ρ", unit, backend, spec.space.units, search.budget, attended))
     if design is not None:
         observe(search, design, Recorded(design, rig, journal), observer)
     else:
-        with Runner(executor or process_pool(2), timeout) as runner:
+        with (
+            Runner(executor or process_pool(2), timeout) as pool,
+            attending(pool, rig.backend, journal, terms, search.budget) as runner,
+        ):
             drive(search, Rollouts(rig, seed, journal, runner), observer)
     result = conclude(spec, requirement, rig.fall, search.certificate(), journal, provenance)
     return result if design is None else of_recordings(result, design.notes, search)
@@ -259,7 +279,8 @@ def conclude(
     provenance: dict[str, Any],
 ) -> CheckResult:
     """Return what a search that was told all of a journal means for the requirement."""
-    records = journal.records()
+    records, backend = journal.records(), provenance["backend"]
+    certificate = without_too_many(certificate, backend, journal)
     failures = Counter(record.failure for record in records if record.failure is not None)
     lower, upper = -certificate.upper, -certificate.lower
     unit = rho_unit(spec, requirement)
@@ -270,6 +291,7 @@ def conclude(
             for text in certificate.assumptions
         ),
         f"a rollout that falls or crashes counts as ρ = {fall:g} {unit}".rstrip() + ", as the spec declares",
+        *assumed(backend, provenance, journal),
         "the statement is about this backend's expected ρ over its own noise; the real machine is search 2",
     )
     return CheckResult(
@@ -287,6 +309,7 @@ def conclude(
         provenance=provenance,
         folder=journal.folder,
         seconds=sum(record.seconds for record in records),
+        voids=counted(journal) if is_machine(provenance) else None,
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal, Protocol
 
@@ -11,10 +11,14 @@ import numpy as np
 from s2r_spec.certify.certificate import Certificate
 from s2r_spec.certify.search import Query, Search
 from s2r_spec.errors import BackendError, S2RError
+from s2r_spec.rollouts.attempts import Void
 from s2r_spec.rollouts.journal import Journal, Record
 from s2r_spec.rollouts.rig import Rig
-from s2r_spec.rollouts.runner import Runner
+from s2r_spec.rollouts.runner import Done, Task
 from s2r_spec.rollouts.seeds import Stream, rollout_seed
+
+UNSCORED = "unscored"
+"""Definition: word of a machine's rollout whose trace the requirement cannot judge."""
 
 
 @dataclass(frozen=True)
@@ -27,6 +31,7 @@ class Phase:
         backend: whose rollouts are counted.
         units: of the test parameters.
         budget: most rollouts, if there is one.
+        attended: the backend is a machine, whose operator is asked at the terminal meanwhile.
     """
 
     symbol: str
@@ -34,6 +39,7 @@ class Phase:
     backend: str
     units: Mapping[str, str]
     budget: int | None
+    attended: bool = False
 
 
 class Observer(Protocol):
@@ -83,6 +89,14 @@ class OnlyCrashes(Silent):
         self.observer.crash(record)
 
 
+class Runs(Protocol):
+    """Runs tasks: a :class:`s2r_spec.rollouts.runner.Runner`, or what attends to a machine."""
+
+    def run(self, tasks: Sequence[Task]) -> Iterator[Done]:
+        """Yield every task's outcome; see there."""
+        ...
+
+
 class Experiment(Protocol):
     """Answers queries with outcomes, all of which are on disk by then."""
 
@@ -107,7 +121,7 @@ class Rollouts:
     rig: Rig
     seed: int
     journal: Journal
-    runner: Runner
+    runner: Runs
     stream: Stream = Stream.CHECK
     each: int = field(default=1)
 
@@ -141,6 +155,9 @@ class Rollouts:
                 rho, failure = self.rig.score(point, done)
             except S2RError as error:
                 kept = self.journal.keep(key, done.trace)
+                for begun in self.journal.open:  # of a machine, whose rollout has an end, if no outcome
+                    if begun.key == key:
+                        self.journal.void(Void(begun, UNSCORED, str(error), None, done.seconds), done.trace)
                 test = ", ".join(f"{name} = {value:.6g}" for name, value in point.items())
                 raise BackendError(
                     f"rollout {key[0]}.{key[1]} at {test} cannot be scored: {error}; its trace is kept in {kept}"

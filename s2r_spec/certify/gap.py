@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from s2r_spec.backend import Operator, is_exclusive
 from s2r_spec.certify.certificate import Certificate
 from s2r_spec.certify.check import (
     distance,
@@ -29,7 +30,10 @@ from s2r_spec.certify.given import given_folder, given_name, given_spec, must_be
 from s2r_spec.certify.recorded import Recorded, left_open, observe
 from s2r_spec.certify.search import Search
 from s2r_spec.certify.sides import SIMULATED_PER_REAL, Sides
+from s2r_spec.certify.voids import about, assumed, counted, is_machine, without_too_many
 from s2r_spec.errors import UsageError
+from s2r_spec.rollouts.attempts import AGAIN
+from s2r_spec.rollouts.attended import Terms, attending, refuse_terms, terms_of
 from s2r_spec.rollouts.journal import Journal
 from s2r_spec.rollouts.kept import files_of
 from s2r_spec.rollouts.layout import SIDES
@@ -89,6 +93,7 @@ class GapResult:
         provenance: versions, hashes, seed.
         folder: where the rollouts lie.
         seconds: that the rollouts of both sides took, all workers and all resumed processes added up.
+        voids: of a machine, how many of its rollouts were void, by word; None of what is none.
     """
 
     requirement: str
@@ -106,6 +111,7 @@ class GapResult:
     provenance: dict[str, Any]
     folder: Path
     seconds: float
+    voids: dict[str, int] | None = None
 
     @property
     def absolute(self) -> float:
@@ -154,6 +160,8 @@ def gap(
     timeout: float | None = None,
     resume: bool = False,
     observer: Observer | None = None,
+    void: str = AGAIN,
+    operator: Operator | None = None,
 ) -> GapResult:
     """Bound the signed gap between two backends over the spec's test space.
 
@@ -173,6 +181,8 @@ def gap(
         timeout: see :func:`s2r_spec.certify.check.check`.
         resume: go on with the run in ``folder``.
         observer: is told of batches and real rollouts.
+        void: see :func:`s2r_spec.certify.check.check`.
+        operator: see there.
 
     Raises:
         UsageError: spec, backends and folder do not fit together.
@@ -187,7 +197,10 @@ def gap(
     search = gap_search(
         spec, requirement, seed=seed, budget=budget, mode=mode, engine=engine, per_real=sides.per_real
     )
-    return gap_with(search, spec, requirement, sides, folder, seed, executor, timeout, resume, observer)
+    terms = terms_of(void, operator)
+    return gap_with(
+        search, spec, requirement, sides, folder, seed, executor, timeout, resume, observer, terms
+    )
 
 
 def gap_with(
@@ -201,8 +214,11 @@ def gap_with(
     timeout: float | None,
     resume: bool,
     observer: Observer | None,
+    terms: Terms | None = None,
 ) -> GapResult:
     """Run a search for the gap to its end; see :func:`gap`."""
+    terms = terms or Terms()
+    refuse_terms(sides.real.backend, terms)
     if sides.recorded is None:
         search.refuse_hopeless()
     rigs = {"sim": sides.sim, "real": sides.real}
@@ -216,7 +232,8 @@ def gap_with(
         "settings": search.certificate().settings,
     }
     for side, rig in rigs.items():
-        provenance[side] = {"backend": rig.name, "model_hash": rig.backend.model_hash}
+        about_side = {"backend": rig.name, "model_hash": rig.backend.model_hash}
+        provenance[side] = about_side | about(rig.backend, terms.void)
     if sides.recorded is not None:
         provenance["recorded"] = list(sides.notes)
     journals = {}
@@ -230,14 +247,18 @@ def gap_with(
         )
     if observer is not None:
         unit = rho_unit(spec, requirement)
-        counted = sides.real.name if sides.recorded is None else sides.sim.name
-        observer.begin(Phase("Δ", unit, counted, spec.space.units, search.budget))
-    with Runner(executor or process_pool(2), timeout) as runner:
+        source = sides.real.name if sides.recorded is None else sides.sim.name
+        attended = is_exclusive(sides.real.backend)
+        observer.begin(Phase("Δ", unit, source, spec.space.units, search.budget, attended))
+    with (
+        Runner(executor or process_pool(2), timeout) as runner,
+        attending(runner, sides.real.backend, journals["real"], terms, search.budget) as machine,
+    ):
         simulated: Experiment = Rollouts(
             rigs["sim"], seed, journals["sim"], runner, Stream.GAP_SIM, SIMULATED_PER_REAL
         )
         if sides.recorded is None:
-            real = Rollouts(rigs["real"], seed, journals["real"], runner, Stream.GAP_REAL)
+            real = Rollouts(rigs["real"], seed, journals["real"], machine, Stream.GAP_REAL)
             drive(search, Pairs(simulated, real), observer)
         else:
             if sides.simulated is not None:
@@ -262,7 +283,7 @@ def conclude_gap(
     if not found:
         raise UsageError("no pair of rollouts was run: the budget is smaller than the first batch")
     tested = _tested(found)
-    certificate = search.certificate()
+    certificate = without_too_many(search.certificate(), real, journals["real"])
     unit = rho_unit(spec, requirement)
     lowest, highest = search.range
     assumptions = (
@@ -274,6 +295,8 @@ def conclude_gap(
         f"minus the mean of {SIMULATED_PER_REAL if per_real > 1 else 'one or two'} simulated ones",
         f"a rollout that falls or crashes counts as ρ = {fall:g} {unit}".rstrip() + " on both sides",
     )
+    for side in SIDES:
+        assumptions += assumed(provenance[side]["backend"], provenance[side], journals[side])
     if "recorded" in provenance:
         assumptions += (*provenance["recorded"], *left_open(search, "E Δ"))
     if real.startswith("twin"):
@@ -294,6 +317,7 @@ def conclude_gap(
         provenance=provenance,
         folder=folder,
         seconds=sum(record.seconds for journal in journals.values() for record in journal.records()),
+        voids=counted(journals["real"]) if is_machine(provenance["real"]) else None,
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from importlib.metadata import version
 from math import isfinite
 from pathlib import Path
@@ -10,7 +11,9 @@ from s2r_spec.certify.certificate import Certificate
 from s2r_spec.certify.drive import Observer, Rollouts, drive
 from s2r_spec.certify.given import given_folder, given_name, must_be_begun
 from s2r_spec.certify.search import Search
+from s2r_spec.certify.voids import about, assumed, without_too_many
 from s2r_spec.errors import UsageError
+from s2r_spec.rollouts.attended import Terms, attending, refuse_terms
 from s2r_spec.rollouts.journal import Journal
 from s2r_spec.rollouts.pools import ExecutorFactory, process_pool
 from s2r_spec.rollouts.rig import Measure, Rig
@@ -67,7 +70,8 @@ def check_measure(
     if resume:
         must_be_begun([folder], folder)
     search.refuse_hopeless()
-    machine = open_backend(backend, duration)
+    machine, terms = open_backend(backend, duration), Terms()
+    refuse_terms(machine, terms)
     rig = Rig(backend, machine, measure, fall)
     header = {
         "s2r": version("s2r"),
@@ -79,7 +83,12 @@ def check_measure(
         "fall": fall,
         "settings": search.certificate().settings,
     }
+    header |= about(machine, terms.void)
     journal = Journal.resume(folder, header) if resume else Journal.create(folder, header, {})
-    with Runner(executor or process_pool(2)) as runner:
+    with (
+        Runner(executor or process_pool(2)) as pool,
+        attending(pool, machine, journal, terms, search.budget) as runner,
+    ):
         drive(search, Rollouts(rig, seed, journal, runner), observer)
-    return search.certificate()
+    certificate = without_too_many(search.certificate(), backend, journal)
+    return replace(certificate, assumptions=(*certificate.assumptions, *assumed(backend, header, journal)))

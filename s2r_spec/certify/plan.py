@@ -16,6 +16,7 @@ from s2r_spec.certify.floors import minimax, sequential_floor
 from s2r_spec.certify.inside import log_rollouts, tests_apart
 from s2r_spec.certify.kernels import Kernel
 from s2r_spec.certify.search import Search
+from s2r_spec.certify.sides import SIMULATED_PER_REAL
 from s2r_spec.errors import UsageError
 from s2r_spec.magnitude import whole
 from s2r_spec.space import Space
@@ -39,6 +40,7 @@ class Plan:
         flat: the same on functions of norm 0.03 B.
         reachable: (rollouts, median ε on flat functions) for each budget that was asked for.
         runs: how many searches were simulated for each number.
+        gaps: the same as ``reachable`` for the search of a gap, whose budget is of real rollouts.
     """
 
     floor: float
@@ -47,6 +49,7 @@ class Plan:
     flat: int | None
     reachable: tuple[tuple[int, float], ...]
     runs: int
+    gaps: tuple[tuple[int, float], ...] = ()
 
 
 def plan(
@@ -59,6 +62,7 @@ def plan(
     epsilon: float,
     mode: str = "rigorous",
     budgets: tuple[int, ...] = (),
+    real: tuple[int, ...] = (),
     runs: int = 3,
     most: int = 2_000_000,
     seed: int = 0,
@@ -75,6 +79,7 @@ def plan(
         epsilon: width of the interval that is wanted.
         mode: of the confidence set.
         budgets: rollouts for which the reachable ε is wanted.
+        real: real rollouts for which the reachable ε of a gap is wanted.
         runs: simulated searches; the medians are reported, or None as soon as one of them gives up.
         most: rollouts after which a search to ε is given up.
         seed: of the simulation.
@@ -83,24 +88,24 @@ def plan(
     # It refuses bad settings; a budget, since too small an ε is an answer of a plan.
     tried = Search(space, kernel=kernel, B=B, R=R, delta=delta, epsilon=epsilon, mode=mode, budget=most)
     tried.refuse_hopeless()
-    for budget in budgets:
+    for budget in (*budgets, *real):
         if whole("budget", budget, 2 * tried.spread) > most:
             raise UsageError(f"budget = {budget:g}; a plan simulates at most {most:,} rollouts")
     floor = sequential_floor(R, epsilon, delta)
     tests = tests_apart(space, kernel)
     beyond = floor > most or log_rollouts(tests, tried.spread, tried.batch) > math.log10(most)
 
-    done, of = 0, runs * (2 + len(budgets))
+    done, of = 0, runs * (2 + len(budgets) + len(real))
 
     def tell() -> None:
         if progress is not None:
             progress("simulated searches", done, of)
 
-    def simulated(run: int, share: float, budget: int, target: float) -> Certificate:
+    def simulated(run: int, share: float, budget: int, target: float, proxy: float = R) -> Certificate:
         nonlocal done
         rng = np.random.default_rng([seed, run])
         search = Search(
-            space, kernel=kernel, B=B, R=R, delta=delta, epsilon=target, mode=mode, seed=run, budget=budget
+            space, kernel=kernel, B=B, R=proxy, delta=delta, epsilon=target, mode=mode, seed=run, budget=budget
         )
         centres = rng.uniform(space.lower, space.upper, (SECTIONS, space.dim))
         weights = rng.normal(size=SECTIONS)
@@ -110,7 +115,7 @@ def plan(
             queries = search.ask()
             points = np.array([space.vector(query.point) for query in queries])
             for query, mean in zip(queries, kernel.gram(points, centres) @ weights, strict=True):
-                search.tell(query, mean + R * rng.normal(size=query.replicates))
+                search.tell(query, mean + proxy * rng.normal(size=query.replicates))
         done += 1
         tell()
         return search.certificate()
@@ -124,19 +129,19 @@ def plan(
             reached.append(certificate.rollouts)
         return int(median(reached))
 
-    reachable = []
-    for budget in budgets:
+    def reached(budget: int, proxy: float) -> tuple[int, float]:
         # The width wanted is 0.3 of the best that Gaussian noise allows: the budget ends the search, not ε.
-        target = min(B, 0.3 * 2 * -NormalDist().inv_cdf(min(delta, 0.3)) * R / math.sqrt(budget))
-        widths = [simulated(run, FLAT, budget, target).epsilon for run in range(runs)]
-        reachable.append((budget, median(widths)))
+        target = min(B, 0.3 * 2 * -NormalDist().inv_cdf(min(delta, 0.3)) * proxy / math.sqrt(budget))
+        return budget, median(simulated(run, FLAT, budget, target, proxy).epsilon for run in range(runs))
+
     return Plan(
         floor=floor,
         minimax=minimax(R, epsilon, delta),
         peaked=to_stop(PEAKED),
         flat=to_stop(FLAT),
-        reachable=tuple(reachable),
+        reachable=tuple(reached(budget, R) for budget in budgets),
         runs=runs,
+        gaps=tuple(reached(budget, R * math.sqrt(1 + 1 / SIMULATED_PER_REAL)) for budget in real),
     )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from s2r_spec.backend import Operator
 from s2r_spec.certify.certificate import Label
 from s2r_spec.certify.check import CheckResult, Verdict, check_with, only_requirement, search_for
 from s2r_spec.certify.compose import Composition, compose
@@ -13,6 +14,8 @@ from s2r_spec.certify.gap import GapResult, gap_search, gap_with
 from s2r_spec.certify.given import given_folder, given_name, given_spec, must_be_begun
 from s2r_spec.certify.search import Search
 from s2r_spec.certify.sides import Sides
+from s2r_spec.rollouts.attempts import AGAIN
+from s2r_spec.rollouts.attended import refuse_terms, terms_of
 from s2r_spec.rollouts.layout import GAP, SIMULATION
 from s2r_spec.rollouts.pools import ExecutorFactory
 from s2r_spec.spec import Spec
@@ -54,6 +57,8 @@ def certify(
     timeout: float | None = None,
     resume: bool = False,
     observer: Observer | None = None,
+    void: str = AGAIN,
+    operator: Operator | None = None,
 ) -> CertifyResult:
     """Run both searches and compose them into a promise about the real machine; see :func:`gap`.
 
@@ -65,7 +70,8 @@ def certify(
     requirement = requirement or only_requirement(spec)
     if resume:
         must_be_begun([folder / SIMULATION], folder)
-    sides = Sides.of(spec, requirement, simulated, real, budget)
+    sides, terms = Sides.of(spec, requirement, simulated, real, budget), terms_of(void, operator)
+    refuse_terms(sides.real.backend, terms)
     first = search_for(spec, requirement, seed=seed, budget=None, mode=mode, engine=engine)
     second = gap_search(
         spec, requirement, seed=seed, budget=budget, mode=mode, engine=engine, per_real=sides.per_real
@@ -78,7 +84,7 @@ def certify(
     if not checked.certificate.label.bounds:
         return refused(checked, real)
     bounded = gap_with(
-        second, spec, requirement, sides, folder / GAP, seed, executor, timeout, resume, observer
+        second, spec, requirement, sides, folder / GAP, seed, executor, timeout, resume, observer, terms
     )
     return promise(first, second, checked, bounded)
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from s2r_spec.backend import Backend, HasRecordings, Recording
+from s2r_spec.backend import Backend, HasRecordings, Recording, is_exclusive
 from s2r_spec.certify.recorded import ROUNDING, Design, fixed_design
 from s2r_spec.errors import UsageError
 from s2r_spec.rollouts.rig import Rig
@@ -45,6 +45,10 @@ class Sides:
             UsageError: spec and backends do not fit together, or the recordings do not make pairs.
         """
         sim, machine = Rig.for_spec(spec, requirement, simulated), Rig.for_spec(spec, requirement, real)
+        if is_exclusive(sim.backend):
+            raise UsageError(
+                f"{simulated} is a machine, not a simulator: give it as --real, and a simulator as --sim"
+            )
         if not isinstance(machine.backend, HasRecordings):
             if isinstance(sim.backend, HasRecordings):
                 raise UsageError(

@@ -25,6 +25,7 @@ from s2r_spec.cli.options import (
     SpecFile,
     Timeout,
     TimeUnit,
+    Void,
     Workers,
     logs,
 )
@@ -62,6 +63,7 @@ def against(prefix: str, help_: str, search: Callable[[], Search]) -> Callable[.
         workers: Workers = None,
         scheduler: Scheduler = None,
         timeout: Timeout = None,
+        void: Void = "again",
         nan: Nan = None,
         time_unit: TimeUnit = None,
         columns: Columns = None,
@@ -103,6 +105,7 @@ def against(prefix: str, help_: str, search: Callable[[], Search]) -> Callable[.
                         timeout=seconds(timeout),
                         resume=resume is not None,
                         observer=live,
+                        void=void,
                     )
             except KeyboardInterrupt:
                 interrupted(folder)

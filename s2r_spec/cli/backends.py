@@ -40,6 +40,12 @@ def backends(
                     say(f"{key:12} {value}")
             return
         machine = registry.load_backend(name)
+        exclusive, assumed = registry.is_exclusive(machine), registry.assumptions_of(machine)
+        if check and exclusive:
+            raise UsageError(
+                f"{name} is a machine: --check would move it to the ends of its ranges; "
+                f"s2r check, gap and certify run it with its operator"
+            )
         if check:
             raise typer.Exit(_tried(machine, as_json))
         parameters = [vars(p) for p in machine.parameters]
@@ -56,9 +62,17 @@ def backends(
                 "channels": channels,
                 "effects": [_record(e) for e in effects],
             }
+            if exclusive:
+                record["exclusive"] = True
+            if assumed:
+                record["assumptions"] = assumed
             print(json.dumps(record))
             return
         say(f"{machine.name}: rollouts of {machine.duration:g} s, about {machine.cost:g} s each on one core")
+        if exclusive:
+            say("a machine: its rollouts run one at a time, each after its operator's word")
+        for sentence in assumed:
+            say(f"assumed: {sentence}")
         say("parameters")
         for p in machine.parameters:
             say(

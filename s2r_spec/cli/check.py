@@ -20,6 +20,7 @@ from s2r_spec.cli.options import (
     SpecFile,
     Timeout,
     TimeUnit,
+    Void,
     Workers,
     logs,
 )
@@ -45,6 +46,7 @@ def check(
     workers: Workers = None,
     scheduler: Scheduler = None,
     timeout: Timeout = None,
+    void: Void = "again",
     mode: Annotated[
         str, typer.Option(help="Confidence set: rigorous, rigorous-simple or paper.")
     ] = "rigorous",
@@ -112,6 +114,7 @@ def check(
                             # The next requirement of a run that was cut off may not have begun.
                             resume=resume is not None and Journal.found(place),
                             observer=live,
+                            void=void,
                         )
                     )
             except KeyboardInterrupt:

@@ -20,7 +20,7 @@ import typer
 from rich.console import Console
 
 from s2r_spec.cli.terminal import console, say
-from s2r_spec.errors import S2RError, TraceNote, UsageError
+from s2r_spec.errors import S2RError, StoppedError, TraceNote, UsageError
 from s2r_spec.printable import one_line
 
 if TYPE_CHECKING:
@@ -72,7 +72,12 @@ def sentences(as_json: bool = False) -> Iterator[None]:
 def _refuse(sentence: str, exit_code: int, as_json: bool, cause: Exception) -> NoReturn:
     # A specification's mistakes are drawn below its sentence.
     first, line_feed, rest = sentence.partition("\n")
-    print(f"error: {first}{line_feed}{rest}" if not first.startswith("error") else sentence, file=sys.stderr)
+    if isinstance(cause, StoppedError):  # as was asked: no error
+        say(sentence, error=True)
+    else:
+        print(
+            f"error: {first}{line_feed}{rest}" if not first.startswith("error") else sentence, file=sys.stderr
+        )
     if as_json:
         print_error(exit_code, sentence)
     raise typer.Exit(exit_code) from cause

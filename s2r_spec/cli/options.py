@@ -38,8 +38,16 @@ Timeout = Annotated[
     float | None,
     typer.Option(
         min=0,
-        help="End a rollout that takes longer than so many seconds; it counts as a crash. 0: never.",
+        help="End a rollout that takes longer than so many seconds; it counts as a crash, or is void on a machine. "
+        "0: never.",
         show_default="60 s and 100 times what the backend declares; never for one that is not repeatable",
+    ),
+]
+Void = Annotated[
+    str,
+    typer.Option(
+        help="A machine's rollout that the link, the operator or a killed process ended: again, or fall to count it as "
+        "a fall. One fall among a hundred good rollouts is far from them, and usually refutes R and the certificate.",
     ),
 ]
 Run = Annotated[Path | None, typer.Option(help="Folder for the rollouts.", show_default="s2r-runs/…")]

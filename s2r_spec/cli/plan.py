@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
@@ -33,6 +34,12 @@ def plan(
     backend: Annotated[
         str | None, typer.Option("--backend", "-b", help="Give times, from its declared cost.")
     ] = None,
+    time: Annotated[
+        str | None,
+        typer.Option(
+            help="What ε does so much time of --backend reach? For example 30min.", show_default=False
+        ),
+    ] = None,
     bounds: Annotated[
         tuple[float, float] | None, typer.Option("--range", help="A proven range of ρ: R is half its width.")
     ] = None,
@@ -44,7 +51,7 @@ def plan(
 ) -> None:
     """Say how many rollouts a certificate takes, what a budget reaches, and what is impossible."""
     with sentences(as_json):
-        from s2r_spec.backend import load_backend
+        from s2r_spec.backend import is_exclusive, load_backend
         from s2r_spec.certify import plan as planning
         from s2r_spec.certify.check import only_requirement
         from s2r_spec.certify.kernels import Kernel
@@ -82,6 +89,11 @@ def plan(
                 raise UsageError(f"give {', '.join(lacking)}, or a spec whose certify line declares them")
             _print_pilot(noise, as_json)
             return
+        machine = load_backend(backend) if backend is not None else None
+        # A machine runs one rollout after the other; a simulator one on each core.
+        at_once = 1 if is_exclusive(machine) else cores()
+        seconds = machine.cost / at_once if machine is not None else None
+        afforded = _afforded(time, seconds)
         with Stages(console(stderr=True), quiet) as stages:
             result = planning.plan(
                 space,
@@ -91,10 +103,10 @@ def plan(
                 delta=delta,
                 epsilon=eps,
                 mode=mode,
-                budgets=tuple(budget or ()),
+                budgets=(*(budget or ()), *afforded),
+                real=afforded,
                 progress=stages,
             )
-        seconds = load_backend(backend).cost / cores() if backend is not None else None
         if as_json:
             settings = {"schema": "s2r.plan/1", "R": R, "epsilon": eps, "delta": delta, "B": B}
             extra = {"seconds_per_rollout": seconds, "pilot": asdict(noise) if noise else None}
@@ -104,7 +116,8 @@ def plan(
         def cost(rollouts: float | None) -> str:
             if rollouts is None:
                 return "more than 2000000 rollouts"
-            time = f", about {rollouts * seconds:.0f} s on {cores()} cores" if seconds is not None else ""
+            where = "" if is_exclusive(machine) else f" on {cores()} cores"
+            time = f", about {rollouts * seconds:.0f} s{where}" if seconds is not None else ""
             count = f"{rollouts:.0f}" if rollouts < 1e12 else f"{rollouts:.0e}"
             return f"{count} rollouts{time}"
 
@@ -115,8 +128,42 @@ def plan(
         say(f"  expected, flat ρ      {cost(result.flat)} (every test is nearly the worst: the hardest case)")
         for rollouts, width in result.reachable:
             say(f"  with {rollouts} rollouts: ε = {width:.3g}")
+        for rollouts, width in result.gaps:
+            say(f"  {time} of {backend} ({rollouts} rollouts of {seconds:.3g} s): ε = {width:.3g} for the gap")
         if noise is not None:
             _print_pilot(noise, as_json=False)
+
+
+def _afforded(time: str | None, seconds: float | None) -> tuple[int, ...]:
+    """Return how many rollouts a time is enough for; none if no time is given.
+
+    Args:
+        time: such as "30min"; a number alone is in seconds.
+        seconds: that a rollout takes [s]; None if nobody knows.
+
+    Raises:
+        UsageError: it is no time, there is no backend, or it is too short for a search.
+    """
+    from s2r_spec.errors import UsageError
+    from s2r_spec.lang.units import UnknownUnitError, parse_unit
+
+    if time is None:
+        return ()
+    if not seconds:
+        raise UsageError("--time needs --backend, and that a rollout of it takes time")
+    found = re.fullmatch(r"\s*([0-9]+(?:\.[0-9]*)?)\s*([a-zA-Z]*)\s*", time)
+    try:
+        unit, of = parse_unit(found[2] or "s") if found else None, parse_unit("s")
+    except UnknownUnitError:
+        unit = None
+    if found is None or unit is None or not unit.fits(of):
+        raise UsageError(f"--time {time} is no time, for example 30min or 1.5h")
+    rollouts = int(float(found[1]) * unit.to(of)[0] / seconds + 1e-9)
+    if rollouts < 8:
+        raise UsageError(
+            f"--time {time} is enough for {rollouts} rollouts of {seconds:.3g} s; a search takes 8 at least"
+        )
+    return (rollouts,)
 
 
 def _pilot_run(folder: Path, requirement: str | None) -> Path:

@@ -92,8 +92,11 @@ class Live:
             self._screen.stop()
 
     def begin(self, phase: Phase) -> None:
-        """Begin with another search."""
+        """Begin with another search; the screen of one that is attended is left to the operator's dialogue."""
         self._state = State(phase=phase, since=self._clock())
+        if phase.attended and self._screen is not None:
+            self._screen.stop()
+            self._screen = None
 
     def batch(self, queries: list[Query], certificate: Certificate) -> None:
         """Show the interval so far and where the search looks next."""
@@ -115,6 +118,14 @@ class Live:
         if not state.here:
             state.since = self._clock()
         state.last.append(record.rho)
+        if new and state.phase is not None and state.phase.attended and not self._quiet:
+            ended = "" if record.failure is None else f" ({record.failure})"
+            words = (
+                f"rollout {record.query}.{record.replicate} at {_test(record.params, state.phase.units)}: "
+            )
+            self._console.print(
+                one_line(f"{words}ρ = {record.rho:+.4f}{ended}"), markup=False, soft_wrap=True
+            )
 
     def crash(self, record: Record) -> None:
         """Say at once that a rollout left no trace."""

@@ -1,4 +1,4 @@
-"""``s2r replay``: run one rollout of a run again."""
+"""``s2r replay``: run one rollout of a run again; of a machine, show what was recorded."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def replay(
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
-    """Run one recorded rollout again, and say whether ρ is the same."""
+    """Run one recorded rollout again, and say whether ρ is the same; a machine's is shown as it was recorded."""
     with sentences(as_json):
         from s2r_spec import logs
         from s2r_spec.rollouts.replay import replay as again
@@ -49,6 +49,8 @@ def replay(
         else:
             test = ", ".join(f"{name} = {value:.6g}" for name, value in result.params.items())
             say(f"{test}, seed {result.seed}: ρ = {result.rho:+.6f} {result.unit}".rstrip())
+            if not result.ran:
+                say(f"as it was recorded: {result.backend.name} is a machine, and nothing was sent to it")
             say("the recorded ρ, bit for bit" if result.same else result.difference)
         if save is not None:
             say(f"trace: {save}", error=True)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec import logs
-from s2r_spec.backend import Backend, HasDuration, HasRecordings, load_backend
+from s2r_spec.backend import Backend, HasDuration, HasRecordings, is_exclusive, load_backend
 from s2r_spec.diagnose.notes import CUT, READ_AT
 from s2r_spec.diagnose.simulate import Bench, Test, blamed
 from s2r_spec.errors import SamplingError, TraceError, UsageError
@@ -240,6 +240,19 @@ def _items(real: Iterable[Any]) -> Iterable[tuple[Mapping[str, float], Trace]]:
         yield item[0], item[1]
 
 
+def refuse_machine(backend: object) -> None:
+    """Refuse a machine whose rollouts need an operator: a diagnosis is of those that are recorded.
+
+    Raises:
+        UsageError: it is one.
+    """
+    if is_exclusive(backend):
+        name = getattr(backend, "name", "this backend")
+        raise UsageError(
+            f"{name} is a machine, whose rollouts need its operator: diagnose its recordings, --real log:FOLDER"
+        )
+
+
 def plan(bench: Bench, budget: int, seed: int) -> list[tuple[int, dict[str, float]]]:
     """Return (place, test) of each rollout: tests that fill the space evenly, the first of them three times."""
     from scipy.stats import qmc
@@ -268,8 +281,9 @@ def ask(
     The folder has the form that ``log:FOLDER`` reads.
 
     Raises:
-        UsageError: what it holds are rollouts of other tests than those planned.
+        UsageError: what it holds are rollouts of other tests than those planned, or the machine needs an operator.
     """
+    refuse_machine(machine)
     if isinstance(machine, HasDuration):
         machine = machine.with_duration(bench.backend.duration)
     matched = match(bench.spec, bench.requirement, machine)

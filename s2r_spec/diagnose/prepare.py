@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from s2r_spec.backend import Backend, Effect, HasDuration, load_backend
 from s2r_spec.diagnose import bank as banks
 from s2r_spec.diagnose import judge as judges
+from s2r_spec.diagnose.ask import refuse_machine
 from s2r_spec.diagnose.asked import Heard
 from s2r_spec.diagnose.cache import Cache
 from s2r_spec.diagnose.catalogue import Catalogue
@@ -240,6 +241,7 @@ def bench_of(spec: Spec, requirement: str, sim: Backend | str) -> Bench:
         UsageError: the simulator declares no effects, or lacks what the spec needs.
     """
     backend = load_backend(sim) if isinstance(sim, str) else sim
+    refuse_machine(backend)
     horizon = spec.horizon(requirement)
     if isinstance(backend, HasDuration) and math.isfinite(horizon) and horizon > 0:
         backend = backend.with_duration(horizon)

@@ -17,7 +17,7 @@ from s2r_spec.backend import Backend, HasRecordings, load_backend
 from s2r_spec.certify.given import given_folder, given_rollouts, given_simulator, given_spec
 from s2r_spec.diagnose import bank as banks
 from s2r_spec.diagnose.accused import named_by_falls
-from s2r_spec.diagnose.ask import Rollouts, real_rollouts
+from s2r_spec.diagnose.ask import Rollouts, real_rollouts, refuse_machine
 from s2r_spec.diagnose.cache import Cache
 from s2r_spec.diagnose.diagnosis import Diagnosis, Verdict, Which
 from s2r_spec.diagnose.estimate import Fit, by_linear, fit
@@ -109,6 +109,9 @@ def diagnose(
     cache, folder = (None if path is None else given_folder(path) for path in (cache, folder))
     name = spec.requirements[0] if requirement is None else requirement
     bench = bench_of(spec, name, sim)
+    if isinstance(real, str) and not real.startswith("log:"):  # a folder is read only when it is needed
+        real = load_backend(real)
+    refuse_machine(real)
     tell = Watched(progress or (lambda stage, done, of: None))
     kept = Cache.usual() if cache is None else Cache(cache)
     bank, idle = active(banks.bank(bench, executor, tell, kept))

@@ -13,6 +13,7 @@ from s2r_spec.backend import short
 from s2r_spec.certify.certificate import Certificate, Label
 from s2r_spec.certify.check import CheckResult, Verdict
 from s2r_spec.certify.outward import at_least, at_most, between, down, up, wide
+from s2r_spec.certify.voids import shown
 from s2r_spec.report.finding import Finding, Report, Section
 from s2r_spec.spec import Spec
 
@@ -58,7 +59,17 @@ def to_json(result: CheckResult) -> dict[str, Any]:
         "folder": str(result.folder),
         "replay": replay_line(result),
         "seconds": round(result.seconds, 3),
-    }
+    } | voids_json(result.voids)
+
+
+def voids_json(voids: Mapping[str, int] | None) -> dict[str, Any]:
+    """Return the field of void rollouts, which only a machine has."""
+    return {} if voids is None else {"voids": dict(voids)}
+
+
+def voids_fact(voids: Mapping[str, int] | None, rollouts: int) -> tuple[tuple[str, str], ...]:
+    """Return the row of void rollouts beside so many outcomes, which only a machine has."""
+    return () if voids is None else (("void", shown(voids, rollouts)),)
 
 
 def finding(spec: Spec, result: CheckResult) -> Finding:
@@ -79,6 +90,7 @@ def finding(spec: Spec, result: CheckResult) -> Finding:
             f"{certificate.rollouts} rollouts at {certificate.points} tests, {failures}"
             f"{took(result.seconds)}",
         ),
+        *voids_fact(result.voids, certificate.rollouts),
         (
             "label",
             f"{certificate.label.value}; interval {wide(certificate.epsilon)} wide "

@@ -13,7 +13,15 @@ from s2r_spec.certify.certificate import Label
 from s2r_spec.certify.check import Verdict
 from s2r_spec.certify.gap import GapResult
 from s2r_spec.certify.outward import between, down
-from s2r_spec.report.checked import location, odds_words, refuted_words, test_words, took
+from s2r_spec.report.checked import (
+    location,
+    odds_words,
+    refuted_words,
+    test_words,
+    took,
+    voids_fact,
+    voids_json,
+)
 from s2r_spec.report.finding import Finding, Report, Section
 from s2r_spec.spec import Spec
 
@@ -63,7 +71,7 @@ def to_json(result: GapResult) -> dict[str, Any]:
         "folder": str(result.folder),
         "replay": replay_line(result),
         "seconds": round(result.seconds, 3),
-    }
+    } | voids_json(result.voids)
 
 
 def finding(spec: Spec, result: GapResult) -> Finding:
@@ -126,6 +134,7 @@ def facts(result: GapResult, units: Mapping[str, str]) -> tuple[tuple[str, str],
             f"{certificate.rollouts} rollouts of {result.provenance['real']['backend']} at "
             f"{certificate.points} tests, {failures}{took(result.seconds)}",
         ),
+        *voids_fact(result.voids, certificate.rollouts),
         (
             "label",
             f"{certificate.label.value}{reason}",

@@ -41,7 +41,14 @@ _ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 class WorkerDiedError(BrokenExecutor):
-    """The process that ran a call ended in the middle of it."""
+    """The process that ran a call ended in the middle of it.
+
+    ``begun`` is False where the process certainly did not begin with the call.
+    """
+
+    def __init__(self, sentence: str, begun: bool = True) -> None:
+        super().__init__(sentence)
+        self.begun = begun
 
 
 class TimeLimitError(Exception):
@@ -90,7 +97,7 @@ class Child:
                 kind, value = self._ask(question)
             except (EOFError, BrokenPipeError):
                 self.end()
-                raise WorkerDiedError("the worker died") from None
+                raise WorkerDiedError("the worker died", begun=not math.isnan(self._limit)) from None
             except TimeLimitError:
                 self.end()
                 raise

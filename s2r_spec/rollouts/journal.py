@@ -5,7 +5,9 @@ A run is a folder::
     spec.stl           the specification, as it was read; see kept.py
     journal.jsonl      line 1: what the run is; then one line per rollout
     traces/            <query>.<replicate>.npz, written before its line
+    void/, raw/        of a machine: traces of void rollouts, and what else the backend recorded
 
+The journal of a machine has more kinds of lines: see attempts.py.
 Each line is flushed to the disk (fsync) before the search sees the outcome.
 A last line that a crash cut short is dropped with a note, and that rollout is
 run again; damage anywhere else is an error that names the line. Each line ends
@@ -30,7 +32,8 @@ from typing import Any
 from s2r_spec import logs
 from s2r_spec.errors import TraceError
 from s2r_spec.files import onto_disk
-from s2r_spec.rollouts import lines
+from s2r_spec.rollouts import attempts, lines
+from s2r_spec.rollouts.attempts import Attempts, Begun, Void
 from s2r_spec.rollouts.layout import run_of
 from s2r_spec.rollouts.lines import JournalError
 from s2r_spec.trace import Trace
@@ -39,7 +42,6 @@ SCHEMA = "s2r.journal/2"
 UNCHECKED = "s2r.journal/1"
 FILE = "journal.jsonl"
 LOCK = "lock"
-_TRACE_SUM = "trace_crc32"
 
 
 @dataclass(frozen=True)
@@ -79,12 +81,16 @@ class Journal:
         kept: dict[tuple[int, int], _Kept],
         note: str,
         checksum: int | None,
+        attempted: Attempts | None = None,
+        count: int = 1,
     ) -> None:
         self.folder = folder
         self.header = dict(header)
         self.note = note
         self._kept = kept
         self._checksum = checksum  # of all lines so far; None in a journal that has none
+        self._attempts = attempted or Attempts()
+        self._lines = count
 
     @property
     def path(self) -> Path:
@@ -175,7 +181,11 @@ class Journal:
             raise JournalError(f"{path}:1: this is not a journal of schema {SCHEMA}; begin a new run")
         checksum = None if parsed[0]["schema"] == UNCHECKED else lines.check(path, texts)
         kept: dict[tuple[int, int], _Kept] = {}
+        attempted = Attempts()
         for number, line in enumerate(parsed[1:], 2):
+            if "kind" in line:
+                attempted.read(path, number, line)
+                continue
             record, trace_sum = _record(path, number, line)
             key = record.query, record.replicate
             if key in kept:
@@ -184,8 +194,9 @@ class Journal:
                     f"two processes must have written to this run"
                 )
             kept[key] = _Kept(record, number, trace_sum)
+            attempted.end(key)
         header = {key: value for key, value in parsed[0].items() if key not in ("schema", "crc32")}
-        return cls(folder, header, kept, note, checksum)
+        return cls(folder, header, kept, note, checksum, attempted, len(parsed))
 
     @classmethod
     def resume(cls, folder: Path, header: Mapping[str, Any]) -> Journal:
@@ -230,6 +241,16 @@ class Journal:
         """Return every rollout, ordered by query and replicate."""
         return [self._kept[key].record for key in sorted(self._kept)]
 
+    @property
+    def voids(self) -> tuple[Void, ...]:
+        """Every rollout that was void, in the order in which they were recorded."""
+        return tuple(void for void, _ in self._attempts.voids)
+
+    @property
+    def open(self) -> tuple[Begun, ...]:
+        """Rollouts that were begun, and of which the journal says no more: one runs, or s2r was killed in it."""
+        return tuple(self._attempts.open.values())
+
     def place(self, record: Record) -> str:
         """Return file and line of a rollout, for a sentence."""
         return f"{self.path}:{self._kept[record.query, record.replicate].line}"
@@ -242,18 +263,20 @@ class Journal:
         Raises:
             JournalError: a file is another one.
         """
-        for kept in self._kept.values():
-            if kept.record.trace is None or kept.trace_sum is None:
+        found = [(kept.record.trace, kept.trace_sum, self.place(kept.record)) for kept in self._kept.values()]
+        found += [(void.trace, trace_sum, str(self.path)) for void, trace_sum in self._attempts.voids]
+        for trace, trace_sum, place in found:
+            if trace is None or trace_sum is None:
                 continue
-            path = self.folder / kept.record.trace
+            path = self.folder / trace
             try:
-                changed = path.exists() and (not path.is_file() or _sum(path) != kept.trace_sum)
+                changed = path.exists() and (not path.is_file() or _sum(path) != trace_sum)
             except OSError as error:
                 raise JournalError(f"cannot read {path}: {error.strerror or error}") from error
             if changed:
                 raise JournalError(
                     f"{path} is not the trace that was recorded: its checksum is not the one in "
-                    f"{self.place(kept.record)}; restore both from a copy, or begin a new run"
+                    f"{place}; restore both from a copy, or begin a new run"
                 )
 
     def keep(self, key: tuple[int, int], trace: Trace | None) -> Path:
@@ -281,17 +304,86 @@ class Journal:
             raise JournalError(
                 f"ρ of rollout {record.query}.{record.replicate} is {record.rho}: it cannot be recorded"
             )
-        more: dict[str, str] = {}
+        name = _trace_file(record.query, record.replicate)
+        if trace is not None:
+            record = replace(record, trace=name)
+        what = f"rollout {record.query}.{record.replicate}"
+        trace_sum = self._write(what, vars(record), trace, name)
+        self._kept[record.query, record.replicate] = _Kept(record, self._lines, trace_sum)
+        self._attempts.end((record.query, record.replicate))
+        return record
+
+    def begin(self, key: tuple[int, int], params: Mapping[str, float], seed: int) -> Begun:
+        """Write that a machine is about to be given a rollout; see :mod:`s2r_spec.rollouts.attempts`.
+
+        Raises:
+            JournalError: as :meth:`append`.
+        """
+        begun = self._attempts.next(key, params, seed)
+        self._write(f"rollout {key[0]}.{key[1]}", attempts.begun_line(begun))
+        self._attempts.begin(begun)
+        return begun
+
+    def void(self, void: Void, trace: Trace | None) -> Void:
+        """Write that a rollout was void, and what was recorded of it.
+
+        Raises:
+            JournalError: as :meth:`append`.
+        """
+        name = attempts.trace_file(void.begun)
+        void = replace(
+            void,
+            trace=None if trace is None else name,
+            reason=void.reason[: attempts.LONGEST_REASON],
+            seconds=round(void.seconds, 4),
+        )
+        which = f"rollout {void.begun.query}.{void.begun.replicate}"
+        trace_sum = self._write(which, attempts.void_line(void), trace, name)
+        self._attempts.void(void, trace_sum)
+        return void
+
+    def killed(self, begun: Begun, reason: str) -> Void:
+        """Write that s2r was killed during a rollout; a trace that it left without a line is kept as the void one's.
+
+        Raises:
+            JournalError: as :meth:`append`.
+        """
+        left = self.folder / _trace_file(*begun.key)
+        try:
+            trace = logs.read(left) if left.is_file() else None
+        except TraceError:
+            trace = None  # the kill cut it short
+        return self.void(Void(begun, attempts.KILLED, reason, None, 0.0), trace)
+
+    def not_begun(self, begun: Begun, reason: str) -> None:
+        """Write that a rollout that was to begin never did.
+
+        Raises:
+            JournalError: as :meth:`append`.
+        """
+        which = f"rollout {begun.query}.{begun.replicate}"
+        self._write(which, attempts.not_begun_line(begun, reason))
+        self._attempts.end(begun.key)
+
+    def _write(
+        self, what: str, values: Mapping[str, Any], trace: Trace | None = None, name: str = ""
+    ) -> str | None:
+        """Write a trace to the file ``name`` of the folder, then a line; return the checksum of the file.
+
+        Raises:
+            JournalError: the disk is full or the folder cannot be written; what was recorded before is untouched.
+        """
+        trace_sum = None
         try:
             if trace is not None:
-                name = f"traces/{record.query:05d}.{record.replicate:04d}.npz"
-                record = replace(record, trace=name)
+                (self.folder / name).parent.mkdir(exist_ok=True)
                 _write(trace, self.folder / name)
-                more = {_TRACE_SUM: _sum(self.folder / name)}
-            line, checksum = lines.written(vars(record) | more, self._checksum)
+                trace_sum = _sum(self.folder / name)
+            more = {} if trace_sum is None else {lines.TRACE_SUM: trace_sum}
+            line, checksum = lines.written(dict(values) | more, self._checksum)
             if len(line) > lines.LONGEST:
                 raise JournalError(
-                    f"the line of rollout {record.query}.{record.replicate} has {len(line)} bytes: its failure or its "
+                    f"the line of {what} has {len(line)} bytes: its failure or its "
                     f"parameters are too long to be recorded"
                 )
             _append(self.path, line)
@@ -301,8 +393,13 @@ class Journal:
                 f"go on with --resume {run_of(self.folder, self.header)}"
             ) from error
         self._checksum = checksum
-        self._kept[record.query, record.replicate] = _Kept(record, len(self._kept) + 2, more.get(_TRACE_SUM))
-        return record
+        self._lines += 1
+        return trace_sum
+
+
+def _trace_file(query: int, replicate: int) -> str:
+    """Return where the trace of a rollout lies in its run's folder."""
+    return f"traces/{query:05d}.{replicate:04d}.npz"
 
 
 def _record(path: Path, number: int, line: Mapping[str, Any]) -> tuple[Record, str | None]:
@@ -311,17 +408,17 @@ def _record(path: Path, number: int, line: Mapping[str, Any]) -> tuple[Record, s
     Raises:
         JournalError: a field is missing, unknown, or not of its type.
     """
-    values = {key: value for key, value in line.items() if key not in ("crc32", _TRACE_SUM)}
+    values = {key: value for key, value in line.items() if key not in ("crc32", lines.TRACE_SUM)}
     wrong = lines.fault(values, lines.ROLLOUT)
     if not wrong and (unknown := sorted(values.keys() - lines.ROLLOUT.keys())):
         wrong = f"{unknown[0]!r} is no field of it"
-    if not wrong and not lines.is_text_or_none(line.get(_TRACE_SUM)):
-        wrong = f"{_TRACE_SUM} must be a text"
+    if not wrong and not lines.is_text_or_none(line.get(lines.TRACE_SUM)):
+        wrong = f"{lines.TRACE_SUM} must be a text"
     if wrong:
         raise JournalError(
             f"{path}:{number}: not a rollout record: {wrong}; restore it from a copy, or begin a new run"
         )
-    return Record(**values), line.get(_TRACE_SUM)
+    return Record(**values), line.get(lines.TRACE_SUM)
 
 
 def _sum(path: Path) -> str:

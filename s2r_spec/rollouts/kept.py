@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from s2r_spec.lang.files import read_text
+from s2r_spec.rollouts.attempts import AGAIN, FALL
 from s2r_spec.rollouts.journal import Journal, Record
 from s2r_spec.rollouts.layout import SIDES
 from s2r_spec.rollouts.lines import (
@@ -108,9 +109,13 @@ def checked_header(journal: Journal) -> dict[str, Any]:
             wrong = wrong or (fault(about, _SIDE) if isinstance(about, dict) else f"{side} must be an object")
     elif not wrong:
         wrong = fault(header, {"model_hash": (is_text, "a text")})
-    notes = header.get("recorded", [])
-    if not wrong and not (isinstance(notes, list) and all(map(is_text, notes))):
-        wrong = "recorded must be a list of texts"
+    sides = [about for side in SIDES if isinstance(about := header.get(side), dict)]
+    for name, found in [("recorded", [header]), ("assumptions", [header, *sides])]:
+        for notes in (one.get(name, []) for one in found):
+            if not wrong and not (isinstance(notes, list) and all(map(is_text, notes))):
+                wrong = f"{name} must be a list of texts"
+    if not wrong and any(one.get("void", AGAIN) not in (AGAIN, FALL) for one in [header, *sides]):
+        wrong = f"void must be {AGAIN} or {FALL}"
     if wrong:
         raise JournalError(f"{journal.path}:1: {wrong}; restore the journal from a copy, or begin a new run")
     return header

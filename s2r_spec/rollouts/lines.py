@@ -14,6 +14,8 @@ from s2r_spec.errors import UsageError
 
 LONGEST = 1 << 20
 """Bytes of a line at most: a budget of memory, some thousand times what a rollout takes. No longer one is written."""
+TRACE_SUM = "trace_crc32"
+"""Definition: the field with the CRC-32 of the file of a line's trace, as hex digits."""
 _CHECKED = re.compile(rb'(?P<body>.*), "crc32": "(?P<sum>[0-9a-f]{8})"\}')
 _DAMAGED = "restore it from a copy, or begin a new run"
 

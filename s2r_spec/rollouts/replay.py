@@ -1,4 +1,4 @@
-"""Run one recorded rollout again."""
+"""Run one recorded rollout again; of a machine, show what was recorded."""
 
 from __future__ import annotations
 
@@ -8,10 +8,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from s2r_spec.backend import Backend, HasPictures, short
+from s2r_spec import logs
+from s2r_spec.backend import Backend, HasPictures, is_exclusive, short
 from s2r_spec.errors import UsageError
 from s2r_spec.files import saving
-from s2r_spec.rollouts.journal import Journal
+from s2r_spec.rollouts.journal import Journal, Record
 from s2r_spec.rollouts.kept import checked_header, load_kept
 from s2r_spec.rollouts.rig import Rig
 from s2r_spec.rollouts.runner import Done, run_task
@@ -21,7 +22,7 @@ from s2r_spec.trace import Trace
 
 @dataclass(frozen=True)
 class Replay:
-    """A rollout run again, beside what the journal says of it."""
+    """A rollout run again, beside what the journal says of it; of a machine it is what was recorded."""
 
     params: dict[str, float]
     seed: int
@@ -36,6 +37,8 @@ class Replay:
     """The test as the backend takes it: its own names and units."""
     difference: str
     """Why ρ may differ from the record; "" when it does not."""
+    ran: bool = True
+    """False of a machine: nothing was sent to it."""
 
     @property
     def same(self) -> bool:
@@ -48,6 +51,10 @@ class Replay:
         Raises:
             UsageError: it has no pictures, or cannot draw them on this machine.
         """
+        if not self.ran:
+            raise UsageError(
+                f"{self.backend.name} is a machine, and would move to be drawn; --plot draws what it did"
+            )
         if not isinstance(self.backend, HasPictures):
             raise UsageError(f"the backend {self.backend.name!r} draws no pictures; --plot needs none")
         with saving(path) as beside:
@@ -58,7 +65,7 @@ class Replay:
 
 
 def replay(rollout: str) -> Replay:
-    """Run ``FOLDER#QUERY.REPLICATE`` again.
+    """Run ``FOLDER#QUERY.REPLICATE`` again, or read what a machine recorded of it.
 
     Raises:
         UsageError: the text is not of that form, the run has no such rollout, or its files were changed.
@@ -79,8 +86,14 @@ def replay(rollout: str) -> Replay:
     rig = _rig(spec, header, journal)
     # All channels this time: whoever replays a rollout wants to look at it.
     task = replace(rig.task(record.query, record.replicate, point, record.seed), channels=None)
-    trace, seconds = run_task(task)
-    rho, _ = rig.score(point, Done(task, trace, seconds))
+    ran = not is_exclusive(rig.backend)
+    if ran:
+        trace, seconds = run_task(task)
+        done = Done(task, trace, seconds)
+    else:
+        trace = _recorded(journal, record)
+        done = Done(task, trace, record.seconds, record.failure)
+    rho, _ = rig.score(point, done)
     difference = ""
     if rho != record.rho:
         difference = f"the record says {record.rho:+.6g}"
@@ -101,7 +114,23 @@ def replay(rollout: str) -> Replay:
         rig.backend,
         dict(task.params),
         difference,
+        ran,
     )
+
+
+def _recorded(journal: Journal, record: Record) -> Trace:
+    """Return the trace of a machine's rollout, as the run keeps it.
+
+    Raises:
+        UsageError: there is none, or it is not the one that was recorded.
+    """
+    if record.trace is None:
+        raise UsageError(f"{journal.place(record)}: this rollout left no trace ({record.failure})")
+    journal.check_traces()
+    path = journal.folder / record.trace
+    if not path.is_file():
+        raise UsageError(f"{path} is gone, and a machine's rollout cannot be run again")
+    return logs.read(path)
 
 
 def _rig(spec: Spec, header: Mapping[str, Any], journal: Journal) -> Rig:

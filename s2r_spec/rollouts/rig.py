@@ -95,7 +95,7 @@ class Rig:
         Raises:
             S2RError: the measure raised, or gave no finite number.
         """
-        if done.trace is None:
+        if done.trace is None or done.failure is not None:
             return self.fall, done.failure or "crash"
         if done.trace.failure is not None:
             return self.fall, done.trace.failure

@@ -21,8 +21,16 @@ from time import perf_counter
 from types import TracebackType
 from typing import Self
 
-from s2r_spec.backend import Backend, HasDuration, load_backend, refuse_unknown, short
-from s2r_spec.errors import BackendError, S2RError, one_of, suggest
+from s2r_spec.backend import (
+    Backend,
+    HasDuration,
+    KeepsRaw,
+    is_exclusive,
+    load_backend,
+    refuse_unknown,
+    short,
+)
+from s2r_spec.errors import BackendError, NotBegunError, S2RError, one_of, suggest
 from s2r_spec.rollouts.child import TimeLimitError, WorkerDiedError
 from s2r_spec.rollouts.pools import ExecutorFactory
 from s2r_spec.rollouts.worker import end_copy, limit
@@ -49,11 +57,18 @@ class Task:
     """What the worker's backend must be; None for any."""
     timeout: float = math.inf
     """A rollout that takes longer is ended [s]."""
+    attended: bool = False
+    """Whether its operator has let it begin: a machine runs no other."""
+    raw: str | None = None
+    """Folder for what a backend records besides the trace; None if it is not kept."""
 
 
 @dataclass(frozen=True)
 class Done:
-    """What came of a task: a trace, or why there is none, as in "crash: the worker died 3 times"."""
+    """What came of a task: a trace, or why there is none, as in "crash: the worker died 3 times".
+
+    A ``failure`` beside a trace counts, whatever the trace says.
+    """
 
     task: Task
     trace: Trace | None
@@ -90,7 +105,7 @@ def run_task(task: Task) -> tuple[Trace, float]:
             where it returns no trace, or one that lacks a channel.
     """
     limit(task.timeout + OPENING)
-    with _said_of(task):
+    with _said_of(task, NotBegunError):
         backend = _open(task)
         declared = tuple(backend.parameters)
     refuse_unknown(task.backend, declared, task.params)
@@ -125,15 +140,16 @@ def _where(task: Task) -> str:
 
 
 @contextmanager
-def _said_of(task: Task) -> Iterator[None]:
+def _said_of(task: Task, kind: type[BackendError] = BackendError) -> Iterator[None]:
     """Turn what a backend raises into a sentence that names it, and the rollout."""
     try:
         yield
     except S2RError as error:
-        raise BackendError(f"backend {task.backend!r}: {error} {_where(task)}") from None
+        kind = NotBegunError if isinstance(error, NotBegunError) else kind
+        raise kind(f"backend {task.backend!r}: {error} {_where(task)}") from None
     except BaseException as error:
         end_copy(error)
-        raise BackendError(
+        raise kind(
             f"backend {task.backend!r} raised {type(error).__name__}: {error} {_where(task)}"
         ) from None
 
@@ -141,6 +157,12 @@ def _said_of(task: Task) -> Iterator[None]:
 def _open(task: Task) -> Backend:
     """Return a task's backend, and see that it is the one that the run was begun with."""
     backend = open_backend(task.backend, task.duration)
+    if is_exclusive(backend) and not task.attended:
+        raise BackendError(
+            f"backend {task.backend!r} is a machine: its rollouts need its operator, in s2r check, gap or certify;"
+        )
+    if task.raw is not None:
+        backend = _keeping(backend, task.raw)
     if task.model_hash is not None and backend.model_hash != task.model_hash:
         raise BackendError(
             f"the worker on {gethostname()} has another model ({short(backend.model_hash)}) than the run was begun "
@@ -148,6 +170,18 @@ def _open(task: Task) -> Backend:
             f"begun;"
         )
     return backend
+
+
+_kept: list[tuple[Backend, str, Backend]] = []
+
+
+def _keeping(backend: Backend, folder: str) -> Backend:
+    """Return a backend whose raw recordings go to a folder: the same one for all tasks of a run."""
+    if not isinstance(backend, KeepsRaw):
+        return backend
+    if not any(backend is of and folder == where for of, where, _ in _kept):
+        _kept[:] = [(backend, folder, backend.keeping(folder))]
+    return _kept[0][2]
 
 
 class Runner:
@@ -159,7 +193,7 @@ class Runner:
     """
 
     def __init__(self, factory: ExecutorFactory, timeout: float | None = None) -> None:
-        self._factory, self._timeout = factory, timeout
+        self._factory, self.timeout = factory, timeout
         self._pool: Executor | None = None
 
     def __enter__(self) -> Self:
@@ -176,8 +210,8 @@ class Runner:
         Raises:
             S2RError: a rollout raised. What arrived before was yielded; what is in flight is abandoned.
         """
-        if self._timeout is not None:
-            tasks = [replace(task, timeout=self._timeout) for task in tasks]
+        if self.timeout is not None:
+            tasks = [replace(task, timeout=self.timeout) for task in tasks]
         suspects: list[Task] = []
         for task, outcome in self._attempt(tasks):
             if isinstance(outcome, BrokenExecutor):

@@ -88,6 +88,30 @@ def test_inertial_measurement_carries_the_estimate_between_contacts():
     assert after.velocity[0] == pytest.approx(5.0 / 500 * (1 - 1 / (estimator.BLEND * 500)))
 
 
+def test_a_missed_tick_is_carried_over_by_the_time_that_passed():
+    still = State(np.concatenate([np.zeros(12), np.tile([0.0, 0.9, -1.8], 4), np.zeros(12)]))
+    before = estimator.Estimate((0.0, 0.0, 0.28), (0.1, 0.0, 0.0))
+    stance, force = (True, False, False, True), (0.0, 0.0, 9.81)
+    one = estimator.update(A1, before, still, force, stance)
+    assert one == estimator.update(A1, before, still, force, stance, ticks=1.0)
+    three = estimator.update(A1, before, still, force, stance, ticks=3.0)
+    apart = before
+    for _ in range(3):
+        apart = estimator.update(A1, apart, still, force, stance)
+    # Odometry says 0 here: one step of 6 ms draws the velocity there as three of 2 ms do, to first order.
+    assert three.velocity[0] == pytest.approx(apart.velocity[0], abs=0.003)
+    assert three.position[0] == pytest.approx(three.velocity[0] * 0.006)
+    pushed = estimator.update(A1, before, still, (5.0, 0.0, 9.81), stance, ticks=3.0)
+    assert pushed.velocity[0] - three.velocity[0] == pytest.approx(5.0 * 0.006 * 0.7)
+
+
+def test_after_a_long_gap_leg_odometry_alone_counts():
+    still = State(np.concatenate([np.zeros(12), np.tile([0.0, 0.9, -1.8], 4), np.zeros(12)]))
+    before = estimator.Estimate((0.0, 0.0, 0.28), (0.4, 0.0, 0.0))
+    after = estimator.update(A1, before, still, (0.0, 0.0, 9.81), (True,) * 4, ticks=50.0)
+    np.testing.assert_allclose(after.velocity, 0.0, atol=1e-12)
+
+
 @pytest.mark.parametrize("vd", [-0.2, 0.3])
 def test_the_estimate_is_true_where_nothing_slips(vd):
     trace = SimBackend().rollout({"vd": vd}, 0)

@@ -17,6 +17,7 @@ Requests, and who may make them:
         → layout, clock, port: the guard's UDP port for this client, tick_unit
     status, halt, lie, damp {reason}, stop                                   anybody
     stand, walk, record {path, header}, stop_recording → path, packets, bytes    the client
+    leave: a robot that stands is held by the guard, until another client comes   the client
     connect, arm, reset                                                      an operator
 
 ``connect``, ``arm`` and ``reset`` are answered once their conditions are met, or refused after about two seconds.
@@ -44,7 +45,7 @@ ROLES: dict[str, frozenset[Role | None]] = {
     **dict.fromkeys(
         ("hello", "status", "halt", "lie", "damp", "stop"), frozenset({None, "client", "operator"})
     ),
-    **dict.fromkeys(("stand", "walk", "record", "stop_recording"), frozenset({"client"})),
+    **dict.fromkeys(("stand", "walk", "record", "stop_recording", "leave"), frozenset({"client"})),
     **dict.fromkeys(("connect", "arm", "reset"), frozenset({"operator"})),
 }
 """A definition: who may make which request; None is a connection that has not said hello."""

@@ -176,6 +176,14 @@ def _stop_recording(guard: Guard, party: Party, fields: dict[str, Any]) -> Reply
     return Deferred(party, poll, rounds=False)
 
 
+def _leave(guard: Guard, party: Party, fields: dict[str, Any]) -> Reply:
+    machine = guard.machine
+    if ROWS[machine.state].client:
+        raise RefusedError(f"the robot is in {machine.state}; halt it first")
+    guard.release()
+    return {}
+
+
 def _stop(guard: Guard, party: Party, fields: dict[str, Any]) -> Reply:
     guard.stop("the guard was asked to end")
     return {}
@@ -238,5 +246,6 @@ _ANSWERS: dict[str, Callable[[Guard, Party, dict[str, Any]], Reply]] = {
     "reset": _reset,
     "record": _record,
     "stop_recording": _stop_recording,
+    "leave": _leave,
     "stop": _stop,
 }

@@ -182,11 +182,22 @@ class Guard:
         return socket.port
 
     def leave(self, party: Party) -> None:
-        """Forget a party whose connection has ended; a robot that its client held up is damped."""
+        """Forget a party whose connection has ended; a robot that its client held up is damped.
+
+        One that stands after its client took leave lies down when nobody is attached any more.
+        """
         if self.client and self.client.party is party:
+            self.release()
+            self.become(states.left(self.machine, self.now))
+        elif not self.client and not self.listener.parties:
+            reason = "nobody is attached to the guard any more"
+            self.become(states.stopped(self.machine, True, "operator", reason))
+
+    def release(self) -> None:
+        """Have no client; the robot goes on as it does."""
+        if self.client:
             self.client.socket.close()
             self.client = None
-            self.become(states.left(self.machine, self.now))
 
     def forget_orders(self) -> None:
         """Leave aside what the client has sent so far: a new motion begins."""

@@ -1,0 +1,254 @@
+"""What happens around the rollouts of a robot, in the process that holds the terminal.
+
+    begin     start the guard or attach to it; consent to connect, consent to arm
+    before    the next test: place the robot, look at the battery; a rest where it is due
+    after     how the rollout ended, and how warm the motors are
+    interrupt ramp down, stand, lie; urgent: damp
+    end       lie, rest
+
+With ``operator=auto``, for a twin alone, nobody is asked: every answer is yes, and this is said once.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import ceil
+from typing import TYPE_CHECKING, Any
+
+from s2r_a1.guard.control import Connection
+from s2r_a1.guard.start import start
+from s2r_a1.schedule import RAMP
+from s2r_sim.gains import RATE
+from s2r_spec.backend import Coming, Operator
+from s2r_spec.errors import BackendError, NotBegunError
+from s2r_spec.trace import Trace
+
+if TYPE_CHECKING:
+    from s2r_a1.backend import A1Backend
+
+TESTS = 10
+"""A budget: tests between two rests. Twice as many warm the motors by as much again."""
+WARM = 50.0
+"""A level [°C]: the guard arms no robot with a warmer motor, and a rest is due."""
+COOL = 45.0
+"""A level [°C]: a rest for heat is over when all motors are below it. Higher ends it sooner, and the next comes
+sooner."""
+PLACING = 10.0
+"""A budget [s]: what putting the robot back to its start takes, for the minutes that are said beforehand."""
+LYING = 20.0
+"""A budget [s]: how long lying down may take. Twice as much waits longer for a robot that is stuck."""
+LOOK = 0.02
+"""A budget [s]: between two looks whether it lies."""
+
+MOVING = ("STANDING_UP", "STAND", "WALK")
+WORD_CONNECT, WORD_ARM = "connect", "arm"
+"""Definitions: what the operator types for the two consents."""
+
+
+@dataclass(frozen=True)
+class Effort:
+    """What a run takes.
+
+    Attributes:
+        rollouts: at most; None if nobody knows.
+        metres: that the robot walks in one, at most.
+        seconds: that one takes, with putting the robot back.
+    """
+
+    rollouts: int | None
+    metres: float
+    seconds: float
+
+    def sentence(self, robot: str) -> str:
+        """Return what is coming, in words."""
+        one = f"each takes about {self.seconds:.0f} s and at most {self.metres:.1f} m of floor"
+        if self.rollouts is None:
+            return f"Rollouts of {robot} are coming; nobody knows how many. On average {one}."
+        minutes = ceil(self.rollouts * self.seconds / 60.0)
+        return (
+            f"At most {self.rollouts} rollouts of {robot} are coming: {one}, so about {minutes} min and "
+            f"{self.rollouts * self.metres:.0f} m in all."
+        )
+
+
+class Attendance:
+    """Attends to the rollouts of a robot (:class:`s2r_spec.backend.Attended`).
+
+    Attributes:
+        unattended: whether nobody is asked.
+    """
+
+    def __init__(self, backend: A1Backend, operator: Operator) -> None:
+        self.unattended = backend.reached.operator == "auto"
+        self._backend, self._operator = backend, operator
+        self._name = "the twin" if backend.reached.is_twin else "the robot"
+        self._guard: Connection | None = None
+        self._tests = 0
+        self._since_rest = 0
+
+    def begin(self, coming: Coming) -> None:
+        """Start the guard or attach to the one that lives, and get both consents.
+
+        Raises:
+            BackendError: the robot cannot be reached, or is not ready; the sentence says what to do.
+            StoppedError: the operator ends the run.
+        """
+        backend, reached = self._backend, self._backend.reached
+        fastest = max(abs(p.low) for p in backend.parameters if p.name == "vd")
+        metres = fastest * (backend.duration + RAMP / RATE / 2.0)
+        effort = Effort(coming.rollouts, metres, backend.cost + (0.0 if self.unattended else PLACING))
+        where = f"{self._name} at {reached.host}:{reached.port}"
+        self._operator.say(effort.sentence(where))
+        if reached.is_twin:
+            self._operator.say("It is a twin, a simulation behind the robot's wire, and no robot.")
+        if self.unattended:
+            self._operator.say("operator=auto: nobody is asked; it is connected, armed and walked.")
+        self._guard, _ = start(backend.robot)
+        self._make_ready(consent=True)
+
+    def before(self, params: Mapping[str, float]) -> None:
+        """Return when the robot is placed and ready for a test.
+
+        Raises:
+            NotBegunError: it is not ready; the sentence says why.
+            StoppedError: the operator ends the run.
+        """
+        try:
+            self._make_ready(consent=False)
+            self._rest_if_due()
+        except BackendError as error:
+            raise NotBegunError(str(error)) from None
+        test = ", ".join(f"{name} = {value:.6g}" for name, value in params.items())
+        self._ask(
+            f"Test {self._tests + 1}: {test}. Put {self._name} at its start, lying, facing the tape; clear 1 m around "
+            "it; keep the remote in your hand; look at the battery, which needs two lights or more.",
+            {"": "begin"},
+        )
+
+    def after(self, trace: Trace | None) -> None:
+        """Say how a rollout ended, and how warm the motors are."""
+        if trace is None:
+            return
+        self._tests += 1
+        self._since_rest += 1
+        if self.unattended:
+            return
+        warmest = float(trace["motor_temperature"][-1].max())
+        reason = str(trace.meta.get("reason", ""))
+        if trace.failure:
+            ended = f"ended by {self._name}, {trace.failure}: {reason}"
+        elif "void" in trace.meta:
+            ended = f"void, {trace.meta['void']}: {reason}"
+        else:
+            ended = f"complete, {trace.duration:g} s"
+        self._operator.say(f"Test {self._tests}: {ended}. The warmest motor has {warmest:.0f} °C.")
+
+    def interrupt(self, urgent: bool) -> None:
+        """Bring the robot to rest, at once if it is ``urgent``; returns without waiting for it."""
+        if self._guard is None:
+            return
+        if urgent:
+            self._guard.request("damp", reason="the operator pressed Ctrl-C twice")
+        else:
+            self._guard.request("lie")
+
+    def end(self) -> None:
+        """Leave the robot at rest; the guard ends by itself a minute later."""
+        if self._guard is None:
+            return
+        try:
+            if self._state() in MOVING:
+                self._guard.request("lie")
+                self._wait_until_it_lies()
+        finally:
+            self._guard.close()
+            self._guard = None
+
+    def _make_ready(self, consent: bool) -> None:
+        """Bring the guard to a state in which a test can begin; ``consent`` asks for it where it was given before.
+
+        Raises:
+            BackendError: the robot is not ready.
+        """
+        assert self._guard is not None
+        status = self._guard.request("status")
+        state = status["state"]
+        if state == "DAMPING":
+            self._ask(
+                f"{self._name.capitalize()} was damped: {status.get('reason') or 'for no known reason'}. Look at "
+                "it, put it down lying, and clear the cause.",
+                {"r": "reset; it stays limp until you arm it"},
+            )
+            self._guard.request("reset")
+            state = self._state()
+        if state == "OFF":
+            self._consent(
+                f"Let {self._name} hang or lie, and end the factory's own controller: L2+A twice, L2+B, then "
+                "L1+L2+START. Nothing has been sent to it yet; connecting sends packets without gains or torque.",
+                WORD_CONNECT,
+            )
+            self._guard.request("connect")
+            state = self._state()
+        if state == "LINKED":
+            self._consent(
+                f"{self._name.capitalize()} answers. Put it on the floor, lying, with 1 m of room around it, and take "
+                "the remote in your hand: R2 or L2+B damps it at once. Arming allows it to move.",
+                WORD_ARM,
+            )
+            self._guard.request("arm")
+        elif consent:
+            self._consent(
+                f"{self._name.capitalize()} is still armed, by an earlier run: it may move.", WORD_ARM
+            )
+
+    def _rest_if_due(self) -> None:
+        """Let the motors cool every so many tests, and where one is warm; ``s`` skips it."""
+        warm = self._warmest() >= WARM
+        if self.unattended or not (warm or self._since_rest >= TESTS):
+            return
+        why = f"a motor has {self._warmest():.0f} °C" if warm else f"{self._since_rest} tests are done"
+        while True:
+            answer = self._ask(
+                f"A rest is due: {why}. {self._name.capitalize()} lies; let it cool, and change the battery "
+                "if it needs it.",
+                {"": "the rest is over", "s": "skip the rest"},
+            )
+            if answer == "s" or not warm or self._warmest() < COOL:
+                break
+            why = f"a motor still has {self._warmest():.0f} °C"
+        self._since_rest = 0
+
+    def _warmest(self) -> float:
+        """Return the temperature of the warmest motor [°C]; 0 where none is known."""
+        assert self._guard is not None
+        known: list[float] = self._guard.request("status").get("temperatures") or []
+        return max(known, default=0.0)
+
+    def _state(self) -> str:
+        assert self._guard is not None
+        return str(self._guard.request("status")["state"])
+
+    def _wait_until_it_lies(self) -> None:
+        """Wait until a robot that was asked to lie down does.
+
+        Raises:
+            BackendError: it takes too long.
+        """
+        end = time.monotonic() + LYING
+        while (state := self._state()) in (*MOVING, "LYING_DOWN"):
+            if time.monotonic() > end:
+                raise BackendError(
+                    f"{self._name} is still in the state {state} after {LYING:g} s; damp it by: "
+                    f"python -m s2r_a1.guard damp --host {self._backend.reached.host} "
+                    f"--port {self._backend.reached.port}"
+                )
+            time.sleep(LOOK)
+
+    def _consent(self, question: str, word: str) -> None:
+        if not self.unattended:
+            self._operator.type_word(question, word)
+
+    def _ask(self, question: str, answers: Mapping[str, str]) -> Any:
+        return None if self.unattended else self._operator.choose(question, answers)

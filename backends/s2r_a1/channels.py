@@ -1,0 +1,25 @@
+"""The channels of a robot's trace: those of the simulator that a robot has, and what only a robot tells."""
+
+from __future__ import annotations
+
+from s2r_sim.channels import CHANNELS as SIMULATED
+from s2r_sim.channels import FEET, JOINTS
+from s2r_spec.backend import Channel
+
+SHARED = (
+    *("wz", "vx_cmd", "vy_cmd", "wz_cmd", "vx_est", "vy_est", "roll", "pitch", "yaw", "omega"),
+    *("acc_pred", "qp_iterations", "qp_solved", "stance", "q", "dq", "tau_cmd", "tau"),
+)
+"""Names of the simulator's channels that a robot has: nothing that is seen from outside."""
+OWN = (
+    Channel("foot_force_raw", "", "counts of the foot sensors; they drift, and have no unit", 4, FEET),
+    Channel("motor_temperature", "degC", "of the motors", 12, JOINTS),
+    Channel("late", "", "control ticks right before the sample at which nothing was computed"),
+)
+
+
+def channels(source: str) -> tuple[Channel, ...]:
+    """Return the channels of a trace whose velocity comes from this ``source``."""
+    forward = Channel("vx", "m/s", f"base velocity {source}, forward in the heading frame")
+    left = Channel("vy", "m/s", f"base velocity {source}, left in the heading frame")
+    return (forward, left, *(channel for channel in SIMULATED if channel.name in SHARED), *OWN)

@@ -1,0 +1,154 @@
+"""What may follow ``a1:``, and how a backend is written as a name."""
+
+from __future__ import annotations
+
+import ipaddress
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal, TypeVar, get_args
+
+from s2r_spec.errors import UsageError, did_you_mean, one_of
+
+Clock = Literal["real", "lockstep"]
+Operating = Literal["tty", "auto"]
+Word = TypeVar("Word", bound=str)
+
+PORT = 8007
+"""A definition: the UDP port of an A1's motion controller."""
+NAMES = ("host", "port", "velocity", "body", "heading", "operator", "layout", "clock", "local")
+_EXAMPLE = "a1:host=192.168.123.10,velocity=onboard"
+
+
+@dataclass(frozen=True)
+class Options:
+    """How a robot is reached, and what it is asked for.
+
+    Attributes:
+        host: its address.
+        port: its UDP port.
+        mocap: UDP port on this machine to which motion capture sends; None takes the robot's own estimate.
+        body: place of the tracked body, as text; see :func:`s2r_a1.mocap.read_placing`.
+        heading: of the tracked body, as text.
+        operator: who answers: a person at the terminal, or nobody.
+        clock: real time, or lock step with a twin.
+        local: UDP port on this machine from which the robot is spoken to; 0 takes any.
+    """
+
+    host: str
+    port: int = PORT
+    mocap: int | None = None
+    body: str | None = None
+    heading: str | None = None
+    operator: Operating = "tty"
+    clock: Clock = "real"
+    local: int = 0
+
+    @property
+    def is_twin(self) -> bool:
+        """Whether the address is on this machine, where no robot is but its twin."""
+        return ipaddress.ip_address(self.host).is_loopback
+
+    @property
+    def velocity(self) -> str:
+        """Where the true velocity comes from, as the option says it."""
+        return "onboard" if self.mocap is None else f"mocap:{self.mocap}"
+
+
+def read_options(text: str) -> Options:
+    """Return the options that a text such as ``host=127.0.0.1,velocity=onboard`` says.
+
+    Raises:
+        UsageError: one is unknown, missing, said twice or wrong; the sentence says what would be right.
+    """
+    said = _words(text)
+    if "host" not in said:
+        raise UsageError(
+            f"a1 needs the address of the robot, which has no default: {_EXAMPLE}, or host=127.0.0.1 for a twin"
+        )
+    if "velocity" not in said:
+        raise UsageError(
+            "an A1 does not measure its velocity; say velocity=onboard for its own estimate, or velocity=mocap:PORT "
+            "for motion capture that sends to this port"
+        )
+    mocap = _mocap(said["velocity"])
+    if mocap is None and said.keys() & {"body", "heading"}:
+        raise UsageError(
+            "body and heading say how motion capture's body is mounted; they need velocity=mocap:PORT"
+        )
+    if said.get("layout", "a1") == "go1":
+        raise UsageError(
+            "the Go1 cannot walk with s2r yet: its packets are known (layout=go1), its masses and gains are not"
+        )
+    options = Options(
+        host=_host(said["host"]),
+        port=_port("port", said.get("port", str(PORT))),
+        mocap=mocap,
+        body=said.get("body"),
+        heading=said.get("heading"),
+        operator=_one_of("operator", said.get("operator", "tty"), get_args(Operating)),
+        clock=_one_of("clock", said.get("clock", "real"), get_args(Clock)),
+        local=_port("local", said["local"]) if "local" in said else 0,
+    )
+    _one_of("layout", said.get("layout", "a1"), ("a1",))
+    for name, value in (("operator", "auto"), ("clock", "lockstep")):
+        if getattr(options, name) == value and not options.is_twin:
+            raise UsageError(
+                f"{name}={value} is for a twin on this machine, and {options.host} is another: leave it out"
+            )
+    return options
+
+
+def write_options(options: Options) -> str:
+    """Return the text that :func:`read_options` would read this from; what is at its default is left out."""
+    words = {"host": options.host, "port": options.port, "velocity": options.velocity}
+    words |= {name: getattr(options, name) for name in ("body", "heading", "operator", "clock", "local")}
+    nominal = {"port": PORT, "body": None, "heading": None, "operator": "tty", "clock": "real", "local": 0}
+    return ",".join(f"{name}={value}" for name, value in words.items() if value != nominal.get(name, ""))
+
+
+def _words(text: str) -> Mapping[str, str]:
+    said: dict[str, str] = {}
+    for word in filter(None, (word.strip() for word in text.split(","))):
+        name, equals, value = word.partition("=")
+        if name not in NAMES or not equals:
+            raise UsageError(
+                f"the backend 'a1' has no option {word!r}{did_you_mean(name, NAMES) or ';'} it has {one_of(NAMES)}, "
+                f"as in {_EXAMPLE}"
+            )
+        if name in said:
+            raise UsageError(f"the option {name} is there twice: {said[name]!r} and {value!r}")
+        said[name] = value
+    return said
+
+
+def _host(value: str) -> str:
+    if value == "localhost":
+        return "127.0.0.1"
+    try:
+        return str(ipaddress.IPv4Address(value))
+    except ValueError:
+        raise UsageError(f"host = {value!r} is no IPv4 address, such as 192.168.123.10") from None
+
+
+def _port(name: str, value: str) -> int:
+    if not (value.isascii() and value.isdigit() and 1 <= int(value) <= 65535):
+        raise UsageError(f"{name} = {value!r} is no UDP port; it must be a whole number from 1 to 65535")
+    return int(value)
+
+
+def _mocap(value: str) -> int | None:
+    if value == "onboard":
+        return None
+    kind, colon, port = value.partition(":")
+    if kind != "mocap" or not colon:
+        raise UsageError(
+            f"velocity = {value!r} is not one of onboard (the robot's own estimate), mocap:PORT (motion capture)"
+        )
+    return _port("velocity=mocap:PORT, where PORT", port)
+
+
+def _one_of(name: str, value: str, allowed: tuple[Word, ...]) -> Word:
+    for one in allowed:
+        if value == one:
+            return one
+    raise UsageError(f"{name} = {value!r} is not one of {one_of(allowed)}")

@@ -1,0 +1,122 @@
+"""One control tick of a test: from a reading to orders, by the simulator's own controller and estimator.
+
+Nothing here sends or waits, so that a recording makes a :class:`Pilot` decide again what it decided on the robot.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from s2r_a1.schedule import Schedule
+from s2r_a1.sensing import Sensed, control_ticks, sense
+from s2r_a1.ticks import SECONDS, TickUnit
+from s2r_a1.wire import A1, CLOSED_LOOP, MOTORS, Orders, Reading, pack, pack_reading, unpack
+from s2r_sim.controller import Controller, Memory, Tick
+from s2r_sim.gains import RATE
+from s2r_sim.leg_kinematics import standing
+from s2r_sim.physics import Command, State
+from s2r_sim.settings import Settings
+
+PRACTICE = 100
+"""A budget: control ticks on a made-up reading before the robot is asked for anything. The first one compiles for
+seconds, which would be silence to the guard; the others fill caches. Twice as many cost 0.1 s a process."""
+
+
+class Note(NamedTuple):
+    """What was known and decided at one reading.
+
+    Attributes:
+        clock: the robot's tick at the reading, as it came.
+        tick: the control tick; 0 is t = 0.
+        late: control ticks right before this one, at which nothing could be decided.
+        command: that the controller was given.
+        state: that it was given.
+        done: what it decided.
+    """
+
+    clock: int
+    tick: int
+    late: int
+    command: Command
+    state: State
+    done: Tick
+
+
+class Pilot:
+    """Walks one test after another; each begins with :meth:`begin`, and depends on nothing before it."""
+
+    def __init__(self, settings: Settings) -> None:
+        self.settings = settings
+        self._controller = Controller(settings.robot, settings.gains, settings.form)
+        self._practised = False
+
+    def begin(self, schedule: Schedule, unit: TickUnit) -> None:
+        """Forget everything, and get ready for a test; ``unit`` is of the robot's clock."""
+        self._schedule, self._unit = schedule, unit
+        self._controller.restore(Memory())
+        self._sensed: Sensed | None = None
+        self._begun = 0
+        self._tick = -schedule.trot - 1
+
+    def step(self, reading: Reading) -> Note:
+        """Decide at a reading, which is newer than the last.
+
+        The gait follows the robot's clock: a reading that comes late, or after others that were lost, finds it as
+        far on as if they had all come in time.
+        """
+        schedule, before, controller = self._schedule, self._sensed, self._controller
+        if before is None:
+            self._begun, ticks, late = reading.tick, 0.0, 0
+            self._tick += 1
+        else:
+            ticks = control_ticks(before.tick, reading.tick, self._unit)
+            passed = round(control_ticks(self._begun, reading.tick, self._unit))
+            late = max(0, passed - schedule.trot - self._tick - 1)
+            if late:
+                controller.skip(late, before.state, schedule.at(self._tick))
+            self._tick += 1 + late
+        self._sensed = sensed = sense(self.settings.robot, before, reading, controller.stance, ticks)
+        command = schedule.at(self._tick)
+        done = controller.tick(sensed.state, command)
+        return Note(reading.tick, self._tick, late, command, sensed.state, done)
+
+    def stop(self) -> None:
+        """Ramp down from here on, whatever is left of the test."""
+        self._schedule = self._schedule.cut(self._tick)
+
+    def is_done(self, note: Note) -> bool:
+        """Return whether the robot may be halted: it trots in place, and all its feet have just come to stand."""
+        return self._schedule.is_over(note.tick) and all(note.done.stance)
+
+    def practise(self) -> None:
+        """Compile and touch all that a walk uses, on a made-up reading of a robot that stands."""
+        if self._practised:
+            return
+        unit: TickUnit = "ms"
+        self.begin(Schedule(Command(), PRACTICE // 2, PRACTICE), unit)
+        for tick in range(PRACTICE):
+            clock = round(tick * (1 + (tick > PRACTICE // 2)) / (RATE * SECONDS[unit]))
+            reading = unpack(pack_reading(self._made_up(clock), A1), A1)
+            pack(orders(self.step(reading)), A1)
+        self._practised = True
+
+    def _made_up(self, clock: int) -> Reading:
+        settings = self.settings
+        return Reading(
+            quaternion=np.array([1.0, 0.0, 0.0, 0.0]),
+            gyro=np.zeros(3),
+            accelerometer=np.array([0.0, 0.0, 9.81]),
+            q=standing(settings.robot, settings.gains.base_height),
+            dq=np.zeros(MOTORS),
+            tau=np.zeros(MOTORS),
+            temperature=np.full(MOTORS, 30.0),
+            mode=np.full(MOTORS, CLOSED_LOOP),
+            tick=clock,
+        )
+
+
+def orders(note: Note) -> Orders:
+    """Return what the controller asks of the motors."""
+    return Orders(*note.done.motors)

@@ -1,0 +1,145 @@
+"""One rollout of a robot: attach to its guard, record, walk, leave it at rest, and make a trace of the recording."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from contextlib import ExitStack, suppress
+from datetime import UTC, datetime
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from s2r_a1 import mocap, recording
+from s2r_a1.client import Client
+from s2r_a1.guard.limits import ROBOT_WORDS
+from s2r_a1.guard.place import folder
+from s2r_a1.mocap import Listener, MocapError
+from s2r_a1.pilot import Pilot
+from s2r_a1.rawlog import SUFFIX
+from s2r_a1.schedule import Schedule
+from s2r_a1.ticks import SECONDS
+from s2r_a1.undisturbed import undisturbed
+from s2r_a1.walk import Change, Walked, rest, walk
+from s2r_sim.gains import RATE
+from s2r_sim.physics import Command, State
+from s2r_sim.recorder import yaw_rate
+from s2r_sim.settings import Settings
+from s2r_spec.errors import BackendError, NotBegunError
+from s2r_spec.trace import Trace
+
+if TYPE_CHECKING:
+    from s2r_a1.backend import A1Backend
+
+
+@cache
+def pilot() -> Pilot:
+    """Return this process's pilot, which has practised."""
+    made = Pilot(Settings())
+    made.practise()
+    return made
+
+
+def run(backend: A1Backend, test: Mapping[str, float], seed: int) -> Trace:
+    """Walk one test, and return its trace; see :meth:`s2r_a1.backend.A1Backend.rollout`.
+
+    Raises:
+        NotBegunError: it ended before t = 0.
+    """
+    own = pilot()  # before anything is asked of the guard: what compiles for seconds would be silence to it
+    command = Command(test["vd"], test["vy"], test["wz"])
+    schedule = Schedule.of(command, seed, round(backend.duration * RATE), own.settings.gains)
+    about = {
+        "backend": backend.name,
+        "model_hash": backend.model_hash,
+        "seed": seed,
+        "begun": datetime.now(UTC).isoformat(timespec="seconds"),
+        "twin": backend.reached.is_twin,
+    }
+    with ExitStack() as stack:
+        try:
+            listener = None if backend.reached.mocap is None else Listener(backend.reached.mocap)
+            if listener is not None:
+                stack.callback(listener.close)
+            client = Client(backend.robot)
+            stack.callback(client.close)
+            client.mocap = listener
+            about |= {"layout": client.layout, "tick_unit": client.unit}
+            path = _fresh(backend.folder, seed)
+            client.record(path, recording.header_of(test, schedule, about))
+        except BackendError as error:
+            raise NotBegunError(str(error)) from None
+        walked = _walk(client, own, schedule, backend.reached.operator == "auto")
+    trace = recording.trace_of(path, walked.notes, own)
+    if listener is not None:
+        trace = _seen(trace, walked, listener, backend.placing, client)
+    return _ended(trace, walked.ending, schedule, path)
+
+
+def _walk(client: Client, own: Pilot, schedule: Schedule, stays: bool) -> Walked:
+    """Walk, end the recording, and leave the robot at rest; ``stays`` leaves it standing."""
+    try:
+        with undisturbed(first=not client.lockstep):
+            return walk(client, own, schedule, client.ready)
+    except NotBegunError:
+        stays = False
+        raise
+    except BackendError as error:
+        stays = False
+        raise NotBegunError(str(error)) from None
+    finally:
+        with suppress(BackendError):
+            client.request("stop_recording")
+        with suppress(BackendError):
+            if stays:
+                client.request("leave")
+            else:
+                rest(client)
+
+
+def _fresh(kept: str | None, seed: int) -> Path:
+    """Return the path of a recording that does not exist yet."""
+    raw = folder() / "raw" if kept is None else Path(kept)
+    raw.mkdir(parents=True, exist_ok=True)
+    number = len(list(raw.glob(f"*{SUFFIX}")))
+    while list(raw.glob(f"{number:04d}-*{SUFFIX}")):
+        number += 1
+    return raw / f"{number:04d}-seed{seed}{SUFFIX}"
+
+
+def _seen(trace: Trace, walked: Walked, listener: Listener, placing: mocap.Placing, client: Client) -> Trace:
+    """Return the trace with the velocity by motion capture; where that gives none, it is void and has no numbers."""
+    second = SECONDS[client.unit]
+    first = next(note for note in walked.notes if note.tick >= 0)
+    states = State(np.array([note.state.flat for note in walked.notes]).T)
+    gyro = np.array([note.clock * second for note in walked.notes]), yaw_rate(states)
+    meta: dict[str, Any] = dict(trace.meta)
+    channels = dict(trace.channels)
+    try:
+        seen = mocap.velocity(
+            listener.poses(), placing, gyro, trace.times - first.tick / RATE + first.clock * second
+        )
+    except MocapError as error:
+        nothing = np.full(len(trace), np.nan)
+        channels |= {"vx": nothing, "vy": nothing}
+        meta |= {"void": "mocap", "reason": str(error)}
+    else:
+        channels |= {"vx": seen.forward, "vy": seen.left}
+        meta["mocap"] = {"offset": seen.offset, "correlation": seen.correlation, "refused": listener.refused}
+    return Trace(trace.times, channels, trace.units, meta)
+
+
+def _ended(trace: Trace, ending: Change | None, schedule: Schedule, path: Path) -> Trace:
+    """Return the trace with what ended it, if that was before the end of the test, and where its packets are."""
+    meta: dict[str, Any] = {**trace.meta, "raw": path.name}
+    if ending is not None:
+        meta["reason"] = ending.reason
+        if round(trace.times[-1] * RATE) >= schedule.hold:
+            meta["after"] = ending.word  # the test itself was over
+        elif ending.word in ROBOT_WORDS:
+            meta["failure"] = ending.word
+            meta.pop("void", None)
+        else:
+            meta["void"] = ending.word or "operator"
+    return Trace(trace.times, trace.channels, trace.units, meta)

@@ -1,0 +1,68 @@
+"""Turns what the robot reports into the state that the simulator's controller takes.
+
+Attitude, rates and joints are read. Position and velocity are not measured by an A1: they are the estimate of
+:mod:`s2r_sim.estimator`, from leg odometry, gyroscope and accelerometer. The heading counts from where the robot
+looked at the first reading, so that it starts ahead, as it does in the simulator.
+"""
+
+from __future__ import annotations
+
+from math import pi, remainder
+from typing import NamedTuple
+
+import numpy as np
+
+from s2r_a1.ticks import SECONDS, TickUnit, elapsed
+from s2r_a1.wire import Reading
+from s2r_sim import estimator
+from s2r_sim.estimator import Estimate
+from s2r_sim.figures import Robot
+from s2r_sim.gains import RATE
+from s2r_sim.physics import State
+from s2r_sim.qp import Stance
+from s2r_sim.rotation import rpy_from_wxyz
+
+
+class Sensed(NamedTuple):
+    """What is known at one reading.
+
+    Attributes:
+        state: for the controller; its world begins below the robot, and looks where the robot looked.
+        estimate: of position and velocity, to go on from.
+        heading: yaw by the IMU at the first reading [rad].
+        tick: the robot's clock at this reading.
+    """
+
+    state: State
+    estimate: Estimate
+    heading: float
+    tick: int
+
+
+def control_ticks(before: int, after: int, unit: TickUnit) -> float:
+    """Return the time from one tick of the robot's clock to another, in control ticks of 2 ms."""
+    return elapsed(before, after) * SECONDS[unit] * RATE
+
+
+def sense(robot: Robot, before: Sensed | None, reading: Reading, stance: Stance, ticks: float) -> Sensed:
+    """Return what is known at a reading.
+
+    Args:
+        robot: its kinematics.
+        before: what was known at the last reading; None at the first.
+        reading: from the robot.
+        stance: which feet the gait has on the ground.
+        ticks: since ``before``, by the robot's clock, in control ticks of 2 ms.
+    """
+    w, x, y, z = (reading.quaternion / np.linalg.norm(reading.quaternion)).tolist()
+    roll, pitch, yaw = rpy_from_wxyz(w, x, y, z)
+    heading = yaw if before is None else before.heading
+    flat = np.zeros(36)
+    flat[3:6] = roll, pitch, remainder(yaw - heading, 2.0 * pi)
+    flat[9:12], flat[12:24], flat[24:] = reading.gyro, reading.q, reading.dq
+    state = State(flat)
+    fx, fy, fz = reading.accelerometer.tolist()
+    known = None if before is None else before.estimate
+    estimate = estimator.update(robot, known, state, (fx, fy, fz), stance, ticks)
+    state.position[:], state.velocity[:] = estimate
+    return Sensed(state, estimate, heading, reading.tick)

@@ -1,0 +1,402 @@
+"""Rollouts of a machine: one at a time, in one worker process on this machine, each after its operator's word.
+
+    begin ─ before ─ rollout ─ after ─ before ─ rollout ─ after ─ … ─ end
+
+A rollout is never run again by itself. What ended it decides what is recorded:
+
+    the robot (``trace.failure``), or nothing      an outcome, like any simulator's
+    the link, the operator (``meta["void"]``)      void: no outcome; the operator says whether the same test runs again
+    its worker died, or took too long              void, "killed"
+    the backend raised                             void, "error"; the run ends
+    ``NotBegunError``                              no rollout; the operator says whether to try again
+
+While a rollout runs the first Ctrl-C brings the machine to rest, the second does so at once, and the third ends the
+worker. The run ends after each of them, with all that was recorded.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Generator, Iterator, Mapping, Sequence
+from concurrent.futures import BrokenExecutor, Future
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from queue import SimpleQueue
+from threading import current_thread, main_thread
+from time import perf_counter
+from types import FrameType, TracebackType
+from typing import Any, Self
+
+from s2r_spec.backend import (
+    VOID,
+    Attended,
+    Backend,
+    Coming,
+    HasAttendance,
+    KeepsRaw,
+    Operator,
+    is_exclusive,
+)
+from s2r_spec.errors import BackendError, NotBegunError, S2RError, StoppedError, UsageError
+from s2r_spec.rollouts.attempts import AGAIN, FALL, KILLED, Begun, Void
+from s2r_spec.rollouts.child import TimeLimitError, WorkerDiedError
+from s2r_spec.rollouts.journal import Journal
+from s2r_spec.rollouts.layout import run_of
+from s2r_spec.rollouts.operator import Terminal, refuse_nobody
+from s2r_spec.rollouts.pools import ProcessPool
+from s2r_spec.rollouts.runner import Done, Runner, Task, run_task
+from s2r_spec.trace import Trace
+
+ERROR = "error"
+"""Definition: word of a rollout that the backend ended with an error."""
+RAW = "raw"
+"""Folder of a journal for what a machine records besides its traces."""
+MOST_VOID_IN_A_ROW = 3
+"""Budget: void attempts at one rollout of a machine that nobody attends to, before the run ends. Twice as many keep a
+machine that is out of order busy for twice as long."""
+
+
+@dataclass(frozen=True)
+class Terms:
+    """How the rollouts of a machine are attended to; those of a simulator need none of it.
+
+    Attributes:
+        void: what becomes of a void rollout, ``AGAIN`` or ``FALL``; declared before the data.
+        operator: the person that is asked.
+    """
+
+    void: str = AGAIN
+    operator: Operator = field(default_factory=Terminal)
+
+    def __post_init__(self) -> None:
+        if self.void not in (AGAIN, FALL):
+            raise UsageError(f"void is {AGAIN} or {FALL}, not {self.void!r}")
+
+
+def terms_of(void: Any, operator: Operator | None) -> Terms:
+    """Return terms as a caller gave them; the operator is the person at this process's terminal if None is given."""
+    return Terms(void) if operator is None else Terms(void, operator)
+
+
+@contextmanager
+def attending(
+    runner: Runner, backend: Backend, journal: Journal, terms: Terms, most: int | None
+) -> Iterator[Runner | Attending]:
+    """Give what runs the rollouts of a backend: the runner itself, or, of a machine, one worker and its operator.
+
+    Args:
+        runner: of all others.
+        backend: whose rollouts are run.
+        journal: of them; of a machine it also has what was begun.
+        terms: of a machine.
+        most: rollouts that are coming at most, those in the journal included; None if nobody knows.
+    """
+    if not is_exclusive(backend):
+        yield runner
+        return
+    with Attending(backend, journal, runner.timeout, terms, most) as machine:
+        yield machine
+
+
+def refuse_terms(backend: Backend, terms: Terms) -> None:
+    """Refuse terms that do not fit a backend, before anything is opened.
+
+    Raises:
+        UsageError: it is a machine whose operator is at no terminal, or no machine, of which nothing can be void.
+    """
+    if is_exclusive(backend):
+        _attendance(backend, terms.operator)
+    elif terms.void != AGAIN:
+        raise UsageError(f"void rollouts are a machine's, and {backend.name} is none: leave --void out")
+
+
+class Attending:
+    """Runs the tasks of a machine; see the module. A context manager.
+
+    Args:
+        backend: the machine.
+        journal: gets a line before each rollout begins, and one for each that is void.
+        timeout: a rollout that takes longer is ended [s]; None for what each task says.
+        terms: what becomes of void rollouts, and who is asked.
+        most: rollouts that are coming at most, those in the journal included.
+    """
+
+    def __init__(
+        self, backend: Backend, journal: Journal, timeout: float | None, terms: Terms, most: int | None
+    ) -> None:
+        self._backend, self._journal, self._timeout, self._terms = backend, journal, timeout, terms
+        self._operator = terms.operator
+        self._attended = _attendance(backend, terms.operator)
+        self._alone = bool(getattr(self._attended, "unattended", False))
+        self._coming = Coming(None if most is None else max(0, most - len(journal)))
+        self._pool: ProcessPool | None = None
+
+    def __enter__(self) -> Self:
+        for begun in self._journal.open if self._terms.void == AGAIN else ():
+            self._journal.killed(begun, "s2r was killed during this rollout")
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None
+    ) -> None:
+        if self._pool is None:
+            return
+        try:
+            self._attended.end()
+        except KeyboardInterrupt:
+            self._attended.interrupt(urgent=True)
+            raise
+        except S2RError as after:
+            if error is None:
+                raise
+            self._operator.say(str(after))  # what ended the run is said by its own error
+        finally:
+            self._pool.shutdown(wait=True)
+
+    def run(self, tasks: Sequence[Task]) -> Iterator[Done]:
+        """Yield every task's outcome, in order; each is to be recorded before the next is asked for.
+
+        Raises:
+            StoppedError: the operator ended the run.
+            BackendError: a rollout raised, or could not begin and nobody is there to ask.
+        """
+        left = {begun.key for begun in self._journal.open}
+        for task in tasks:
+            if (task.query, task.replicate) in left:  # of a run that was killed, and counts it as a fall
+                yield Done(task, None, 0.0, f"{VOID}: {KILLED}")
+                continue
+            void = 0
+            while not (yield from self._attempt(self._for_machine(task), void)):
+                void += 1
+
+    def _for_machine(self, task: Task) -> Task:
+        timeout = task.timeout if self._timeout is None else self._timeout
+        raw = None
+        if isinstance(self._backend, KeepsRaw):
+            (self._journal.folder / RAW).mkdir(exist_ok=True)
+            raw = str((self._journal.folder / RAW).absolute())
+        return replace(task, timeout=timeout, attended=True, raw=raw)
+
+    def _attempt(self, task: Task, void: int) -> Generator[Done, None, bool]:
+        """Try a rollout once; yield its outcome and return True, or return False if there is none.
+
+        ``void`` counts the attempts before that came to nothing.
+        """
+        with self._resumable():
+            self._begin()
+            try:
+                self._attended.before(task.params)
+            except NotBegunError as error:
+                self._ask(f"Rollout {_name(task)} did not begin: {error}.", error)
+                return False
+        with _Interrupts() as interrupts:
+            begun = self._journal.begin((task.query, task.replicate), task.params, task.seed)
+            ended = self._ended(task, begun, interrupts)
+            trace = ended.trace
+            outcome = ended.word is None or (self._terms.void == FALL and ended.word != ERROR)
+            if ended.not_begun is not None:
+                self._journal.not_begun(begun, str(ended.not_begun))
+                outcome = False
+            elif outcome:
+                failure = None if ended.word is None else f"{VOID}: {ended.word}"
+                yield Done(task, trace, ended.seconds, failure)
+            else:
+                assert ended.word is not None
+                self._journal.void(Void(begun, ended.word, ended.reason, None, ended.seconds), trace)
+        if ended.error is not None:
+            raise ended.error
+        with self._resumable():
+            self._attended.after(trace)
+            if interrupts.count:
+                raise StoppedError("the operator stopped the run with Ctrl-C")
+            if ended.not_begun is not None:
+                self._ask(f"Rollout {_name(task)} did not begin: {ended.not_begun}.", ended.not_begun)
+            elif not outcome:
+                words = f"Rollout {_name(task)} is void ({ended.word}): {ended.reason}."
+                too_often = BackendError(
+                    f"{void + 1} attempts at rollout {_name(task)} came to nothing; {words} {self._resume()}"
+                )
+                self._ask(words, too_often if void + 1 >= MOST_VOID_IN_A_ROW else None)
+        return outcome
+
+    def _begin(self) -> None:
+        """Get ready for the first rollout: the operator's consent, and a worker that works."""
+        if self._pool is not None:
+            return
+        pool = ProcessPool(1)
+        try:
+            pool.submit(os.getpid).result()
+        except BrokenExecutor as error:
+            pool.shutdown(wait=True)
+            raise BackendError("the worker process cannot start: what it printed above says why") from error
+        self._pool = pool
+        self._attended.begin(self._coming)
+
+    def _ask(self, words: str, alone: S2RError | None) -> None:
+        """Ask whether the same test runs again.
+
+        Args:
+            words: what happened.
+            alone: what to raise if nobody is there to ask; None to go on.
+        """
+        if not self._alone:
+            self._operator.choose(words, {"a": "the same test again; you are asked before it begins"})
+            return
+        self._operator.say(words)
+        if alone is not None:
+            raise alone
+
+    def _ended(self, task: Task, begun: Begun, interrupts: _Interrupts) -> _Ended:
+        """Hand a rollout to the worker, and return what came of it."""
+        assert self._pool is not None
+        start = perf_counter()
+        future = self._pool.submit(run_task, task)
+        self._wait(future, interrupts)
+        try:
+            trace, seconds = future.result()
+        except NotBegunError as error:
+            return _Ended(not_begun=error)
+        except WorkerDiedError as error:
+            if not error.begun:
+                return _Ended(not_begun=NotBegunError("the worker process ended before it began"))
+            return _Ended(None, perf_counter() - start, KILLED, "the process that ran it died")
+        except TimeLimitError as error:
+            if error.args[0] > task.timeout:
+                words = f"backend {task.backend!r} did not open within {error.args[0]:g} s"
+                return _Ended(not_begun=NotBegunError(words))
+            return _Ended(None, error.args[0], KILLED, f"it took longer than {error.args[0]:g} s")
+        except S2RError as error:
+            return _Ended(None, perf_counter() - start, ERROR, str(error), error=error)
+        word = trace.meta.get(VOID)
+        if word is None or trace.failure is not None:  # what the robot ended counts, whatever came then
+            return _Ended(trace, seconds)
+        return _Ended(trace, seconds, str(word), str(trace.meta.get("reason", "no reason was given")))
+
+    def _wait(self, future: Future[Any], interrupts: _Interrupts) -> None:
+        """Return when the rollout has ended; Ctrl-C meanwhile is for the machine."""
+        future.add_done_callback(lambda _: interrupts.events.put(False))
+        while interrupts.events.get():
+            count = interrupts.count
+            if count > 2:
+                self._operator.say("Ctrl-C, the third time: the worker is ended.")
+                assert self._pool is not None
+                self._pool.shutdown(wait=True)
+                continue
+            self._operator.say(
+                "Ctrl-C, once more: at rest at once."
+                if count == 2
+                else "Ctrl-C: the machine comes to rest, then the run ends. Once more: at rest at once."
+            )
+            try:
+                self._attended.interrupt(urgent=count == 2)
+            except (S2RError, OSError) as error:
+                self._operator.say(f"The machine cannot be reached: {error}")
+
+    @contextmanager
+    def _resumable(self) -> Iterator[None]:
+        """Add to the operator's word how the run goes on."""
+        try:
+            yield
+        except StoppedError as error:
+            raise StoppedError(f"{error}; {self._resume()}") from None
+
+    def _resume(self) -> str:
+        run = run_of(self._journal.folder, self._journal.header)
+        return f"what was recorded is kept, go on with --resume {run}"
+
+
+@dataclass(frozen=True)
+class _Ended:
+    """What came of a rollout that was handed over.
+
+    Attributes:
+        trace: what was recorded of it.
+        seconds: that it took [s].
+        word: what ended it, if that was not the robot; None for an outcome.
+        reason: the same in a sentence.
+        not_begun: why there was no rollout.
+        error: that ends the run.
+    """
+
+    trace: Trace | None = None
+    seconds: float = 0.0
+    word: str | None = None
+    reason: str = ""
+    not_begun: NotBegunError | None = None
+    error: S2RError | None = None
+
+
+class _Interrupts:
+    """Counts Ctrl-C, instead of raising KeyboardInterrupt, where this thread may say so. A context manager.
+
+    Attributes:
+        count: how often it came.
+        events: True for each; others may put what they wait for beside it.
+    """
+
+    def __init__(self) -> None:
+        self.count = 0
+        # Its put may be called in a signal handler while its get waits.
+        self.events: SimpleQueue[bool] = SimpleQueue()
+        self._before: Any = None
+
+    def __enter__(self) -> Self:
+        if current_thread() is main_thread():
+            self._before = signal.signal(signal.SIGINT, self._came)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None
+    ) -> None:
+        if current_thread() is main_thread():
+            signal.signal(signal.SIGINT, self._before)
+
+    def _came(self, number: int, frame: FrameType | None) -> None:
+        self.count += 1
+        self.events.put(True)
+
+
+@dataclass(frozen=True)
+class _Plain:
+    """Attends to a machine that says nothing of how: its operator lets every rollout begin."""
+
+    name: str
+    operator: Operator
+
+    def begin(self, coming: Coming) -> None:
+        """Say what is coming."""
+        many = "an unknown number of" if coming.rollouts is None else f"at most {coming.rollouts}"
+        self.operator.say(f"{self.name} is a machine; {many} rollouts are coming, one at a time.")
+
+    def before(self, params: Mapping[str, float]) -> None:
+        """Wait for Enter."""
+        test = ", ".join(f"{name} = {value:.6g}" for name, value in params.items())
+        self.operator.choose(f"The next test of {self.name} is {test}.", {"": "begin"})
+
+    def after(self, trace: Trace | None) -> None:
+        """Do nothing."""
+
+    def interrupt(self, urgent: bool) -> None:
+        """Do nothing: the rollout runs to its end."""
+
+    def end(self) -> None:
+        """Do nothing."""
+
+
+def _attendance(backend: Backend, operator: Operator) -> Attended:
+    """Return who attends to a machine.
+
+    Raises:
+        UsageError: a person must, and is at no terminal.
+    """
+    attended = (
+        backend.attendance(operator) if isinstance(backend, HasAttendance) else _Plain(backend.name, operator)
+    )
+    if not getattr(attended, "unattended", False):
+        refuse_nobody(operator)
+    return attended
+
+
+def _name(task: Task) -> str:
+    return f"{task.query}.{task.replicate}"

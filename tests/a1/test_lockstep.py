@@ -1,0 +1,231 @@
+"""Rollouts over the wire, in lock step: this process walks, a guard in its own process forwards, a twin obeys."""
+
+import math
+import socket
+
+import numpy as np
+import pytest
+
+from s2r_a1 import rawlog, recording
+from s2r_a1.backend import A1Backend
+from s2r_a1.datagrams import TO_ROBOT
+from s2r_a1.guard.start import attach
+from s2r_a1.schedule import Schedule
+from s2r_a1.twin import TwinSettings, read_inject
+from s2r_a1.twin.start import read_start
+from s2r_a1.wire import A1, Orders, pack, unpack_orders
+from s2r_sim.base_task import Reference
+from s2r_sim.controller import Controller, Memory
+from s2r_sim.physics import Command, MotorCommand
+from s2r_sim.plant import Plant
+from s2r_sim.sensors import Sensors
+from s2r_sim.settings import Settings
+from s2r_spec.backend import Coming
+from s2r_spec.errors import NotBegunError
+from tests.a1.robots import Silent, Steered, in_a_process, served
+
+SETTINGS = Settings()
+DURATION = 0.1
+TOUCH_DOWN = 100  # of the first pair of feet: they lift after 10 rounds, and swing for 90
+PLAIN = {"place": "nominal", "delay": 0, "noise": False}
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory):
+    """A twin that everything is exact of, its guard and who attends to it: one robot for the whole module."""
+    folder = tmp_path_factory.mktemp("a1")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("S2R_A1_RUN", str(folder / "run"))
+        twin = Steered(TwinSettings(**PLAIN))
+        mocap = free_port()
+        with served(twin, mocap=mocap) as port:
+            made = Session(twin, port, mocap, folder)
+            yield made
+            made.attended.end()
+
+
+def free_port():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one:
+        one.bind(("127.0.0.1", 0))
+        return one.getsockname()[1]
+
+
+def robot(port, folder, velocity="onboard"):
+    text = f"host=127.0.0.1,port={port},velocity={velocity},operator=auto,clock=lockstep"
+    return A1Backend(text).with_duration(DURATION).keeping(str(folder / "raw"))
+
+
+class Session:
+    def __init__(self, twin, port, mocap, folder):
+        self.twin, self.folder, self.port, self.mocap = twin, folder, port, mocap
+        self.backend = robot(port, folder)
+        self.operator = Silent()
+        self.attended = self.backend.attendance(self.operator)
+        self.begun = False
+
+    def rollout(self, params, seed, walking=None, backend=None):
+        if not self.begun:
+            self.attended.begin(Coming(4))
+            self.begun = True
+        self.attended.before(params)
+        self.twin.rest()
+        self.twin.walking = walking or (lambda n: None)
+        try:
+            trace = (backend or self.backend).rollout(params, seed)
+        finally:
+            self.twin.walking = lambda n: None
+        self.attended.after(trace)
+        return trace
+
+    def inject(self, at, text, rounds=""):
+        """Return what injects a fault at a round of the walk."""
+
+        def walking(n):
+            if n == at:
+                now = self.twin.rounds
+                self.twin.injects = (read_inject(f"{text}@{now}-{rounds and now + rounds}"),)
+
+        return walking
+
+    def guard(self):
+        """Return the status of the guard."""
+        connection, _ = attach(self.backend.robot)
+        try:
+            return connection.request("status")
+        finally:
+            connection.close()
+
+
+def trot(seed):
+    """Return the ticks before the command."""
+    return Schedule.of(Command(), seed, 0, SETTINGS.gains).trot
+
+
+@pytest.fixture(scope="module")
+def first(session):
+    """The first walk of the robot, and the state of the plant from which it began."""
+    start = session.folder / "start.npz"
+    trace = session.rollout({"vd": 0.2}, 3, lambda n: n or session.twin.save(start))
+    return trace, start
+
+
+def test_a_rollout_has_the_channels_that_were_promised(session, first):
+    trace, _ = first
+    backend = session.backend
+    assert trace.failure is None
+    assert "void" not in trace.meta
+    assert list(trace.channels) == [channel.name for channel in backend.channels]
+    for channel in backend.channels:
+        assert trace[channel.name].shape[1:] == ((channel.width,) if channel.width > 1 else ())
+        assert trace.units[channel.name] == channel.unit
+    assert (len(trace), trace.duration) == (51, DURATION)
+    assert trace.meta["seed"] == 3
+    assert trace.meta["model_hash"] == backend.model_hash
+    assert trace.meta["twin"] is True
+    assert trace["late"].sum() == 0.0
+    np.testing.assert_array_equal(trace["vx"], trace["vx_est"])
+    assert (session.folder / "raw" / trace.meta["raw"]).exists()
+
+
+def test_from_the_same_start_the_simulator_takes_the_same_way_until_a_foot_touches_down(session, first):
+    """Without delay or noise, and with readings and commands as they are on the wire."""
+    trace, start = first
+    log = rawlog.read(session.folder / "raw" / trace.meta["raw"])
+    walked = list(recording.Packets(log).walked())
+    plant = Plant(SETTINGS.robot, SETTINGS.physics, knees=True)
+    plant.restore(read_start(start))
+    sensors = Sensors(SETTINGS.robot, SETTINGS.physics, "estimate")
+    controller = Controller(SETTINGS.robot, SETTINGS.gains)
+    # A robot's own world begins where it stands, and looks where it looks.
+    (x, y, _), (_, _, yaw) = plant.truth().position, plant.truth().rpy
+    controller.restore(Memory(Reference(x, y, yaw)))
+    apart = 0.0
+    for tick in range(TOUCH_DOWN):
+        truth = plant.truth()
+        apart = max(apart, np.abs(walked[tick].q - truth.q).max())
+        orders = Orders(
+            *controller.tick(sensors.read(truth, plant.play, controller.stance), Command()).motors
+        )
+        plant.step(MotorCommand(*unpack_orders(pack(orders, A1), A1)), -math.inf)
+    assert apart < 1e-3
+
+
+def test_the_recording_holds_what_the_robot_saw_and_makes_the_same_trace_alone(session, first):
+    trace, _ = first
+    path = session.folder / "raw" / trace.meta["raw"]
+    log = rawlog.read(path)
+    sent = [data for data, to in zip(log.packets, log.directions, strict=True) if to == TO_ROBOT]
+    came = session.twin.came
+    begin = came.index(sent[0])
+    assert came[begin : begin + len(sent)] == sent
+    again = recording.trace_of(path)
+    for name, values in trace.channels.items():
+        np.testing.assert_array_equal(values, again[name], err_msg=name)
+
+
+def test_motion_capture_gives_the_true_velocity_of_the_next_walk(session, first):
+    backend = robot(session.port, session.folder, f"mocap:{session.mocap}")
+    true = {}
+
+    def walking(n):
+        truth = session.twin.truth()
+        yaw = float(truth.rpy[2])
+        true[n - trot(4)] = math.cos(yaw) * truth.velocity[0] + math.sin(yaw) * truth.velocity[1]
+
+    trace = session.rollout({"vd": 0.2}, 4, walking, backend)
+    assert "void" not in trace.meta
+    assert trace.meta["mocap"]["correlation"] > 0.8
+    seen = np.array([true[n] for n in range(len(trace))])
+    assert abs((trace["vx"] - seen).mean()) < 0.005
+    assert np.abs(trace["vx"] - seen).max() < 0.05
+    assert np.abs(trace["vx"] - trace["vx_est"]).max() > 0.0
+
+
+def test_a_fall_after_the_command_is_the_robot_s_failure(session, first):
+    trace = session.rollout({"vd": 0.2}, 5, session.inject(trot(5) + 20, "tilt=0.7"))
+    session.twin.injects = ()
+    assert trace.failure == "fall"
+    assert "tilt" in trace.meta["reason"]
+    assert 15 <= len(trace) <= 25
+    assert session.guard()["state"] == "DAMPING"
+
+
+def test_ctrl_c_in_a_test_makes_it_void_and_the_robot_lies(session, first):
+    def walking(n):
+        if n == trot(6) + 20:
+            session.attended.interrupt(urgent=False)
+
+    trace = session.rollout({"vd": 0.2}, 6, walking)
+    assert trace.failure is None
+    assert trace.meta["void"] == "operator"
+    assert trace.duration < DURATION
+    session.attended.end()
+    assert session.guard()["state"] == "RESTING"
+    session.begun = False
+
+
+def test_a_link_that_breaks_before_the_command_is_no_rollout(session, first):
+    with pytest.raises(NotBegunError):
+        session.rollout({"vd": 0.2}, 7, session.inject(50, "silence"))
+    session.twin.injects = ()
+    assert session.guard()["word"] == "link"
+
+
+def test_the_same_walk_of_another_process_is_the_same_bit_for_bit(monkeypatch, tmp_path, session, first):
+    """Sensor noise, delays and all: what a twin received and sent, from the first command to the end."""
+    packets = []
+    for name in ("one", "other"):
+        folder = tmp_path / name
+        monkeypatch.setenv("S2R_A1_RUN", str(folder / "run"))
+        (folder / "run").mkdir(parents=True)
+        with in_a_process("--place", "lab", "--seed", 2, "--record", folder / "twin.a1log") as port:
+            backend = robot(port, folder)
+            attended = backend.attendance(Silent())
+            try:
+                attended.begin(Coming(1))
+                backend.rollout({"vd": 0.2}, 3)
+            finally:
+                attended.end()
+        packets.append(rawlog.read(folder / "twin.a1log").packets)
+    assert len(packets[0]) > 4000
+    assert packets[0] == packets[1]

@@ -1,0 +1,112 @@
+"""Motion capture: its clock is found by the gyroscope, and its velocity is the base's."""
+
+import json
+import socket
+
+import numpy as np
+import pytest
+
+from s2r_a1.mocap import Listener, MocapError, Placing, Poses, velocity
+from s2r_sim import rotation
+
+AHEAD = 812.3456
+"""[s] of motion capture's clock."""
+
+
+def swaying(times):
+    """Return yaw [rad] and position (n, 3) [m] of a base that trots at 0.2 m/s and turns to and fro."""
+    yaw = 0.3 + 0.01 * np.sin(2 * np.pi * 2.5 * times) + 0.004 * np.sin(2 * np.pi * 5.0 * times + 1.0)
+    way = 0.2 * times
+    return yaw, np.stack([way * np.cos(0.3), way * np.sin(0.3), 0.28 + 0 * times], axis=1)
+
+
+AT_BASE = Placing()
+
+
+def poses(placing=AT_BASE, noise=0.0, seed=0, late=0.004, missing=()):
+    times = np.arange(0.0, 3.0, 0.005)
+    times = np.delete(times, [i for i in range(len(times)) if any(a <= times[i] < b for a, b in missing)])
+    yaw, base = swaying(times)
+    rng = np.random.default_rng(seed)
+    position, quaternion = [], []
+    for heading, at in zip(yaw, base, strict=True):
+        attitude = rotation.matrix(0.0, 0.0, heading)
+        position.append(at + attitude @ placing.position + noise * rng.normal(size=3))
+        turned = heading + np.radians(placing.heading) + noise * rng.normal()
+        x, y, z, w = rotation.quaternion(0.0, 0.0, turned)
+        quaternion.append((w, x, y, z))
+    return Poses(times - AHEAD, times + late, np.array(position), np.array(quaternion))
+
+
+def gyro(seed=1):
+    times = np.arange(0.0, 3.0, 0.002)
+    yaw, _ = swaying(times)
+    return times, np.gradient(yaw, times) + 0.01 * np.random.default_rng(seed).normal(size=len(times))
+
+
+WANTED = np.arange(1.0, 2.0, 0.002)
+
+
+@pytest.mark.parametrize("late", [0.0, 0.05])
+def test_the_offset_between_the_clocks_is_found_whatever_the_network_delays(late):
+    seen = velocity(poses(late=late), Placing(), gyro(), WANTED)
+    assert seen.offset == pytest.approx(AHEAD, abs=0.001)
+    assert seen.correlation > 0.95
+    np.testing.assert_allclose(seen.forward, 0.2, atol=0.01)
+    np.testing.assert_allclose(seen.forward.mean(), 0.2, atol=1e-3)
+
+
+def test_a_body_beside_the_base_that_looks_elsewhere_tells_the_base_s_velocity():
+    placing = Placing((0.15, -0.08, 0.05), 70.0)
+    seen = velocity(poses(placing, noise=2e-4), placing, gyro(), WANTED)
+    assert seen.offset == pytest.approx(AHEAD, abs=0.002)
+    np.testing.assert_allclose(seen.forward.mean(), 0.2, atol=2e-3)
+    wrong = velocity(poses(placing), Placing(), gyro(), WANTED)
+    assert abs(wrong.left.mean()) > 0.1
+
+
+def test_poses_of_something_else_are_refused():
+    times, rate = gyro()
+    with pytest.raises(MocapError, match="does not follow"):
+        velocity(poses(), Placing(), (times, np.random.default_rng(0).normal(size=len(times))), WANTED)
+    still = poses()._replace(quaternion=np.tile([1.0, 0.0, 0.0, 0.0], (600, 1)))
+    with pytest.raises(MocapError, match="does not follow"):
+        velocity(still, Placing(), (times, rate), WANTED)
+
+
+def test_poses_that_do_not_cover_the_test_are_refused():
+    with pytest.raises(MocapError, match="lost the robot"):
+        velocity(poses(missing=[(1.3, 1.5)]), Placing(), gyro(), WANTED)
+    with pytest.raises(MocapError, match="cover"):
+        velocity(poses(missing=[(1.6, 9.0)]), Placing(), gyro(), WANTED)
+    with pytest.raises(MocapError, match="poses"):
+        velocity(poses(missing=[(0.05, 9.0)]), Placing(), gyro(), WANTED)
+
+
+def test_a_listener_takes_poses_and_counts_what_is_none():
+    listener = Listener(0)
+    sender = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    pose = {"t": 1.0, "x": 0.1, "y": 0.2, "z": 0.3, "qw": 1.0, "qx": 0.0, "qy": 0.0, "qz": 0.0}
+    lines = [
+        pose,
+        pose,
+        pose | {"t": 2.0},
+        pose | {"t": float("nan")},
+        pose | {"qw": 2.0},
+        {"t": 3.0},
+        [],
+    ]
+    try:
+        for line in lines:
+            sender.sendto(json.dumps(line).encode() + b"\n", ("127.0.0.1", listener.port))
+        sender.sendto(b"\xff{not JSON", ("127.0.0.1", listener.port))
+        listener.take(5.0)
+        taken = listener.poses()
+        with pytest.raises(MocapError, match=str(listener.port)):
+            Listener(listener.port)
+    finally:
+        sender.close()
+        listener.close()
+    assert taken.times.tolist() == [1.0, 2.0]
+    assert taken.arrived.tolist() == [5.0, 5.0]
+    assert listener.refused == 5

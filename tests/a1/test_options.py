@@ -1,0 +1,84 @@
+"""What may follow ``a1:``, and what a backend made of it says."""
+
+import pytest
+
+from s2r_a1.backend import A1Backend
+from s2r_a1.options import read_options, write_options
+from s2r_spec.backend import Backend, HasAttendance, KeepsRaw, is_exclusive, load_backend
+from s2r_spec.errors import UsageError
+
+TWIN = "host=127.0.0.1,velocity=onboard"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "host=192.168.123.10,velocity=onboard",
+        "host=127.0.0.1,port=9000,velocity=mocap:9100,body=0.1:0:0.05,heading=90",
+        f"{TWIN},operator=auto,clock=lockstep,local=8080",
+    ],
+)
+def test_options_are_written_as_they_are_read(text):
+    assert write_options(read_options(text)) == text
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", ["host=127.0.0.1", "no default"]),
+        ("velocity=onboard", ["host=127.0.0.1"]),
+        ("host=192.168.123.10", ["velocity=onboard", "velocity=mocap:PORT"]),
+        ("host=192.168.123.10,velocity=optical", ["onboard", "mocap:PORT"]),
+        ("host=192.168.123.10,velocity=mocap:none", ["mocap", "none"]),
+        ("host=robot,velocity=onboard", ["'robot'", "IPv4"]),
+        (f"{TWIN},prot=9", ["prot", "port"]),
+        (f"{TWIN},port=0", ["port", "'0'"]),
+        (f"{TWIN},port=70000", ["port", "'70000'"]),
+        (f"{TWIN},host=10.0.0.1", ["host", "twice"]),
+        (f"{TWIN},operator=robot", ["operator", "auto", "tty"]),
+        (f"{TWIN},clock=slow", ["clock", "lockstep", "real"]),
+        (f"{TWIN},layout=go1", ["Go1"]),
+        (f"{TWIN},layout=b1", ["layout", "a1"]),
+        (f"{TWIN},body=0:0:0", ["body", "mocap:PORT"]),
+        ("host=127.0.0.1,velocity=mocap:9000,body=0:0", ["body=0.1:0:0.05"]),
+        ("host=127.0.0.1,velocity=mocap:9000,heading=nan", ["heading", "finite"]),
+        ("host=192.168.123.10,velocity=onboard,operator=auto", ["operator=auto", "twin"]),
+        ("host=192.168.123.10,velocity=onboard,clock=lockstep", ["clock=lockstep", "twin"]),
+    ],
+)
+def test_a_wrong_option_is_told_in_one_sentence(text, words):
+    with pytest.raises(UsageError) as error:
+        A1Backend(text)
+    assert all(word in str(error.value) for word in words)
+    assert "\n" not in str(error.value)
+
+
+def test_a_backend_says_what_it_is_and_opens_nothing(monkeypatch):
+    import socket
+
+    monkeypatch.setattr(socket, "socket", None)
+    backend = load_backend("a1:host=192.168.123.10,velocity=onboard")
+    assert isinstance(backend, Backend)
+    assert isinstance(backend, HasAttendance)
+    assert isinstance(backend, KeepsRaw)
+    assert is_exclusive(backend)
+    assert not backend.deterministic
+    assert backend.name == "a1:host=192.168.123.10,velocity=onboard"
+    assert load_backend(backend.name) == backend
+    assert [p.name for p in backend.parameters] == ["vd", "vy", "wz"]
+    assert {"vx", "vy", "wz", "tau", "late"} <= {channel.name for channel in backend.channels}
+    assert backend.with_duration(0.301).duration == pytest.approx(0.302)
+    assert backend.with_duration(0.4).keeping("raw").name == backend.name
+    assert backend.with_duration(0.4).keeping("raw").duration == 0.4
+
+
+def test_the_model_is_the_same_wherever_the_robot_is():
+    one, other = A1Backend("host=192.168.123.10,velocity=onboard"), A1Backend(f"{TWIN},operator=auto")
+    assert one.model_hash == other.model_hash
+    assert one.model_hash != A1Backend("host=127.0.0.1,velocity=mocap:9000").model_hash
+
+
+def test_assumptions_say_whose_velocity_it_is_and_what_is_a_twin():
+    assert A1Backend("host=192.168.123.10,velocity=onboard").assumptions == ("vx of a1 is its own estimate",)
+    assert any("twin" in sentence for sentence in A1Backend(TWIN).assumptions)
+    assert A1Backend("host=10.0.0.1,velocity=mocap:9000").assumptions != A1Backend(TWIN).assumptions

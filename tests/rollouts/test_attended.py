@@ -1,0 +1,321 @@
+"""Rollouts of a machine: what happens to it, what the journal has, and what is never run again by itself."""
+
+import json
+from dataclasses import dataclass, field
+
+import pytest
+
+import s2r_spec as s2r
+from s2r_spec import logs
+from s2r_spec.certify.certificate import Label
+from s2r_spec.certify.gap import gap
+from s2r_spec.certify.promise import certify
+from s2r_spec.errors import BackendError, NotBegunError, StoppedError, UsageError
+from s2r_spec.report import checked, gapped, jsonform
+from s2r_spec.report.recompute import recompute, recompute_gap
+from s2r_spec.rollouts.journal import FILE, Journal, JournalError
+from s2r_spec.rollouts.pools import process_pool
+from s2r_spec.rollouts.replay import replay
+from s2r_spec.rollouts.runner import Runner, Task, run_task
+from tests.cli.conftest import SPEC
+from tests.conftest import rewrite
+
+
+@dataclass
+class Operator:
+    """Says yes until ``answers`` says otherwise: "stop" ends the run at that question."""
+
+    answers: list = field(default_factory=list)
+    said: list = field(default_factory=list)
+    there: bool = True
+
+    def say(self, text):
+        self.said.append(text)
+
+    def type_word(self, question, word):
+        self.choose(question, {word: ""})
+
+    def choose(self, question, answers):
+        self.said.append(question)
+        if self.answers and self.answers.pop(0) == "stop":
+            raise StoppedError("the operator stopped the run")
+        return next(iter(answers))
+
+
+@pytest.fixture
+def robot(toy, tmp_path, monkeypatch):
+    """Return what happened to the robot so far, a line each."""
+    file = tmp_path / "robot.log"
+    file.touch()
+    monkeypatch.setenv("S2R_ROBOT", str(file))
+    return lambda *kinds: [
+        line for line in file.read_text().splitlines() if not kinds or line.split()[0] in kinds
+    ]
+
+
+@pytest.fixture
+def spec():
+    return s2r.parse_spec(SPEC.replace("LIMIT", "0.1"), "spec.stl")
+
+
+def lines(folder):
+    return [json.loads(line) for line in (folder / FILE).read_text().splitlines()]
+
+
+def kinds(folder):
+    return [line.get("kind", "outcome") for line in lines(folder)[1:]]
+
+
+def test_rollouts_run_one_at_a_time_in_one_process_whatever_the_pool(robot, spec, tmp_path):
+    result = s2r.check(
+        spec, "robot:auto", tmp_path / "r", budget=8, executor=process_pool(4), operator=Operator(there=False)
+    )
+    assert result.certificate.rollouts == 8
+    assert result.voids == {}
+    assert len({line.split()[-1] for line in robot("rollout")}) == 1
+    order = [line.split()[0] for line in robot()]
+    assert order == ["begin", *["before", "rollout", "after"] * 8, "end"]
+    assert robot("begin") == ["begin 8"]
+    assert kinds(tmp_path / "r") == ["begun", "outcome"] * 8
+    assert {path.name for path in (tmp_path / "r" / "raw").iterdir()} == {f"{n}.bytes" for n in range(1, 9)}
+
+
+def test_the_outcomes_are_those_of_a_simulator_bit_for_bit(robot, spec, tmp_path):
+    """Same seeds, same tests: what attends to a rollout changes no number."""
+    machine = s2r.check(spec, "robot:auto", tmp_path / "r", budget=40)
+    simulator = s2r.check(spec, "toy", tmp_path / "s", budget=40)
+    assert (machine.lower, machine.upper, machine.worst) == (
+        simulator.lower,
+        simulator.upper,
+        simulator.worst,
+    )
+    assert [record.rho for record in Journal.read(tmp_path / "r").records()] == [
+        record.rho for record in Journal.read(tmp_path / "s").records()
+    ]
+    assert "voids" not in checked.to_json(simulator)
+
+
+@pytest.mark.parametrize(("habit", "word"), [("link=3", "link"), ("die=3", "killed")])
+def test_a_void_rollout_is_kept_and_its_test_runs_again(robot, spec, tmp_path, habit, word):
+    operator = Operator()
+    result = s2r.check(spec, f"robot:{habit}", tmp_path / "r", budget=40, operator=operator)
+    assert result.voids == {word: 1}
+    assert result.certificate.label.bounds
+    assert any(word in text and "1 of " in text for text in result.assumptions)
+    assert "the robot's clock is right" in result.assumptions
+    ran = [line.split()[1:3] for line in robot("rollout")]
+    assert ran[2] == ran[3]  # the same test and seed
+    (void,) = Journal.read(tmp_path / "r").voids
+    assert (void.begun.key, void.begun.attempt, void.word) == ((1, 0), 1, word)
+    assert kinds(tmp_path / "r")[4:8] == ["begun", "void", "begun", "outcome"]
+    assert lines(tmp_path / "r")[7]["attempt"] == 2
+    if word == "link":
+        trace = logs.read(tmp_path / "r" / void.trace)
+        assert trace.meta["void"] == "link"
+    # One question before each of 41 rollouts, the consent, and one more after the void one.
+    assert sum("void" in text for text in operator.said) == 1
+    shown = json.loads(jsonform.render(checked.report([(spec, result)])))
+    assert shown["results"][0]["voids"] == {word: 1}
+    assert ("void", f"1 of 41 rollouts (1 × {word})") in checked.finding(spec, result).facts
+    again = recompute(tmp_path / "r").result
+    assert (again.voids, again.assumptions, again.lower) == (result.voids, result.assumptions, result.lower)
+
+
+def test_what_the_robot_ended_counts_whatever_else_came(robot, spec, tmp_path):
+    result = s2r.check(spec, "robot:auto,fell=2,both=3", tmp_path / "r", budget=8)
+    assert result.failures == {"fall": 2}
+    assert result.voids == {}
+
+
+def test_more_than_one_void_in_twenty_refuses_the_certificate(robot, spec, tmp_path):
+    result = s2r.check(spec, "robot:link=3", tmp_path / "r", budget=8, operator=Operator())
+    assert result.certificate.label is Label.REFUSED
+    assert "1 in 20" in result.reason
+    assert result.verdict.exit_code == 3
+    assert recompute(tmp_path / "r").result.certificate.label is Label.REFUSED
+
+
+def test_counted_as_falls_voids_are_outcomes_and_one_refutes_the_proxy(robot, spec, tmp_path):
+    counted = s2r.check(spec, "robot:auto,link=3", tmp_path / "r", budget=100, void="fall")
+    assert counted.failures == {"void: link": 1}
+    assert counted.voids == {}
+    assert counted.lowest.rho == -0.5
+    assert kinds(tmp_path / "r").count("void") == 0
+    assert counted.certificate.label is Label.REFUSED
+    assert "R = 0.02 is refuted" in counted.reason
+    again = s2r.check(spec, "robot:auto,link=3", tmp_path / "s", budget=100)
+    assert again.certificate.label.bounds
+    # Declared before the data: a run does not change its mind.
+    with pytest.raises(JournalError, match="void"):
+        s2r.check(spec, "robot:auto,link=3", tmp_path / "r", budget=100, resume=True)
+
+
+def test_trouble_before_the_start_is_no_rollout_and_is_tried_again(robot, spec, tmp_path):
+    operator = Operator()
+    result = s2r.check(spec, "robot:shy=2,refuse", tmp_path / "r", budget=8, operator=operator)
+    assert result.voids == {}
+    assert kinds(tmp_path / "r")[:5] == ["begun", "outcome", "begun", "not begun", "begun"]
+    assert sum("did not begin" in text for text in operator.said) == 2
+    assert len(robot("rollout")) == 9
+
+
+def test_where_nobody_is_asked_trouble_before_the_start_ends_the_run_and_it_goes_on(robot, spec, tmp_path):
+    with pytest.raises(NotBegunError, match="a leg is stuck"):
+        s2r.check(spec, "robot:auto,shy=2", tmp_path / "r", budget=8)
+    assert robot()[-1] == "end"
+    result = s2r.check(spec, "robot:auto,shy=2", tmp_path / "r", budget=8, resume=True)
+    assert result.certificate.rollouts == 8
+    assert result.voids == {}
+
+
+def test_where_nobody_is_asked_a_machine_that_is_out_of_order_is_left_alone(robot, spec, tmp_path):
+    with pytest.raises(BackendError, match=r"3 attempts at rollout 0\.1 .*no state.*--resume"):
+        s2r.check(spec, "robot:auto,link=2+3+4", tmp_path / "r", budget=8)
+    assert len(Journal.read(tmp_path / "r").voids) == 3
+    assert len(robot("rollout")) == 4
+
+
+def test_an_error_of_the_backend_ends_the_run_and_the_rollout_is_void(robot, spec, tmp_path):
+    with pytest.raises(BackendError, match="the gyroscope is upside down"):
+        s2r.check(spec, "robot:auto,raise=4", tmp_path / "r", budget=8)
+    assert [void.word for void in Journal.read(tmp_path / "r").voids] == ["error"]
+    assert robot()[-1] == "end"
+
+
+def test_a_rollout_that_takes_too_long_is_ended_and_void(robot, spec, tmp_path):
+    operator = Operator()
+    s2r.check(spec, "robot:hang=2", tmp_path / "r", budget=8, timeout=0.3, operator=operator)
+    assert [void.word for void in Journal.read(tmp_path / "r").voids] == ["killed"]
+    assert len(robot("rollout")) == 9
+
+
+def test_the_operator_stops_and_resumes(robot, spec, tmp_path):
+    operator = Operator(answers=["yes"] * 4 + ["stop"])
+    with pytest.raises(StoppedError, match="--resume") as caught:
+        s2r.check(spec, "robot", tmp_path / "r", budget=8, operator=operator)
+    assert caught.value.exit_code == 130
+    assert len(robot("rollout")) == 3
+    assert robot()[-1] == "end"
+    result = s2r.check(spec, "robot", tmp_path / "r", budget=8, operator=Operator(), resume=True)
+    assert robot("begin") == ["begin 8", "begin 5"]
+    assert len(robot("rollout")) == 8
+    assert result.voids == {}
+    # All is there: the robot is left alone.
+    s2r.check(spec, "robot", tmp_path / "r", budget=8, operator=Operator(), resume=True)
+    assert len(robot("begin")) == 2
+
+
+@pytest.mark.parametrize("void", ["again", "fall"])
+def test_of_a_run_that_was_killed_the_rollout_is_void_and_asked_again(robot, spec, tmp_path, void):
+    s2r.check(spec, "robot:auto", tmp_path / "r", budget=8, void=void)
+    whole = (tmp_path / "r" / FILE).read_bytes().splitlines(keepends=True)
+    # As a kill leaves it: begun, its trace even written, but without its line.
+    (tmp_path / "r" / FILE).write_bytes(b"".join(whole[:12]))
+    assert [begun.key for begun in Journal.read(tmp_path / "r").open] == [(2, 1)]
+    before = len(robot("rollout"))
+    result = s2r.check(spec, "robot:auto", tmp_path / "r", budget=8, void=void, resume=True)
+    kept = Journal.read(tmp_path / "r")
+    if void == "fall":
+        assert kept.get(2, 1).failure == "void: killed"
+        assert len(robot("rollout")) == before + 2
+        return
+    assert result.voids == {"killed": 1}
+    assert logs.read(tmp_path / "r" / kept.voids[0].trace).times.size
+    assert len(robot("rollout")) == before + 3
+    assert (tmp_path / "r" / FILE).read_bytes().startswith(b"".join(whole[:12]))
+    assert lines(tmp_path / "r")[13]["seed"] == json.loads(whole[11])["seed"]
+
+
+def test_a_gap_counts_the_voids_of_the_machine(robot, spec, tmp_path):
+    result = gap(spec, "toy", "robot:link=3", tmp_path / "g", budget=24, operator=Operator())
+    assert result.voids == {"link": 1}
+    assert result.certificate.label.bounds
+    assert any("1 × link" in text for text in result.assumptions)
+    assert kinds(tmp_path / "g" / "sim").count("begun") == 0
+    again = recompute_gap(tmp_path / "g").result
+    assert (again.voids, again.assumptions) == (result.voids, result.assumptions)
+    assert gapped.to_json(again)["voids"] == {"link": 1}
+
+
+def test_without_a_terminal_nothing_is_opened(robot, spec, tmp_path):
+    for run in (
+        lambda: s2r.check(spec, "robot", tmp_path / "c", budget=8, operator=Operator(there=False)),
+        lambda: certify(spec, "toy", "robot", tmp_path / "p", budget=8, operator=Operator(there=False)),
+    ):
+        with pytest.raises(UsageError, match="terminal"):
+            run()
+    assert robot() == []
+    assert not (tmp_path / "p").exists()
+
+
+@pytest.mark.parametrize(
+    "run",
+    [
+        lambda spec, folder: gap(spec, "robot:auto", "toy", folder),
+        lambda spec, folder: s2r.check(spec, "toy", folder, void="fall"),
+        lambda spec, folder: s2r.check(spec, "robot:auto", folder, void="maybe"),
+        lambda spec, folder: s2r.diagnose(spec, "cart", "robot:auto"),
+    ],
+    ids=["as-simulator", "void-of-none", "no-such-word", "diagnose"],
+)
+def test_what_a_machine_is_not_for_is_a_sentence(robot, spec, tmp_path, run):
+    with pytest.raises(UsageError):
+        run(spec, tmp_path / "r")
+    assert robot() == []
+
+
+def test_no_pool_runs_a_machine(robot):
+    task = Task(0, 0, "robot:auto", {"vd": 0.1}, 1)
+    with pytest.raises(BackendError, match="operator"):
+        run_task(task)
+    with Runner(process_pool(1)) as runner, pytest.raises(BackendError, match="operator"):
+        list(runner.run([task]))
+    assert robot() == []
+
+
+def test_a_replay_shows_what_was_recorded_and_sends_nothing(robot, spec, tmp_path):
+    s2r.check(spec, "robot:auto,fell=2", tmp_path / "walking", budget=8)
+    before = robot()
+    found = replay(f"{tmp_path / 'walking'}#0.0")
+    assert found.same
+    assert not found.ran
+    assert found.trace["extra"].shape == found.trace.times.shape
+    assert replay(f"{tmp_path / 'walking'}#0.1").rho == -0.5
+    with pytest.raises(UsageError, match="machine"):
+        found.render(tmp_path / "x.png")
+    (tmp_path / "walking" / "traces" / "00000.0000.npz").unlink()
+    with pytest.raises(UsageError, match="is gone"):
+        replay(f"{tmp_path / 'walking'}#0.0")
+    assert robot() == before
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"kind": "begun", "attempt": 0},
+        {"kind": "begun", "seed": -1},
+        {"kind": "begun", "more": 1},
+        {"kind": "unknown"},
+        {"kind": "void", "word": "link", "reason": "", "trace": "../x.npz", "seconds": 0.0},
+        {"kind": "not begun", "reason": "x", "attempt": 9},
+    ],
+    ids=lambda change: "-".join(map(str, change.values())),
+)
+def test_a_line_that_is_none_is_named(robot, spec, tmp_path, change):
+    s2r.check(spec, "robot:auto", tmp_path / "r", budget=8)
+    first = {"query": 0, "replicate": 0, "attempt": 1}
+    rewrite(
+        tmp_path / "r",
+        lambda line: line | change if {key: line.get(key) for key in first} == first else line,
+    )
+    with pytest.raises(JournalError, match=r"journal\.jsonl:2: not a line of a machine's journal"):
+        Journal.read(tmp_path / "r")
+
+
+def test_a_void_trace_that_was_exchanged_is_noticed(robot, spec, tmp_path):
+    s2r.check(spec, "robot:link=3", tmp_path / "r", budget=8, operator=Operator())
+    journal = Journal.read(tmp_path / "r")
+    (void,) = journal.voids
+    (tmp_path / "r" / void.trace).write_bytes(b"another")
+    with pytest.raises(JournalError, match="not the trace that was recorded"):
+        journal.check_traces()
