@@ -227,12 +227,16 @@ class Guard:
         gc.disable()
         try:
             while not self._ended():
-                if self._turning():
-                    self._round()
-                else:
-                    self._serve(self._ready([], LOOKED))
+                self.turn()
         finally:
             self.close()
+
+    def turn(self) -> None:
+        """Turn one round, or serve requests for a while where no rounds go on."""
+        if self._turning():
+            self._round()
+        else:
+            self._serve(self._ready([], LOOKED))
 
     def close(self) -> None:
         """Free the sockets, and finish a recording."""
