@@ -134,7 +134,9 @@ class A1Backend:
     def robot(self) -> Robot:
         """What the guard must know to reach the robot."""
         reached = self.reached
-        return Robot(reached.host, reached.port, clock=reached.clock, local=reached.local)
+        return Robot(
+            reached.host, reached.port, clock=reached.clock, local=reached.local, module=reached.module
+        )
 
     def with_duration(self, seconds: float) -> Self:
         """Return the same backend with rollouts of this length, rounded up to a whole control tick."""
@@ -152,6 +154,12 @@ class A1Backend:
         from s2r_a1.attendance import Attendance
 
         return Attendance(self, operator)
+
+    def prepare(self) -> None:
+        """Compile the controller in this process, so that a rollout begins at once."""
+        from s2r_a1.rollout import pilot
+
+        pilot()
 
     def rollout(self, params: Mapping[str, float], seed: int) -> Trace:
         """Walk one test; samples every 2 ms from the command at t = 0 to ``duration`` inclusive.
