@@ -198,7 +198,7 @@ class Rig:
         """Make a request, turn rounds until its reply comes, and return that."""
         before = len(party.replies)
         party.ask(do, **fields)
-        for _ in range(1000):
+        for _ in range(2000):
             if len(party.replies) > before:
                 return party.replies[-1]
             self.turn()
@@ -254,9 +254,8 @@ def apart(function: Callable[[], Any]) -> Any:
     gc.freeze()  # what the copy does not touch is not copied
     process = processes.Process(target=run)
     with warnings.catch_warnings():
-        warnings.simplefilter(
-            "ignore", DeprecationWarning
-        )  # of forks beside threads: the copy runs this one only
+        # Of forks beside threads; the copy runs none of them.
+        warnings.simplefilter("ignore", DeprecationWarning)
         process.start()
     theirs.close()
     try:
