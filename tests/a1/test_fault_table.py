@@ -218,6 +218,26 @@ def test_another_program_finds_a_robot_that_stays_damped(stage):
     assert all(damping(data) for data in found.packets[1:])
 
 
+def test_an_error_in_the_guard_itself_damps_the_robot_before_the_guard_ends(stage):
+    rig = stage.at(State.WALK)
+
+    def happens():
+        def fails(*request):
+            raise ZeroDivisionError
+
+        begun = rig.twin.rounds
+        rig.guard.answer = fails
+        rig.client.ask("status")
+        with pytest.raises(ZeroDivisionError):
+            rig.guard.run()
+        return ended(rig, begun)
+
+    found = apart(happens)
+    assert found.damped == 1
+    assert len(found.packets) > 1000
+    assert all(damping(data) for data in found.packets[1:])
+
+
 def test_a_second_client_is_refused_and_the_walk_goes_on(stage):
     rig = stage.at(State.WALK)
 
