@@ -108,6 +108,9 @@ class Listener:
             if party.role is not None:
                 party.send(event)
 
+    def renew(self):
+        pass
+
     def close(self):
         pass
 
