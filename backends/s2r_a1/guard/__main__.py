@@ -19,7 +19,7 @@ import time
 from typing import Any
 
 from s2r_a1.guard.control import Connection, ControlError, Listener
-from s2r_a1.guard.place import folder, hold, place
+from s2r_a1.guard.place import claim, folder, hold, place
 from s2r_a1.guard.start import Robot
 from s2r_spec.errors import BackendError, S2RError, UsageError
 
@@ -181,6 +181,7 @@ def _begun(given: argparse.Namespace) -> Any:
     found = place(given.host, given.port)
     if hold(found) is None:  # until this process ends
         return None
+    claim(found)
     robot = Robot(given.host, given.port, given.layout, given.clock, given.local, given.module)
     guard = Guard(robot, Listener(found.control), answer, given.idle)
 

@@ -137,6 +137,8 @@ def _reset(guard: Guard, party: Party, fields: dict[str, Any]) -> Reply:
         )
 
     def poll() -> dict[str, Any] | None:
+        if guard.machine.state is not State.DAMPING:  # another operator was quicker
+            return {}
         if guard.now - guard.machine.since < states.SINKING:
             return None
         guard.reset()
@@ -161,7 +163,15 @@ def _record(guard: Guard, party: Party, fields: dict[str, Any]) -> Reply:
         "tick_unit": guard.link.unit if guard.link else None,
         "limits": asdict(guard.limits),
     }
-    log = guard.record(path, {**header, **own})
+    try:
+        os.fsencode(path)
+        if "\0" in path:
+            raise ValueError
+        log = guard.record(path, {**header, **own})
+    except (ValueError, RecursionError):
+        raise RefusedError(
+            "the path or the header of a recording has letters, or depths, that no file has"
+        ) from None
 
     def poll() -> dict[str, Any] | None:
         if not log.ready:

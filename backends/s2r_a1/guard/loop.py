@@ -22,7 +22,7 @@ from functools import partial
 from typing import Any, NamedTuple
 
 from s2r_a1.datagrams import Address, LinkError, Socket, is_loopback, opened
-from s2r_a1.guard import states
+from s2r_a1.guard import moves, states
 from s2r_a1.guard.control import Listener, Party, RefusedError, Request
 from s2r_a1.guard.limits import LIMITS, ROUND, SECOND
 from s2r_a1.guard.place import Robot
@@ -39,6 +39,8 @@ GREETED = 10.0
 """A budget [s]: how much longer a new guard waits for who started it. Twice as long leaves a useless one for longer."""
 MUTE = 3.0
 """A budget [s]: how long the first answer of a twin in lock step may take. Twice as long reveals a wrong one later."""
+RENEWED = 500
+"""A budget [rounds]: how often a guard looks whether its control socket is still there; each look takes 10 µs."""
 POLLED = 0.005
 """A budget [s]: how often a request that waits for the disk is looked at."""
 
@@ -246,12 +248,31 @@ class Guard:
         gc.disable()
         try:
             while not self._ended():
-                if self._turning():
-                    self._round()
-                else:
-                    self._serve(self._ready([], LOOKED))
+                self.turn()
+        except Exception:
+            self._give_up()
+            raise
         finally:
             self.close()
+
+    def _give_up(self) -> None:
+        """Damp the robot until it lies, after an error of the guard itself that nobody foresaw."""
+        if self.link is None or self.machine.state in (State.OFF, State.LINKED):
+            return
+        for _ in range(SINKING[State.DAMPING] // ROUND):
+            self.link.write(moves.DAMPED)
+            if self.lockstep:
+                self.link.read()
+            else:
+                time.sleep(ROUND / SECOND)
+
+    def turn(self) -> None:
+        """Turn one round, or serve requests for a while where no rounds go on."""
+        if self._turning():
+            self._round()
+        else:
+            self._serve(self._ready([], LOOKED))
+            self.listener.renew()
 
     def close(self) -> None:
         """Free the sockets, and finish a recording."""
@@ -299,6 +320,8 @@ class Guard:
     def _round(self) -> None:
         brought = self._lock_step() if self.lockstep else self._real_time()
         self.rounds += 1
+        if self.rounds % RENEWED == 0:
+            self.listener.renew()
         step = states.step(self.machine, brought._replace(now=self.now), self.limits)
         self._orders = step.orders
         self.become(step.machine)
@@ -382,11 +405,12 @@ class Guard:
         inputs = Inputs(0, reading, bad)
         if client is None:
             return inputs
+        if not ROWS[self.machine.state].client or client.party.spent:
+            client.socket.receive()  # nobody follows it; not even decoded
+            return inputs
         counters = client.side.counters
         before = counters.corrupt + counters.numbers
         orders = client.side.read()
-        if client.party.spent:
-            return inputs
         return inputs._replace(orders=orders, dropped=counters.corrupt + counters.numbers - before)
 
     def _record(self, direction: int, data: bytes) -> None:

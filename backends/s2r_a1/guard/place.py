@@ -11,6 +11,7 @@ import fcntl
 import os
 import socket
 import stat
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -113,3 +114,26 @@ def hold(place: Place) -> int | None:
         os.close(held)
         return None
     return held
+
+
+def claim(place: Place) -> None:
+    """Take the name of a robot on this machine, until this process ends.
+
+    A lock's file can be deleted, and another shell may look in another folder; this name has no file (Linux only).
+    Two guards of one robot would fight over its motors.
+
+    Raises:
+        BackendError: another guard has it.
+    """
+    if sys.platform != "linux":
+        return
+    name = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    try:
+        name.bind(f"\0s2r-a1 {place.lock.stem}")
+    except OSError:
+        name.close()
+        raise BackendError(
+            f"another guard on this machine holds the robot at {place.lock.stem.replace('_', ':')}, by another user "
+            "or with another S2R_A1_RUN; end it first"
+        ) from None
+    name.detach()
