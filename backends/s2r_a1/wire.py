@@ -217,8 +217,8 @@ def unpack(data: bytes, layout: Layout) -> Reading:
 def unpack_orders(data: bytes, layout: Layout) -> Orders:
     """Return what the motors of a robot make of a command: the robot's side of :func:`pack`.
 
-    A motor in another mode than ``CLOSED_LOOP`` gets no gains and no torque; an angle of ``POSITION_OFF`` has no kp, and
-    a speed of ``SPEED_OFF`` no kd.
+    A motor in another mode than ``CLOSED_LOOP`` gets no gains and no torque; an angle of ``POSITION_OFF`` has no kp,
+    and a speed of ``SPEED_OFF`` no kd.
 
     Raises:
         WireError: as :func:`unpack`.

@@ -195,8 +195,9 @@ def test_packets_from_another_address_are_left_out(leg, stranger):
     assert leg.link.packet == state(2)
 
 
-def test_packets_that_came_before_the_peer_was_known_are_its_own_or_left_out(stranger):
-    mine, theirs = RealTimeSocket(), RealTimeSocket()
+@pytest.mark.parametrize("kind", [RealTimeSocket, LockStepSocket])
+def test_packets_that_came_before_the_peer_was_known_are_its_own_or_left_out(kind, stranger):
+    mine, theirs = kind(), kind()
     theirs.connect((HERE, mine.port))
     stranger.sendto(state(99), (HERE, mine.port))
     theirs.send(state(2))
@@ -204,6 +205,8 @@ def test_packets_that_came_before_the_peer_was_known_are_its_own_or_left_out(str
     mine.connect((HERE, theirs.port))
     link = UdpLink(mine, A1)
     assert link.read().tick == 2
+    theirs.send(state(4))
+    assert link.read().tick == 4
     assert link.counters.foreign == 2
     mine.close()
     theirs.close()
@@ -219,6 +222,22 @@ def test_a_robot_that_is_not_there_is_silence_in_real_time():
         assert link.read() is None
         assert link.fault == "silence"
     link.close()
+
+
+def test_a_robot_that_comes_later_gets_the_first_command_after_it_came():
+    first = RealTimeSocket()
+    port = first.port
+    mine = opened((HERE, port))
+    link = UdpLink(mine, A1)
+    first.close()
+    link.write(ZERO)  # to nobody, which the network says on the next use
+    robot = RealTimeSocket(port=port)
+    robot.connect((HERE, mine.port))
+    link.write(ZERO)
+    assert RobotSide(robot, A1).read() is not None
+    assert link.counters.unsent == 0
+    link.close()
+    robot.close()
 
 
 def test_a_peer_that_ended_is_gone_in_lock_step(step):

@@ -270,6 +270,7 @@ def test_faults_of_the_clock():
     assert [(tick - START) // 2 for tick in ticks] == [0, 1, 1, 1, 1, 5, 6]
     ticks = [reading.tick for reading in readings(twin("back_tick=20@2-"), 4)]
     assert [tick - START for tick in ticks] == [0, 2, -16, -14]
+    assert at("back_tick=-500@1", 1).tick == START + 502
     ticks = [reading.tick for reading in readings(twin("tick_unit@2-"), 4)]
     assert ticks[:2] == [START, START + 2]
     assert ticks[2:] == [(START + 4) * 1000, (START + 6) * 1000]
@@ -316,6 +317,7 @@ def test_reports_of_a_motor(inject, field, value):
 
 def test_a_report_can_be_of_all_motors_or_of_the_first():
     np.testing.assert_array_equal(at("heat=all:60@1", 1).temperature, 60)
+    assert at("joint=thigh:2@1", 1).q[1::3].tolist() == [2] * 4
     assert (at("heat@1", 1).temperature > 60).tolist() == [True] + [False] * 11
 
 

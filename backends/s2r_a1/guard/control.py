@@ -103,7 +103,11 @@ class Connection:
                 raise ControlError(
                     f"the guard has not answered {do!r} for {PATIENCE:g} s; end it and start anew"
                 )
-            self._receive()
+            try:
+                self._receive()
+            except ControlError:
+                if not self._replies:  # the last reply may come with the end
+                    raise
         reply = self._replies.popleft()
         if not reply["ok"]:
             raise RefusedError(reply["error"])

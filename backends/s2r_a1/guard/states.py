@@ -510,12 +510,13 @@ _NEVER = np.zeros(MOTORS, dtype=np.int64)
 def _heard(machine: Machine, inputs: Inputs, limits: Limits) -> Followed:
     """Return what a client has ordered after a round."""
     followed = machine.followed
-    orders, dropped = inputs.orders, inputs.dropped
-    if orders is not None and not limit.acceptable(orders):
-        orders, dropped = None, dropped + 1
-    if orders is not None:
-        within, beyond = limit.clipped(limits, orders)
-        return Followed(within, inputs.now, 0, followed.clipped + beyond, followed.unusable + dropped)
+    dropped = inputs.dropped
+    if inputs.orders is not None:
+        usable = limit.clipped(limits, inputs.orders)
+        if usable:
+            within, beyond = usable
+            return Followed(within, inputs.now, 0, followed.clipped + beyond, followed.unusable + dropped)
+        dropped += 1
     if dropped:
         followed = followed._replace(dropped=followed.dropped + dropped, unusable=followed.unusable + dropped)
     if inputs.reading is not None and inputs.now - machine.memory.fresh >= limits.bridged:

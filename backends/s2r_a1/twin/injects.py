@@ -3,7 +3,8 @@
     KIND[=VALUE][@ROUND[-[ROUND]]]      nan=gyro@100-101    loss=0.01    heat=3:65@500-    silence@200-210
 
 A round is 2 ms; round 0 is that of the first command. ``@100`` is that round alone, ``@100-`` it and all after it,
-no ``@`` every round. A value for one motor may begin with its number 0…11, in the order of the wire, or with ``all``.
+no ``@`` every round. A value for motors may begin with the number of one, 0…11 in the order of the wire, or with
+``hip``, ``thigh``, ``calf`` or ``all``: ``joint=calf:-2.6``.
 """
 
 from __future__ import annotations
@@ -21,6 +22,11 @@ from s2r_spec.errors import UsageError, did_you_mean, one_of
 NUMBERS = ("quaternion", "gyro", "accelerometer", "q", "dq")
 """A definition: the parts of a state that the inject ``nan`` can name."""
 
+GROUPS: dict[str, tuple[int, ...]] = {
+    "all": tuple(range(MOTORS)),
+    **{name: tuple(range(place, MOTORS, 3)) for place, name in enumerate(("hip", "thigh", "calf"))},
+}
+"""A definition: motors that can be named together."""
 REMOTE_OFF = "off"
 """A definition: the value of the inject ``button`` for a remote that is switched off."""
 
@@ -122,10 +128,10 @@ def _part(low: float, high: float) -> Callable[[str], Part]:
 
     def read(text: str) -> Part:
         who, colon, value = text.rpartition(":")
-        if who == "all":
-            return Part(tuple(range(MOTORS)), number(value))
+        if who in GROUPS:
+            return Part(GROUPS[who], number(value))
         if colon and not (who.isascii() and who.isdigit() and int(who) < MOTORS):
-            raise ValueError(f"{who!r} is no motor; write 0…{MOTORS - 1} or all")
+            raise ValueError(f"{who!r} is no motor; write 0…{MOTORS - 1}, or one of {one_of(GROUPS)}")
         return Part((int(who or 0),), number(value))
 
     return read
@@ -162,7 +168,7 @@ KINDS: dict[str, Kind] = {
     "short": Kind(1.0, _probability, "cuts states off, with a probability per packet"),
     "silence": Kind(None, _nothing, "sends no state"),
     "stuck_tick": Kind(None, _nothing, "lets the tick stand still"),
-    "back_tick": Kind(100.0, _number(0, 1e6), "sets the tick back by a number of ms"),
+    "back_tick": Kind(100.0, _number(-1e6, 1e6), "sets the tick back by a number of ms, ahead by a negative one"),
     "tick_unit": Kind("us", _word("ms", "us"), "counts the tick in ms or us from then on"),
     "nan": Kind("q", _word(*NUMBERS), f"makes one of {one_of(NUMBERS)} no number"),
     "quaternion": Kind(2.0, _number(-1e6, 1e6), "multiplies the quaternion by a number"),
