@@ -204,7 +204,9 @@ def status(guard: Guard) -> dict[str, Any]:
         "layout": guard.robot.layout,
         "clock": guard.robot.clock,
         "tick_unit": guard.link.unit if guard.link else None,
-        "unready": states.unready(machine, guard.conditions(), guard.limits),
+        "unready": states.unready(machine, guard.conditions(), guard.limits)
+        if machine.state is State.LINKED
+        else None,
         "rounds": guard.rounds,
         "late": guard.late,
         "counters": counters,

@@ -1,0 +1,246 @@
+"""What the guard judges by: the table, each check, and the vendor's own code."""
+
+from dataclasses import fields
+from typing import get_type_hints
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from s2r_a1.guard import leg, limits, moves
+from s2r_a1.guard.limits import LIMITS, Limits, Seen
+from s2r_a1.remote import packed
+from s2r_a1.wire import Orders
+from s2r_sim.figures import A1, LEGS
+from s2r_sim.gains import Gains
+from s2r_sim.leg_kinematics import foot_motion
+from s2r_sim.rotation import matrix, quaternion
+from tests.a1.guarding import ZERO, at, leaning, reading, walking
+from tests.examples import examples
+
+STANDING = moves.STANDING
+NONE = np.zeros(12, dtype=int)
+
+
+def seen(**changes):
+    good = Seen(
+        reading(STANDING), STANDING, link=0, bad=0, client=0, late=0, power=0, strong=NONE, strained=NONE
+    )
+    own = {name: changes.pop(name) for name in list(changes) if name in Seen._fields}
+    return good._replace(**{"reading": reading(STANDING)._replace(**changes), **own})
+
+
+CHECKS = [check for check in vars(limits).values() if isinstance(check, limits.Check)]
+
+
+@pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.name)
+def test_a_robot_that_stands_is_within_every_limit(check):
+    assert check.find(LIMITS, seen()) is None
+
+
+def test_every_word_is_either_the_robots_or_makes_a_rollout_void():
+    assert {check.word for check in CHECKS} == limits.ROBOT_WORDS | {"link", "client", "operator"}
+    assert not limits.ROBOT_WORDS & limits.VOID_WORDS
+
+
+def test_every_figure_has_a_unit_a_source_and_a_word_on_its_double():
+    hints = get_type_hints(Limits, include_extras=True)
+    for one in fields(Limits):
+        (figure,) = hints[one.name].__metadata__
+        assert all(figure), one.name
+
+
+BROKEN = {
+    "tilt": (limits.TILT, {"quaternion": leaning(0.51)}, {"quaternion": leaning(-0.49)}),
+    "upside down": (limits.TILT, {"quaternion": leaning(3.1)}, {}),
+    "height": (limits.HEIGHT, {"q": np.tile([0.0, 1.17, -2.34], 4)}, {"q": np.tile([0.0, 1.15, -2.3], 4)}),
+    "hip": (limits.JOINT, {"q": at(STANDING, 0, -0.72)}, {"q": at(STANDING, 0, -0.71)}),
+    "thigh": (limits.JOINT, {"q": at(STANDING, 4, 4.11)}, {"q": at(STANDING, 4, 4.1)}),
+    "calf": (limits.JOINT, {"q": at(STANDING, 11, -2.62)}, {"q": at(STANDING, 11, -2.61)}),
+    "deviation": (limits.DEVIATION, {"desired": at(STANDING, 7, 1.4)}, {"desired": at(STANDING, 7, 1.3)}),
+    "no desired pose": (limits.DEVIATION, {"desired": at(STANDING, 7, 1.4)}, {"desired": None}),
+    "torque": (limits.TORQUE, {"strong": at(NONE, 3, 3)}, {"strong": at(NONE, 3, 2)}),
+    "strain": (limits.STRAIN, {"strained": at(NONE, 3, 500)}, {"strained": at(NONE, 3, 499)}),
+    "power": (limits.POWER, {"power": 6}, {"power": 5}),
+    "heat": (limits.HEAT, {"temperature": at(ZERO, 2, 60)}, {"temperature": at(ZERO, 2, 59)}),
+    "warmth": (limits.WARMTH, {"temperature": at(ZERO, 2, 50)}, {"temperature": at(ZERO, 2, 49)}),
+    "mode": (limits.MOTOR, {"mode": at(np.full(12, 10), 5, 8).astype(int)}, {}),
+    "error": (limits.MOTOR, {"error": at(NONE, 5, 4).astype(int)}, {}),
+    "R2": (limits.BUTTON, {"remote": packed(["R2"])}, {"remote": packed(["L2"])}),
+    "L2 + B": (limits.BUTTON, {"remote": packed(["L2", "B"])}, {"remote": packed(["B"])}),
+    "link": (limits.LINK, {"link": 20_000_000}, {"link": 19_999_999}),
+    "absence": (limits.ABSENT, {"link": 1_000_000_000}, {"link": 999_999_999}),
+    "numbers": (limits.NUMBERS, {"bad": 2}, {"bad": 1}),
+    "client": (limits.CLIENT, {"client": 20_000_000}, {"client": 19_999_999}),
+    "guard": (limits.HELD_UP, {"late": 20_000_000}, {"late": 19_999_999}),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("check", "beyond", "within"), BROKEN.values(), ids=BROKEN)
+def test_a_check_finds_what_is_beyond_its_limit_and_nothing_else(check, beyond, within):
+    assert check.find(LIMITS, seen(**within)) is None
+    assert check.find(LIMITS, seen(**beyond))
+
+
+def test_every_check_has_a_case():
+    assert {check.name for check, _, _ in BROKEN.values()} == {check.name for check in CHECKS}
+
+
+@pytest.mark.parametrize(
+    ("check", "changes", "names"),
+    [
+        (limits.HEAT, {"temperature": at(ZERO, 11, 70)}, "RL calf"),
+        (limits.JOINT, {"q": at(STANDING, 3, 0.8)}, "FL hip"),
+        (limits.MOTOR, {"error": at(NONE, 1, 4).astype(int)}, "FR thigh"),
+        (limits.TORQUE, {"strong": at(NONE, 6, 3)}, "RR hip"),
+    ],
+)
+def test_a_sentence_names_the_joint(check, changes, names):
+    assert names in check.find(LIMITS, seen(**changes))
+
+
+POSSIBLE = [{}, {"q": np.tile([0.0, 1.3, -2.8], 4)}, {"dq": np.full(12, -40.0)}, {"gyro": np.full(3, 30.0)}]
+IMPOSSIBLE = [
+    {"quaternion": np.zeros(4)},
+    {"quaternion": np.array([0.9, 0.0, 0.0, 0.0])},
+    {"quaternion": np.full(4, np.nan)},
+    {"gyro": np.array([0.0, 36.0, 0.0])},
+    {"gyro": np.array([0.0, np.nan, 0.0])},
+    {"accelerometer": np.array([0.0, np.inf, 0.0])},
+    {"q": at(STANDING, 2, -3.3)},
+    {"q": at(STANDING, 2, np.nan)},
+    {"q": at(STANDING, 0, 1e30)},
+    {"dq": at(ZERO, 9, -43.0)},
+    {"dq": at(ZERO, 9, np.nan)},
+]
+
+
+def test_readings_that_can_be_are_told_from_those_that_cannot():
+    assert [limits.impossible(LIMITS, reading(STANDING)._replace(**one)) for one in POSSIBLE] == [None] * 4
+    assert all(limits.impossible(LIMITS, reading(STANDING)._replace(**one)) for one in IMPOSSIBLE)
+
+
+def test_orders_within_the_limits_are_not_touched():
+    orders = walking(tau=33.5)
+    assert limits.clipped(LIMITS, orders) == (orders, 0)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "becomes"),
+    [("tau", 100.0, 33.5), ("tau", -100.0, -33.5), ("q", 0.5, -0.916), ("q", -3.0, -2.7), ("kp", 900.0, 100.0),
+     ("kd", 900.0, 10.0)],
+)  # fmt: skip
+def test_orders_beyond_a_limit_are_clipped_and_counted(name, value, becomes):
+    orders = walking()
+    changed, count = limits.clipped(LIMITS, orders._replace(**{name: at(getattr(orders, name), 2, value)}))
+    assert getattr(changed, name)[2] == becomes
+    assert count == 1
+    for other in Orders._fields:
+        np.testing.assert_array_equal(
+            np.delete(getattr(changed, other), 2), np.delete(getattr(orders, other), 2)
+        )
+
+
+def test_the_vendors_stop_values_switch_their_loops_off():
+    orders = walking()._replace(q=np.full(12, 2.146e9), dq=np.full(12, 16000.0), kp=ZERO)
+    changed, count = limits.clipped(LIMITS, orders)
+    assert not changed.kp.any()
+    assert not changed.kd.any()
+    assert count == 12  # the kd that did not act
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("q", np.nan), ("dq", np.inf), ("tau", np.nan), ("kp", -1.0), ("kd", -0.1)]
+)
+def test_orders_that_are_no_numbers_or_push_the_wrong_way_are_not_used(name, value):
+    orders = walking()
+    assert limits.clipped(LIMITS, orders._replace(**{name: at(getattr(orders, name), 2, value)})) is None
+
+
+@settings(max_examples=examples(100), deadline=None)
+@given(st.lists(st.floats(-1e9, 1e9), min_size=60, max_size=60))
+def test_clipped_orders_are_within_every_limit(numbers):
+    orders = Orders(*np.array(numbers).reshape(5, 12))
+    found = limits.clipped(LIMITS, orders)
+    if found is None:
+        assert min(orders.kp.min(), orders.kd.min()) < 0.0
+        return
+    changed, count = found
+    assert limits.clipped(LIMITS, changed) == (changed, 0)
+    assert (count == 0) <= (np.abs(orders.tau) <= 33.5).all()
+
+
+def test_the_lengths_of_legs_are_those_of_the_simulator():
+    own = leg.A1
+    assert (own.hip_x, own.hip_y, own.thigh_y, own.thigh, own.calf, own.foot) == (
+        A1.hip_x, A1.hip_y, A1.thigh_y, A1.thigh_length, A1.calf_length, A1.foot_radius
+    )  # fmt: skip
+    assert [(one.sx, one.sy) for one in LEGS] == list(leg.SIDES)
+    assert Gains().base_height == moves.STAND_HEIGHT
+    assert A1.torque_limit == LIMITS.torque
+    assert A1.speed_limit == LIMITS.speed
+    np.testing.assert_allclose([LIMITS.lowest, LIMITS.highest], np.array(A1.limits).T, atol=0.004)
+
+
+def test_the_height_is_that_of_the_simulators_kinematics():
+    random = np.random.default_rng(0)
+    for _ in range(100):
+        q, rpy = random.uniform(-1.0, 1.0, 12), random.uniform(-0.5, 0.5, 3)
+        world = matrix(*rpy)
+        own = leg.feet(leg.A1, q.tolist())
+        theirs = [
+            foot_motion(A1, one, q[3 * i : 3 * i + 3], ZERO[:3], np.sin, np.cos).position
+            for i, one in enumerate(LEGS)
+        ]
+        np.testing.assert_allclose(own, np.array(theirs, dtype=float), atol=1e-12)
+        lowest = (world @ np.array(theirs, dtype=float).T)[2].min() - A1.foot_radius
+        x, y, z, w = quaternion(*rpy)
+        assert leg.height(leg.A1, q.tolist(), (w, x, y, z)) == pytest.approx(-lowest, abs=1e-12)
+
+
+def test_a_stand_is_as_high_as_it_says():
+    assert leg.height(leg.A1, STANDING.tolist(), [1.0, 0.0, 0.0, 0.0]) == pytest.approx(moves.STAND_HEIGHT)
+
+
+@pytest.fixture(scope="module")
+def vendor():
+    module = pytest.importorskip(
+        "unitree_legged_sdk.robot_interface", reason="the vendor's wheel is for Python 3.11 on x86-64"
+    )
+    return module
+
+
+@pytest.mark.dev
+def test_angles_are_clipped_as_the_vendor_clips_them(vendor):
+    safety, command = vendor.Safety(vendor.LeggedType.A1), vendor.LowCmd()
+    motors = [command.motorCmd[motor] for motor in range(12)]
+    angles = np.random.default_rng(0).uniform(-6.0, 6.0, (10_000, 12))
+    theirs, ours = np.empty_like(angles), np.empty_like(angles)
+    for row, q in enumerate(angles):
+        for motor, angle in zip(motors, q.tolist(), strict=True):
+            motor.q = angle
+        safety.PositionLimit(command)
+        theirs[row] = [motor.q for motor in motors]
+        ours[row] = limits.clipped(LIMITS, walking()._replace(q=q))[0].q
+    np.testing.assert_allclose(ours, theirs, atol=1e-6)
+
+
+@pytest.mark.dev
+@pytest.mark.parametrize("level", [-1, 0, 1, 3, 5, 8, 10, 12])
+def test_power_is_counted_as_the_vendor_counts_it(vendor, level, capfd):
+    own = Limits(power_level=level)
+    state, command = vendor.LowState(), vendor.LowCmd()
+    motors = [state.motorState[motor] for motor in range(12)]
+    random = np.random.default_rng(level + 1)
+    for _ in range(125):
+        safety, count = vendor.Safety(vendor.LeggedType.A1), 0
+        for _ in range(30):
+            dq, tau = random.normal(0.0, 4.0, 12), random.normal(0.0, own.watts / 24.0, 12)
+            for motor, speed, torque in zip(motors, dq.tolist(), tau.tolist(), strict=True):
+                motor.dq, motor.tauEst = speed, torque
+            theirs = safety.PowerProtect(command, state, level) < 0
+            count = limits.powered(own, count, limits.power(reading(dq=dq, tau=tau)))
+            assert theirs == (count >= own.power_rounds)
+            if theirs:
+                break
