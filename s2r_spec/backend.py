@@ -7,7 +7,7 @@ says what it can do before anything runs, and then turns a test into a trace.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from hashlib import sha256
@@ -347,6 +347,15 @@ class Operator(Protocol):
         """
         ...
 
+    def line(self, question: str) -> str:
+        """Return the line that was typed, such as the path of a file.
+
+        Raises:
+            StoppedError: ``q``, the end of input, or Ctrl-C.
+            UsageError: there is no terminal.
+        """
+        ...
+
 
 @dataclass(frozen=True)
 class Coming:
@@ -407,6 +416,30 @@ class KeepsRaw(Protocol):
 
     def keeping(self, folder: str) -> Self:
         """Return the same backend, whose rollouts add files of their own to this folder; none is ever overwritten."""
+        ...
+
+
+@dataclass(frozen=True)
+class Needs:
+    """What a specification asks of a backend.
+
+    Attributes:
+        channels: that the requirement reads, in the units of the spec.
+        parameters: of a test, in the units of the spec; one that the spec fixes has its value as both ends.
+        score: ρ of a trace and its test, as a search computes it; an S2RError says why there is none.
+    """
+
+    channels: tuple[Channel, ...]
+    parameters: tuple[Parameter, ...]
+    score: Callable[[Trace, Mapping[str, float]], float]
+
+
+@runtime_checkable
+class NeedsSpec(Protocol):
+    """A backend without channels and parameters of its own: it records whatever a specification asks for."""
+
+    def for_spec(self, needs: Needs) -> Self:
+        """Return the same backend with these channels and parameters; opens nothing."""
         ...
 
 

@@ -78,6 +78,10 @@ Columns = Annotated[
 ]
 
 
+READ = ("log:", "manual:")
+"""Definition: how the names of backends begin that read logs."""
+
+
 def missing(nan: str | None) -> Literal["error", "hold"]:
     """Return what a missing sample means: "error" or "hold".
 
@@ -102,11 +106,13 @@ def logs(names: Sequence[str], nan: str | None, unit: str | None, columns: Seque
     words = [] if nan is None else [f"nan={missing(nan)}"]
     words += [] if unit is None else [f"time-unit={quote(unit)}"]
     words += [f"map={quote(text, safe='=[]+/:.')}" for text in columns or ()]
-    if words and not any(name.startswith("log:") for name in names):
-        raise UsageError("--nan, --time-unit and --map are for recorded traces, and no log:FOLDER is given")
+    if words and not any(name.startswith(READ) for name in names):
+        raise UsageError(
+            "--nan, --time-unit and --map are for recorded traces, and no log:FOLDER or manual:FOLDER is given"
+        )
     if not words:
         return list(names)
     return [
-        f"{name}{'&' if '?' in name else '?'}{'&'.join(words)}" if name.startswith("log:") else name
+        f"{name}{'&' if '?' in name else '?'}{'&'.join(words)}" if name.startswith(READ) else name
         for name in names
     ]

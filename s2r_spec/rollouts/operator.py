@@ -70,6 +70,16 @@ class Terminal:
             self.say(f"Type one of these: {', '.join(key or 'Enter' for key in offered)}.")
         return typed
 
+    def line(self, question: str) -> str:
+        """Return the line that was typed, without spaces around it.
+
+        Raises:
+            StoppedError: ``q``, the end of input, or Ctrl-C.
+            UsageError: there is no terminal.
+        """
+        refuse_nobody(self)
+        return self._line(question)
+
     def _shown(self, question: str) -> None:
         """Show a question.
 

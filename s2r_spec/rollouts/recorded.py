@@ -19,24 +19,19 @@ import math
 import re
 import warnings
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from urllib.parse import unquote
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec import logs
 from s2r_spec.backend import Backend, Channel, Parameter, Recording
 from s2r_spec.errors import TraceError, TraceNote, UsageError, one_of, shortened
 from s2r_spec.logs.interpret import Loaded
-from s2r_spec.logs.mapping import read_map
 from s2r_spec.logs.table import regular
-from s2r_spec.logs.times import unit_of_option
+from s2r_spec.rollouts.reading import Reading
 from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
-
-FloatArray = NDArray[np.float64]
 
 TABLE = "rollouts.csv"
 _ID, _SEED = "id", "seed"
@@ -76,12 +71,12 @@ class LogBackend:
     def __init__(self, folder: str = "") -> None:
         if not folder:
             raise UsageError("the log backend needs a folder: --backend log:FOLDER")
-        reading = _Reading.of(folder)
+        reading = Reading.of("log", folder)
         root = reading.folder
         units, rows = _table(root / TABLE)
         files = _files(root, rows)
         self.name = f"log:{folder}"
-        loaded = {row.id: reading.load(files[row.id]) for row in rows}
+        loaded = _completed({row.id: reading.load(files[row.id]) for row in rows})
         self.lacking = _lacking([(str(files[row.id]), loaded[row.id]) for row in rows])
         self.recordings = tuple(
             Recording(
@@ -99,10 +94,10 @@ class LogBackend:
             for values in [[recording.params[name] for recording in self.recordings]]
         )
         self.duration = max(recording.trace.duration for recording in self.recordings)
-        digest = hashlib.sha256(reading.words.encode())
+        content = hashlib.sha256(reading.words.encode())
         for path in (root / TABLE, *sorted(files.values())):
-            digest.update(f"{path.name}\0{path.stat().st_size}\0".encode() + path.read_bytes())
-        self.model_hash = digest.hexdigest()
+            content.update(f"{path.name}\0{path.stat().st_size}\0".encode() + path.read_bytes())
+        self.model_hash = content.hexdigest()
 
     def recorded(self) -> list[tuple[dict[str, float], Trace]]:
         """Return (parameters, trace) of every recording, in the order of ``rollouts.csv``."""
@@ -123,69 +118,28 @@ class LogBackend:
         return fitting[seed % len(fitting)].trace
 
 
-@dataclass(frozen=True)
-class _Reading:
-    """How the traces of a folder are read.
+def _completed(loaded: Mapping[str, Loaded]) -> dict[str, Loaded]:
+    """Return what was read, with what stands for a failed rollout without a log like the first recording.
 
-    Args:
-        folder: where they are.
-        words: what follows the ``?``, "" for none.
-        columns: channel or ``t`` → what the files call it.
-        time_unit: of times that are plain numbers; None if not stated.
-        hold: whether a missing sample is the one before it.
+    It has no number, so that no channel is left out because it lacks it.
     """
-
-    folder: Path
-    words: str
-    columns: Mapping[str, str]
-    time_unit: str | None
-    hold: bool
-
-    @classmethod
-    def of(cls, text: str) -> _Reading:
-        """Return what a text such as ``night?nan=hold`` means.
-
-        Raises:
-            UsageError: a word after the ``?`` is not known.
-        """
-        name, mark, words = text.partition("?")
-        if not mark or Path(text).is_dir():
-            return cls(Path(text), "", {}, None, False)
-        found: dict[str, list[str]] = {"nan": [], "time-unit": [], "map": []}
-        for word in filter(None, words.split("&")):
-            key, _, value = word.partition("=")
-            if key not in found:
-                raise UsageError(
-                    f"log:{text}: after the ? are nan=hold, time-unit=UNIT and map=NAME=COLUMN, not {word!r}"
-                )
-            found[key].append(unquote(value))
-        if not set(found["nan"]) <= {"hold", "error"} or len(set(found["nan"])) > 1:
-            raise UsageError(f"log:{text}: nan is error or hold, not {' and '.join(found['nan'])}")
-        if len(set(found["time-unit"])) > 1:
-            raise UsageError(
-                f"log:{text}: the unit of the times is given as {' and '.join(found['time-unit'])}"
+    first = next((one.trace for one in loaded.values() if not _stands_in(one.trace)), None)
+    if first is None:
+        return dict(loaded)
+    found = {}
+    for name, one in loaded.items():
+        if _stands_in(one.trace):
+            count = len(one.trace)
+            nothing = {key: np.full((count, *v.shape[1:]), np.nan) for key, v in first.channels.items()}
+            one = replace(
+                one, trace=Trace(one.trace.times, nothing, first.units, one.trace.meta), left_out={}
             )
-        unit = unit_of_option(found["time-unit"][0]) if found["time-unit"] else None
-        return cls(Path(name), words, read_map(found["map"]), unit, "hold" in found["nan"])
-
-    def load(self, path: Path) -> Loaded:
-        """Return all that a file holds; numbered columns are vectors, too, as no spec says what is meant."""
-        return logs.load(path, self.columns, time_unit=self.time_unit, gather=True)
-
-    def held(self, trace: Trace) -> Trace:
-        """Return the trace with each missing sample replaced by the one before, if that is how it is read."""
-        gaps = any(np.isnan(values).any() for values in trace.channels.values())
-        if not (self.hold and gaps):
-            return trace
-        channels = {name: _last_known(values) for name, values in trace.channels.items()}
-        return Trace(trace.times, channels, trace.units, trace.meta)
+        found[name] = one
+    return found
 
 
-def _last_known(values: FloatArray) -> FloatArray:
-    """Return (n,) or (n, k) with each NaN replaced by the sample before it; the first cannot be."""
-    samples = np.arange(len(values)).reshape(-1, *(1,) * (values.ndim - 1))
-    known = np.maximum.accumulate(np.where(np.isnan(values), 0, samples), axis=0)
-    return np.take_along_axis(values, known, axis=0)
+def _stands_in(trace: Trace) -> bool:
+    return trace.failure is not None and digest(trace) is None
 
 
 def _lacking(loaded: Sequence[tuple[str, Loaded]]) -> dict[str, str]:
@@ -347,7 +301,8 @@ def _files(root: Path, rows: Sequence[_Row]) -> dict[str, Path]:
     """Return id → file; each row has one, and each file its row."""
     found: dict[str, list[Path]] = {}
     for path in sorted(root.iterdir()):
-        if path.suffix.lower() in logs.FORMATS and path.name != TABLE:
+        # A hidden file is one that somebody is writing, or was when the machine went down.
+        if path.suffix.lower() in logs.FORMATS and path.name != TABLE and not path.name.startswith("."):
             found.setdefault(path.stem, []).append(path)
     for row in rows:
         paths = found.get(row.id, [])
@@ -364,14 +319,26 @@ def _files(root: Path, rows: Sequence[_Row]) -> dict[str, Path]:
     return {row.id: found[row.id][0] for row in rows}
 
 
+def digest(trace: Trace) -> bytes | None:
+    """Return what two recordings share if they are one, sample for sample; None of one without a single number.
+
+    A rollout that failed may have no log: what stands for it has no number, and is a copy of nothing.
+    """
+    if not any(np.isfinite(values).any() for values in trace.channels.values()):
+        return None
+    found = hashlib.sha256(trace.times.tobytes())
+    for name, values in sorted(trace.channels.items()):
+        # One NaN has many forms, and a file need not keep which it was.
+        found.update(name.encode() + np.where(np.isnan(values), np.nan, values).tobytes())
+    return found.digest()
+
+
 def _refuse_copies(recordings: Sequence[Recording]) -> None:
     """A certificate must never count one recording twice, under whatever name."""
     seen: dict[bytes, str] = {}
     for recording in recordings:
-        digest = hashlib.sha256(recording.trace.times.tobytes())
-        for name, values in sorted(recording.trace.channels.items()):
-            digest.update(name.encode() + values.tobytes())
-        before = seen.setdefault(digest.digest(), recording.source)
+        found = digest(recording.trace)
+        before = recording.source if found is None else seen.setdefault(found, recording.source)
         if before != recording.source:
             raise LogError(
                 f"{recording.source} is the same recording as {before}, sample for sample; it counts only once"

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Self
 
-from s2r_spec.backend import Backend
+from s2r_spec.backend import Backend, Channel, Needs, NeedsSpec, Parameter
 from s2r_spec.errors import BackendError, S2RError, UsageError
 from s2r_spec.rollouts.match import match
 from s2r_spec.rollouts.runner import Done, Task, open_backend
@@ -63,11 +63,14 @@ class Rig:
                 f"{spec.name} declares no ρ for a rollout that falls; "
                 f"write for example  certify {requirement}: fall = -1"
             )
-        matched = match(spec, requirement, backend)
 
         def robustness(trace: Trace, point: Mapping[str, float]) -> float:
             return spec.robustness(trace, params=point, only=requirement)[requirement]
 
+        if isinstance(backend, NeedsSpec):
+            backend = backend.for_spec(needs_of(spec, requirement, robustness))
+            assert isinstance(backend, Backend)
+        matched = match(spec, requirement, backend)
         return cls(name, backend, robustness, settings.fall, matched.to_backend, matched.channels)
 
     def task(self, query: int, replicate: int, point: Mapping[str, float], seed: int) -> Task:
@@ -106,6 +109,23 @@ class Rig:
         except Exception as error:
             raise BackendError(f"its measure raised {type(error).__name__}: {error}") from error
         return _number(value), None
+
+
+def needs_of(spec: Spec, requirement: str, measure: Measure) -> Needs:
+    """Return what a requirement asks of a backend, in the units of the spec."""
+    signals = [spec.signals[name] for name in spec.channels(requirement)]
+    parameters = []
+    for name, param in spec.params.items():
+        ends = param.range if param.searched else None
+        if ends is None and param.default is not None:
+            ends = param.default, param.default
+        if ends is not None:
+            parameters.append(Parameter(name, param.unit, *ends, ends[0], "as the spec declares it"))
+    return Needs(
+        tuple(Channel(one.name, one.unit, "as the spec reads it", one.dim) for one in signals),
+        tuple(parameters),
+        measure,
+    )
 
 
 def _number(value: object) -> float:

@@ -45,4 +45,4 @@ def test_how_logs_are_read_can_be_said(s2r):
     done = s2r(*asked, "--nan", "hold", "--run", "r", code=0)
     assert "'mode' is left out" in done.stderr
     s2r("report", "r", code=0)
-    assert "no log:FOLDER is given" in s2r("check", spec, "-b", "toy", "--nan", "hold", code=2).stderr
+    assert "no log:FOLDER or manual:FOLDER is given" in s2r("check", spec, "-b", "toy", "--nan", "hold", code=2).stderr
