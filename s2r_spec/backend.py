@@ -411,6 +411,15 @@ class HasAttendance(Protocol):
 
 
 @runtime_checkable
+class Prepares(Protocol):
+    """A machine whose worker has something to do before it can run a rollout at once: to compile, to read a file."""
+
+    def prepare(self) -> None:
+        """Get this process ready: in the worker, before the operator is asked; called before every rollout."""
+        ...
+
+
+@runtime_checkable
 class KeepsRaw(Protocol):
     """A backend that records more than its traces."""
 

@@ -161,7 +161,7 @@ class Attendance:
         try:
             if self._state() in MOVING:
                 self._guard.request("lie")
-                self._wait_until_it_lies()
+            self._wait_until_it_lies()
         finally:
             self._guard.close()
             self._guard = None
@@ -231,7 +231,7 @@ class Attendance:
         return str(self._guard.request("status")["state"])
 
     def _wait_until_it_lies(self) -> None:
-        """Wait until a robot that was asked to lie down does.
+        """Wait until a robot that was asked to lie down does, or is damped.
 
         Raises:
             BackendError: it takes too long.

@@ -134,7 +134,9 @@ class A1Backend:
     def robot(self) -> Robot:
         """What the guard must know to reach the robot."""
         reached = self.reached
-        return Robot(reached.host, reached.port, clock=reached.clock, local=reached.local)
+        return Robot(
+            reached.host, reached.port, clock=reached.clock, local=reached.local, module=reached.module
+        )
 
     def with_duration(self, seconds: float) -> Self:
         """Return the same backend with rollouts of this length, rounded up to a whole control tick."""

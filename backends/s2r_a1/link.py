@@ -62,6 +62,9 @@ class Link(Protocol):
     def forget(self) -> None:
         """Take the next state for new and measure the unit again, as after the robot was switched off and on."""
 
+    def fileno(self) -> int | None:
+        """Return what ``select`` waits for; None where only a read tells whether a state came."""
+
     def close(self) -> None:
         """Free what the link holds."""
 

@@ -15,7 +15,7 @@ Word = TypeVar("Word", bound=str)
 
 PORT = 8007
 """A definition: the UDP port of an A1's motion controller."""
-NAMES = ("host", "port", "velocity", "body", "heading", "operator", "layout", "clock", "local")
+NAMES = ("host", "port", "velocity", "body", "heading", "operator", "layout", "clock", "local", "module")
 _EXAMPLE = "a1:host=192.168.123.10,velocity=onboard"
 
 
@@ -32,6 +32,7 @@ class Options:
         operator: who answers: a person at the terminal, or nobody.
         clock: real time, or lock step with a twin.
         local: UDP port on this machine from which the robot is spoken to; 0 takes any.
+        module: the vendor's Python module to speak through; empty for the wire of our own.
     """
 
     host: str
@@ -42,6 +43,7 @@ class Options:
     operator: Operating = "tty"
     clock: Clock = "real"
     local: int = 0
+    module: str = ""
 
     @property
     def is_twin(self) -> bool:
@@ -88,8 +90,11 @@ def read_options(text: str) -> Options:
         operator=_one_of("operator", said.get("operator", "tty"), get_args(Operating)),
         clock=_one_of("clock", said.get("clock", "real"), get_args(Clock)),
         local=_port("local", said["local"]) if "local" in said else 0,
+        module=_module(said["module"]) if "module" in said else "",
     )
     _one_of("layout", said.get("layout", "a1"), ("a1",))
+    if options.module and options.clock == "lockstep":
+        raise UsageError("the vendor's module knows no lock step: leave out module or clock=lockstep")
     for name, value in (("operator", "auto"), ("clock", "lockstep")):
         if getattr(options, name) == value and not options.is_twin:
             raise UsageError(
@@ -101,7 +106,9 @@ def read_options(text: str) -> Options:
 def write_options(options: Options) -> str:
     """Return the text that :func:`read_options` would read this from; what is at its default is left out."""
     words = {"host": options.host, "port": options.port, "velocity": options.velocity}
-    words |= {name: getattr(options, name) for name in ("body", "heading", "operator", "clock", "local")}
+    words |= {
+        name: getattr(options, name) for name in ("body", "heading", "operator", "clock", "local", "module")
+    }
     nominal = {"port": PORT, "body": None, "heading": None, "operator": "tty", "clock": "real", "local": 0}
     return ",".join(f"{name}={value}" for name, value in words.items() if value != nominal.get(name, ""))
 
@@ -134,6 +141,12 @@ def _port(name: str, value: str) -> int:
     if not (value.isascii() and value.isdigit() and 1 <= int(value) <= 65535):
         raise UsageError(f"{name} = {value!r} is no UDP port; it must be a whole number from 1 to 65535")
     return int(value)
+
+
+def _module(value: str) -> str:
+    if not all(part.isidentifier() for part in value.split(".")):
+        raise UsageError(f"module = {value!r} is no name of a Python module, such as robot_interface")
+    return value
 
 
 def _mocap(value: str) -> int | None:

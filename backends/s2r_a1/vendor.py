@@ -35,7 +35,6 @@ from s2r_a1.wire import (
     unpack,
     unpack_orders,
 )
-from s2r_spec.errors import UsageError
 
 COMPILED_IN: Address = ("192.168.123.10", 8007)
 """A definition: the only robot that binding A speaks to; its address is compiled in."""
@@ -112,6 +111,8 @@ class BindingB:
 class VendorLink:
     """A :class:`s2r_a1.link.Link` over the vendor's module, in real time.
 
+    What the module raises is silence, or a command that was not sent: whoever holds the link must outlive it.
+
     Attributes:
         counters: what happened since the link was opened.
         packet: the state that the last read came to its answer by, packed from the module's numbers.
@@ -153,12 +154,20 @@ class VendorLink:
             WireError: a number does not fit its field; nothing is sent.
         """
         data = pack(orders, self._layout)
-        self._opened().write(unpack_orders(data, self._layout))
+        driver = self._opened()
+        try:
+            driver.write(unpack_orders(data, self._layout))
+        except Exception:
+            self.counters.unsent += 1
+            return
         if self.tap:
             self.tap(TO_ROBOT, data)
 
     def skip(self) -> None:
         """Send nothing: silence needs no packet in real time."""
+
+    def fileno(self) -> None:
+        """Return None: the module's socket is its own, and it must be asked."""
 
     def forget(self) -> None:
         """Take the next state for new and measure the unit again, as after the robot was switched off and on."""
@@ -174,12 +183,16 @@ class VendorLink:
         return self._driver
 
     def _fresh(self) -> Reading | None:
-        state = self._opened().read()
-        if not any(state.imu.quaternion):  # nothing came yet: the module's state is all zero
+        driver = self._opened()
+        try:
+            state = driver.read()
+            if not any(state.imu.quaternion):  # nothing came yet: the module's state is all zero
+                return None
+            given = _reading(state)
+        except Exception:
             return None
         self.counters.received += 1
         try:
-            given = _reading(state)
             if not np.isfinite(given.tau).all():  # an integer on the wire, which would hide it
                 raise WireError("number", "a torque is not finite")
             self.packet = pack_reading(given, self._layout)
@@ -209,16 +222,15 @@ def opened(
         clock: time [s], against which the robot's ticks are measured.
 
     Raises:
-        UsageError: there is no such module, or it has neither of the two shapes.
-        LinkError: it is not for this robot.
+        LinkError: there is no such module, it has neither of the two shapes, or it is not for this robot.
     """
     try:
         module = import_module(name)
-    except ImportError as error:
-        raise UsageError(f"the vendor's module {name!r} cannot be imported: {error}; leave it out") from None
+    except Exception as error:  # others' code may raise anything
+        raise LinkError(f"the vendor's module {name!r} cannot be imported: {error}; leave it out") from None
     binding_a = hasattr(module, "RobotInterface")
     if not binding_a and not all(hasattr(module, part) for part in ("UDP", "LowCmd", "LowState")):
-        raise UsageError(
+        raise LinkError(
             f"the module {name!r} has neither RobotInterface nor UDP, LowCmd and LowState; "
             "name the vendor's module, or leave it out"
         )
@@ -227,8 +239,14 @@ def opened(
             f"the module {name!r} is not the {layout.name}'s, by the fields of its states; "
             "name the module of this robot, or leave it out"
         )
-    driver = BindingA(module, peer) if binding_a else BindingB(module, layout, peer, port or _free_port())
-    return VendorLink(driver, layout, clock)
+    try:
+        if binding_a:
+            return VendorLink(BindingA(module, peer), layout, clock)
+        return VendorLink(BindingB(module, layout, peer, port or _free_port()), layout, clock)
+    except LinkError:
+        raise
+    except Exception as error:
+        raise LinkError(f"the module {name!r} cannot be opened: {error}; leave it out") from None
 
 
 def _free_port() -> int:

@@ -72,7 +72,7 @@ class Walked:
     """What a walk left behind.
 
     Attributes:
-        notes: at every reading, from the first tick of trotting in place on.
+        notes: at every reading, from the first tick of trotting in place on, up to a stop that was asked for.
         ending: what ended it early; None where it went as planned.
     """
 
@@ -156,7 +156,8 @@ def _walk(line: Line, pilot: Pilot, schedule: Schedule, reading: Reading) -> tup
                 stopped = line.wanted
                 pilot.stop()
             note = pilot.step(newest)
-            notes.append(note)
+            if not stopped:  # what comes after is no longer of the test
+                notes.append(note)
             if pilot.is_done(note):
                 return notes, _halted(line) or stopped
             ordered = orders(note)

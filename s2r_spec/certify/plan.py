@@ -105,7 +105,15 @@ def plan(
         nonlocal done
         rng = np.random.default_rng([seed, run])
         search = Search(
-            space, kernel=kernel, B=B, R=proxy, delta=delta, epsilon=target, mode=mode, seed=run, budget=budget
+            space,
+            kernel=kernel,
+            B=B,
+            R=proxy,
+            delta=delta,
+            epsilon=target,
+            mode=mode,
+            seed=run,
+            budget=budget,
         )
         centres = rng.uniform(space.lower, space.upper, (SECTIONS, space.dim))
         weights = rng.normal(size=SECTIONS)

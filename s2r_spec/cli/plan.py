@@ -129,7 +129,9 @@ def plan(
         for rollouts, width in result.reachable:
             say(f"  with {rollouts} rollouts: ε = {width:.3g}")
         for rollouts, width in result.gaps:
-            say(f"  {time} of {backend} ({rollouts} rollouts of {seconds:.3g} s): ε = {width:.3g} for the gap")
+            say(
+                f"  {time} of {backend} ({rollouts} rollouts of {seconds:.3g} s): ε = {width:.3g} for the gap"
+            )
         if noise is not None:
             _print_pilot(noise, as_json=False)
 

@@ -2,6 +2,9 @@
 
     begin ─ before ─ rollout ─ after ─ before ─ rollout ─ after ─ … ─ end
 
+The worker is made ready before each ``before``, so that between the operator's word and the machine's motion there is
+nothing to wait for.
+
 A rollout is never run again by itself. What ended it decides what is recorded:
 
     the robot (``trace.failure``), or nothing      an outcome, like any simulator's
@@ -45,7 +48,7 @@ from s2r_spec.rollouts.journal import Journal
 from s2r_spec.rollouts.layout import run_of
 from s2r_spec.rollouts.operator import Terminal, refuse_nobody
 from s2r_spec.rollouts.pools import ProcessPool
-from s2r_spec.rollouts.runner import Done, Runner, Task, run_task
+from s2r_spec.rollouts.runner import Done, Runner, Task, prepare, run_task
 from s2r_spec.trace import Trace
 
 ERROR = "error"
@@ -184,8 +187,9 @@ class Attending:
         ``void`` counts the attempts before that came to nothing.
         """
         with self._resumable():
-            self._begin()
+            pool = self._begun()
             try:
+                self._ready(pool, task)
                 self._attended.before(task.params)
             except NotBegunError as error:
                 self._ask(f"Rollout {_name(task)} did not begin: {error}.", error)
@@ -215,15 +219,15 @@ class Attending:
             elif not outcome:
                 words = f"Rollout {_name(task)} is void ({ended.word}): {ended.reason}."
                 too_often = BackendError(
-                    f"{void + 1} attempts at rollout {_name(task)} came to nothing; {words} {self._resume()}"
+                    f"{void + 1} attempts at rollout {_name(task)} came to nothing, the last by: {ended.reason}"
                 )
                 self._ask(words, too_often if void + 1 >= MOST_VOID_IN_A_ROW else None)
         return outcome
 
-    def _begin(self) -> None:
-        """Get ready for the first rollout: the operator's consent, and a worker that works."""
+    def _begun(self) -> ProcessPool:
+        """Return the worker; before the first rollout it is started, and the operator's consent asked for."""
         if self._pool is not None:
-            return
+            return self._pool
         pool = ProcessPool(1)
         try:
             pool.submit(os.getpid).result()
@@ -232,6 +236,20 @@ class Attending:
             raise BackendError("the worker process cannot start: what it printed above says why") from error
         self._pool = pool
         self._attended.begin(self._coming)
+        return pool
+
+    def _ready(self, pool: ProcessPool, task: Task) -> None:
+        """Let the worker open the machine's backend: what takes long is done before anything moves.
+
+        Raises:
+            NotBegunError: it cannot.
+        """
+        try:
+            pool.submit(prepare, task).result()
+        except BrokenExecutor:
+            raise NotBegunError("the worker process ended while it got ready") from None
+        except TimeLimitError as error:
+            raise NotBegunError(f"the worker was not ready within {error.args[0]:g} s") from None
 
     def _ask(self, words: str, alone: S2RError | None) -> None:
         """Ask whether the same test runs again.
@@ -245,7 +263,7 @@ class Attending:
             return
         self._operator.say(words)
         if alone is not None:
-            raise alone
+            raise type(alone)(f"{alone}; {self._resume()}")
 
     def _ended(self, task: Task, begun: Begun, interrupts: _Interrupts) -> _Ended:
         """Hand a rollout to the worker, and return what came of it."""

@@ -21,7 +21,7 @@ Measure = Callable[[Trace, Mapping[str, float]], float]
 def default_timeout(backend: Backend) -> float:
     """Return how long a rollout may take [s] when nobody says: a program far more than it declares.
 
-    What does not repeat for the same seed may be a robot, which waits for people as long as they take.
+    What does not repeat for the same seed may wait for people, as long as they take.
     """
     return 60.0 + 100.0 * backend.cost if backend.deterministic else math.inf
 

@@ -25,6 +25,7 @@ from s2r_spec.backend import (
     Backend,
     HasDuration,
     KeepsRaw,
+    Prepares,
     is_exclusive,
     load_backend,
     refuse_unknown,
@@ -133,6 +134,19 @@ def run_task(task: Task) -> tuple[Trace, float]:
                 f"{suggest(name, trace.channels)} it recorded {one_of(trace.channels)}"
             )
     return trace.only(task.channels), seconds
+
+
+def prepare(task: Task) -> None:
+    """Open a task's backend in this process, and let it get ready.
+
+    Raises:
+        NotBegunError: it cannot.
+    """
+    limit(task.timeout + OPENING)
+    with _said_of(task, NotBegunError):
+        backend = _open(task)
+        if isinstance(backend, Prepares):
+            backend.prepare()
 
 
 def _where(task: Task) -> str:

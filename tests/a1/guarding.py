@@ -50,10 +50,10 @@ def walking(tau=0.0):
 class Rounds:
     """A machine that is taken through rounds; the robot goes where its orders want it."""
 
-    def __init__(self, machine=None):
+    def __init__(self, machine=None, orders=None, q=LYING):
         self.machine = machine or Machine()
-        self.orders = None
-        self.q = LYING
+        self.orders = orders
+        self.q = q
 
     @property
     def state(self):

@@ -16,6 +16,7 @@ TWIN = "host=127.0.0.1,velocity=onboard"
         "host=192.168.123.10,velocity=onboard",
         "host=127.0.0.1,port=9000,velocity=mocap:9100,body=0.1:0:0.05,heading=90",
         f"{TWIN},operator=auto,clock=lockstep,local=8080",
+        "host=192.168.123.10,velocity=onboard,module=lab.robot_interface",
     ],
 )
 def test_options_are_written_as_they_are_read(text):
@@ -38,6 +39,8 @@ def test_options_are_written_as_they_are_read(text):
         (f"{TWIN},operator=robot", ["operator", "auto", "tty"]),
         (f"{TWIN},clock=slow", ["clock", "lockstep", "real"]),
         (f"{TWIN},layout=go1", ["Go1"]),
+        (f"{TWIN},module=robot-interface", ["module", "'robot-interface'"]),
+        (f"{TWIN},module=robot_interface,clock=lockstep", ["module", "lockstep"]),
         (f"{TWIN},layout=b1", ["layout", "a1"]),
         (f"{TWIN},body=0:0:0", ["body", "mocap:PORT"]),
         ("host=127.0.0.1,velocity=mocap:9000,body=0:0", ["body=0.1:0:0.05"]),

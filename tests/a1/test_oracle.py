@@ -4,16 +4,23 @@ The package speaks the Go1's wire, with the A1's motor blocks, scales and checks
 knows the A1's limits. It returns −1 where the A1's library ends the process, so it can be asked here.
 """
 
+import os
+import select
 import struct
+import threading
+import time
 
 import numpy as np
 import pytest
 
 from s2r_a1.datagrams import RealTimeSocket
 from s2r_a1.guard.limits import JOINT, LIMITS, Limits, Seen, clipped, powered
+from s2r_a1.guard.place import Robot, hold, place
+from s2r_a1.guard.start import start
 from s2r_a1.link import RobotSide
 from s2r_a1.vendor import opened
 from s2r_a1.wire import CLOSED_LOOP, GO1, POSITION_OFF, Orders, Reading, checksum, pack_reading, unpack
+from tests.processes import until
 
 sdk = pytest.importorskip(
     "unitree_legged_sdk.robot_interface",
@@ -129,8 +136,8 @@ def test_both_refuse_the_same_damaged_states(robot, udp, rng):
     taken(udp, state)
     assert state.tick == 1
     other = pack_reading(some_reading(rng, 2), GO1)
-    for place in rng.choice(len(good), 60, replace=False):
-        damaged = other[:place] + bytes([other[place] ^ 4]) + other[place + 1 :]
+    for byte in rng.choice(len(good), 60, replace=False):
+        damaged = other[:byte] + bytes([other[byte] ^ 4]) + other[byte + 1 :]
         robot.send(damaged)
         answer = taken(udp, state)
         try:
@@ -164,6 +171,58 @@ def test_our_link_drives_the_vendor_s_module(robot, rng):
         assert link.fault == "repeated"
     assert robot.counters.corrupt == 0
     link.close()
+
+
+@pytest.fixture
+def guarded(robot, tmp_path, monkeypatch):
+    """An operator's connection to a guard that speaks through the vendor's module; it ends with the test."""
+    monkeypatch.setenv("S2R_A1_RUN", str(tmp_path / "run"))
+    where = Robot(HERE, robot.local, layout="go1", local=robot.peer, module=NAME)
+    connection, _ = start(where)
+    yield connection
+    connection.request("stop")
+    connection.close()
+    until(lambda: free(place(HERE, robot.local)))
+
+
+def free(where):
+    """Return whether no process holds a robot's lock."""
+    held = hold(where)
+    if held is not None:
+        os.close(held)
+    return held is not None
+
+
+@pytest.fixture
+def answering(robot, rng):
+    """A robot that answers every command with a state, 2 ms later by its own clock; yields what it was sent."""
+    got, ended = [], threading.Event()
+    still = some_reading(rng, 0)._replace(
+        quaternion=np.array([1.0, 0, 0, 0]), q=np.tile([0, 1.3, -2.7], 4), dq=np.zeros(12)
+    )
+
+    def answer():
+        begun = time.monotonic()
+        while not ended.is_set():
+            if select.select([robot], [], [], 0.05)[0] and (orders := robot.read()):
+                got.append(orders)
+                robot.send(pack_reading(still._replace(tick=round((time.monotonic() - begun) * 1e3)), GO1))
+
+    thread = threading.Thread(target=answer)
+    thread.start()
+    yield got
+    ended.set()
+    thread.join()
+
+
+def test_a_guard_drives_a_robot_through_the_vendor_s_module(guarded, answering):
+    assert guarded.request("status")["state"] == "OFF"
+    assert not answering  # nothing is sent before the operator's first consent
+    status = guarded.request("connect")
+    assert (status["state"], status["tick_unit"]) == ("LINKED", "ms")
+    assert status["counters"]["received"] > 100
+    assert len(answering) > 100
+    assert not any(np.any([orders.kp, orders.kd, orders.tau]) for orders in answering)
 
 
 def test_a_bit_of_every_word_counts_in_the_checksum(rng):
@@ -212,14 +271,14 @@ def test_the_count_of_power_is_the_vendor_s(rng):
             speeds = rng.choice([0.5, 1, 2, 4], 12)
             for motor, dq, tau in zip(motors, signs[0] * speeds, signs[1] * shares / speeds, strict=True):
                 motor.dq, motor.tauEst = float(dq), float(tau)
-            for place, (limits, safety) in enumerate(zip(tables, safeties, strict=True)):
-                counts[place] = powered(limits, counts[place], float(watts))
-                trips = counts[place] >= limits.power_rounds
+            for level, (limits, safety) in enumerate(zip(tables, safeties, strict=True)):
+                counts[level] = powered(limits, counts[level], float(watts))
+                trips = counts[level] >= limits.power_rounds
                 assert (safety.PowerProtect(command, state, limits.power_level) < 0) == trips
                 if trips:  # where the A1's library ends the process
-                    tripped[place] += 1
-                    counts[place] = 0
-                    safeties[place] = sdk.Safety(sdk.LeggedType.A1)
+                    tripped[level] += 1
+                    counts[level] = 0
+                    safeties[level] = sdk.Safety(sdk.LeggedType.A1)
     assert tripped.min() > 20, tripped
 
 

@@ -11,7 +11,6 @@ from s2r_a1.datagrams import FROM_ROBOT, TO_ROBOT, LinkError
 from s2r_a1.remote import packed, stop
 from s2r_a1.vendor import COMPILED_IN, opened
 from s2r_a1.wire import A1, GO1, Orders, WireError, pack, unpack
-from s2r_spec.errors import UsageError
 
 PEER = ("127.0.0.1", 8007)
 
@@ -111,7 +110,7 @@ def udp_module(robots, *, go1=False, lengths=False):
 
 
 def unused(*_):
-    raise AssertionError("the vendor's Safety must never be touched: it ends the process")
+    raise AssertionError("this must not be called")
 
 
 SHAPES = {
@@ -256,7 +255,26 @@ def test_binding_a_is_refused_for_another_address_than_its_own(installed):
 
 
 def test_a_module_that_is_not_there_or_not_the_vendor_s_is_refused():
-    with pytest.raises(UsageError, match="no_such_module"):
+    with pytest.raises(LinkError, match="no_such_module"):
         opened("no_such_module", A1, PEER)
-    with pytest.raises(UsageError, match="'json'"):
+    with pytest.raises(LinkError, match="'json'"):
         opened("json", A1, PEER)
+
+
+def test_a_module_that_raises_is_silence_and_commands_that_were_not_sent(vendor, monkeypatch):
+    for name in ("receive_observation", "GetRecv", "send_command", "Send"):
+        monkeypatch.setattr(type(vendor.robot), name, unused, raising=False)
+    arrives(vendor.robot.state, 2)
+    assert vendor.link.read() is None
+    assert vendor.link.fault == "silence"
+    vendor.link.write(Orders(*np.zeros((5, 12))))
+    assert vendor.link.counters.unsent == 1
+    assert vendor.robot.commands == []
+
+
+def test_a_module_that_cannot_be_opened_is_refused(installed):
+    module = udp_module([])
+    module.UDP = unused
+    installed(module)
+    with pytest.raises(LinkError, match="cannot be opened"):
+        opened("robot_interface", A1, PEER)

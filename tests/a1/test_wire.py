@@ -13,6 +13,7 @@ from s2r_a1.wire import (
     GO1,
     LAYOUTS,
     POSITION_OFF,
+    SPEED_OFF,
     Orders,
     Reading,
     WireError,
@@ -346,11 +347,14 @@ def test_a_motor_that_is_off_gets_neither_gains_nor_torque():
         assert orders.kp[2] == orders.tau[4] == 1
 
 
-def test_an_angle_that_is_off_has_no_stiffness_but_keeps_damping():
+def test_an_angle_that_is_off_has_no_stiffness_and_a_speed_no_damping():
     q = np.array([POSITION_OFF, 1e9, *np.zeros(10)])
     orders = unpack_orders(pack(Orders(q, *np.ones((4, 12))), A1), A1)
     assert orders.kp.tolist() == [0, *[1] * 11]
     assert orders.kd.tolist() == orders.tau.tolist() == [1] * 12
+    orders = unpack_orders(pack(Orders(np.zeros(12), q * 0 + SPEED_OFF, *np.ones((3, 12))), A1), A1)
+    assert orders.kd.tolist() == [0] * 12
+    assert orders.kp.tolist() == [1] * 12
 
 
 def test_torques_of_a_state_are_cut_to_their_field():

@@ -126,6 +126,21 @@ def test_the_second_search_of_certify_begins_anew(clock):
     assert "last ρ" not in words
 
 
+def test_the_screen_is_left_to_an_operator(clock):
+    one, console = live(clock, terminal=True)
+    with one:
+        one.begin(PHASE)
+        one.begin(replace(PHASE, attended=True))
+        before = console.file.getvalue()
+        one.batch(QUERIES, CERTIFICATE)
+        one.rollout(record(-0.5, "fall"))
+        one.rollout(record(0.1), new=False)
+    said = console.file.getvalue().removeprefix(before)
+    assert "rollout 7.0 at vd = 0.3 m/s: ρ = -0.5000 (fall)" in said
+    assert len(said.splitlines()) == 2
+    assert "\x1b" not in said
+
+
 def test_a_stage_is_named_at_once_and_says_each_minute_how_far_it_is():
     now = [0.0]
     out = StringIO()

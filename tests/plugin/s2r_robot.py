@@ -88,6 +88,9 @@ class Robot(Toy):
     def attendance(self, operator) -> Attendance:
         return Attendance(self.name, operator, "auto" in self.words, "refuse" in self.words)
 
+    def prepare(self) -> None:
+        happened("prepare")
+
     def rollout(self, params, seed):
         number = happened("rollout", params["vd"], seed, os.getpid())
         now = {word for word in HABITS if str(number) in self.words.get(word, "").split("+")}

@@ -74,7 +74,7 @@ def test_rollouts_run_one_at_a_time_in_one_process_whatever_the_pool(robot, spec
     assert result.voids == {}
     assert len({line.split()[-1] for line in robot("rollout")}) == 1
     order = [line.split()[0] for line in robot()]
-    assert order == ["begin", *["before", "rollout", "after"] * 8, "end"]
+    assert order == ["begin", *["prepare", "before", "rollout", "after"] * 8, "end"]
     assert robot("begin") == ["begin 8"]
     assert kinds(tmp_path / "r") == ["begun", "outcome"] * 8
     assert {path.name for path in (tmp_path / "r" / "raw").iterdir()} == {f"{n}.bytes" for n in range(1, 9)}

@@ -148,6 +148,7 @@ def _add_run(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--layout", choices=("a1", "go1"), default="a1")
     parser.add_argument("--clock", choices=("real", "lockstep"), default="real")
     parser.add_argument("--local", type=int, default=0)
+    parser.add_argument("--module", default="")
     parser.add_argument("--idle", type=float, default=60.0)
     parser.add_argument("--ready", type=int, required=True)
 
@@ -180,7 +181,7 @@ def _begun(given: argparse.Namespace) -> Any:
     found = place(given.host, given.port)
     if hold(found) is None:  # until this process ends
         return None
-    robot = Robot(given.host, given.port, given.layout, given.clock, given.local)
+    robot = Robot(given.host, given.port, given.layout, given.clock, given.local, given.module)
     guard = Guard(robot, Listener(found.control), answer, given.idle)
 
     def terminated(number: int, frame: Any) -> None:

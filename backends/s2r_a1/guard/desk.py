@@ -202,6 +202,7 @@ def status(guard: Guard) -> dict[str, Any]:
         "port": guard.robot.port,
         "twin": guard.loopback,
         "layout": guard.robot.layout,
+        "module": guard.robot.module,
         "clock": guard.robot.clock,
         "tick_unit": guard.link.unit if guard.link else None,
         "unready": states.unready(machine, guard.conditions(), guard.limits)
@@ -224,7 +225,7 @@ def status(guard: Guard) -> dict[str, Any]:
 
 def _battery(guard: Guard) -> int | None:
     """Return the charge [%] that a Go1 says; an A1 says none."""
-    if guard.robot.layout != "go1" or not guard.packet:
+    if guard.robot.layout != "go1" or guard.robot.module or not guard.packet:  # a module says none
         return None
     return int(np.frombuffer(guard.packet, guard.layout.state)["battery"][0, 3])
 

@@ -26,7 +26,7 @@ from s2r_a1.guard.control import Listener, Party, RefusedError, Request
 from s2r_a1.guard.limits import LIMITS, ROUND, SECOND
 from s2r_a1.guard.place import Robot
 from s2r_a1.guard.states import ROWS, Conditions, Inputs, Machine, State
-from s2r_a1.link import RobotSide, UdpLink
+from s2r_a1.link import Link, RobotSide, UdpLink
 from s2r_a1.rawlog import RawLogError, RawLogWriter
 from s2r_a1.wire import LAYOUTS, Orders, Reading
 
@@ -93,7 +93,7 @@ class Guard:
         self.loopback = is_loopback(robot.host)
         self.listener = listener
         self.machine = Machine()
-        self.link: UdpLink | None = None
+        self.link: Link | None = None
         self.client: Client | None = None
         self.log: RawLogWriter | None = None
         self.rounds = 0
@@ -141,15 +141,27 @@ class Guard:
         """Open the link to the robot.
 
         Raises:
-            LinkError: the local port is taken, or no network leads to the robot.
+            LinkError: the local port is taken, no network leads to the robot, or the vendor's module is no such one.
         """
         if self.link is None:
-            peer = (self.robot.host, self.robot.port)
-            self._socket = opened(peer, lockstep=self.lockstep, port=self.robot.local)
-            self.link = UdpLink(self._socket, self.layout)
+            self.link = self._opened()
             self.link.tap = self._record
         self.become(states.connected(self.machine, self.now))
         self._orders, self._due = ROWS[self.machine.state].orders(self.machine, self.now, self.limits), 0
+
+    def _opened(self) -> Link:
+        robot = self.robot
+        peer = (robot.host, robot.port)
+        if not robot.module:
+            self._socket = opened(peer, lockstep=self.lockstep, port=robot.local)
+            return UdpLink(self._socket, self.layout)
+        if self.lockstep:
+            raise LinkError(
+                "the vendor's module runs in real time only; leave it out, or leave out lock step"
+            )
+        from s2r_a1 import vendor  # loads a program of others, which only who names it wants
+
+        return vendor.opened(robot.module, self.layout, peer, robot.local)
 
     def disconnect(self) -> None:
         """Close the link to a robot that does not answer."""
@@ -305,10 +317,11 @@ class Guard:
         assert link is not None
         reading: Reading | None = None
         bad = False
+        watched = link.fileno()
         while True:
             left = self._due - time.monotonic_ns()
-            ready = self._ready([link.fileno()], max(left, 0) / SECOND)
-            if link.fileno() in ready:
+            ready = self._ready([] if watched is None else [watched], max(left, 0) / SECOND)
+            if watched in ready or (watched is None and left <= 0):
                 newest, wrong = self._read(link)
                 reading, bad = newest or reading, bad or wrong
             self._serve(ready)
@@ -338,7 +351,7 @@ class Guard:
             if socket.fileno() in ready:
                 return
 
-    def _read(self, link: UdpLink) -> tuple[Reading | None, bool]:
+    def _read(self, link: Link) -> tuple[Reading | None, bool]:
         """Return the good reading that came, passed on to the client, and whether one came that cannot be."""
         reading, bad = states.arrived(self.limits, link.read(), link.fault)
         if reading is not None:

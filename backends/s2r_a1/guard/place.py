@@ -34,6 +34,7 @@ class Robot:
         layout: of its packets, "a1" or "go1".
         clock: "real", or "lockstep" with a twin on this machine.
         local: UDP port from which the guard speaks; 0 takes any.
+        module: the vendor's Python module, through which the guard speaks; empty for the wire of its own.
     """
 
     host: str
@@ -41,6 +42,7 @@ class Robot:
     layout: str = "a1"
     clock: Clock = "real"
     local: int = 0
+    module: str = ""
 
 
 @dataclass(frozen=True)

@@ -31,7 +31,7 @@ def attach(robot: Robot, role: Role | None = None, **hello: Any) -> tuple[Connec
         hello: more of the hello: ``port``, the client's UDP port.
 
     Raises:
-        UsageError: the guard speaks another layout, or keeps another clock.
+        UsageError: the guard speaks another layout or through another module, or keeps another clock.
         RefusedError: it refused the hello: there is another client.
     """
     found = place(robot.host, robot.port)
@@ -44,7 +44,7 @@ def attach(robot: Robot, role: Role | None = None, **hello: Any) -> tuple[Connec
             answer = connection.request("hello", role=role, pid=os.getpid(), **hello)
         else:
             answer = connection.request("status")
-        for name in ("layout", "clock"):
+        for name in ("layout", "clock", "module"):
             if answer[name] != getattr(robot, name):
                 raise UsageError(
                     f"the guard of {robot.host}:{robot.port} has {name}={answer[name]}, not "
@@ -70,7 +70,7 @@ def start(robot: Robot, idle: float = 60.0) -> tuple[Connection, dict[str, Any]]
         idle: seconds that a guard lives with nobody attached while the robot lies.
 
     Raises:
-        UsageError: a living guard speaks another layout, or keeps another clock.
+        UsageError: a living guard speaks another layout or through another module, or keeps another clock.
         BackendError: it cannot begin; the sentence is its own.
     """
     end = time.monotonic() + PATIENCE
@@ -108,7 +108,7 @@ def _begin(robot: Robot, found: Place, idle: float) -> str | None:
     command = [
         sys.executable, "-m", "s2r_a1.guard", "run", "--host", robot.host, "--port", str(robot.port),
         "--layout", robot.layout, "--clock", robot.clock, "--local", str(robot.local),
-        "--idle", str(idle), "--ready", str(theirs),
+        "--module", robot.module, "--idle", str(idle), "--ready", str(theirs),
     ]  # fmt: skip
     try:
         with open(found.words, "wb") as words:

@@ -111,9 +111,13 @@ class Twin:
         """Return the true state of the robot, which no packet says."""
         return self._body.truth()
 
+    def saved(self) -> Saved:
+        """Return the state of the plant, from which it and another twin can go on; no sensor and no heat is in it."""
+        return self._body.save()
+
     def save(self, path: Path) -> None:
         """Write the state of the plant to a file to start from; see :mod:`s2r_a1.twin.start`."""
-        write_start(path, self._body.save())
+        write_start(path, self.saved())
 
     def accepts(self, data: bytes) -> bool:
         """Return whether a datagram is a command that the robot would use."""

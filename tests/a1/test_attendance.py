@@ -1,0 +1,194 @@
+"""The dialogue around the rollouts of a robot: what is asked, in which order, and what is sent only then."""
+
+import numpy as np
+import pytest
+
+from s2r_a1 import attendance
+from s2r_a1.backend import A1Backend
+from s2r_spec.backend import Coming
+from s2r_spec.errors import BackendError, NotBegunError, StoppedError
+from s2r_spec.trace import Trace
+
+AFTER = {"connect": "LINKED", "arm": "ARMED", "reset": "LINKED", "lie": "RESTING", "damp": "DAMPING"}
+
+
+class Guard:
+    """A guard's connection that does at once what it is asked for."""
+
+    def __init__(self, events, state="OFF"):
+        self.events, self.state = events, state
+        self.warmest, self.refuses = 30.0, {}
+
+    def request(self, do, **fields):
+        if do != "status":
+            self.events.append(do)
+        if do in self.refuses:
+            raise BackendError(self.refuses[do])
+        self.state = AFTER.get(do, self.state)
+        return {"state": self.state, "temperatures": [25.0] * 11 + [self.warmest], "reason": "it fell"}
+
+    def close(self):
+        self.events.append("close")
+
+
+class Person:
+    """An operator who types what is asked, or the next of the answers that were prepared; "q" stops."""
+
+    def __init__(self, events):
+        self.events, self.answers = events, []
+        self.told = []
+
+    def say(self, text):
+        self.told.append(text)
+
+    def type_word(self, question, word):
+        self.events.append(f"type {word}")
+        if self.answers and self.answers.pop(0) == "q":
+            raise StoppedError("the operator stopped the run")
+
+    def choose(self, question, answers):
+        self.told.append(question)
+        typed = self.answers.pop(0) if self.answers else next(iter(answers))
+        self.events.append(f"choose {typed!r}")
+        if typed == "q":
+            raise StoppedError("the operator stopped the run")
+        assert typed in answers
+        return typed
+
+
+@pytest.fixture
+def scene(monkeypatch):
+    """Give a function that returns events, guard, person and attendance of a robot."""
+
+    def made(state="OFF", options="host=192.168.123.10,velocity=onboard"):
+        events = []
+        guard, person = Guard(events, state), Person(events)
+        monkeypatch.setattr(attendance, "start", lambda robot: (guard, {"state": state}))
+        return events, guard, person, A1Backend(options).attendance(person)
+
+    return made
+
+
+def trace(**meta):
+    return Trace(np.array([0.0, 1.5]), {"motor_temperature": np.full((2, 12), 31.0)}, {}, meta)
+
+
+def test_nothing_is_sent_before_either_consent(scene):
+    events, _, person, attended = scene()
+    attended.begin(Coming(30))
+    assert events == ["type connect", "connect", "type arm", "arm"]
+    assert not getattr(attended, "unattended", False)
+    assert any("30" in text and " m " in text and "min" in text for text in person.told)
+
+
+def test_who_does_not_consent_has_sent_nothing(scene):
+    events, _, person, attended = scene()
+    person.answers = ["q"]
+    with pytest.raises(StoppedError):
+        attended.begin(Coming(None))
+    assert events == ["type connect"]
+    attended.end()
+    assert events == ["type connect", "close"]
+
+
+def test_a_robot_that_an_earlier_run_armed_needs_consent_again(scene):
+    events, _, _, attended = scene("RESTING")
+    attended.begin(Coming(1))
+    assert events == ["type arm"]
+
+
+def test_a_damped_robot_is_reset_by_the_operator_alone_and_armed_anew(scene):
+    events, guard, person, attended = scene("ARMED")
+    attended.begin(Coming(2))
+    guard.state = "DAMPING"
+    events.clear()
+    attended.before({"vd": 0.1})
+    assert events == ["choose 'r'", "reset", "type arm", "arm", "choose ''"]
+    assert any("it fell" in text for text in person.told)
+
+
+def test_what_the_guard_refuses_is_no_rollout(scene):
+    _, guard, _, attended = scene("ARMED")
+    attended.begin(Coming(1))
+    guard.state, guard.refuses = "DAMPING", {"arm": "FR hip is too warm"}
+    with pytest.raises(NotBegunError, match="FR hip"):
+        attended.before({"vd": 0.1})
+
+
+def test_a_rest_comes_every_ten_tests_and_can_be_skipped(scene):
+    events, _, person, attended = scene("ARMED")
+    attended.begin(Coming(11))
+    for _ in range(10):
+        attended.before({"vd": 0.1})
+        attended.after(trace())
+    events.clear()
+    person.answers = ["s"]
+    attended.before({"vd": 0.1})
+    assert events == ["choose 's'", "choose ''"]
+    attended.after(trace())
+    events.clear()
+    attended.before({"vd": 0.1})
+    assert events == ["choose ''"]
+
+
+def test_a_warm_motor_rests_until_it_is_cool(scene):
+    events, guard, person, attended = scene("ARMED")
+    attended.begin(Coming(2))
+    guard.warmest = 55.0
+    events.clear()
+    choose = person.choose
+
+    def cools(question, answers):
+        guard.warmest -= 6.0
+        return choose(question, answers)
+
+    person.choose = cools
+    attended.before({"vd": 0.1})
+    assert events == ["choose ''"] * 3  # 49 °C, 43 °C, and the test
+    assert any("55" in text for text in person.told)
+
+
+@pytest.mark.parametrize(
+    ("meta", "word"),
+    [({"failure": "fall", "reason": "tilted"}, "fall"), ({"void": "link", "reason": "silent"}, "void")],
+)
+def test_how_a_rollout_ended_is_said(scene, meta, word):
+    _, _, person, attended = scene("ARMED")
+    attended.begin(Coming(1))
+    attended.after(trace(**meta))
+    assert word in person.told[-1]
+    assert meta["reason"] in person.told[-1]
+    attended.after(None)
+
+
+def test_ctrl_c_lets_it_lie_and_a_second_one_damps(scene):
+    events, _, _, attended = scene("ARMED")
+    attended.interrupt(urgent=False)
+    attended.begin(Coming(1))
+    events.clear()
+    attended.interrupt(urgent=False)
+    attended.interrupt(urgent=True)
+    assert events == ["lie", "damp"]
+
+
+@pytest.mark.parametrize(("state", "done"), [("STAND", ["lie", "close"]), ("RESTING", ["close"])])
+def test_at_the_end_the_robot_lies(scene, state, done):
+    events, guard, _, attended = scene("ARMED")
+    attended.begin(Coming(1))
+    guard.state = state
+    events.clear()
+    attended.end()
+    attended.end()
+    assert events == done
+
+
+def test_nobody_is_asked_about_a_twin_that_runs_by_itself(scene):
+    events, guard, person, attended = scene(options="host=127.0.0.1,velocity=onboard,operator=auto")
+    assert attended.unattended
+    attended.begin(Coming(3))
+    guard.state, guard.warmest = "DAMPING", 49.0
+    attended.before({"vd": 0.1})
+    attended.after(trace())
+    assert events == ["connect", "arm", "reset", "arm"]
+    assert any("twin" in text for text in person.told)
+    assert sum("operator=auto" in text for text in person.told) == 1
