@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from math import ceil
 from typing import TYPE_CHECKING, Any
 
-from s2r_a1.guard.control import Connection
+from s2r_a1.guard.control import Connection, ControlError
 from s2r_a1.guard.start import start
 from s2r_a1.schedule import RAMP
 from s2r_sim.gains import RATE
@@ -162,6 +162,8 @@ class Attendance:
             if self._state() in MOVING:
                 self._guard.request("lie")
             self._wait_until_it_lies()
+        except ControlError:
+            self._operator.say(f"The guard has ended: nothing holds {self._name} now; look at it.")
         finally:
             self._guard.close()
             self._guard = None
@@ -173,7 +175,12 @@ class Attendance:
             BackendError: the robot is not ready.
         """
         assert self._guard is not None
-        status = self._guard.request("status")
+        try:
+            status = self._guard.request("status")
+        except ControlError:
+            self._operator.say(f"The guard has ended; a new one is started. Look at {self._name} first.")
+            self._guard.close()
+            self._guard, status = start(self._backend.robot)
         state = status["state"]
         if state == "DAMPING":
             self._ask(

@@ -155,6 +155,12 @@ class A1Backend:
 
         return Attendance(self, operator)
 
+    def prepare(self) -> None:
+        """Compile the controller in this process, so that a rollout begins at once."""
+        from s2r_a1.rollout import pilot
+
+        pilot()
+
     def rollout(self, params: Mapping[str, float], seed: int) -> Trace:
         """Walk one test; samples every 2 ms from the command at t = 0 to ``duration`` inclusive.
 

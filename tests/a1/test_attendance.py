@@ -5,6 +5,7 @@ import pytest
 
 from s2r_a1 import attendance
 from s2r_a1.backend import A1Backend
+from s2r_a1.guard.control import ControlError
 from s2r_spec.backend import Coming
 from s2r_spec.errors import BackendError, NotBegunError, StoppedError
 from s2r_spec.trace import Trace
@@ -17,11 +18,13 @@ class Guard:
 
     def __init__(self, events, state="OFF"):
         self.events, self.state = events, state
-        self.warmest, self.refuses = 30.0, {}
+        self.warmest, self.refuses, self.gone = 30.0, {}, False
 
     def request(self, do, **fields):
         if do != "status":
             self.events.append(do)
+        if self.gone:
+            raise ControlError("the guard has ended")
         if do in self.refuses:
             raise BackendError(self.refuses[do])
         self.state = AFTER.get(do, self.state)
@@ -29,6 +32,7 @@ class Guard:
 
     def close(self):
         self.events.append("close")
+        self.gone = False
 
 
 class Person:
@@ -63,7 +67,7 @@ def scene(monkeypatch):
     def made(state="OFF", options="host=192.168.123.10,velocity=onboard"):
         events = []
         guard, person = Guard(events, state), Person(events)
-        monkeypatch.setattr(attendance, "start", lambda robot: (guard, {"state": state}))
+        monkeypatch.setattr(attendance, "start", lambda robot: (guard, {"state": guard.state}))
         return events, guard, person, A1Backend(options).attendance(person)
 
     return made
@@ -169,6 +173,18 @@ def test_ctrl_c_lets_it_lie_and_a_second_one_damps(scene):
     attended.interrupt(urgent=False)
     attended.interrupt(urgent=True)
     assert events == ["lie", "damp"]
+
+
+def test_after_the_guard_s_end_a_new_one_needs_both_consents(scene):
+    events, guard, _, attended = scene("ARMED")
+    attended.begin(Coming(1))
+    guard.gone, guard.state = True, "OFF"
+    events.clear()
+    attended.before({"vd": 0.1})
+    assert events == ["close", "type connect", "connect", "type arm", "arm", "choose ''"]
+    guard.gone = True
+    attended.end()
+    assert events[-1] == "close"
 
 
 @pytest.mark.parametrize(("state", "done"), [("STAND", ["lie", "close"]), ("RESTING", ["close"])])

@@ -1,14 +1,19 @@
 """Rollouts over the wire, in lock step: this process walks, a guard in its own process forwards, a twin obeys."""
 
 import math
+import os
+import signal
 import socket
+import struct
 
 import numpy as np
 import pytest
 
 from s2r_a1 import rawlog, recording
 from s2r_a1.backend import A1Backend
+from s2r_a1.client import Client
 from s2r_a1.datagrams import TO_ROBOT
+from s2r_a1.guard.place import place
 from s2r_a1.guard.start import attach
 from s2r_a1.schedule import Schedule
 from s2r_a1.twin import TwinSettings, read_inject
@@ -21,7 +26,7 @@ from s2r_sim.plant import Plant
 from s2r_sim.sensors import Sensors
 from s2r_sim.settings import Settings
 from s2r_spec.backend import Coming
-from s2r_spec.errors import NotBegunError
+from s2r_spec.errors import BackendError
 from tests.a1.robots import Silent, Steered, in_a_process, served
 
 SETTINGS = Settings()
@@ -86,6 +91,13 @@ class Session:
                 self.twin.injects = (read_inject(f"{text}@{now}-{rounds and now + rounds}"),)
 
         return walking
+
+    def guard_s_process(self):
+        """Return the id of the guard's process, as the kernel knows it."""
+        with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as one:
+            one.connect(str(place("127.0.0.1", self.port).control))
+            credentials = one.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, struct.calcsize("3i"))
+        return struct.unpack("3i", credentials)[0]
 
     def guard(self):
         """Return the status of the guard."""
@@ -200,15 +212,28 @@ def test_ctrl_c_in_a_test_makes_it_void_and_the_robot_lies(session, first):
     assert trace.meta["void"] == "operator"
     assert trace.duration < DURATION
     session.attended.end()
-    assert session.guard()["state"] == "RESTING"
     session.begun = False
+    assert session.guard()["state"] == "RESTING"
+    client = Client(session.backend.robot)
+    try:
+        with pytest.raises(BackendError, match="another program"):
+            Client(session.backend.robot)
+    finally:
+        client.close()
 
 
-def test_a_link_that_breaks_before_the_command_is_no_rollout(session, first):
-    with pytest.raises(NotBegunError):
-        session.rollout({"vd": 0.2}, 7, session.inject(50, "silence"))
-    session.twin.injects = ()
-    assert session.guard()["word"] == "link"
+def test_a_guard_that_is_killed_in_a_test_leaves_a_void_rollout(session, first):
+    def walking(n):
+        if n == trot(7) + 30:
+            os.kill(session.guard_s_process(), signal.SIGKILL)
+
+    trace = session.rollout({"vd": 0.2}, 7, walking)
+    assert trace.failure is None
+    assert trace.meta["void"] == "link"
+    assert 0.0 < trace.duration < DURATION
+    assert not rawlog.read(session.folder / "raw" / trace.meta["raw"]).finished
+    session.attended.before({"vd": 0.2})
+    assert session.guard()["state"] == "ARMED"
 
 
 def test_the_same_walk_in_other_processes_is_the_same_bit_for_bit(monkeypatch, tmp_path, session, first):
