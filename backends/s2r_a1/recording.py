@@ -203,7 +203,9 @@ def trace_of(
         raise TraceError(f"{os.fspath(path)}: the recording ends before the command, at t = 0")
     samples = channels_of(packets, notes)
     samples = {"vx": samples["vx_est"], "vy": samples["vy_est"], **samples}
-    meta = {name: value for name, value in header.items() if name not in ("command", "trot", "hold", "limits")}
+    meta = {
+        name: value for name, value in header.items() if name not in ("command", "trot", "hold", "limits")
+    }
     meta["qp_failures"] = int(np.sum(samples["qp_solved"] == 0.0))
     meta["late"] = int(np.sum(samples["late"]))
     return Trace(np.array([note.tick for note in notes]) / RATE, samples, UNITS, meta)

@@ -11,13 +11,14 @@ no rollout (:class:`NotBegunError`); after it, the walk so far and the guard's w
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
 from s2r_a1.pilot import Note, Pilot, orders
 from s2r_a1.schedule import Schedule
 from s2r_a1.ticks import TickUnit
-from s2r_a1.wire import Orders, Reading
+from s2r_a1.wire import Orders, Reading, WireError
 from s2r_spec.errors import BackendError, NotBegunError
 
 GETTING_UP = 5000
@@ -96,11 +97,8 @@ def walk(line: Line, pilot: Pilot, schedule: Schedule, ready: Callable[[], None]
     reading = stand(line)
     ready()
     notes, ending = _walk(line, pilot, schedule, reading)
-    for _ in range(SETTLING):
-        if line.change.state == GONE:
-            break
-        line.send(None)
-        line.receive()
+    if ending is None or ending.state != GONE:
+        _settle(line)
     if not notes or notes[-1].tick < 0:
         raise NotBegunError(_sentence(line.change if ending is None else ending))
     return Walked(tuple(notes), ending)
@@ -162,8 +160,13 @@ def _walk(line: Line, pilot: Pilot, schedule: Schedule, reading: Reading) -> tup
                 return notes, _halted(line) or stopped
             ordered = orders(note)
         # Without a new state the last orders go out again: the guard is to know that this end is alive.
-        line.send(ordered)
-        newest = line.receive()
+        try:
+            line.send(ordered)
+            newest = line.receive()
+        except WireError as error:
+            return notes, _damped(line, f"the controller asks for what no motor can do: {error}")
+        except BackendError as error:
+            return notes, Change(GONE, "link", str(error))
         if line.change.state != "WALK":
             return notes, line.change
 
@@ -175,6 +178,23 @@ def _halted(line: Line) -> Change | None:
     except BackendError:
         return line.change
     return None
+
+
+def _damped(line: Line, reason: str) -> Change:
+    """Have the robot damped; what its controller does is an outcome."""
+    with suppress(BackendError):
+        line.request("damp", reason=reason)
+    return Change("DAMPING", "torque", reason)
+
+
+def _settle(line: Line) -> None:
+    """Let rounds pass until the robot is still; the recording goes on."""
+    with suppress(BackendError):
+        for _ in range(SETTLING):
+            if line.change.state == GONE:
+                break
+            line.send(None)
+            line.receive()
 
 
 def _sentence(change: Change) -> str:

@@ -9,7 +9,7 @@ from typing import Any
 
 import typer
 
-from s2r_spec.cli.common import begun, interrupted, seconds, sentences
+from s2r_spec.cli.common import begun, interrupted, refuse_without_operator, seconds, sentences
 from s2r_spec.cli.options import (
     Columns,
     Nan,
@@ -76,6 +76,7 @@ def against(prefix: str, help_: str, search: Callable[[], Search]) -> Callable[.
         quiet: Quiet = False,
     ) -> None:
         with sentences(as_json or form == "json"):
+            refuse_without_operator(real)
             from s2r_spec.cli.progress import Live
             from s2r_spec.report import html
             from s2r_spec.rollouts.journal import Journal

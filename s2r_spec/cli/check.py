@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from s2r_spec.cli.common import interrupted, new_or_old, pool, seconds, sentences
+from s2r_spec.cli.common import interrupted, new_or_old, pool, refuse_without_operator, seconds, sentences
 from s2r_spec.cli.options import (
     Columns,
     Nan,
@@ -66,6 +66,7 @@ def check(
     from s2r_spec.errors import UsageError
 
     with sentences(as_json or form == "json"):
+        refuse_without_operator(backend)
         # Imported here: the help must not wait for numerical libraries.
         from s2r_spec.certify import check as checking
         from s2r_spec.certify.given import must_be_begun

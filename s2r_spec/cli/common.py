@@ -141,6 +141,34 @@ def pool(workers: int | None, scheduler: str | None) -> tuple[ExecutorFactory, s
     return dask_pool(scheduler), f"scheduler {scheduler}"
 
 
+def refuse_without_operator(name: str) -> None:
+    """Refuse a machine whose operator is at no terminal, before numerical libraries are loaded for seconds.
+
+    What else is wrong with a backend is said where it is used; the search asks again.
+
+    Raises:
+        UsageError: see there.
+    """
+    from s2r_spec.backend import HasAttendance, is_exclusive, load_backend
+    from s2r_spec.rollouts.operator import Terminal, refuse_nobody
+
+    operator = Terminal()
+    if operator.there or name.startswith("log:"):
+        return
+    try:
+        backend = load_backend(name)
+    except S2RError:
+        return
+    if not is_exclusive(backend):
+        return
+    attended = None
+    if isinstance(backend, HasAttendance):
+        with suppress(S2RError):  # one that needs the specification first is attended
+            attended = backend.attendance(operator)
+    if not getattr(attended, "unattended", False):
+        refuse_nobody(operator)
+
+
 def seconds(timeout: float | None) -> float | None:
     """Return the time-out of a rollout as the library takes it."""
     return math.inf if timeout == 0 else timeout

@@ -12,7 +12,7 @@ from s2r_sim.physics import MotorCommand
 from s2r_sim.plant import Plant
 from s2r_sim.settings import Settings
 
-STATES = {"stand": "STAND", "walk": "WALK", "halt": "STAND", "lie": "RESTING"}
+STATES = {"stand": "STAND", "walk": "WALK", "halt": "STAND", "lie": "RESTING", "damp": "DAMPING"}
 HOLDING = 60.0, 2.0
 
 

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from s2r_a1.datagrams import RealTimeSocket
-from s2r_a1.guard.limits import JOINT, LIMITS, Limits, Seen, clipped, powered
+from s2r_a1.guard.limits import JOINT, LIMITS, Limits, Seen, clipped, power, powered
 from s2r_a1.guard.place import Robot, hold, place
 from s2r_a1.guard.start import start
 from s2r_a1.link import RobotSide
@@ -26,6 +26,7 @@ sdk = pytest.importorskip(
     "unitree_legged_sdk.robot_interface",
     reason="the vendor's code comes with the extra [dev] on Python 3.11 for Linux on x86-64 only",
 )
+pytestmark = pytest.mark.dev
 HERE = "127.0.0.1"
 NAME = "unitree_legged_sdk.robot_interface"
 
@@ -255,11 +256,11 @@ def test_limits_of_angles_are_the_vendor_s(rng):
 
 
 def test_the_count_of_power_is_the_vendor_s(rng):
-    """1000 random sequences at all ten levels; the powers are exact in single precision, some at a level itself."""
+    """1000 random sequences at all ten levels and two beyond; powers are exact in single precision, some at a level."""
     command, state = sdk.LowCmd(), sdk.LowState()
     motors = state.motorState[:12]
-    tables = [Limits(power_level=level) for level in range(1, 11)]
-    tripped = np.zeros(len(tables))
+    tables = [Limits(power_level=level) for level in range(0, 12)]
+    any_reading, tripped = some_reading(rng, 0), np.zeros(len(tables))
     for _ in range(1000):
         safeties = [sdk.Safety(sdk.LeggedType.A1) for _ in tables]
         counts = [0] * len(tables)
@@ -269,10 +270,12 @@ def test_the_count_of_power_is_the_vendor_s(rng):
             shares = rng.multinomial(watts, np.full(12, 1 / 12))
             signs = rng.choice([-1, 1], (2, 12))
             speeds = rng.choice([0.5, 1, 2, 4], 12)
-            for motor, dq, tau in zip(motors, signs[0] * speeds, signs[1] * shares / speeds, strict=True):
-                motor.dq, motor.tauEst = float(dq), float(tau)
+            dq, tau = signs[0] * speeds, signs[1] * shares / speeds
+            for motor, speed, torque in zip(motors, dq.tolist(), tau.tolist(), strict=True):
+                motor.dq, motor.tauEst = speed, torque
+            measured = power(any_reading._replace(dq=dq, tau=tau))
             for level, (limits, safety) in enumerate(zip(tables, safeties, strict=True)):
-                counts[level] = powered(limits, counts[level], float(watts))
+                counts[level] = powered(limits, counts[level], measured)
                 trips = counts[level] >= limits.power_rounds
                 assert (safety.PowerProtect(command, state, limits.power_level) < 0) == trips
                 if trips:  # where the A1's library ends the process

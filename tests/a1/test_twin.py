@@ -194,6 +194,14 @@ def test_when_commands_stop_the_motors_follow_the_rule(rule):
     np.testing.assert_allclose(steer(robot, lift, 2).tau[1::3], -4.0, atol=0.01)
 
 
+def test_what_was_ordered_before_a_silence_is_over_after_it():
+    robot = twin(silence="free", noise=False, delay=3)
+    steer(robot, Orders(ZERO, ZERO, ZERO, ZERO, np.tile([0.0, -4.0, 0.0], 4)), 5)
+    states(robot, 30, b"")
+    # Until the next command is at the motors, they stay on their own.
+    assert [np.abs(reading.tau).max() for reading in readings(robot, 5)] == [0.0] * 5
+
+
 def test_a_twin_streams_on_while_commands_stop():
     robot = twin()
     states(robot, 2)
@@ -349,10 +357,10 @@ def test_motors_warm_up_with_their_torque():
     robot = twin(noise=False)
     torque = np.tile([0.0, 0.0, -30.0], 4)  # against the stops of the calves
     cold = steer(robot, LIMP)
-    warm = steer(robot, Orders(ZERO, ZERO, ZERO, ZERO, torque), 1500)
+    warm = steer(robot, Orders(ZERO, ZERO, ZERO, ZERO, torque), 600)
     assert (warm.temperature - cold.temperature)[0::3].max() == 0
     assert (warm.temperature - cold.temperature)[2::3].min() >= 0
-    assert robot.temperature[2] > robot.temperature[0] + 0.5
+    assert robot.temperature[2] > robot.temperature[0] + 0.2
 
 
 # How faults are written.

@@ -73,6 +73,8 @@ def test_a_process_serves_in_lock_step_records_and_ends_by_a_signal(tmp_path):
     assert unpack(answers[3], A1).tick - unpack(answers[0], A1).tick == 6
     kept = read(record)
     assert kept.finished
+    assert kept.header["robot"] == "twin"
+    assert "grass" in kept.header["arguments"]
     assert kept.packets == (bytes(610), OFF, answers[0], OFF, b"", OFF, answers[2], b"", answers[3])
     assert kept.directions.tolist() == [1, 1, 0, 1, 0, 1, 0, 1, 0]
 

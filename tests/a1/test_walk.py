@@ -16,7 +16,7 @@ from s2r_sim.gains import RATE
 from s2r_sim.physics import Command, MotorCommand
 from s2r_sim.sensors import Sensors
 from s2r_sim.settings import Settings
-from s2r_spec.errors import NotBegunError, TraceError
+from s2r_spec.errors import BackendError, NotBegunError, TraceError
 from tests.a1.plant import HOLDING, PlantLine, reading
 
 COMMAND = Command(0.25, 0.0, 0.2)
@@ -150,6 +150,37 @@ def test_a_fall_after_the_command_ends_the_walk_there(pilot):
     done = walk(line, pilot, SCHEDULE)
     assert done.ending == fall
     assert 25 < done.notes[-1].tick < 35
+
+
+def test_orders_that_no_motor_can_follow_are_the_robot_s_failure(pilot):
+    line = PlantLine()
+    send = line.send
+
+    def refused(orders):
+        if orders and line.rounds == SETTLING + SCHEDULE.trot + 20:
+            orders = orders._replace(tau=np.full(12, 500.0))
+        send(orders)
+
+    line.send = refused
+    done = walk(line, pilot, SCHEDULE)
+    assert done.ending.word == "torque"
+    assert "500" in done.ending.reason
+    assert line.change.state == "DAMPING"
+
+
+def test_a_guard_that_does_nothing_any_more_is_a_broken_link_and_not_the_robot_s(pilot):
+    line = PlantLine()
+    receive = line.receive
+
+    def stuck():
+        if line.rounds == SETTLING + SCHEDULE.trot + 20:
+            raise BackendError("the guard has done nothing")
+        return receive()
+
+    line.receive = stuck
+    done = walk(line, pilot, SCHEDULE)
+    assert done.ending.word == "link"
+    assert 15 < done.notes[-1].tick < 25
 
 
 def test_before_the_command_there_is_no_rollout(pilot):

@@ -114,6 +114,21 @@ def test_after_failed_qps_the_last_forces_are_held_and_then_the_joints_brake():
     assert (braking.motors.kd == gains.kd_damping).all()
 
 
+def test_after_skipped_ticks_gait_and_reference_are_where_they_would_have_been():
+    standing = State(np.concatenate([[0.0, 0.0, 0.28], np.zeros(9), [0.0, 0.863, -1.726] * 4, np.zeros(12)]))
+    command = Command(0.2, 0.1, 0.3)
+    slow, swift = Controller(A1, Gains()), Controller(A1, Gains())
+    for controller in (slow, swift):
+        controller.restore(Memory())
+        controller.tick(standing, command)
+    for _ in range(12):
+        slow.tick(standing, command)
+    swift.skip(12, standing, command)
+    assert swift.memory.tick == slow.memory.tick
+    assert swift.stance == slow.stance != (True,) * 4
+    np.testing.assert_allclose(swift.memory.reference, slow.memory.reference, atol=1e-12)
+
+
 class _Unsolvable:
     def reset(self):
         pass

@@ -52,8 +52,8 @@ ROLES: dict[str, frozenset[Role | None]] = {
 
 LONGEST = 65536
 """A budget: bytes of a request, and of what waits to be read by a party; a party beyond it is closed."""
-PATIENCE = 10.0
-"""A budget [s]: how long a reply may take; ``arm`` and ``connect`` take up to two."""
+PATIENCE = 30.0
+"""A budget [s]: how long a reply may take; ``connect`` takes up to five, and more on a busy machine."""
 
 
 class ControlError(BackendError):

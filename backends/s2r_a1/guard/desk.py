@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
@@ -63,21 +64,29 @@ def _hello(guard: Guard, party: Party, fields: dict[str, Any]) -> Reply:
         raise RefusedError('a hello has the role "client" or "operator"')
     if party.role:
         raise RefusedError(f"this connection has said hello as {party.role}")
-    own = None
-    if role == "client":
-        if not isinstance(port, int) or not 0 < port < 65536:
-            raise RefusedError("a client's hello has the port that it listens at, 1 to 65535")
+    pid = pid if isinstance(pid, int) else None
+    if role == "operator":
+        party.role, party.pid = role, pid
+        return status(guard)
+    if not isinstance(port, int) or not 0 < port < 65536:
+        raise RefusedError("a client's hello has the port that it listens at, 1 to 65535")
+
+    def poll() -> dict[str, Any] | None:
         if guard.link is None:
             raise RefusedError("the robot is not connected; an operator connects it first")
         if guard.client and guard.client.party.open:
-            pid_ = guard.client.party.pid
-            raise RefusedError(f"another program moves the robot (process {pid_}); end it first")
+            raise RefusedError(
+                f"another program moves the robot (process {guard.client.party.pid}); end it first"
+            )
         if guard.client:
             guard.leave(guard.client.party)
+        if guard.lockstep and guard.moving():
+            return None  # else it would depend on the machine's load which state it sees first
         own = guard.attach(party, port)
-    party.role = role
-    party.pid = pid if isinstance(pid, int) else None
-    return {**status(guard), "port": own}
+        party.role, party.pid = role, pid
+        return {**status(guard), "port": own}
+
+    return poll() or Deferred(party, poll, rounds=True)
 
 
 def _connect(guard: Guard, party: Party, fields: dict[str, Any]) -> Reply:
@@ -195,6 +204,7 @@ def status(guard: Guard) -> dict[str, Any]:
     counters = asdict(guard.link.counters) if guard.link else {}
     followed = machine.followed
     return {
+        "pid": os.getpid(),
         "reason": machine.reason,
         "word": machine.word,
         "since": (guard.now - machine.since) / SECOND if machine.state is not State.OFF else None,

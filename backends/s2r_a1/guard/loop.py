@@ -30,10 +30,12 @@ from s2r_a1.link import Link, RobotSide, UdpLink
 from s2r_a1.rawlog import RawLogError, RawLogWriter
 from s2r_a1.wire import LAYOUTS, Orders, Reading
 
-SETTLED = 3 * SECOND
-"""A budget [ns]: how long rounds go on after a robot was damped, until it lies. Twice as long delays the end."""
+SINKING = {State.DAMPING: 3 * SECOND, State.RESTING: SECOND}
+"""A budget [ns]: how long a robot that was let go is looked after, until it lies. Twice as long delays the end."""
 LOOKED = 0.2
 """A budget [s]: how long an idle guard waits before it looks whether it is to end."""
+MUTE = 3.0
+"""A budget [s]: how long the first answer of a twin in lock step may take. Twice as long reveals a wrong one later."""
 POLLED = 0.005
 """A budget [s]: how often a request that waits for the disk is looked at."""
 
@@ -266,10 +268,7 @@ class Guard:
     def _ended(self) -> bool:
         """Return whether the guard has nothing left to do."""
         machine = self.machine
-        if machine.state in AT_REST:
-            if self.ending:
-                return True
-        elif self.ending and machine.state is State.DAMPING and self.now - machine.since >= SETTLED:
+        if self.ending and machine.state in (*AT_REST, State.DAMPING) and not self._sinking():
             return True
         if machine.state not in AT_REST or self.listener.parties:
             self._alone = time.monotonic()
@@ -281,13 +280,16 @@ class Guard:
             return False
         if not self.lockstep or self.client or any(waits.rounds for waits in self._pending):
             return True
-        return self._moving()
+        return self.moving()
 
-    def _moving(self) -> bool:
+    def moving(self) -> bool:
+        """Return whether the robot moves by itself, so that rounds must go on though nobody looks."""
         machine = self.machine
-        if machine.state is State.DAMPING:
-            return self.now - machine.since < SETTLED
-        return ROWS[machine.state].moves or machine.wanted is not None
+        return ROWS[machine.state].moves or machine.wanted is not None or self._sinking()
+
+    def _sinking(self) -> bool:
+        """Return whether a robot that was let go may still be on its way down."""
+        return self.now - self.machine.since < SINKING.get(self.machine.state, 0)
 
     def _round(self) -> None:
         brought = self._lock_step() if self.lockstep else self._real_time()
@@ -334,22 +336,25 @@ class Guard:
         link, socket = self.link, self._socket
         assert link is not None
         assert socket is not None
-        self._await(socket)
+        # One that never answers does not understand us; one that has answered is waited for.
+        self._await(socket, None if link.counters.received else MUTE)
         reading, bad = self._read(link)
         client = self.client
         if client:
             if reading is None:
                 client.side.skip()
-            self._await(client.socket, client)
+            self._await(client.socket, client=client)
         return self._ordered(client if client is self.client else None, reading, bad)
 
-    def _await(self, socket: Socket, client: Client | None = None) -> None:
-        """Serve requests until a datagram waits at a socket, or its peer is gone."""
+    def _await(self, socket: Socket, seconds: float | None = None, client: Client | None = None) -> None:
+        """Serve requests until a datagram waits at a socket, or its peer is gone: after so many seconds, if any."""
+        began = time.monotonic()
         while not socket.gone and (client is None or self.client is client):
             ready = self._ready([socket.fileno()], LOOKED)
             self._serve(ready)
             if socket.fileno() in ready:
                 return
+            socket.gone = seconds is not None and time.monotonic() - began >= seconds
 
     def _read(self, link: Link) -> tuple[Reading | None, bool]:
         """Return the good reading that came, passed on to the client, and whether one came that cannot be."""
@@ -380,7 +385,7 @@ class Guard:
         """Let the robot lie down if the disk takes no more, and end a recording that nobody ends."""
         if log.failure and not self.machine.wanted:
             self.become(states.stopped(self.machine, True, "disk", log.failure, now_=True))
-        if self.client is None and not self._moving() and not ROWS[self.machine.state].stands:
+        if self.client is None and not self.moving() and not ROWS[self.machine.state].stands:
             self.finish_recording()
 
     # Requests.

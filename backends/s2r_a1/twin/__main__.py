@@ -15,21 +15,23 @@ from s2r_spec.errors import BackendError, S2RError
 def main(arguments: list[str]) -> int:
     """Serve until a signal comes; return the exit status."""
     try:
-        options = read_options(arguments)
-        _serve(options)
+        _serve(read_options(arguments), arguments)
     except S2RError as error:
         print(f"error: {error}", file=sys.stderr)
         return error.exit_code
+    except KeyboardInterrupt:  # before the twin listened
+        return 130
     return 0
 
 
-def _serve(options: Options) -> None:
+def _serve(options: Options, arguments: list[str]) -> None:
     settings = options.twin
     with ExitStack() as stack:
         twin = Twin(settings)
         record = None
         if options.record:
-            record = RawLogWriter(options.record, {"twin of": settings.layout.name, "place": settings.place})
+            about = {"robot": "twin", "layout": settings.layout.name, "place": settings.place}
+            record = RawLogWriter(options.record, {**about, "clock": options.clock, "arguments": arguments})
             record.wait_ready()
             if record.failure:
                 raise BackendError(record.failure)

@@ -60,7 +60,7 @@ class Firmware:
         self._under_way: deque[tuple[int, Orders]] = deque()
         self._orders = Orders(_ZERO, _ZERO, _ZERO, _ZERO, _ZERO)
         self._last = 0
-        self._braked_at: FloatArray | None = None
+        self._alone = False
 
     def take(self, round_: int, command: Command) -> None:
         """Note that a command arrived in this round."""
@@ -71,14 +71,15 @@ class Firmware:
     def orders(self, round_: int, q: FloatArray) -> Orders:
         """Return what the motors do in this round, at (12,) joint angles [rad]."""
         while self._under_way and self._under_way[0][0] <= round_:
-            self._orders = self._under_way.popleft()[1]
-        if round_ - self._last <= PATIENCE:
-            self._braked_at = None
-            return self._orders
-        if self._rule == "free":
-            return Orders(_ZERO, _ZERO, _ZERO, _ZERO, _ZERO)
-        if self._rule == "damp":
-            return Orders(_ZERO, _ZERO, _ZERO, np.full(MOTORS, _DAMPING), _ZERO)
-        if self._braked_at is None:
-            self._braked_at = q
-        return Orders(self._braked_at, _ZERO, _STIFFNESS, _BRAKE, _ZERO)
+            self._orders, self._alone = self._under_way.popleft()[1], False
+        if round_ - self._last > PATIENCE and not self._alone:
+            self._orders, self._alone = _alone(self._rule, q), True
+        return self._orders
+
+
+def _alone(rule: Silence, q: FloatArray) -> Orders:
+    """Return what motors at (12,) angles do from the moment on at which commands stopped."""
+    if rule == "brake":
+        return Orders(q, _ZERO, _STIFFNESS, _BRAKE, _ZERO)
+    damping = _DAMPING if rule == "damp" else 0.0
+    return Orders(_ZERO, _ZERO, _ZERO, np.full(MOTORS, damping), _ZERO)

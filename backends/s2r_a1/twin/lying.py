@@ -21,8 +21,8 @@ out so far that knees and feet touch the ground beside a trunk that lies on it. 
 where the twin begins."""
 _ABOVE = 0.08
 """A tolerance: [m] of the base above the ground before it settles; it lies at 0.057 m, half the trunk's height."""
-_HELD, _DAMPED, _LIMP = 1.0, 1.0, 2.0
-"""Budgets: [s] for which the legs are held, braked and left alone; twice as long changes the pose by 0.01 rad."""
+_HELD, _DAMPED, _LIMP = 0.3, 0.7, 3.0
+"""Budgets: [s] for which the legs are held, braked and left alone; twice as long changes the pose by 0.02 rad."""
 _RELEASED = np.zeros(12)
 
 

@@ -34,6 +34,8 @@ class Server:
 
     Attributes:
         port: on which it listens.
+
+    ``tap`` sees every datagram that came, whoever sent it, and every one that went; in lock step also empty ones.
     """
 
     def __init__(
