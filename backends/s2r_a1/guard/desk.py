@@ -213,6 +213,7 @@ def status(guard: Guard) -> dict[str, Any]:
         "twin": guard.loopback,
         "layout": guard.robot.layout,
         "module": guard.robot.module,
+        "local": guard.robot.local,
         "clock": guard.robot.clock,
         "tick_unit": guard.link.unit if guard.link else None,
         "unready": states.unready(machine, guard.conditions(), guard.limits)
@@ -245,6 +246,9 @@ def silent(guard: Guard) -> str:
     where = f"{guard.robot.host}:{guard.robot.port}"
     if guard.link and guard.link.counters.corrupt:
         return f"what answers at {where} sends no packets of the {guard.layout.name}; name its layout, or its address"
+    if guard.loopback:
+        clock = " --clock lockstep" if guard.lockstep else ""
+        return f"no twin answers at {where}; start one by: python -m s2r_a1.twin --port {guard.robot.port}{clock}"
     return f"no robot answers at {where}; check that it is on, its address, and the cable"
 
 
