@@ -99,7 +99,7 @@ def _connect(guard: Guard, party: Party, fields: dict[str, Any]) -> Reply:
             return status(guard)
         if guard.rounds < until:
             return None
-        sentence = conditions.refusal if reading is not None and conditions.refusal else silent(guard)
+        sentence = silent(guard) if reading is None or conditions.refusal is None else clockless(guard)
         guard.disconnect()
         raise RefusedError(sentence)
 
@@ -248,8 +248,21 @@ def silent(guard: Guard) -> str:
         return f"what answers at {where} sends no packets of the {guard.layout.name}; name its layout, or its address"
     if guard.loopback:
         clock = " --clock lockstep" if guard.lockstep else ""
-        return f"no twin answers at {where}; start one by: python -m s2r_a1.twin --port {guard.robot.port}{clock}"
-    return f"no robot answers at {where}; check that it is on, its address, and the cable"
+        return (
+            f"no twin of the {guard.layout.name} answers at {where}; "
+            f"start one by: python -m s2r_a1.twin --port {guard.robot.port}{clock}"
+        )
+    return f"no {guard.layout.name} answers at {where}; check that it is on, its address, and the cable"
+
+
+def clockless(guard: Guard) -> str:
+    """Return a sentence about a robot whose clock has no known unit."""
+    assert guard.link is not None
+    refusal = guard.link.refusal or ""
+    if not guard.loopback:
+        return refusal
+    seen, _, _ = refusal.partition(";")
+    return f"{seen}; where this machine is too busy for a twin in real time, use clock=lockstep on both sides"
 
 
 _MOTIONS = frozenset({"halt", "lie", "damp"})
