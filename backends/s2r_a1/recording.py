@@ -2,7 +2,8 @@
 
 What the robot measured, what it was sent and when come from the packets. What the controller made of it comes from
 the worker's notes; where there are none, because the worker was killed, the controller decides again by the recorded
-readings, which gives the same.
+readings. In lock step that gives the same; in real time it takes readings into account that a late worker missed.
+What ended a walk is not among the packets: only the worker's own trace says whether it failed, or is void.
 
 t = 0 is the control tick of the command. A sample's torque is the one that the next state reports, as in the
 simulator: of the 2 ms after the sample.
@@ -193,6 +194,7 @@ def trace_of(
             f"{os.fspath(path)}: the header of the recording does not say {', '.join(sorted(missing))}; "
             "it is of no test"
         )
+    again = notes is None
     if notes is None:
         notes = decided_again(packets, pilot or Pilot(Settings()))
     if not packets.log.finished:  # what the guard had not written yet when it was killed is gone
@@ -206,6 +208,8 @@ def trace_of(
     meta = {
         name: value for name, value in header.items() if name not in ("command", "trot", "hold", "limits")
     }
+    if again:
+        meta["decided_again"] = True
     meta["qp_failures"] = int(np.sum(samples["qp_solved"] == 0.0))
     meta["late"] = int(np.sum(samples["late"]))
     return Trace(np.array([note.tick for note in notes]) / RATE, samples, UNITS, meta)

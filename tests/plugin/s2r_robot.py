@@ -116,3 +116,10 @@ class Robot(Toy):
         if self.raw is not None:
             (self.raw / f"{number}.bytes").write_text(str(seed))
         return type(trace)(trace.times, trace.channels, trace.units, {**trace.meta, **meta})
+
+
+class Plain(Toy):
+    """A machine that says nothing of who attends to it."""
+
+    exclusive = True
+    deterministic = False

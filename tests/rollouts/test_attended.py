@@ -9,6 +9,8 @@ import s2r_spec as s2r
 from s2r_spec import logs
 from s2r_spec.certify.certificate import Label
 from s2r_spec.certify.gap import gap
+from s2r_spec.certify.kernels import Kernel
+from s2r_spec.certify.measure import check_measure
 from s2r_spec.certify.promise import certify
 from s2r_spec.errors import BackendError, NotBegunError, StoppedError, UsageError
 from s2r_spec.report import checked, gapped, jsonform
@@ -82,8 +84,8 @@ def test_rollouts_run_one_at_a_time_in_one_process_whatever_the_pool(robot, spec
 
 def test_the_outcomes_are_those_of_a_simulator_bit_for_bit(robot, spec, tmp_path):
     """Same seeds, same tests: what attends to a rollout changes no number."""
-    machine = s2r.check(spec, "robot:auto", tmp_path / "r", budget=40)
-    simulator = s2r.check(spec, "toy", tmp_path / "s", budget=40)
+    machine = s2r.check(spec, "robot:auto", tmp_path / "r", budget=16)
+    simulator = s2r.check(spec, "toy", tmp_path / "s", budget=16)
     assert (machine.lower, machine.upper, machine.worst) == (
         simulator.lower,
         simulator.upper,
@@ -262,6 +264,33 @@ def test_what_a_machine_is_not_for_is_a_sentence(robot, spec, tmp_path, run):
     with pytest.raises(UsageError):
         run(spec, tmp_path / "r")
     assert robot() == []
+
+
+def test_a_machine_that_names_no_attendance_waits_for_enter_before_each_rollout(robot, spec, tmp_path):
+    operator = Operator()
+    result = s2r.check(spec, "plain-robot", tmp_path / "r", budget=8, operator=operator)
+    assert result.certificate.rollouts == 8
+    assert sum("next test" in text for text in operator.said) == 8
+    assert "at most 8 rollouts" in operator.said[0]
+    with pytest.raises(UsageError, match="terminal"):
+        s2r.check(spec, "plain-robot", tmp_path / "n", budget=8, operator=Operator(there=False))
+
+
+def test_any_measure_of_a_machine_is_certified_alike(robot, tmp_path):
+    search = s2r.Search(
+        {"vd": (-0.2, 0.3)}, kernel=Kernel("rbf", 0.2), B=0.5, R=0.02, delta=1e-3, epsilon=0.05, budget=8
+    )
+    certificate = check_measure(
+        lambda trace, params: 0.1 - abs(trace["vx"][-1] - params["vd"]),
+        "aim",
+        "robot:auto,link=3",
+        search,
+        tmp_path / "m",
+        fall=-0.5,
+    )
+    assert certificate.label is Label.REFUSED
+    assert "1 in 20" in certificate.reason
+    assert "the robot's clock is right" in certificate.assumptions
 
 
 def test_no_pool_runs_a_machine(robot):

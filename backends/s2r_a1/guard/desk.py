@@ -43,6 +43,8 @@ def answer(guard: Guard, party: Party, request: Request) -> Reply:
 
 def _motion(guard: Guard, party: Party, request: Request) -> Reply:
     if request.do in states.BEGINNINGS:
+        if guard.client is None or guard.client.party is not party:
+            raise RefusedError("this program does not move the robot any more; connect anew")
         if party.spent:
             raise RefusedError("this program was moving the robot when it was damped; connect anew")
         if guard.ending:
@@ -90,6 +92,8 @@ def _hello(guard: Guard, party: Party, fields: dict[str, Any]) -> Reply:
 
 
 def _connect(guard: Guard, party: Party, fields: dict[str, Any]) -> Reply:
+    if guard.machine.state not in (State.OFF, State.LINKED):
+        return status(guard)
     guard.connect()
     until = guard.rounds + PATIENCE
 

@@ -14,13 +14,14 @@ from __future__ import annotations
 import contextlib
 import gc
 import select
+import socket as socketlib
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
 
-from s2r_a1.datagrams import LinkError, Socket, is_loopback, opened
+from s2r_a1.datagrams import Address, LinkError, Socket, is_loopback, opened
 from s2r_a1.guard import states
 from s2r_a1.guard.control import Listener, Party, RefusedError, Request
 from s2r_a1.guard.limits import LIMITS, ROUND, SECOND
@@ -34,6 +35,8 @@ SINKING = {State.DAMPING: 3 * SECOND, State.RESTING: SECOND}
 """A budget [ns]: how long a robot that was let go is looked after, until it lies. Twice as long delays the end."""
 LOOKED = 0.2
 """A budget [s]: how long an idle guard waits before it looks whether it is to end."""
+GREETED = 10.0
+"""A budget [s]: how much longer a new guard waits for who started it. Twice as long leaves a useless one for longer."""
 MUTE = 3.0
 """A budget [s]: how long the first answer of a twin in lock step may take. Twice as long reveals a wrong one later."""
 POLLED = 0.005
@@ -62,6 +65,7 @@ class Client:
     """The program that moves the robot: its connection, and its leg of the wire."""
 
     party: Party
+    address: Address
     socket: Socket
     side: RobotSide
 
@@ -110,7 +114,7 @@ class Guard:
         self._idle = idle
         self._orders: Orders | None = None
         self._due = 0
-        self._alone = time.monotonic()
+        self._alone = time.monotonic() + GREETED
 
     # What the requests act on.
 
@@ -191,8 +195,9 @@ class Guard:
         Raises:
             LinkError: its port cannot be spoken to.
         """
-        socket = opened(("127.0.0.1", port), lockstep=self.lockstep)
-        self.client = Client(party, socket, RobotSide(socket, self.layout))
+        address = ("127.0.0.1", port)
+        socket = opened(address, lockstep=self.lockstep)
+        self.client = Client(party, address, socket, RobotSide(socket, self.layout))
         return socket.port
 
     def leave(self, party: Party) -> None:
@@ -337,24 +342,31 @@ class Guard:
         assert link is not None
         assert socket is not None
         # One that never answers does not understand us; one that has answered is waited for.
-        self._await(socket, None if link.counters.received else MUTE)
+        peer = (self.robot.host, self.robot.port)
+        self._await(socket, peer, None if link.counters.received else MUTE)
         reading, bad = self._read(link)
         client = self.client
         if client:
             if reading is None:
                 client.side.skip()
-            self._await(client.socket, client=client)
+            self._await(client.socket, client.address, client=client)
         return self._ordered(client if client is self.client else None, reading, bad)
 
-    def _await(self, socket: Socket, seconds: float | None = None, client: Client | None = None) -> None:
-        """Serve requests until a datagram waits at a socket, or its peer is gone: after so many seconds, if any."""
+    def _await(
+        self, socket: Socket, peer: Address, seconds: float | None = None, client: Client | None = None
+    ) -> None:
+        """Serve requests until a datagram waits at a socket.
+
+        Nothing may ever come: then its peer is gone, as it is after so many seconds, if any.
+        """
         began = time.monotonic()
         while not socket.gone and (client is None or self.client is client):
             ready = self._ready([socket.fileno()], LOOKED)
             self._serve(ready)
             if socket.fileno() in ready:
                 return
-            socket.gone = seconds is not None and time.monotonic() - began >= seconds
+            silent = time.monotonic() - began
+            socket.gone = (seconds is not None and silent >= seconds) or (silent >= LOOKED and is_free(peer))
 
     def _read(self, link: Link) -> tuple[Reading | None, bool]:
         """Return the good reading that came, passed on to the client, and whether one came that cannot be."""
@@ -449,3 +461,16 @@ class Guard:
 def _polled(deferred: Deferred) -> dict[str, Any] | Deferred:
     reply = deferred.poll()
     return deferred if reply is None else reply
+
+
+def is_free(address: Address) -> bool:
+    """Return whether no process of this machine holds a UDP port.
+
+    A process that was killed after a datagram had reached it leaves no other trace.
+    """
+    with socketlib.socket(socketlib.AF_INET, socketlib.SOCK_DGRAM) as probe:
+        try:
+            probe.bind(address)
+        except OSError:
+            return False
+    return True

@@ -207,7 +207,7 @@ def _followed(machine: Machine, now: int, limits: Limits) -> Orders:
 
 # A robot that falls, and a link that breaks, in one round: that it fell counts.
 _ROBOT = (limit.TILT, limit.MOTOR, limit.HEAT, limit.TORQUE, limit.POWER)
-_VOID = (limit.LINK, limit.NUMBERS, limit.BUTTON)
+_VOID = (limit.LINK, limit.NUMBERS, limit.HELD_UP, limit.BUTTON)
 _LIES = (limit.MOTOR, limit.ABSENT, limit.NUMBERS, limit.BUTTON)
 _WARNINGS = (limit.WARMTH, limit.STRAIN)
 
@@ -222,7 +222,7 @@ ROWS: dict[State, Row] = {
         (*_ROBOT, limit.HEIGHT, limit.JOINT, limit.DEVIATION, *_VOID), _own, stands=True, warnings=_WARNINGS
     ),
     State.WALK: Row(
-        (*_ROBOT, limit.HEIGHT, limit.JOINT, *_VOID, limit.CLIENT, limit.HELD_UP),
+        (*_ROBOT, limit.HEIGHT, limit.JOINT, *_VOID, limit.CLIENT),
         _followed,
         client=True,
         stands=True,
