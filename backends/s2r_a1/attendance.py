@@ -11,6 +11,7 @@ With ``operator=auto``, for a twin alone, nobody is asked: every answer is yes, 
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -105,7 +106,15 @@ class Attendance:
             self._operator.say("It is a twin, a simulation behind the robot's wire, and no robot.")
         if self.unattended:
             self._operator.say("operator=auto: nobody is asked; it is connected, armed and walked.")
-        self._guard, _ = start(backend.robot)
+        guard, status = start(backend.robot)
+        # Two runs of one robot would take turns; and the end of one would lay it down in the other's test.
+        others = [pid for pid in status.get("operators", ()) if pid != os.getpid()]
+        if others:
+            guard.close()
+            raise BackendError(
+                f"another run holds {where} (process {others[0]}); wait for its end, or end it with Ctrl-C"
+            )
+        self._guard = guard
         self._make_ready(consent=True)
 
     def before(self, params: Mapping[str, float]) -> None:

@@ -232,6 +232,7 @@ def status(guard: Guard) -> dict[str, Any]:
         "battery": _battery(guard),
         "remote_seen": reading is not None and remote.seen(reading.remote),
         "client": guard.client.party.pid if guard.client else None,
+        "operators": [p.pid for p in guard.listener.parties if p.role == "operator" and p.open],
         "recording": str(guard.log.path) if guard.log else None,
         "warnings": [sentence for _, sentence in machine.warnings],
         "event": guard.event,
