@@ -20,7 +20,6 @@ from s2r_a1.channels import channels
 from s2r_a1.guard import leg, moves, states
 from s2r_a1.guard import limits as limit
 from s2r_a1.guard.limits import LIMITS, MS, ROBOT_WORDS, SECOND, Figure, Limits
-from s2r_a1.guard.loop import SETTLED
 from s2r_a1.guard.states import ROWS, State
 from s2r_sim.gains import RATE
 
@@ -194,7 +193,6 @@ def time_table() -> str:
             ("after the first Ctrl-C the walk may go on for", f"{seconds(states.RAMP)}"),
             ("from a walk to the stand", f"{seconds(moves.CATCH)}"),
             ("a damped robot can be reset after", f"{seconds(states.SINKING)}"),
-            ("rounds go on in DAMPING without anybody for (lock step)", f"{seconds(SETTLED)}"),
             ("tests between two rests", f"{attendance.TESTS}"),
             (
                 "a rest for heat is due at, and over below",
