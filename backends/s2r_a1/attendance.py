@@ -11,6 +11,7 @@ With ``operator=auto``, for a twin alone, nobody is asked: every answer is yes, 
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -105,7 +106,15 @@ class Attendance:
             self._operator.say("It is a twin, a simulation behind the robot's wire, and no robot.")
         if self.unattended:
             self._operator.say("operator=auto: nobody is asked; it is connected, armed and walked.")
-        self._guard, _ = start(backend.robot)
+        guard, status = start(backend.robot)
+        # Two runs of one robot would take turns; and the end of one would lay it down in the other's test.
+        others = [pid for pid in status.get("operators", ()) if pid != os.getpid()]
+        if others:
+            guard.close()
+            raise BackendError(
+                f"another run holds {where} (process {others[0]}); wait for its end, or end it with Ctrl-C"
+            )
+        self._guard = guard
         self._make_ready(consent=True)
 
     def before(self, params: Mapping[str, float]) -> None:
@@ -120,9 +129,10 @@ class Attendance:
             self._rest_if_due()
         except BackendError as error:
             raise NotBegunError(str(error)) from None
-        test = ", ".join(f"{name} = {value:.6g}" for name, value in params.items())
+        units = {parameter.name: parameter.unit for parameter in self._backend.parameters}
+        test = ", ".join(f"{name} = {value:.6g} {units.get(name, '')}".rstrip() for name, value in params.items())
         self._ask(
-            f"Test {self._tests + 1}: {test}. Put {self._name} at its start, lying, facing the tape; clear 1 m around "
+            f"Test {self._tests + 1}: {test}. Put {self._name} at its start, lying, with free floor ahead and 1 m around "
             "it; keep the remote in your hand; look at the battery, which needs two lights or more.",
             {"": "begin"},
         )
@@ -192,8 +202,8 @@ class Attendance:
             state = self._state()
         if state == "OFF":
             self._consent(
-                f"Let {self._name} hang or lie, and end the factory's own controller: L2+A twice, L2+B, then "
-                "L1+L2+START. Nothing has been sent to it yet; connecting sends packets without gains or torque.",
+                f"Let {self._name} hang or lie, and end the factory's own controller: L2+B on the remote, so that its "
+                "legs are limp. Nothing has been sent to it yet; connecting sends packets without gains or torque.",
                 WORD_CONNECT,
             )
             self._guard.request("connect")

@@ -77,7 +77,7 @@ def read_options(text: str) -> Options:
         raise UsageError(
             "body and heading say how motion capture's body is mounted; they need velocity=mocap:PORT"
         )
-    if said.get("layout", "a1") == "go1":
+    if _one_of("layout", said.get("layout", "a1"), ("a1", "go1")) == "go1":
         raise UsageError(
             "the Go1 cannot walk with s2r yet: its packets are known (layout=go1), its masses and gains are not"
         )
@@ -92,7 +92,6 @@ def read_options(text: str) -> Options:
         local=_port("local", said["local"]) if "local" in said else 0,
         module=_module(said["module"]) if "module" in said else "",
     )
-    _one_of("layout", said.get("layout", "a1"), ("a1",))
     if options.module and options.clock == "lockstep":
         raise UsageError("the vendor's module knows no lock step: leave out module or clock=lockstep")
     for name, value in (("operator", "auto"), ("clock", "lockstep")):

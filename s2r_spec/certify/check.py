@@ -293,7 +293,9 @@ def conclude(
         ),
         f"a rollout that falls or crashes counts as ρ = {fall:g} {unit}".rstrip() + ", as the spec declares",
         *assumed(backend, provenance, journal),
-        "the statement is about this backend's expected ρ over its own noise; the real machine is search 2",
+        "the statement is about this machine's expected ρ, as it was during these rollouts"
+        if is_machine(provenance)
+        else "the statement is about this backend's expected ρ over its own noise; the real machine is search 2",
     )
     return CheckResult(
         requirement=requirement,

@@ -158,8 +158,9 @@ def _said_of(task: Task, kind: type[BackendError] = BackendError) -> Iterator[No
     """Turn what a backend raises into a sentence that names it, and the rollout."""
     try:
         yield
+    except NotBegunError as error:  # whoever asked for it names it
+        raise NotBegunError(str(error)) from None
     except S2RError as error:
-        kind = NotBegunError if isinstance(error, NotBegunError) else kind
         raise kind(f"backend {task.backend!r}: {error} {_where(task)}") from None
     except BaseException as error:
         end_copy(error)

@@ -1,5 +1,7 @@
 """The dialogue around the rollouts of a robot: what is asked, in which order, and what is sent only then."""
 
+import os
+
 import numpy as np
 import pytest
 
@@ -99,6 +101,16 @@ def test_a_robot_that_an_earlier_run_armed_needs_consent_again(scene):
     events, _, _, attended = scene("RESTING")
     attended.begin(Coming(1))
     assert events == ["type arm"]
+
+
+def test_a_robot_that_another_run_holds_is_left_to_it(scene, monkeypatch):
+    events, guard, _, attended = scene("STAND")
+    status = {"state": "STAND", "operators": [os.getpid(), os.getpid() + 1]}
+    monkeypatch.setattr(attendance, "start", lambda robot: (guard, status))
+    with pytest.raises(BackendError, match=str(os.getpid() + 1)):
+        attended.begin(Coming(1))
+    attended.end()
+    assert events == ["close"]
 
 
 def test_a_damped_robot_is_reset_by_the_operator_alone_and_armed_anew(scene):

@@ -84,7 +84,10 @@ def _found(host: str | None, port: int) -> Any:
         UsageError: several live, and none is named.
     """
     if host:
-        return place(host, port).control
+        found = place(host, port)
+        if not _lives(found.control.stem):
+            raise BackendError(f"no guard of {host}:{port} lives; a run with a1:host={host} starts one")
+        return found.control
     living = [path for path in sorted(folder().glob("*.sock")) if _lives(path.stem)]
     if not living:
         raise BackendError("no guard lives; a run with a1:host=… starts one")

@@ -103,7 +103,7 @@ def _connect(guard: Guard, party: Party, fields: dict[str, Any]) -> Reply:
             return status(guard)
         if guard.rounds < until:
             return None
-        sentence = conditions.refusal if reading is not None and conditions.refusal else silent(guard)
+        sentence = silent(guard) if reading is None or conditions.refusal is None else clockless(guard)
         guard.disconnect()
         raise RefusedError(sentence)
 
@@ -227,6 +227,7 @@ def status(guard: Guard) -> dict[str, Any]:
         "twin": guard.loopback,
         "layout": guard.robot.layout,
         "module": guard.robot.module,
+        "local": guard.robot.local,
         "clock": guard.robot.clock,
         "tick_unit": guard.link.unit if guard.link else None,
         "unready": states.unready(machine, guard.conditions(), guard.limits)
@@ -241,6 +242,7 @@ def status(guard: Guard) -> dict[str, Any]:
         "battery": _battery(guard),
         "remote_seen": reading is not None and remote.seen(reading.remote),
         "client": guard.client.party.pid if guard.client else None,
+        "operators": [p.pid for p in guard.listener.parties if p.role == "operator" and p.open],
         "recording": str(guard.log.path) if guard.log else None,
         "warnings": [sentence for _, sentence in machine.warnings],
         "event": guard.event,
@@ -259,7 +261,23 @@ def silent(guard: Guard) -> str:
     where = f"{guard.robot.host}:{guard.robot.port}"
     if guard.link and guard.link.counters.corrupt:
         return f"what answers at {where} sends no packets of the {guard.layout.name}; name its layout, or its address"
-    return f"no robot answers at {where}; check that it is on, its address, and the cable"
+    if guard.loopback:
+        clock = " --clock lockstep" if guard.lockstep else ""
+        return (
+            f"no twin of the {guard.layout.name} answers at {where}; "
+            f"start one by: python -m s2r_a1.twin --port {guard.robot.port}{clock}"
+        )
+    return f"no {guard.layout.name} answers at {where}; check that it is on, its address, and the cable"
+
+
+def clockless(guard: Guard) -> str:
+    """Return a sentence about a robot whose clock has no known unit."""
+    assert guard.link is not None
+    refusal = guard.link.refusal or ""
+    if not guard.loopback:
+        return refusal
+    seen, _, _ = refusal.partition(";")
+    return f"{seen}; where this machine is too busy for a twin in real time, use clock=lockstep on both sides"
 
 
 _MOTIONS = frozenset({"halt", "lie", "damp"})

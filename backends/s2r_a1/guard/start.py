@@ -44,7 +44,7 @@ def attach(robot: Robot, role: Role | None = None, **hello: Any) -> tuple[Connec
             answer = connection.request("hello", role=role, pid=os.getpid(), **hello)
         else:
             answer = connection.request("status")
-        for name in ("layout", "clock", "module"):
+        for name in ("layout", "clock", "module", *(("local",) if robot.local else ())):
             if answer[name] != getattr(robot, name):
                 raise UsageError(
                     f"the guard of {robot.host}:{robot.port} has {name}={answer[name]}, not "

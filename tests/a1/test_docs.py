@@ -1,0 +1,102 @@
+"""The pages on the A1 itself say what the code does, and what they show to type can be typed."""
+
+import importlib.util
+import re
+import shlex
+import sys
+from pathlib import Path
+
+import pytest
+
+from s2r_a1.guard import __main__ as guard
+from s2r_a1.options import NAMES, read_options
+from s2r_a1.twin import Twin, TwinSettings
+from s2r_a1.twin.options import read_options as read_twin
+from tests.a1.robots import served
+
+ROOT = Path(__file__).parents[2]
+HOW_TO, REFERENCE, EXPLANATION = PAGES = tuple(
+    ROOT / "docs" / name
+    for name in ("how-to/hardware.md", "reference/a1-robot.md", "explanation/a1-hardware.md")
+)
+TEXT = "\n".join(page.read_text() for page in PAGES)
+
+
+def maker():
+    spec = importlib.util.spec_from_file_location("a1_hardware", ROOT / "benchmarks" / "a1_hardware.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def commands(program):
+    """The arguments of every command of a program that the pages show."""
+    lines = re.findall(rf"^ *{re.escape(program)}(?: (.*))?$", HOW_TO.read_text(), re.M)
+    return [shlex.split(line, comments=True) for line in lines]
+
+
+def test_the_tables_are_the_codes():
+    made = maker()
+    named = re.findall(r"<!-- table: (\w+) -->", TEXT)
+    assert sorted(named) == sorted(made.TABLES)
+    for page in (HOW_TO, REFERENCE):
+        assert page.read_text() == made.with_tables(page.read_text()), (
+            "run: python benchmarks/a1_hardware.py --write"
+        )
+
+
+def test_a_table_of_another_figure_would_be_noticed():
+    page = HOW_TO.read_text()
+    assert maker().with_tables(page.replace("tilted by more than 0.5 rad", "tilted by more than 0.6 rad")) == page
+
+
+def test_the_options_of_a_robot_are_all_there():
+    table = REFERENCE.read_text().split("## Options")[1].split("## ")[0]
+    assert sorted(re.findall(r"^\| `(\w+)` \|", table, re.M)) == sorted(NAMES)
+
+
+def test_every_robot_that_is_named_can_be_reached_so():
+    named = re.findall(r"\ba1:([\w.=,:]+)", TEXT)
+    assert len(named) > 5
+    for options in named:
+        read_options(options)
+
+
+def test_every_command_of_a_twin_can_be_typed():
+    shown = commands("python -m s2r_a1.twin")
+    assert len(shown) > 5
+    for arguments in shown:
+        read_twin(arguments)
+
+
+@pytest.mark.parametrize("arguments", commands("python -m s2r_a1.guard"), ids=" ".join)
+def test_every_command_of_a_guard_can_be_typed(arguments, tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv("S2R_A1_RUN", str(tmp_path))
+    assert guard.main(arguments) == 4  # none lives, and the command is one
+    assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+def test_the_first_contact_stands_a_robot_up_and_lays_it_down(tmp_path, monkeypatch, capsys):
+    script = re.search(r"```python\n(.*?load_backend\(sys.*?)```", HOW_TO.read_text(), re.S)[1]
+    script = "\n".join(line.removeprefix("   ") for line in script.splitlines())
+    monkeypatch.setenv("S2R_A1_RUN", str(tmp_path))
+    with served(Twin(TwinSettings(place="nominal"))) as port:
+        name = f"a1:host=127.0.0.1,port={port},velocity=onboard,operator=auto,clock=lockstep"
+        monkeypatch.setattr(sys, "argv", ["stand.py", name])
+        exec(compile(script, "stand.py", "exec"), {})
+        assert "stands at [" in capsys.readouterr().out
+        status = guard._found("127.0.0.1", port)
+        assert status.exists()
+        assert guard.main(["status"]) == 0
+        assert capsys.readouterr().out.startswith("RESTING")
+        assert guard.main(["stop"]) == 0
+
+
+def test_every_link_leads_somewhere():
+    for page in PAGES:
+        for target, place in re.findall(r"\]\((?!http)([^)#]*)#?([^)]*)\)", page.read_text()):
+            file = (page.parent / target) if target else page
+            assert file.exists(), target
+            heads = [head.lower() for head in re.findall(r"^#+ (.*)$", file.read_text(), re.M)]
+            anchors = {re.sub(r"[^\w -]", "", head).replace(" ", "-") for head in heads}
+            assert not place or place in anchors, place
