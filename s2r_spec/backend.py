@@ -437,6 +437,15 @@ class KeepsRaw(Protocol):
         ...
 
 
+@runtime_checkable
+class SaysWhenItBegins(Protocol):
+    """A machine whose rollouts begin well after they are asked for: it stands up before a test."""
+
+    def saying(self, begins: Callable[[], None]) -> Self:
+        """Return the same backend, whose rollouts call ``begins`` at t = 0; ``--timeout`` counts from then on."""
+        ...
+
+
 @dataclass(frozen=True)
 class Needs:
     """What a specification asks of a backend.

@@ -130,7 +130,9 @@ class Attendance:
         except BackendError as error:
             raise NotBegunError(str(error)) from None
         units = {parameter.name: parameter.unit for parameter in self._backend.parameters}
-        test = ", ".join(f"{name} = {value:.6g} {units.get(name, '')}".rstrip() for name, value in params.items())
+        test = ", ".join(
+            f"{name} = {value:.6g} {units.get(name, '')}".rstrip() for name, value in params.items()
+        )
         self._ask(
             f"Test {self._tests + 1}: {test}. Put {self._name} at its start, lying, with free floor ahead and 1 m around "
             "it; keep the remote in your hand; look at the battery, which needs two lights or more.",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import InitVar, dataclass, field, replace
 from functools import cache
 from importlib.metadata import version
@@ -77,6 +77,8 @@ class A1Backend:
     duration: float = 1.5
     folder: str | None = None
     """Where raw recordings go; see :meth:`keeping`."""
+    begins: Callable[[], None] | None = field(default=None, compare=False, repr=False)
+    """Is called at t = 0 of a rollout; see :meth:`saying`."""
     parameters: tuple[Parameter, ...] = field(default=PARAMETERS, init=False, repr=False)
     deterministic: bool = field(default=False, init=False)
     reached: Options = field(default=Options(""), init=False)
@@ -146,7 +148,11 @@ class A1Backend:
         """Return the same backend, whose raw recordings go to this folder; none is ever overwritten."""
         return self._with(folder=folder)
 
-    def _with(self, **changes: float | str) -> Self:
+    def saying(self, begins: Callable[[], None]) -> Self:
+        """Return the same backend, whose rollouts call ``begins`` at t = 0."""
+        return self._with(begins=begins)
+
+    def _with(self, **changes: float | str | Callable[[], None]) -> Self:
         return replace(self, options=write_options(self.reached), **changes)  # type: ignore[arg-type]
 
     def attendance(self, operator: Operator) -> Attendance:

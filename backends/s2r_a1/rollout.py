@@ -70,18 +70,19 @@ def run(backend: A1Backend, test: Mapping[str, float], seed: int) -> Trace:
             client.record(path, recording.header_of(test, schedule, about))
         except BackendError as error:
             raise NotBegunError(str(error)) from None
-        walked = _walk(client, own, schedule, backend.reached.operator == "auto")
+        walked = _walk(client, own, schedule, backend)
     trace = recording.trace_of(path, walked.notes, own)
     if listener is not None:
         trace = _seen(trace, walked, listener, backend.placing, client)
     return _ended(trace, walked.ending, schedule, path)
 
 
-def _walk(client: Client, own: Pilot, schedule: Schedule, stays: bool) -> Walked:
-    """Walk, end the recording, and leave the robot at rest; ``stays`` leaves it standing."""
+def _walk(client: Client, own: Pilot, schedule: Schedule, backend: A1Backend) -> Walked:
+    """Walk, end the recording, and leave the robot at rest, or standing where nobody is asked before the next test."""
+    stays = backend.reached.operator == "auto"
     try:
         with undisturbed(first=not client.lockstep):
-            return walk(client, own, schedule, client.ready)
+            return walk(client, own, schedule, client.ready, backend.begins)
     except NotBegunError:
         stays = False
         raise

@@ -81,7 +81,13 @@ class Walked:
     ending: Change | None
 
 
-def walk(line: Line, pilot: Pilot, schedule: Schedule, ready: Callable[[], None] = lambda: None) -> Walked:
+def walk(
+    line: Line,
+    pilot: Pilot,
+    schedule: Schedule,
+    ready: Callable[[], None] | None = None,
+    begins: Callable[[], None] | None = None,
+) -> Walked:
     """Walk one test; the robot stands afterwards, unless something ended the walk.
 
     Args:
@@ -89,14 +95,16 @@ def walk(line: Line, pilot: Pilot, schedule: Schedule, ready: Callable[[], None]
         pilot: has practised: what compiles for a second now is silence to the guard.
         schedule: of the test.
         ready: raises a NotBegunError if a robot that stands shall not walk yet.
+        begins: is called at t = 0.
 
     Raises:
         NotBegunError: something ended it before t = 0.
         BackendError: the guard refused a request.
     """
     reading = stand(line)
-    ready()
-    notes, ending = _walk(line, pilot, schedule, reading)
+    if ready is not None:
+        ready()
+    notes, ending = _walk(line, pilot, schedule, reading, begins)
     if ending is None or ending.state != GONE:
         _settle(line)
     if not notes or notes[-1].tick < 0:
@@ -140,7 +148,9 @@ def rest(line: Line) -> None:
         line.receive()
 
 
-def _walk(line: Line, pilot: Pilot, schedule: Schedule, reading: Reading) -> tuple[list[Note], Change | None]:
+def _walk(
+    line: Line, pilot: Pilot, schedule: Schedule, reading: Reading, begins: Callable[[], None] | None
+) -> tuple[list[Note], Change | None]:
     """Return the notes of a walk that begins at a reading, and what ended it early."""
     notes: list[Note] = []
     pilot.begin(schedule, line.unit)
@@ -156,6 +166,9 @@ def _walk(line: Line, pilot: Pilot, schedule: Schedule, reading: Reading) -> tup
             note = pilot.step(newest)
             if not stopped:  # what comes after is no longer of the test
                 notes.append(note)
+            if begins is not None and note.tick >= 0:
+                begins()
+                begins = None
             if pilot.is_done(note):
                 return notes, _halted(line) or stopped
             ordered = orders(note)

@@ -15,7 +15,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 from socket import gethostname
 from time import perf_counter
 from types import TracebackType
@@ -26,6 +26,7 @@ from s2r_spec.backend import (
     HasDuration,
     KeepsRaw,
     Prepares,
+    SaysWhenItBegins,
     is_exclusive,
     load_backend,
     refuse_unknown,
@@ -111,7 +112,11 @@ def run_task(task: Task) -> tuple[Trace, float]:
         declared = tuple(backend.parameters)
     refuse_unknown(task.backend, declared, task.params)
     with _said_of(task):
-        limit(task.timeout)
+        if isinstance(backend, SaysWhenItBegins):
+            backend = backend.saying(partial(limit, task.timeout))
+            limit(task.timeout + OPENING)
+        else:
+            limit(task.timeout)
         start = perf_counter()
         trace = backend.rollout(task.params, task.seed)
         seconds = perf_counter() - start

@@ -3,7 +3,8 @@
 What it does is in its name, words with a comma between them: ``robot:auto`` asks nobody; ``link=3`` loses the link in
 the third rollout that anybody runs of it, ``die=3`` kills the process that runs it, ``hang=3`` waits there until it is
 interrupted (with ``S2R_ROBOT_DEAF`` until it is killed), ``raise=3`` raises, ``shy=3`` does not begin, ``fell=3``
-falls, ``both=3`` falls and loses the link; ``link=3+4`` does so twice. ``refuse`` does not let the first rollout begin.
+falls, ``both=3`` falls and loses the link, ``slow=3`` takes 0.5 s to stand up; ``link=3+4`` does so twice. ``refuse``
+does not let the first rollout begin.
 All that happens to it is a line of the file that ``S2R_ROBOT`` names.
 """
 
@@ -19,7 +20,7 @@ from s2r_toy import Toy
 
 from s2r_spec.errors import NotBegunError
 
-HABITS = ("link", "die", "hang", "raise", "shy", "fell", "both")
+HABITS = ("link", "die", "hang", "raise", "shy", "fell", "both", "slow")
 
 
 def happened(*words: object) -> int:
@@ -64,6 +65,7 @@ class Robot(Toy):
     cost = 20.0
     assumptions = ("the robot's clock is right",)
     raw = None
+    begins = None
 
     def __init__(self, habit: str = "") -> None:
         super().__init__()
@@ -72,7 +74,7 @@ class Robot(Toy):
 
     def _like(self) -> Robot:
         other = type(self)(self.name.partition(":")[2])
-        other.duration, other.raw = self.duration, self.raw
+        other.duration, other.raw, other.begins = self.duration, self.raw, self.begins
         return other
 
     def with_duration(self, seconds: float) -> Robot:
@@ -83,6 +85,11 @@ class Robot(Toy):
     def keeping(self, folder: str) -> Robot:
         other = self._like()
         other.raw = Path(folder)
+        return other
+
+    def saying(self, begins) -> Robot:
+        other = self._like()
+        other.begins = begins
         return other
 
     def attendance(self, operator) -> Attendance:
@@ -100,6 +107,10 @@ class Robot(Toy):
             raise ValueError("the gyroscope is upside down")
         if "die" in now:
             os.kill(os.getpid(), signal.SIGKILL)
+        if "slow" in now:
+            time.sleep(0.5)
+        if self.begins is not None:
+            self.begins()
         trace = super().rollout(params, seed)
         meta = {}
         if "hang" in now:

@@ -186,7 +186,8 @@ def test_an_error_of_the_backend_ends_the_run_and_the_rollout_is_void(robot, spe
 
 def test_a_rollout_that_takes_too_long_is_ended_and_void(robot, spec, tmp_path):
     operator = Operator()
-    s2r.check(spec, "robot:hang=2", tmp_path / "r", budget=8, timeout=0.3, operator=operator)
+    # to stand up takes longer than the time-out, which counts from t = 0
+    s2r.check(spec, "robot:slow=1+3,hang=2", tmp_path / "r", budget=8, timeout=0.3, operator=operator)
     assert [void.word for void in Journal.read(tmp_path / "r").voids] == ["killed"]
     assert len(robot("rollout")) == 9
 
