@@ -265,12 +265,30 @@ def test_a_client_that_was_damped_must_connect_anew(robot, armed, walker, closin
     with pytest.raises(RefusedError):
         walker.control.request("stand")
     assert armed.request("status")["state"] == "ARMED"
-    walker.close()
-    until(lambda: armed.request("status")["client"] is None)
-    again = Walker(robot)
+    again = Walker(robot)  # the first one is still there, as one that was stopped is
     closing.append(again)
     again.turn(ask="stand", count=2)
     assert armed.request("status")["state"] == "STANDING_UP"
+
+
+def test_a_client_that_took_leave_moves_the_robot_no_more(robot, armed, walker, closing):
+    walker.turn(count=3, ask="leave")
+    for refused in ("stand", "walk"):
+        with pytest.raises(RefusedError):
+            walker.control.request(refused)
+    again = Walker(robot)
+    closing.append(again)
+    again.turn(ask="stand", count=2)
+    walker.close()
+    again.turn(count=5)
+    assert armed.request("status")["state"] == "STANDING_UP"
+
+
+def test_a_client_that_was_stopped_does_not_hold_up_damping(toy, armed, walker):
+    walker.turn(ask="stand", count=3)
+    assert armed.request("damp")["state"] == "DAMPING"
+    until(lambda: armed.request("status")["client"] is None)
+    until(lambda: len([1 for orders in toy.orders[-9:] if (orders.kd == moves.DAMPING).all()]) == 9)
 
 
 def test_one_client_at_a_time_and_each_request_for_whom_it_is(robot, armed, walker):

@@ -35,6 +35,9 @@ SINKING = {State.DAMPING: 3 * SECOND, State.RESTING: SECOND}
 """A budget [ns]: how long a robot that was let go is looked after, until it lies. Twice as long delays the end."""
 LOOKED = 0.2
 """A budget [s]: how long an idle guard waits before it looks whether it is to end."""
+UNANSWERED = 1.0
+"""A budget [s]: how long a client in lock step is waited for that may move nothing any more. One that was stopped for
+good would hold up the damping of the robot; twice as long does so for longer."""
 GREETED = 10.0
 """A budget [s]: how much longer a new guard waits for who started it. Twice as long leaves a useless one for longer."""
 MUTE = 3.0
@@ -389,6 +392,9 @@ class Guard:
             if socket.fileno() in ready:
                 return
             silent = time.monotonic() - began
+            if client and client.party.spent and silent >= UNANSWERED:
+                self.release()
+                return
             socket.gone = (seconds is not None and silent >= seconds) or (silent >= LOOKED and is_free(peer))
 
     def _read(self, link: Link) -> tuple[Reading | None, bool]:
