@@ -253,6 +253,26 @@ def test_a_client_that_leaves_leaves_a_damped_robot(toy, armed, walker):
     assert armed.request("arm")["state"] == "ARMED"
 
 
+def test_a_client_that_takes_leave_leaves_the_robot_standing_and_it_lies_when_nobody_is_left(
+    toy, robot, armed, walker, closing
+):
+    walker.stand()
+    walker.turn(walking(1.0), ask="walk")
+    with pytest.raises(RefusedError, match="halt"):
+        walker.control.request("leave")
+    walker.turn(walking(1.0), 3, ask="halt")
+    walker.control.request("leave")
+    walker.close()
+    assert armed.request("status")["client"] is None
+    assert armed.request("status")["state"] == "STAND"
+    armed.close()
+    until(lambda: not toy.orders[-1].kp.any())  # it lies, and is damped
+    np.testing.assert_allclose(toy.q, moves.LYING, atol=0.01)
+    operator, status = start(robot)
+    closing.append(operator)
+    assert status["state"] == "RESTING"
+
+
 def test_a_client_that_was_damped_must_connect_anew(robot, armed, walker, closing):
     walker.turn(count=10, ask="stand")
     assert armed.request("damp", reason="the operator said so")["state"] == "DAMPING"
