@@ -68,6 +68,7 @@ class Toy(threading.Thread):
             self._socket.sendto(self.answers(reading(self.q, tick=int(elapsed))), peer)
 
     def close(self):
+        """End; twice is not too often."""
         self._open = False
         self.join()
         self._socket.close()
@@ -440,6 +441,17 @@ def test_commands_speak_with_the_guard_that_lives(toy, robot, armed, walker):
 def test_a_guard_with_nobody_attached_ends(robot, started):
     connection, _ = started(robot, idle=0.05)
     connection.close()
+    until(lambda: ended(robot))
+
+
+def test_a_damped_guard_lives_on_until_its_twin_has_ended(toy, robot, started):
+    operator, _ = started(robot, idle=0.05)
+    for do in ("connect", "arm", "damp"):
+        operator.request(do)
+    operator.close()
+    until(lambda: len(toy.commands) > 1500)
+    assert not ended(robot)
+    toy.close()
     until(lambda: ended(robot))
 
 

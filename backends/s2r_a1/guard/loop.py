@@ -299,9 +299,17 @@ class Guard:
         machine = self.machine
         if self.ending and machine.state in (*AT_REST, State.DAMPING) and not self._sinking():
             return True
-        if machine.state not in AT_REST or self.listener.parties:
+        if self.listener.parties or not (machine.state in AT_REST or self._orphaned()):
             self._alone = time.monotonic()
         return time.monotonic() - self._alone >= self._idle
+
+    def _orphaned(self) -> bool:
+        """Return whether the robot was a twin that has ended, and was damped before: nobody is to be looked after.
+
+        A real robot is damped for as long as nobody resets it.
+        """
+        damped = self.machine.state is State.DAMPING and not self._sinking()
+        return damped and self.loopback and is_free((self.robot.host, self.robot.port))
 
     def _turning(self) -> bool:
         """Return whether rounds go on."""
