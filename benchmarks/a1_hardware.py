@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import get_args, get_type_hints
 
 from s2r_a1 import attendance, remote, schedule
-from s2r_a1.backend import AROUND, PARAMETERS
+from s2r_a1.backend import AROUND, PARAMETERS, PLACING
 from s2r_a1.channels import channels
 from s2r_a1.guard import leg, moves, states
 from s2r_a1.guard import limits as limit
@@ -53,7 +53,8 @@ def means() -> dict[str, str]:
         "warmth": f"a motor has {k.warm:g} °C or more",
         "torque": f"a motor reports more than {k.torque:g} N·m in {k.torque_rounds} states in a row",
         "strain": f"a motor reports more than {k.strain:g} N·m for {seconds(k.strain_time)}",
-        "power": f"Σ\\|q̇ τ\\| above {k.watts:g} W (level {k.power_level}): {k.power_rounds} states over, less those under",
+        "power": f"Σ\\|q̇ τ\\| above {k.watts:g} W (level {k.power_level}): {k.power_rounds} states over, "
+        "less those under",
         "joint": f"a joint is within {k.margin:g} rad of its limit",
         "deviation": f"a joint is more than {k.deviation:g} rad from where the guard's own motion wants it",
         "link": f"no new state for {ms(k.silence)}",
@@ -189,7 +190,10 @@ def time_table() -> str:
             ("standing up, lying down", f"{seconds(moves.STAND_UP)}, {seconds(moves.LIE_DOWN)}"),
             ("trotting in place before t = 0", f"at least {schedule.TROT / RATE:g} s"),
             ("ramp from the command to none", f"{schedule.RAMP / RATE:g} s"),
-            ("a rollout besides the test itself", f"{AROUND:g} s"),
+            (
+                "a rollout besides the test itself",
+                f"{AROUND:g} s, and {PLACING:g} s for putting the robot back",
+            ),
             ("after the first Ctrl-C the walk may go on for", f"{seconds(states.RAMP)}"),
             ("from a walk to the stand", f"{seconds(moves.CATCH)}"),
             ("a damped robot can be reset after", f"{seconds(states.SINKING)}"),

@@ -36,8 +36,6 @@ WARM = 50.0
 COOL = 45.0
 """A level [°C]: a rest for heat is over when all motors are below it. Higher ends it sooner, and the next comes
 sooner."""
-PLACING = 10.0
-"""A budget [s]: what putting the robot back to its start takes, for the minutes that are said beforehand."""
 LYING = 20.0
 """A budget [s]: how long lying down may take. Twice as much waits longer for a robot that is stuck."""
 LOOK = 0.02
@@ -99,7 +97,7 @@ class Attendance:
         backend, reached = self._backend, self._backend.reached
         fastest = max(abs(p.low) for p in backend.parameters if p.name == "vd")
         metres = fastest * (backend.duration + RAMP / RATE / 2.0)
-        effort = Effort(coming.rollouts, metres, backend.cost + (0.0 if self.unattended else PLACING))
+        effort = Effort(coming.rollouts, metres, backend.cost)
         where = f"{self._name} at {reached.host}:{reached.port}"
         self._operator.say(effort.sentence(where))
         if reached.is_twin:
@@ -134,8 +132,8 @@ class Attendance:
             f"{name} = {value:.6g} {units.get(name, '')}".rstrip() for name, value in params.items()
         )
         self._ask(
-            f"Test {self._tests + 1}: {test}. Put {self._name} at its start, lying, with free floor ahead and 1 m around "
-            "it; keep the remote in your hand; look at the battery, which needs two lights or more.",
+            f"Test {self._tests + 1}: {test}. Put {self._name} at its start, lying, with free floor ahead and 1 m "
+            "around it; keep the remote in your hand; look at the battery, which needs two lights or more.",
             {"": "begin"},
         )
 

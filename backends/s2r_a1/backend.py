@@ -61,6 +61,8 @@ PARAMETERS = tuple(p for p in parameters.PARAMETERS if p.name in ("vd", "vy", "w
 AROUND = 7.5
 """A budget [s]: what a rollout takes besides the test: standing, 1.2 s of trotting in place, ramp, and the packets'
 way to the disk. Only plans read it."""
+PLACING = 10.0
+"""A budget [s]: what putting the robot back to its start takes, where a person does it. Only plans read it."""
 
 
 @dataclass(frozen=True)
@@ -118,8 +120,8 @@ class A1Backend:
 
     @property
     def cost(self) -> float:
-        """Expected time of one rollout [s]."""
-        return self.duration + AROUND
+        """Expected time of one rollout, with putting the robot back [s]."""
+        return self.duration + AROUND + (PLACING if self.reached.operator == "tty" else 0.0)
 
     @property
     def model_hash(self) -> str:
