@@ -2,11 +2,10 @@
 
     python benchmarks/a1_faults.py [--steps] [--times 20] [--write]
 
-Lock step (alone with ``--steps``): every row of the fault table (tests/a1/faults.py), at 20 moments each, counted in the
-robot's rounds of 2 ms. Real time: the rows where the clock on the wall matters, and SIGKILL of client, guard and search
-and SIGSTOP of the client for 50 ms and 5 s, at 20 random moments each. Every row has a time of its own before its
-condition is met, as the 20 ms of a silence; what is printed comes on top. Target: 4 ms median, 20 ms worst, on two
-quiet cores.
+Lock step (alone with ``--steps``): every row of the fault table (tests/a1/faults.py), at 20 moments each, counted in
+the robot's rounds of 2 ms. Real time: the rows where the clock on the wall matters, and SIGKILL of client and guard and
+SIGSTOP of the client for 50 ms and 5 s, at 20 random moments each. Every row has a time of its own before its condition
+is met, as the 20 ms of a silence; what is printed comes on top. Target: 4 ms median, 20 ms worst, on two quiet cores.
 """
 
 from __future__ import annotations

@@ -5,23 +5,22 @@ from __future__ import annotations
 import contextlib
 import multiprocessing
 import os
+import select
 import signal
 import threading
 import time
 
 import numpy as np
 
-from s2r_a1.client import Client
-from s2r_a1.datagrams import TO_ROBOT
+from s2r_a1.datagrams import TO_ROBOT, RealTimeSocket
 from s2r_a1.guard.place import Robot
-from s2r_a1.guard.start import start
+from s2r_a1.guard.start import attach, start
 from s2r_a1.twin import Twin, TwinSettings, read_inject
 from s2r_a1.twin.server import Server
 from s2r_a1.undisturbed import undisturbed
-from s2r_a1.walk import stand
-from s2r_a1.wire import unpack_orders, A1
+from s2r_a1.wire import A1, unpack_orders
 from s2r_spec.errors import BackendError
-from tests.a1.rig import HELD, damping
+from tests.a1.rig import STAND_ON, damping
 from tests.a1.robots import end_guard
 from tests.processes import until
 
@@ -82,28 +81,41 @@ def _robot(line, place):
 
 def _client(line, robot):
     """Stand, walk, and go on ordering whatever happens; say when it walks, and what it was refused in the end."""
+    socket = RealTimeSocket()
     try:
-        client = Client(robot)
+        control, hello = attach(robot, "client", port=socket.port)
+        socket.connect(("127.0.0.1", hello["port"]))
         with undisturbed(first=True):
-            stand(client)
-            client.request("walk")
+            control.request("stand")
+            if not _orders_until(control, socket, "STAND"):
+                raise BackendError(control.request("status")["reason"])
+            control.request("walk")
             line.send("walks")
-            while client.change.state == "WALK":
-                client.receive()
-                client.send(HELD)
+            _orders_until(control, socket, "DAMPING")
             refused = []
             for do in ("walk", "stand", "halt"):
                 try:
-                    client.request(do)
+                    control.request(do)
                 except BackendError as error:
                     refused.append(str(error))
             for _ in range(100):
-                client.receive()
-                client.send(HELD)
+                time.sleep(0.002)
+                socket.send(STAND_ON)
         line.send(refused)
     except BackendError as error:
         line.send(str(error))
     line.close()
+
+
+def _orders_until(control, socket, state):
+    """Answer every state with orders until the guard is in a state; return whether it came to it."""
+    while True:
+        select.select([socket, control], [], [], 0.004)
+        if socket.receive():
+            socket.send(STAND_ON)
+        for event in control.take():
+            if event["event"] == "state" and event["state"] in (state, "DAMPING"):
+                return event["state"] == state
 
 
 class Walking:
@@ -143,14 +155,16 @@ class Walking:
             self.client.start()
             theirs.close()
             try:
-                walks = self.told_by_client.recv() == "walks"
+                why = self.told_by_client.recv()
             except EOFError:
-                walks = False
+                why = "the client ended"
             time.sleep(0.02)
-            if walks and self.status()["state"] == "WALK":
+            if why == "walks" and self.status()["state"] == "WALK":
                 self.taken()
                 return
-        raise AssertionError(f"this machine is too busy to walk in real time: {self.status()['reason']}")
+        raise AssertionError(
+            f"this machine is too busy to walk in real time: {why}; {self.status()['reason']}"
+        )
 
     def _ready(self):
         self._line.send(("inject",))

@@ -35,10 +35,17 @@ class Held(Steered):
         self.hold()
 
     def hold(self):
-        self.rest()
+        """Stop the time in the middle of the walk that begins next."""
         self._reached.clear()
         self._on.clear()
-        self.walking = self._hold
+        self._again = True
+
+    def round(self, arrived):
+        if self._again:  # here, where no walk is being held
+            self._again = False
+            self.rest()
+            self.walking = self._hold
+        return super().round(arrived)
 
     def _hold(self, n):
         if n == MIDDLE:
