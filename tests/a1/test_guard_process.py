@@ -326,6 +326,14 @@ def test_a_guard_is_started_once_and_found_again(robot, operator):
         attach(Robot(robot.host, robot.port, clock="real"), "operator")
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux has names of sockets that all users share")
+def test_a_guard_in_another_session_is_found_by_its_robot(robot, operator, tmp_path, monkeypatch):
+    monkeypatch.setenv("S2R_A1_RUN", str(tmp_path / "other"))
+    with pytest.raises(BackendError, match="another user or session"):
+        start(robot)
+    assert operator.request("status")["state"] == "OFF"
+
+
 def test_a_robot_that_is_not_there_is_refused_and_nothing_is_sent_on(closing, started):
     free = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     with free:

@@ -11,6 +11,7 @@ import fcntl
 import os
 import socket
 import stat
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -113,3 +114,22 @@ def hold(place: Place) -> int | None:
         os.close(held)
         return None
     return held
+
+
+def alone(place: Place) -> socket.socket | None:
+    """Take a robot on this machine, for all its users and sessions, until the socket is closed.
+
+    The folder of the lock may be another one in another session. Linux has names of sockets that all share and that
+    end with their process; elsewhere the lock of :func:`hold` is all there is.
+
+    Returns:
+        The socket; None where a guard has it.
+    """
+    own = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    if sys.platform == "linux":
+        try:
+            own.bind(f"\0s2r-a1-{place.lock.stem}")
+        except OSError:
+            own.close()
+            return None
+    return own
