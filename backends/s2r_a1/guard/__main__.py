@@ -14,13 +14,12 @@ import contextlib
 import json
 import os
 import signal
-import socket
 import sys
 import time
 from typing import Any
 
 from s2r_a1.guard.control import Connection, ControlError, Listener
-from s2r_a1.guard.place import alone, folder, hold, place
+from s2r_a1.guard.place import claim, folder, hold, place
 from s2r_a1.guard.start import Robot
 from s2r_spec.errors import BackendError, S2RError, UsageError
 
@@ -28,8 +27,6 @@ PRIORITY = 20
 """A level: of the real-time scheduler (1 to 99), if the system lets the guard have it; above what has none."""
 SWITCH = 0.0005
 """A budget [s]: how long another thread of the guard may hold it up; Python's own value is 5 ms, two rounds."""
-_KEPT: list[socket.socket | None] = []
-"""What this process holds until its end."""
 ENDING = 15.0
 """A budget [s]: how long ``stop`` waits for the guard's end; a stop from a walk takes 6 s."""
 
@@ -185,15 +182,9 @@ def _begun(given: argparse.Namespace) -> Any:
     from s2r_a1.guard.loop import Guard
 
     found = place(given.host, given.port)
-    # Both until this process ends: the lock is freed last, so that who finds it free finds the other free, too.
-    _KEPT.append(alone(found))
-    if hold(found) is None:
+    if hold(found) is None:  # until this process ends
         return None
-    if _KEPT[0] is None:
-        raise BackendError(
-            f"a guard of another user or session of this machine holds the robot at {given.host}:{given.port}; "
-            "end it there by: python -m s2r_a1.guard stop"
-        )
+    claim(found)
     robot = Robot(given.host, given.port, given.layout, given.clock, given.local, given.module)
     guard = Guard(robot, Listener(found.control), answer, given.idle)
 

@@ -52,6 +52,11 @@ ROLES: dict[str, frozenset[Role | None]] = {
 
 LONGEST = 65536
 """A budget: bytes of a request, and of what waits to be read by a party; a party beyond it is closed."""
+MANY = 16
+"""A budget: requests of a party in one read; one that sends more without waiting for replies is closed. Answering takes
+0.1 ms each, and may not hold up a round."""
+PARTIES = 32
+"""A budget: connections at a time; more are closed at once. ``select`` takes descriptors up to 1023."""
 PATIENCE = 30.0
 """A budget [s]: how long a reply may take; ``connect`` takes up to five, and more on a busy machine."""
 
@@ -201,9 +206,9 @@ class Party:
             data = b""
         self.open = self.open and bool(data)
         *lines, self._in = (self._in + data).split(b"\n")
-        if len(self._in) > LONGEST:
+        if len(self._in) > LONGEST or len(lines) > MANY:
             self.open = False
-        return [_request(line) for line in lines]
+        return [_request(line) for line in lines[:MANY]]
 
     def send(self, message: dict[str, Any]) -> None:
         """Send a message as far as the party takes it; never wait. One that reads nothing for long is closed."""
@@ -244,6 +249,21 @@ def _request(line: bytes) -> Request | str:
     return Request(message.pop("do"), message)
 
 
+def _listening(path: Path) -> socket.socket:
+    """Return a socket that listens at a path; whatever lies there is replaced."""
+    path.unlink(missing_ok=True)
+    listening = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    try:
+        listening.bind(str(path))
+        path.chmod(0o600)
+        listening.listen(16)
+        listening.setblocking(False)
+    except OSError:
+        listening.close()
+        raise
+    return listening
+
+
 class Listener:
     """The guard's end of the control socket.
 
@@ -255,12 +275,16 @@ class Listener:
         """Listen at a path; whatever lies there is replaced, since the caller holds the robot's lock."""
         self.parties: list[Party] = []
         self._path = path
-        path.unlink(missing_ok=True)
-        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-        self._socket.bind(str(path))
-        path.chmod(0o600)
-        self._socket.listen(16)
-        self._socket.setblocking(False)
+        self._socket = _listening(path)
+
+    def renew(self) -> None:
+        """Listen anew if somebody has taken the socket's file away: a guard must stay within reach."""
+        if self._path.exists():
+            return
+        with contextlib.suppress(OSError):  # its folder is away, too; connections that are open go on
+            fresh = _listening(self._path)
+            self._socket.close()
+            self._socket = fresh
 
     def fileno(self) -> int:
         """Return what ``select`` waits for."""
@@ -278,7 +302,11 @@ class Listener:
         found: list[tuple[Party, Request | str]] = []
         if self.fileno() in ready:
             with contextlib.suppress(OSError):
-                self.parties.append(Party(self._socket.accept()[0]))
+                connection = self._socket.accept()[0]
+                if len(self.parties) < PARTIES:
+                    self.parties.append(Party(connection))
+                else:
+                    connection.close()
         for party in self.parties:
             if party.fileno() in ready:
                 found += [(party, request) for request in party.requests()]

@@ -76,12 +76,13 @@ def _hello(guard: Guard, party: Party, fields: dict[str, Any]) -> Reply:
     def poll() -> dict[str, Any] | None:
         if guard.link is None:
             raise RefusedError("the robot is not connected; an operator connects it first")
-        if guard.client and guard.client.party.open:
-            raise RefusedError(
-                f"another program moves the robot (process {guard.client.party.pid}); end it first"
-            )
-        if guard.client:
-            guard.leave(guard.client.party)
+        client = guard.client
+        if client and client.party.open and not client.party.spent:
+            raise RefusedError(f"another program moves the robot (process {client.party.pid}); end it first")
+        if client and client.party.open:
+            guard.release()  # it was damped, and can move nothing; it may be one that was stopped for good
+        elif client:
+            guard.leave(client.party)
         if guard.lockstep and guard.moving():
             return None  # else it would depend on the machine's load which state it sees first
         own = guard.attach(party, port)
@@ -137,6 +138,8 @@ def _reset(guard: Guard, party: Party, fields: dict[str, Any]) -> Reply:
         )
 
     def poll() -> dict[str, Any] | None:
+        if guard.machine.state is not State.DAMPING:  # another operator was quicker
+            return {}
         if guard.now - guard.machine.since < states.SINKING:
             return None
         guard.reset()
@@ -161,7 +164,15 @@ def _record(guard: Guard, party: Party, fields: dict[str, Any]) -> Reply:
         "tick_unit": guard.link.unit if guard.link else None,
         "limits": asdict(guard.limits),
     }
-    log = guard.record(path, {**header, **own})
+    try:
+        os.fsencode(path)
+        if "\0" in path:
+            raise ValueError
+        log = guard.record(path, {**header, **own})
+    except (ValueError, RecursionError):
+        raise RefusedError(
+            "the path or the header of a recording has letters, or depths, that no file has"
+        ) from None
 
     def poll() -> dict[str, Any] | None:
         if not log.ready:

@@ -22,7 +22,7 @@ from functools import partial
 from typing import Any, NamedTuple
 
 from s2r_a1.datagrams import Address, LinkError, Socket, is_loopback, opened
-from s2r_a1.guard import states
+from s2r_a1.guard import moves, states
 from s2r_a1.guard.control import Listener, Party, RefusedError, Request
 from s2r_a1.guard.limits import LIMITS, ROUND, SECOND
 from s2r_a1.guard.place import Robot
@@ -35,10 +35,15 @@ SINKING = {State.DAMPING: 3 * SECOND, State.RESTING: SECOND}
 """A budget [ns]: how long a robot that was let go is looked after, until it lies. Twice as long delays the end."""
 LOOKED = 0.2
 """A budget [s]: how long an idle guard waits before it looks whether it is to end."""
+UNANSWERED = 1.0
+"""A budget [s]: how long a client in lock step is waited for that may move nothing any more. One that was stopped for
+good would hold up the damping of the robot; twice as long does so for longer."""
 GREETED = 10.0
 """A budget [s]: how much longer a new guard waits for who started it. Twice as long leaves a useless one for longer."""
 MUTE = 3.0
 """A budget [s]: how long the first answer of a twin in lock step may take. Twice as long reveals a wrong one later."""
+RENEWED = 500
+"""A budget [rounds]: how often a guard looks whether its control socket is still there; each look takes 10 µs."""
 POLLED = 0.005
 """A budget [s]: how often a request that waits for the disk is looked at."""
 
@@ -246,12 +251,31 @@ class Guard:
         gc.disable()
         try:
             while not self._ended():
-                if self._turning():
-                    self._round()
-                else:
-                    self._serve(self._ready([], LOOKED))
+                self.turn()
+        except Exception:
+            self._give_up()
+            raise
         finally:
             self.close()
+
+    def _give_up(self) -> None:
+        """Damp the robot until it lies, after an error of the guard itself that nobody foresaw."""
+        if self.link is None or self.machine.state in (State.OFF, State.LINKED):
+            return
+        for _ in range(SINKING[State.DAMPING] // ROUND):
+            self.link.write(moves.DAMPED)
+            if self.lockstep:
+                self.link.read()
+            else:
+                time.sleep(ROUND / SECOND)
+
+    def turn(self) -> None:
+        """Turn one round, or serve requests for a while where no rounds go on."""
+        if self._turning():
+            self._round()
+        else:
+            self._serve(self._ready([], LOOKED))
+            self.listener.renew()
 
     def close(self) -> None:
         """Free the sockets, and finish a recording."""
@@ -275,9 +299,17 @@ class Guard:
         machine = self.machine
         if self.ending and machine.state in (*AT_REST, State.DAMPING) and not self._sinking():
             return True
-        if machine.state not in AT_REST or self.listener.parties:
+        if self.listener.parties or not (machine.state in AT_REST or self._orphaned()):
             self._alone = time.monotonic()
         return time.monotonic() - self._alone >= self._idle
+
+    def _orphaned(self) -> bool:
+        """Return whether the robot was a twin that has ended, and was damped before: nobody is to be looked after.
+
+        A real robot is damped for as long as nobody resets it.
+        """
+        damped = self.machine.state is State.DAMPING and not self._sinking()
+        return damped and self.loopback and is_free((self.robot.host, self.robot.port))
 
     def _turning(self) -> bool:
         """Return whether rounds go on."""
@@ -299,6 +331,8 @@ class Guard:
     def _round(self) -> None:
         brought = self._lock_step() if self.lockstep else self._real_time()
         self.rounds += 1
+        if self.rounds % RENEWED == 0:
+            self.listener.renew()
         step = states.step(self.machine, brought._replace(now=self.now), self.limits)
         self._orders = step.orders
         self.become(step.machine)
@@ -366,6 +400,9 @@ class Guard:
             if socket.fileno() in ready:
                 return
             silent = time.monotonic() - began
+            if client and client.party.spent and silent >= UNANSWERED:
+                self.release()
+                return
             socket.gone = (seconds is not None and silent >= seconds) or (silent >= LOOKED and is_free(peer))
 
     def _read(self, link: Link) -> tuple[Reading | None, bool]:
@@ -382,11 +419,12 @@ class Guard:
         inputs = Inputs(0, reading, bad)
         if client is None:
             return inputs
+        if not ROWS[self.machine.state].client or client.party.spent:
+            client.socket.receive()  # nobody follows it; not even decoded
+            return inputs
         counters = client.side.counters
         before = counters.corrupt + counters.numbers
         orders = client.side.read()
-        if client.party.spent:
-            return inputs
         return inputs._replace(orders=orders, dropped=counters.corrupt + counters.numbers - before)
 
     def _record(self, direction: int, data: bytes) -> None:

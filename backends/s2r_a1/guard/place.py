@@ -116,20 +116,24 @@ def hold(place: Place) -> int | None:
     return held
 
 
-def alone(place: Place) -> socket.socket | None:
-    """Take a robot on this machine, for all its users and sessions, until the socket is closed.
+def claim(place: Place) -> None:
+    """Take the name of a robot on this machine, until this process ends.
 
-    The folder of the lock may be another one in another session. Linux has names of sockets that all share and that
-    end with their process; elsewhere the lock of :func:`hold` is all there is.
+    A lock's file can be deleted, and another shell may look in another folder; this name has no file (Linux only).
+    Two guards of one robot would fight over its motors.
 
-    Returns:
-        The socket; None where a guard has it.
+    Raises:
+        BackendError: another guard has it.
     """
-    own = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
-    if sys.platform == "linux":
-        try:
-            own.bind(f"\0s2r-a1-{place.lock.stem}")
-        except OSError:
-            own.close()
-            return None
-    return own
+    if sys.platform != "linux":
+        return
+    name = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    try:
+        name.bind(f"\0s2r-a1 {place.lock.stem}")
+    except OSError:
+        name.close()
+        raise BackendError(
+            f"another guard on this machine holds the robot at {place.lock.stem.replace('_', ':')}, by another user "
+            "or with another S2R_A1_RUN; end it first"
+        ) from None
+    name.detach()

@@ -205,9 +205,10 @@ def _followed(machine: Machine, now: int, limits: Limits) -> Orders:
     return orders
 
 
-# A robot that falls, and a link that breaks, in one round: that it fell counts.
-_ROBOT = (limit.TILT, limit.MOTOR, limit.HEAT, limit.TORQUE, limit.POWER)
-_VOID = (limit.LINK, limit.NUMBERS, limit.HELD_UP, limit.BUTTON)
+# After a pause of the guard itself, what it sees is what the pause did: the robot's own rule has acted meanwhile.
+# Else a robot that falls, and a link that breaks, in one round: that it fell counts.
+_ROBOT = (limit.HELD_UP, limit.TILT, limit.MOTOR, limit.HEAT, limit.TORQUE, limit.POWER)
+_VOID = (limit.LINK, limit.NUMBERS, limit.BUTTON)
 _LIES = (limit.MOTOR, limit.ABSENT, limit.NUMBERS, limit.BUTTON)
 _WARNINGS = (limit.WARMTH, limit.STRAIN)
 
