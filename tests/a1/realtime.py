@@ -1,0 +1,225 @@
+"""A twin, a guard and a client in real time, each in a process of its own: for signals, and for what the clock says."""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import os
+import select
+import signal
+import threading
+import time
+
+import numpy as np
+
+from s2r_a1.datagrams import TO_ROBOT, RealTimeSocket
+from s2r_a1.guard.place import Robot
+from s2r_a1.guard.start import attach, start
+from s2r_a1.twin import Twin, TwinSettings, read_inject
+from s2r_a1.twin.server import Server
+from s2r_a1.undisturbed import undisturbed
+from s2r_a1.wire import A1, unpack_orders
+from s2r_spec.errors import BackendError
+from tests.a1.rig import STAND_ON, damping
+from tests.a1.robots import end_guard
+from tests.processes import until
+
+PROCESSES = multiprocessing.get_context("spawn")
+PATIENCE = 60.0
+PRIORITY = 30
+"""Of a robot, which nothing on its own computer holds up; where the system allows it."""
+
+
+class TooBusyError(Exception):
+    """This machine lets nobody walk in real time now."""
+
+
+def _come_first():
+    with contextlib.suppress(OSError, AttributeError):
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
+
+
+class _Stamped(Twin):
+    """A twin that notes when its rounds ended [ns]."""
+
+    def __init__(self, settings):
+        super().__init__(settings)
+        self.stamps = []
+
+    def round(self, arrived):
+        answers = super().round(arrived)
+        if self.begun:
+            self.stamps.append(time.monotonic_ns())
+        return answers
+
+
+def _robot(line, place):
+    twin = _Stamped(TwinSettings(place=place))
+    received = []
+
+    def tap(at, direction, data):
+        if direction == TO_ROBOT:
+            received.append((time.monotonic_ns(), data))
+
+    with Server(twin, ("127.0.0.1", 0), tap=tap) as server:
+
+        def obeys():
+            while True:
+                do, *values = line.recv()
+                if do == "inject":
+                    first = twin.rounds + 1
+                    twin.injects = tuple(read_inject(f"{text}@{first}-") for text in values)
+                    line.send(first)
+                elif do == "taken":
+                    line.send((list(twin.stamps), list(received)))
+                    received.clear()
+                else:
+                    server.stop()
+                    return
+
+        threading.Thread(target=obeys, daemon=True).start()
+        line.send(server.port)
+        _come_first()
+        server.serve_in_real_time()
+
+
+def _client(line, robot):
+    """Stand, walk, and go on ordering whatever happens; say when it walks, and what it was refused in the end."""
+    socket = RealTimeSocket()
+    try:
+        control, hello = attach(robot, "client", port=socket.port)
+        socket.connect(("127.0.0.1", hello["port"]))
+        with undisturbed(first=True):
+            control.request("stand")
+            if not _orders_until(control, socket, "STAND"):
+                raise BackendError(control.request("status")["reason"])
+            control.request("walk")
+            line.send("walks")
+            _orders_until(control, socket, "DAMPING")
+            refused = []
+            for do in ("walk", "stand", "halt"):
+                try:
+                    control.request(do)
+                except BackendError as error:
+                    refused.append(str(error))
+            for _ in range(100):
+                time.sleep(0.002)
+                socket.send(STAND_ON)
+        line.send(refused)
+    except BackendError as error:
+        line.send(str(error))
+    line.close()
+
+
+def _orders_until(control, socket, state):
+    """Answer every state with orders until the guard is in a state; return whether it came to it."""
+    while True:
+        select.select([socket, control], [], [], 0.004)
+        if socket.receive():
+            socket.send(STAND_ON)
+        for event in control.take():
+            if event["event"] == "state" and event["state"] in (state, "DAMPING"):
+                return event["state"] == state
+
+
+class Walking:
+    """A robot in real time. :meth:`walk` lets a new client walk; then something happens, and :meth:`told` tells.
+
+    Attributes:
+        operator: a connection to the guard; None after it was killed.
+        client: the process that moves the robot.
+    """
+
+    def __init__(self, place="nominal"):
+        self._line, theirs = PROCESSES.Pipe()
+        self._twin = PROCESSES.Process(target=_robot, args=(theirs, place), daemon=True)
+        self._twin.start()
+        self.robot = Robot("127.0.0.1", self._line.recv())
+        self.operator, self.client = None, None
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *error):
+        self._end_client()
+        if self.operator:
+            self.operator.close()
+        end_guard(self.robot.port)
+        self._line.send(("end",))
+        self._twin.join(PATIENCE)
+        self._twin.kill()
+
+    def walk(self, tries=5):
+        """Bring the robot to WALK by a new client; a machine that is busy may need several tries."""
+        for _ in range(tries):
+            self._end_client()
+            self._ready()
+            self.told_by_client, theirs = PROCESSES.Pipe()
+            self.client = PROCESSES.Process(target=_client, args=(theirs, self.robot), daemon=True)
+            self.client.start()
+            theirs.close()
+            try:
+                why = self.told_by_client.recv()
+            except EOFError:
+                why = "the client ended"
+            time.sleep(0.02)
+            if why == "walks" and self.status()["state"] == "WALK":
+                self.taken()
+                return
+        raise AssertionError(
+            f"this machine is too busy to walk in real time: {why}; {self.status()['reason']}"
+        )
+
+    def _ready(self):
+        self._line.send(("inject",))
+        self._line.recv()
+        if self.operator is None:
+            self.operator, _ = start(self.robot)
+        state = self.status()["state"]
+        if state in ("STANDING_UP", "STAND", "WALK", "LYING_DOWN"):
+            self.operator.request("damp")
+            state = "DAMPING"
+        if state == "DAMPING":
+            self.operator.request("reset")
+        self.operator.request("connect")
+        self.operator.request("arm")
+
+    def _end_client(self):
+        if self.client:
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(self.client.pid, signal.SIGCONT)
+            self.client.kill()
+            self.client.join()
+            self.client = None
+
+    def status(self):
+        return self.operator.request("status")
+
+    def inject(self, *texts):
+        """Give the twin faults; return the round of the first state that has them."""
+        self._line.send(("inject", *texts))
+        return self._line.recv()
+
+    def taken(self):
+        """Return when the twin's rounds ended [ns], and (time, packet) of all that came since the last call."""
+        self._line.send(("taken",))
+        return self._line.recv()
+
+    def kill_guard(self):
+        os.kill(self.status()["pid"], signal.SIGKILL)
+        self.operator.close()
+        self.operator = None
+
+    def until_damped(self):
+        until(lambda: self.status()["state"] == "DAMPING", PATIENCE)
+
+
+def first_damped(received, since):
+    """Return when the first packet that damps came after a time [ns]; None if none did."""
+    return next((at for at, data in received if at >= since and damping(data)), None)
+
+
+def moves_after(received, since):
+    """Return how many packets with a gain on an angle, or a torque, came after a time [ns]."""
+    orders = (unpack_orders(data, A1) for at, data in received if at > since)
+    return sum(bool(np.any(one.kp) or np.any(one.tau)) for one in orders)
