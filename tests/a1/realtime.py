@@ -30,6 +30,10 @@ PRIORITY = 30
 """Of a robot, which nothing on its own computer holds up; where the system allows it."""
 
 
+class TooBusyError(Exception):
+    """This machine lets nobody walk in real time now."""
+
+
 def _come_first():
     with contextlib.suppress(OSError, AttributeError):
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))

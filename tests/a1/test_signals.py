@@ -6,6 +6,7 @@ In lock step the twin stops the time: it holds a round until the signal has done
 import os
 import signal
 import threading
+import time
 from contextlib import contextmanager
 
 import pytest
@@ -14,6 +15,7 @@ from s2r_a1.guard.place import Robot, hold, place
 from s2r_a1.guard.start import attach
 from s2r_a1.twin import TwinSettings
 from s2r_spec.rollouts.journal import FILE, Journal
+from tests.a1.realtime import TooBusyError, Walking, first_damped, moves_after
 from tests.a1.rig import damping, limp
 from tests.a1.robots import Steered, served
 from tests.cli.conftest import CommandLine
@@ -203,3 +205,46 @@ def test_two_ctrl_c_damp_and_a_terminal_that_goes_damps(lab):
     words, keys = zip(*lab.voids(), strict=True)
     assert words == ("operator",)
     assert keys
+
+
+# In real time, where the clock on the wall decides.
+
+
+@pytest.fixture
+def walking(tmp_path, monkeypatch):
+    monkeypatch.setenv("S2R_A1_RUN", str(tmp_path / "guards"))
+    with Walking() as robot:
+        try:
+            robot.walk()
+        except TooBusyError as error:
+            pytest.skip(str(error))
+        yield robot
+
+
+@pytest.mark.parametrize("seconds", [0.05, pytest.param(5.0, marks=pytest.mark.slow)])
+def test_a_client_that_was_stopped_finds_a_robot_that_is_damped_when_it_wakes(walking, seconds):
+    os.kill(walking.client.pid, signal.SIGSTOP)
+    begun = time.monotonic_ns()
+    time.sleep(seconds)
+    os.kill(walking.client.pid, signal.SIGCONT)
+    refused = walking.told_by_client.recv()
+    assert len(refused) == 3  # to walk, to stand, to halt
+    assert walking.status()["state"] == "DAMPING"
+    _, received = walking.taken()
+    damped = first_damped(received, begun)
+    assert damped is not None
+    assert moves_after(received, damped) == 0
+
+
+def test_what_a_guard_that_is_killed_leaves_to_the_robot_and_no_lock(walking):
+    pid = walking.status()["pid"]
+    walking.kill_guard()
+    until(lambda: not lives(pid))
+    walking.taken()
+    time.sleep(0.05)
+    stamps, received = walking.taken()
+    assert stamps  # the robot's own time goes on, under its own rule
+    assert received == []
+    lock = hold(place("127.0.0.1", walking.robot.port))
+    assert lock is not None
+    os.close(lock)
