@@ -20,7 +20,7 @@ _REDUCE_TO_NET_FORCE = 3  # `reduce="netforce"` of MuJoCo's contact sensor; it h
 _TRUNK_BIT = 1 << len(LEGS)
 _ALL_BITS = 2 * _TRUNK_BIT - 1
 KNEE_RADIUS = 0.02
-"""A definition: [m] of the balls at the knees, by the half width of the thigh in the vendor's URDF (17 mm) and its cover."""
+"""A definition: [m] of the balls at the knees. Source: half a thigh's width in the vendor's URDF, and a cover."""
 
 
 def build(robot: Robot, physics: Physics, knees: bool = False) -> Any:

@@ -27,7 +27,8 @@ from s2r_spec.certify.search import Search
 from s2r_spec.certify.voids import about, assumed, counted, is_machine, without_too_many
 from s2r_spec.errors import UsageError, one_of
 from s2r_spec.rollouts.attempts import AGAIN
-from s2r_spec.rollouts.attended import Terms, attending, refuse_terms, terms_of
+from s2r_spec.rollouts.attendance import Terms, refuse_terms, terms_of
+from s2r_spec.rollouts.attended import attending
 from s2r_spec.rollouts.journal import Journal, Record
 from s2r_spec.rollouts.kept import files_of
 from s2r_spec.rollouts.pools import ExecutorFactory, process_pool

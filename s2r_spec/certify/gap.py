@@ -33,7 +33,8 @@ from s2r_spec.certify.sides import SIMULATED_PER_REAL, Sides
 from s2r_spec.certify.voids import about, assumed, counted, is_machine, without_too_many
 from s2r_spec.errors import UsageError
 from s2r_spec.rollouts.attempts import AGAIN
-from s2r_spec.rollouts.attended import Terms, attending, refuse_terms, terms_of
+from s2r_spec.rollouts.attendance import Terms, refuse_terms, terms_of
+from s2r_spec.rollouts.attended import attending
 from s2r_spec.rollouts.journal import Journal
 from s2r_spec.rollouts.kept import files_of
 from s2r_spec.rollouts.layout import SIDES

@@ -13,7 +13,8 @@ from s2r_spec.certify.given import given_folder, given_name, must_be_begun
 from s2r_spec.certify.search import Search
 from s2r_spec.certify.voids import about, assumed, without_too_many
 from s2r_spec.errors import UsageError
-from s2r_spec.rollouts.attended import Terms, attending, refuse_terms
+from s2r_spec.rollouts.attendance import Terms, refuse_terms
+from s2r_spec.rollouts.attended import attending
 from s2r_spec.rollouts.journal import Journal
 from s2r_spec.rollouts.pools import ExecutorFactory, process_pool
 from s2r_spec.rollouts.rig import Measure, Rig

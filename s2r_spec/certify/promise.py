@@ -15,7 +15,7 @@ from s2r_spec.certify.given import given_folder, given_name, given_spec, must_be
 from s2r_spec.certify.search import Search
 from s2r_spec.certify.sides import Sides
 from s2r_spec.rollouts.attempts import AGAIN
-from s2r_spec.rollouts.attended import refuse_terms, terms_of
+from s2r_spec.rollouts.attendance import refuse_terms, terms_of
 from s2r_spec.rollouts.layout import GAP, SIMULATION
 from s2r_spec.rollouts.pools import ExecutorFactory
 from s2r_spec.spec import Spec

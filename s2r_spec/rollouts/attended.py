@@ -20,33 +20,28 @@ worker. The run ends after each of them, with all that was recorded.
 from __future__ import annotations
 
 import os
-import signal
-from collections.abc import Generator, Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, Future
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
-from queue import SimpleQueue
-from threading import current_thread, main_thread
+from dataclasses import dataclass, replace
 from time import perf_counter
-from types import FrameType, TracebackType
+from types import TracebackType
 from typing import Any, Self
 
 from s2r_spec.backend import (
     VOID,
-    Attended,
     Backend,
     Coming,
-    HasAttendance,
     KeepsRaw,
-    Operator,
     is_exclusive,
 )
-from s2r_spec.errors import BackendError, NotBegunError, S2RError, StoppedError, UsageError
+from s2r_spec.errors import BackendError, NotBegunError, S2RError, StoppedError
 from s2r_spec.rollouts.attempts import AGAIN, FALL, KILLED, Begun, Void
+from s2r_spec.rollouts.attendance import Terms, attendance_of
 from s2r_spec.rollouts.child import TimeLimitError, WorkerDiedError
+from s2r_spec.rollouts.interrupts import Interrupts
 from s2r_spec.rollouts.journal import Journal
 from s2r_spec.rollouts.layout import run_of
-from s2r_spec.rollouts.operator import Terminal, refuse_nobody
 from s2r_spec.rollouts.pools import ProcessPool
 from s2r_spec.rollouts.runner import Done, Runner, Task, prepare, run_task
 from s2r_spec.trace import Trace
@@ -58,28 +53,6 @@ RAW = "raw"
 MOST_VOID_IN_A_ROW = 3
 """Budget: void attempts at one rollout of a machine that nobody attends to, before the run ends. Twice as many keep a
 machine that is out of order busy for twice as long."""
-
-
-@dataclass(frozen=True)
-class Terms:
-    """How the rollouts of a machine are attended to; those of a simulator need none of it.
-
-    Attributes:
-        void: what becomes of a void rollout, ``AGAIN`` or ``FALL``; declared before the data.
-        operator: the person that is asked.
-    """
-
-    void: str = AGAIN
-    operator: Operator = field(default_factory=Terminal)
-
-    def __post_init__(self) -> None:
-        if self.void not in (AGAIN, FALL):
-            raise UsageError(f"void is {AGAIN} or {FALL}, not {self.void!r}")
-
-
-def terms_of(void: Any, operator: Operator | None) -> Terms:
-    """Return terms as a caller gave them; the operator is the person at this process's terminal if None is given."""
-    return Terms(void) if operator is None else Terms(void, operator)
 
 
 @contextmanager
@@ -102,18 +75,6 @@ def attending(
         yield machine
 
 
-def refuse_terms(backend: Backend, terms: Terms) -> None:
-    """Refuse terms that do not fit a backend, before anything is opened.
-
-    Raises:
-        UsageError: it is a machine whose operator is at no terminal, or no machine, of which nothing can be void.
-    """
-    if is_exclusive(backend):
-        _attendance(backend, terms.operator)
-    elif terms.void != AGAIN:
-        raise UsageError(f"void rollouts are a machine's, and {backend.name} is none: leave --void out")
-
-
 class Attending:
     """Runs the tasks of a machine; see the module. A context manager.
 
@@ -130,7 +91,7 @@ class Attending:
     ) -> None:
         self._backend, self._journal, self._timeout, self._terms = backend, journal, timeout, terms
         self._operator = terms.operator
-        self._attended = _attendance(backend, terms.operator)
+        self._attended = attendance_of(backend, terms.operator)
         self._alone = bool(getattr(self._attended, "unattended", False))
         self._coming = Coming(None if most is None else max(0, most - len(journal)))
         self._pool: ProcessPool | None = None
@@ -194,7 +155,7 @@ class Attending:
             except NotBegunError as error:
                 self._ask(f"Rollout {_name(task)} did not begin: {error}.", error)
                 return False
-        with _Interrupts() as interrupts:
+        with Interrupts() as interrupts:
             begun = self._journal.begin((task.query, task.replicate), task.params, task.seed)
             ended = self._ended(task, begun, interrupts)
             trace = ended.trace
@@ -265,7 +226,7 @@ class Attending:
         if alone is not None:
             raise type(alone)(f"{alone}; {self._resume()}")
 
-    def _ended(self, task: Task, begun: Begun, interrupts: _Interrupts) -> _Ended:
+    def _ended(self, task: Task, begun: Begun, interrupts: Interrupts) -> _Ended:
         """Hand a rollout to the worker, and return what came of it."""
         assert self._pool is not None
         start = perf_counter()
@@ -291,7 +252,7 @@ class Attending:
             return _Ended(trace, seconds)
         return _Ended(trace, seconds, str(word), str(trace.meta.get("reason", "no reason was given")))
 
-    def _wait(self, future: Future[Any], interrupts: _Interrupts) -> None:
+    def _wait(self, future: Future[Any], interrupts: Interrupts) -> None:
         """Return when the rollout has ended; Ctrl-C meanwhile is for the machine."""
         future.add_done_callback(lambda _: interrupts.events.put(False))
         while interrupts.events.get():
@@ -343,77 +304,6 @@ class _Ended:
     reason: str = ""
     not_begun: NotBegunError | None = None
     error: S2RError | None = None
-
-
-class _Interrupts:
-    """Counts Ctrl-C, instead of raising KeyboardInterrupt, where this thread may say so. A context manager.
-
-    Attributes:
-        count: how often it came.
-        events: True for each; others may put what they wait for beside it.
-    """
-
-    def __init__(self) -> None:
-        self.count = 0
-        # Its put may be called in a signal handler while its get waits.
-        self.events: SimpleQueue[bool] = SimpleQueue()
-        self._before: Any = None
-
-    def __enter__(self) -> Self:
-        if current_thread() is main_thread():
-            self._before = signal.signal(signal.SIGINT, self._came)
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None
-    ) -> None:
-        if current_thread() is main_thread():
-            signal.signal(signal.SIGINT, self._before)
-
-    def _came(self, number: int, frame: FrameType | None) -> None:
-        self.count += 1
-        self.events.put(True)
-
-
-@dataclass(frozen=True)
-class _Plain:
-    """Attends to a machine that says nothing of how: its operator lets every rollout begin."""
-
-    name: str
-    operator: Operator
-
-    def begin(self, coming: Coming) -> None:
-        """Say what is coming."""
-        many = "an unknown number of" if coming.rollouts is None else f"at most {coming.rollouts}"
-        self.operator.say(f"{self.name} is a machine; {many} rollouts are coming, one at a time.")
-
-    def before(self, params: Mapping[str, float]) -> None:
-        """Wait for Enter."""
-        test = ", ".join(f"{name} = {value:.6g}" for name, value in params.items())
-        self.operator.choose(f"The next test of {self.name} is {test}.", {"": "begin"})
-
-    def after(self, trace: Trace | None) -> None:
-        """Do nothing."""
-
-    def interrupt(self, urgent: bool) -> None:
-        """Do nothing: the rollout runs to its end."""
-
-    def end(self) -> None:
-        """Do nothing."""
-
-
-def _attendance(backend: Backend, operator: Operator) -> Attended:
-    """Return who attends to a machine.
-
-    Raises:
-        UsageError: a person must, and is at no terminal.
-    """
-    attended = (
-        backend.attendance(operator) if isinstance(backend, HasAttendance) else _Plain(backend.name, operator)
-    )
-    if not getattr(attended, "unattended", False):
-        refuse_nobody(operator)
-    return attended
 
 
 def _name(task: Task) -> str:

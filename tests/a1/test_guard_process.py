@@ -68,6 +68,7 @@ class Toy(threading.Thread):
             self._socket.sendto(self.answers(reading(self.q, tick=int(elapsed))), peer)
 
     def close(self):
+        """End; twice is not too often."""
         self._open = False
         self.join()
         self._socket.close()
@@ -253,6 +254,26 @@ def test_a_client_that_leaves_leaves_a_damped_robot(toy, armed, walker):
     assert armed.request("arm")["state"] == "ARMED"
 
 
+def test_a_client_that_takes_leave_leaves_the_robot_standing_and_it_lies_when_nobody_is_left(
+    toy, robot, armed, walker, closing
+):
+    walker.stand()
+    walker.turn(walking(1.0), ask="walk")
+    with pytest.raises(RefusedError, match="halt"):
+        walker.control.request("leave")
+    walker.turn(walking(1.0), 3, ask="halt")
+    walker.control.request("leave")
+    walker.close()
+    assert armed.request("status")["client"] is None
+    assert armed.request("status")["state"] == "STAND"
+    armed.close()
+    until(lambda: not toy.orders[-1].kp.any())  # it lies, and is damped
+    np.testing.assert_allclose(toy.q, moves.LYING, atol=0.01)
+    operator, status = start(robot)
+    closing.append(operator)
+    assert status["state"] == "RESTING"
+
+
 def test_a_client_that_was_damped_must_connect_anew(robot, armed, walker, closing):
     walker.turn(count=10, ask="stand")
     assert armed.request("damp", reason="the operator said so")["state"] == "DAMPING"
@@ -265,12 +286,30 @@ def test_a_client_that_was_damped_must_connect_anew(robot, armed, walker, closin
     with pytest.raises(RefusedError):
         walker.control.request("stand")
     assert armed.request("status")["state"] == "ARMED"
-    walker.close()
-    until(lambda: armed.request("status")["client"] is None)
-    again = Walker(robot)
+    again = Walker(robot)  # the first one is still there, as one that was stopped is
     closing.append(again)
     again.turn(ask="stand", count=2)
     assert armed.request("status")["state"] == "STANDING_UP"
+
+
+def test_a_client_that_took_leave_moves_the_robot_no_more(robot, armed, walker, closing):
+    walker.turn(count=3, ask="leave")
+    for refused in ("stand", "walk"):
+        with pytest.raises(RefusedError):
+            walker.control.request(refused)
+    again = Walker(robot)
+    closing.append(again)
+    again.turn(ask="stand", count=2)
+    walker.close()
+    again.turn(count=5)
+    assert armed.request("status")["state"] == "STANDING_UP"
+
+
+def test_a_client_that_was_stopped_does_not_hold_up_damping(toy, armed, walker):
+    walker.turn(ask="stand", count=3)
+    assert armed.request("damp")["state"] == "DAMPING"
+    until(lambda: armed.request("status")["client"] is None)
+    until(lambda: len([1 for orders in toy.orders[-9:] if (orders.kd == moves.DAMPING).all()]) == 9)
 
 
 def test_one_client_at_a_time_and_each_request_for_whom_it_is(robot, armed, walker):
@@ -402,6 +441,17 @@ def test_commands_speak_with_the_guard_that_lives(toy, robot, armed, walker):
 def test_a_guard_with_nobody_attached_ends(robot, started):
     connection, _ = started(robot, idle=0.05)
     connection.close()
+    until(lambda: ended(robot))
+
+
+def test_a_damped_guard_lives_on_until_its_twin_has_ended(toy, robot, started):
+    operator, _ = started(robot, idle=0.05)
+    for do in ("connect", "arm", "damp"):
+        operator.request(do)
+    operator.close()
+    until(lambda: len(toy.commands) > 1500)
+    assert not ended(robot)
+    toy.close()
     until(lambda: ended(robot))
 
 

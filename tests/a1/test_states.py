@@ -270,8 +270,9 @@ def test_a_reading_that_cannot_be_never_arrives(field):
     assert states.arrived(LIMITS, None, "silence") == (None, False)
 
 
-def test_a_guard_that_was_held_up_does_not_walk_on(brought):
-    rounds = brought(State.WALK)
+@pytest.mark.parametrize("state", [State.STANDING_UP, State.STAND, State.WALK, State.LYING_DOWN])
+def test_a_guard_that_was_held_up_does_not_move_the_robot_on(brought, state):
+    rounds = brought(state)
     now = rounds.machine.memory.now + 10 * ROUND
     late = states.step(rounds.machine, Inputs(now, reading(rounds.q), orders=walking()), LIMITS).machine
     assert (late.state, late.word) == (State.DAMPING, "link")

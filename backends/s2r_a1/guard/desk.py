@@ -43,6 +43,8 @@ def answer(guard: Guard, party: Party, request: Request) -> Reply:
 
 def _motion(guard: Guard, party: Party, request: Request) -> Reply:
     if request.do in states.BEGINNINGS:
+        if guard.client is None or guard.client.party is not party:
+            raise RefusedError("this program does not move the robot any more; connect anew")
         if party.spent:
             raise RefusedError("this program was moving the robot when it was damped; connect anew")
         if guard.ending:
@@ -74,12 +76,13 @@ def _hello(guard: Guard, party: Party, fields: dict[str, Any]) -> Reply:
     def poll() -> dict[str, Any] | None:
         if guard.link is None:
             raise RefusedError("the robot is not connected; an operator connects it first")
-        if guard.client and guard.client.party.open:
-            raise RefusedError(
-                f"another program moves the robot (process {guard.client.party.pid}); end it first"
-            )
-        if guard.client:
-            guard.leave(guard.client.party)
+        client = guard.client
+        if client and client.party.open and not client.party.spent:
+            raise RefusedError(f"another program moves the robot (process {client.party.pid}); end it first")
+        if client and client.party.open:
+            guard.release()  # it was damped, and can move nothing; it may be one that was stopped for good
+        elif client:
+            guard.leave(client.party)
         if guard.lockstep and guard.moving():
             return None  # else it would depend on the machine's load which state it sees first
         own = guard.attach(party, port)
@@ -90,6 +93,8 @@ def _hello(guard: Guard, party: Party, fields: dict[str, Any]) -> Reply:
 
 
 def _connect(guard: Guard, party: Party, fields: dict[str, Any]) -> Reply:
+    if guard.machine.state not in (State.OFF, State.LINKED):
+        return status(guard)
     guard.connect()
     until = guard.rounds + PATIENCE
 

@@ -35,6 +35,9 @@ SINKING = {State.DAMPING: 3 * SECOND, State.RESTING: SECOND}
 """A budget [ns]: how long a robot that was let go is looked after, until it lies. Twice as long delays the end."""
 LOOKED = 0.2
 """A budget [s]: how long an idle guard waits before it looks whether it is to end."""
+UNANSWERED = 1.0
+"""A budget [s]: how long a client in lock step is waited for that may move nothing any more. One that was stopped for
+good would hold up the damping of the robot; twice as long does so for longer."""
 GREETED = 10.0
 """A budget [s]: how much longer a new guard waits for who started it. Twice as long leaves a useless one for longer."""
 MUTE = 3.0
@@ -296,9 +299,17 @@ class Guard:
         machine = self.machine
         if self.ending and machine.state in (*AT_REST, State.DAMPING) and not self._sinking():
             return True
-        if machine.state not in AT_REST or self.listener.parties:
+        if self.listener.parties or not (machine.state in AT_REST or self._orphaned()):
             self._alone = time.monotonic()
         return time.monotonic() - self._alone >= self._idle
+
+    def _orphaned(self) -> bool:
+        """Return whether the robot was a twin that has ended, and was damped before: nobody is to be looked after.
+
+        A real robot is damped for as long as nobody resets it.
+        """
+        damped = self.machine.state is State.DAMPING and not self._sinking()
+        return damped and self.loopback and is_free((self.robot.host, self.robot.port))
 
     def _turning(self) -> bool:
         """Return whether rounds go on."""
@@ -389,6 +400,9 @@ class Guard:
             if socket.fileno() in ready:
                 return
             silent = time.monotonic() - began
+            if client and client.party.spent and silent >= UNANSWERED:
+                self.release()
+                return
             socket.gone = (seconds is not None and silent >= seconds) or (silent >= LOOKED and is_free(peer))
 
     def _read(self, link: Link) -> tuple[Reading | None, bool]:
@@ -405,11 +419,12 @@ class Guard:
         inputs = Inputs(0, reading, bad)
         if client is None:
             return inputs
+        if not ROWS[self.machine.state].client or client.party.spent:
+            client.socket.receive()  # nobody follows it; not even decoded
+            return inputs
         counters = client.side.counters
         before = counters.corrupt + counters.numbers
         orders = client.side.read()
-        if client.party.spent:
-            return inputs
         return inputs._replace(orders=orders, dropped=counters.corrupt + counters.numbers - before)
 
     def _record(self, direction: int, data: bytes) -> None:
