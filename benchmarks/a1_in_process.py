@@ -204,6 +204,4 @@ def rollout(line: Line, pilot: Pilot, vd: float, seed: int, seconds: float) -> R
     estimate = np.cos(yaw) * x + np.sin(yaw) * y
     true = np.array([line.true[note.clock] for note in notes])
     units = {"vx": "m/s"}
-    return Rollout(
-        Trace(times, {"vx": estimate}, units, meta), Trace(times, {"vx": true}, units, meta), void
-    )
+    return Rollout(Trace(times, {"vx": estimate}, units, meta), Trace(times, {"vx": true}, units, meta), void)
