@@ -327,13 +327,16 @@ def certified(place: str, budget: int, folder: Path) -> dict[str, Any]:
             check=False,
         )  # fmt: skip
         took = time.monotonic() - began
-    if done.returncode not in (0, 1) and not done.stdout.strip():
-        raise SystemExit(f"s2r certify ended with exit code {done.returncode} at {place}; see above")
+    result = json.loads(done.stdout.replace(str(folder), "…") or "{}")
+    if "promise" not in result:  # an error, or a certificate that is refused: what it said stands above
+        raise SystemExit(
+            f"s2r certify ended with exit code {done.returncode} at {place}, and promises nothing"
+        )
     return {
         "command": " ".join(["s2r", *words]),
         "exit_code": done.returncode,
         "seconds": round(took, 1),
-        "result": json.loads(done.stdout.replace(str(folder), "…")),
+        "result": result,
     }
 
 
