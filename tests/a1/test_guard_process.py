@@ -197,6 +197,7 @@ def test_nothing_leaves_before_the_first_consent_and_only_zeros_before_the_stand
     assert set(toy.commands) == {pack(LIMP, A1)}
 
 
+@pytest.mark.slow
 def test_a_day_of_a_robot_which_sigterm_ends_lying(toy, robot, armed, walker):
     """Stand, walk, halt; SIGINT does nothing; SIGTERM lets the robot lie down, and ends the guard."""
     pid = armed.request("status")["pid"]

@@ -215,6 +215,7 @@ def test_a_fall_after_the_command_is_the_robot_s_failure(session, first):
     assert session.guard()["state"] == "DAMPING"
 
 
+@pytest.mark.slow
 def test_ctrl_c_in_a_test_makes_it_void_and_the_robot_lies(session, first):
     def walking(n):
         if n == trot(6) + 20:
@@ -235,6 +236,7 @@ def test_ctrl_c_in_a_test_makes_it_void_and_the_robot_lies(session, first):
         client.close()
 
 
+@pytest.mark.slow
 def test_a_guard_that_is_killed_in_a_test_leaves_a_void_rollout(session, first):
     def walking(n):
         if n == trot(7) + 30:
@@ -249,6 +251,7 @@ def test_a_guard_that_is_killed_in_a_test_leaves_a_void_rollout(session, first):
     assert session.guard()["state"] == "ARMED"
 
 
+@pytest.mark.slow
 def test_the_same_walk_in_other_processes_is_the_same_bit_for_bit(monkeypatch, tmp_path, session, first):
     trace = first.trace
     monkeypatch.setenv("S2R_A1_RUN", str(tmp_path / "run"))

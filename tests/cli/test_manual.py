@@ -47,6 +47,7 @@ def asked(folder):
     return json.loads((folder / "night" / "next.json").read_text())
 
 
+@pytest.mark.slow
 def test_thirty_tests_with_a_kill_in_the_middle_are_the_rollouts_of_the_backend_itself(lab, live):
     robot = s2r_library.load_backend("turtlebot")
     records, certificate = live

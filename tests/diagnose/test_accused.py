@@ -54,6 +54,7 @@ def recorded(limit, again=3):
     return [(test, machine.rollout(test, 900 + i)) for i, test in enumerate(asked)]
 
 
+@pytest.mark.slow
 def test_what_alone_makes_the_simulator_fall_where_the_machine_always_does_is_named(quick):
     seen = recorded(5.5)
     assert [trace.failure is not None for _, trace in seen] == [False] * 27 + [True] * 3
@@ -92,6 +93,7 @@ def test_what_alone_makes_the_simulator_fall_where_the_machine_always_does_is_na
         assert named_by_falls(found, None, why) is found
 
 
+@pytest.mark.slow
 def test_where_many_fall_what_closes_the_gap_by_falling_there_too_is_named(quick):
     rng = np.random.default_rng(11)
     tests = [{"vd": rng.uniform(0.2, 1), "acc": rng.uniform(1, 4)} for _ in range(30)]

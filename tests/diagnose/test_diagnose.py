@@ -65,6 +65,7 @@ def test_an_effect_is_named_sized_and_closes_the_gap(find, name, value):
     assert found.how_far.tuned.mean < found.how_far.before.mean
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "effects",
     [
@@ -106,6 +107,7 @@ def failed(rollouts, chosen):
     return [(test, cut(t, k) if k in chosen else t) for k, (test, t) in enumerate(rollouts)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", [2, 3])
 def test_a_fall_or_three_of_thirty_change_nothing_that_is_said_of_the_others(cache, case):
     spec, runs = s2r.parse_spec(SPEC), rollouts({"coulomb": 1.2}, 11)
@@ -144,6 +146,7 @@ class Painted(Cart):
         return super().with_effects({name: of for name, of in values.items() if name != "paint"})
 
 
+@pytest.mark.slow
 def test_an_effect_that_does_nothing_is_told_and_no_rival(quick):
     spec, runs = s2r.parse_spec(SPEC), rollouts({"coulomb": 1.2}, 11)
     found = s2r.diagnose(spec, Painted(), runs, cache=quick, where=False)
@@ -166,6 +169,7 @@ class Twice(Cart):
         return super().with_effects(rest | ({"coulomb": {"force": force}} if force else {}))
 
 
+@pytest.mark.slow
 def test_no_test_is_proposed_to_tell_apart_what_is_the_same(quick):
     spec, runs = s2r.parse_spec(SPEC), rollouts({"coulomb": 1.2}, 11)
     found = s2r.diagnose(spec, Twice(), runs, cache=quick, where=False)
@@ -280,6 +284,7 @@ def test_the_answer_is_a_distribution_and_repeatable(find, rubbing):
     json.dumps(first, allow_nan=False)
 
 
+@pytest.mark.slow
 def test_channels_that_the_log_lacks_are_done_without(quick):
     spec = s2r.parse_spec(SPEC)
     short = [(test, trace.only(["v", "v_ref"])) for test, trace in rollouts({"tilt": 1.4}, 15)]
@@ -387,6 +392,7 @@ class Narrow(Cart):
         )
 
 
+@pytest.mark.slow
 def test_a_cause_that_takes_more_than_its_range_has_is_none_of_these(quick):
     found = s2r.diagnose(
         s2r.parse_spec(SPEC), Narrow(), rollouts({"viscous": 2.0}, 11), cache=quick, where=False
@@ -415,6 +421,7 @@ class Limited(Cart):
         return replace(super().with_effects(rest), limit=lowest)
 
 
+@pytest.mark.slow
 def test_a_limit_that_some_tests_reach_is_found_with_its_value(quick):
     tests = [test for test, _ in rollouts({}, 11)]
     seen = [(test, real(test, 11000 + i, {}, limit=5.0)) for i, test in enumerate(tests)]
@@ -453,6 +460,7 @@ class Saturating(Cart):
         return replace(super().with_effects(rest), limit=lowest)
 
 
+@pytest.mark.slow
 def test_a_fit_of_everything_that_went_astray_does_not_rule_out_what_explains_all_alone(quick):
     rng = np.random.default_rng(11)
     tests = [{"vd": rng.uniform(0.2, 1), "acc": rng.uniform(1, 4)} for _ in range(60)]

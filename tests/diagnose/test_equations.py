@@ -284,6 +284,7 @@ def test_only_effects_that_the_residuals_know_are_asked_for_and_the_bank_keeps_t
     assert not banks.bank(plain, cache=Cache(cache)).features.probes
 
 
+@pytest.mark.slow
 def test_what_shows_in_no_nominal_motion_is_asked_for_where_it_is_far_off():
     bench = bench_of(s2r.parse_spec(SPEC), "tracking", Limited())
     found = banks.simulate(bench).features.probes
@@ -327,6 +328,7 @@ def test_what_the_equations_leave_is_told_of_each_residual():
     assert EQUATIONS.left(Trace(trace.times, {"v": trace["v"]}, {"v": "m/s"}), {}) is None
 
 
+@pytest.mark.slow
 def test_a_residual_is_measured_in_what_a_little_of_everything_leaves_of_it(felt):
     creeping = banks.simulate(bench_of(s2r.parse_spec(SPEC), "tracking", Creeping()))
     units, scale = creeping.features.residual_units(), felt.residual_units()
@@ -354,6 +356,7 @@ def test_an_effect_that_cannot_be_asked_of_a_nominal_motion_silences_no_other():
     assert np.isfinite(row[-len(names) :]).all()
 
 
+@pytest.mark.slow
 def test_a_pair_is_named_by_a_simulator_with_residuals(quick):
     rng = np.random.default_rng(12)
     tests = [{"vd": rng.uniform(0.2, 1), "acc": rng.uniform(1, 4)} for _ in range(30)]

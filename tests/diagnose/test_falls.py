@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+import pytest
 from s2r_cart import SPEC, Cart
 
 import s2r_spec as s2r
@@ -109,6 +110,7 @@ def test_where_the_simulator_ends_early_by_itself_and_no_real_rollout_does_is_fo
     assert falls_alone(bench, [(test, weak.rollout(test, 1)) for test in TESTS], 0) == []
 
 
+@pytest.mark.slow
 def test_falls_that_the_machine_does_not_have_hide_no_gap(quick):
     """They would make scatter a hundred times, and a little of everything ten times as large as they are."""
     rng = np.random.default_rng(0)

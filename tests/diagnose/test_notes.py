@@ -487,6 +487,7 @@ def test_a_parameter_that_varies_and_that_the_spec_does_not_know_gets_one_senten
         real_rollouts(bench_of(of_one, "tracking", Cart()), f"log:{tmp_path}", None, 0)
 
 
+@pytest.mark.slow
 def test_an_effect_that_is_in_the_simulator_is_what_nominal_is(quick):
     patched = Cart().with_effects({"coulomb": {"force": 1.5}})
     known = {effect.name: effect.parameters[0].nominal for effect in banks.catalogue_of(patched)}

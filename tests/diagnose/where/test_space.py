@@ -136,6 +136,7 @@ def bumpy(x):
     return 0.05 * float(np.sin(5 * x[0]) * np.cos(4 * x[1]) + x[2] ** 3)
 
 
+@pytest.mark.slow
 def test_an_improved_simulator_says_where_the_gap_is_largest_between_the_tests():
     generator = np.random.default_rng(4)
     alone = foretold = 0
