@@ -247,7 +247,8 @@ def served(place: str, seed: int, port: int = 0) -> Iterator[int]:
     """Serve a lock-step twin from a process of its own, and give its port; its guard is ended with it."""
     command = [sys.executable, "-m", "s2r_a1.twin", "--place", place, "--clock", "lockstep"]
     command += ["--seed", str(seed), "--port", str(port)]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    # In a session of its own: a Ctrl-C is for the command that walks it, and not for the twin.
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, start_new_session=True)
     assert process.stdout is not None
     try:
         line = process.stdout.readline()
@@ -454,6 +455,7 @@ def main() -> int:
     options = parser.parse_args()  # fmt: skip
     folder = (options.keep / digest()).resolve()
     folder.mkdir(parents=True, exist_ok=True)
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # so that no twin is left behind
     began = time.monotonic()
     places = []
     for place in options.places:
