@@ -330,9 +330,13 @@ def certified(place: str, budget: int, folder: Path) -> dict[str, Any]:
         )  # fmt: skip
         took = time.monotonic() - began
     result = json.loads(done.stdout.replace(str(folder), "…") or "{}")
-    if "promise" not in result:  # an error, or a certificate that is refused: what it said stands above
+    if not result.get(
+        "promise"
+    ):  # an error, or a certificate that is refused: too many void rollouts, for one
+        why = result.get("reason") or result.get("error") or "see above"
         raise SystemExit(
-            f"s2r certify ended with exit code {done.returncode} at {place}, and promises nothing"
+            f"s2r certify promises nothing at {place} (exit code {done.returncode}): {why}; "
+            f"to begin that run anew, remove {run}"
         )
     return {
         "command": " ".join(["s2r", *words]),

@@ -84,8 +84,6 @@ class Line:
         true: of every state that came since ``keep``: its tick, and the true forward velocity [m/s].
     """
 
-    wanted = None
-
     def __init__(self, twin: Twin) -> None:
         self._twin = twin
         self._link = UdpLink(_Wire(twin), A1)
@@ -96,14 +94,11 @@ class Line:
         self._bad = False
         self.true: dict[int, float] = {}
         self.change = Change(State.OFF)
+        self.wanted: Change | None = None
         self._be_armed()
-
-    @property
-    def unit(self) -> TickUnit:
-        """Of the robot's clock."""
         unit = self._link.unit
         assert unit is not None
-        return unit
+        self.unit: TickUnit = unit
 
     def receive(self) -> Reading | None:
         """Send the command of the last round, and return the robot's state, as the guard forwards it."""
