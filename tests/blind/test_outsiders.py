@@ -93,7 +93,9 @@ def test_known_causes_are_the_catalogue_and_unknown_ones_are_not(name, simulator
             assert parameter.low <= cause.made(size) <= parameter.high, cause.name
 
 
-@each
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow if name == "arm" else ()) for name in MACHINES]
+)
 def test_a_case_is_a_function_of_its_random_numbers(name, cases, monkeypatch):
     monkeypatch.setattr(outsiders, "BUDGET", 6)
     monkeypatch.setattr(outsiders, "DIFFERENT", 4)

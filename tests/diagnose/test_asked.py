@@ -185,7 +185,12 @@ def test_a_machine_whose_records_lack_what_a_residual_needs_is_not_heard(felt):
 
 
 @pytest.mark.parametrize(
-    ("cost", "strong"), [pytest.param(1e-3, False, marks=pytest.mark.slow), (1e-3, True), (0.3, True)]
+    ("cost", "strong"),
+    [
+        pytest.param(1e-3, False, marks=pytest.mark.slow),
+        pytest.param(1e-3, True, marks=pytest.mark.slow),
+        (0.3, True),
+    ],
 )
 def test_whose_names_and_sizes_are_from_the_equations(quick, tmp_path, monkeypatch, cost, strong):
     """Names where instruments are strong or the simulator is dear, sizes where it is dear."""

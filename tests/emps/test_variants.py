@@ -21,6 +21,7 @@ def smooth(u):
     return np.convolve(u, np.ones(10) / 10, "valid")
 
 
+@pytest.mark.slow
 def test_a_screw_that_yields_does_what_two_bodies_on_a_spring_do(monkeypatch):
     """Against another code path, which has the spring itself: Runge-Kutta, a mass on either side."""
     soft, hard = 2e7, 4e8  # N/m
