@@ -157,7 +157,9 @@ class WearableTurtlebot(TurtlebotBackend):
     def model_hash(self) -> str:
         """Hash of the robot without effects, of what was added, and of this file."""
         source = Path(__file__).read_bytes()
-        return hashlib.sha256(f"{super().model_hash} {self._changes()!r}".encode() + source).hexdigest()
+        # By name: an effect's own text has addresses in it, which are others in every process.
+        changes = [(effect.name, values) for effect, values in self._changes()]
+        return hashlib.sha256(f"{super().model_hash} {changes!r}".encode() + source).hexdigest()
 
     def effects(self) -> tuple[Effect, ...]:
         """Return the catalogue."""
