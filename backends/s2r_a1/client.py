@@ -152,14 +152,14 @@ class Client:
             self._listen()
 
     def _listen(self) -> None:
-        """Take in what the guard has told."""
+        """Read the events that the guard has sent."""
         try:
             for event in self._control.take():
-                told = Change(str(event.get("state")), event.get("word") or "", event.get("reason") or "")
+                change = Change(str(event.get("state")), event.get("word") or "", event.get("reason") or "")
                 if event["event"] == "state":
-                    self.change = told
+                    self.change = change
                 elif event["event"] == "wanted":
-                    self.wanted = told
+                    self.wanted = change
         except ControlError:
             self.change = Change(
                 GONE, "link", "the guard of the robot has ended; nothing holds the robot now"

@@ -33,7 +33,7 @@ the trot."""
 STEP = 0.001
 """A tolerance [s]: between two offsets that are tried; a parabola refines the best."""
 CORRELATED = 0.7
-"""A level: the least correlation of the two yaw rates at which an offset is believed. Higher refuses noisier mocap."""
+"""A level: the least correlation of the two yaw rates at which an offset is accepted. Higher refuses noisier mocap."""
 LEAST = 40
 """A tolerance: poses that a rollout needs, 0.2 s at 200 Hz; twice as many refuse a fall right after t = 0."""
 LARGEST = 65536

@@ -71,17 +71,17 @@ def assumed(backend: str, header: Mapping[str, Any], journal: Journal) -> tuple[
     if not is_machine(header):
         return own
     counts = counted(journal)
-    told = shown(counts, len(journal))
+    part = shown(counts, len(journal))
     if header["void"] == FALL:
         return (
             *own,
             f"a rollout of {backend} that the link, the operator or a killed process ended counts as a fall, as "
-            f"--void fall says" + (f"; void and not counted: {told}" if counts else ""),
+            f"--void fall says" + (f"; void and not counted: {part}" if counts else ""),
         )
     return (
         *own,
         f"whether a rollout of {backend} is void (ended by the link, the operator or a killed process, not by the "
-        f"robot) does not depend on the outcome that it would have had; void and run again: {told}",
+        f"robot) does not depend on the outcome that it would have had; void and run again: {part}",
     )
 
 

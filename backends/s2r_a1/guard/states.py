@@ -166,7 +166,7 @@ class Row(NamedTuple):
         client: whether a client's orders move the robot.
         stands: whether a client that leaves, leaves the robot damped.
         moves: whether the robot may move by itself: rounds go on even if nobody looks.
-        warnings: what is told and stops nothing.
+        warnings: what is said and stops nothing.
     """
 
     checks: tuple[Check, ...]
@@ -264,7 +264,7 @@ def step(machine: Machine, inputs: Inputs, limits: Limits) -> Step:
     row = ROWS[machine.state]
     now, late = inputs.now, inputs.now - machine.memory.now
     memory = _remembered(machine, inputs, limits)
-    followed = _heard(machine, inputs, limits) if row.client else machine.followed
+    followed = _obeyed(machine, inputs, limits) if row.client else machine.followed
     machine = machine._replace(memory=memory, followed=followed)
     if row.checks:
         seen = _seen(machine, now, late)
@@ -290,7 +290,7 @@ def damped(machine: Machine, now: int, word: Word, reason: str) -> Machine:
 
 
 def left(machine: Machine, now: int) -> Machine:
-    """Return the machine after its client has gone: a robot that stands is damped, unless it is told to lie down."""
+    """Return the machine after its client has gone: a robot that stands is damped, unless it is to lie down."""
     lying = machine.state is State.STAND and machine.wanted and machine.wanted.state is State.RESTING
     if ROWS[machine.state].stands and not lying:
         return damped(machine, now, "client", "the program that moves the robot has gone")
@@ -508,7 +508,7 @@ def _remembered(machine: Machine, inputs: Inputs, limits: Limits) -> Memory:
 _NEVER = np.zeros(MOTORS, dtype=np.int64)
 
 
-def _heard(machine: Machine, inputs: Inputs, limits: Limits) -> Followed:
+def _obeyed(machine: Machine, inputs: Inputs, limits: Limits) -> Followed:
     """Return what a client has ordered after a round."""
     followed = machine.followed
     dropped = inputs.dropped

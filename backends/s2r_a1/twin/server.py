@@ -1,6 +1,6 @@
 """Puts a twin behind a UDP socket of this machine, in real time or in lock step.
 
-Whoever sent the last valid command is the peer: states go there, and other senders are not heard until they send one.
+Whoever sent the last valid command is the peer: states go there, and other senders are ignored until they send one.
 In lock step every datagram of the peer is a round, answered by one datagram; an empty one stands for nothing.
 """
 
@@ -91,7 +91,7 @@ class Server:
     def serve_in_lock_step(self) -> None:
         """Answer datagrams until a signal comes."""
         while self._wait(None):
-            for data in self._heard(1):
+            for data in self._received(1):
                 answers = self._round([data])
                 if self._twin.begun:
                     # As much as a link that drains its socket would keep of several.
@@ -102,12 +102,12 @@ class Server:
         while not self._twin.begun:
             if not self._wait(None):
                 return
-            for data in self._round(self._heard(WAITING)):
+            for data in self._round(self._received(WAITING)):
                 self._send(data)
         due = time.monotonic()
         with _no_pauses():
             while self._rest_until(due := max(due + PERIOD, time.monotonic() - BEHIND)):
-                for data in self._round(self._heard(WAITING)):
+                for data in self._round(self._received(WAITING)):
                     self._send(data)
 
     def _round(self, arrived: list[bytes]) -> list[bytes]:
@@ -132,9 +132,9 @@ class Server:
         """Wait for a datagram; return False if a signal came."""
         return self._woken not in select.select([self._socket, self._woken], [], [], seconds)[0]
 
-    def _heard(self, most: int) -> list[bytes]:
+    def _received(self, most: int) -> list[bytes]:
         """Return the datagrams that wait, of the peer or of whoever takes its place by a valid command."""
-        heard = []
+        received = []
         for _ in range(most):
             try:
                 data, source = self._socket.recvfrom(LARGEST)
@@ -144,8 +144,8 @@ class Server:
             if source != self._peer and self._twin.accepts(data):
                 self._peer = source
             if source == self._peer or self._peer is None:
-                heard.append(data)
-        return heard
+                received.append(data)
+        return received
 
     def _send(self, data: bytes) -> None:
         assert self._peer
