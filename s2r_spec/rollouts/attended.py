@@ -267,7 +267,7 @@ class Attending:
     def _wait(self, future: Future[Any], interrupts: Interrupts) -> None:
         """Return when the rollout has ended; Ctrl-C meanwhile is for the machine."""
         future.add_done_callback(lambda _: interrupts.events.put(False))
-        while interrupts.events.get():
+        while interrupts.next():
             count = interrupts.count
             if count > 2:
                 self._operator.say("Ctrl-C, the third time: the worker is ended.")

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import signal
-from queue import SimpleQueue
+from queue import Empty, SimpleQueue
 from threading import current_thread, main_thread
 from types import FrameType, TracebackType
 from typing import Any, Self
+
+LOOK = 0.1
+"""Budget: how often a wait looks for a Ctrl-C [s]. One that comes just before the wait begins does not end it; twice as
+much notices it later by as much."""
 
 
 class Interrupts:
@@ -33,6 +37,14 @@ class Interrupts:
     ) -> None:
         if current_thread() is main_thread():
             signal.signal(signal.SIGINT, self._before)
+
+    def next(self) -> bool:
+        """Wait for the next event, and return it."""
+        while True:
+            try:
+                return self.events.get(timeout=LOOK)
+            except Empty:  # signals that are pending are handled now
+                continue
 
     def _came(self, number: int, frame: FrameType | None) -> None:
         self.count += 1

@@ -130,7 +130,7 @@ class DaskPool(Executor):
         """Return an error of Dask's in s2r's words."""
         if isinstance(error, self._dask.KilledWorker):
             return WorkerDiedError(str(error))
-        if isinstance(error, CancelledError):
+        if isinstance(error, CancelledError | self._dask.comm.CommClosedError):
             return BackendError(
                 f"the Dask scheduler at {self._address} is gone; what was recorded is kept, go on with --resume"
             )

@@ -166,7 +166,7 @@ def test_ctrl_c_brings_the_machine_to_rest_and_the_run_goes_on(s2r, happened):
         done = command.finish(60)
     assert done.returncode == 130, done.stderr
     assert "--resume r" in done.stderr
-    assert happened("interrupt") == ["interrupt soft"]
+    assert happened("interrupt") == ["interrupt soft"], done.stderr
     assert happened()[-1] == "end"
     journal = Journal.read(s2r.folder / "r" / "walking")
     assert [void.word for void in journal.voids] == ["operator"]
