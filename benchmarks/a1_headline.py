@@ -228,7 +228,7 @@ def truth(place: str, tests: list[float], options: argparse.Namespace, file: Pat
 
 
 class Nobody:
-    """An operator (:class:`s2r_spec.backend.Operator`) who is told things, and never asked: ``operator=auto``."""
+    """An operator (:class:`s2r_spec.backend.Operator`) of whom nothing is asked: ``operator=auto``."""
 
     def say(self, text: str) -> None:
         """Do nothing."""

@@ -92,7 +92,7 @@ def end_guard(port):
 
 
 class Silent:
-    """An operator who is told things, and never asked."""
+    """An operator of whom nothing is asked."""
 
     def __init__(self):
         self.said = []
