@@ -6,6 +6,9 @@ from dataclasses import asdict, dataclass
 from enum import Enum
 from typing import Any
 
+ALL_COUNT = "every rollout that was asked for is counted"
+"""Definition: what a search assumes of its rollouts; a machine's may be void, and then run again."""
+
 
 class Label(Enum):
     """What a certificate may be called; the value is what the user reads."""

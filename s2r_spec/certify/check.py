@@ -24,7 +24,7 @@ from s2r_spec.certify.kernels import Kernel
 from s2r_spec.certify.outward import at_most
 from s2r_spec.certify.recorded import Recorded, fixed_design, left_open, observe
 from s2r_spec.certify.search import Search
-from s2r_spec.certify.voids import about, assumed, counted, is_machine, without_too_many
+from s2r_spec.certify.voids import about, assumed, counted, is_machine, with_voids, without_too_many
 from s2r_spec.errors import UsageError, one_of
 from s2r_spec.rollouts.attempts import AGAIN
 from s2r_spec.rollouts.attendance import Terms, refuse_terms, terms_of
@@ -288,7 +288,7 @@ def conclude(
     verdict, reason = _judge(certificate, lower, upper)
     assumptions = (
         *(
-            text.replace("the expected outcome", "the expected robustness E ρ")
+            with_voids(text.replace("the expected outcome", "the expected robustness E ρ"), provenance)
             for text in certificate.assumptions
         ),
         f"a rollout that falls or crashes counts as ρ = {fall:g} {unit}".rstrip() + ", as the spec declares",

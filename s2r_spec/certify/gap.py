@@ -30,7 +30,7 @@ from s2r_spec.certify.given import given_folder, given_name, given_spec, must_be
 from s2r_spec.certify.recorded import Recorded, left_open, observe
 from s2r_spec.certify.search import Search
 from s2r_spec.certify.sides import SIMULATED_PER_REAL, Sides
-from s2r_spec.certify.voids import about, assumed, counted, is_machine, without_too_many
+from s2r_spec.certify.voids import about, assumed, counted, is_machine, with_voids, without_too_many
 from s2r_spec.errors import UsageError
 from s2r_spec.rollouts.attempts import AGAIN
 from s2r_spec.rollouts.attendance import Terms, refuse_terms, terms_of
@@ -289,7 +289,10 @@ def conclude_gap(
     lowest, highest = search.range
     assumptions = (
         *(
-            text.replace("the expected outcome", "the expected gap E Δ").replace("one rollout", "one Δ")
+            with_voids(
+                text.replace("the expected outcome", "the expected gap E Δ").replace("one rollout", "one Δ"),
+                provenance["real"],
+            )
             for text in certificate.assumptions
         ),
         f"the real machine's ρ is R-sub-Gaussian with the spec's R, like the simulator's; each Δ is one real rollout "

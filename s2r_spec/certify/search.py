@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from s2r_spec.certify import confidence
 from s2r_spec.certify.bounds import Bounds
-from s2r_spec.certify.certificate import Certificate, Label, Rung
+from s2r_spec.certify.certificate import ALL_COUNT, Certificate, Label, Rung
 from s2r_spec.certify.floors import sequential_floor
 from s2r_spec.certify.inside import LEVELS, MOST_ROLLOUTS, Inside, constant, long_axes, too_many
 from s2r_spec.certify.kernels import Kernel
@@ -518,7 +518,7 @@ class Search:
             f"the expected outcome, as a function of the test, has norm ≤ B = {self.B:g}{unit} in the RKHS of the "
             f"{self.kernel.words} kernel with lengthscale {scales}; no data can prove this",
             f"the noise of one rollout is R-sub-Gaussian with R = {self.R:g}{unit}, declared before the data",
-            "rollouts are independent given the tests, and every rollout that was asked for is counted",
+            f"rollouts are independent given the tests, and {ALL_COUNT}",
             *(fixed if self._observed else ()),
             *(inside if self._inside.axes else ()),
         )

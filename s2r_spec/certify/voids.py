@@ -13,7 +13,7 @@ from dataclasses import replace
 from typing import Any
 
 from s2r_spec.backend import Backend, assumptions_of, is_exclusive
-from s2r_spec.certify.certificate import Certificate, Label
+from s2r_spec.certify.certificate import ALL_COUNT, Certificate, Label
 from s2r_spec.rollouts.attempts import FALL
 from s2r_spec.rollouts.journal import Journal
 
@@ -37,6 +37,12 @@ def about(backend: Backend, void: str) -> dict[str, Any]:
 def is_machine(header: Mapping[str, Any]) -> bool:
     """Return whether a header's backend is a machine, as :func:`about` wrote it."""
     return "void" in header
+
+
+def with_voids(assumption: str, header: Mapping[str, Any]) -> str:
+    """Return what a search assumes, with the void rollouts of a header's backend excepted if it is a machine."""
+    excepted = ALL_COUNT.replace("rollout that was asked for", "rollout that is not void")
+    return assumption.replace(ALL_COUNT, excepted) if is_machine(header) else assumption
 
 
 def counted(journal: Journal) -> dict[str, int]:

@@ -184,6 +184,13 @@ def test_an_error_of_the_backend_ends_the_run_and_the_rollout_is_void(robot, spe
     assert robot()[-1] == "end"
 
 
+def test_a_machine_s_certificate_does_not_say_that_void_rollouts_are_counted(robot, spec, tmp_path):
+    for backend, machine in (("robot:auto", True), ("toy", False)):
+        result = s2r.check(spec, backend, tmp_path / backend.partition(":")[0], budget=8)
+        (counted,) = (text for text in result.assumptions if text.endswith("is counted"))
+        assert ("not void" in counted) == machine
+
+
 def test_a_rollout_that_takes_too_long_is_ended_and_void(robot, spec, tmp_path):
     operator = Operator()
     # to stand up takes longer than the time-out, which counts from t = 0
