@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from math import acos, cos, isfinite
+from math import acos, cos, isfinite, sin, sqrt
 from typing import Annotated, Literal, NamedTuple, get_args
 
 import numpy as np
@@ -195,6 +195,19 @@ class Limits:
         return np.concatenate(least), np.concatenate(most)
 
     @cached_property
+    def box(self) -> tuple[FloatArray, FloatArray]:
+        """(58,) least and largest numbers of a reading, its first seven fields in a row; see :func:`calm`."""
+        one, any_ = np.ones(MOTORS), float(np.finfo(np.float32).max)
+        lean = sin(self.tilt / 2.0) / sqrt(2.0)  # of x and y, when the base tilts about both
+        (low, high), strain = self.span, min(self.strain, self.torque)
+        attitude, turn, force = (2.0, lean, lean, 2.0), [self.wild_turn] * 3, [any_] * 3
+        speed, warm = self.wild_speed * one, np.nextafter(min(self.warm, self.hot), 0.0) * one
+        most = np.concatenate((attitude, turn, force, high - self.margin, speed, strain * one, warm))
+        least = -most
+        least[10:22], least[46:] = low + self.margin, -any_
+        return least, most
+
+    @cached_property
     def upright(self) -> float:
         """Least cosine of the angle between the base's z axis and the vertical."""
         return cos(self.tilt)
@@ -250,12 +263,27 @@ class Check(NamedTuple):
         word: what a rollout that it ends is said to have ended by.
         find: returns a sentence about what is wrong, or None.
         measures: whether it looks at the reading; such a check waits where this round brought none.
+        boxed: whether it finds nothing wrong in a reading that is :func:`calm`.
     """
 
     name: str
     word: Word
     find: Callable[[Limits, Seen], str | None]
     measures: bool = True
+    boxed: bool = False
+
+
+def calm(limits: Limits, reading: Reading) -> bool:
+    """Return whether a reading is possible, and its numbers are so far from every limit that no boxed check minds.
+
+    One comparison of all numbers at once takes a fifth of the time of the checks, and nearly all readings pass it.
+    """
+    w, x, y, z = reading.quaternion.tolist()
+    if not abs(w * w + x * x + y * y + z * z - 1.0) <= 2.0 * limits.norm:
+        return False
+    least, most = limits.box
+    numbers = np.concatenate(reading[:7])
+    return bool(((numbers >= least) & (numbers <= most)).all())
 
 
 def impossible(limits: Limits, reading: Reading) -> str | None:
@@ -465,12 +493,12 @@ CLIENT = Check("client", "client", _client, measures=False)
 HELD_UP = Check("guard", "link", _held_up, measures=False)
 BUTTON = Check("button", "operator", _button)
 MOTOR = Check("motor", "motor", _motor)
-HEAT = Check("heat", "heat", _heat)
-WARMTH = Check("warmth", "heat", _warmth)
-TORQUE = Check("torque", "torque", _torque)
-STRAIN = Check("strain", "torque", _strain)
+HEAT = Check("heat", "heat", _heat, boxed=True)
+WARMTH = Check("warmth", "heat", _warmth, boxed=True)
+TORQUE = Check("torque", "torque", _torque, boxed=True)
+STRAIN = Check("strain", "torque", _strain, boxed=True)
 POWER = Check("power", "power", _power)
-JOINT = Check("joint", "joint", _joints)
+JOINT = Check("joint", "joint", _joints, boxed=True)
 DEVIATION = Check("deviation", "joint", _deviation)
-TILT = Check("tilt", "fall", _tilt)
+TILT = Check("tilt", "fall", _tilt, boxed=True)
 HEIGHT = Check("height", "fall", _height)

@@ -131,20 +131,32 @@ class Machine(NamedTuple):
     warnings: tuple[tuple[str, str], ...] = ()
 
 
+class Arrival(NamedTuple):
+    """What the link has brought, as :func:`arrived` judges it.
+
+    Attributes:
+        reading: the newest state, if a good one came.
+        bad: whether one came with numbers that cannot be, and no good one.
+        calm: whether the reading is far from every limit.
+    """
+
+    reading: Reading | None = None
+    bad: bool = False
+    calm: bool = False
+
+
 class Inputs(NamedTuple):
     """What a round brings.
 
     Attributes:
         now: the time.
-        reading: the newest state if a good one came, see :func:`arrived`.
-        bad: whether one came with numbers that cannot be.
+        came: from the robot.
         orders: the client's, if any came that can be decoded.
         dropped: packets of the client that cannot be.
     """
 
     now: int
-    reading: Reading | None = None
-    bad: bool = False
+    came: Arrival = Arrival()
     orders: Orders | None = None
     dropped: int = 0
 
@@ -244,8 +256,8 @@ BEGINNINGS: dict[str, tuple[frozenset[State], State]] = {
 """A definition: the state that a client's request leads to, and from which ones."""
 
 
-def arrived(limits: Limits, reading: Reading | None, fault: str | None) -> tuple[Reading | None, bool]:
-    """Return the good reading of a round, and whether one came whose numbers cannot be.
+def arrived(limits: Limits, reading: Reading | None, fault: str | None) -> Arrival:
+    """Return what came in a round.
 
     Args:
         limits: what is possible.
@@ -253,10 +265,10 @@ def arrived(limits: Limits, reading: Reading | None, fault: str | None) -> tuple
         fault: of the link, where it has no reading.
     """
     if reading is None:
-        return None, fault == "number"
-    if limit.impossible(limits, reading):
-        return None, True
-    return reading, False
+        return Arrival(bad=fault == "number")
+    if limit.calm(limits, reading):
+        return Arrival(reading, calm=True)
+    return Arrival(bad=True) if limit.impossible(limits, reading) else Arrival(reading)
 
 
 def step(machine: Machine, inputs: Inputs, limits: Limits) -> Step:
@@ -268,14 +280,17 @@ def step(machine: Machine, inputs: Inputs, limits: Limits) -> Step:
     machine = machine._replace(memory=memory, followed=followed)
     if row.checks:
         seen = _seen(machine, now, late)
-        new = inputs.reading is not None
+        new, calm = inputs.came.reading is not None, inputs.came.calm
         for check in row.checks:
-            if (new or not check.measures) and (sentence := check.find(limits, seen)):
+            if (check.measures and not new) or (check.boxed and calm):
+                continue
+            if sentence := check.find(limits, seen):
                 machine = damped(machine, now, check.word, sentence)
                 break
         else:
             if new:
-                machine = _warned(machine, row, seen, limits)
+                checks = [check for check in row.warnings if not (check.boxed and calm)]
+                machine = _warned(machine, checks, seen, limits)
             machine = _proceeded(machine, row, now)
     return Step(machine, ROWS[machine.state].orders(machine, now, limits))
 
@@ -481,11 +496,15 @@ def _proceeded(machine: Machine, row: Row, now: int) -> Machine:
 
 def _remembered(machine: Machine, inputs: Inputs, limits: Limits) -> Memory:
     """Return the memory after a round."""
-    memory, reading, now = machine.memory, inputs.reading, inputs.now
+    memory, (reading, bad, calm), now = machine.memory, inputs.came, inputs.now
     if reading is None:
-        return memory._replace(now=now, bad=memory.bad + 1 if inputs.bad else memory.bad)
-    tau = np.abs(reading.tau)
-    top = tau.max()
+        return memory._replace(now=now, bad=memory.bad + bad)
+    watts = limit.power(reading)
+    strong = strained = _NEVER
+    if not calm:
+        tau = np.abs(reading.tau)
+        strong = np.where(tau > limits.torque, memory.strong + 1, 0)
+        strained = np.where(tau > limits.strain, memory.strained + 1, 0)
     pose, still = memory.pose, memory.still
     # Only what LINKED leads to asks whether the robot is still.
     if machine.state is State.LINKED and (
@@ -497,9 +516,9 @@ def _remembered(machine: Machine, inputs: Inputs, limits: Limits) -> Memory:
         reading=reading,
         fresh=now,
         bad=0,
-        power=limit.powered(limits, memory.power, float(np.abs(reading.dq) @ tau)),
-        strong=np.where(tau > limits.torque, memory.strong + 1, 0) if top > limits.torque else _NEVER,
-        strained=np.where(tau > limits.strain, memory.strained + 1, 0) if top > limits.strain else _NEVER,
+        power=limit.powered(limits, memory.power, watts),
+        strong=strong,
+        strained=strained,
         pose=pose,
         still=still,
     )
@@ -520,7 +539,7 @@ def _obeyed(machine: Machine, inputs: Inputs, limits: Limits) -> Followed:
         dropped += 1
     if dropped:
         followed = followed._replace(dropped=followed.dropped + dropped, unusable=followed.unusable + dropped)
-    if inputs.reading is not None and inputs.now - machine.memory.fresh >= limits.bridged:
+    if inputs.came.reading is not None and inputs.now - machine.memory.fresh >= limits.bridged:
         # It has had no state to answer; its silence counts anew.
         followed = followed._replace(at=inputs.now)
     return followed
@@ -545,7 +564,7 @@ def _seen(machine: Machine, now: int, late: int) -> Seen:
     )
 
 
-def _warned(machine: Machine, row: Row, seen: Seen, limits: Limits) -> Machine:
-    """Return the machine with the warnings that hold."""
-    found = tuple((check.name, sentence) for check in row.warnings if (sentence := check.find(limits, seen)))
+def _warned(machine: Machine, checks: list[Check], seen: Seen, limits: Limits) -> Machine:
+    """Return the machine with the warnings that hold, of those that may."""
+    found = tuple((check.name, sentence) for check in checks if (sentence := check.find(limits, seen)))
     return machine._replace(warnings=found) if found or machine.warnings else machine
