@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import zlib
 from array import array
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import isfinite
@@ -35,8 +36,9 @@ POSITION_OFF = 2.146e9
 SPEED_OFF = 16000.0
 """A definition: a commanded speed [rad/s] that switches the speed loop off (the vendor's ``VelStopF``)."""
 
-_TAU = 256.0  # counts per N·m
-_SCALES = np.array([[32.0], [16.0], [_TAU]])  # of kp, kd, tau: counts per N·m/rad, N·m·s/rad, N·m
+KP, KD, TAU = 32.0, 16.0, 256.0
+"""Definitions: counts of the fields per N·m/rad, N·m·s/rad, N·m."""
+_SCALES = np.array([[KP], [KD], [TAU]])
 _COUNTS = 32768.0  # of a 16-bit integer, on either side of 0
 _BOUNDS = np.array(
     [[float(np.finfo(np.float32).max)]] * 2 + (_COUNTS / _SCALES).tolist()
@@ -66,6 +68,48 @@ class Orders(NamedTuple):
     kp: FloatArray
     kd: FloatArray
     tau: FloatArray
+
+
+class Command(NamedTuple):
+    """Orders as a packet has them, for the twelve motors.
+
+    Attributes:
+        data: the packet.
+        layout: its own.
+        mode: of the motors; see ``CLOSED_LOOP``.
+        q: angles [rad].
+        dq: speeds [rad/s].
+        tau: torques, in counts.
+        kp: gains, in counts.
+        kd: gains, in counts.
+    """
+
+    data: bytes
+    layout: Layout
+    mode: tuple[int, ...]
+    q: tuple[float, ...]
+    dq: tuple[float, ...]
+    tau: tuple[int, ...]
+    kp: tuple[int, ...]
+    kd: tuple[int, ...]
+
+    def plain(self) -> bool:
+        """Return whether the packet is the one that :func:`pack` makes of its orders, with nothing else in it."""
+        return self.mode == _ALL_CLOSED and self.data == _command(*self[3:], self.layout)
+
+    def orders(self) -> Orders:
+        """Return what the motors of a robot make of it; see :func:`unpack_orders`."""
+        numbers = np.array((self.q, self.dq, self.kp, self.kd, self.tau), dtype=np.float64)
+        gains = numbers[2:]
+        gains /= _SCALES
+        orders = Orders(*numbers)
+        if self.mode != _ALL_CLOSED:
+            gains[:, np.array(self.mode) != CLOSED_LOOP] = 0.0
+        if max(self.q) >= 0.99 * POSITION_OFF:
+            orders.kp[orders.q >= 0.99 * POSITION_OFF] = 0.0
+        if max(self.dq) >= 0.99 * SPEED_OFF:
+            orders.kd[orders.dq >= 0.99 * SPEED_OFF] = 0.0
+        return orders
 
 
 class Reading(NamedTuple):
@@ -199,8 +243,8 @@ def checksum(packet: bytes) -> int:
     return int.from_bytes(inverted.to_bytes(4, "little").translate(_MIRRORED), "big")
 
 
-def pack(orders: Orders, layout: Layout) -> bytes:
-    """Return the command that carries these orders.
+def pack(orders: Orders | Command, layout: Layout) -> bytes:
+    """Return the command that carries these orders; a command that is packed already stays as it is.
 
     Counts are cut off towards zero, as the vendor's library does: a kd of 0.8 goes out as 0.75.
 
@@ -208,10 +252,10 @@ def pack(orders: Orders, layout: Layout) -> bytes:
         WireError: a number is not finite or does not fit. The vendor's library wraps: a torque of 200 goes out
             as −56 N·m.
     """
+    if isinstance(orders, Command):
+        return orders.data
     (q, dq), (kp, kd, tau) = _counted(orders)
-    fields: list[Any] = [CLOSED_LOOP] * (6 * MOTORS)
-    fields[1::6], fields[2::6], fields[3::6], fields[4::6], fields[5::6] = q, dq, tau, kp, kd
-    return _closed(layout.orders.pack(*fields), layout)
+    return _command(q, dq, tau, kp, kd, layout)
 
 
 def unpack(data: bytes, layout: Layout) -> Reading:
@@ -227,7 +271,7 @@ def unpack(data: bytes, layout: Layout) -> Reading:
     _check_finite("state", *imu, *q, *dq)
     numbers = np.array((*imu, *q, *dq, *tau, *temperature), dtype=np.float64)
     torques = numbers[34:46]
-    torques /= _TAU
+    torques /= TAU
     return Reading(
         quaternion=numbers[:4],
         gyro=numbers[4:7],
@@ -253,21 +297,20 @@ def unpack_orders(data: bytes, layout: Layout) -> Orders:
     Raises:
         WireError: as :func:`unpack`.
     """
+    return read_command(data, layout).orders()
+
+
+def read_command(data: bytes, layout: Layout) -> Command:
+    """Return the orders of a packet as they are in it.
+
+    Raises:
+        WireError: as :func:`unpack`.
+    """
     _check(data, layout, layout.command)
     values = layout.orders.unpack(data)
     mode, q, dq, tau, kp, kd = (values[place::6] for place in range(6))
     _check_finite("command", *q, *dq)
-    numbers = np.array((q, dq, kp, kd, tau), dtype=np.float64)
-    gains = numbers[2:]
-    gains /= _SCALES
-    orders = Orders(*numbers)
-    if mode != _ALL_CLOSED:
-        gains[:, np.array(mode) != CLOSED_LOOP] = 0.0
-    if max(q) >= 0.99 * POSITION_OFF:
-        orders.kp[orders.q >= 0.99 * POSITION_OFF] = 0.0
-    if max(dq) >= 0.99 * SPEED_OFF:
-        orders.kd[orders.dq >= 0.99 * SPEED_OFF] = 0.0
-    return orders
+    return Command(data, layout, mode, q, dq, tau, kp, kd)
 
 
 def pack_reading(reading: Reading, layout: Layout) -> bytes:
@@ -283,7 +326,7 @@ def pack_reading(reading: Reading, layout: Layout) -> bytes:
     motors["mode"] = reading.mode
     motors["q"] = motors["q_raw"] = reading.q
     motors["dq"] = motors["dq_raw"] = reading.dq
-    motors["tau"] = np.clip(np.trunc(reading.tau * _TAU), -_COUNTS, _COUNTS - 1)
+    motors["tau"] = np.clip(np.trunc(reading.tau * TAU), -_COUNTS, _COUNTS - 1)
     motors["temperature"] = reading.temperature
     motors["error"] = reading.error
     packet["foot_force"] = reading.foot_force
@@ -316,6 +359,20 @@ def _counted(orders: Orders) -> tuple[list[list[float]], list[list[int]]]:
             f"it must lie within ±{_BOUNDS[field, 0]:g}",
         )
     return values[:2].tolist(), (values[2:] * _SCALES).astype(np.int64).tolist()
+
+
+def _command(
+    q: Sequence[float],
+    dq: Sequence[float],
+    tau: Sequence[int],
+    kp: Sequence[int],
+    kd: Sequence[int],
+    layout: Layout,
+) -> bytes:
+    """Return the packet for twelve motors in closed loop."""
+    fields: list[Any] = [CLOSED_LOOP] * (6 * MOTORS)
+    fields[1::6], fields[2::6], fields[3::6], fields[4::6], fields[5::6] = q, dq, tau, kp, kd
+    return _closed(layout.orders.pack(*fields), layout)
 
 
 def _check_finite(what: str, *numbers: float) -> None:

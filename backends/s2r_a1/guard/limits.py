@@ -10,10 +10,11 @@ make a rollout void: link, client, operator, disk.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from math import acos, cos, isfinite, sin, sqrt
+from operator import mul
 from typing import Annotated, Literal, NamedTuple, get_args
 
 import numpy as np
@@ -21,7 +22,7 @@ from numpy.typing import NDArray
 
 from s2r_a1 import remote
 from s2r_a1.guard import leg
-from s2r_a1.wire import CLOSED_LOOP, MOTORS, Orders, Reading
+from s2r_a1.wire import CLOSED_LOOP, KD, KP, MOTORS, TAU, Command, Orders, Reading
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -195,17 +196,9 @@ class Limits:
         return np.concatenate(least), np.concatenate(most)
 
     @cached_property
-    def box(self) -> tuple[FloatArray, FloatArray]:
-        """(58,) least and largest numbers of a reading, its first seven fields in a row; see :func:`calm`."""
-        one, any_ = np.ones(MOTORS), float(np.finfo(np.float32).max)
-        lean = sin(self.tilt / 2.0) / sqrt(2.0)  # of x and y, when the base tilts about both
-        (low, high), strain = self.span, min(self.strain, self.torque)
-        attitude, turn, force = (2.0, lean, lean, 2.0), [self.wild_turn] * 3, [any_] * 3
-        speed, warm = self.wild_speed * one, np.nextafter(min(self.warm, self.hot), 0.0) * one
-        most = np.concatenate((attitude, turn, force, high - self.margin, speed, strain * one, warm))
-        least = -most
-        least[10:22], least[46:] = low + self.margin, -any_
-        return least, most
+    def lean(self) -> float:
+        """Largest x and y of the attitude of a base that tilts about both, and is still upright."""
+        return sin(self.tilt / 2.0) / sqrt(2.0)
 
     @cached_property
     def upright(self) -> float:
@@ -274,16 +267,26 @@ class Check(NamedTuple):
 
 
 def calm(limits: Limits, reading: Reading) -> bool:
-    """Return whether a reading is possible, and its numbers are so far from every limit that no boxed check minds.
+    """Return whether a reading is possible, and so far from every limit that no boxed check minds it.
 
-    One comparison of all numbers at once takes a fifth of the time of the checks, and nearly all readings pass it.
+    Nearly all readings are. These sums and maxima take half of the time of the checks.
     """
-    w, x, y, z = reading.quaternion.tolist()
-    if not abs(w * w + x * x + y * y + z * z - 1.0) <= 2.0 * limits.norm:
+    numbers: Iterator[list[float]] = (field.tolist() for field in reading[:7])
+    (w, x, y, z), gyro, force, q, dq, tau, temperature = numbers
+    if not isfinite(w + x + y + z + sum((*gyro, *force, *q, *dq, *tau, *temperature))):
         return False
-    least, most = limits.box
-    numbers = np.concatenate(reading[:7])
-    return bool(((numbers >= least) & (numbers <= most)).all())
+    for place, (low, high) in enumerate(zip(limits.lowest, limits.highest, strict=True)):
+        angles = q[place::3]
+        if min(angles) < low + limits.margin or max(angles) > high - limits.margin:
+            return False
+    return (
+        abs(w * w + x * x + y * y + z * z - 1.0) <= 2.0 * limits.norm
+        and max(abs(x), abs(y)) <= limits.lean
+        and max(map(abs, gyro)) <= limits.wild_turn
+        and max(map(abs, dq)) <= limits.wild_speed
+        and max(map(abs, tau)) <= min(limits.strain, limits.torque)
+        and max(temperature) < min(limits.warm, limits.hot)
+    )
 
 
 def impossible(limits: Limits, reading: Reading) -> str | None:
@@ -310,7 +313,8 @@ def impossible(limits: Limits, reading: Reading) -> str | None:
 
 def power(reading: Reading) -> float:
     """Return Σ |dq · tau| of all motors [W], as the vendor's protection has it."""
-    return float(np.abs(reading.dq) @ np.abs(reading.tau))
+    watts: list[float] = list(map(mul, reading.dq.tolist(), reading.tau.tolist()))
+    return sum(map(abs, watts))
 
 
 def powered(limits: Limits, count: int, watts: float) -> int:
@@ -320,6 +324,24 @@ def powered(limits: Limits, count: int, watts: float) -> int:
     levels are the nearest of these.
     """
     return count + 1 if watts > limits.watts else max(count - 1, 0)
+
+
+def allowed(limits: Limits, command: Command) -> bool:
+    """Return whether a client's command may be passed on as it came: :func:`clipped` would change nothing in it."""
+    q = command.q
+    for place, (low, high) in enumerate(zip(limits.lowest, limits.highest, strict=True)):
+        angles = q[place::3]
+        if min(angles) < low or max(angles) > high:
+            return False
+    return (
+        max(map(abs, command.dq)) <= limits.speed
+        and max(map(abs, command.tau)) <= limits.torque * TAU
+        and min(command.kp) >= 0
+        and max(command.kp) <= limits.kp * KP
+        and min(command.kd) >= 0
+        and max(command.kd) <= limits.kd * KD
+        and command.plain()
+    )
 
 
 def clipped(limits: Limits, orders: Orders) -> tuple[Orders, int] | None:

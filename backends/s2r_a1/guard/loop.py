@@ -29,7 +29,7 @@ from s2r_a1.guard.place import Robot
 from s2r_a1.guard.states import ROWS, Arrival, Conditions, Inputs, Machine, State
 from s2r_a1.link import Link, RobotSide, UdpLink
 from s2r_a1.rawlog import RawLogError, RawLogWriter
-from s2r_a1.wire import LAYOUTS, Orders
+from s2r_a1.wire import LAYOUTS, Command, Orders
 
 SINKING = {State.DAMPING: 3 * SECOND, State.RESTING: SECOND}
 """A budget [ns]: how long a robot that was let go is looked after, until it lies. Twice as long delays the end."""
@@ -117,7 +117,7 @@ class Guard:
         self._socket: Socket | None = None
         self._pending: list[Deferred] = []
         self._idle = idle
-        self._orders: Orders | None = None
+        self._orders: Orders | Command | None = None
         self._due = 0
         self._alone = time.monotonic() + GREETED
 
@@ -226,7 +226,7 @@ class Guard:
     def forget_orders(self) -> None:
         """Leave aside what the client has sent so far: a new motion begins."""
         if self.client and not self.lockstep:
-            self.client.side.read()
+            self.client.side.receive()
 
     def record(self, path: str, header: dict[str, Any]) -> RawLogWriter:
         """Begin a recording of all packets from and to the robot; one that runs is finished."""
@@ -422,7 +422,7 @@ class Guard:
             return inputs
         counters = client.side.counters
         before = counters.corrupt + counters.numbers
-        orders = client.side.read()
+        orders = client.side.receive()
         return inputs._replace(orders=orders, dropped=counters.corrupt + counters.numbers - before)
 
     def _record(self, direction: int, data: bytes) -> None:

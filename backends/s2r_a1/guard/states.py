@@ -29,7 +29,7 @@ from s2r_a1.guard import moves
 from s2r_a1.guard.control import Role
 from s2r_a1.guard.limits import Check, IntArray, Limits, Seen, Word
 from s2r_a1.guard.moves import Motion
-from s2r_a1.wire import MOTORS, Orders, Reading
+from s2r_a1.wire import MOTORS, Command, Orders, Reading
 
 FloatArray = NDArray[np.float64]
 
@@ -91,7 +91,7 @@ class Followed(NamedTuple):
         unusable: packets that could not be used, in all.
     """
 
-    orders: Orders | None = None
+    orders: Orders | Command | None = None
     at: int = 0
     dropped: int = 0
     clipped: int = 0
@@ -157,7 +157,7 @@ class Inputs(NamedTuple):
 
     now: int
     came: Arrival = Arrival()
-    orders: Orders | None = None
+    orders: Orders | Command | None = None
     dropped: int = 0
 
 
@@ -165,7 +165,7 @@ class Step(NamedTuple):
     """What a round leads to; orders are None where nothing may be sent."""
 
     machine: Machine
-    orders: Orders | None
+    orders: Orders | Command | None
 
 
 class Row(NamedTuple):
@@ -182,7 +182,7 @@ class Row(NamedTuple):
     """
 
     checks: tuple[Check, ...]
-    orders: Callable[[Machine, int, Limits], Orders | None]
+    orders: Callable[[Machine, int, Limits], Orders | Command | None]
     then: State | None = None
     client: bool = False
     stands: bool = False
@@ -207,14 +207,18 @@ def _own(machine: Machine, now: int, limits: Limits) -> Orders:
     return moves.orders(machine.motion, now)
 
 
-def _followed(machine: Machine, now: int, limits: Limits) -> Orders:
+def _followed(machine: Machine, now: int, limits: Limits) -> Orders | Command:
     """Return the client's orders; without their torques where they, or what they rest on, are old."""
     orders, at, dropped, _, _ = machine.followed
     if orders is None:
         return _own(machine, now, limits)
     if max(now - at, now - machine.memory.fresh) >= limits.bridged or dropped >= limits.dropped:
-        return orders._replace(tau=moves.ZERO)
+        return _decoded(orders)._replace(tau=moves.ZERO)
     return orders
+
+
+def _decoded(orders: Orders | Command) -> Orders:
+    return orders.orders() if isinstance(orders, Command) else orders
 
 
 # After a pause of the guard itself, what it sees is what the pause did: the robot's own rule has acted meanwhile.
@@ -531,8 +535,10 @@ def _obeyed(machine: Machine, inputs: Inputs, limits: Limits) -> Followed:
     """Return what a client has ordered after a round."""
     followed = machine.followed
     dropped = inputs.dropped
+    if isinstance(inputs.orders, Command) and limit.allowed(limits, inputs.orders):
+        return Followed(inputs.orders, inputs.now, 0, followed.clipped, followed.unusable + dropped)
     if inputs.orders is not None:
-        usable = limit.clipped(limits, inputs.orders)
+        usable = limit.clipped(limits, _decoded(inputs.orders))
         if usable:
             within, beyond = usable
             return Followed(within, inputs.now, 0, followed.clipped + beyond, followed.unusable + dropped)
