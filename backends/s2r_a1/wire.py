@@ -228,6 +228,9 @@ LAYOUTS = {"a1": A1, "go1": GO1}
 
 _WORD = "I"  # of 4 bytes on every machine that Python 3.11 runs on
 _ALL_CLOSED = (CLOSED_LOOP,) * MOTORS
+_SOUND_MODES, _NO_ERRORS = np.full(MOTORS, CLOSED_LOOP, dtype=np.int64), np.zeros(MOTORS, dtype=np.int64)
+for _shared in (_SOUND_MODES, _NO_ERRORS):  # by all readings of motors that are well
+    _shared.setflags(write=False)
 _MIRRORED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
 
 
@@ -269,7 +272,7 @@ def unpack(data: bytes, layout: Layout) -> Reading:
     imu, motors = values[:10], values[10:-6]
     mode, q, dq, tau, temperature, error = (motors[place::6] for place in range(6))
     _check_finite("state", *imu, *q, *dq)
-    numbers = np.array((*imu, *q, *dq, *tau, *temperature), dtype=np.float64)
+    numbers = np.array((*imu, *q, *dq, *tau, *temperature, *values[-6:-2]), dtype=np.float64)
     torques = numbers[34:46]
     torques /= TAU
     return Reading(
@@ -279,12 +282,12 @@ def unpack(data: bytes, layout: Layout) -> Reading:
         q=numbers[10:22],
         dq=numbers[22:34],
         tau=torques,
-        temperature=numbers[46:],
-        mode=np.array(mode, dtype=np.int64),
+        temperature=numbers[46:58],
+        mode=_SOUND_MODES if mode == _ALL_CLOSED else np.array(mode, dtype=np.int64),
         tick=values[-2],
         remote=values[-1],
-        error=np.array(error, dtype=np.int64),
-        foot_force=np.array(values[-6:-2], dtype=np.float64),
+        error=np.array(error, dtype=np.int64) if any(error) else _NO_ERRORS,
+        foot_force=numbers[58:],
     )
 
 
