@@ -206,9 +206,10 @@ def _tracked(poses: Poses) -> Poses:
     within ``WINDOW`` has no slope.
     """
     pose = np.concatenate((poses.position, poses.quaternion), axis=1)
-    poses = _those(poses, np.diff(pose, axis=0, prepend=np.nan).any(axis=1))
+    moved = np.diff(pose, axis=0, prepend=np.nan) != 0.0
+    poses = _those(poses, np.logical_or.reduce(moved, axis=1))
     first, last = _around(poses.times)
-    return _those(poses, np.asarray(last - first > 1))
+    return _those(poses, last - first > 1)
 
 
 def _those(poses: Poses, chosen: NDArray[np.bool_]) -> Poses:

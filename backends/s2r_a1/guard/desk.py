@@ -116,6 +116,13 @@ def _arm(guard: Guard, party: Party, fields: dict[str, Any]) -> Reply:
         raise RefusedError("the robot is not connected; connect it first")
     if guard.machine.state is State.DAMPING:
         raise RefusedError(f"the robot is damped ({guard.machine.reason}); reset it first")
+    memory = guard.machine.memory
+    if (
+        guard.machine.state is State.LINKED
+        and guard.link
+        and memory.now - memory.fresh >= guard.limits.silence
+    ):
+        guard.link.forget()  # a robot that was switched off and on has a clock that begins anew
     until = guard.rounds + PATIENCE
 
     def poll() -> dict[str, Any] | None:
