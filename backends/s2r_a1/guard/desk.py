@@ -49,6 +49,11 @@ def _motion(guard: Guard, party: Party, request: Request) -> Reply:
             raise RefusedError("this program was moving the robot when it was damped; connect anew")
         if guard.ending:
             raise RefusedError("the guard is about to end; start a new one")
+        # Consents are of whoever attends: what is left of an earlier run must not move the robot under them.
+        if not any(other.role == "operator" and other.open for other in guard.listener.parties):
+            raise RefusedError(
+                "nobody attends to the robot; an operator attaches first, as s2r check, gap and certify do"
+            )
     reason = request.fields.get("reason")
     reason = " ".join(reason.split())[:LONGEST] if isinstance(reason, str) else None
     machine, refusal = states.request(guard.machine, request.do, party.role, reason, guard.limits)
@@ -116,6 +121,13 @@ def _arm(guard: Guard, party: Party, fields: dict[str, Any]) -> Reply:
         raise RefusedError("the robot is not connected; connect it first")
     if guard.machine.state is State.DAMPING:
         raise RefusedError(f"the robot is damped ({guard.machine.reason}); reset it first")
+    memory = guard.machine.memory
+    if (
+        guard.machine.state is State.LINKED
+        and guard.link
+        and memory.now - memory.fresh >= guard.limits.silence
+    ):
+        guard.link.forget()  # a robot that was switched off and on has a clock that begins anew
     until = guard.rounds + PATIENCE
 
     def poll() -> dict[str, Any] | None:
