@@ -267,6 +267,7 @@ def unpack(data: bytes, layout: Layout) -> Reading:
     Raises:
         WireError: its length, level or checksum is wrong, or a number in it is not finite.
     """
+    data = bytes(data)  # of any buffer
     _check(data, layout, layout.state)
     values = layout.readings.unpack(data)
     imu, motors = values[:10], values[10:-6]
@@ -309,6 +310,7 @@ def read_command(data: bytes, layout: Layout) -> Command:
     Raises:
         WireError: as :func:`unpack`.
     """
+    data = bytes(data)  # of any buffer
     _check(data, layout, layout.command)
     values = layout.orders.unpack(data)
     mode, q, dq, tau, kp, kd = (values[place::6] for place in range(6))
@@ -345,7 +347,7 @@ def _counted(orders: Orders) -> tuple[list[list[float]], list[list[int]]]:
         WireError: a number is not finite, or does not fit.
     """
     try:
-        values = np.array(orders, dtype=np.float64)
+        values = np.array(orders).astype(np.float64, casting="same_kind", copy=False)
     except (TypeError, ValueError):  # of several shapes, or no numbers
         values = np.empty(0)
     if values.shape != (len(orders), MOTORS):

@@ -89,6 +89,7 @@ class Followed(NamedTuple):
         dropped: packets since then that could not be used.
         clipped: numbers of all its orders that were beyond a limit.
         unusable: packets that could not be used, in all.
+        excused: whether its silence has begun anew since the newest orders, because the robot's states were late.
     """
 
     orders: Orders | Command | None = None
@@ -96,6 +97,7 @@ class Followed(NamedTuple):
     dropped: int = 0
     clipped: int = 0
     unusable: int = 0
+    excused: bool = False
 
 
 class Wanted(NamedTuple):
@@ -209,7 +211,7 @@ def _own(machine: Machine, now: int, limits: Limits) -> Orders:
 
 def _followed(machine: Machine, now: int, limits: Limits) -> Orders | Command:
     """Return the client's orders; without their torques where they, or what they rest on, are old."""
-    orders, at, dropped, _, _ = machine.followed
+    orders, at, dropped = machine.followed[:3]
     if orders is None:
         return _own(machine, now, limits)
     if max(now - at, now - machine.memory.fresh) >= limits.bridged or dropped >= limits.dropped:
@@ -545,9 +547,10 @@ def _obeyed(machine: Machine, inputs: Inputs, limits: Limits) -> Followed:
         dropped += 1
     if dropped:
         followed = followed._replace(dropped=followed.dropped + dropped, unusable=followed.unusable + dropped)
-    if inputs.came.reading is not None and inputs.now - machine.memory.fresh >= limits.bridged:
-        # It has had no state to answer; its silence counts anew.
-        followed = followed._replace(at=inputs.now)
+    bridged = inputs.came.reading is not None and inputs.now - machine.memory.fresh >= limits.bridged
+    if bridged and not followed.excused:
+        # It has had no state to answer. Its silence counts anew, but once: states that go on being late excuse nobody.
+        followed = followed._replace(at=inputs.now, excused=True)
     return followed
 
 
