@@ -161,7 +161,8 @@ class Rig:
         self._ready, self._other = os.pipe()
         os.write(self._other, b"\0")  # never read: what waits for this waits for nothing
         listener = Listener(self._ready)
-        self.guard = loop.Guard(Robot("127.0.0.1", ROBOT_PORT, clock="lockstep"), listener, answer)
+        layout = self.twin.settings.layout.name.lower()
+        self.guard = loop.Guard(Robot("127.0.0.1", ROBOT_PORT, layout, "lockstep"), listener, answer)
         self.operator, self.client = Party(listener), Party(listener)
         self.orders = STAND_ON
         self.received, self.heard = [], []

@@ -12,7 +12,7 @@ import pytest
 
 from s2r_a1.guard.states import State
 from s2r_a1.twin.injects import KINDS, NUMBERS
-from s2r_a1.wire import A1, Orders, unpack_orders
+from s2r_a1.wire import A1, GO1, Orders, unpack_orders
 from tests.a1.faults import CLIPPED, DAMPED, MOVING, SILENCE, UNHARMED
 from tests.a1.rig import CLIENT_PORT, STAND_ON, ZERO, Party, Rig, apart, damping, limp, raw
 
@@ -48,6 +48,31 @@ def stage():
     made = Stage()
     yield made
     made.close()
+
+
+def test_a_robot_of_which_no_limits_are_known_is_read_and_never_armed():
+    rig = Rig(layout=GO1)
+    status = rig.ask(rig.operator, "connect")
+    assert (status["ok"], status["state"], status["layout"]) == (True, "LINKED", "go1")
+    assert len(status["temperatures"]) == 12
+    sent = len(rig.received)
+    refused = rig.ask(rig.operator, "arm")
+    assert not refused["ok"]
+    assert "Go1" in refused["error"]
+    assert rig.ask(rig.operator, "status")["unready"] == refused["error"]
+    assert len(rig.received) <= sent + 2  # nothing is waited for
+    for who, do in (
+        (rig.client, "stand"),
+        (rig.client, "walk"),
+        (rig.operator, "lie"),
+        (rig.operator, "damp"),
+    ):
+        rig.ask(who, do)
+    assert rig.state is State.LINKED
+    for _, data in rig.received:
+        orders = unpack_orders(data, GO1)
+        assert not np.any([orders.kp, orders.kd, orders.tau])
+    rig.close()
 
 
 @dataclass
