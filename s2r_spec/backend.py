@@ -382,6 +382,9 @@ class Attended(Protocol):
 
     An attribute ``unattended = True`` says that nobody is asked. Without it a run without a terminal is refused
     before anything is opened, and after a void rollout the operator says whether the same test runs again.
+
+    An attribute ``answers``, name → text, is what the operator said of the machine in the last ``before``, such as the
+    lights of its battery: it is kept with the rollout, in the journal and in the trace's ``meta["answers"]``.
     """
 
     def begin(self, coming: Coming) -> None:

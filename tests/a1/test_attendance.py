@@ -119,7 +119,7 @@ def test_a_damped_robot_is_reset_by_the_operator_alone_and_armed_anew(scene):
     guard.state = "DAMPING"
     events.clear()
     attended.before({"vd": 0.1})
-    assert events == ["choose 'r'", "reset", "type arm", "arm", "choose ''"]
+    assert events == ["choose 'r'", "reset", "type arm", "arm", "choose '2'"]
     assert any("it fell" in text for text in person.told)
 
 
@@ -140,11 +140,26 @@ def test_a_rest_comes_every_ten_tests_and_can_be_skipped(scene):
     events.clear()
     person.answers = ["s"]
     attended.before({"vd": 0.1})
-    assert events == ["choose 's'", "choose ''"]
+    assert events == ["choose 's'", "choose '2'"]
     attended.after(trace())
     events.clear()
     attended.before({"vd": 0.1})
     assert events == ["choose ''"]
+
+
+def test_the_battery_s_lights_are_asked_for_and_kept_until_the_next_test(scene):
+    _, _, person, attended = scene("ARMED")
+    attended.begin(Coming(12))
+    kept, offered, choose = [], [], person.choose
+    person.choose = lambda question, answers: offered.append(set(answers)) or choose(question, answers)
+    for typed in ("3", "", "4"):
+        person.answers = [typed]
+        attended.before({"vd": 0.1})
+        kept.append(attended.answers)
+        attended.after(trace())
+    assert kept == [{"battery_lights": "3"}, {}, {"battery_lights": "4"}]
+    # The first test, before which nobody has looked, begins with no less than two.
+    assert offered == [{"2", "3", "4"}, {"", "2", "3", "4"}, {"", "2", "3", "4"}]
 
 
 def test_a_warm_motor_rests_until_it_is_cool(scene):
@@ -160,7 +175,7 @@ def test_a_warm_motor_rests_until_it_is_cool(scene):
 
     person.choose = cools
     attended.before({"vd": 0.1})
-    assert events == ["choose ''"] * 3  # 49 °C, 43 °C, and the test
+    assert events == ["choose ''"] * 2 + ["choose '2'"]  # 49 °C, 43 °C, and the test
     assert any("55" in text for text in person.told)
 
 
@@ -193,7 +208,7 @@ def test_after_the_guard_s_end_a_new_one_needs_both_consents(scene):
     guard.gone, guard.state = True, "OFF"
     events.clear()
     attended.before({"vd": 0.1})
-    assert events == ["close", "type connect", "connect", "type arm", "arm", "choose ''"]
+    assert events == ["close", "type connect", "connect", "type arm", "arm", "choose '2'"]
     guard.gone = True
     attended.end()
     assert events[-1] == "close"
