@@ -10,7 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
+from s2r_a1 import rawlog, recording
+from s2r_a1.guard.limits import ROUND
 from s2r_a1.guard.states import State
+from s2r_a1.remote import LOST
 from s2r_a1.twin.injects import KINDS, NUMBERS
 from s2r_a1.wire import A1, GO1, Orders, unpack_orders
 from tests.a1.faults import CLIPPED, DAMPED, MOVING, SILENCE, UNHARMED
@@ -303,6 +306,28 @@ def test_a_first_ctrl_c_ends_at_rest_and_not_latched(stage):
     assert found.damped > 1000
     assert all(unpack_orders(data, A1).kp.all() for data in found.packets[: found.damped])
     assert all(damping(data) for data in found.packets[found.damped :])
+
+
+def test_a_remote_that_is_switched_off_ends_a_walk_as_the_operator_would(stage):
+    rig = stage.at(State.WALK)
+
+    def happens():
+        begun = rig.inject("button=off")
+        rig.turn(LOST // ROUND - 1)
+        before = [event for event in rig.client.events if event["event"] == "wanted"]
+        rig.turn(2)
+        wanted = [
+            (event["state"], event["word"]) for event in rig.client.events if event["event"] == "wanted"
+        ]
+        rig.client.ask("halt")
+        rig.until(State.LYING_DOWN)
+        return ended(rig, begun), before, wanted
+
+    found, before, wanted = apart(happens)
+    assert before == []
+    assert wanted == [("RESTING", "operator")]
+    assert (found.state, found.word) == ("LYING_DOWN", "operator")
+    assert all(unpack_orders(data, A1).kp.all() for data in found.packets)
 
 
 @pytest.mark.parametrize(
