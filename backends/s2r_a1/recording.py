@@ -3,7 +3,7 @@
 What the robot measured, what it was sent and when come from the packets. What the controller made of it comes from
 the worker's notes; where there are none, because the worker was killed, the controller decides again by the recorded
 readings. In lock step that gives the same; in real time it takes readings into account that a late worker missed.
-What ended a walk is not among the packets: only the worker's own trace says whether it failed, or is void.
+What ended a walk is not among the packets: the worker's own trace says it, and without one the guard's events do.
 
 t = 0 is the control tick of the command. A sample's torque is the one that the next state reports, as in the
 simulator: of the 2 ms after the sample.
@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from s2r_a1 import rawlog
 from s2r_a1.channels import OWN, SHARED
 from s2r_a1.datagrams import FROM_ROBOT, TO_ROBOT
+from s2r_a1.guard.limits import ROBOT_WORDS
 from s2r_a1.pilot import Note, Pilot
 from s2r_a1.rawlog import RawLog
 from s2r_a1.schedule import Schedule
@@ -110,6 +111,19 @@ class Packets:
         first = max(0, int(np.searchsorted(known, begun)) - 1)
         for _, reading in self.readings[first:]:
             yield reading
+
+
+def ending_of(log: RawLog) -> tuple[str, str] | None:
+    """Return the guard's word and sentence for what ended the walk of a recording; None where it says nothing of it.
+
+    Nothing is said of a walk that went as planned, of one whose guard was killed, and in recordings without events.
+    """
+    changes = [event for event in log.events if event.get("event") == "state"]
+    walks = [place for place, change in enumerate(changes) if change.get("state") == "WALK"]
+    if not walks or walks[-1] + 1 == len(changes):
+        return None
+    end = changes[walks[-1] + 1]
+    return (str(end["word"]), str(end.get("reason") or "")) if end.get("word") else None
 
 
 def decided_again(packets: Packets, pilot: Pilot) -> list[Note]:
@@ -209,10 +223,20 @@ def trace_of(
         name: value for name, value in header.items() if name not in ("command", "trot", "hold", "limits")
     }
     if again:
-        meta["decided_again"] = True
+        meta |= {"decided_again": True, **_ended(packets.log, over=notes[-1].tick >= int(header["hold"]))}
     meta["qp_failures"] = int(np.sum(samples["qp_solved"] == 0.0))
     meta["late"] = int(np.sum(samples["late"]))
     return Trace(np.array([note.tick for note in notes]) / RATE, samples, UNITS, meta)
+
+
+def _ended(log: RawLog, over: bool) -> dict[str, Any]:
+    """Return what the guard says of a walk's end: an outcome, a void walk, or what came after the test was over."""
+    ending = ending_of(log)
+    if ending is None:
+        return {}
+    word, reason = ending
+    kind = "after" if over else "failure" if word in ROBOT_WORDS else "void"
+    return {kind: word, "reason": reason}
 
 
 def _units() -> dict[str, str]:

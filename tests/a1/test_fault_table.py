@@ -5,6 +5,7 @@ Everything is read from the packets that came to the twin, in lock step: round f
 
 import os
 import resource
+import time
 from dataclasses import dataclass
 
 import numpy as np
@@ -358,6 +359,29 @@ def test_a_full_disk_lets_the_robot_lie_down(stage, tmp_path):
     assert (found.state, found.word) == ("RESTING", "disk")
     assert found.damped > 1000
     assert os.path.getsize(tmp_path / "full.a1log") <= 300_000
+
+
+def test_a_raw_recording_says_why_the_walk_ended_though_nobody_is_left(stage, tmp_path):
+    rig, path = stage.at(State.WALK), tmp_path / "walk.a1log"
+
+    def happens():
+        rig.ask(rig.client, "halt")
+        assert rig.ask(rig.client, "record", path=str(path), header={})["ok"]
+        assert rig.ask(rig.client, "walk")["ok"]
+        rig.turn(20)
+        rig.inject("tilt=0.6")
+        rig.turn(2)
+        for _ in range(500):  # the thread that writes must have its turn
+            if len(rawlog.read(path).events) == 2:
+                break
+            time.sleep(0.01)
+
+    apart(happens)  # all of it ends here, as by SIGKILL
+    log = rawlog.read(path)
+    assert not log.finished
+    assert [event["state"] for event in log.events] == ["WALK", "DAMPING"]
+    assert recording.ending_of(log) == ("fall", log.events[-1]["reason"])
+    assert "0.5 rad" in log.events[-1]["reason"]
 
 
 @rows(State.LYING_DOWN)

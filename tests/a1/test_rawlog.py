@@ -76,6 +76,24 @@ def test_any_packets_are_read_as_they_were(tmp_path_factory, given):
     assert contents(read(path)) == given
 
 
+def test_events_are_read_beside_the_packets_and_each_is_given_to_the_disk_at_once(path):
+    events = [{"event": "state", "state": "WALK"}, {"event": "state", "state": "DAMPING", "reason": "größer"}]
+    writer = record(path, packets(3))
+    for number, event in enumerate(events):
+        writer.note(7 + number, event)
+    writer.note(9, {"reason": "x" * 70_000})  # no record holds it
+    for _ in range(500):
+        log = read(path) if writer.wait_ready(5) else None
+        if log and len(log.events) == 2:
+            break
+        threading.Event().wait(0.01)
+    assert log.events == tuple({**event, "time": 7 + n} for n, event in enumerate(events))
+    assert contents(log) == packets(3)
+    assert not log.finished  # as after a kill
+    written = writer.close()
+    assert (written.packets, read(path).finished) == (6, True)
+
+
 def test_a_recording_that_goes_on_is_read_up_to_its_last_block(path):
     """What a kill leaves is what the file holds now: blocks of 100 ms, and no end."""
     given = packets(130)

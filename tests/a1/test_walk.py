@@ -38,12 +38,14 @@ def walked(pilot):
     return line, walk(line, pilot, SCHEDULE)
 
 
-def written(tmp_path, line, schedule=SCHEDULE, packets=None):
-    """Return the path of a raw recording of what went over a line."""
+def written(tmp_path, line, schedule=SCHEDULE, packets=None, events=()):
+    """Return the path of a raw recording of what went over a line, and of events of a guard after it."""
     about = {"layout": "a1", "tick_unit": "ms", "seed": 3}
     writer = RawLogWriter(tmp_path / "walk.a1log", recording.header_of({"vd": 0.25}, schedule, about))
     for time, (direction, data) in enumerate(line.packets[:packets]):
         writer.append(time * 1_000_000, direction, data)
+    for event in events:
+        writer.note(0, {"event": "state", **event})
     writer.close()
     return tmp_path / "walk.a1log"
 
@@ -119,6 +121,25 @@ def test_what_a_killed_worker_leaves_is_a_trace_up_to_there(walked, tmp_path, pi
     shared = len(part) - 2  # of the last samples the next state, or the orders, are missing
     for name in ("q", "tau", "tau_cmd", "vx_est", "acc_pred"):
         np.testing.assert_array_equal(part[name][:shared], whole[name][:shared])
+
+
+@pytest.mark.parametrize(
+    ("packets", "word", "meta"),
+    [
+        (SETTLING + 2 + 2 * (SCHEDULE.trot + 20), "fall", {"failure": "fall"}),
+        (SETTLING + 2 + 2 * (SCHEDULE.trot + 20), "link", {"void": "link"}),
+        (None, "fall", {"after": "fall"}),
+        (None, None, {}),
+    ],
+)
+def test_a_recording_alone_says_why_its_walk_ended(walked, tmp_path, pilot, packets, word, meta):
+    line, _ = walked
+    ends = {"state": "DAMPING", "word": word, "reason": "a sentence" if word else None}
+    events = [{"state": "STAND", "word": None}, {"state": "WALK", "word": None}, ends]
+    path = written(tmp_path, line, packets=packets, events=events)
+    found = recording.trace_of(path, pilot=pilot).meta
+    assert {name: found[name] for name in ("failure", "void", "after") if name in found} == meta
+    assert found.get("reason") == ("a sentence" if word else None)
 
 
 def test_a_recording_that_ends_before_the_command_is_no_trace(walked, tmp_path, pilot):
