@@ -200,7 +200,7 @@ class Attempts:
                 f"new run"
             )
         if kind == BEGUN:
-            self.begin(Begun(**{name: values[name] for name in fields if name != "kind"}))
+            self.begin(Begun(**{name: value for name, value in values.items() if name != "kind"}))
         elif kind == VOID:
             begun = replace(
                 self.open[values["query"], values["replicate"]], params=values["params"], seed=values["seed"]
