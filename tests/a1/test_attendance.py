@@ -42,10 +42,10 @@ class Person:
 
     def __init__(self, events):
         self.events, self.answers = events, []
-        self.told = []
+        self.said = []
 
     def say(self, text):
-        self.told.append(text)
+        self.said.append(text)
 
     def type_word(self, question, word):
         self.events.append(f"type {word}")
@@ -53,7 +53,7 @@ class Person:
             raise StoppedError("the operator stopped the run")
 
     def choose(self, question, answers):
-        self.told.append(question)
+        self.said.append(question)
         typed = self.answers.pop(0) if self.answers else next(iter(answers))
         self.events.append(f"choose {typed!r}")
         if typed == "q":
@@ -84,7 +84,7 @@ def test_nothing_is_sent_before_either_consent(scene):
     attended.begin(Coming(30))
     assert events == ["type connect", "connect", "type arm", "arm"]
     assert not getattr(attended, "unattended", False)
-    assert any("30" in text and " m " in text and "min" in text for text in person.told)
+    assert any("30" in text and " m " in text and "min" in text for text in person.said)
 
 
 def test_who_does_not_consent_has_sent_nothing(scene):
@@ -120,7 +120,7 @@ def test_a_damped_robot_is_reset_by_the_operator_alone_and_armed_anew(scene):
     events.clear()
     attended.before({"vd": 0.1})
     assert events == ["choose 'r'", "reset", "type arm", "arm", "choose '2'"]
-    assert any("it fell" in text for text in person.told)
+    assert any("it fell" in text for text in person.said)
 
 
 def test_what_the_guard_refuses_is_no_rollout(scene):
@@ -176,7 +176,7 @@ def test_a_warm_motor_rests_until_it_is_cool(scene):
     person.choose = cools
     attended.before({"vd": 0.1})
     assert events == ["choose ''"] * 2 + ["choose '2'"]  # 49 °C, 43 °C, and the test
-    assert any("55" in text for text in person.told)
+    assert any("55" in text for text in person.said)
 
 
 @pytest.mark.parametrize(
@@ -187,8 +187,8 @@ def test_how_a_rollout_ended_is_said(scene, meta, word):
     _, _, person, attended = scene("ARMED")
     attended.begin(Coming(1))
     attended.after(trace(**meta))
-    assert word in person.told[-1]
-    assert meta["reason"] in person.told[-1]
+    assert word in person.said[-1]
+    assert meta["reason"] in person.said[-1]
     attended.after(None)
 
 
@@ -233,5 +233,5 @@ def test_nobody_is_asked_about_a_twin_that_runs_by_itself(scene):
     attended.before({"vd": 0.1})
     attended.after(trace())
     assert events == ["connect", "arm", "reset", "arm"]
-    assert any("twin" in text for text in person.told)
-    assert sum("operator=auto" in text for text in person.told) == 1
+    assert any("twin" in text for text in person.said)
+    assert sum("operator=auto" in text for text in person.said) == 1

@@ -192,19 +192,19 @@ def test_a_walk_goes_on_and_what_went_wrong_is_counted(stage, begins, counter):
     rounds = 150 if counter else 60
 
     def happens():
-        begun, heard = rig.twin.rounds, len(rig.heard)
+        begun, before_ticks = rig.twin.rounds, len(rig.client_ticks)
         before = getattr(rig.guard.link.counters, counter) if counter else 0
         begins(rig)
         rig.turn(rounds)
         counted = getattr(rig.guard.link.counters, counter) - before if counter else 1
-        return ended(rig, begun), rig.heard[heard:], counted
+        return ended(rig, begun), rig.client_ticks[before_ticks:], counted
 
-    found, heard, counted = apart(happens)
+    found, ticks, counted = apart(happens)
     assert (found.state, found.word) == ("WALK", None)
     assert counted > 0
-    assert len(heard) > 0.9 * rounds
+    assert len(ticks) > 0.9 * rounds
     # No state is used twice, and none after a newer one.
-    assert (np.diff(heard) > 0).all()
+    assert (np.diff(ticks) > 0).all()
     assert all(unpack_orders(data, A1).kp.any() for data in found.packets)
 
 
@@ -285,7 +285,7 @@ def test_a_second_client_is_refused_and_the_walk_goes_on(stage):
 
 
 def stopped(rig, do, obeys, state):
-    """Have the operator ask for a soft stop, and turn until a state; return what came, and what the client was told."""
+    """Have the operator ask for a soft stop, and turn until a state; return packets, and stops that the client got."""
     begun = rig.twin.rounds
     rig.operator.ask(do)
     rig.turn(50)

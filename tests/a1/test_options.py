@@ -49,7 +49,7 @@ def test_options_are_written_as_they_are_read(text):
         ("host=192.168.123.10,velocity=onboard,clock=lockstep", ["clock=lockstep", "twin"]),
     ],
 )
-def test_a_wrong_option_is_told_in_one_sentence(text, words):
+def test_a_wrong_option_is_refused_in_one_sentence(text, words):
     with pytest.raises(UsageError) as error:
         A1Backend(text)
     assert all(word in str(error.value) for word in words)

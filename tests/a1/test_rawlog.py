@@ -183,7 +183,7 @@ def test_nothing_is_overwritten(path):
     assert path.read_text() == "precious"
 
 
-def test_a_folder_that_is_not_there_is_told_and_not_raised(tmp_path):
+def test_a_folder_that_is_not_there_is_reported_and_not_raised(tmp_path):
     writer = RawLogWriter(tmp_path / "no" / "log", HEADER)
     assert writer.wait_ready(5)
     writer.append(0, 0, b"x")
@@ -206,8 +206,8 @@ except RawLogError as error:
 """
 
 
-def test_a_full_disk_is_told_and_what_it_took_is_read(path):
-    """A process may write 300 kB: the blocks that fit whole are there, the caller is told, and the thread ended."""
+def test_a_full_disk_is_reported_and_what_it_took_is_read(path):
+    """A process may write 300 kB: the blocks that fit whole are there, the caller gets a sentence, the thread ended."""
     done = subprocess.run([sys.executable, "-c", FULL, path], capture_output=True, text=True, check=True)
     assert str(path) in done.stdout
     assert done.stderr == ""

@@ -215,12 +215,12 @@ def test_a_walk_that_is_to_stop_ramps_down_and_stands(pilot):
     line = PlantLine()
     receive, stop = line.receive, Change("RESTING", "operator", "the operator asked the robot to lie")
 
-    def told():
+    def asked_to_stop():
         if line.rounds == SETTLING + SCHEDULE.trot + 20:
             line.wanted = stop
         return receive()
 
-    line.receive = told
+    line.receive = asked_to_stop
     done = walk(line, pilot, SCHEDULE)
     assert done.ending == stop
     assert line.change.state == "STAND"
