@@ -18,7 +18,7 @@ import numpy as np
 from s2r_a1.guard import states
 from s2r_a1.guard.desk import PATIENCE
 from s2r_a1.guard.limits import LIMITS, ROBOT_WORDS, ROUND
-from s2r_a1.guard.states import ROWS, Conditions, Inputs, Machine, State
+from s2r_a1.guard.states import ROWS, Arrival, Conditions, Inputs, Machine, State
 from s2r_a1.link import UdpLink
 from s2r_a1.pilot import Pilot
 from s2r_a1.schedule import Schedule
@@ -90,8 +90,7 @@ class Line:
         self._machine = Machine()
         self._orders: Orders | None = None
         self._rounds = 0
-        self._reading: Reading | None = None
-        self._bad = False
+        self._found = Arrival()
         self.true: dict[int, float] = {}
         self.change = Change(State.OFF)
         self.wanted: Change | None = None
@@ -104,19 +103,19 @@ class Line:
         """Send the command of the last round, and return the robot's state, as the guard forwards it."""
         if self._orders is not None:
             self._link.write(self._orders)
-        self._reading, self._bad = states.arrived(LIMITS, self._link.read(), self._link.fault)
-        if self._reading is not None:
+        self._found = states.arrived(LIMITS, self._link.read(), self._link.fault)
+        if self._found.reading is not None:
             truth = self._twin.truth()
             yaw = float(truth.rpy[2])
             forward = math.cos(yaw) * truth.velocity[0] + math.sin(yaw) * truth.velocity[1]
-            self.true[self._reading.tick] = float(forward)
-        return self._reading
+            self.true[self._found.reading.tick] = float(forward)
+        return self._found.reading
 
     def send(self, orders: Orders | None) -> None:
         """End the round: the guard takes the client's orders, as they are on the wire, and makes one step."""
         came = None if orders is None else unpack_orders(pack(orders, A1), A1)
         self._rounds += 1
-        inputs = Inputs(self._rounds * ROUND, self._reading, self._bad, came)
+        inputs = Inputs(self._rounds * ROUND, self._found, came)
         step = states.step(self._machine, inputs, LIMITS)
         self._orders = step.orders
         self._become(step.machine)

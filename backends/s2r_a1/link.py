@@ -15,7 +15,7 @@ from typing import Literal, Protocol
 
 from s2r_a1.datagrams import FROM_ROBOT, TO_ROBOT, LinkError, Socket, Tap
 from s2r_a1.ticks import Counters, TickFault, Ticks, TickUnit
-from s2r_a1.wire import Fault, Layout, Orders, Reading, WireError, pack, unpack, unpack_orders
+from s2r_a1.wire import Command, Fault, Layout, Orders, Reading, WireError, pack, read_command, unpack
 
 __all__ = ["Link", "LinkError", "LinkFault", "RobotSide", "UdpLink"]
 
@@ -49,7 +49,7 @@ class Link(Protocol):
     def read(self) -> Reading | None:
         """Return the newest state that was not returned before, or None if no such state came."""
 
-    def write(self, orders: Orders) -> None:
+    def write(self, orders: Orders | Command) -> None:
         """Send orders to the motors.
 
         Raises:
@@ -117,7 +117,7 @@ class UdpLink:
         self.counters.late += newest is None
         return newest
 
-    def write(self, orders: Orders) -> None:
+    def write(self, orders: Orders | Command) -> None:
         """Send orders to the motors.
 
         Raises:
@@ -178,14 +178,19 @@ class RobotSide:
 
     def read(self) -> Orders | None:
         """Return the newest orders of this round, or None if none came that can be used."""
-        newest: Orders | None = None
+        command = self.receive()
+        return command and command.orders()
+
+    def receive(self) -> Command | None:
+        """Return the newest command of this round, or None if none came that can be used."""
+        newest: Command | None = None
         arrived = self._socket.receive()
         self.packet, self.fault = b"", "gone" if self._socket.gone else "silence"
         for data in arrived:
             if self.tap:
                 self.tap(TO_ROBOT, data)
             try:
-                newest = unpack_orders(data, self._layout)
+                newest = read_command(data, self._layout)
             except WireError as error:
                 _count(self.counters, error)
                 if newest is None:

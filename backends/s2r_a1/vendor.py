@@ -26,6 +26,7 @@ from s2r_a1.wire import (
     GO1,
     LOW_LEVEL,
     MOTORS,
+    Command,
     Layout,
     Orders,
     Reading,
@@ -147,7 +148,7 @@ class VendorLink:
         self.counters.late += reading is None
         return reading
 
-    def write(self, orders: Orders) -> None:
+    def write(self, orders: Orders | Command) -> None:
         """Send orders to the motors.
 
         Raises:

@@ -68,7 +68,8 @@ class Rounds:
             if self.orders is not None and self.orders.kp.any():
                 self.q = self.orders.q
             seen = None if silent or bad else reading(self.q, **fields)
-            done = states.step(self.machine, Inputs(now, seen, bad, orders, dropped), LIMITS)
+            came = states.arrived(LIMITS, seen, "number" if bad else None)
+            done = states.step(self.machine, Inputs(now, came, orders, dropped), LIMITS)
             self.machine, self.orders = done
         return count
 

@@ -1,13 +1,16 @@
 """What the guard judges by: the table, each check, and the vendor's own code."""
 
 from dataclasses import fields
+from math import hypot
 from typing import get_type_hints
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 
+from s2r_a1 import wire
 from s2r_a1.guard import leg, limits, moves
 from s2r_a1.guard.limits import LIMITS, Limits, Seen
 from s2r_a1.remote import packed
@@ -100,6 +103,68 @@ def test_a_sentence_names_the_joint(check, changes, names):
     assert names in check.find(LIMITS, seen(**changes))
 
 
+READINGS = st.fixed_dictionaries(
+    {},
+    optional={
+        "quaternion": st.tuples(*[st.floats(-0.6, 0.6)] * 3).map(lambda v: np.array([1.0, *v]) / hypot(1.0, *v)),
+        "gyro": arrays(float, 3, elements=st.floats(-50.0, 50.0)),
+        "q": arrays(float, 12, elements=st.floats(-0.6, 0.6)).map(lambda off: STANDING + off),
+        "dq": arrays(float, 12, elements=st.floats(-50.0, 50.0)),
+        "tau": arrays(float, 12, elements=st.floats(-50.0, 50.0)),
+        "temperature": arrays(float, 12, elements=st.sampled_from([20.0, 49.0, 50.0, 59.0, 60.0])),
+    },
+)  # fmt: skip
+
+
+@settings(max_examples=examples(2000), deadline=None)
+@given(READINGS)
+def test_no_check_that_a_calm_reading_is_spared_would_find_anything_in_it(changes):
+    looked = seen(**changes)
+    if not limits.calm(LIMITS, looked.reading):
+        return
+    assert limits.impossible(LIMITS, looked.reading) is None
+    tau = np.abs(looked.reading.tau)
+    assert max(tau) <= min(LIMITS.torque, LIMITS.strain)
+    assert [check.find(LIMITS, looked) for check in CHECKS if check.boxed] == [None] * 6
+
+
+COMMANDS = st.tuples(
+    *(
+        arrays(float, 12, elements=st.one_of(st.floats(-most, most), st.just(within)))
+        for most, within in [(5.0, 0.0), (30.0, 0.0), (120.0, 20.0), (12.0, 1.0), (40.0, 0.0)]
+    )
+).map(lambda rows: Orders(STANDING + rows[0], *rows[1:]))
+
+
+@settings(max_examples=examples(2000), deadline=None)
+@given(COMMANDS, st.sampled_from([wire.A1, wire.GO1]), st.integers(0, 3))
+def test_a_command_passes_as_it_came_only_where_it_is_what_the_guard_would_send(orders, layout, spoilt):
+    data = wire.pack(orders, layout)
+    if spoilt == 1:  # a motor that is off, or anything else that orders do not say
+        data = data[:100] + b"\x01" + data[101:]
+        data = data[:-4] + wire.checksum(data).to_bytes(4, "little")
+    try:
+        command = wire.read_command(data, layout)
+    except wire.WireError:
+        return
+    if limits.allowed(LIMITS, command):
+        within, beyond = limits.clipped(LIMITS, command.orders())
+        assert beyond == 0
+        assert np.array_equal(within, command.orders())
+        assert wire.pack(command.orders(), layout) == data
+
+
+def test_orders_of_a_walk_pass_as_they_came():
+    command = wire.read_command(wire.pack(walking(5.0), wire.A1), wire.A1)
+    assert limits.allowed(LIMITS, command)
+    assert wire.pack(command, wire.A1) == command.data
+
+
+@pytest.mark.parametrize("name", ["hip", "thigh", "calf", "warmth"])
+def test_a_reading_within_a_limit_by_little_is_calm(name):
+    assert limits.calm(LIMITS, seen(**BROKEN[name][2]).reading)
+
+
 POSSIBLE = [{}, {"q": np.tile([0.0, 1.3, -2.8], 4)}, {"dq": np.full(12, -40.0)}, {"gyro": np.full(3, 30.0)}]
 IMPOSSIBLE = [
     {"quaternion": np.zeros(4)},
@@ -114,6 +179,11 @@ IMPOSSIBLE = [
     {"dq": at(ZERO, 9, -43.0)},
     {"dq": at(ZERO, 9, np.nan)},
 ]
+
+
+@pytest.mark.parametrize("one", IMPOSSIBLE)
+def test_a_reading_that_cannot_be_is_not_calm(one):
+    assert not limits.calm(LIMITS, reading(STANDING)._replace(**one))
 
 
 def test_readings_that_can_be_are_distinguished_from_those_that_cannot():

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from s2r_a1.guard import leg, moves, states
 from s2r_a1.guard.control import ROLES
 from s2r_a1.guard.limits import LIMITS, ROUND, SECOND
-from s2r_a1.guard.states import ROWS, Conditions, Inputs, Machine, State
+from s2r_a1.guard.states import ROWS, Arrival, Conditions, Inputs, Machine, State
 from s2r_a1.remote import LOST, packed
 from tests.a1.guarding import LYING, READY, ZERO, Rounds, at, leaning, reading, walking
 from tests.examples import examples
@@ -312,17 +312,19 @@ def test_one_reading_that_cannot_be_is_bridged_and_two_in_a_row_damp(brought):
 def test_a_reading_that_cannot_be_never_arrives(field):
     good = reading()
     wrong = good._replace(**{field: np.full_like(getattr(good, field), np.nan)})
-    assert states.arrived(LIMITS, good, None) == (good, False)
-    assert states.arrived(LIMITS, wrong, None) == (None, True)
-    assert states.arrived(LIMITS, None, "number") == (None, True)
-    assert states.arrived(LIMITS, None, "silence") == (None, False)
+    found = states.arrived(LIMITS, good, None)
+    assert found.reading is good
+    assert not found.bad
+    assert states.arrived(LIMITS, wrong, None) == (None, True, False)
+    assert states.arrived(LIMITS, None, "number") == (None, True, False)
+    assert states.arrived(LIMITS, None, "silence") == (None, False, False)
 
 
 @pytest.mark.parametrize("state", [State.STANDING_UP, State.STAND, State.WALK, State.LYING_DOWN])
 def test_a_guard_that_was_held_up_does_not_move_the_robot_on(brought, state):
     rounds = brought(state)
     now = rounds.machine.memory.now + 10 * ROUND
-    late = states.step(rounds.machine, Inputs(now, reading(rounds.q), orders=walking()), LIMITS).machine
+    late = states.step(rounds.machine, Inputs(now, Arrival(reading(rounds.q)), walking()), LIMITS).machine
     assert (late.state, late.word) == (State.DAMPING, "link")
 
 
@@ -356,7 +358,7 @@ def test_a_fault_damps_a_robot_that_moves_in_the_round_in_which_it_is_there(brou
 
 def after(rounds, seen):
     """Return the machine after one more round with this reading."""
-    inputs = Inputs(rounds.machine.memory.now + ROUND, seen, orders=walking())
+    inputs = Inputs(rounds.machine.memory.now + ROUND, Arrival(seen), walking())
     return states.step(rounds.machine, inputs, LIMITS).machine
 
 

@@ -26,10 +26,10 @@ from s2r_a1.guard import moves, states
 from s2r_a1.guard.control import Listener, Party, RefusedError, Request
 from s2r_a1.guard.limits import LIMITS, ROUND, SECOND
 from s2r_a1.guard.place import Robot
-from s2r_a1.guard.states import ROWS, Conditions, Inputs, Machine, State
+from s2r_a1.guard.states import ROWS, Arrival, Conditions, Inputs, Machine, State
 from s2r_a1.link import Link, RobotSide, UdpLink
 from s2r_a1.rawlog import RawLogError, RawLogWriter
-from s2r_a1.wire import LAYOUTS, Orders, Reading
+from s2r_a1.wire import LAYOUTS, Command, Orders
 
 SINKING = {State.DAMPING: 3 * SECOND, State.RESTING: SECOND}
 """A budget [ns]: how long a robot that was let go is looked after, until it lies. Twice as long delays the end."""
@@ -117,7 +117,7 @@ class Guard:
         self._socket: Socket | None = None
         self._pending: list[Deferred] = []
         self._idle = idle
-        self._orders: Orders | None = None
+        self._orders: Orders | Command | None = None
         self._due = 0
         self._alone = time.monotonic() + GREETED
 
@@ -226,7 +226,7 @@ class Guard:
     def forget_orders(self) -> None:
         """Leave aside what the client has sent so far: a new motion begins."""
         if self.client and not self.lockstep:
-            self.client.side.read()
+            self.client.side.receive()
 
     def record(self, path: str, header: dict[str, Any]) -> RawLogWriter:
         """Begin a recording of all packets from and to the robot; one that runs is finished."""
@@ -356,18 +356,16 @@ class Guard:
         self._due += ROUND
         link = self.link
         assert link is not None
-        reading: Reading | None = None
-        bad = False
+        found = Arrival()
         watched = link.fileno()
         while True:
             left = self._due - time.monotonic_ns()
             ready = self._ready([] if watched is None else [watched], max(left, 0) / SECOND)
             if watched in ready or (watched is None and left <= 0):
-                newest, wrong = self._read(link)
-                reading, bad = newest or reading, bad or wrong
+                found = _newest(found, self._read(link))
             self._serve(ready)
-            if left <= 0:
-                return self._ordered(self.client, reading, bad and reading is None)
+            if left <= 0 or (not ready and time.monotonic_ns() >= self._due):
+                return self._ordered(self.client, found)
 
     def _lock_step(self) -> Inputs:
         """Send the command, wait for the robot's datagram, pass it on, and wait for the client's."""
@@ -378,13 +376,13 @@ class Guard:
         # One that never answers does not understand us; one that has answered is waited for.
         peer = (self.robot.host, self.robot.port)
         self._await(socket, peer, None if link.counters.received else MUTE)
-        reading, bad = self._read(link)
+        found = self._read(link)
         client = self.client
         if client:
-            if reading is None:
+            if found.reading is None:
                 client.side.skip()
             self._await(client.socket, client.address, client=client)
-        return self._ordered(client if client is self.client else None, reading, bad)
+        return self._ordered(client if client is self.client else None, found)
 
     def _await(
         self, socket: Socket, peer: Address, seconds: float | None = None, client: Client | None = None
@@ -405,18 +403,18 @@ class Guard:
                 return
             socket.gone = (seconds is not None and silent >= seconds) or (silent >= LOOKED and is_free(peer))
 
-    def _read(self, link: Link) -> tuple[Reading | None, bool]:
-        """Return the good reading that came, passed on to the client, and whether one came that cannot be."""
-        reading, bad = states.arrived(self.limits, link.read(), link.fault)
-        if reading is not None:
+    def _read(self, link: Link) -> Arrival:
+        """Return what came; a good reading is passed on to the client."""
+        found = states.arrived(self.limits, link.read(), link.fault)
+        if found.reading is not None:
             self.packet = link.packet
             if self.client:
                 self.client.side.send(link.packet)
-        return reading, bad
+        return found
 
-    def _ordered(self, client: Client | None, reading: Reading | None, bad: bool) -> Inputs:
+    def _ordered(self, client: Client | None, found: Arrival) -> Inputs:
         """Return what a round brings, with the client's newest orders."""
-        inputs = Inputs(0, reading, bad)
+        inputs = Inputs(0, found)
         if client is None:
             return inputs
         if not ROWS[self.machine.state].client or client.party.spent:
@@ -424,7 +422,7 @@ class Guard:
             return inputs
         counters = client.side.counters
         before = counters.corrupt + counters.numbers
-        orders = client.side.read()
+        orders = client.side.receive()
         return inputs._replace(orders=orders, dropped=counters.corrupt + counters.numbers - before)
 
     def _record(self, direction: int, data: bytes) -> None:
@@ -496,6 +494,13 @@ class Guard:
         if self.link:
             self.link.close()
         self.link = self._socket = None
+
+
+def _newest(before: Arrival, after: Arrival) -> Arrival:
+    """Return what two reads of a round have brought: the newest good reading, or whether a bad one came."""
+    if after.reading is not None:
+        return after
+    return before if before.reading is not None else after._replace(bad=before.bad or after.bad)
 
 
 def _polled(deferred: Deferred) -> dict[str, Any] | Deferred:

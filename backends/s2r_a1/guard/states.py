@@ -29,7 +29,7 @@ from s2r_a1.guard import moves
 from s2r_a1.guard.control import Role
 from s2r_a1.guard.limits import Check, IntArray, Limits, Seen, Word
 from s2r_a1.guard.moves import Motion
-from s2r_a1.wire import MOTORS, Orders, Reading
+from s2r_a1.wire import MOTORS, Command, Orders, Reading
 
 FloatArray = NDArray[np.float64]
 
@@ -91,7 +91,7 @@ class Followed(NamedTuple):
         unusable: packets that could not be used, in all.
     """
 
-    orders: Orders | None = None
+    orders: Orders | Command | None = None
     at: int = 0
     dropped: int = 0
     clipped: int = 0
@@ -133,21 +133,33 @@ class Machine(NamedTuple):
     remote: int | None = None
 
 
+class Arrival(NamedTuple):
+    """What the link has brought, as :func:`arrived` judges it.
+
+    Attributes:
+        reading: the newest state, if a good one came.
+        bad: whether one came with numbers that cannot be, and no good one.
+        calm: whether the reading is far from every limit.
+    """
+
+    reading: Reading | None = None
+    bad: bool = False
+    calm: bool = False
+
+
 class Inputs(NamedTuple):
     """What a round brings.
 
     Attributes:
         now: the time.
-        reading: the newest state if a good one came, see :func:`arrived`.
-        bad: whether one came with numbers that cannot be.
+        came: from the robot.
         orders: the client's, if any came that can be decoded.
         dropped: packets of the client that cannot be.
     """
 
     now: int
-    reading: Reading | None = None
-    bad: bool = False
-    orders: Orders | None = None
+    came: Arrival = Arrival()
+    orders: Orders | Command | None = None
     dropped: int = 0
 
 
@@ -155,7 +167,7 @@ class Step(NamedTuple):
     """What a round leads to; orders are None where nothing may be sent."""
 
     machine: Machine
-    orders: Orders | None
+    orders: Orders | Command | None
 
 
 class Row(NamedTuple):
@@ -172,7 +184,7 @@ class Row(NamedTuple):
     """
 
     checks: tuple[Check, ...]
-    orders: Callable[[Machine, int, Limits], Orders | None]
+    orders: Callable[[Machine, int, Limits], Orders | Command | None]
     then: State | None = None
     client: bool = False
     stands: bool = False
@@ -197,14 +209,18 @@ def _own(machine: Machine, now: int, limits: Limits) -> Orders:
     return moves.orders(machine.motion, now)
 
 
-def _followed(machine: Machine, now: int, limits: Limits) -> Orders:
+def _followed(machine: Machine, now: int, limits: Limits) -> Orders | Command:
     """Return the client's orders; without their torques where they, or what they rest on, are old."""
     orders, at, dropped, _, _ = machine.followed
     if orders is None:
         return _own(machine, now, limits)
     if max(now - at, now - machine.memory.fresh) >= limits.bridged or dropped >= limits.dropped:
-        return orders._replace(tau=moves.ZERO)
+        return _decoded(orders)._replace(tau=moves.ZERO)
     return orders
+
+
+def _decoded(orders: Orders | Command) -> Orders:
+    return orders.orders() if isinstance(orders, Command) else orders
 
 
 # After a pause of the guard itself, what it sees is what the pause did: the robot's own rule has acted meanwhile.
@@ -246,8 +262,8 @@ BEGINNINGS: dict[str, tuple[frozenset[State], State]] = {
 """A definition: the state that a client's request leads to, and from which ones."""
 
 
-def arrived(limits: Limits, reading: Reading | None, fault: str | None) -> tuple[Reading | None, bool]:
-    """Return the good reading of a round, and whether one came whose numbers cannot be.
+def arrived(limits: Limits, reading: Reading | None, fault: str | None) -> Arrival:
+    """Return what came in a round.
 
     Args:
         limits: what is possible.
@@ -255,10 +271,10 @@ def arrived(limits: Limits, reading: Reading | None, fault: str | None) -> tuple
         fault: of the link, where it has no reading.
     """
     if reading is None:
-        return None, fault == "number"
-    if limit.impossible(limits, reading):
-        return None, True
-    return reading, False
+        return Arrival(bad=fault == "number")
+    if limit.calm(limits, reading):
+        return Arrival(reading, calm=True)
+    return Arrival(bad=True) if limit.impossible(limits, reading) else Arrival(reading)
 
 
 def step(machine: Machine, inputs: Inputs, limits: Limits) -> Step:
@@ -270,14 +286,17 @@ def step(machine: Machine, inputs: Inputs, limits: Limits) -> Step:
     machine = machine._replace(memory=memory, followed=followed)
     if row.checks:
         seen = _seen(machine, now, late)
-        new = inputs.reading is not None
+        new, calm = inputs.came.reading is not None, inputs.came.calm
         for check in row.checks:
-            if (new or not check.measures) and (sentence := check.find(limits, seen)):
+            if (check.measures and not new) or (check.boxed and calm):
+                continue
+            if sentence := check.find(limits, seen):
                 machine = damped(machine, now, check.word, sentence)
                 break
         else:
             if new:
-                machine = _warned(machine, row, seen, limits)
+                checks = [check for check in row.warnings if not (check.boxed and calm)]
+                machine = _warned(machine, checks, seen, limits)
             machine = _watched(_proceeded(machine, row, now), now)
     return Step(machine, ROWS[machine.state].orders(machine, now, limits))
 
@@ -502,11 +521,15 @@ def _watched(machine: Machine, now: int) -> Machine:
 
 def _remembered(machine: Machine, inputs: Inputs, limits: Limits) -> Memory:
     """Return the memory after a round."""
-    memory, reading, now = machine.memory, inputs.reading, inputs.now
+    memory, (reading, bad, calm), now = machine.memory, inputs.came, inputs.now
     if reading is None:
-        return memory._replace(now=now, bad=memory.bad + 1 if inputs.bad else memory.bad)
-    tau = np.abs(reading.tau)
-    top = tau.max()
+        return memory._replace(now=now, bad=memory.bad + bad)
+    watts = limit.power(reading)
+    strong = strained = _NEVER
+    if not calm:
+        tau = np.abs(reading.tau)
+        strong = np.where(tau > limits.torque, memory.strong + 1, 0)
+        strained = np.where(tau > limits.strain, memory.strained + 1, 0)
     pose, still = memory.pose, memory.still
     # Only what LINKED leads to asks whether the robot is still.
     if machine.state is State.LINKED and (
@@ -518,9 +541,9 @@ def _remembered(machine: Machine, inputs: Inputs, limits: Limits) -> Memory:
         reading=reading,
         fresh=now,
         bad=0,
-        power=limit.powered(limits, memory.power, float(np.abs(reading.dq) @ tau)),
-        strong=np.where(tau > limits.torque, memory.strong + 1, 0) if top > limits.torque else _NEVER,
-        strained=np.where(tau > limits.strain, memory.strained + 1, 0) if top > limits.strain else _NEVER,
+        power=limit.powered(limits, memory.power, watts),
+        strong=strong,
+        strained=strained,
         pose=pose,
         still=still,
     )
@@ -533,15 +556,17 @@ def _obeyed(machine: Machine, inputs: Inputs, limits: Limits) -> Followed:
     """Return what a client has ordered after a round."""
     followed = machine.followed
     dropped = inputs.dropped
+    if isinstance(inputs.orders, Command) and limit.allowed(limits, inputs.orders):
+        return Followed(inputs.orders, inputs.now, 0, followed.clipped, followed.unusable + dropped)
     if inputs.orders is not None:
-        usable = limit.clipped(limits, inputs.orders)
+        usable = limit.clipped(limits, _decoded(inputs.orders))
         if usable:
             within, beyond = usable
             return Followed(within, inputs.now, 0, followed.clipped + beyond, followed.unusable + dropped)
         dropped += 1
     if dropped:
         followed = followed._replace(dropped=followed.dropped + dropped, unusable=followed.unusable + dropped)
-    if inputs.reading is not None and inputs.now - machine.memory.fresh >= limits.bridged:
+    if inputs.came.reading is not None and inputs.now - machine.memory.fresh >= limits.bridged:
         # It has had no state to answer; its silence counts anew.
         followed = followed._replace(at=inputs.now)
     return followed
@@ -566,7 +591,7 @@ def _seen(machine: Machine, now: int, late: int) -> Seen:
     )
 
 
-def _warned(machine: Machine, row: Row, seen: Seen, limits: Limits) -> Machine:
-    """Return the machine with the warnings that hold."""
-    found = tuple((check.name, sentence) for check in row.warnings if (sentence := check.find(limits, seen)))
+def _warned(machine: Machine, checks: list[Check], seen: Seen, limits: Limits) -> Machine:
+    """Return the machine with the warnings that hold, of those that may."""
+    found = tuple((check.name, sentence) for check in checks if (sentence := check.find(limits, seen)))
     return machine._replace(warnings=found) if found or machine.warnings else machine
