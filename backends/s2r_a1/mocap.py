@@ -4,7 +4,8 @@ Data: poses of a rigid body on the robot, as JSON lines {"t", "x", "y", "z", "qw
 on this machine; its clock has nothing to do with the robot's. Unknown: the offset between the two clocks, anew for
 every rollout. Model: the yaw rate of the body is that of the robot's gyroscope, but for noise. Estimator: the offset
 at which their correlation is largest, near to the one that the times of arrival suggest. A trot turns the body to and
-fro once in 0.4 s, so that it has a peak. Where it is low, nothing is said (:class:`MocapError`).
+fro once in 0.4 s, so that it has a peak. No pose comes before it was taken, which tells that peak from its neighbours;
+poses must come within 0.15 s. Where it is low, nothing is said (:class:`MocapError`).
 
 Both rates, and the velocity, are slopes of a straight line through the poses of 25 ms.
 """
@@ -28,14 +29,22 @@ WINDOW = 0.025
 """A tolerance [s]: width over which slopes are taken: five poses at 200 Hz. Twice as much lowers the noise of the
 velocity by 2.8, and takes 2 % from a motion of 10 Hz instead of 0.5 %."""
 SEARCH = 0.15
-"""A budget [s]: how far the offset may lie from what the times of arrival say. Twice as much finds the wrong period of
-the trot."""
+"""A budget [s]: how long a pose may be on its way. Twice as much finds the wrong period of the trot."""
+EARLY = 0.03
+"""A tolerance [s]: by which a pose may seem to come before it was taken, as the states are on their way, too.
+Twice as much finds the wrong period where poses are 0.34 s late, and not only from 0.37 s on."""
 STEP = 0.001
 """A tolerance [s]: between two offsets that are tried; a parabola refines the best."""
 CORRELATED = 0.7
 """A level: the least correlation of the two yaw rates at which an offset is accepted. Higher refuses noisier mocap."""
 LEAST = 40
 """A tolerance: poses that a rollout needs, 0.2 s at 200 Hz; twice as many refuse a fall right after t = 0."""
+FASTEST = 3.3
+"""A level [m/s]: speed that no A1 reaches, by its maker. Beyond it numbers are no metres, or poses jump; twice as much
+lets jumps of 8 cm pass."""
+FARTHEST = 1.0
+"""A level [m]: how far from the base's middle a body on an A1 can be, which is 0.6 m long. Twice as much lets pass
+inches that are taken for metres."""
 LARGEST = 65536
 _NAMES = ("t", "x", "y", "z", "qw", "qx", "qy", "qz")
 
@@ -156,12 +165,14 @@ def velocity(
         times: at which the velocity is wanted.
 
     Raises:
-        MocapError: there are too few poses, they do not cover the walk, or the yaw rates do not correlate.
+        MocapError: there are too few poses, they do not cover the test, the yaw rates do not correlate, or no robot
+            is as fast.
     """
+    poses = _tracked(poses)
     if len(poses.times) < LEAST:
         raise MocapError(
-            f"motion capture sent {len(poses.times)} poses during the rollout, and {LEAST} are needed; "
-            "check that it streams to this port"
+            f"motion capture sent {len(poses.times)} poses that tell a velocity, and {LEAST} are needed: check that it "
+            "streams to this port, 100 poses a second or more, and that it sees the robot"
         )
     attitude, yaw = _base(poses.quaternion, radians(placing.heading))
     offset, correlation = _offset(poses, _slope(poses.times, yaw), gyro)
@@ -170,13 +181,45 @@ def velocity(
         raise MocapError(
             "motion capture does not cover the whole rollout; check that it streams without a break"
         )
-    gap = float(np.max(np.diff(own[(own >= times[0] - WINDOW) & (own <= times[-1] + WINDOW)]), initial=0.0))
+    # The poses right before and right after the test count, too: a gap may begin or end outside of it.
+    first, last = np.searchsorted(own, times[0]) - 1, np.searchsorted(own, times[-1], side="right")
+    gap = float(np.max(np.diff(own[max(first, 0) : last + 1]), initial=0.0))
     if gap > 2.0 * WINDOW:
         raise MocapError(f"motion capture lost the robot for {gap:.3f} s; {2.0 * WINDOW:g} s are allowed")
     base = poses.position - attitude @ np.array(placing.position)
     vx, vy = (_slope(poses.times, base[:, axis]) for axis in (0, 1))
     forward, left = np.cos(yaw) * vx + np.sin(yaw) * vy, np.cos(yaw) * vy - np.sin(yaw) * vx
-    return Velocity(np.interp(times, own, forward), np.interp(times, own, left), offset, correlation)
+    seen = Velocity(np.interp(times, own, forward), np.interp(times, own, left), offset, correlation)
+    speed = float(np.hypot(seen.forward, seen.left).max())
+    if speed > FASTEST:
+        raise MocapError(
+            f"by motion capture the robot moves at {speed:.3g} m/s, which no A1 can: check that it sends metres, and "
+            "that it does not mistake one body for another"
+        )
+    return seen
+
+
+def _tracked(poses: Poses) -> Poses:
+    """Return the poses that tell a velocity.
+
+    A system that has lost a body may send its last pose again and again, at new times. A pose without another one
+    within ``WINDOW`` has no slope.
+    """
+    pose = np.concatenate((poses.position, poses.quaternion), axis=1)
+    moved = np.diff(pose, axis=0, prepend=np.nan) != 0.0
+    poses = _those(poses, np.logical_or.reduce(moved, axis=1))
+    first, last = _around(poses.times)
+    return _those(poses, last - first > 1)
+
+
+def _those(poses: Poses, chosen: NDArray[np.bool_]) -> Poses:
+    return Poses(*(column[chosen] for column in poses))
+
+
+def _around(times: FloatArray) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return the first of the times within ``WINDOW`` around each, and the first after them."""
+    reach = WINDOW / 2 * (1 + 1e-9)
+    return np.searchsorted(times, times - reach), np.searchsorted(times, times + reach, side="right")
 
 
 def _offset(poses: Poses, rate: FloatArray, gyro: tuple[FloatArray, FloatArray]) -> tuple[float, float]:
@@ -192,19 +235,20 @@ def _offset(poses: Poses, rate: FloatArray, gyro: tuple[FloatArray, FloatArray])
         np.interp(times + WINDOW / 2, times, angle) - np.interp(times - WINDOW / 2, times, angle)
     ) / WINDOW
     guess = float(np.median(poses.arrived - poses.times))
-    lags = np.arange(-SEARCH, SEARCH + STEP / 2, STEP)
+    lags = np.arange(-SEARCH, EARLY + STEP / 2, STEP)
     score = np.array([_correlation(poses.times + guess + lag, rate, times, smooth) for lag in lags])
     best = int(np.argmax(score))
-    if not score[best] >= CORRELATED:
+    if (
+        not score[best] >= CORRELATED or not 0 < best < len(lags) - 1
+    ):  # at an end there is no peak, only its slope
         raise MocapError(
             f"the yaw rate of motion capture does not follow the gyroscope (their correlation is {score[best]:.2f}, "
-            f"and {CORRELATED:g} is needed): check that it tracks this robot, and the option heading"
+            f"and a peak of {CORRELATED:g} is needed): check that it tracks this robot, with z up, and that its poses "
+            f"come within {SEARCH:g} s"
         )
-    refined = 0.0
-    if 0 < best < len(lags) - 1:
-        before, here, after = score[best - 1 : best + 2]
-        bend = before - 2.0 * here + after
-        refined = 0.5 * (before - after) / bend if bend < 0.0 else 0.0
+    before, here, after = score[best - 1 : best + 2]
+    bend = before - 2.0 * here + after
+    refined = 0.5 * (before - after) / bend if bend < 0.0 else 0.0
     return guess + float(lags[best]) + refined * STEP, float(score[best])
 
 
@@ -221,8 +265,7 @@ def _correlation(own: FloatArray, rate: FloatArray, times: FloatArray, gyro: Flo
 
 def _slope(times: FloatArray, values: FloatArray) -> FloatArray:
     """Return (n,) slopes of the straight lines through the values within ``WINDOW`` around each time."""
-    first = np.searchsorted(times, times - WINDOW / 2 * (1 + 1e-9))
-    last = np.searchsorted(times, times + WINDOW / 2 * (1 + 1e-9), side="right")
+    first, last = _around(times)
     t, v = times - times[0], values - values[0]
 
     def total(column: FloatArray) -> FloatArray:
@@ -284,4 +327,9 @@ def read_placing(body: str | None, heading: str | None) -> Placing:
         ) from None
     if not np.isfinite([*placing.position, placing.heading]).all():
         raise UsageError("body and heading must be finite numbers, as in body=0.1:0:0.05,heading=90")
+    if max(map(abs, placing.position)) > FARTHEST:
+        raise UsageError(
+            f"body = {body!r} is {max(map(abs, placing.position)):g} m from the middle of the base, beyond the robot; "
+            "it is in metres, as in body=0.1:0:0.05"
+        )
     return placing

@@ -151,9 +151,16 @@ def _host(value: str) -> str:
     if value == "localhost":
         return "127.0.0.1"
     try:
-        return str(ipaddress.IPv4Address(value))
+        address = ipaddress.IPv4Address(value)
     except ValueError:
         raise UsageError(f"host = {value!r} is no IPv4 address, such as 192.168.123.10") from None
+    # Linux takes 0.0.0.0 for this machine: a twin would pass for a robot. The others are many hosts.
+    if address.is_unspecified or address.is_multicast or address.is_reserved:
+        raise UsageError(
+            f"host = {value} is the address of no one machine; name the robot's, such as 192.168.123.10, or 127.0.0.1 "
+            "for a twin"
+        )
+    return str(address)
 
 
 def _port(name: str, value: str) -> int:

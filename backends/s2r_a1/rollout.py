@@ -21,12 +21,12 @@ from s2r_a1.rawlog import SUFFIX
 from s2r_a1.schedule import Schedule
 from s2r_a1.ticks import SECONDS
 from s2r_a1.undisturbed import undisturbed
-from s2r_a1.walk import Change, Walked, rest, walk
+from s2r_a1.walk import Walked, rest, walk
 from s2r_sim.gains import RATE
 from s2r_sim.physics import Command, State
 from s2r_sim.recorder import yaw_rate
 from s2r_sim.settings import Settings
-from s2r_spec.errors import BackendError, NotBegunError
+from s2r_spec.errors import BackendError, NotBegunError, TraceError
 from s2r_spec.trace import Trace
 
 if TYPE_CHECKING:
@@ -71,10 +71,14 @@ def run(backend: A1Backend, test: Mapping[str, float], seed: int) -> Trace:
         except BackendError as error:
             raise NotBegunError(str(error)) from None
         walked = _walk(client, own, schedule, backend)
-    trace = recording.trace_of(path, walked.notes, own)
-    if listener is not None:
-        trace = _seen(trace, walked, listener, backend.placing, client)
-    return _ended(trace, walked.ending, schedule, path)
+    try:
+        trace = recording.trace_of(path, walked.notes, own)
+    except TraceError as error:
+        trace = lost(backend, about | {"params": dict(test)}, str(error))
+    else:
+        if listener is not None:
+            trace = _seen(trace, walked, listener, backend.placing, client)
+    return ended(trace, walked, schedule, path)
 
 
 def _walk(client: Client, own: Pilot, schedule: Schedule, backend: A1Backend) -> Walked:
@@ -131,16 +135,31 @@ def _seen(trace: Trace, walked: Walked, listener: Listener, placing: mocap.Placi
     return Trace(trace.times, channels, trace.units, meta)
 
 
-def _ended(trace: Trace, ending: Change | None, schedule: Schedule, path: Path) -> Trace:
-    """Return the trace with what ended it, if that was before the end of the test, and where its packets are."""
+def lost(backend: A1Backend, about: Mapping[str, Any], reason: str) -> Trace:
+    """Return what stands for a walk whose recording cannot be used: one sample of nothing, void by the disk."""
+    nothing = {c.name: np.full((1, c.width) if c.width > 1 else 1, np.nan) for c in backend.channels}
+    return Trace(np.zeros(1), nothing, recording.UNITS, {**about, "void": "disk", "reason": reason})
+
+
+def ended(trace: Trace, walked: Walked, schedule: Schedule, path: Path) -> Trace:
+    """Return the trace of a walk with what ended it, if that was before the end of the test, and where its packets are.
+
+    What the robot ended counts even if its recording is lost; a test that went on and was not recorded to its end is
+    void.
+    """
     meta: dict[str, Any] = {**trace.meta, "raw": path.name}
-    if ending is not None:
-        meta["reason"] = ending.reason
-        if round(trace.times[-1] * RATE) >= schedule.hold:
-            meta["after"] = ending.word  # the test itself was over
-        elif ending.word in ROBOT_WORDS:
-            meta["failure"] = ending.word
-            meta.pop("void", None)
-        else:
-            meta["void"] = ending.word or "operator"
+    ending = walked.ending
+    if ending is not None and walked.notes[-1].tick >= schedule.hold:
+        meta["after"] = ending.word  # the test itself was over
+        meta.setdefault("reason", ending.reason)
+    elif ending is not None and ending.word in ROBOT_WORDS:
+        meta |= {"failure": ending.word, "reason": ending.reason}
+        meta.pop("void", None)
+    elif ending is not None:
+        meta |= {"void": ending.word or "operator", "reason": ending.reason}
+    if not {"failure", "void"} & meta.keys() and round(trace.times[-1] * RATE) < schedule.hold:
+        meta |= {
+            "void": "disk",
+            "reason": f"the recording ends {trace.times[-1]:g} s after the command, before the test does",
+        }
     return Trace(trace.times, trace.channels, trace.units, meta)

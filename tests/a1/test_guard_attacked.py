@@ -15,7 +15,7 @@ from s2r_a1.guard.states import Arrival, Inputs, State
 from s2r_a1.twin import TwinSettings
 from s2r_spec.errors import BackendError
 from tests.a1.guarding import Rounds, reading, walking
-from tests.a1.rig import STAND_ON
+from tests.a1.rig import STAND_ON, Rig, limp
 from tests.a1.robots import Steered, served
 
 HOLDING = (State.STANDING_UP, State.STAND, State.WALK, State.LYING_DOWN)
@@ -29,6 +29,23 @@ def test_a_guard_that_was_held_up_damps_a_robot_that_it_holds(state, pause, ends
     machine, _ = states.step(robot.machine, Inputs(now, Arrival(reading(robot.q)), walking()), LIMITS)
     assert (machine.state is State.DAMPING) is ends
     assert machine.word == ("link" if ends else None)
+
+
+def test_a_robot_that_was_switched_off_and_on_before_it_was_armed_is_armed_then():
+    """Its clock begins anew: to the guard its states are old, and would stay so for as long as it had run before."""
+    rig = Rig()
+    try:
+        next(rig.bring(None))
+        assert rig.state is State.LINKED
+        rig.inject("back_tick=100000")
+        for _ in range(15):  # each lets a round pass
+            rig.ask(rig.operator, "connect")
+        assert rig.guard.link.counters.backwards > 0
+        assert rig.ask(rig.operator, "arm")["ok"]
+        assert rig.state is State.ARMED
+        assert all(limp(data) for _, data in rig.received)
+    finally:
+        rig.close()
 
 
 # By bytes, over the control socket of a guard that holds a robot up.

@@ -83,6 +83,39 @@ def test_poses_that_do_not_cover_the_test_are_refused():
         velocity(poses(missing=[(0.05, 9.0)]), Placing(), gyro(), WANTED)
 
 
+@pytest.mark.parametrize("gap", [(0.9, 1.4), (1.6, 2.03), (0.95, 2.04)])
+def test_a_gap_over_an_end_of_the_test_is_refused(gap):
+    with pytest.raises(MocapError, match="lost the robot"):
+        velocity(poses(missing=[gap]), Placing(), gyro(), WANTED)
+
+
+def test_poses_that_tell_no_velocity_are_none():
+    whole = poses()
+    times = whole.times + AHEAD
+    between = (times >= 1.2) & (times < 1.5)
+    seldom = ~between | (np.arange(len(times)) % 8 == 0)  # 25 a second: none has another within the window
+    with pytest.raises(MocapError, match="lost the robot"):
+        velocity(Poses(*(column[seldom] for column in whole)), Placing(), gyro(), WANTED)
+    held = np.where(
+        between, np.argmax(between), np.arange(len(times))
+    )  # the last pose, sent again at new times
+    again = whole._replace(position=whole.position[held], quaternion=whole.quaternion[held])
+    with pytest.raises(MocapError, match="lost the robot"):
+        velocity(again, Placing(), gyro(), WANTED)
+
+
+def test_no_robot_is_as_fast_as_millimetres_make_it():
+    with pytest.raises(MocapError, match="metres"):
+        velocity(poses()._replace(position=1000.0 * poses().position), Placing(), gyro(), WANTED)
+
+
+@pytest.mark.parametrize("late", [0.26, 0.3, 0.36])
+def test_a_pose_is_not_taken_for_one_of_the_next_step(late):
+    """By then the right offset is out of reach; one a period of the trot later would have the pose come too early."""
+    with pytest.raises(MocapError, match="does not follow"):
+        velocity(poses(late=late), Placing(), gyro(), WANTED)
+
+
 def test_a_listener_takes_poses_and_counts_what_is_none():
     listener = Listener(0)
     sender = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)

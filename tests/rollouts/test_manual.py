@@ -90,6 +90,8 @@ NAN = np.where(np.arange(101) == 50, np.nan, 0.2)
         (log(0.2, vx_cmd=np.full(101, 30.0), units={"vx_cmd": "cm/s"}), "vx_cmd is 0.3 m/s"),
         (log(0.2, units={"vx_cmd": "kg"}), "vx_cmd"),
         (log(0.2, load_cmd=np.full(101, 3.0)), "load_cmd is 3 kg"),
+        (log(0.2, vx_cmd=np.where(TIMES < 1.5, 0.2, 0.0)), "vx_cmd is 0 m/s from 1.5"),
+        (log(0.2, vx_cmd=np.where(TIMES < 1.5, 20.0, 15.0), units={"vx_cmd": "cm/s"}), "vx_cmd is 0.15 m/s"),
         (log(vx=np.where(TIMES > 1.0, np.inf, 0.2)), "cannot judge"),
         (log(0.1, meta={"failure": "fall"}), "vx_cmd is 0.1 m/s"),
     ],
@@ -103,12 +105,16 @@ def test_what_is_measured_is_no_command_and_a_ramp_is_the_command_it_ends_at(que
     assert refusal(measured, question) is None
     ramp = log(0.2, vx_cmd=np.minimum(0.2, 0.5 * TIMES))
     assert refusal(ramp, question) is None
+    noisy = log(0.2, vx_cmd=0.2 + 0.01 * np.random.default_rng(0).normal(size=101))
+    assert refusal(noisy, question) is None
     after = log(0.2, times=np.linspace(0, 8, 401), vx=np.full(401, 0.2), q=np.zeros((401, 2)), vx_cmd=None)
     assert refusal(after, question) is None
 
 
 def test_what_failed_is_judged_by_no_sample(question):
     assert refusal(log(times=TIMES / 2, vx=None, meta={"failure": "fall"}), question) is None
+    let_go = log(0.2, vx_cmd=np.where(TIMES < 1.5, 0.2, 0.0), meta={"failure": "fall"})
+    assert refusal(let_go, question) is None
 
 
 def test_a_spec_that_looks_at_the_whole_rest_takes_a_log_of_any_length():
@@ -357,6 +363,31 @@ def test_a_log_counts_once(desk):
     desk.again()
     desk.run(enter(again), enter(desk.drop(log(vx=0.2 - 0.02 * TIMES))))
     assert len(desk.recordings) == 3
+
+
+def test_a_log_that_goes_on_from_an_earlier_one_is_that_one_again(desk):
+    """As of a recorder that was not stopped between two tests: what the spec looks at is the first test."""
+    times = np.arange(301) * 0.02
+    vx = 0.2 + 0.01 * np.sin(times)
+
+    def until(count):
+        return log(times=times[:count], vx=vx[:count], q=np.zeros((count, 2)), vx_cmd=np.full(count, 0.2))
+
+    desk.run(enter(desk.drop(until(110))))
+    desk.run(enter(desk.drop(until(201))), enter(desk.drop(log(vx=0.2 - 0.01 * TIMES))))
+    assert "earlier test" in " ".join(desk.operator.said)
+    desk.again()
+    desk.run(enter(desk.drop(until(301))), enter(desk.drop(log(vx=0.2 - 0.02 * TIMES))))
+    assert len(desk.recordings) == 3
+
+
+def test_of_a_log_that_is_a_link_the_original_is_kept(desk, tmp_path):
+    s2r.write_trace(log(), tmp_path / "far.csv")
+    desk.run(enter(lambda: (desk.root / "incoming" / "log.csv").symlink_to(tmp_path / "far.csv")))
+    (kept,) = (desk.root / "originals").iterdir()
+    assert not kept.is_symlink()
+    assert kept.read_text() == (tmp_path / "far.csv").read_text()
+    assert not list((desk.root / "incoming").iterdir())
 
 
 def test_falls_are_failures_of_the_log_folder_whether_there_is_a_log_or_not(desk, spec):

@@ -120,6 +120,13 @@ def _arm(guard: Guard, party: Party, fields: dict[str, Any]) -> Reply:
         raise RefusedError(f"the robot is damped ({guard.machine.reason}); reset it first")
     if guard.robot.layout not in JUDGED:
         raise RefusedError(unjudged(guard))
+    memory = guard.machine.memory
+    if (
+        guard.machine.state is State.LINKED
+        and guard.link
+        and memory.now - memory.fresh >= guard.limits.silence
+    ):
+        guard.link.forget()  # a robot that was switched off and on has a clock that begins anew
     until = guard.rounds + PATIENCE
 
     def poll() -> dict[str, Any] | None:

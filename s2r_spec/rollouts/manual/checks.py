@@ -7,7 +7,7 @@ and ask in the order of :data:`CHECKS`: a later one may rely on those before it.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,6 +35,9 @@ FAR_TOO_LONG = 100.0
 GAP = 0.05
 """Tolerance: part of the needed length for which a log may have no sample; twice as much may hide a violation twice as
 long."""
+WANDERS = 0.05
+"""Tolerance: part of a parameter's range by which a command may leave its test once it has reached it. It is above the
+noise of a command that was measured; twice as much accepts a test that went on at another speed by as much."""
 STEPS = 10.0
 """Tolerance: usual steps of its clock that a gap is longer than, so that a slow logger has none."""
 
@@ -123,7 +126,7 @@ def length(trace: Trace, question: Question) -> str | None:
 
 def gaps(trace: Trace, question: Question) -> str | None:
     """Refuse a clock that jumps in the time that counts: what happened meanwhile nobody knows."""
-    counted = trace.times - trace.times[0] <= (question.seconds or math.inf)
+    counted = _counted(trace, question.seconds)
     steps = np.diff(trace.times[counted])
     if not len(steps):
         return None
@@ -151,26 +154,59 @@ def samples(trace: Trace, question: Question) -> str | None:
 def commands(trace: Trace, question: Question) -> str | None:
     """Refuse a log whose recorded command is not that of the test.
 
-    Its median over the time that counts is compared: a ramp at the beginning, and what follows the test, change it
-    little.
+    Its median over the time that counts is compared: a ramp at the beginning changes it little. Once it has reached
+    the test it must stay there: who let go of the stick, or turned it down, ran another test.
     """
-    counted = trace.times - trace.times[0] <= (question.seconds or math.inf)
+    counted = _counted(trace, question.seconds)
     for parameter in question.needs.parameters:
         for name in _commands_of(parameter.name, trace, counted):
             unit = trace.units.get(name)
             if (wrong := _unfit(name, unit, parameter.unit)) is not None:
                 return wrong
-            values = trace[name].reshape(-1)[counted]
-            values = values[np.isfinite(values)]
-            if not len(values):
+            there = counted & np.isfinite(trace[name].reshape(-1))
+            if not there.any():
                 continue
             factor, offset = _conversion(unit, parameter.unit)
-            found, asked = factor * float(np.median(values)) + offset, question.params[parameter.name]
+            values = factor * trace[name].reshape(-1)[there] + offset
+            found, asked = float(np.median(values)), question.params[parameter.name]
+            shown = _unit(parameter.unit)
+            wanted = f"the test has {parameter.name} = {asked:.4g}{shown}"
             if abs(found - asked) > _tolerance(parameter, asked):
-                shown = _unit(parameter.unit)
-                wanted = f"{parameter.name} = {asked:.4g}{shown}"
-                return f"its command {name} is {found:.4g}{shown}, and the test has {wanted}"
+                return f"its command {name} is {found:.4g}{shown}, and {wanted}"
+            if trace.failure is not None:  # who sees a robot fall lets go of the stick
+                continue
+            since = trace.times[there] - trace.times[0]
+            for first, level in _left(values, asked, _tolerance(parameter, asked) * WANDERS / SAME_TEST):
+                return f"its command {name} is {level:.4g}{shown} from {since[first]:.4g} s on, and {wanted}"
     return None
+
+
+def _left(values: FloatArray, asked: float, tolerance: float) -> Iterator[tuple[int, float]]:
+    """Yield where a command that has reached the test is elsewhere, and what it is there.
+
+    Medians of pieces are compared, each a ``GAP`` of the time that counts: single samples may be noise.
+    """
+    reached = False
+    for piece in np.array_split(np.arange(len(values)), min(len(values), round(1 / GAP))):
+        level = float(np.median(values[piece]))
+        if abs(level - asked) <= tolerance:
+            reached = True
+        elif reached:
+            yield int(piece[0]), level
+
+
+def what_counts(trace: Trace, seconds: float) -> Trace:
+    """Return the part of a trace that the spec looks at: all of it where ``seconds`` is 0."""
+    counted = _counted(trace, seconds)
+    return Trace(
+        trace.times[counted], {n: v[counted] for n, v in trace.channels.items()}, trace.units, trace.meta
+    )
+
+
+def _counted(trace: Trace, seconds: float) -> NDArray[np.bool_]:
+    """Return which samples the spec looks at."""
+    counted: NDArray[np.bool_] = trace.times - trace.times[0] <= (seconds or math.inf)
+    return counted
 
 
 def _commands_of(parameter: str, trace: Trace, counted: NDArray[np.bool_]) -> list[str]:

@@ -31,6 +31,7 @@ from s2r_spec.backend import Channel, Parameter
 from s2r_spec.errors import TraceError, TraceNote, UsageError
 from s2r_spec.files import replacing, save
 from s2r_spec.rollouts.manual import table
+from s2r_spec.rollouts.manual.checks import what_counts
 from s2r_spec.rollouts.recorded import TABLE, LogBackend, digest
 from s2r_spec.trace import Trace
 
@@ -72,8 +73,10 @@ class Place:
 
     root: Path
 
-    def prepare(self, channels: tuple[Channel, ...], parameters: tuple[Parameter, ...]) -> list[bytes]:
-        """Make the folder ready for a run, and return the digests of all traces in it.
+    def prepare(
+        self, channels: tuple[Channel, ...], parameters: tuple[Parameter, ...], seconds: float
+    ) -> list[bytes]:
+        """Make the folder ready for a run, and return the digests of all traces in it, each of what counts of it.
 
         Raises:
             UsageError: another process uses it, its rollouts are of other parameters, or it cannot be written.
@@ -103,7 +106,7 @@ class Place:
             "parameters": [asdict(parameter) for parameter in parameters],
         }
         save(self.root / DECLARED, json.dumps(record, indent=2) + "\n")
-        traces = (logs.load(path, gather=True).trace for path in self._traces())
+        traces = (what_counts(logs.load(path, gather=True).trace, seconds) for path in self._traces())
         return [found for trace in traces if (found := digest(trace)) is not None]
 
     def declared(self) -> tuple[tuple[Channel, ...], tuple[Parameter, ...]]:
@@ -179,7 +182,10 @@ class Place:
             UsageError: it cannot be moved there.
         """
         kept = self.root / ORIGINALS / f"{step.id}-{path.name}"
-        _moved(path, kept, move=path.parent == self.root / INCOMING)
+        linked = path.is_symlink()  # a link that was moved would still be only a link
+        _moved(path, kept, move=path.parent == self.root / INCOMING and not linked)
+        if linked and path.parent == self.root / INCOMING:
+            path.unlink()
         return kept
 
     def refuse(self, path: Path) -> Path:
