@@ -15,7 +15,7 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -99,7 +99,7 @@ class Packets:
         return tuple(found)
 
     def walked(self) -> Iterator[Reading]:
-        """Yield the readings from the one at which the walk began.
+        """Yield the readings from the one at which the walk began, up to what ended it.
 
         While a robot stands or lies, the guard holds its joints with gains and no torque. The controller's first
         orders are of four feet that stand: torques, and no gain on any angle.
@@ -109,21 +109,37 @@ class Packets:
             return
         known = [place for place, _ in self.readings]
         first = max(0, int(np.searchsorted(known, begun)) - 1)
-        for _, reading in self.readings[first:]:
+        ending = ending_of(self.log)
+        for place, reading in self.readings[first:]:
+            if ending and self.log.times[place] >= ending.time:
+                return
             yield reading
 
 
-def ending_of(log: RawLog) -> tuple[str, str] | None:
-    """Return the guard's word and sentence for what ended the walk of a recording; None where it says nothing of it.
+class Ending(NamedTuple):
+    """What ended a walk: the guard's word and sentence, and when [ns] it was damped, or asked to stop."""
+
+    word: str
+    reason: str
+    time: int
+
+
+def ending_of(log: RawLog) -> Ending | None:
+    """Return what ended the walk of a recording before its time, as the guard says; None where it says nothing of it.
 
     Nothing is said of a walk that went as planned, of one whose guard was killed, and in recordings without events.
     """
-    changes = [event for event in log.events if event.get("event") == "state"]
-    walks = [place for place, change in enumerate(changes) if change.get("state") == "WALK"]
-    if not walks or walks[-1] + 1 == len(changes):
-        return None
-    end = changes[walks[-1] + 1]
-    return (str(end["word"]), str(end.get("reason") or "")) if end.get("word") else None
+    walks = [place for place, event in enumerate(log.events) if event.get("state") == "WALK"]
+    asked: dict[str, Any] | None = None
+    for event in log.events[walks[-1] + 1 :] if walks else ():
+        if event.get("event") == "wanted" and asked is None:
+            asked = event
+        if event.get("event") == "state":
+            if not event.get("word"):
+                return None
+            first = asked if asked and asked.get("word") == event["word"] else event
+            return Ending(str(event["word"]), str(event.get("reason") or ""), first["time"])
+    return Ending(str(asked["word"]), str(asked.get("reason") or ""), asked["time"]) if asked else None
 
 
 def decided_again(packets: Packets, pilot: Pilot) -> list[Note]:
@@ -234,9 +250,8 @@ def _ended(log: RawLog, over: bool) -> dict[str, Any]:
     ending = ending_of(log)
     if ending is None:
         return {}
-    word, reason = ending
-    kind = "after" if over else "failure" if word in ROBOT_WORDS else "void"
-    return {kind: word, "reason": reason}
+    kind = "after" if over else "failure" if ending.word in ROBOT_WORDS else "void"
+    return {kind: ending.word, "reason": ending.reason}
 
 
 def _units() -> dict[str, str]:
