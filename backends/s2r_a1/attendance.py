@@ -15,7 +15,7 @@ import os
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import ceil
+from math import ceil, isfinite
 from typing import TYPE_CHECKING, Any
 
 from s2r_a1.guard.control import Connection, ControlError
@@ -161,7 +161,8 @@ class Attendance:
             ended = f"void, {trace.meta['void']}: {reason}"
         else:
             ended = f"complete, {trace.duration:g} s"
-        self._operator.say(f"Test {self._tests}: {ended}. The warmest motor has {warmest:.0f} °C.")
+        heat = f" The warmest motor has {warmest:.0f} °C." if isfinite(warmest) else ""
+        self._operator.say(f"Test {self._tests}: {ended}.{heat}")
 
     def interrupt(self, urgent: bool) -> None:
         """Bring the robot to rest, at once if it is ``urgent``; returns without waiting for it."""

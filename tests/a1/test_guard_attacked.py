@@ -48,6 +48,22 @@ def test_a_robot_that_was_switched_off_and_on_before_it_was_armed_is_armed_then(
         rig.close()
 
 
+def test_nothing_begins_to_move_a_robot_that_nobody_attends_to():
+    """As a program of an earlier run that was stopped, and wakes when its search is gone: consent was not its own."""
+    rig = Rig()
+    try:
+        brought = rig.bring(None)
+        assert [next(brought), next(brought)] == [State.LINKED, State.ARMED]
+        rig.operator.close()
+        rig.turn()
+        assert "attend" in rig.ask(rig.client, "stand")["error"]
+        rig.turn(5)
+        assert rig.state is State.ARMED
+        assert all(limp(data) for _, data in rig.received)
+    finally:
+        rig.close()
+
+
 # By bytes, over the control socket of a guard that holds a robot up.
 
 

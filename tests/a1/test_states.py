@@ -271,6 +271,19 @@ def test_a_silent_robot_is_bridged_and_then_damped(brought):
     assert rounds.machine.word == "link"
 
 
+@pytest.mark.parametrize("gap", [5, 6, 8, 9])
+def test_a_client_that_is_stopped_for_good_is_damped_however_seldom_the_robot_s_states_come(brought, gap):
+    """States 10 to 18 ms apart excuse a client once, and not again and again: its last orders would hold for ever."""
+    rounds = brought(State.WALK)
+    for turned in range(1, 60):
+        rounds.turn(silent=turned % gap != 0)
+        if rounds.state is not State.WALK:
+            break
+    assert rounds.state is State.DAMPING
+    assert rounds.machine.word == "client"
+    assert damping(rounds.orders)
+
+
 def test_a_gap_of_the_robot_is_not_held_against_its_client(brought):
     rounds = brought(State.WALK)
     rounds.turn(orders=walking(5.0))

@@ -360,3 +360,23 @@ def test_an_angle_that_is_off_has_no_stiffness_and_a_speed_no_damping():
 def test_torques_of_a_state_are_cut_to_their_field():
     reading = still()._replace(tau=np.array([500.0, -500.0] * 6))
     assert unpack(pack_reading(reading, A1), A1).tau.tolist() == [32767 / 256, -128.0] * 6
+
+
+@BOTH
+def test_a_packet_may_come_as_any_bytes(layout):
+    data = pack_reading(still(7), layout)
+    twice = np.repeat(np.frombuffer(data, "u1"), 2)
+    for kind in (bytearray(data), memoryview(data), memoryview(twice)[::2]):
+        assert unpack(kind, layout).tick == 7
+    assert unpack_orders(memoryview(pack(Orders(*np.ones((5, 12))), layout)), layout).kp[0] == 1
+    assert refused(memoryview(data[:-1]), layout) == "length"
+    assert refused(memoryview(bytes(len(data))), layout) == "crc"
+
+
+@pytest.mark.parametrize("field", Orders._fields)
+@pytest.mark.parametrize("value", [10**400, 1j, None, "x"], ids=["10**400", "1j", "None", "x"])
+def test_what_is_no_number_of_64_bits_is_refused(field, value):
+    for row in ([0.0] * 11 + [value], np.array([0.0] * 11 + [value])):
+        orders = Orders(*np.zeros((5, 12)))._replace(**{field: row})
+        with pytest.raises(WireError):
+            pack(orders, A1)

@@ -16,7 +16,8 @@ Requests, and who may make them:
     hello {role: "client" | "operator", port: the client's UDP port, pid}    anybody, first
         → layout, clock, port: the guard's UDP port for this client, tick_unit
     status, halt, lie, damp {reason}, stop                                   anybody
-    stand, walk, record {path, header}, stop_recording → path, packets, bytes    the client
+    stand, walk: only while an operator is attached                              the client
+    record {path, header}, stop_recording → path, packets, bytes                 the client
     leave: a robot that stands is held by the guard, until another client comes   the client
     connect, arm, reset                                                      an operator
 

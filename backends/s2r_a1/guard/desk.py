@@ -51,6 +51,11 @@ def _motion(guard: Guard, party: Party, request: Request) -> Reply:
             raise RefusedError("this program was moving the robot when it was damped; connect anew")
         if guard.ending:
             raise RefusedError("the guard is about to end; start a new one")
+        # Consents are of whoever attends: what is left of an earlier run must not move the robot under them.
+        if not any(other.role == "operator" and other.open for other in guard.listener.parties):
+            raise RefusedError(
+                "nobody attends to the robot; an operator attaches first, as s2r check, gap and certify do"
+            )
     reason = request.fields.get("reason")
     reason = " ".join(reason.split())[:LONGEST] if isinstance(reason, str) else None
     machine, refusal = states.request(guard.machine, request.do, party.role, reason, guard.limits)

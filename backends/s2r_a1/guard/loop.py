@@ -361,10 +361,11 @@ class Guard:
         while True:
             left = self._due - time.monotonic_ns()
             ready = self._ready([] if watched is None else [watched], max(left, 0) / SECOND)
-            if watched in ready or (watched is None and left <= 0):
+            is_due = left <= 0 or (not ready and time.monotonic_ns() >= self._due)
+            if watched in ready or (watched is None and is_due):
                 found = _newest(found, self._read(link))
             self._serve(ready)
-            if left <= 0 or (not ready and time.monotonic_ns() >= self._due):
+            if is_due:
                 return self._ordered(self.client, found)
 
     def _lock_step(self) -> Inputs:
