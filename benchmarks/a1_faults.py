@@ -151,7 +151,7 @@ def stopped(seconds: float) -> Callable[[Walking], int]:
         os.kill(robot.client.pid, signal.SIGSTOP)
         time.sleep(seconds)
         os.kill(robot.client.pid, signal.SIGCONT)
-        refused = robot.told_by_client.recv()
+        refused = robot.client_reply.recv()
         assert len(refused) == 3, refused
         assert robot.status()["state"] == "DAMPING"
         return now

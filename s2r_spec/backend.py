@@ -382,6 +382,9 @@ class Attended(Protocol):
 
     An attribute ``unattended = True`` says that nobody is asked. Without it a run without a terminal is refused
     before anything is opened, and after a void rollout the operator says whether the same test runs again.
+
+    An attribute ``answers``, name → text, is what the operator said of the machine in the last ``before``, such as the
+    lights of its battery: it is kept with the rollout, in the journal and in the trace's ``meta["answers"]``.
     """
 
     def begin(self, coming: Coming) -> None:
@@ -470,6 +473,34 @@ class NeedsSpec(Protocol):
         ...
 
 
+@dataclass(frozen=True)
+class Option:
+    """What may follow the colon of a backend's name, as NAME=VALUE.
+
+    Attributes:
+        name: of the option.
+        default: what holds where it is not given; None if it must be given.
+        description: of what it says.
+    """
+
+    name: str
+    default: str | None
+    description: str
+
+
+@runtime_checkable
+class HasOptions(Protocol):
+    """A factory of backends that cannot be made of their bare name.
+
+    Attributes:
+        offered: the options.
+        example: of them, that makes a backend.
+    """
+
+    offered: tuple[Option, ...]
+    example: str
+
+
 def installed() -> dict[str, EntryPoint]:
     """Return name → entry point of every installed backend, without importing any of them."""
     found: dict[str, EntryPoint] = {}
@@ -526,6 +557,19 @@ def load_backend(name: str) -> Backend:
         lacking = [word for word in _REQUIRED if not hasattr(backend, word)]
         raise BackendError(f"backend {name!r} ({type(backend).__name__}) lacks {', '.join(lacking)}")
     return backend
+
+
+def described(name: str) -> tuple[Backend, tuple[Option, ...]]:
+    """Return a backend to describe, and its options; one that needs some, and has none, with those of its example.
+
+    Raises:
+        BackendError: as :func:`load_backend`.
+    """
+    kind, colon, _ = name.partition(":")
+    factory = _factory(kind)
+    if not isinstance(factory, HasOptions):
+        return load_backend(name), ()
+    return load_backend(name if colon else f"{kind}:{factory.example}"), factory.offered
 
 
 _REQUIRED = ("name", "channels", "parameters", "deterministic", "duration", "cost", "model_hash", "rollout")

@@ -41,6 +41,8 @@ LYING = 20.0
 LOOK = 0.02
 """A budget [s]: between two looks whether it lies."""
 
+LIGHTS = {lights: f"{lights} lights; begin" for lights in ("2", "3", "4")}
+"""A definition: the answers about the battery of an A1, which reports no charge, with which a test may begin."""
 MOVING = ("STANDING_UP", "STAND", "WALK")
 WORD_CONNECT, WORD_ARM = "connect", "arm"
 """Definitions: what the operator types for the two consents."""
@@ -77,6 +79,7 @@ class Attendance:
 
     Attributes:
         unattended: whether nobody is asked.
+        answers: what the operator said before the test that comes: ``battery_lights``, if it was looked at.
     """
 
     def __init__(self, backend: A1Backend, operator: Operator) -> None:
@@ -84,6 +87,8 @@ class Attendance:
         self._backend, self._operator = backend, operator
         self._name = "the twin" if backend.reached.is_twin else "the robot"
         self._guard: Connection | None = None
+        self.answers: dict[str, str] = {}
+        self._lights_due = True
         self._tests = 0
         self._since_rest = 0
 
@@ -131,11 +136,14 @@ class Attendance:
         test = ", ".join(
             f"{name} = {value:.6g} {units.get(name, '')}".rstrip() for name, value in params.items()
         )
-        self._ask(
+        lights = self._ask(
             f"Test {self._tests + 1}: {test}. Put {self._name} at its start, lying, with free floor ahead and 1 m "
-            "around it; keep the remote in your hand; look at the battery, which needs two lights or more.",
-            {"": "begin"},
+            "around it; keep the remote in your hand. How many lights has the battery? Change one that has fewer than "
+            "two.",
+            LIGHTS if self._lights_due else {"": "begin; I did not look at the battery again", **LIGHTS},
         )
+        self.answers = {"battery_lights": lights} if lights else {}
+        self._lights_due = False
 
     def after(self, trace: Trace | None) -> None:
         """Say how a rollout ended, and how warm the motors are."""
@@ -237,6 +245,7 @@ class Attendance:
                 break
             why = f"a motor still has {self._warmest():.0f} °C"
         self._since_rest = 0
+        self._lights_due = True
 
     def _warmest(self) -> float:
         """Return the temperature of the warmest motor [°C]; 0 where none is known."""

@@ -15,11 +15,11 @@ from typing import TYPE_CHECKING, ClassVar, Self
 from s2r_a1.channels import channels
 from s2r_a1.guard.place import Robot
 from s2r_a1.mocap import Placing, read_placing
-from s2r_a1.options import Options, read_options, write_options
+from s2r_a1.options import EXAMPLE, OFFERED, Options, read_options, write_options
 from s2r_sim import parameters
 from s2r_sim.gains import RATE
 from s2r_sim.settings import Settings
-from s2r_spec.backend import Channel, Operator, Parameter, read_test
+from s2r_spec.backend import Channel, Operator, Option, Parameter, read_test
 from s2r_spec.errors import MissingPackageError
 from s2r_spec.trace import Trace
 
@@ -86,6 +86,8 @@ class A1Backend:
     reached: Options = field(default=Options(""), init=False)
     """How the robot is reached."""
     exclusive: ClassVar[bool] = True
+    offered: ClassVar[tuple[Option, ...]] = OFFERED
+    example: ClassVar[str] = EXAMPLE
 
     def __post_init__(self, options: str) -> None:
         """Say at once what is wrong with the options, and which package is missing."""

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal, TypeVar, get_args
 
+from s2r_spec.backend import Option
 from s2r_spec.errors import UsageError, did_you_mean, one_of
 
 Clock = Literal["real", "lockstep"]
@@ -15,8 +16,27 @@ Word = TypeVar("Word", bound=str)
 
 PORT = 8007
 """A definition: the UDP port of an A1's motion controller."""
-NAMES = ("host", "port", "velocity", "body", "heading", "operator", "layout", "clock", "local", "module")
-_EXAMPLE = "a1:host=192.168.123.10,velocity=onboard"
+OFFERED = (
+    Option("host", None, "IPv4 address of the robot's motion controller; 127.0.0.1 is a twin"),
+    Option("port", str(PORT), "its UDP port"),
+    Option("velocity", None, "where vx and vy come from: onboard, or mocap:PORT for motion capture"),
+    Option("body", "0:0:0", "X:Y:Z [m] of the body that motion capture tracks, in base axes"),
+    Option("heading", "0", "of that body's x axis [deg], from the robot's to the left"),
+    Option(
+        "operator", "tty", "who answers: tty for a person at the terminal, auto for nobody, with a twin only"
+    ),
+    Option("clock", "real", "real, or lockstep with a twin only"),
+    Option("layout", "a1", "of the packets; go1 is refused, since a Go1 cannot walk yet"),
+    Option(
+        "local", "any free one", "UDP port of this computer that speaks to the robot; the vendor's is 8080"
+    ),
+    Option("module", "none", "the vendor's Python module to speak through, in real time"),
+)
+"""A definition: all options."""
+NAMES = tuple(option.name for option in OFFERED)
+EXAMPLE = "host=192.168.123.10,velocity=onboard"
+"""A definition: options of a robot as its vendor delivers it."""
+_EXAMPLE = f"a1:{EXAMPLE}"
 
 
 @dataclass(frozen=True)

@@ -1,9 +1,12 @@
-"""Writes and reads the raw recording of a rollout: every packet, both ways, as it came.
+"""Writes and reads the raw recording of a rollout: every packet, both ways, as it came, and what the guard said.
 
 A file is a magic line, one line of JSON that says what was recorded, and blocks, little-endian:
 
     u32 length of the records | u32 CRC-32 of length and records | records
     a record: u64 time [ns] | u8 direction | u16 length | bytes
+
+Directions are 0 from the robot, 1 to it, and 2 for an event of the guard, as JSON: its states, and why it is in them.
+Recordings from before there were events have none.
 
 A block without records ends a recording that was finished. One that was not (a killed process, a full disk) is read
 up to its last whole block, which is at most 100 ms old. In lock step time counts rounds of 2 ms.
@@ -30,10 +33,15 @@ MAGIC = b"s2r a1log 1\n"
 """A definition: the first line of a recording."""
 SUFFIX = ".a1log"
 """A definition: how the name of a recording ends."""
+EVENT = 2
+"""A definition: the direction of a record that is no packet, but an event of the guard."""
 BLOCK = 100_000_000
 """A budget [ns]: time that a block spans, and that a kill may cost; half of it doubles the writes."""
 BEHIND = 64 * 2**20
 """A budget [bytes]: what waits in memory for a disk that does not take it: a minute of packets both ways."""
+
+LONGEST = 65535
+"""A definition: bytes that a record has at most."""
 
 _BLOCK = struct.Struct("<II")
 _RECORD = struct.Struct("<QBH")
@@ -53,6 +61,8 @@ class RawLog:
         directions: (n,) 0 from the robot, 1 to it.
         packets: n of them, as they came or went.
         finished: whether the recording ends where it was meant to, and not by a kill.
+        events: of the guard, oldest first, as on its control socket (:mod:`s2r_a1.guard.control`), each with its
+            ``time`` [ns].
     """
 
     header: dict[str, Any]
@@ -60,6 +70,7 @@ class RawLog:
     directions: NDArray[np.uint8]
     packets: tuple[bytes, ...]
     finished: bool
+    events: tuple[dict[str, Any], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -112,12 +123,25 @@ class RawLogWriter:
 
     def append(self, time: int, direction: int, packet: bytes) -> None:
         """Add a packet at a time [ns]; never waits for the disk, and never raises."""
+        self._add(time, direction, packet)
+        self.packets += 1
+
+    def note(self, time: int, event: Mapping[str, Any]) -> None:
+        """Add an event of the guard at a time [ns], and give the thread all so far: it may be the last.
+
+        One that is too long for a record is left out, and never raises.
+        """
+        data = json.dumps(dict(event)).encode()
+        if len(data) <= LONGEST:
+            self._add(time, EVENT, data)
+            self.flush()
+
+    def _add(self, time: int, direction: int, data: bytes) -> None:
         if self._begun is not None and time - self._begun >= BLOCK:
             self.flush()
         if self._begun is None:
             self._begun = time
-        self._records += _RECORD.pack(time, direction, len(packet)) + packet
-        self.packets += 1
+        self._records += _RECORD.pack(time, direction, len(data)) + data
 
     def flush(self) -> None:
         """Give the thread what was appended, as one block; call it where no packet is to be expected for a while."""
@@ -247,16 +271,33 @@ def read(path: str | os.PathLike[str]) -> RawLog:
         raise TraceError(
             f"{os.fspath(path)}: the header of the recording is damaged; nothing of it can be used"
         )
-    times, directions, packets, finished = [], [], [], False
+    times, directions, packets, events, finished = [], [], [], [], False
     for block in _blocks(rest):
         finished = not block
         for time, direction, packet in _records(block):
+            if direction == EVENT:
+                events += _event(time, packet)
+                continue
             times.append(time)
             directions.append(direction)
             packets.append(packet)
     return RawLog(
-        header, np.array(times, np.uint64), np.array(directions, np.uint8), tuple(packets), finished
+        header,
+        np.array(times, np.uint64),
+        np.array(directions, np.uint8),
+        tuple(packets),
+        finished,
+        tuple(events),
     )
+
+
+def _event(time: int, data: bytes) -> list[dict[str, Any]]:
+    """Return the event of a record; none if it is no object."""
+    try:
+        event = json.loads(data)
+    except (ValueError, RecursionError):
+        return []
+    return [{**event, "time": time}] if isinstance(event, dict) else []
 
 
 def _block(records: bytes | bytearray) -> bytes:

@@ -3,7 +3,7 @@
 What the robot measured, what it was sent and when come from the packets. What the controller made of it comes from
 the worker's notes; where there are none, because the worker was killed, the controller decides again by the recorded
 readings. In lock step that gives the same; in real time it takes readings into account that a late worker missed.
-What ended a walk is not among the packets: only the worker's own trace says whether it failed, or is void.
+What ended a walk is not among the packets: the worker's own trace says it, and without one the guard's events do.
 
 t = 0 is the control tick of the command. A sample's torque is the one that the next state reports, as in the
 simulator: of the 2 ms after the sample.
@@ -15,7 +15,7 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from s2r_a1 import rawlog
 from s2r_a1.channels import OWN, SHARED
 from s2r_a1.datagrams import FROM_ROBOT, TO_ROBOT
+from s2r_a1.guard.limits import ROBOT_WORDS
 from s2r_a1.pilot import Note, Pilot
 from s2r_a1.rawlog import RawLog
 from s2r_a1.schedule import Schedule
@@ -98,7 +99,7 @@ class Packets:
         return tuple(found)
 
     def walked(self) -> Iterator[Reading]:
-        """Yield the readings from the one at which the walk began.
+        """Yield the readings from the one at which the walk began, up to what ended it.
 
         While a robot stands or lies, the guard holds its joints with gains and no torque. The controller's first
         orders are of four feet that stand: torques, and no gain on any angle.
@@ -108,8 +109,37 @@ class Packets:
             return
         known = [place for place, _ in self.readings]
         first = max(0, int(np.searchsorted(known, begun)) - 1)
-        for _, reading in self.readings[first:]:
+        ending = ending_of(self.log)
+        for place, reading in self.readings[first:]:
+            if ending and self.log.times[place] >= ending.time:
+                return
             yield reading
+
+
+class Ending(NamedTuple):
+    """What ended a walk: the guard's word and sentence, and when [ns] it was damped, or asked to stop."""
+
+    word: str
+    reason: str
+    time: int
+
+
+def ending_of(log: RawLog) -> Ending | None:
+    """Return what ended the walk of a recording before its time, as the guard says; None where it says nothing of it.
+
+    Nothing is said of a walk that went as planned, of one whose guard was killed, and in recordings without events.
+    """
+    walks = [place for place, event in enumerate(log.events) if event.get("state") == "WALK"]
+    asked: dict[str, Any] | None = None
+    for event in log.events[walks[-1] + 1 :] if walks else ():
+        if event.get("event") == "wanted" and asked is None:
+            asked = event
+        if event.get("event") == "state":
+            if not event.get("word"):
+                return None
+            first = asked if asked and asked.get("word") == event["word"] else event
+            return Ending(str(event["word"]), str(event.get("reason") or ""), first["time"])
+    return Ending(str(asked["word"]), str(asked.get("reason") or ""), asked["time"]) if asked else None
 
 
 def decided_again(packets: Packets, pilot: Pilot) -> list[Note]:
@@ -209,10 +239,19 @@ def trace_of(
         name: value for name, value in header.items() if name not in ("command", "trot", "hold", "limits")
     }
     if again:
-        meta["decided_again"] = True
+        meta |= {"decided_again": True, **_ended(packets.log, over=notes[-1].tick >= int(header["hold"]))}
     meta["qp_failures"] = int(np.sum(samples["qp_solved"] == 0.0))
     meta["late"] = int(np.sum(samples["late"]))
     return Trace(np.array([note.tick for note in notes]) / RATE, samples, UNITS, meta)
+
+
+def _ended(log: RawLog, over: bool) -> dict[str, Any]:
+    """Return what the guard says of a walk's end: an outcome, a void walk, or what came after the test was over."""
+    ending = ending_of(log)
+    if ending is None:
+        return {}
+    kind = "after" if over else "failure" if ending.word in ROBOT_WORDS else "void"
+    return {kind: ending.word, "reason": ending.reason}
 
 
 def _units() -> dict[str, str]:

@@ -30,6 +30,7 @@ from s2r_spec.cli.options import (
     logs,
 )
 from s2r_spec.cli.output import AsJson, Format, Output, Page, emit, pageable, settle
+from s2r_spec.cli.terminal import console
 from s2r_spec.files import save
 
 
@@ -91,9 +92,9 @@ def against(prefix: str, help_: str, search: Callable[[], Search]) -> Callable[.
             if resume is not None:
                 resume = with_any(resume, asked.places, Journal.found)
             simulator, machine = logs([sim, real], nan, time_unit, columns)
-            executor, folder, errors = begun(run, resume, name, seed, workers, scheduler, quiet)
+            executor, folder, opening = begun(run, resume, name, seed, workers, scheduler, machine)
             try:
-                with Live(errors, quiet) as live:
+                with Live(console(stderr=True), quiet, opening=opening) as live:
                     result = asked.run(
                         parsed,
                         simulator,

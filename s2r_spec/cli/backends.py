@@ -39,7 +39,7 @@ def backends(
                 for key, value in found.items():
                     say(f"{key:12} {value}")
             return
-        machine = registry.load_backend(name)
+        machine, options = registry.described(name)
         exclusive, assumed = registry.is_exclusive(machine), registry.assumptions_of(machine)
         if check and exclusive:
             raise UsageError(
@@ -54,7 +54,7 @@ def backends(
         if as_json:
             record: dict[str, Any] = {
                 "schema": "s2r.backend/1",
-                "name": name,
+                "name": machine.name if options else name,
                 "model_hash": machine.model_hash,
             }
             record |= {
@@ -62,6 +62,8 @@ def backends(
                 "channels": channels,
                 "effects": [_record(e) for e in effects],
             }
+            if options:
+                record["options"] = [vars(option) for option in options]
             if exclusive:
                 record["exclusive"] = True
             if assumed:
@@ -73,6 +75,11 @@ def backends(
             say("a machine: its rollouts run one at a time, each after its operator's word")
         for sentence in assumed:
             say(f"assumed: {sentence}")
+        if options:
+            say(f"options, with commas between them, as in {machine.name}")
+        for option in options:
+            given = "must be given" if option.default is None else f"{option.default} if not given"
+            say(f"  {option.name:14} {given}: {option.description}")
         say("parameters")
         for p in machine.parameters:
             say(

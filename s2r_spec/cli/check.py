@@ -8,7 +8,15 @@ from typing import Annotated
 
 import typer
 
-from s2r_spec.cli.common import interrupted, new_or_old, pool, refuse_without_operator, seconds, sentences
+from s2r_spec.cli.common import (
+    interrupted,
+    new_or_old,
+    pool,
+    refuse_without_operator,
+    seconds,
+    sentences,
+    takes_turns,
+)
 from s2r_spec.cli.options import (
     Columns,
     Nan,
@@ -27,7 +35,6 @@ from s2r_spec.cli.options import (
 from s2r_spec.cli.output import AsJson, Format, Output, Page, emit, pageable, settle
 from s2r_spec.cli.terminal import console
 from s2r_spec.files import save
-from s2r_spec.printable import one_line
 
 
 def check(
@@ -87,6 +94,8 @@ def check(
             checking.search_for(parsed, name, seed=seed, budget=budget, mode=mode, engine=engine)
         (machine,) = logs([backend], nan, time_unit, columns)
         executor, machines = pool(workers, scheduler)
+        if takes_turns(machine):
+            machines = "one rollout at a time"
         folder = new_or_old(run, resume, f"{spec.stem}-{backend}", seed)
         there = layout.places(folder, names, _own(folder, names) if resume is not None else None)
         if resume is not None:
@@ -94,12 +103,9 @@ def check(
         errors = console(stderr=True)
         results = []
         for name, place in there.items():
-            if not quiet:
-                errors.print(
-                    one_line(f"{name}: run {place}, seed {seed}, {machines}"), markup=False, soft_wrap=True
-                )
+            opening = f"{name}: run {place}, seed {seed}, {machines}"
             try:
-                with Live(errors, quiet) as live:
+                with Live(errors, quiet, opening=opening) as live:
                     results.append(
                         checking.check(
                             parsed,

@@ -17,9 +17,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import typer
-from rich.console import Console
 
-from s2r_spec.cli.terminal import console, say
+from s2r_spec.cli.terminal import say
 from s2r_spec.errors import S2RError, StoppedError, TraceNote, UsageError
 from s2r_spec.printable import one_line
 
@@ -214,19 +213,30 @@ def begun(
     seed: int,
     workers: int | None,
     scheduler: str | None,
-    quiet: bool,
-) -> tuple[ExecutorFactory, Path, Console]:
-    """Return pool, folder and standard error of a run, after saying there where it is.
+    real: str,
+) -> tuple[ExecutorFactory, Path, str]:
+    """Return pool and folder of a run against a machine, and what to say of it once its backends are accepted.
 
     Raises:
         UsageError: as :func:`pool` and :func:`new_or_old` say.
+        BackendError: there is no such machine.
     """
     executor, machines = pool(workers, scheduler)
+    turns = f", one rollout of {real} at a time" if takes_turns(real) else ""
     folder = new_or_old(run, resume, name, seed)
-    errors = console(stderr=True)
-    if not quiet:
-        errors.print(one_line(f"run {folder}, seed {seed}, {machines}"), markup=False, soft_wrap=True)
-    return executor, folder, errors
+    return executor, folder, f"run {folder}, seed {seed}, {machines}{turns}"
+
+
+def takes_turns(name: str) -> bool:
+    """Return whether the rollouts of a backend run one at a time, whatever the workers; opens nothing.
+
+    Raises:
+        BackendError: there is no such backend.
+    """
+    from s2r_spec.backend import is_exclusive, load_backend
+
+    # A folder of logs is no machine, and takes long to load.
+    return not name.startswith("log:") and is_exclusive(load_backend(name))
 
 
 def interrupted(folder: Path) -> None:

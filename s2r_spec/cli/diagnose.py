@@ -87,9 +87,10 @@ def diagnose(
         (machine,) = logs([real], nan, time_unit, columns)
         if resume is not None:
             resume = _recorded(resume)
-        executor, folder, errors = begun(run, resume, name, seed, workers, scheduler, quiet)
+        executor, folder, opening = begun(run, resume, name, seed, workers, scheduler, machine)
+        errors = console(stderr=True)
         try:
-            with Stages(errors, quiet) as stages:
+            with Stages(errors, quiet, opening=opening) as stages:
                 found = find(
                     parsed,
                     sim,

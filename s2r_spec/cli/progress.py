@@ -69,10 +69,15 @@ class State:
 
 
 class Live:
-    """Shows rollouts done and left, the interval against ε, where the search looks, and the last ρ."""
+    """Shows rollouts done and left, the interval against ε, where the search looks, and the last ρ.
 
-    def __init__(self, console: Console, quiet: bool, clock: Callable[[], float] = monotonic) -> None:
-        self._console, self._quiet, self._clock = console, quiet, clock
+    ``opening`` is said when the first search begins: what cannot be run is refused before.
+    """
+
+    def __init__(
+        self, console: Console, quiet: bool, clock: Callable[[], float] = monotonic, opening: str = ""
+    ) -> None:
+        self._console, self._quiet, self._clock, self._opening = console, quiet, clock, opening
         self._state = State(since=clock())
         self._screen: Screen | None = None
         if console.is_terminal and not quiet:
@@ -94,6 +99,9 @@ class Live:
     def begin(self, phase: Phase) -> None:
         """Begin with another search; the screen of one that is attended is left to the operator's dialogue."""
         self._state = State(phase=phase, since=self._clock())
+        if self._opening and not self._quiet:
+            self._console.print(one_line(self._opening), markup=False, soft_wrap=True)
+        self._opening = ""
         if phase.attended and self._screen is not None:
             self._screen.stop()
             self._screen = None

@@ -24,9 +24,15 @@ EVERY = 60.0
 
 
 class Stages:
-    """Called with (stage, done, of); a live bar on a terminal, a line a stage and a minute elsewhere."""
+    """Called with (stage, done, of); a live bar on a terminal, a line a stage and a minute elsewhere.
 
-    def __init__(self, console: Console, quiet: bool, clock: Callable[[], float] = monotonic) -> None:
+    ``opening`` is said before the first stage.
+    """
+
+    def __init__(
+        self, console: Console, quiet: bool, clock: Callable[[], float] = monotonic, opening: str = ""
+    ) -> None:
+        self._opening = opening
         self._quiet, self._console, self._clock, self._said = quiet, console, clock, 0.0
         self._progress = Progress(
             TextColumn("{task.description}", markup=False),
@@ -53,6 +59,9 @@ class Stages:
     def __call__(self, stage: str, done: int, of: int) -> None:
         """Show how far a stage is; ``of`` is 0 where nobody knows how much there is, and rollouts are counted."""
         stage = one_line(stage)
+        if self._opening and not self._quiet:
+            self._console.print(one_line(self._opening), markup=False, soft_wrap=True)
+        self._opening = ""
         now = self._clock()
         lines = not self._quiet and not self._console.is_terminal
         if stage != self._stage:

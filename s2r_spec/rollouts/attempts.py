@@ -2,7 +2,7 @@
 
 A rollout of a machine cannot be taken back, so each is announced before it begins. One of four things ends it:
 
-    {"kind": "begun", …}        s2r is about to hand this rollout to the machine
+    {"kind": "begun", …}        s2r is about to hand this rollout to the machine; with its operator's answers, if any
     a rollout's line            an outcome, as every journal has it
     {"kind": "void", …}         something else than the robot ended it: kept, no outcome, the same test runs again
     {"kind": "not begun", …}    nothing moved before t = 0: no rollout
@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -36,13 +36,19 @@ LONGEST_REASON = 1000
 
 @dataclass(frozen=True)
 class Begun:
-    """A rollout that was handed to the machine; ``attempt`` counts those of its key from 1."""
+    """A rollout that was handed to the machine.
+
+    Attributes:
+        attempt: counts those of its key from 1.
+        answers: of the operator before it, by what was asked.
+    """
 
     query: int
     replicate: int
     attempt: int
     params: dict[str, float]
     seed: int
+    answers: dict[str, str] = field(default_factory=dict)
 
     @property
     def key(self) -> Key:
@@ -84,6 +90,14 @@ _TEST: Mapping[str, tuple[lines.Test, str]] = {
     "params": (is_point, "an object with a number for each parameter"),
     "seed": (is_count, "a whole number"),
 }
+ANSWERS = "answers"
+"""Field of a line that says what the operator answered before a rollout; not there where nothing was asked."""
+
+
+def _are_answers(value: Any) -> bool:
+    return isinstance(value, dict) and all(map(is_text, value.values()))
+
+
 _WHY: Mapping[str, tuple[lines.Test, str]] = {"reason": (is_text, "a text")}
 _ENDED: Mapping[str, tuple[lines.Test, str]] = {
     "word": (is_text, "a text"),
@@ -104,19 +118,24 @@ def trace_file(begun: Begun) -> str:
 
 def begun_line(begun: Begun) -> dict[str, Any]:
     """Return what the journal has of a rollout that is about to begin."""
-    return {"kind": BEGUN, **vars(begun)}
+    return {"kind": BEGUN, **_which(begun), **({ANSWERS: begun.answers} if begun.answers else {})}
 
 
 def void_line(void: Void) -> dict[str, Any]:
     """Return what the journal has of a rollout that was void."""
     ended = {"word": void.word, "reason": void.reason, "trace": void.trace, "seconds": void.seconds}
-    return {"kind": VOID, **vars(void.begun), **ended}
+    return {"kind": VOID, **_which(void.begun), **ended}
 
 
 def not_begun_line(begun: Begun, reason: str) -> dict[str, Any]:
     """Return what the journal has of a rollout that never began."""
-    which = {"query": begun.query, "replicate": begun.replicate, "attempt": begun.attempt}
+    which = {name: value for name, value in _which(begun).items() if name in _WHICH}
     return {"kind": NOT_BEGUN, **which, "reason": reason[:LONGEST_REASON]}
+
+
+def _which(begun: Begun) -> dict[str, Any]:
+    """Return what says which rollout it was."""
+    return {name: value for name, value in vars(begun).items() if name != ANSWERS}
 
 
 @dataclass
@@ -133,9 +152,9 @@ class Attempts:
     open: dict[Key, Begun] = field(default_factory=dict)
     voids: list[tuple[Void, str | None]] = field(default_factory=list)
 
-    def next(self, key: Key, params: Mapping[str, float], seed: int) -> Begun:
+    def next(self, key: Key, params: Mapping[str, float], seed: int, answers: Mapping[str, str]) -> Begun:
         """Return the next attempt at a rollout."""
-        return Begun(*key, self.counts.get(key, 0) + 1, dict(params), seed)
+        return Begun(*key, self.counts.get(key, 0) + 1, dict(params), seed, dict(answers))
 
     def begin(self, begun: Begun) -> None:
         """Count a rollout that is about to begin."""
@@ -163,6 +182,8 @@ class Attempts:
         if fields is None:
             wrong = f"{lines.shown(kind)} is no kind of line"
         else:
+            if kind == BEGUN and ANSWERS in values:
+                fields = {**fields, ANSWERS: (_are_answers, "an object with a text for each question")}
             wrong = lines.fault(values, fields)
             if not wrong and (unknown := sorted(values.keys() - fields.keys())):
                 wrong = f"{unknown[0]!r} is no field of it"
@@ -179,9 +200,11 @@ class Attempts:
                 f"new run"
             )
         if kind == BEGUN:
-            self.begin(Begun(**{name: values[name] for name in Begun.__annotations__}))
+            self.begin(Begun(**{name: value for name, value in values.items() if name != "kind"}))
         elif kind == VOID:
-            begun = Begun(**{name: values[name] for name in Begun.__annotations__})
+            begun = replace(
+                self.open[values["query"], values["replicate"]], params=values["params"], seed=values["seed"]
+            )
             ended = {name: values[name] for name in ("word", "reason", "trace", "seconds")}
             self.void(Void(begun, **ended), line.get(lines.TRACE_SUM))
         else:

@@ -159,9 +159,12 @@ class Attending:
                 self._ask(f"Rollout {_name(task)} did not begin: {error}.", error)
                 return False
         with Interrupts() as interrupts:
-            begun = self._journal.begin((task.query, task.replicate), task.params, task.seed)
+            answers = getattr(self._attended, "answers", {})
+            begun = self._journal.begin((task.query, task.replicate), task.params, task.seed, answers)
             ended = self._ended(task, begun, interrupts)
             trace = ended.trace
+            if trace is not None and answers:
+                trace = replace(trace, meta={**trace.meta, "answers": dict(answers)})
             outcome = ended.word is None or (self._terms.void == FALL and ended.word != ERROR)
             if ended.not_begun is not None:
                 self._journal.not_begun(begun, str(ended.not_begun))

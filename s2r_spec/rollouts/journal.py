@@ -313,13 +313,19 @@ class Journal:
         self._attempts.end((record.query, record.replicate))
         return record
 
-    def begin(self, key: tuple[int, int], params: Mapping[str, float], seed: int) -> Begun:
+    def begin(
+        self,
+        key: tuple[int, int],
+        params: Mapping[str, float],
+        seed: int,
+        answers: Mapping[str, str] | None = None,
+    ) -> Begun:
         """Write that a machine is about to be given a rollout; see :mod:`s2r_spec.rollouts.attempts`.
 
         Raises:
             JournalError: as :meth:`append`.
         """
-        begun = self._attempts.next(key, params, seed)
+        begun = self._attempts.next(key, params, seed, answers or {})
         self._write(f"rollout {key[0]}.{key[1]}", attempts.begun_line(begun))
         self._attempts.begin(begun)
         return begun

@@ -124,7 +124,7 @@ UNHARMED = (
     ("one state in a hundred corrupt", robot("corrupt=0.01"), "corrupt"),
     ("one state in a hundred cut off", robot("short=0.01"), "corrupt"),
     ("one command in a hundred lost", robot("deaf=0.01"), None),
-    ("remote switched off", robot("button=off"), None),
+    ("0.1 s without a remote", robot("button=off"), None),
     ("18 ms of silence", lambda rig: rig.inject("silence", rounds=9), "late"),
     ("one state with NaN", lambda rig: rig.inject("nan=q", rounds=1), "numbers"),
     ("one state that cannot be", lambda rig: rig.inject("gyro=100", rounds=1), None),

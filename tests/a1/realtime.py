@@ -123,7 +123,7 @@ def _orders_until(control, socket, state):
 
 
 class Walking:
-    """A robot in real time. :meth:`walk` lets a new client walk; then something happens, and :meth:`told` tells.
+    """A robot in real time. :meth:`walk` lets a new client walk; :meth:`taken` returns what the robot got since.
 
     Attributes:
         operator: a connection to the guard; None after it was killed.
@@ -154,12 +154,12 @@ class Walking:
         for _ in range(tries):
             self._end_client()
             self._ready()
-            self.told_by_client, theirs = PROCESSES.Pipe()
+            self.client_reply, theirs = PROCESSES.Pipe()
             self.client = PROCESSES.Process(target=_client, args=(theirs, self.robot), daemon=True)
             self.client.start()
             theirs.close()
             try:
-                why = self.told_by_client.recv()
+                why = self.client_reply.recv()
             except EOFError:
                 why = "the client ended"
             time.sleep(0.02)

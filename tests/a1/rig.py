@@ -152,7 +152,7 @@ class Rig:
         operator, client: their connections.
         orders: what the client sends every round: bytes, or what returns them from the round's state.
         received: (round of the twin, datagram) of all that came to the twin.
-        heard: ticks of the states that the client got, b"" excluded.
+        client_ticks: ticks of the states that the client got.
     """
 
     def __init__(self, **settings):
@@ -161,10 +161,11 @@ class Rig:
         self._ready, self._other = os.pipe()
         os.write(self._other, b"\0")  # never read: what waits for this waits for nothing
         listener = Listener(self._ready)
-        self.guard = loop.Guard(Robot("127.0.0.1", ROBOT_PORT, clock="lockstep"), listener, answer)
+        layout = self.twin.settings.layout.name.lower()
+        self.guard = loop.Guard(Robot("127.0.0.1", ROBOT_PORT, layout, "lockstep"), listener, answer)
         self.operator, self.client = Party(listener), Party(listener)
         self.orders = STAND_ON
-        self.received, self.heard = [], []
+        self.received, self.client_ticks = [], []
         self.ask(self.operator, "hello", role="operator")
 
     def _opened(self, peer, **how):
@@ -176,7 +177,7 @@ class Rig:
 
     def _to_client(self, data):
         if data:
-            self.heard.append(unpack(data, A1).tick)
+            self.client_ticks.append(unpack(data, A1).tick)
         sent = self.orders(data) if callable(self.orders) else self.orders
         return [sent] if sent else []
 

@@ -42,10 +42,10 @@ class Person:
 
     def __init__(self, events):
         self.events, self.answers = events, []
-        self.told = []
+        self.said = []
 
     def say(self, text):
-        self.told.append(text)
+        self.said.append(text)
 
     def type_word(self, question, word):
         self.events.append(f"type {word}")
@@ -53,7 +53,7 @@ class Person:
             raise StoppedError("the operator stopped the run")
 
     def choose(self, question, answers):
-        self.told.append(question)
+        self.said.append(question)
         typed = self.answers.pop(0) if self.answers else next(iter(answers))
         self.events.append(f"choose {typed!r}")
         if typed == "q":
@@ -84,7 +84,7 @@ def test_nothing_is_sent_before_either_consent(scene):
     attended.begin(Coming(30))
     assert events == ["type connect", "connect", "type arm", "arm"]
     assert not getattr(attended, "unattended", False)
-    assert any("30" in text and " m " in text and "min" in text for text in person.told)
+    assert any("30" in text and " m " in text and "min" in text for text in person.said)
 
 
 def test_who_does_not_consent_has_sent_nothing(scene):
@@ -119,8 +119,8 @@ def test_a_damped_robot_is_reset_by_the_operator_alone_and_armed_anew(scene):
     guard.state = "DAMPING"
     events.clear()
     attended.before({"vd": 0.1})
-    assert events == ["choose 'r'", "reset", "type arm", "arm", "choose ''"]
-    assert any("it fell" in text for text in person.told)
+    assert events == ["choose 'r'", "reset", "type arm", "arm", "choose '2'"]
+    assert any("it fell" in text for text in person.said)
 
 
 def test_what_the_guard_refuses_is_no_rollout(scene):
@@ -140,11 +140,26 @@ def test_a_rest_comes_every_ten_tests_and_can_be_skipped(scene):
     events.clear()
     person.answers = ["s"]
     attended.before({"vd": 0.1})
-    assert events == ["choose 's'", "choose ''"]
+    assert events == ["choose 's'", "choose '2'"]
     attended.after(trace())
     events.clear()
     attended.before({"vd": 0.1})
     assert events == ["choose ''"]
+
+
+def test_the_battery_s_lights_are_asked_for_and_kept_until_the_next_test(scene):
+    _, _, person, attended = scene("ARMED")
+    attended.begin(Coming(12))
+    kept, offered, choose = [], [], person.choose
+    person.choose = lambda question, answers: offered.append(set(answers)) or choose(question, answers)
+    for typed in ("3", "", "4"):
+        person.answers = [typed]
+        attended.before({"vd": 0.1})
+        kept.append(attended.answers)
+        attended.after(trace())
+    assert kept == [{"battery_lights": "3"}, {}, {"battery_lights": "4"}]
+    # The first test, before which nobody has looked, begins with no less than two.
+    assert offered == [{"2", "3", "4"}, {"", "2", "3", "4"}, {"", "2", "3", "4"}]
 
 
 def test_a_warm_motor_rests_until_it_is_cool(scene):
@@ -160,8 +175,8 @@ def test_a_warm_motor_rests_until_it_is_cool(scene):
 
     person.choose = cools
     attended.before({"vd": 0.1})
-    assert events == ["choose ''"] * 3  # 49 °C, 43 °C, and the test
-    assert any("55" in text for text in person.told)
+    assert events == ["choose ''"] * 2 + ["choose '2'"]  # 49 °C, 43 °C, and the test
+    assert any("55" in text for text in person.said)
 
 
 @pytest.mark.parametrize(
@@ -172,8 +187,8 @@ def test_how_a_rollout_ended_is_said(scene, meta, word):
     _, _, person, attended = scene("ARMED")
     attended.begin(Coming(1))
     attended.after(trace(**meta))
-    assert word in person.told[-1]
-    assert meta["reason"] in person.told[-1]
+    assert word in person.said[-1]
+    assert meta["reason"] in person.said[-1]
     attended.after(None)
 
 
@@ -193,7 +208,7 @@ def test_after_the_guard_s_end_a_new_one_needs_both_consents(scene):
     guard.gone, guard.state = True, "OFF"
     events.clear()
     attended.before({"vd": 0.1})
-    assert events == ["close", "type connect", "connect", "type arm", "arm", "choose ''"]
+    assert events == ["close", "type connect", "connect", "type arm", "arm", "choose '2'"]
     guard.gone = True
     attended.end()
     assert events[-1] == "close"
@@ -218,5 +233,5 @@ def test_nobody_is_asked_about_a_twin_that_runs_by_itself(scene):
     attended.before({"vd": 0.1})
     attended.after(trace())
     assert events == ["connect", "arm", "reset", "arm"]
-    assert any("twin" in text for text in person.told)
-    assert sum("operator=auto" in text for text in person.told) == 1
+    assert any("twin" in text for text in person.said)
+    assert sum("operator=auto" in text for text in person.said) == 1

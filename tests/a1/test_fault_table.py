@@ -5,14 +5,18 @@ Everything is read from the packets that came to the twin, in lock step: round f
 
 import os
 import resource
+import time
 from dataclasses import dataclass
 
 import numpy as np
 import pytest
 
+from s2r_a1 import rawlog, recording
+from s2r_a1.guard.limits import ROUND
 from s2r_a1.guard.states import State
+from s2r_a1.remote import LOST
 from s2r_a1.twin.injects import KINDS, NUMBERS
-from s2r_a1.wire import A1, Orders, unpack_orders
+from s2r_a1.wire import A1, GO1, Orders, unpack_orders
 from tests.a1.faults import CLIPPED, DAMPED, MOVING, SILENCE, UNHARMED
 from tests.a1.rig import CLIENT_PORT, STAND_ON, ZERO, Party, Rig, apart, damping, limp, raw
 
@@ -48,6 +52,31 @@ def stage():
     made = Stage()
     yield made
     made.close()
+
+
+def test_a_robot_of_which_no_limits_are_known_is_read_and_never_armed():
+    rig = Rig(layout=GO1)
+    status = rig.ask(rig.operator, "connect")
+    assert (status["ok"], status["state"], status["layout"]) == (True, "LINKED", "go1")
+    assert len(status["temperatures"]) == 12
+    sent = len(rig.received)
+    refused = rig.ask(rig.operator, "arm")
+    assert not refused["ok"]
+    assert "Go1" in refused["error"]
+    assert rig.ask(rig.operator, "status")["unready"] == refused["error"]
+    assert len(rig.received) <= sent + 2  # nothing is waited for
+    for who, do in (
+        (rig.client, "stand"),
+        (rig.client, "walk"),
+        (rig.operator, "lie"),
+        (rig.operator, "damp"),
+    ):
+        rig.ask(who, do)
+    assert rig.state is State.LINKED
+    for _, data in rig.received:
+        orders = unpack_orders(data, GO1)
+        assert not np.any([orders.kp, orders.kd, orders.tau])
+    rig.close()
 
 
 @dataclass
@@ -163,19 +192,19 @@ def test_a_walk_goes_on_and_what_went_wrong_is_counted(stage, begins, counter):
     rounds = 150 if counter else 60
 
     def happens():
-        begun, heard = rig.twin.rounds, len(rig.heard)
+        begun, before_ticks = rig.twin.rounds, len(rig.client_ticks)
         before = getattr(rig.guard.link.counters, counter) if counter else 0
         begins(rig)
         rig.turn(rounds)
         counted = getattr(rig.guard.link.counters, counter) - before if counter else 1
-        return ended(rig, begun), rig.heard[heard:], counted
+        return ended(rig, begun), rig.client_ticks[before_ticks:], counted
 
-    found, heard, counted = apart(happens)
+    found, ticks, counted = apart(happens)
     assert (found.state, found.word) == ("WALK", None)
     assert counted > 0
-    assert len(heard) > 0.9 * rounds
+    assert len(ticks) > 0.9 * rounds
     # No state is used twice, and none after a newer one.
-    assert (np.diff(heard) > 0).all()
+    assert (np.diff(ticks) > 0).all()
     assert all(unpack_orders(data, A1).kp.any() for data in found.packets)
 
 
@@ -256,7 +285,7 @@ def test_a_second_client_is_refused_and_the_walk_goes_on(stage):
 
 
 def stopped(rig, do, obeys, state):
-    """Have the operator ask for a soft stop, and turn until a state; return what came, and what the client was told."""
+    """Have the operator ask for a soft stop, and turn until a state; return packets, and stops that the client got."""
     begun = rig.twin.rounds
     rig.operator.ask(do)
     rig.turn(50)
@@ -278,6 +307,28 @@ def test_a_first_ctrl_c_ends_at_rest_and_not_latched(stage):
     assert found.damped > 1000
     assert all(unpack_orders(data, A1).kp.all() for data in found.packets[: found.damped])
     assert all(damping(data) for data in found.packets[found.damped :])
+
+
+def test_a_remote_that_is_switched_off_ends_a_walk_as_the_operator_would(stage):
+    rig = stage.at(State.WALK)
+
+    def happens():
+        begun = rig.inject("button=off")
+        rig.turn(LOST // ROUND - 1)
+        before = [event for event in rig.client.events if event["event"] == "wanted"]
+        rig.turn(2)
+        wanted = [
+            (event["state"], event["word"]) for event in rig.client.events if event["event"] == "wanted"
+        ]
+        rig.client.ask("halt")
+        rig.until(State.LYING_DOWN)
+        return ended(rig, begun), before, wanted
+
+    found, before, wanted = apart(happens)
+    assert before == []
+    assert wanted == [("RESTING", "operator")]
+    assert (found.state, found.word) == ("LYING_DOWN", "operator")
+    assert all(unpack_orders(data, A1).kp.all() for data in found.packets)
 
 
 @pytest.mark.parametrize(
@@ -308,6 +359,29 @@ def test_a_full_disk_lets_the_robot_lie_down(stage, tmp_path):
     assert (found.state, found.word) == ("RESTING", "disk")
     assert found.damped > 1000
     assert os.path.getsize(tmp_path / "full.a1log") <= 300_000
+
+
+def test_a_raw_recording_says_why_the_walk_ended_though_nobody_is_left(stage, tmp_path):
+    rig, path = stage.at(State.WALK), tmp_path / "walk.a1log"
+
+    def happens():
+        rig.ask(rig.client, "halt")
+        assert rig.ask(rig.client, "record", path=str(path), header={})["ok"]
+        assert rig.ask(rig.client, "walk")["ok"]
+        rig.turn(20)
+        rig.inject("tilt=0.6")
+        rig.turn(2)
+        for _ in range(500):  # the thread that writes must have its turn
+            if len(rawlog.read(path).events) == 2:
+                break
+            time.sleep(0.01)
+
+    apart(happens)  # all of it ends here, as by SIGKILL
+    log = rawlog.read(path)
+    assert not log.finished
+    assert [event["state"] for event in log.events] == ["WALK", "DAMPING"]
+    assert recording.ending_of(log)[:2] == ("fall", log.events[-1]["reason"])
+    assert "0.5 rad" in log.events[-1]["reason"]
 
 
 @rows(State.LYING_DOWN)

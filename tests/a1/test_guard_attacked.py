@@ -1,4 +1,4 @@
-"""What must not move a guard: pauses, strange requests, too many of them, files that somebody takes away."""
+"""What must not move a guard: pauses, malformed requests, too many of them, files that somebody takes away."""
 
 import contextlib
 import socket
@@ -135,8 +135,8 @@ LINES = {
     "long number": b'{"do": "hello", "role": "operator", "pid": ' + b"9" * 5000 + b"}\n",
     "roles": b'{"do": "hello", "role": ["operator"]}\n',
     "ports": b'{"do": "hello", "role": "client", "port": 1e999}\n',
-    "reset of a stranger": b'{"do": "reset"}\n{"do": "arm"}\n{"do": "connect"}\n',
-    "motions of a stranger": b'{"do": "stand"}\n{"do": "walk"}\n{"do": "record", "path": "/x"}\n{"do": "leave"}\n',
+    "reset without a role": b'{"do": "reset"}\n{"do": "arm"}\n{"do": "connect"}\n',
+    "motions without a role": b'{"do": "stand"}\n{"do": "walk"}\n{"do": "record", "path": "/x"}\n{"do": "leave"}\n',
     "second client": b'{"do": "hello", "role": "client", "port": 9}\n{"do": "walk"}\n',
     "client as operator": b'{"do": "hello", "role": "operator"}\n{"do": "hello", "role": "client", "port": 9}\n',
     "half a line": b'{"do": "st',
@@ -144,7 +144,7 @@ LINES = {
 
 
 @pytest.mark.parametrize("data", LINES.values(), ids=LINES.keys())
-def test_strange_lines_of_another_party_change_nothing(walked, data):
+def test_malformed_or_unauthorised_lines_of_another_party_change_nothing(walked, data):
     with walked.connected() as one:
         one.sendall(data)
         assert walked.walks()

@@ -399,10 +399,10 @@ def test_all_packets_are_recorded_as_they_came(toy, robot, walker, tmp_path):
     before = len(toy.commands)
     walker.turn(count=100)
     walker.link.read()
-    told = walker.control.request("stop_recording")
+    reply = walker.control.request("stop_recording")
     walker.link.write(LIMP)
     log = read(path)
-    assert (told["packets"], told["bytes"]) == (len(log.packets), path.stat().st_size)
+    assert (reply["packets"], reply["bytes"]) == (len(log.packets), path.stat().st_size)
     assert log.finished
     assert log.header["rollout"] == 1
     assert log.header["port"] == robot.port
@@ -465,7 +465,7 @@ def test_sigkill_leaves_no_lock_and_the_next_guard_knows_no_consent(robot, armed
     assert hello["state"] == "OFF"
 
 
-def test_in_real_time_a_robot_is_connected_and_strangers_are_not_heard(closing, started):
+def test_in_real_time_a_robot_is_connected_and_other_senders_are_ignored(closing, started):
     toy = Toy(clock="real")
     closing.append(toy)
     connection, _ = started(Robot("127.0.0.1", toy.port))

@@ -186,7 +186,7 @@ def test_a_reading_that_cannot_be_is_not_calm(one):
     assert not limits.calm(LIMITS, reading(STANDING)._replace(**one))
 
 
-def test_readings_that_can_be_are_told_from_those_that_cannot():
+def test_readings_that_can_be_are_distinguished_from_those_that_cannot():
     assert [limits.impossible(LIMITS, reading(STANDING)._replace(**one)) for one in POSSIBLE] == [None] * 4
     assert all(limits.impossible(LIMITS, reading(STANDING)._replace(**one)) for one in IMPOSSIBLE)
 

@@ -75,7 +75,7 @@ def step():
 
 
 @pytest.fixture
-def stranger():
+def other_sender():
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one:
         one.bind((HERE, 0))
         yield one
@@ -185,10 +185,10 @@ def test_of_several_orders_the_newest_counts(real):
     assert real.robot.counters.corrupt == 1
 
 
-def test_packets_from_another_address_are_left_out(leg, stranger):
+def test_packets_from_another_address_are_left_out(leg, other_sender):
     for end, read in ((leg.mine, leg.link.read), (leg.theirs, leg.robot.read)):
-        stranger.sendto(state(99), (HERE, end.port))
-        stranger.sendto(pack(ZERO, A1), (HERE, end.port))
+        other_sender.sendto(state(99), (HERE, end.port))
+        other_sender.sendto(pack(ZERO, A1), (HERE, end.port))
         leg.link.write(ZERO)
         leg.robot.send(state(2))
         assert read() is not None
@@ -196,12 +196,12 @@ def test_packets_from_another_address_are_left_out(leg, stranger):
 
 
 @pytest.mark.parametrize("kind", [RealTimeSocket, LockStepSocket])
-def test_packets_that_came_before_the_peer_was_known_are_its_own_or_left_out(kind, stranger):
+def test_packets_that_came_before_the_peer_was_known_are_its_own_or_left_out(kind, other_sender):
     mine, theirs = kind(), kind()
     theirs.connect((HERE, mine.port))
-    stranger.sendto(state(99), (HERE, mine.port))
+    other_sender.sendto(state(99), (HERE, mine.port))
     theirs.send(state(2))
-    stranger.sendto(state(98), (HERE, mine.port))
+    other_sender.sendto(state(98), (HERE, mine.port))
     mine.connect((HERE, theirs.port))
     link = UdpLink(mine, A1)
     assert link.read().tick == 2
@@ -286,9 +286,9 @@ def test_a_flood_is_taken_in_parts(real, monkeypatch):
     assert [real.link.read().tick for _ in range(3)] == [6, 12, 16]
 
 
-def test_a_local_port_that_is_taken_is_an_error(stranger):
+def test_a_local_port_that_is_taken_is_an_error(other_sender):
     with pytest.raises(LinkError, match="cannot be opened"):
-        opened((HERE, 9), port=stranger.getsockname()[1])
+        opened((HERE, 9), port=other_sender.getsockname()[1])
 
 
 @pytest.mark.parametrize(
@@ -310,7 +310,7 @@ def test_lock_step_is_refused_with_another_machine(host):
         opened((host, 8007), lockstep=True)
 
 
-def test_loopback_is_told_from_networks():
+def test_loopback_is_distinguished_from_networks():
     assert all(is_loopback(host) for host in ("127.0.0.1", "127.3.2.1", "localhost"))
     assert not any(is_loopback(host) for host in ("192.168.123.10", "0.0.0.0", "no.such.host.invalid", ""))
 

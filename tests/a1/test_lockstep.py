@@ -213,6 +213,9 @@ def test_a_fall_after_the_command_is_the_robot_s_failure(session, first):
     assert "tilt" in trace.meta["reason"]
     assert 15 <= len(trace) <= 25
     assert session.guard()["state"] == "DAMPING"
+    alone = recording.trace_of(session.folder / "raw" / trace.meta["raw"])
+    assert (alone.failure, alone.meta["reason"]) == (trace.failure, trace.meta["reason"])
+    assert same(trace, alone)
 
 
 @pytest.mark.slow
@@ -225,6 +228,9 @@ def test_ctrl_c_in_a_test_makes_it_void_and_the_robot_lies(session, first):
     assert trace.failure is None
     assert trace.meta["void"] == "operator"
     assert trace.duration < DURATION
+    alone = recording.trace_of(session.folder / "raw" / trace.meta["raw"])
+    assert (alone.meta["void"], alone.meta["reason"]) == ("operator", trace.meta["reason"])
+    assert abs(len(alone) - len(trace)) <= 1
     session.attended.end()
     session.begun = False
     assert session.guard()["state"] == "RESTING"

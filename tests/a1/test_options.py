@@ -3,8 +3,8 @@
 import pytest
 
 from s2r_a1.backend import A1Backend
-from s2r_a1.options import read_options, write_options
-from s2r_spec.backend import Backend, HasAttendance, KeepsRaw, is_exclusive, load_backend
+from s2r_a1.options import NAMES, read_options, write_options
+from s2r_spec.backend import Backend, HasAttendance, KeepsRaw, described, is_exclusive, load_backend
 from s2r_spec.errors import UsageError
 
 TWIN = "host=127.0.0.1,velocity=onboard"
@@ -53,7 +53,7 @@ def test_options_are_written_as_they_are_read(text):
         ("host=192.168.123.10,velocity=onboard,clock=lockstep", ["clock=lockstep", "twin"]),
     ],
 )
-def test_a_wrong_option_is_told_in_one_sentence(text, words):
+def test_a_wrong_option_is_refused_in_one_sentence(text, words):
     with pytest.raises(UsageError) as error:
         A1Backend(text)
     assert all(word in str(error.value) for word in words)
@@ -77,6 +77,34 @@ def test_a_backend_says_what_it_is_and_opens_nothing(monkeypatch):
     assert backend.with_duration(0.301).duration == pytest.approx(0.302)
     assert backend.with_duration(0.4).keeping("raw").name == backend.name
     assert backend.with_duration(0.4).keeping("raw").duration == 0.4
+
+
+def test_what_it_needs_is_shown_without_an_address_and_nothing_is_opened(monkeypatch):
+    import socket
+
+    monkeypatch.setattr(socket, "socket", None)
+    backend, options = described("a1")
+    assert [option.name for option in options if option.default is None] == ["host", "velocity"]
+    assert read_options(A1Backend.example) == backend.reached
+    assert described(f"a1:{TWIN}")[0].reached.host == "127.0.0.1"
+    assert described("sim")[1] == ()
+
+
+@pytest.mark.parametrize("words", [(), ("--json",)])
+def test_backends_describes_the_robot_and_tries_no_promise_of_it(words, capsys):
+    from s2r_spec.cli import app
+
+    for name, code in (("a1", 0), (f"a1:{TWIN}", 0), ("a1:", 2)):
+        with pytest.raises(SystemExit) as ended:
+            app(["backends", name, *words])
+        assert ended.value.code == code
+        said = capsys.readouterr()
+        if not code:
+            assert all(option in said.out for option in NAMES)
+            assert "vx_est" in said.out
+    with pytest.raises(SystemExit) as ended:
+        app(["backends", "a1", "--check", *words])
+    assert ended.value.code == 2
 
 
 def test_the_model_is_the_same_wherever_the_robot_is():

@@ -76,6 +76,24 @@ def test_any_packets_are_read_as_they_were(tmp_path_factory, given):
     assert contents(read(path)) == given
 
 
+def test_events_are_read_beside_the_packets_and_each_is_given_to_the_disk_at_once(path):
+    events = [{"event": "state", "state": "WALK"}, {"event": "state", "state": "DAMPING", "reason": "größer"}]
+    writer = record(path, packets(3))
+    for number, event in enumerate(events):
+        writer.note(7 + number, event)
+    writer.note(9, {"reason": "x" * 70_000})  # no record holds it
+    for _ in range(500):
+        log = read(path) if writer.wait_ready(5) else None
+        if log and len(log.events) == 2:
+            break
+        threading.Event().wait(0.01)
+    assert log.events == tuple({**event, "time": 7 + n} for n, event in enumerate(events))
+    assert contents(log) == packets(3)
+    assert not log.finished  # as after a kill
+    written = writer.close()
+    assert (written.packets, read(path).finished) == (6, True)
+
+
 def test_a_recording_that_goes_on_is_read_up_to_its_last_block(path):
     """What a kill leaves is what the file holds now: blocks of 100 ms, and no end."""
     given = packets(130)
@@ -165,7 +183,7 @@ def test_nothing_is_overwritten(path):
     assert path.read_text() == "precious"
 
 
-def test_a_folder_that_is_not_there_is_told_and_not_raised(tmp_path):
+def test_a_folder_that_is_not_there_is_reported_and_not_raised(tmp_path):
     writer = RawLogWriter(tmp_path / "no" / "log", HEADER)
     assert writer.wait_ready(5)
     writer.append(0, 0, b"x")
@@ -188,8 +206,8 @@ except RawLogError as error:
 """
 
 
-def test_a_full_disk_is_told_and_what_it_took_is_read(path):
-    """A process may write 300 kB: the blocks that fit whole are there, the caller is told, and the thread ended."""
+def test_a_full_disk_is_reported_and_what_it_took_is_read(path):
+    """A process may write 300 kB: the blocks that fit whole are there, the caller gets a sentence, the thread ended."""
     done = subprocess.run([sys.executable, "-c", FULL, path], capture_output=True, text=True, check=True)
     assert str(path) in done.stdout
     assert done.stderr == ""

@@ -230,7 +230,7 @@ def test_a_client_that_was_stopped_finds_a_robot_that_is_damped_when_it_wakes(wa
     begun = time.monotonic_ns()
     time.sleep(seconds)
     os.kill(walking.client.pid, signal.SIGCONT)
-    refused = walking.told_by_client.recv()
+    refused = walking.client_reply.recv()
     assert len(refused) == 3  # to walk, to stand, to halt
     assert walking.status()["state"] == "DAMPING"
     _, received = walking.taken()

@@ -13,7 +13,7 @@ from s2r_a1.guard import leg, moves, states
 from s2r_a1.guard.control import ROLES
 from s2r_a1.guard.limits import LIMITS, ROUND, SECOND
 from s2r_a1.guard.states import ROWS, Arrival, Conditions, Inputs, Machine, State
-from s2r_a1.remote import packed
+from s2r_a1.remote import LOST, packed
 from tests.a1.guarding import LYING, READY, ZERO, Rounds, at, leaning, reading, walking
 from tests.examples import examples
 
@@ -99,6 +99,54 @@ def test_a_twin_needs_no_remote(brought):
     rounds = brought(State.LINKED)
     rounds.turn(10, remote=bytes(40))
     assert states.unready(rounds.machine, READY, LIMITS) is None
+
+
+OFF = {"remote": bytes(40)}
+SOON = LOST // ROUND - 1
+"""Rounds after the last one with a remote, until it is lost."""
+
+
+@pytest.mark.parametrize("state", [State.STANDING_UP, State.STAND, State.WALK])
+def test_a_remote_that_is_lost_brings_the_robot_to_rest(brought, state):
+    rounds = brought(state)
+    rounds.turn(SOON, walking(), **OFF)
+    assert rounds.machine.word is None
+    assert rounds.machine.wanted is None
+    passed = set()
+    for _ in range(3000):
+        rounds.turn(1, walking(), **OFF)
+        passed.add(rounds.state)
+        if rounds.state is State.RESTING:
+            break
+        assert rounds.orders.kp.all()  # held all the way down
+    assert State.DAMPING not in passed
+    assert State.LYING_DOWN in passed
+    assert (rounds.state, rounds.machine.word) == (State.RESTING, "operator")
+    refusal = rounds.ask("stand")
+    assert "remote" in refusal
+    rounds.turn()
+    assert rounds.ask("stand") is None
+
+
+def test_a_remote_that_comes_back_in_time_ends_no_walk(brought):
+    rounds = brought(State.WALK)
+    for _ in range(3):
+        rounds.turn(SOON, walking(), **OFF)
+        rounds.turn(1, walking())
+    assert rounds.state is State.WALK
+    assert rounds.machine.wanted is None
+
+
+def test_a_twin_that_had_no_remote_misses_none(brought):
+    rounds = brought(State.LINKED)
+    rounds.turn(1, **OFF)
+    rounds.machine = states.armed(rounds.machine, rounds.machine.memory.now)
+    assert rounds.ask("stand") is None
+    rounds.turn(3 * SOON, **OFF)
+    assert (rounds.state, rounds.machine.wanted) == (State.STAND, None)
+    assert rounds.ask("walk") is None
+    rounds.turn(3 * SOON, walking(), **OFF)
+    assert (rounds.state, rounds.machine.wanted) == (State.WALK, None)
 
 
 @pytest.mark.parametrize(("speed", "still"), [(0.04, True), (0.06, False)])

@@ -25,6 +25,7 @@ from s2r_a1.wire import (
 from s2r_sim.figures import A1 as ROBOT
 from s2r_sim.physics import MotorCommand, Physics
 from s2r_sim.plant import Plant
+from s2r_sim.rotation import quaternion
 from s2r_spec.errors import UsageError
 from tests.a1.steering import LIMP, ZERO, steer, twin
 
@@ -106,6 +107,14 @@ def test_go1_has_its_own_packets():
     (packet,) = robot.round([pack(LIMP, GO1)])
     assert len(packet) == 807
     assert unpack(packet, GO1).tick > 0
+
+
+@pytest.mark.parametrize("layout", [A1, GO1], ids=["A1", "Go1"])
+def test_the_angles_of_a_state_say_what_its_quaternion_says(layout):
+    (packet,) = twin("tilt=0.6", layout=layout).round([pack(LIMP, layout)])
+    imu = np.frombuffer(packet, layout.state)[0]
+    np.testing.assert_allclose(quaternion(*imu["rpy"].tolist()), np.roll(imu["quaternion"], -1), atol=1e-6)
+    assert imu["rpy"][0] == pytest.approx(0.6, abs=0.05)
 
 
 def test_of_several_commands_the_newest_valid_one_counts():

@@ -91,7 +91,7 @@ def test_a_served_twin_is_the_same_as_one_in_process():
     assert found == expected
 
 
-def test_a_stranger_is_heard_only_with_a_valid_command():
+def test_another_sender_is_answered_only_after_a_valid_command():
     with served(twin()) as port, socket_to(port) as first, socket_to(port) as second:
         first.send(OFF)
         before = unpack(first.recv(2048), A1).tick

@@ -38,12 +38,14 @@ def walked(pilot):
     return line, walk(line, pilot, SCHEDULE)
 
 
-def written(tmp_path, line, schedule=SCHEDULE, packets=None):
-    """Return the path of a raw recording of what went over a line."""
+def written(tmp_path, line, schedule=SCHEDULE, packets=None, events=()):
+    """Return the path of a raw recording of what went over a line, and of (time, event) of a guard."""
     about = {"layout": "a1", "tick_unit": "ms", "seed": 3}
     writer = RawLogWriter(tmp_path / "walk.a1log", recording.header_of({"vd": 0.25}, schedule, about))
     for time, (direction, data) in enumerate(line.packets[:packets]):
         writer.append(time * 1_000_000, direction, data)
+    for time, event in events:
+        writer.note(time * 1_000_000, event)
     writer.close()
     return tmp_path / "walk.a1log"
 
@@ -121,6 +123,37 @@ def test_what_a_killed_worker_leaves_is_a_trace_up_to_there(walked, tmp_path, pi
         np.testing.assert_array_equal(part[name][:shared], whole[name][:shared])
 
 
+AT_20 = SETTLING + 2 + 2 * (SCHEDULE.trot + 20)
+"""The packet of the state at tick 20."""
+
+
+@pytest.mark.parametrize(
+    ("event", "at", "word", "meta"),
+    [
+        ("state", AT_20, "fall", {"failure": "fall"}),
+        ("state", AT_20, "link", {"void": "link"}),
+        ("wanted", AT_20, "operator", {"void": "operator"}),
+        ("state", 10**6, "fall", {"after": "fall"}),
+        ("state", 10**6, None, {}),
+    ],
+)
+def test_a_recording_alone_says_why_its_walk_ended_and_ends_there(
+    walked, tmp_path, pilot, event, at, word, meta
+):
+    line, _ = walked
+    reason = "a sentence" if word else None
+    events = [(0, {"event": "state", "state": "WALK", "word": None})]
+    if event == "wanted":
+        events.append((at, {"event": "wanted", "state": "RESTING", "word": word, "reason": reason}))
+        at += 500
+    events.append((at, {"event": "state", "state": "STAND", "word": word, "reason": reason}))
+    found = recording.trace_of(written(tmp_path, line, events=events), pilot=pilot)
+    assert {name: found.meta[name] for name in ("failure", "void", "after") if name in found.meta} == meta
+    assert found.meta.get("reason") == reason
+    early = "failure" in meta or "void" in meta
+    assert (15 < len(found) < 25) if early else len(found) == TICKS + 1
+
+
 def test_a_recording_that_ends_before_the_command_is_no_trace(walked, tmp_path, pilot):
     line, _ = walked
     with pytest.raises(TraceError, match="before the command"):
@@ -194,12 +227,12 @@ def test_a_walk_that_is_to_stop_ramps_down_and_stands(pilot):
     line = PlantLine()
     receive, stop = line.receive, Change("RESTING", "operator", "the operator asked the robot to lie")
 
-    def told():
+    def asked_to_stop():
         if line.rounds == SETTLING + SCHEDULE.trot + 20:
             line.wanted = stop
         return receive()
 
-    line.receive = told
+    line.receive = asked_to_stop
     done = walk(line, pilot, SCHEDULE)
     assert done.ending == stop
     assert line.change.state == "STAND"

@@ -145,6 +145,29 @@ def test_listing_planning_and_trying_move_nothing(s2r, happened):
     assert happened() == []
 
 
+def test_a_machine_is_said_to_run_one_rollout_at_a_time(s2r, happened):
+    said = s2r("check", s2r.spec(), "-b", "robot:auto", "--budget", 8, "--workers", 2, code=3).stderr
+    assert "one rollout at a time" in said
+    assert "workers" not in said
+    gap = ("gap", s2r.spec(), "--sim", "toy", "--real", "robot:auto", "--budget", 8, "--workers", 2)
+    said = s2r(*gap).stderr.splitlines()[0]
+    assert "2 workers, one rollout of robot:auto at a time" in said
+    assert len(happened("rollout")) == 16
+
+
+@pytest.mark.parametrize(
+    "words",
+    [("check", "-b", "tooy"), ("gap", "--real", "tooy"), ("gap", "--sim", "tooy", "--real", "robot:auto")],
+)
+def test_nothing_is_said_of_a_run_that_is_refused(s2r, happened, words):
+    command, *options = words
+    done = s2r(command, s2r.spec(), *options)
+    assert done.returncode == 2
+    assert len(done.stderr.splitlines()) == 1
+    assert done.stderr.startswith("error: ")
+    assert happened() == []
+
+
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [

@@ -48,6 +48,7 @@ class Attendance:
             raise NotBegunError("a motor is hot")
         if not self.unattended:
             self.operator.choose(f"Next: vd = {params['vd']:.3f}.", {"": "begin"})
+            self.answers = {"battery": "full"}
 
     def after(self, trace) -> None:
         happened("after", None if trace is None else len(trace.times))

@@ -97,6 +97,27 @@ def test_the_outcomes_are_those_of_a_simulator_bit_for_bit(robot, spec, tmp_path
     assert "voids" not in checked.to_json(simulator)
 
 
+def test_what_the_operator_answers_is_kept_with_the_rollout(robot, spec, tmp_path):
+    s2r.check(spec, "robot:link=3", tmp_path / "r", budget=8, operator=Operator())
+    begun = [line for line in lines(tmp_path / "r") if line.get("kind") == "begun"]
+    assert [line["answers"] for line in begun] == [{"battery": "full"}] * 9
+    journal = Journal.read(tmp_path / "r")
+    (void,) = journal.voids
+    assert void.begun.answers == {"battery": "full"}
+    for kept in (void.trace, journal.get(0, 0).trace):
+        assert logs.read(tmp_path / "r" / kept).meta["answers"] == {"battery": "full"}
+    s2r.check(spec, "robot:auto", tmp_path / "auto", budget=8)
+    assert not any("answers" in line for line in lines(tmp_path / "auto"))
+
+
+@pytest.mark.parametrize("answers", ["full", {"battery": 2}, None])
+def test_answers_that_are_no_texts_are_no_line_of_a_journal(robot, spec, tmp_path, answers):
+    s2r.check(spec, "robot", tmp_path / "r", budget=8, operator=Operator())
+    rewrite(tmp_path / "r", lambda line: line | ({"answers": answers} if "answers" in line else {}))
+    with pytest.raises(JournalError, match="answers must be"):
+        Journal.read(tmp_path / "r")
+
+
 @pytest.mark.parametrize(("habit", "word"), [("link=3", "link"), ("die=3", "killed")])
 def test_a_void_rollout_is_kept_and_its_test_runs_again(robot, spec, tmp_path, habit, word):
     operator = Operator()

@@ -66,7 +66,7 @@ def _speak(given: argparse.Namespace) -> int:
     try:
         reply = connection.request(given.do)
         if given.do == "status":
-            print(json.dumps(reply) if given.json else _told(reply))
+            print(json.dumps(reply) if given.json else _lines_of(reply))
         else:
             print(f"{given.do}: the robot is in {reply['state']}")
         if given.do == "stop":
@@ -122,7 +122,7 @@ def _await_end(connection: Connection) -> None:
     raise BackendError("the guard has not ended yet; look at its status")
 
 
-def _told(status: dict[str, Any]) -> str:
+def _lines_of(status: dict[str, Any]) -> str:
     """Return a status in lines for a person."""
     kind = "a twin" if status["twin"] else "a robot"
     since = f" since {status['since']:.1f} s" if status["since"] is not None else ""

@@ -24,6 +24,8 @@ PATIENCE = 750
 robot's clock takes 0.5 s. Twice as many make a robot that is not there known later."""
 LONGEST = 300
 """A budget: letters of a reason."""
+JUDGED = frozenset({"a1"})
+"""A definition: layouts of the robots whose figures :mod:`s2r_a1.guard.limits` has; others are never armed."""
 
 
 def answer(guard: Guard, party: Party, request: Request) -> Reply:
@@ -121,6 +123,8 @@ def _arm(guard: Guard, party: Party, fields: dict[str, Any]) -> Reply:
         raise RefusedError("the robot is not connected; connect it first")
     if guard.machine.state is State.DAMPING:
         raise RefusedError(f"the robot is damped ({guard.machine.reason}); reset it first")
+    if guard.robot.layout not in JUDGED:
+        raise RefusedError(unjudged(guard))
     memory = guard.machine.memory
     if (
         guard.machine.state is State.LINKED
@@ -132,7 +136,7 @@ def _arm(guard: Guard, party: Party, fields: dict[str, Any]) -> Reply:
 
     def poll() -> dict[str, Any] | None:
         if guard.machine.state is State.LINKED:
-            sentence = states.unready(guard.machine, guard.conditions(), guard.limits)
+            sentence = unready(guard)
             if sentence and guard.rounds < until:
                 return None
             if sentence:
@@ -243,9 +247,7 @@ def status(guard: Guard) -> dict[str, Any]:
         "local": guard.robot.local,
         "clock": guard.robot.clock,
         "tick_unit": guard.link.unit if guard.link else None,
-        "unready": states.unready(machine, guard.conditions(), guard.limits)
-        if machine.state is State.LINKED
-        else None,
+        "unready": unready(guard) if machine.state is State.LINKED else None,
         "rounds": guard.rounds,
         "late": guard.late,
         "counters": counters,
@@ -260,6 +262,18 @@ def status(guard: Guard) -> dict[str, Any]:
         "warnings": [sentence for _, sentence in machine.warnings],
         "event": guard.event,
     }
+
+
+def unready(guard: Guard) -> str | None:
+    """Return a sentence about why a robot must not be armed now, or None."""
+    if guard.robot.layout not in JUDGED:
+        return unjudged(guard)
+    return states.unready(guard.machine, guard.conditions(), guard.limits)
+
+
+def unjudged(guard: Guard) -> str:
+    """Return the sentence about a robot of which the guard has no limits."""
+    return f"the {guard.layout.name} can be read, not moved: the guard knows the limits of an A1 only"
 
 
 def _battery(guard: Guard) -> int | None:

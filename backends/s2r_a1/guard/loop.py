@@ -487,6 +487,8 @@ class Guard:
 
     def _publish(self, event: str, **fields: Any) -> None:
         self.event = {"event": event, **fields, "round": self.rounds}
+        if self.log:
+            self.log.note(self.now, self.event)
         self.listener.publish(self.event)
 
     def _close_link(self) -> None:

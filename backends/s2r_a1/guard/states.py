@@ -120,6 +120,7 @@ class Machine(NamedTuple):
         motion: the guard's own, or the one that a client's followed.
         wanted: a stop that is coming.
         warnings: sentences that hold now, by the check's name.
+        remote: when a remote control was last on; None if none was when the robot was armed.
     """
 
     state: State = State.OFF
@@ -131,6 +132,7 @@ class Machine(NamedTuple):
     memory: Memory = Memory()
     followed: Followed = Followed()
     warnings: tuple[tuple[str, str], ...] = ()
+    remote: int | None = None
 
 
 class Arrival(NamedTuple):
@@ -297,7 +299,7 @@ def step(machine: Machine, inputs: Inputs, limits: Limits) -> Step:
             if new:
                 checks = [check for check in row.warnings if not (check.boxed and calm)]
                 machine = _warned(machine, checks, seen, limits)
-            machine = _proceeded(machine, row, now)
+            machine = _watched(_proceeded(machine, row, now), now)
     return Step(machine, ROWS[machine.state].orders(machine, now, limits))
 
 
@@ -374,7 +376,11 @@ def armed(machine: Machine, now: int) -> Machine:
     """Return the machine after the operator's second consent; the caller has asked :func:`unready`."""
     if machine.state is not State.LINKED:
         return machine
-    return machine._replace(state=State.ARMED, since=now, word=None, reason=None)
+    reading = machine.memory.reading
+    there = reading is not None and remote.seen(reading.remote)
+    return machine._replace(
+        state=State.ARMED, since=now, word=None, reason=None, remote=now if there else None
+    )
 
 
 def reset(machine: Machine, now: int) -> Machine:
@@ -450,6 +456,8 @@ def _begun(machine: Machine, do: str, limits: Limits) -> tuple[Machine, str | No
     reading = memory.reading
     if reading is None or now - memory.fresh >= limits.bridged:
         return machine, "no new state comes from the robot; wait, or check the cable"
+    if machine.remote is not None and (lost := remote.lost(now - machine.remote)):
+        return machine, lost
     seen = _seen(machine._replace(motion=None), now, 0)._replace(client=0)
     for check in (*ROWS[state].checks, limit.WARMTH):
         if sentence := check.find(limits, seen):
@@ -498,6 +506,19 @@ def _proceeded(machine: Machine, row: Row, now: int) -> Machine:
         stays = machine.motion if ROWS[row.then].stands else None
         return machine._replace(state=row.then, since=now, motion=stays)
     return _lying(machine, now) if wanted else machine
+
+
+def _watched(machine: Machine, now: int) -> Machine:
+    """Return the machine after a look at the remote: without one nobody can stop the robot by hand, so it lies down."""
+    reading = machine.memory.reading
+    if machine.remote is None or reading is None:
+        return machine
+    if remote.seen(reading.remote):
+        return machine._replace(remote=now)
+    lost = remote.lost(now - machine.remote)
+    if not lost or machine.wanted or not ROWS[machine.state].stands:
+        return machine
+    return stopped(machine, True, "operator", lost)
 
 
 def _remembered(machine: Machine, inputs: Inputs, limits: Limits) -> Memory:

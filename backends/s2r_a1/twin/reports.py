@@ -9,7 +9,7 @@ import numpy as np
 from s2r_a1 import remote
 from s2r_a1.ticks import SECONDS, TickUnit
 from s2r_a1.twin.injects import REMOTE_OFF, Inject, Injects, acting
-from s2r_a1.wire import Reading
+from s2r_a1.wire import Layout, Reading, checksum, pack_reading
 from s2r_sim import rotation
 
 
@@ -33,6 +33,17 @@ def distorted(reading: Reading, round_: int, injects: Injects) -> Reading:
     for inject in acting(injects, round_, *_REPORTS):
         reading = _REPORTS[inject.kind](reading, inject)
     return reading
+
+
+def packed(reading: Reading, layout: Layout) -> bytes:
+    """Return the packet of a state, with the roll, pitch and yaw [rad] that its quaternion says.
+
+    :class:`Reading` has no such angles: the quaternion says the same, and nothing here reads them. Others may.
+    """
+    data = bytearray(pack_reading(reading, layout))
+    np.frombuffer(data, layout.state)["rpy"][0] = rotation.rpy_from_wxyz(*reading.quaternion.tolist())
+    data[-4:] = checksum(bytes(data)).to_bytes(4, "little")
+    return bytes(data)
 
 
 def _nan(reading: Reading, inject: Inject) -> Reading:

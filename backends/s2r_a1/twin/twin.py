@@ -24,9 +24,9 @@ from s2r_a1.twin.injects import Injects, acting
 from s2r_a1.twin.mocap import Mocap
 from s2r_a1.twin.network import Network
 from s2r_a1.twin.places import physics
-from s2r_a1.twin.reports import distorted, tick
+from s2r_a1.twin.reports import distorted, packed, tick
 from s2r_a1.twin.start import write_start
-from s2r_a1.wire import A1, Layout, Orders, Reading, WireError, pack_reading
+from s2r_a1.wire import A1, Layout, Orders, Reading, WireError
 from s2r_sim.noise import Noise
 from s2r_sim.physics import State
 from s2r_sim.plant import Saved
@@ -185,7 +185,7 @@ class Twin:
             remote.packed(),
             foot_force=felt.foot_force,
         )
-        return pack_reading(distorted(reading, round_, injects), settings.layout)
+        return packed(distorted(reading, round_, injects), settings.layout)
 
 
 def _limp(orders: Orders, injects: Injects, round_: int) -> Orders:
