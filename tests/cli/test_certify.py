@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 import s2r_spec as s2r_lib
-from tests.cli.conftest import SPEC
+from tests.cli.conftest import FINE, SPEC
 
-FINE = SPEC.replace("epsilon = 0.1", "epsilon = 0.05")
 SPEED = np.linspace(-0.2, 0.3, 11)
 
 
