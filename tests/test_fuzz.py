@@ -1,4 +1,4 @@
-"""A hundred inputs of the fuzz benchmark: an answer or one clean sentence, and never exit 4."""
+"""Inputs of the fuzz benchmark, of all kinds: an answer or one clean sentence, and never exit 4."""
 
 import json
 import subprocess
@@ -7,7 +7,12 @@ from pathlib import Path
 
 import pytest
 
+from tests.examples import examples
+
 ROOT = Path(__file__).parents[1]
+KINDS = ("spec", "trace", "log folder", "run folder", "same verdict")
+EACH = examples(20)
+"""Inputs of each kind."""
 
 
 @pytest.fixture(scope="module")
@@ -18,7 +23,7 @@ def results(tmp_path_factory):
         sys.executable,
         ROOT / "benchmarks" / "fuzz.py",
         "--inputs",
-        "100",
+        str(EACH * len(KINDS)),
         "--seed",
         "1",
         "--results",
@@ -28,9 +33,9 @@ def results(tmp_path_factory):
     return json.loads(file.read_text())
 
 
-@pytest.mark.parametrize("kind", ["spec", "trace", "log folder", "run folder", "same verdict"])
+@pytest.mark.parametrize("kind", KINDS)
 def test_nothing_but_an_answer_or_a_sentence(results, kind):
-    assert results["inputs"][kind] == 20
+    assert results["inputs"][kind] == EACH
     # Processor time is the benchmark's to judge: the suite runs on machines of any speed.
     failures = [
         failure

@@ -213,15 +213,22 @@ def test_one_ctrl_c_rests_two_damp_and_a_terminal_that_goes_damps(lab):
 # In real time, where the clock on the wall decides.
 
 
+@pytest.fixture(scope="module")
+def real_time(tmp_path_factory):
+    """A robot for all of these tests; each lets a client of its own walk."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("S2R_A1_RUN", str(tmp_path_factory.mktemp("guards")))
+        with Walking() as robot:
+            yield robot
+
+
 @pytest.fixture
-def walking(tmp_path, monkeypatch):
-    monkeypatch.setenv("S2R_A1_RUN", str(tmp_path / "guards"))
-    with Walking() as robot:
-        try:
-            robot.walk()
-        except TooBusyError as error:
-            pytest.skip(str(error))
-        yield robot
+def walking(real_time):
+    try:
+        real_time.walk()
+    except TooBusyError as error:
+        pytest.skip(str(error))
+    return real_time
 
 
 @pytest.mark.parametrize("seconds", [0.05, pytest.param(5.0, marks=pytest.mark.slow)])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import s2r_spec as s2r_lib
-from tests.cli.conftest import SPEC
+from tests.cli.conftest import FINE, SPEC
 
 SPEED = np.linspace(-0.2, 0.3, 11)
 
@@ -52,7 +52,7 @@ def test_the_gap_contains_the_true_one(s2r):
 
 
 def test_two_equal_systems_have_no_signed_gap_but_an_absolute_one(s2r):
-    result = s2r.json("gap", s2r.spec(), "--sim", "toy", "--real", "toy", "-q", code=0)
+    result = s2r.json("gap", s2r.spec(text=FINE), "--sim", "toy", "--real", "toy", "-q", code=0)
     assert result["worst_expected_gap"]["lower"] <= 0 <= result["band"]["high"]
     assert abs(result["worst"]["mean"]) < 0.01
     assert result["largest_mean_absolute_gap"] > 0
@@ -83,7 +83,7 @@ def test_what_simulation_promises_the_gap_may_take_back(s2r):
 
 
 def test_a_failure_of_the_real_side_is_shown(s2r):
-    done = s2r("certify", s2r.spec(-0.05), "--sim", "toy", "--real", "toy:drag", "-q", code=1)
+    done = s2r("certify", s2r.spec(-0.05, FINE), "--sim", "toy", "--real", "toy:drag", "-q", code=1)
     assert "walking  VIOLATED" in done.stdout
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 import s2r_spec as s2r_package
-from tests.cli.conftest import SPEC
+from tests.cli.conftest import FINE, SPEC
 
 
 def test_a_folder_of_recordings_is_certified_and_a_bad_one_exits_with_2(s2r):
@@ -14,7 +14,7 @@ def test_a_folder_of_recordings_is_certified_and_a_bad_one_exits_with_2(s2r):
         rows.append(f"{number},{vd!r}")
         s2r_package.write_trace(toy.rollout({"vd": vd}, number).only(["vx"]), folder / f"{number}.csv")
     (folder / "rollouts.csv").write_text("\n".join(rows) + "\n")
-    spec = s2r.spec(text=SPEC.replace("LIMIT", "0.1"))
+    spec = s2r.spec(text=FINE)
     result = s2r.json("check", spec, "-b", "log:night", "--run", "r", code=0)["results"][0]
     assert result["search"]["rollouts"] == 100
     assert "(ε = 0.05 was asked)" in result["reason"]

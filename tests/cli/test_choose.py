@@ -1,5 +1,7 @@
 import json
 
+from tests.cli.conftest import FINE
+
 
 def test_the_controller_with_the_best_certified_worst_case_is_chosen(s2r):
     spec = s2r.spec()
@@ -24,9 +26,7 @@ def test_a_choice_needs_checks_that_can_be_compared(s2r):
 
 
 def test_where_nothing_can_be_chosen_both_forms_exit_with_3(s2r):
-    spec = s2r.spec()
-    path = s2r.folder / spec
-    path.write_text(path.read_text().replace("B = 0.5", "B = 0.03"))
+    spec = s2r.spec(text=FINE.replace("B = 0.5", "B = 0.03"))
     for backend, run in (("toy", "a"), ("toy:drag", "b")):
         s2r("check", spec, "-b", backend, "-q", "--run", run, "--budget", 60, code=3)
     assert "every certificate was refused" in s2r("choose", "a", "b", code=3).stdout

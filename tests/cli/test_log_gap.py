@@ -5,6 +5,7 @@ import shutil
 from pathlib import Path
 
 from tests.certify.logs import record_from
+from tests.cli.conftest import FINE
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs/how-to/recorded-rollouts.md").read_text(encoding="utf-8")
@@ -12,7 +13,7 @@ PAGE = (ROOT / "docs/how-to/recorded-rollouts.md").read_text(encoding="utf-8")
 
 def test_the_commands_take_a_log_as_the_real_machine(s2r):
     log = record_from("toy:drag", [vd / 40 for vd in range(-8, 13) for _ in range(8)], s2r.folder / "night")
-    words = (s2r.spec(0.15), "--sim", "toy", "--real", "log:night", "-q")
+    words = (s2r.spec(0.15, FINE), "--sim", "toy", "--real", "log:night", "-q")
     assert log.endswith("/night")
     done = s2r("certify", *words, code=0)
     assert "in [" in done.stdout

@@ -14,7 +14,7 @@ def test_settings_by_hand(s2r):
 
 def test_settings_from_a_spec_and_times_from_a_backend(s2r):
     plan = s2r.json("plan", s2r.spec(), "--backend", "toy", code=0)
-    assert (plan["R"], plan["epsilon"], plan["delta"], plan["B"]) == (0.02, 0.05, 1e-3, 0.5)
+    assert (plan["R"], plan["epsilon"], plan["delta"], plan["B"]) == (0.02, 0.1, 1e-3, 0.5)
     assert plan["seconds_per_rollout"] > 0
     assert "about" in s2r("plan", s2r.spec(), "--backend", "toy", code=0).stdout
 

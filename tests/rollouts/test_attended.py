@@ -19,7 +19,7 @@ from s2r_spec.rollouts.journal import FILE, Journal, JournalError
 from s2r_spec.rollouts.pools import process_pool
 from s2r_spec.rollouts.replay import replay
 from s2r_spec.rollouts.runner import Runner, Task, run_task
-from tests.cli.conftest import SPEC
+from tests.cli.conftest import FINE
 from tests.conftest import rewrite
 
 
@@ -57,7 +57,7 @@ def robot(toy, tmp_path, monkeypatch):
 
 @pytest.fixture
 def spec():
-    return s2r.parse_spec(SPEC.replace("LIMIT", "0.1"), "spec.stl")
+    return s2r.parse_spec(FINE.replace("LIMIT", "0.1"), "spec.stl")
 
 
 def lines(folder):

@@ -2,6 +2,7 @@
 
 import ast
 import time
+from functools import cache
 from pathlib import Path
 
 import mujoco
@@ -46,6 +47,20 @@ def nominal():
     return SIM.residuals(SIM.rollout({"vd": 0.3}, seed=1), {"vd": 0.3})
 
 
+@cache
+def walked(effect, values):
+    """Return a machine with one effect, of (name, value), and its walk: several tests look at the same one."""
+    machine = SIM.with_effects({effect: dict(values)})
+    return machine, machine.rollout({"vd": 0.3}, seed=1)
+
+
+@cache
+def residuals_of(effect, values, known=False):
+    """Return what is left of such a walk, in a simulator that knows the effect or does not."""
+    machine, trace = walked(effect, values)
+    return (machine if known else SIM).residuals(trace, {"vd": 0.3})
+
+
 def of(effects, params=None, known=None):
     params = {"vd": 0.3} | (params or {})
     return SIM.residuals(SIM.with_effects(effects).rollout(params, seed=1), known or {"vd": 0.3})
@@ -86,7 +101,7 @@ def test_the_nominal_simulator_leaves_next_to_nothing(vd, seed):
     ],
 )  # fmt: skip
 def test_every_effect_shows_where_it_acts_and_not_elsewhere(nominal, effect, values, shows, quiet):
-    found = of({effect: values})
+    found = residuals_of(effect, tuple(values.items()))
     for name in shows:
         assert size(found[name]) > 2 * size(nominal[name]), name
     for name in quiet:
@@ -133,12 +148,11 @@ KNOWN = [
 def test_a_simulator_that_knows_an_effect_leaves_little_of_it(
     nominal, effect, values, residual, without, knowing
 ):
-    machine = SIM.with_effects({effect: values})
-    trace = machine.rollout({"vd": 0.3}, seed=1)
     # No foot of a nominal rollout slides: its grip is nothing at all.
     usual = size(nominal[residual]) or 0.005
-    assert size(SIM.residuals(trace, {"vd": 0.3})[residual]) > without * usual
-    assert size(machine.residuals(trace, {"vd": 0.3})[residual]) < knowing * usual
+    of_it = effect, tuple(values.items())
+    assert size(residuals_of(*of_it)[residual]) > without * usual
+    assert size(residuals_of(*of_it, known=True)[residual]) < knowing * usual
 
 
 @pytest.mark.parametrize(
