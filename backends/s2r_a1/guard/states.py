@@ -535,14 +535,19 @@ def _seen(machine: Machine, now: int, late: int) -> Seen:
     return Seen(
         reading=memory.reading,
         desired=None if motion is None or row.client else moves.desired(motion, now)[0],
-        link=now - memory.fresh,
+        link=_rounds(now - memory.fresh),
         bad=memory.bad,
-        client=now - machine.followed.at if row.client else 0,
+        client=_rounds(now - machine.followed.at) if row.client else 0,
         late=late,
         power=memory.power,
         strong=memory.strong,
         strained=memory.strained,
     )
+
+
+def _rounds(silence: int) -> int:
+    """Return a silence in whole rounds [ns]: rounds begin some µs early or late, and ten of them are 20 ms."""
+    return (silence + limit.ROUND // 2) // limit.ROUND * limit.ROUND
 
 
 def _warned(machine: Machine, row: Row, seen: Seen, limits: Limits) -> Machine:
