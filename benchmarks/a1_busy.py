@@ -1,0 +1,159 @@
+"""Walk the twin ten times in lock step beside two busy loops a core: are all walks bit for bit the same?
+
+    OMP_NUM_THREADS=1 python benchmarks/a1_busy.py [--walks 10] [--write]
+
+Each walk is of the same test and seed, over sockets: a twin with noise, its guard and the program that walks, each in
+a new process. Compared are every sample of the trace and every packet between guard and twin, both ways and from the
+first consent on, as the guard and the twin recorded them. A walk without the busy loops is the first one.
+"""
+
+from __future__ import annotations
+
+import argparse
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from multiprocessing.connection import Connection
+from pathlib import Path
+
+import numpy as np
+from machine import describe
+
+from s2r_a1 import rawlog
+from s2r_a1.backend import A1Backend
+from s2r_spec.backend import Coming
+from s2r_spec.trace import Trace
+from tests.a1.robots import Silent, in_a_process
+
+RESULTS = Path(__file__).parent / "results" / "a1_busy.txt"
+LOOPS = 2
+"""A definition: busy loops a core."""
+TEST, SEED = {"vd": 0.2}, 3
+PATIENCE = 600.0
+"""A budget [s]: of one walk. Twice as much waits longer for a machine that is busier yet."""
+
+PROCESSES = multiprocessing.get_context("spawn")
+
+Packets = tuple[list[int], list[int], tuple[bytes, ...]]
+"""Rounds, directions and bytes of a recording."""
+
+
+@contextmanager
+def busy(loops: int) -> Iterator[None]:
+    """Run so many processes that do nothing else than take time."""
+    found = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(loops)]
+    try:
+        yield
+    finally:
+        for one in found:
+            one.kill()
+            one.wait()
+
+
+def walks(line: Connection, port: int, folder: str) -> None:
+    """Walk the test, and send its trace; what is asked of a worker, and of who attends to it."""
+    text = f"host=127.0.0.1,port={port},velocity=onboard,operator=auto,clock=lockstep"
+    backend = A1Backend(text).keeping(folder)
+    attended = backend.attendance(Silent())
+    attended.begin(Coming(1))
+    attended.before(TEST)
+    trace = backend.rollout(TEST, SEED)
+    attended.after(trace)
+    attended.end()
+    line.send(trace)
+
+
+def walked(folder: Path) -> tuple[Trace, Packets, Packets]:
+    """Return the trace of a walk of a new twin, and all packets as the guard and the twin recorded them."""
+    folder.mkdir()
+    with in_a_process("--place", "lab", "--record", folder / "twin") as port:
+        mine, theirs = PROCESSES.Pipe(duplex=False)
+        process = PROCESSES.Process(target=walks, args=(theirs, port, str(folder)))
+        process.start()
+        theirs.close()
+        try:
+            if not mine.poll(PATIENCE):
+                raise SystemExit(f"the walk took longer than {PATIENCE:g} s; try it on a quieter machine")
+            trace = mine.recv()
+            process.join(PATIENCE)
+        finally:
+            process.kill()
+            process.join()
+            mine.close()
+    (guards,) = folder.glob(f"*{rawlog.SUFFIX}")
+    return trace, packets(guards), packets(folder / "twin")
+
+
+def packets(path: Path) -> Packets:
+    """Return what a recording has; the time in it is the round."""
+    log = rawlog.read(path)
+    return log.times.tolist(), log.directions.tolist(), log.packets
+
+
+def unlike(one: Trace, other: Trace) -> list[str]:
+    """Return the names of what differs between two traces, in any bit."""
+    found = [] if one.times.tobytes() == other.times.tobytes() else ["t"]
+    names = sorted(one.channels.keys() | other.channels.keys())
+    return found + [
+        name
+        for name in names
+        if name not in one.channels
+        or name not in other.channels
+        or np.asarray(one[name]).tobytes() != np.asarray(other[name]).tobytes()
+    ]
+
+
+def compared(count: int) -> list[str]:
+    """Return what is printed."""
+    cores = os.cpu_count() or 1
+    lines = [f"lock step, place lab, vd = {TEST['vd']} m/s, seed {SEED}; the first walk without load"]
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        os.environ["S2R_A1_RUN"] = name
+        begun = time.monotonic()
+        quiet = walked(folder / "quiet")
+        trace, guards, twins = quiet
+        lines.append(
+            f"  quiet: {len(trace)} samples of {len(trace.channels)} channels, {len(guards[2])} packets recorded by "
+            f"the guard, {len(twins[2])} by the twin; {time.monotonic() - begun:.0f} s"
+        )
+        same = 0
+        with busy(LOOPS * cores):
+            for number in range(1, count + 1):
+                begun = time.monotonic()
+                found = walked(folder / str(number))
+                wrong = unlike(found[0], trace)
+                wrong += ["packets of the guard"] if found[1] != guards else []
+                wrong += ["packets of the twin"] if found[2] != twins else []
+                same += not wrong
+                lines.append(
+                    f"  walk {number} beside {LOOPS * cores} busy loops on {cores} cores: "
+                    f"{', '.join(wrong) + ' differ' if wrong else 'the same'}; {time.monotonic() - begun:.0f} s"
+                )
+                print(lines[-1], file=sys.stderr, flush=True)
+    lines.append(f"{same} of {count} walks are bit for bit the same as the first")
+    return lines
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--walks", type=int, default=10)
+    parser.add_argument("--write", action="store_true", help=f"to {RESULTS.name}")
+    options = parser.parse_args()
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # so that no process is left behind
+    lines = [str(describe("mujoco")), *compared(options.walks)]
+    print("\n".join(lines))
+    if options.write:
+        RESULTS.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
