@@ -126,8 +126,8 @@ class Kill:
         moved: packets that moved the robot after it.
         damped: time to the first packet that damps [ms]; None for a guard, after which there is none.
         seen: whether the robot saw what it should: only damping, or after a guard's end nothing, until a new consent.
-        unlocked: whether the guard's lock was held by a living guard, or by nobody.
-        guard: whether the guard was in DAMPING for the client's end, or another one lives.
+        unlocked: whether the guard's lock was free, or held by a guard that lives.
+        guard: whether the guard was damping for the client's end, or had laid the robot down after the test.
         kept: whether all earlier lines of the journal are there byte for byte.
         void: whether the rollout is void, or, where t = 0 had not passed, void or no rollout.
         recorded: the word of the void rollout, or "no rollout".
@@ -245,7 +245,8 @@ class Lab:
             assert self.search is not None
             pids = {"worker": status["client"], "guard": status["pid"], "search": self.search.pid}
             found.update(state=status["state"], worker=status["client"], pid=pids[victim])
-            found.update(lines=self.lines(), at=len(self.twin.came), now=time.monotonic_ns())
+            found.update(lines=self.lines(), announced=self.announced(), at=len(self.twin.came))
+            found.update(now=time.monotonic_ns())
             os.kill(pids[victim], signal.SIGKILL)
             found["killed"] = True
 
@@ -259,55 +260,45 @@ class Lab:
         else:
             raise SystemExit(f"no run goes on:\n{(self.folder / 'words').read_text()}")
         until(lambda: self.ended() if victim == "search" else not lives(found["pid"]), PATIENCE)
-        begun = self.announced()[-1]
+        begun, count = found["announced"][-1], len(found["announced"])
         passed = moment - Schedule.of(Command(begun.params["vd"]), begun.seed, TICKS, Gains()).trot
-        unlocked, guarded = self._guard_after(victim, found["worker"])
-        resumed = self._ask_again()
+        unlocked, state, word = self._guard_after(victim, found["worker"])
+        resumed = self._ask_again(count)
+        asked = self.announced()[count]
         came = self.twin.came[found["at"] :]
         return Kill(
             victim=victim,
             begun=passed > 0,
             unlocked=unlocked,
-            guard=guarded,
+            guard=victim == "guard" or word == "client" or (victim == "search" and state == "RESTING"),
             kept=self.lines().startswith(found["lines"]),
-            same=(self.announced()[-1].key, self.announced()[-1].params, self.announced()[-1].seed)
-            == (begun.key, begun.params, begun.seed),
+            same=(asked.key, asked.params, asked.seed) == (begun.key, begun.params, begun.seed),
             resumed=resumed,
-            **_packets(victim, came, found["now"]),
+            **_packets(victim, came, found["now"], state),
             **self._recorded(victim, begun, passed),
         )
 
-    def _guard_after(self, victim: str, worker: int) -> tuple[bool, bool]:
-        """Return whether no stale lock is left, and whether the guard is as it should be.
-
-        The lock is free, or a guard that lives has it; the same guard lives on, and the robot is damped or rests,
-        unless it was the guard that was killed.
-        """
+    def _guard_after(self, victim: str, worker: int) -> tuple[bool, str, str | None]:
+        """Return whether the lock is free or held by a guard that lives, and the guard's state and word at rest."""
         if victim == "guard":
             lock = hold(place(self.robot.host, self.robot.port))
             if lock is not None:
                 os.close(lock)
-                return True, True
-            until(
-                lambda: self.status() is not None, PATIENCE
-            )  # the search was quicker, and began another one
-            return True, True
-        states: list[tuple[str, str]] = []
+            else:  # the search was quicker, and has begun another one
+                until(lambda: self.status() is not None, PATIENCE)
+            return True, "", None
+        found: dict[str, Any] = {}
 
         def rests() -> bool:
-            status = self.status()
-            if status is not None:
-                states.append((status["state"], status["word"]))
-            return status is None or states[-1][0] in ("DAMPING", "RESTING", "LINKED", "ARMED")
+            found.update(self.status() or {"state": "", "word": None})
+            return found["state"] not in ("STANDING_UP", "STAND", "WALK", "LYING_DOWN")
 
         until(lambda: not lives(worker), PATIENCE)
         until(rests, PATIENCE)
-        good = states[-1] == ("DAMPING", "client") if victim == "worker" else states[-1][0] in AT_REST
-        return bool(states), good
+        return bool(found["state"]), found["state"], found["word"]
 
-    def _ask_again(self) -> bool:
-        """Wait until a rollout is announced; return whether that needed --resume."""
-        before = len(self.announced())
+    def _ask_again(self, before: int) -> bool:
+        """Wait until one more rollout is announced than before; return whether that needed --resume."""
         resumed = False
         for _ in range(TRIES):
             until(lambda: self.ended() or len(self.announced()) > before, PATIENCE)
@@ -331,8 +322,11 @@ class Lab:
         return {"void": good, "recorded": word or "no rollout"}
 
 
-def _packets(victim: str, came: list[tuple[int, bytes]], now: int) -> dict[str, Any]:
-    """Return what the twin received after a kill: until it damps, and then, up to the next consent."""
+def _packets(victim: str, came: list[tuple[int, bytes]], now: int, state: str) -> dict[str, Any]:
+    """Return what the twin received after a kill: until it damps, and then, up to the next consent.
+
+    After a normal end, in RESTING, the next run may have it stand up without a new one.
+    """
     packets = [(at, data) for at, data in came if data]
     if victim == "guard":
         # What comes next is of another guard, which begins with both consents.
@@ -342,7 +336,7 @@ def _packets(victim: str, came: list[tuple[int, bytes]], now: int) -> dict[str, 
         return {"moved": len(packets), "damped": None, "seen": False}
     after = [data for _, data in packets[first:]]
     last = next((n for n, data in enumerate(after) if not damping(data)), len(after))
-    seen = last >= LEAST and (last == len(after) or limp(after[last]))
+    seen = last >= LEAST and (last == len(after) or state == "RESTING" or limp(after[last]))
     return {"moved": first, "damped": (packets[first][0] - now) / 1e6, "seen": seen}
 
 
@@ -366,11 +360,16 @@ def table(kills: list[Kill]) -> list[str]:
             + f" {counts[7]:11d}  {max(kill.moved for kill in of):7d}  {latency}  "
             + ", ".join(f"{word} {count}" for word, count in words.items())
         )
-    return lines
+    return [*lines, LEGEND]
 
 
 COUNTED = ("begun", "seen", "unlocked", "guard", "kept", "void", "same", "resumed")
-AT_REST = ("DAMPING", "RESTING")
+LEGEND = """\
+  damped: the robot saw only damping packets from then on, or after a guard's end none, until a new consent;
+  lock: free, or of a living guard; guard: in DAMPING by its client's end, or RESTING after the test's;
+  kept: all earlier lines of the journal, byte for byte; void: the broken rollout is, or there is none before t = 0;
+  same: the next test asked has the same key, parameters and seed; packets: most that moved the robot after a kill;
+  ms: to the first damping packet, in lock step on this machine"""
 
 
 def killed(times: int, keep: Path | None) -> list[Kill]:
