@@ -5,6 +5,9 @@
 Each walk is of the same test and seed, over sockets: a twin with noise, its guard and the program that walks, each in
 a new process. Compared are every sample of the trace and every packet between guard and twin, both ways and from the
 first consent on, as the guard and the twin recorded them. A walk without the busy loops is the first one.
+
+The program that walks is forked from one that has compiled its controller. A walk takes ten thousand turns between
+processes, and each may wait for a busy loop: about a minute.
 """
 
 from __future__ import annotations
@@ -27,6 +30,7 @@ from machine import describe
 
 from s2r_a1 import rawlog
 from s2r_a1.backend import A1Backend
+from s2r_a1.rollout import pilot
 from s2r_spec.backend import Coming
 from s2r_spec.trace import Trace
 from tests.a1.robots import Silent, in_a_process
@@ -34,11 +38,11 @@ from tests.a1.robots import Silent, in_a_process
 RESULTS = Path(__file__).parent / "results" / "a1_busy.txt"
 LOOPS = 2
 """A definition: busy loops a core."""
-TEST, SEED = {"vd": 0.2}, 3
+TEST, SEED, SECONDS = {"vd": 0.2}, 3, 0.5
 PATIENCE = 600.0
 """A budget [s]: of one walk. Twice as much waits longer for a machine that is busier yet."""
 
-PROCESSES = multiprocessing.get_context("spawn")
+PROCESSES = multiprocessing.get_context("fork")
 
 Packets = tuple[list[int], list[int], tuple[bytes, ...]]
 """Rounds, directions and bytes of a recording."""
@@ -59,7 +63,7 @@ def busy(loops: int) -> Iterator[None]:
 def walks(line: Connection, port: int, folder: str) -> None:
     """Walk the test, and send its trace; what is asked of a worker, and of who attends to it."""
     text = f"host=127.0.0.1,port={port},velocity=onboard,operator=auto,clock=lockstep"
-    backend = A1Backend(text).keeping(folder)
+    backend = A1Backend(text).with_duration(SECONDS).keeping(folder)
     attended = backend.attendance(Silent())
     attended.begin(Coming(1))
     attended.before(TEST)
@@ -111,20 +115,20 @@ def unlike(one: Trace, other: Trace) -> list[str]:
 
 def compared(count: int) -> list[str]:
     """Return what is printed."""
-    cores = os.cpu_count() or 1
-    lines = [f"lock step, place lab, vd = {TEST['vd']} m/s, seed {SEED}; the first walk without load"]
+    loops = LOOPS * (os.cpu_count() or 1)
+    lines = [f"lock step, place lab, vd = {TEST['vd']} m/s, seed {SEED}, {SECONDS} s of test"]
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         os.environ["S2R_A1_RUN"] = name
-        begun = time.monotonic()
-        quiet = walked(folder / "quiet")
-        trace, guards, twins = quiet
+        pilot()
+        trace, guards, twins = walked(folder / "0")
         lines.append(
-            f"  quiet: {len(trace)} samples of {len(trace.channels)} channels, {len(guards[2])} packets recorded by "
-            f"the guard, {len(twins[2])} by the twin; {time.monotonic() - begun:.0f} s"
+            f"  without load: {len(trace)} samples of {len(trace.channels)} channels; {len(guards[2])} packets "
+            f"recorded by the guard, {len(twins[2])} by the twin"
         )
+        print(lines[-1], file=sys.stderr, flush=True)
         same = 0
-        with busy(LOOPS * cores):
+        with busy(loops):
             for number in range(1, count + 1):
                 begun = time.monotonic()
                 found = walked(folder / str(number))
@@ -132,12 +136,14 @@ def compared(count: int) -> list[str]:
                 wrong += ["packets of the guard"] if found[1] != guards else []
                 wrong += ["packets of the twin"] if found[2] != twins else []
                 same += not wrong
+                took = time.monotonic() - begun
                 lines.append(
-                    f"  walk {number} beside {LOOPS * cores} busy loops on {cores} cores: "
-                    f"{', '.join(wrong) + ' differ' if wrong else 'the same'}; {time.monotonic() - begun:.0f} s"
+                    f"  walk {number}: {', '.join(wrong) + ' differ' if wrong else 'the same'}; {took:.0f} s"
                 )
                 print(lines[-1], file=sys.stderr, flush=True)
-    lines.append(f"{same} of {count} walks are bit for bit the same as the first")
+    lines.append(
+        f"  beside {loops} busy loops on {os.cpu_count()} cores: {same} of {count} walks bit for bit the same"
+    )
     return lines
 
 
