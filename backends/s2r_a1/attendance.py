@@ -37,7 +37,8 @@ COOL = 45.0
 """A level [°C]: a rest for heat is over when all motors are below it. Higher ends it sooner, and the next comes
 sooner."""
 LYING = 20.0
-"""A budget [s]: how long lying down may take. Twice as much waits longer for a robot that is stuck."""
+"""A budget [s]: how long lying down may take, by the guard's rounds: a busy machine is slow in lock step. Twice as much
+waits longer for a robot that is stuck."""
 LOOK = 0.02
 """A budget [s]: between two looks whether it lies."""
 
@@ -263,15 +264,18 @@ class Attendance:
         Raises:
             BackendError: it takes too long.
         """
-        end = time.monotonic() + LYING
-        while (state := self._state()) in (*MOVING, "LYING_DOWN"):
-            if time.monotonic() > end:
+        assert self._guard is not None
+        status = self._guard.request("status")
+        last = status["rounds"] + round(LYING * RATE)
+        while status["state"] in (*MOVING, "LYING_DOWN"):
+            if status["rounds"] > last:
                 raise BackendError(
-                    f"{self._name} is still in the state {state} after {LYING:g} s; damp it by: "
+                    f"{self._name} is still in the state {status['state']} after {LYING:g} s; damp it by: "
                     f"python -m s2r_a1.guard damp --host {self._backend.reached.host} "
                     f"--port {self._backend.reached.port}"
                 )
             time.sleep(LOOK)
+            status = self._guard.request("status")
 
     def _consent(self, question: str, word: str) -> None:
         if not self.unattended:

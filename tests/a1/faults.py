@@ -110,6 +110,7 @@ DAMPED = (
     Fault("client's connection ends", lambda rig: rig.client.close(), 1, "client", CLIENTS, wall=True),
     Fault("client asks for damping", asks("client", "damp"), 1, "client", MOVING),
     # Who watches it.
+    Fault("operator's connection ends", lambda rig: rig.operator.close(), 1, "operator", CLIENTS),
     Fault("R2", robot("button=R2"), 1, "operator", MOVING, wall=True),
     Fault("L2 + B", robot("button=L2+B"), 1, "operator", MOVING),
     Fault("L2 + A", robot("button=L2+A"), 1, "operator", MOVING),

@@ -22,7 +22,6 @@ from s2r_a1.wire import A1, unpack_orders
 from s2r_spec.errors import BackendError
 from tests.a1.rig import STAND_ON, damping
 from tests.a1.robots import end_guard
-from tests.processes import until
 
 PROCESSES = multiprocessing.get_context("spawn")
 PATIENCE = 60.0
@@ -128,6 +127,7 @@ class Walking:
     Attributes:
         operator: a connection to the guard; None after it was killed.
         client: the process that moves the robot.
+        client_closed: when the system closed the connections of a client that was killed [ns].
     """
 
     def __init__(self, place="nominal"):
@@ -135,7 +135,7 @@ class Walking:
         self._twin = PROCESSES.Process(target=_robot, args=(theirs, place), daemon=True)
         self._twin.start()
         self.robot = Robot("127.0.0.1", self._line.recv())
-        self.operator, self.client = None, None
+        self.operator, self.client, self.client_closed = None, None, None
 
     def __enter__(self):
         return self
@@ -210,8 +210,12 @@ class Walking:
         self.operator.close()
         self.operator = None
 
-    def until_damped(self):
-        until(lambda: self.status()["state"] == "DAMPING", PATIENCE)
+    def until_client_closed(self):
+        """Wait until a client that was killed has no connection any more, and note when that was."""
+        with contextlib.suppress(EOFError):
+            while True:
+                self.told_by_client.recv()
+        self.client_closed = time.monotonic_ns()
 
 
 def first_damped(received, since):

@@ -21,6 +21,7 @@ class Guard:
     def __init__(self, events, state="OFF"):
         self.events, self.state = events, state
         self.warmest, self.refuses, self.gone = 30.0, {}, False
+        self.rounds = 0
 
     def request(self, do, **fields):
         if do != "status":
@@ -30,7 +31,9 @@ class Guard:
         if do in self.refuses:
             raise BackendError(self.refuses[do])
         self.state = AFTER.get(do, self.state)
-        return {"state": self.state, "temperatures": [25.0] * 11 + [self.warmest], "reason": "it fell"}
+        self.rounds += 2000
+        temperatures = [25.0] * 11 + [self.warmest]
+        return {"state": self.state, "temperatures": temperatures, "reason": "it fell", "rounds": self.rounds}
 
     def close(self):
         self.events.append("close")
@@ -223,6 +226,16 @@ def test_at_the_end_the_robot_lies(scene, state, done):
     attended.end()
     attended.end()
     assert events == done
+
+
+def test_a_robot_that_does_not_come_to_lie_is_not_waited_for_without_end(scene):
+    events, guard, _, attended = scene("ARMED")
+    attended.begin(Coming(1))
+    guard.state = "LYING_DOWN"
+    with pytest.raises(BackendError, match="LYING_DOWN"):
+        attended.end()
+    assert events[-1] == "close"
+    assert guard.rounds > 10_000  # 20 s, by the guard's clock
 
 
 def test_nobody_is_asked_about_a_twin_that_runs_by_itself(scene):

@@ -284,6 +284,16 @@ def test_a_client_that_is_stopped_for_good_is_damped_however_seldom_the_robot_s_
     assert damping(rounds.orders)
 
 
+def test_a_round_that_begins_a_little_early_ends_a_silence_as_any_other(brought):
+    rounds = brought(State.WALK)
+    rounds.turn(orders=walking(5.0))
+    rounds.turn(9)
+    early = rounds.machine.memory.now + ROUND - 50_000
+    machine, orders = states.step(rounds.machine, Inputs(early), LIMITS)
+    assert machine.word == "client"
+    assert damping(orders)
+
+
 def test_a_gap_of_the_robot_is_not_held_against_its_client(brought):
     rounds = brought(State.WALK)
     rounds.turn(orders=walking(5.0))

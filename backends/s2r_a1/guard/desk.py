@@ -52,7 +52,7 @@ def _motion(guard: Guard, party: Party, request: Request) -> Reply:
         if guard.ending:
             raise RefusedError("the guard is about to end; start a new one")
         # Consents are of whoever attends: what is left of an earlier run must not move the robot under them.
-        if not any(other.role == "operator" and other.open for other in guard.listener.parties):
+        if not guard.attended:
             raise RefusedError(
                 "nobody attends to the robot; an operator attaches first, as s2r check, gap and certify do"
             )

@@ -205,14 +205,22 @@ class Guard:
         self.client = Client(party, address, socket, RobotSide(socket, self.layout))
         return socket.port
 
+    @property
+    def attended(self) -> bool:
+        """Whether an operator is attached, who can stop the robot."""
+        return any(party.role == "operator" and party.open for party in self.listener.parties)
+
     def leave(self, party: Party) -> None:
         """Forget a party whose connection has ended; a robot that its client held up is damped.
 
-        One that stands after its client took leave lies down when nobody is attached any more.
+        So is one that a client moves when the last operator has gone: nobody could stop it any more. One that stands
+        after its client took leave lies down when nobody is attached any more.
         """
         if self.client and self.client.party is party:
             self.release()
             self.become(states.left(self.machine, self.now))
+        elif self.client and party.role == "operator" and not self.attended:
+            self.become(states.left(self.machine, self.now, "operator"))
         elif not self.client and not self.listener.parties:
             reason = "nobody is attached to the guard any more"
             self.become(states.stopped(self.machine, True, "operator", reason))

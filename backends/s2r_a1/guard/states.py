@@ -312,11 +312,15 @@ def damped(machine: Machine, now: int, word: Word, reason: str) -> Machine:
     )
 
 
-def left(machine: Machine, now: int) -> Machine:
-    """Return the machine after its client has gone: a robot that stands is damped, unless it is to lie down."""
+def left(machine: Machine, now: int, role: Role = "client") -> Machine:
+    """Return the machine after its client, or its last operator, has gone without a word.
+
+    A robot that stands is damped, unless it is to lie down: nobody steers it any more, or nobody can stop it.
+    """
     lying = machine.state is State.STAND and machine.wanted and machine.wanted.state is State.RESTING
     if ROWS[machine.state].stands and not lying:
-        return damped(machine, now, "client", "the program that moves the robot has gone")
+        who = "the program that moves the robot" if role == "client" else "the operator's program"
+        return damped(machine, now, role, f"{who} has gone")
     return machine
 
 
@@ -584,14 +588,19 @@ def _seen(machine: Machine, now: int, late: int) -> Seen:
     return Seen(
         reading=memory.reading,
         desired=None if motion is None or row.client else moves.desired(motion, now)[0],
-        link=now - memory.fresh,
+        link=_rounds(now - memory.fresh),
         bad=memory.bad,
-        client=now - machine.followed.at if row.client else 0,
+        client=_rounds(now - machine.followed.at) if row.client else 0,
         late=late,
         power=memory.power,
         strong=memory.strong,
         strained=memory.strained,
     )
+
+
+def _rounds(silence: int) -> int:
+    """Return a silence in whole rounds [ns]: rounds begin some µs early or late, and ten of them are 20 ms."""
+    return (silence + limit.ROUND // 2) // limit.ROUND * limit.ROUND
 
 
 def _warned(machine: Machine, checks: list[Check], seen: Seen, limits: Limits) -> Machine:
