@@ -7,7 +7,7 @@ FR, FL, RR, RL; axes x forward, y left, z up; m and rad.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from math import acos, cos, sin
 
@@ -36,25 +36,23 @@ SIDES = ((1, -1), (1, 1), (-1, -1), (-1, 1))
 """A definition: (+1 front or −1 rear, +1 left or −1 right) of each leg."""
 
 
-def feet(legs: Legs, q: Sequence[float]) -> list[tuple[float, float, float]]:
-    """Return the middles of the four feet's balls in base axes [m], from twelve joint angles [rad]."""
-    found = []
+def feet(legs: Legs, q: Sequence[float]) -> Iterator[tuple[float, float, float]]:
+    """Yield the middles of the four feet's balls in base axes [m], from twelve joint angles [rad]."""
     for leg, (front, left) in enumerate(SIDES):
         hip, thigh, calf = q[3 * leg], q[3 * leg + 1], q[3 * leg + 2]
         x = -legs.thigh * sin(thigh) - legs.calf * sin(thigh + calf)
         down = legs.thigh * cos(thigh) + legs.calf * cos(thigh + calf)
         out = left * legs.thigh_y
         c, s = cos(hip), sin(hip)
-        found.append((front * legs.hip_x + x, left * legs.hip_y + c * out + s * down, s * out - c * down))
-    return found
+        yield front * legs.hip_x + x, left * legs.hip_y + c * out + s * down, s * out - c * down
 
 
-def height(legs: Legs, q: Sequence[float], quaternion: Sequence[float]) -> float:
-    """Return the height [m] of the base over a level ground through the lowest foot."""
+def heights(legs: Legs, q: Sequence[float], quaternion: Sequence[float]) -> Iterator[float]:
+    """Yield the height [m] of the base over a level ground through each foot; the largest is through the lowest."""
     w, a, b, c = quaternion
     up = (2.0 * (a * c - w * b), 2.0 * (b * c + w * a), 1.0 - 2.0 * (a * a + b * b))
-    lowest = min(up[0] * x + up[1] * y + up[2] * z for x, y, z in feet(legs, q))
-    return legs.foot - lowest
+    for x, y, z in feet(legs, q):
+        yield legs.foot - (up[0] * x + up[1] * y + up[2] * z)
 
 
 def standing(legs: Legs, height: float) -> tuple[float, float, float]:

@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from math import acos, cos, isfinite, sin, sqrt
+from math import acos, cos, inf, isfinite, sin, sqrt
 from operator import mul
 from typing import Annotated, Literal, NamedTuple, get_args
 
@@ -502,10 +502,12 @@ def _tilt(limits: Limits, seen: Seen) -> str | None:
 
 
 def _height(limits: Limits, seen: Seen) -> str | None:
-    height = leg.height(limits.legs, seen.reading.q.tolist(), seen.reading.quaternion.tolist())
-    if height >= limits.height:
-        return None
-    return f"the base is {height:.2f} m over the lowest foot; the limit is {limits.height:g} m"
+    highest = -inf
+    for height in leg.heights(limits.legs, seen.reading.q.tolist(), seen.reading.quaternion.tolist()):
+        if height >= limits.height:  # mostly the first foot, and one is enough
+            return None
+        highest = max(highest, height)
+    return f"the base is {highest:.2f} m over the lowest foot; the limit is {limits.height:g} m"
 
 
 LINK = Check("link", "link", _link, measures=False)
