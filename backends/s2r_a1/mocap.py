@@ -7,6 +7,9 @@ at which their correlation is largest, near to the one that the times of arrival
 fro once in 0.4 s, so that it has a peak. No pose comes before it was taken, which tells that peak from its neighbours;
 poses must come within 0.15 s. Where it is low, nothing is said (:class:`MocapError`).
 
+The yaw rate is the same whichever way the body looks. So the rates about the other two axes, as complex numbers, are
+held against the gyroscope's: g = m exp(iψ), least squares over ψ, the angle by which the stated heading is wrong.
+
 Both rates, and the velocity, are slopes of a straight line through the poses of 25 ms.
 """
 
@@ -37,6 +40,9 @@ STEP = 0.001
 """A tolerance [s]: between two offsets that are tried; a parabola refines the best."""
 CORRELATED = 0.7
 """A level: the least correlation of the two yaw rates at which an offset is accepted. Higher refuses noisier mocap."""
+TURNED = 10.0
+"""A tolerance [deg]: by which the stated heading may be wrong; it takes 1.5 % from the velocity ahead, and adds 17 % of
+that to the left. With twice as much it is 6 % and 34 %."""
 LEAST = 40
 """A tolerance: poses that a rollout needs, 0.2 s at 200 Hz; twice as many refuse a fall right after t = 0."""
 FASTEST = 3.3
@@ -82,6 +88,29 @@ class Poses(NamedTuple):
     quaternion: FloatArray
 
 
+class Gyro(NamedTuple):
+    """What the robot's gyroscope said of a whole walk.
+
+    Attributes:
+        times: (m,) by the robot's clock [s].
+        rates: (m, 3) base axes [rad/s].
+        yaw: (m,) rates of the heading [rad/s].
+    """
+
+    times: FloatArray
+    rates: FloatArray
+    yaw: FloatArray
+
+    def mean(self, rates: FloatArray, start: FloatArray, end: FloatArray) -> FloatArray:
+        """Return the means of (m,) rates between (n,) times [s] and others."""
+        steps = np.diff(self.times) * (rates[1:] + rates[:-1]) / 2.0
+        angle = np.concatenate(([0.0], np.cumsum(steps)))
+        means: FloatArray = (np.interp(end, self.times, angle) - np.interp(start, self.times, angle)) / (
+            end - start
+        )
+        return means
+
+
 class Velocity(NamedTuple):
     """The base's velocity in its heading frame [m/s], and how its time was found.
 
@@ -90,12 +119,14 @@ class Velocity(NamedTuple):
         left: (n,).
         offset: to add to the time of motion capture [s], for the robot's.
         correlation: of the two yaw rates there.
+        turned: angle [deg] by which the stated heading seems to be wrong.
     """
 
     forward: FloatArray
     left: FloatArray
     offset: float
     correlation: float
+    turned: float
 
 
 class Listener:
@@ -153,20 +184,18 @@ class Listener:
         self._socket.close()
 
 
-def velocity(
-    poses: Poses, placing: Placing, gyro: tuple[FloatArray, FloatArray], times: FloatArray
-) -> Velocity:
+def velocity(poses: Poses, placing: Placing, gyro: Gyro, times: FloatArray) -> Velocity:
     """Return the base's velocity at (n,) times of the robot [s].
 
     Args:
         poses: of the body.
         placing: how it is mounted.
-        gyro: (m,) times of the robot [s] and (m,) rates of the heading [rad/s], of the whole walk.
+        gyro: of the whole walk.
         times: at which the velocity is wanted.
 
     Raises:
-        MocapError: there are too few poses, they do not cover the test, the yaw rates do not correlate, or no robot
-            is as fast.
+        MocapError: there are too few poses, they do not cover the test, the rates do not correlate, the heading is
+            wrong, or no robot is as fast.
     """
     poses = _tracked(poses)
     if len(poses.times) < LEAST:
@@ -177,6 +206,7 @@ def velocity(
     attitude, yaw = _base(poses.quaternion, radians(placing.heading))
     offset, correlation = _offset(poses, _slope(poses.times, yaw), gyro)
     own = poses.times + offset
+    turned = _turned(attitude, own, gyro, placing.heading)
     if times[0] < own[0] - WINDOW or times[-1] > own[-1] + WINDOW:
         raise MocapError(
             "motion capture does not cover the whole rollout; check that it streams without a break"
@@ -189,7 +219,7 @@ def velocity(
     base = poses.position - attitude @ np.array(placing.position)
     vx, vy = (_slope(poses.times, base[:, axis]) for axis in (0, 1))
     forward, left = np.cos(yaw) * vx + np.sin(yaw) * vy, np.cos(yaw) * vy - np.sin(yaw) * vx
-    seen = Velocity(np.interp(times, own, forward), np.interp(times, own, left), offset, correlation)
+    seen = Velocity(np.interp(times, own, forward), np.interp(times, own, left), offset, correlation, turned)
     speed = float(np.hypot(seen.forward, seen.left).max())
     if speed > FASTEST:
         raise MocapError(
@@ -222,18 +252,15 @@ def _around(times: FloatArray) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     return np.searchsorted(times, times - reach), np.searchsorted(times, times + reach, side="right")
 
 
-def _offset(poses: Poses, rate: FloatArray, gyro: tuple[FloatArray, FloatArray]) -> tuple[float, float]:
+def _offset(poses: Poses, rate: FloatArray, gyro: Gyro) -> tuple[float, float]:
     """Return the offset [s] at which a yaw rate (n,) follows the gyroscope's best, and their correlation there.
 
     Raises:
         MocapError: they do not correlate.
     """
-    times, turned = gyro
     # The gyroscope's rate is smoothed as the other is.
-    angle = np.concatenate(([0.0], np.cumsum(np.diff(times) * (turned[1:] + turned[:-1]) / 2.0)))
-    smooth = (
-        np.interp(times + WINDOW / 2, times, angle) - np.interp(times - WINDOW / 2, times, angle)
-    ) / WINDOW
+    times = gyro.times
+    smooth = gyro.mean(gyro.yaw, times - WINDOW / 2, times + WINDOW / 2)
     guess = float(np.median(poses.arrived - poses.times))
     lags = np.arange(-SEARCH, EARLY + STEP / 2, STEP)
     score = np.array([_correlation(poses.times + guess + lag, rate, times, smooth) for lag in lags])
@@ -250,6 +277,46 @@ def _offset(poses: Poses, rate: FloatArray, gyro: tuple[FloatArray, FloatArray])
     bend = before - 2.0 * here + after
     refined = 0.5 * (before - after) / bend if bend < 0.0 else 0.0
     return guess + float(lags[best]) + refined * STEP, float(score[best])
+
+
+def _turned(attitude: FloatArray, own: FloatArray, gyro: Gyro, heading: float) -> float:
+    """Return the angle [deg] by which the stated heading of the body seems to be wrong.
+
+    Args:
+        attitude: (n, 3, 3) of the base, by the stated heading.
+        own: (n,) times of it, by the robot's clock [s].
+        gyro: of the walk.
+        heading: as stated [deg].
+
+    Raises:
+        MocapError: roll and pitch rates do not correlate, or it is wrong by more than ``TURNED``.
+    """
+    from scipy.spatial.transform import Rotation  # takes a while to load, and onboard walks go without
+
+    first, end = _around(own)
+    last = end - 1
+    inside = (own[first] >= gyro.times[0]) & (own[last] <= gyro.times[-1])
+    first, last = first[inside], last[inside]
+    start, stop = own[first], own[last]
+    way = Rotation.from_matrix(attitude[first]).inv() * Rotation.from_matrix(attitude[last])
+    x, y, _ = (way.as_rotvec() / (stop - start)[:, None]).T
+    seen, felt = (
+        x + 1j * y,
+        gyro.mean(gyro.rates[:, 0], start, stop) + 1j * gyro.mean(gyro.rates[:, 1], start, stop),
+    )
+    seen, felt = seen - seen.mean(), felt - felt.mean()
+    both, size = np.vdot(seen, felt), float(np.linalg.norm(seen) * np.linalg.norm(felt))
+    if not abs(both) >= CORRELATED * size > 0.0:
+        raise MocapError(
+            "roll and pitch of motion capture do not follow the gyroscope: check that it tracks this robot, with z up"
+        )
+    turned = float(np.degrees(np.angle(both)))
+    if abs(turned) > TURNED:
+        raise MocapError(
+            f"by the gyroscope the tracked body looks {turned:.0f}° to the left of heading={heading:g}: "
+            f"write heading={(heading + turned + 180.0) % 360.0 - 180.0:.0f} if it is mounted so"
+        )
+    return turned
 
 
 def _correlation(own: FloatArray, rate: FloatArray, times: FloatArray, gyro: FloatArray) -> float:

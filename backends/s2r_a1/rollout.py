@@ -15,7 +15,7 @@ from s2r_a1 import mocap, recording
 from s2r_a1.client import Client
 from s2r_a1.guard.limits import ROBOT_WORDS
 from s2r_a1.guard.place import folder
-from s2r_a1.mocap import Listener, MocapError
+from s2r_a1.mocap import Gyro, Listener, MocapError
 from s2r_a1.pilot import Pilot
 from s2r_a1.rawlog import SUFFIX
 from s2r_a1.schedule import Schedule
@@ -118,7 +118,7 @@ def _seen(trace: Trace, walked: Walked, listener: Listener, placing: mocap.Placi
     second = SECONDS[client.unit]
     first = next(note for note in walked.notes if note.tick >= 0)
     states = State(np.array([note.state.flat for note in walked.notes]).T)
-    gyro = np.array([note.clock * second for note in walked.notes]), yaw_rate(states)
+    gyro = Gyro(np.array([note.clock * second for note in walked.notes]), states.omega.T, yaw_rate(states))
     meta: dict[str, Any] = dict(trace.meta)
     channels = dict(trace.channels)
     try:
@@ -131,7 +131,12 @@ def _seen(trace: Trace, walked: Walked, listener: Listener, placing: mocap.Placi
         meta |= {"void": "mocap", "reason": str(error)}
     else:
         channels |= {"vx": seen.forward, "vy": seen.left}
-        meta["mocap"] = {"offset": seen.offset, "correlation": seen.correlation, "refused": listener.refused}
+        meta["mocap"] = {
+            "offset": seen.offset,
+            "correlation": seen.correlation,
+            "turned": seen.turned,
+            "refused": listener.refused,
+        }
     return Trace(trace.times, channels, trace.units, meta)
 
 

@@ -166,6 +166,7 @@ def test_a_rollout_has_the_channels_that_were_promised(session, first):
 def test_motion_capture_gives_the_true_velocity(first):
     trace = first.trace
     assert trace.meta["mocap"]["correlation"] > 0.8
+    assert abs(trace.meta["mocap"]["turned"]) < 3.0
     seen = np.array([first.true[n] for n in range(len(trace))])
     assert abs((trace["vx"] - seen).mean()) < 0.005
     assert np.abs(trace["vx"] - seen).max() < 0.05

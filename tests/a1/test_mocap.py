@@ -5,19 +5,22 @@ import socket
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
-from s2r_a1.mocap import Listener, MocapError, Placing, Poses, velocity
-from s2r_sim import rotation
+from s2r_a1.mocap import TURNED, Gyro, Listener, MocapError, Placing, Poses, velocity
 
 AHEAD = 812.3456
 """[s] of motion capture's clock."""
 
 
 def swaying(times):
-    """Return yaw [rad] and position (n, 3) [m] of a base that trots at 0.2 m/s and turns to and fro."""
-    yaw = 0.3 + 0.01 * np.sin(2 * np.pi * 2.5 * times) + 0.004 * np.sin(2 * np.pi * 5.0 * times + 1.0)
+    """Return attitude and position (n, 3) [m] of a base that trots at 0.2 m/s and turns to and fro about all axes."""
+    phase = 2 * np.pi * 2.5 * times
+    yaw = 0.3 + 0.01 * np.sin(phase) + 0.004 * np.sin(2 * phase + 1.0)
+    roll, pitch = 0.015 * np.sin(phase + 0.5), 0.01 * np.sin(2 * phase + 2.0)
     way = 0.2 * times
-    return yaw, np.stack([way * np.cos(0.3), way * np.sin(0.3), 0.28 + 0 * times], axis=1)
+    position = np.stack([way * np.cos(0.3), way * np.sin(0.3), 0.28 + 0 * times], axis=1)
+    return Rotation.from_euler("ZYX", np.stack([yaw, pitch, roll], axis=1)), position
 
 
 AT_BASE = Placing()
@@ -26,22 +29,22 @@ AT_BASE = Placing()
 def poses(placing=AT_BASE, noise=0.0, seed=0, late=0.004, missing=()):
     times = np.arange(0.0, 3.0, 0.005)
     times = np.delete(times, [i for i in range(len(times)) if any(a <= times[i] < b for a, b in missing)])
-    yaw, base = swaying(times)
+    attitude, base = swaying(times)
     rng = np.random.default_rng(seed)
-    position, quaternion = [], []
-    for heading, at in zip(yaw, base, strict=True):
-        attitude = rotation.matrix(0.0, 0.0, heading)
-        position.append(at + attitude @ placing.position + noise * rng.normal(size=3))
-        turned = heading + np.radians(placing.heading) + noise * rng.normal()
-        x, y, z, w = rotation.quaternion(0.0, 0.0, turned)
-        quaternion.append((w, x, y, z))
-    return Poses(times - AHEAD, times + late, np.array(position), np.array(quaternion))
+    position = base + attitude.apply(placing.position) + noise * rng.normal(size=base.shape)
+    turned = attitude * Rotation.from_euler("z", placing.heading, degrees=True)
+    turned = turned * Rotation.from_rotvec(noise * rng.normal(size=base.shape))
+    return Poses(times - AHEAD, times + late, position, np.roll(turned.as_quat(), 1, axis=1))
 
 
 def gyro(seed=1):
     times = np.arange(0.0, 3.0, 0.002)
-    yaw, _ = swaying(times)
-    return times, np.gradient(yaw, times) + 0.01 * np.random.default_rng(seed).normal(size=len(times))
+    before, _ = swaying(times - 1e-4)
+    after, _ = swaying(times + 1e-4)
+    rates = (before.inv() * after).as_rotvec() / 2e-4
+    yaw = np.unwrap(swaying(times)[0].as_euler("ZYX")[:, 0])
+    noise = 0.01 * np.random.default_rng(seed).normal(size=(4, len(times)))
+    return Gyro(times, rates + noise[:3].T, np.gradient(yaw, times) + noise[3])
 
 
 WANTED = np.arange(1.0, 2.0, 0.002)
@@ -61,17 +64,34 @@ def test_a_body_beside_the_base_that_looks_elsewhere_tells_the_base_s_velocity()
     seen = velocity(poses(placing, noise=2e-4), placing, gyro(), WANTED)
     assert seen.offset == pytest.approx(AHEAD, abs=0.002)
     np.testing.assert_allclose(seen.forward.mean(), 0.2, atol=2e-3)
-    wrong = velocity(poses(placing), Placing(), gyro(), WANTED)
-    assert abs(wrong.left.mean()) > 0.1
+    assert abs(seen.turned) < 2.0
+
+
+@pytest.mark.parametrize("off", [-170.0, -90.0, -12.0, 12.0, 90.0, 180.0])
+def test_a_heading_that_is_wrong_is_refused_with_the_right_one(off):
+    placing = Placing((0.15, -0.08, 0.05), 70.0)
+    with pytest.raises(MocapError, match=r"write heading=(7[01]|69)\b"):
+        velocity(poses(placing, noise=2e-4), Placing(placing.position, 70.0 + off), gyro(), WANTED)
+
+
+def test_a_heading_that_is_wrong_by_little_is_kept_and_its_error_said():
+    seen = velocity(poses(Placing(heading=5.0), noise=2e-4), Placing(), gyro(), WANTED)
+    assert 3.0 < seen.turned < 7.0 < TURNED
+
+
+def test_a_body_that_does_not_tilt_as_the_robot_does_is_refused():
+    level = gyro()._replace(rates=np.random.default_rng(3).normal(size=gyro().rates.shape))
+    with pytest.raises(MocapError, match="roll and pitch"):
+        velocity(poses(), Placing(), level, WANTED)
 
 
 def test_poses_of_something_else_are_refused():
-    times, rate = gyro()
+    other = gyro()._replace(yaw=np.random.default_rng(0).normal(size=len(gyro().times)))
     with pytest.raises(MocapError, match="does not follow"):
-        velocity(poses(), Placing(), (times, np.random.default_rng(0).normal(size=len(times))), WANTED)
+        velocity(poses(), Placing(), other, WANTED)
     still = poses()._replace(quaternion=np.tile([1.0, 0.0, 0.0, 0.0], (600, 1)))
     with pytest.raises(MocapError, match="does not follow"):
-        velocity(still, Placing(), (times, rate), WANTED)
+        velocity(still, Placing(), gyro(), WANTED)
 
 
 def test_poses_that_do_not_cover_the_test_are_refused():
