@@ -12,9 +12,9 @@ the next rollout is announced, the journal. A robot that fell over when its guar
 back, under a new guard, as an operator would. With ``--keep`` what was found is kept in a file, and an earlier run's
 cycles are not run again.
 
-In lock step no silence is timed, so that a dead worker is known by the end of its connection alone, which takes the
-system longer the more memory it held; in real time 20 ms of silence come first (`a1_faults.py`). A search that is
-killed leaves its worker a second to end by itself, which is killed then; meanwhile the robot may walk on.
+In lock step no silence is timed, so that a dead program is known by the end of its connection alone, which takes the
+system longer the more memory it held; in real time 20 ms of a worker's silence come first (`a1_faults.py`). A search
+that is killed leaves the robot without an operator, which damps it.
 """
 
 from __future__ import annotations
@@ -67,6 +67,7 @@ PATIENCE = 180.0
 TRIES = 4
 COMPLETED = 4  # every so many cycles
 VICTIMS = ("worker", "guard", "search")
+WORDS = {"worker": "client", "search": "operator"}  # of the guard, once they are gone
 
 
 class Watched(Twin):
@@ -127,7 +128,7 @@ class Kill:
         damped: time to the first packet that damps [ms]; None for a guard, after which there is none.
         seen: whether the robot saw what it should: only damping, or after a guard's end nothing, until a new consent.
         unlocked: whether the guard's lock was free, or held by a guard that lives.
-        guard: whether the guard was damping for the client's end, or had laid the robot down after the test.
+        guard: whether the guard was damping for the victim's end, or had laid the robot down after the test.
         kept: whether all earlier lines of the journal are there byte for byte.
         void: whether the rollout is void, or, where t = 0 had not passed, void or no rollout.
         recorded: the word of the void rollout, or "no rollout".
@@ -208,7 +209,7 @@ class Lab:
         """Return all rollouts that were announced."""
         lines = [json.loads(line) for line in self.lines().splitlines()]
         return [
-            Begun(**{name: line[name] for name in Begun.__annotations__})
+            Begun(**{name: line[name] for name in Begun.__annotations__ if name in line})
             for line in lines
             if line.get("kind") == "begun"
         ]
@@ -270,7 +271,7 @@ class Lab:
             victim=victim,
             begun=passed > 0,
             unlocked=unlocked,
-            guard=victim == "guard" or word == "client" or (victim == "search" and state == "RESTING"),
+            guard=victim == "guard" or word == WORDS[victim] or (victim == "search" and state == "RESTING"),
             kept=self.lines().startswith(found["lines"]),
             same=(asked.key, asked.params, asked.seed) == (begun.key, begun.params, begun.seed),
             resumed=resumed,
@@ -366,7 +367,7 @@ def table(kills: list[Kill]) -> list[str]:
 COUNTED = ("begun", "seen", "unlocked", "guard", "kept", "void", "same", "resumed")
 LEGEND = """\
   damped: the robot saw only damping packets from then on, or after a guard's end none, until a new consent;
-  lock: free, or of a living guard; guard: in DAMPING by its client's end, or RESTING after the test's;
+  lock: free, or of a living guard; guard: in DAMPING by its client's or operator's end, or RESTING after the test's;
   kept: all earlier lines of the journal, byte for byte; void: the broken rollout is, or there is none before t = 0;
   same: the next test asked has the same key, parameters and seed; packets: most that moved the robot after a kill;
   ms: to the first damping packet, in lock step on this machine"""
