@@ -163,8 +163,8 @@ def step_of_the_a1() -> float:
     import mujoco
 
     from s2r_sim import mujoco_model
-    from s2r_sim.figures import A1 as ROBOT
     from s2r_sim.physics import Physics
+    from s2r_sim.robot.figures import A1 as ROBOT
 
     model = mujoco_model.build(ROBOT, Physics())
     data = mujoco.MjData(model)

@@ -33,8 +33,8 @@ from s2r_sim.base_task import Reference
 from s2r_sim.controller import Controller, Memory
 from s2r_sim.gains import RATE
 from s2r_sim.noise import Noise, draw
-from s2r_sim.physics import Command, MotorCommand, State
 from s2r_sim.plant import Plant, Saved
+from s2r_sim.robot.signals import Command, MotorCommand, State
 from s2r_sim.sensors import Sensors
 from s2r_sim.settings import Settings
 from s2r_spec.trace import Trace

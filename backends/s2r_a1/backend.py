@@ -9,7 +9,7 @@ from functools import cache
 from importlib.metadata import version
 from importlib.util import find_spec
 from math import ceil
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, ClassVar, Self
 
 from s2r_a1.channels import channels
@@ -28,31 +28,31 @@ if TYPE_CHECKING:
 
 _MODULES = ("numba", "pinocchio", "piqp")
 _DISTRIBUTIONS = ("numba", "numpy", "pin", "piqp")
-_CONTROLLERS = (
-    *(
-        "base_task",
-        "channels",
-        "controller",
-        "dynamics",
-        "estimator",
-        "figures",
-        "foot_jacobian",
-        "foot_task",
-    ),
-    *(
-        "gains",
-        "gait",
-        "leg_kinematics",
-        "noise",
-        "physics",
-        "pinocchio_model",
-        "qp",
-        "recorder",
-        "reduction",
-    ),
-    *("rollout", "rotation", "settings", "stance_qp"),
+_CONTROLLERS = frozenset(
+    {
+        *(
+            "robot",
+            "base_task.py",
+            "channels.py",
+            "controller.py",
+            "dynamics.py",
+            "estimator.py",
+            "foot_jacobian.py",
+        ),
+        *(
+            "foot_task.py",
+            "gains.py",
+            "gait.py",
+            "noise.py",
+            "physics.py",
+            "qp.py",
+            "recorder.py",
+            "reduction.py",
+        ),
+        *("rollout.py", "settings.py", "stance_qp.py"),
+    }
 )
-"""A definition: modules of the simulator that decide what the robot does, or what a trace says of it."""
+"""A definition: rooms and modules of the simulator that decide what the robot does, or what a trace says of it."""
 _ONLOOKERS = frozenset({"twin", "attendance.py", "vendor.py"})
 """A definition: files and folders of this package that decide neither."""
 
@@ -203,6 +203,14 @@ def _digest(measured: str) -> str:
         digest.update(f" {distribution} {version(distribution)}".encode())
     here, simulator = Path(__file__).parent, Path(s2r_sim.__file__).parent
     own = [path for path in sorted(here.rglob("*.py")) if path.relative_to(here).parts[0] not in _ONLOOKERS]
-    for path in (*own, *(simulator / f"{name}.py" for name in _CONTROLLERS)):
+    theirs = [
+        path for path in sorted(simulator.rglob("*.py")) if _within(path.relative_to(simulator), _CONTROLLERS)
+    ]
+    for path in (*own, *theirs):
         digest.update(path.read_bytes())
     return digest.hexdigest()
+
+
+def _within(path: PurePath, places: frozenset[str]) -> bool:
+    """Return whether a path is one of these files, or lies in one of these folders."""
+    return any(place.as_posix() in places for place in (path, *path.parents))

@@ -30,8 +30,8 @@ from s2r_a1.schedule import Schedule
 from s2r_a1.ticks import elapsed
 from s2r_a1.wire import LAYOUTS, Layout, Orders, Reading, WireError, unpack, unpack_orders
 from s2r_sim.gains import RATE
-from s2r_sim.physics import Command
 from s2r_sim.recorder import Recorder
+from s2r_sim.robot.signals import Command
 from s2r_sim.settings import Settings
 from s2r_spec.errors import TraceError
 from s2r_spec.trace import Trace

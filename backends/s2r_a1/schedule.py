@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from s2r_sim.gains import RATE, Gains
 from s2r_sim.gait import Gait
 from s2r_sim.noise import Noise, draw
-from s2r_sim.physics import Command
+from s2r_sim.robot.signals import Command
 
 TROT = 600
 """A budget [ticks]: the least that the robot trots in place before a test, 1.2 s, as long as it does in the simulator.

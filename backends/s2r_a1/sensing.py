@@ -16,11 +16,11 @@ from s2r_a1.ticks import SECONDS, TickUnit, elapsed
 from s2r_a1.wire import Reading
 from s2r_sim import estimator
 from s2r_sim.estimator import Estimate
-from s2r_sim.figures import Robot
 from s2r_sim.gains import RATE
-from s2r_sim.physics import State
 from s2r_sim.qp import Stance
-from s2r_sim.rotation import rpy_from_wxyz
+from s2r_sim.robot.figures import Robot
+from s2r_sim.robot.rotation import rpy_from_wxyz
+from s2r_sim.robot.signals import State
 
 
 class Sensed(NamedTuple):

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_sim.gains import RATE
-from s2r_sim.physics import Command, State
+from s2r_sim.robot.signals import Command, State
 from s2r_spec.compiled import compiled
 
 FloatArray = NDArray[np.float64]

@@ -6,11 +6,11 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from s2r_sim import pinocchio_model
-from s2r_sim.figures import LEGS, Robot
 from s2r_sim.foot_jacobian import at_feet
-from s2r_sim.physics import State
-from s2r_sim.rotation import to_pinocchio
+from s2r_sim.robot import pinocchio_model
+from s2r_sim.robot.figures import LEGS, Robot
+from s2r_sim.robot.rotation import to_pinocchio
+from s2r_sim.robot.signals import State
 
 FloatArray = NDArray[np.float64]
 

@@ -16,11 +16,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_sim.figures import GRAVITY, LEGS, Robot
 from s2r_sim.gains import RATE
-from s2r_sim.leg_kinematics import foot_motion
-from s2r_sim.physics import State
-from s2r_sim.rotation import turned, turned_back
+from s2r_sim.robot.figures import GRAVITY, LEGS, Robot
+from s2r_sim.robot.leg_kinematics import foot_motion
+from s2r_sim.robot.rotation import turned, turned_back
+from s2r_sim.robot.signals import State
 
 FloatArray = NDArray[np.float64]
 Vector = tuple[float, float, float]

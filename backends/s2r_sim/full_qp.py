@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_sim.dynamics import RigidBody
-from s2r_sim.figures import GRAVITY, Robot
 from s2r_sim.gains import Gains
 from s2r_sim.qp import Solution, Solver, Task, pyramid
+from s2r_sim.robot.figures import GRAVITY, Robot
 
 FloatArray = NDArray[np.float64]
 

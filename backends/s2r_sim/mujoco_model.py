@@ -8,8 +8,8 @@ from typing import Any
 import mujoco
 
 from s2r_sim import terrain
-from s2r_sim.figures import LEGS, Inertia, Leg, Robot
 from s2r_sim.physics import Physics
+from s2r_sim.robot.figures import LEGS, Inertia, Leg, Robot
 
 FLOOR = "floor"
 GROUNDS = tuple(f"{leg.name}_ground" for leg in LEGS)

@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
-from s2r_sim.physics import Command, Physics
+from s2r_sim.physics import Physics
+from s2r_sim.robot.signals import Command
 from s2r_spec import backend
 from s2r_spec.backend import Parameter
 

@@ -19,9 +19,10 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_sim import mujoco_model, rotation
-from s2r_sim.figures import LEGS
+from s2r_sim import mujoco_model
 from s2r_sim.gains import RATE
+from s2r_sim.robot import rotation
+from s2r_sim.robot.figures import LEGS
 from s2r_sim.settings import Settings
 from s2r_spec.errors import UsageError, one_of
 from s2r_spec.trace import Trace

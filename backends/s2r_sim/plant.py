@@ -9,11 +9,13 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_sim import mujoco_model, rotation, terrain
-from s2r_sim.figures import LEGS, Robot
+from s2r_sim import mujoco_model, terrain
 from s2r_sim.gains import RATE
 from s2r_sim.motors import Motors, MotorState
-from s2r_sim.physics import FallLimits, MotorCommand, Physics, State
+from s2r_sim.physics import FallLimits, Physics
+from s2r_sim.robot import rotation
+from s2r_sim.robot.figures import LEGS, Robot
+from s2r_sim.robot.signals import MotorCommand, State
 
 FloatArray = NDArray[np.float64]
 

@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 from s2r_sim import terrain
 from s2r_sim.channels import TRUE_CHANNELS
 from s2r_sim.controller import Tick
-from s2r_sim.figures import LEGS
-from s2r_sim.leg_kinematics import foot_motion
-from s2r_sim.physics import Command, State
-from s2r_sim.rotation import turned
+from s2r_sim.robot.figures import LEGS
+from s2r_sim.robot.leg_kinematics import foot_motion
+from s2r_sim.robot.rotation import turned
+from s2r_sim.robot.signals import Command, State
 from s2r_sim.settings import Settings
 
 FloatArray = NDArray[np.float64]

@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from s2r_sim.controller import Controller, Memory
 from s2r_sim.gains import RATE
 from s2r_sim.gait import Gait
-from s2r_sim.leg_kinematics import standing
 from s2r_sim.noise import Noise, draw
 from s2r_sim.parameters import Test
-from s2r_sim.physics import Command, State
 from s2r_sim.plant import Plant, Saved
 from s2r_sim.recorder import Recorder
+from s2r_sim.robot.leg_kinematics import standing
+from s2r_sim.robot.signals import Command, State
 from s2r_sim.sensors import SensorMemory, Sensors
 from s2r_sim.settings import Settings
 

@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 
 from s2r_sim import estimator
 from s2r_sim.estimator import Estimate
-from s2r_sim.figures import Robot
 from s2r_sim.noise import Draws
-from s2r_sim.physics import Physics, State
+from s2r_sim.physics import Physics
 from s2r_sim.qp import Stance
+from s2r_sim.robot.figures import Robot
+from s2r_sim.robot.signals import State
 from s2r_sim.settings import Feedback
 
 FloatArray = NDArray[np.float64]

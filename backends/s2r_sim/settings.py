@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Literal
 
-from s2r_sim.figures import A1, Robot
 from s2r_sim.gains import Gains
 from s2r_sim.physics import FallLimits, Physics
+from s2r_sim.robot.figures import A1, Robot
 
 Form = Literal["condensed", "full"]
 Feedback = Literal["truth", "estimate"]

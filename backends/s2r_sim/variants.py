@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from dataclasses import fields, replace
 
-from s2r_sim.figures import Inertia, Robot
 from s2r_sim.noise import Noise
+from s2r_sim.robot.figures import Inertia, Robot
 from s2r_sim.settings import Settings
 
 MASS_ERROR = 0.015

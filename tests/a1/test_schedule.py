@@ -6,7 +6,7 @@ from s2r_a1.schedule import Schedule
 from s2r_sim.gains import RATE, Gains
 from s2r_sim.gait import Gait
 from s2r_sim.noise import Noise, draw
-from s2r_sim.physics import Command
+from s2r_sim.robot.signals import Command
 
 PERIOD = Gait.of(Gains()).period
 

@@ -22,10 +22,11 @@ from s2r_a1.wire import (
     unpack,
     unpack_orders,
 )
-from s2r_sim.figures import A1 as ROBOT
-from s2r_sim.physics import MotorCommand, Physics
+from s2r_sim.physics import Physics
 from s2r_sim.plant import Plant
-from s2r_sim.rotation import quaternion
+from s2r_sim.robot.figures import A1 as ROBOT
+from s2r_sim.robot.rotation import quaternion
+from s2r_sim.robot.signals import MotorCommand
 from s2r_spec.errors import UsageError
 from tests.a1.steering import LIMP, ZERO, steer, twin
 

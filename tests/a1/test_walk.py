@@ -13,7 +13,7 @@ from s2r_a1.walk import SETTLING, Change, walk
 from s2r_a1.wire import A1, Orders, pack, pack_reading, unpack, unpack_orders
 from s2r_sim.controller import Controller, Memory
 from s2r_sim.gains import RATE
-from s2r_sim.physics import Command, MotorCommand
+from s2r_sim.robot.signals import Command, MotorCommand
 from s2r_sim.sensors import Sensors
 from s2r_sim.settings import Settings
 from s2r_spec.errors import BackendError, NotBegunError, TraceError

@@ -29,9 +29,9 @@ SHARED = {
     "s2r_sim.base_task",
     "s2r_sim.controller",
     "s2r_sim.estimator",
-    "s2r_sim.figures",
+    "s2r_sim.robot.figures",
     "s2r_sim.gains",
-    "s2r_sim.physics",
+    "s2r_sim.robot.signals",
 }
 
 
@@ -56,7 +56,6 @@ def test_the_generator_takes_nothing_of_the_simulator_but_the_system_under_test(
             "s2r_spec.trace",
         }, path
         if path.name == "robot.py":
-            assert modules["s2r_sim.physics"] == {"State"}
             assert modules["s2r_sim.estimator"] == {"replay"}
 
 

@@ -5,10 +5,12 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from s2r_sim import mujoco_model, pinocchio_model, rotation
+from s2r_sim import mujoco_model
 from s2r_sim.dynamics import RigidBody
-from s2r_sim.figures import A1, LEGS
-from s2r_sim.physics import Physics, State
+from s2r_sim.physics import Physics
+from s2r_sim.robot import pinocchio_model, rotation
+from s2r_sim.robot.figures import A1, LEGS
+from s2r_sim.robot.signals import State
 
 
 @pytest.fixture(scope="module")

@@ -6,10 +6,11 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from s2r_sim import SimBackend, estimator, pinocchio_model, rotation
-from s2r_sim.figures import A1, LEGS
-from s2r_sim.leg_kinematics import foot_motion
-from s2r_sim.physics import State
+from s2r_sim import SimBackend, estimator
+from s2r_sim.robot import pinocchio_model, rotation
+from s2r_sim.robot.figures import A1, LEGS
+from s2r_sim.robot.leg_kinematics import foot_motion
+from s2r_sim.robot.signals import State
 
 MODEL = pinocchio_model.build(A1)
 

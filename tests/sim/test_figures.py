@@ -6,8 +6,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from s2r_sim import pinocchio_model
-from s2r_sim.figures import A1, JOINTS, LEGS
+from s2r_sim.robot import pinocchio_model
+from s2r_sim.robot.figures import A1, JOINTS, LEGS
 
 pytestmark = pytest.mark.dev
 

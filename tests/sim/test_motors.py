@@ -5,10 +5,11 @@ import numpy as np
 import pytest
 
 from s2r_sim import terrain
-from s2r_sim.figures import A1
 from s2r_sim.motors import Law
-from s2r_sim.physics import MotorCommand, Physics
+from s2r_sim.physics import Physics
 from s2r_sim.plant import Plant
+from s2r_sim.robot.figures import A1
+from s2r_sim.robot.signals import MotorCommand
 
 NONE = np.zeros(12)
 

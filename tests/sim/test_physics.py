@@ -6,9 +6,10 @@ import mujoco
 import numpy as np
 import pytest
 
-from s2r_sim.figures import A1, GRAVITY
-from s2r_sim.physics import MotorCommand, Physics
+from s2r_sim.physics import Physics
 from s2r_sim.plant import Plant
+from s2r_sim.robot.figures import A1, GRAVITY
+from s2r_sim.robot.signals import MotorCommand
 
 FREE = Physics(timestep=0.0002, armature=0.0, damping=0.0, dry_friction=0.0)
 NONE = np.zeros(12)

@@ -14,7 +14,6 @@ import s2r_sim
 from s2r_sim import SimBackend, mujoco_model
 from s2r_sim.backend import _ONLOOKERS
 from s2r_sim.effects.choice import world
-from s2r_sim.figures import LEGS
 from s2r_sim.parameters import read_test
 from s2r_sim.physics import Physics
 from s2r_sim.residuals import RESIDUALS, WINDOW, residuals
@@ -22,6 +21,7 @@ from s2r_sim.residuals.footing import footing
 from s2r_sim.residuals.motion import hann, recorded
 from s2r_sim.residuals.world import Motion
 from s2r_sim.residuals.yielding import yielding
+from s2r_sim.robot.figures import LEGS
 from s2r_spec.backend import HasResiduals
 from s2r_spec.errors import TraceError
 from s2r_spec.trace import Trace

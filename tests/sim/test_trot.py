@@ -7,10 +7,10 @@ import pytest
 
 from s2r_sim import SimBackend
 from s2r_sim.controller import Controller, Memory
-from s2r_sim.figures import A1
 from s2r_sim.gains import Gains
 from s2r_sim.noise import Noise
-from s2r_sim.physics import Command, State
+from s2r_sim.robot.figures import A1
+from s2r_sim.robot.signals import Command, State
 from s2r_sim.settings import Settings
 
 QUIET = SimBackend(noise=Noise.off())

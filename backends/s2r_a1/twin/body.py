@@ -12,12 +12,14 @@ from numpy.typing import NDArray
 from s2r_a1.twin.heating import AMBIENT, warmed
 from s2r_a1.twin.lying import lying
 from s2r_a1.wire import MOTORS, Orders
-from s2r_sim import estimator, rotation
-from s2r_sim.figures import A1
+from s2r_sim import estimator
 from s2r_sim.gains import RATE
 from s2r_sim.noise import Noise, accelerometer_errors, sensor_errors
-from s2r_sim.physics import MotorCommand, Physics, State
+from s2r_sim.physics import Physics
 from s2r_sim.plant import Plant, Saved
+from s2r_sim.robot import rotation
+from s2r_sim.robot.figures import A1
+from s2r_sim.robot.signals import MotorCommand, State
 from s2r_sim.sensors import Sensors
 
 FloatArray = NDArray[np.float64]

@@ -8,10 +8,11 @@ from math import inf, radians
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_sim.figures import A1, LEGS
 from s2r_sim.gains import RATE
-from s2r_sim.physics import MotorCommand, Physics
+from s2r_sim.physics import Physics
 from s2r_sim.plant import Plant, Saved
+from s2r_sim.robot.figures import A1, LEGS
+from s2r_sim.robot.signals import MotorCommand
 
 FloatArray = NDArray[np.float64]
 

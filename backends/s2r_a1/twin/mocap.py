@@ -11,9 +11,9 @@ import json
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_sim import rotation
 from s2r_sim.gains import RATE
-from s2r_sim.physics import State
+from s2r_sim.robot import rotation
+from s2r_sim.robot.signals import State
 
 FloatArray = NDArray[np.float64]
 

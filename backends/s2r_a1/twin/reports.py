@@ -10,7 +10,7 @@ from s2r_a1 import remote
 from s2r_a1.ticks import SECONDS, TickUnit
 from s2r_a1.twin.injects import REMOTE_OFF, Inject, Injects, acting
 from s2r_a1.wire import Layout, Reading, checksum, pack_reading
-from s2r_sim import rotation
+from s2r_sim.robot import rotation
 
 
 def tick(round_: int, start: int, unit: TickUnit, injects: Injects) -> int:

@@ -16,10 +16,10 @@ import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from s2r_sim import pinocchio_model
-from s2r_sim.figures import GRAVITY, LEGS, Inertia, Robot
-from s2r_sim.leg_kinematics import foot_motion
 from s2r_sim.residuals.footing import Footing, footing
+from s2r_sim.robot import pinocchio_model
+from s2r_sim.robot.figures import GRAVITY, LEGS, Inertia, Robot
+from s2r_sim.robot.leg_kinematics import foot_motion
 from s2r_spec.trace import Trace
 
 FloatArray = NDArray[np.float64]

@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 from scipy.ndimage import convolve1d
 
 from s2r_sim.estimator import BLEND
-from s2r_sim.figures import GRAVITY, Robot
 from s2r_sim.gains import Gains
 from s2r_sim.parameters import Test
 from s2r_sim.physics import Physics
 from s2r_sim.residuals.motion import Ground, Recorded, corrected, ground, hann
 from s2r_sim.residuals.play import crossed
 from s2r_sim.residuals.yielding import Yielding, yielding
-from s2r_sim.rotation import turned, turned_back
+from s2r_sim.robot.figures import GRAVITY, Robot
+from s2r_sim.robot.rotation import turned, turned_back
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_sim import mujoco_model
-from s2r_sim.figures import LEGS, Robot
 from s2r_sim.physics import Physics
+from s2r_sim.robot.figures import LEGS, Robot
 
 FloatArray = NDArray[np.float64]
 

@@ -10,12 +10,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_sim.base_task import Command
 from s2r_sim.controller import Controller, Memory
 from s2r_sim.estimator import replay
-from s2r_sim.figures import A1, LEGS
 from s2r_sim.gains import Gains
-from s2r_sim.physics import State
+from s2r_sim.robot.figures import A1, LEGS
+from s2r_sim.robot.signals import Command, State
 
 FloatArray = NDArray[np.float64]
 

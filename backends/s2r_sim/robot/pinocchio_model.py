@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from s2r_sim.figures import LEGS, Inertia, Robot
+from s2r_sim.robot.figures import LEGS, Inertia, Robot
 
 FEET = tuple(f"{leg.name}_foot" for leg in LEGS)
 
