@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 
 from s2r_sim import SimBackend
+from s2r_sim.controller.gains import RATE
 from s2r_sim.effects import CATALOGUE
-from s2r_sim.gains import RATE
 from s2r_spec.trace import Trace
 
 sys.path.insert(0, str(Path(__file__).parent))

@@ -21,7 +21,7 @@ from s2r_a1.guard import leg, moves, states
 from s2r_a1.guard import limits as limit
 from s2r_a1.guard.limits import LIMITS, MS, ROBOT_WORDS, SECOND, Figure, Limits
 from s2r_a1.guard.states import ROWS, State
-from s2r_sim.gains import RATE
+from s2r_sim.controller.gains import RATE
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 PAGES = (DOCS / "how-to" / "hardware.md", DOCS / "reference" / "a1-robot.md")

@@ -26,7 +26,7 @@ from s2r_a1.ticks import PERIOD, Counters, TickUnit
 from s2r_a1.twin import Twin
 from s2r_a1.walk import Change, walk
 from s2r_a1.wire import A1, Orders, Reading, pack, unpack_orders
-from s2r_sim.gains import RATE
+from s2r_sim.controller.gains import RATE
 from s2r_sim.robot.signals import Command
 from s2r_spec.errors import BackendError
 from s2r_spec.trace import Trace

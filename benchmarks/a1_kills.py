@@ -40,7 +40,7 @@ from s2r_a1.guard.start import attach
 from s2r_a1.schedule import Schedule
 from s2r_a1.twin import Twin, TwinSettings
 from s2r_a1.wire import A1, WireError, unpack_orders
-from s2r_sim.gains import Gains
+from s2r_sim.controller.gains import Gains
 from s2r_sim.robot.signals import Command
 from s2r_spec.rollouts.attempts import KILLED, Begun
 from s2r_spec.rollouts.journal import FILE, Journal

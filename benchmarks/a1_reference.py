@@ -13,8 +13,8 @@ import numpy as np
 
 from s2r_sim import SimBackend
 from s2r_sim.channels import CHANNELS, FROM_OUTSIDE, TRUE_CHANNELS
+from s2r_sim.controller.gains import RATE
 from s2r_sim.effects import CATALOGUE
-from s2r_sim.gains import RATE
 from s2r_sim.noise import Noise
 from s2r_sim.physics import Physics
 from s2r_sim.residuals import RESIDUALS

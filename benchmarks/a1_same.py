@@ -29,9 +29,9 @@ from s2r_a1.pilot import Pilot, orders
 from s2r_a1.schedule import Schedule
 from s2r_a1.twin import Twin, TwinSettings
 from s2r_a1.wire import A1, Orders, pack, unpack, unpack_orders
-from s2r_sim.base_task import Reference
-from s2r_sim.controller import Controller, Memory
-from s2r_sim.gains import RATE
+from s2r_sim.controller.base_task import Reference
+from s2r_sim.controller.gains import RATE
+from s2r_sim.controller.trot import Controller, Memory
 from s2r_sim.noise import Noise, draw
 from s2r_sim.plant import Plant, Saved
 from s2r_sim.robot.signals import Command, MotorCommand, State

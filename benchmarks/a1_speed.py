@@ -27,19 +27,19 @@ from typing import Any
 import worker
 
 from s2r_sim import SimBackend
-from s2r_sim.gains import RATE
+from s2r_sim.controller.gains import RATE
 from s2r_sim.settings import Settings
 
 REPEATS = 7
 
 PARTS = {
-    "rigid-body dynamics (Pinocchio)": ("s2r_sim.dynamics", "RigidBody.update"),
-    "foot tasks": ("s2r_sim.controller", "foot_task"),
-    "base task": ("s2r_sim.controller", "base_task"),
-    "joint space": ("s2r_sim.controller", "in_joint_space"),
-    "condense the QP": ("s2r_sim.stance_qp", "StanceQP.solve"),
-    "solve the QP (PIQP)": ("s2r_sim.qp", "Solver.solve"),
-    "rest of the controller": ("s2r_sim.controller", "Controller.tick"),
+    "rigid-body dynamics (Pinocchio)": ("s2r_sim.controller.dynamics", "RigidBody.update"),
+    "foot tasks": ("s2r_sim.controller.trot", "foot_task"),
+    "base task": ("s2r_sim.controller.trot", "base_task"),
+    "joint space": ("s2r_sim.controller.trot", "in_joint_space"),
+    "condense the QP": ("s2r_sim.controller.stance_qp", "StanceQP.solve"),
+    "solve the QP (PIQP)": ("s2r_sim.controller.qp", "Solver.solve"),
+    "rest of the controller": ("s2r_sim.controller.trot", "Controller.tick"),
     "physics, 2 steps (MuJoCo)": ("s2r_sim.plant", "Plant.step"),
     "true state": ("s2r_sim.plant", "Plant.truth"),
     "sensors": ("s2r_sim.sensors", "Sensors.read"),

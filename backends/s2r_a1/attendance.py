@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 from s2r_a1.guard.control import Connection, ControlError
 from s2r_a1.guard.start import start
 from s2r_a1.schedule import RAMP
-from s2r_sim.gains import RATE
+from s2r_sim.controller.gains import RATE
 from s2r_spec.backend import Coming, Operator
 from s2r_spec.errors import BackendError, NotBegunError
 from s2r_spec.trace import Trace

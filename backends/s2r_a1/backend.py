@@ -17,7 +17,7 @@ from s2r_a1.guard.place import Robot
 from s2r_a1.mocap import Placing, read_placing
 from s2r_a1.options import EXAMPLE, OFFERED, Options, read_options, write_options
 from s2r_sim import parameters
-from s2r_sim.gains import RATE
+from s2r_sim.controller.gains import RATE
 from s2r_sim.settings import Settings
 from s2r_spec.backend import Channel, Operator, Option, Parameter, read_test
 from s2r_spec.errors import MissingPackageError
@@ -30,26 +30,14 @@ _MODULES = ("numba", "pinocchio", "piqp")
 _DISTRIBUTIONS = ("numba", "numpy", "pin", "piqp")
 _CONTROLLERS = frozenset(
     {
-        *(
-            "robot",
-            "base_task.py",
-            "channels.py",
-            "controller.py",
-            "dynamics.py",
-            "estimator.py",
-            "foot_jacobian.py",
-        ),
-        *(
-            "foot_task.py",
-            "gains.py",
-            "gait.py",
-            "noise.py",
-            "physics.py",
-            "qp.py",
-            "recorder.py",
-            "reduction.py",
-        ),
-        *("rollout.py", "settings.py", "stance_qp.py"),
+        "robot",
+        "controller",
+        "channels.py",
+        "noise.py",
+        "physics.py",
+        "recorder.py",
+        "rollout.py",
+        "settings.py",
     }
 )
 """A definition: rooms and modules of the simulator that decide what the robot does, or what a trace says of it."""

@@ -13,8 +13,8 @@ from s2r_a1.schedule import Schedule
 from s2r_a1.sensing import Sensed, control_ticks, sense
 from s2r_a1.ticks import SECONDS, TickUnit
 from s2r_a1.wire import A1, CLOSED_LOOP, MOTORS, Orders, Reading, pack, pack_reading, unpack
-from s2r_sim.controller import Controller, Memory, Tick
-from s2r_sim.gains import RATE
+from s2r_sim.controller.gains import RATE
+from s2r_sim.controller.trot import Controller, Memory, Tick
 from s2r_sim.robot.leg_kinematics import standing
 from s2r_sim.robot.signals import Command, State
 from s2r_sim.settings import Settings

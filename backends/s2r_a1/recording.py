@@ -29,7 +29,7 @@ from s2r_a1.rawlog import RawLog
 from s2r_a1.schedule import Schedule
 from s2r_a1.ticks import elapsed
 from s2r_a1.wire import LAYOUTS, Layout, Orders, Reading, WireError, unpack, unpack_orders
-from s2r_sim.gains import RATE
+from s2r_sim.controller.gains import RATE
 from s2r_sim.recorder import Recorder
 from s2r_sim.robot.signals import Command
 from s2r_sim.settings import Settings

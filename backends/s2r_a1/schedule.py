@@ -12,8 +12,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from s2r_sim.gains import RATE, Gains
-from s2r_sim.gait import Gait
+from s2r_sim.controller.gains import RATE, Gains
+from s2r_sim.controller.gait import Gait
 from s2r_sim.noise import Noise, draw
 from s2r_sim.robot.signals import Command
 

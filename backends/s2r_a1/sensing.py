@@ -1,8 +1,8 @@
 """Turns what the robot reports into the state that the simulator's controller takes.
 
 Attitude, rates and joints are read. Position and velocity are not measured by an A1: they are the estimate of
-:mod:`s2r_sim.estimator`, from leg odometry, gyroscope and accelerometer. The heading counts from where the robot
-looked at the first reading, so that it starts ahead, as it does in the simulator.
+:mod:`s2r_sim.controller.estimator`, from leg odometry, gyroscope and accelerometer. The heading counts from where
+the robot looked at the first reading, so that it starts ahead, as it does in the simulator.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ import numpy as np
 
 from s2r_a1.ticks import SECONDS, TickUnit, elapsed
 from s2r_a1.wire import Reading
-from s2r_sim import estimator
-from s2r_sim.estimator import Estimate
-from s2r_sim.gains import RATE
-from s2r_sim.qp import Stance
+from s2r_sim.controller import estimator
+from s2r_sim.controller.estimator import Estimate
+from s2r_sim.controller.gains import RATE
+from s2r_sim.controller.qp import Stance
 from s2r_sim.robot.figures import Robot
 from s2r_sim.robot.rotation import rpy_from_wxyz
 from s2r_sim.robot.signals import State

@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any, get_args
 
+from s2r_sim.controller.gains import Feedback, Form
 from s2r_sim.effects.choice import Choice, choose
-from s2r_sim.settings import Feedback, Form, Record, Settings
+from s2r_sim.settings import Record, Settings
 from s2r_spec.errors import UsageError, did_you_mean, one_of
 
 _OPTIONS: dict[str, tuple[str, ...]] = {

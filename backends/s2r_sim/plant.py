@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_sim import mujoco_model, terrain
-from s2r_sim.gains import RATE
+from s2r_sim.controller.gains import RATE
 from s2r_sim.motors import Motors, MotorState
 from s2r_sim.physics import FallLimits, Physics
 from s2r_sim.robot import rotation

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from s2r_sim import terrain
 from s2r_sim.channels import TRUE_CHANNELS
-from s2r_sim.controller import Tick
+from s2r_sim.controller.trot import Tick
 from s2r_sim.robot.figures import LEGS
 from s2r_sim.robot.leg_kinematics import foot_motion
 from s2r_sim.robot.rotation import turned

@@ -10,9 +10,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_sim.controller import Controller, Memory
-from s2r_sim.gains import RATE
-from s2r_sim.gait import Gait
+from s2r_sim.controller.gains import RATE
+from s2r_sim.controller.gait import Gait
+from s2r_sim.controller.trot import Controller, Memory
 from s2r_sim.noise import Noise, draw
 from s2r_sim.parameters import Test
 from s2r_sim.plant import Plant, Saved

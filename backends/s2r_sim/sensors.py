@@ -9,14 +9,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_sim import estimator
-from s2r_sim.estimator import Estimate
+from s2r_sim.controller import estimator
+from s2r_sim.controller.estimator import Estimate
+from s2r_sim.controller.gains import Feedback
+from s2r_sim.controller.qp import Stance
 from s2r_sim.noise import Draws
 from s2r_sim.physics import Physics
-from s2r_sim.qp import Stance
 from s2r_sim.robot.figures import Robot
 from s2r_sim.robot.signals import State
-from s2r_sim.settings import Feedback
 
 FloatArray = NDArray[np.float64]
 

@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Literal
 
-from s2r_sim.gains import Gains
+from s2r_sim.controller.gains import Feedback, Form, Gains
 from s2r_sim.physics import FallLimits, Physics
 from s2r_sim.robot.figures import A1, Robot
 
-Form = Literal["condensed", "full"]
-Feedback = Literal["truth", "estimate"]
 Record = Literal["measured", "truth"]
 
 

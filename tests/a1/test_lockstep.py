@@ -21,8 +21,8 @@ from s2r_a1.schedule import Schedule
 from s2r_a1.twin import TwinSettings, read_inject
 from s2r_a1.twin.start import read_start
 from s2r_a1.wire import A1, Orders, pack, unpack_orders
-from s2r_sim.base_task import Reference
-from s2r_sim.controller import Controller, Memory
+from s2r_sim.controller.base_task import Reference
+from s2r_sim.controller.trot import Controller, Memory
 from s2r_sim.plant import Plant
 from s2r_sim.robot.signals import Command, MotorCommand
 from s2r_sim.sensors import Sensors

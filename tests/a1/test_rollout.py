@@ -10,7 +10,7 @@ from s2r_a1.backend import A1Backend
 from s2r_a1.rollout import ended, lost
 from s2r_a1.schedule import Schedule
 from s2r_a1.walk import Change, Walked
-from s2r_sim.gains import RATE
+from s2r_sim.controller.gains import RATE
 from s2r_sim.robot.signals import Command
 from s2r_spec.trace import Trace
 

@@ -26,11 +26,11 @@ SPEC = load_spec(ROOT / "specs" / "a1_velocity.stl")
 
 # The system under test, and the figures of the robot; nothing of the simulator's plant, effects, noise or sensors.
 SHARED = {
-    "s2r_sim.base_task",
-    "s2r_sim.controller",
-    "s2r_sim.estimator",
+    "s2r_sim.controller.base_task",
+    "s2r_sim.controller.trot",
+    "s2r_sim.controller.estimator",
     "s2r_sim.robot.figures",
-    "s2r_sim.gains",
+    "s2r_sim.controller.gains",
     "s2r_sim.robot.signals",
 }
 
@@ -56,7 +56,7 @@ def test_the_generator_takes_nothing_of_the_simulator_but_the_system_under_test(
             "s2r_spec.trace",
         }, path
         if path.name == "robot.py":
-            assert modules["s2r_sim.estimator"] == {"replay"}
+            assert modules["s2r_sim.controller.estimator"] == {"replay"}
 
 
 def test_nothing_of_the_package_can_import_the_generator():

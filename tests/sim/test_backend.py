@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from s2r_sim import SimBackend
-from s2r_sim.gains import Gains
+from s2r_sim.controller.gains import Gains
 from s2r_sim.noise import Noise
 from s2r_sim.rollout import simulator
 from s2r_sim.settings import Settings

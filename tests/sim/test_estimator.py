@@ -6,7 +6,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from s2r_sim import SimBackend, estimator
+from s2r_sim import SimBackend
+from s2r_sim.controller import estimator
 from s2r_sim.robot import pinocchio_model, rotation
 from s2r_sim.robot.figures import A1, LEGS
 from s2r_sim.robot.leg_kinematics import foot_motion

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from s2r_sim.foot_task import raibert, swing
-from s2r_sim.gains import Gains
-from s2r_sim.gait import Gait
+from s2r_sim.controller.foot_task import raibert, swing
+from s2r_sim.controller.gains import Gains
+from s2r_sim.controller.gait import Gait
 
 
 def test_diagonal_legs_swing_together_and_two_feet_always_stand():

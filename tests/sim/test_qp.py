@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from s2r_sim import SimBackend
-from s2r_sim.gains import Gains
-from s2r_sim.qp import Solver
+from s2r_sim.controller.gains import Gains
+from s2r_sim.controller.qp import Solver
+from s2r_sim.controller.stance_qp import StanceQP
 from s2r_sim.robot.figures import A1
 from s2r_sim.settings import Settings
-from s2r_sim.stance_qp import StanceQP
 
 qpsolvers = pytest.importorskip("qpsolvers")
 pytestmark = pytest.mark.dev

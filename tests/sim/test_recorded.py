@@ -5,8 +5,8 @@ import pytest
 
 from s2r_sim import SimBackend
 from s2r_sim.channels import CHANNELS, FROM_OUTSIDE, TRUE_CHANNELS
+from s2r_sim.controller.gains import Gains
 from s2r_sim.effects import CATALOGUE
-from s2r_sim.gains import Gains
 from s2r_sim.noise import Noise
 
 SHORT = SimBackend("record=truth", duration=0.2)

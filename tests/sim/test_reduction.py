@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from s2r_sim.reduction import condense, distribute, in_joint_space, solve
+from s2r_sim.controller.reduction import condense, distribute, in_joint_space, solve
 
 
 @pytest.mark.parametrize("n", [1, 3, 6])

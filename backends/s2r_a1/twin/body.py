@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from s2r_a1.twin.heating import AMBIENT, warmed
 from s2r_a1.twin.lying import lying
 from s2r_a1.wire import MOTORS, Orders
-from s2r_sim import estimator
-from s2r_sim.gains import RATE
+from s2r_sim.controller import estimator
+from s2r_sim.controller.gains import RATE
 from s2r_sim.noise import Noise, accelerometer_errors, sensor_errors
 from s2r_sim.physics import Physics
 from s2r_sim.plant import Plant, Saved

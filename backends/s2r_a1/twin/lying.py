@@ -8,7 +8,7 @@ from math import inf, radians
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_sim.gains import RATE
+from s2r_sim.controller.gains import RATE
 from s2r_sim.physics import Physics
 from s2r_sim.plant import Plant, Saved
 from s2r_sim.robot.figures import A1, LEGS

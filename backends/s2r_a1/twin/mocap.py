@@ -11,7 +11,7 @@ import json
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_sim.gains import RATE
+from s2r_sim.controller.gains import RATE
 from s2r_sim.robot import rotation
 from s2r_sim.robot.signals import State
 

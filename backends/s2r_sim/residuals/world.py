@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import convolve1d
 
-from s2r_sim.estimator import BLEND
-from s2r_sim.gains import Gains
+from s2r_sim.controller.estimator import BLEND
+from s2r_sim.controller.gains import Gains
 from s2r_sim.parameters import Test
 from s2r_sim.physics import Physics
 from s2r_sim.residuals.motion import Ground, Recorded, corrected, ground, hann

@@ -10,9 +10,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_sim.controller import Controller, Memory
-from s2r_sim.estimator import replay
-from s2r_sim.gains import Gains
+from s2r_sim.controller.estimator import replay
+from s2r_sim.controller.gains import Gains
+from s2r_sim.controller.trot import Controller, Memory
 from s2r_sim.robot.figures import A1, LEGS
 from s2r_sim.robot.signals import Command, State
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
-from s2r_sim.gains import RATE, Gains
+from s2r_sim.controller.gains import RATE, Gains
 
 Progress = tuple[float | None, float | None, float | None, float | None]
 """Per leg how much of its swing is over, in [0, 1), or None in stance."""

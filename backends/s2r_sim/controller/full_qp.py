@@ -2,7 +2,7 @@
 
 x = (base acceleration 6, joint accelerations 12, foot forces 12). The rows keep
 their places in every gait phase, so one workspace serves the whole rollout.
-It is the reference for the condensed form in :mod:`s2r_sim.stance_qp`.
+It is the reference for the condensed form in :mod:`s2r_sim.controller.stance_qp`.
 """
 
 from __future__ import annotations
@@ -10,9 +10,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_sim.dynamics import RigidBody
-from s2r_sim.gains import Gains
-from s2r_sim.qp import Solution, Solver, Task, pyramid
+from s2r_sim.controller.dynamics import RigidBody
+from s2r_sim.controller.gains import Gains
+from s2r_sim.controller.qp import Solution, Solver, Task, pyramid
 from s2r_sim.robot.figures import GRAVITY, Robot
 
 FloatArray = NDArray[np.float64]

@@ -10,18 +10,17 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_sim.base_task import Reference, base_task
-from s2r_sim.dynamics import RigidBody
-from s2r_sim.foot_task import STANDS, foot_task, note_stance
-from s2r_sim.full_qp import FullQP
-from s2r_sim.gains import Gains
-from s2r_sim.gait import Gait, Progress
-from s2r_sim.qp import InverseDynamics, Solution, Stance, Task
-from s2r_sim.reduction import in_joint_space
+from s2r_sim.controller.base_task import Reference, base_task
+from s2r_sim.controller.dynamics import RigidBody
+from s2r_sim.controller.foot_task import STANDS, foot_task, note_stance
+from s2r_sim.controller.full_qp import FullQP
+from s2r_sim.controller.gains import Form, Gains
+from s2r_sim.controller.gait import Gait, Progress
+from s2r_sim.controller.qp import InverseDynamics, Solution, Stance, Task
+from s2r_sim.controller.reduction import in_joint_space
+from s2r_sim.controller.stance_qp import StanceQP
 from s2r_sim.robot.figures import Robot
 from s2r_sim.robot.signals import Command, MotorCommand, State
-from s2r_sim.settings import Form
-from s2r_sim.stance_qp import StanceQP
 
 FloatArray = NDArray[np.float64]
 

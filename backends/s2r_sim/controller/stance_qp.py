@@ -8,7 +8,7 @@ the torques affine in the foot forces:
     τ = (M_jb + M_jj N) a + M_jj e + h_j − J_j'f                  τ = T f + τ₀
 
 so 6 variables remain on two feet and 12 on four, with no equalities. It differs
-from :mod:`s2r_sim.full_qp` only in that swing accelerations are exact here and
+from :mod:`s2r_sim.controller.full_qp` only in that swing accelerations are exact here and
 weighted there.
 """
 
@@ -19,10 +19,10 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_sim.dynamics import RigidBody
-from s2r_sim.gains import Gains
-from s2r_sim.qp import Solution, Solver, Stance, Task, pyramid
-from s2r_sim.reduction import condense, distribute
+from s2r_sim.controller.dynamics import RigidBody
+from s2r_sim.controller.gains import Gains
+from s2r_sim.controller.qp import Solution, Solver, Stance, Task, pyramid
+from s2r_sim.controller.reduction import condense, distribute
 from s2r_sim.robot.figures import GRAVITY, Robot
 
 FloatArray = NDArray[np.float64]

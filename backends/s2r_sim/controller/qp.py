@@ -8,8 +8,8 @@ import numpy as np
 import piqp
 from numpy.typing import NDArray
 
-from s2r_sim.dynamics import RigidBody
-from s2r_sim.gains import Gains
+from s2r_sim.controller.dynamics import RigidBody
+from s2r_sim.controller.gains import Gains
 
 FloatArray = NDArray[np.float64]
 Stance = tuple[bool, bool, bool, bool]

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_sim.gains import RATE
+from s2r_sim.controller.gains import RATE
 from s2r_sim.robot.figures import GRAVITY, LEGS, Robot
 from s2r_sim.robot.leg_kinematics import foot_motion
 from s2r_sim.robot.rotation import turned, turned_back

@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from s2r_sim.foot_jacobian import at_feet
+from s2r_sim.controller.foot_jacobian import at_feet
 from s2r_sim.robot import pinocchio_model
 from s2r_sim.robot.figures import LEGS, Robot
 from s2r_sim.robot.rotation import to_pinocchio

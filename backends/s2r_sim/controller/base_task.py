@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_sim.gains import RATE
+from s2r_sim.controller.gains import RATE
 from s2r_sim.robot.signals import Command, State
 from s2r_spec.compiled import compiled
 

@@ -1,9 +1,10 @@
-"""Every gain of the controller, in one table."""
+"""Every gain of the controller, in one table, and its options."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,10 @@ Vector3 = tuple[float, float, float]
 
 RATE = 500
 """Control ticks per second; one tick is 2 ms."""
+Form = Literal["condensed", "full"]
+"""Unknowns of the QP: the forces of the stance feet, or all 30."""
+Feedback = Literal["truth", "estimate"]
+"""Base position and velocity that the controller is given: the true ones under noise, or its own estimate."""
 
 
 @dataclass(frozen=True)
@@ -80,5 +85,5 @@ class Gains:
 
     @cached_property
     def swing(self) -> tuple[float, float, float, float, float]:
-        """What :func:`s2r_sim.foot_task.foot_task` takes."""
+        """What :func:`s2r_sim.controller.foot_task.foot_task` takes."""
         return self.kp_swing, self.kd_swing, self.stance_damping, self.swing_height, self.raibert
