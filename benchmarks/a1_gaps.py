@@ -162,8 +162,8 @@ def step_of_the_a1() -> float:
     """Median time of a MuJoCo step of the A1 [µs]."""
     import mujoco
 
-    from s2r_sim import mujoco_model
-    from s2r_sim.physics import Physics
+    from s2r_sim.plant import mujoco_model
+    from s2r_sim.plant.physics import Physics
     from s2r_sim.robot.figures import A1 as ROBOT
 
     model = mujoco_model.build(ROBOT, Physics())

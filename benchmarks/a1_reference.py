@@ -12,11 +12,11 @@ from collections.abc import Iterable
 import numpy as np
 
 from s2r_sim import SimBackend
-from s2r_sim.channels import CHANNELS, FROM_OUTSIDE, TRUE_CHANNELS
 from s2r_sim.controller.gains import RATE
 from s2r_sim.effects import CATALOGUE
-from s2r_sim.noise import Noise
-from s2r_sim.physics import Physics
+from s2r_sim.plant.channels import CHANNELS, FROM_OUTSIDE, TRUE_CHANNELS
+from s2r_sim.plant.noise import Noise
+from s2r_sim.plant.physics import Physics
 from s2r_sim.residuals import RESIDUALS
 from s2r_sim.robot.figures import A1, GRAVITY
 from s2r_sim.twins import PLACES

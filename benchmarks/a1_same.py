@@ -32,10 +32,10 @@ from s2r_a1.wire import A1, Orders, pack, unpack, unpack_orders
 from s2r_sim.controller.base_task import Reference
 from s2r_sim.controller.gains import RATE
 from s2r_sim.controller.trot import Controller, Memory
-from s2r_sim.noise import Noise, draw
-from s2r_sim.plant import Plant, Saved
+from s2r_sim.plant.noise import Noise, draw
+from s2r_sim.plant.plant import Plant, Saved
+from s2r_sim.plant.sensors import Sensors
 from s2r_sim.robot.signals import Command, MotorCommand, State
-from s2r_sim.sensors import Sensors
 from s2r_sim.settings import Settings
 from s2r_spec.trace import Trace
 

@@ -11,7 +11,7 @@ import sys
 import numpy as np
 
 from s2r_sim import SimBackend
-from s2r_sim.noise import Noise
+from s2r_sim.plant.noise import Noise
 from s2r_spec.trace import Trace
 
 OVERSHOOT, SETTLING = 0.03, 0.045

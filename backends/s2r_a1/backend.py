@@ -30,14 +30,8 @@ _MODULES = ("numba", "pinocchio", "piqp")
 _DISTRIBUTIONS = ("numba", "numpy", "pin", "piqp")
 _CONTROLLERS = frozenset(
     {
-        "robot",
-        "controller",
-        "channels.py",
-        "noise.py",
-        "physics.py",
-        "recorder.py",
-        "rollout.py",
-        "settings.py",
+        *("robot", "controller", "rollout.py", "settings.py"),
+        *("plant/channels.py", "plant/noise.py", "plant/physics.py", "plant/recorder.py"),
     }
 )
 """A definition: rooms and modules of the simulator that decide what the robot does, or what a trace says of it."""

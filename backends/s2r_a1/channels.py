@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from s2r_sim.channels import CHANNELS as SIMULATED
-from s2r_sim.channels import FEET, JOINTS
+from s2r_sim.plant.channels import CHANNELS as SIMULATED
+from s2r_sim.plant.channels import FEET, JOINTS
 from s2r_spec.backend import Channel
 
 SHARED = (

@@ -30,7 +30,9 @@ from s2r_a1.schedule import Schedule
 from s2r_a1.ticks import elapsed
 from s2r_a1.wire import LAYOUTS, Layout, Orders, Reading, WireError, unpack, unpack_orders
 from s2r_sim.controller.gains import RATE
-from s2r_sim.recorder import Recorder
+from s2r_sim.plant.physics import Physics
+from s2r_sim.plant.recorder import Recorder
+from s2r_sim.robot.figures import A1
 from s2r_sim.robot.signals import Command
 from s2r_sim.settings import Settings
 from s2r_spec.errors import TraceError
@@ -162,7 +164,7 @@ def channels_of(packets: Packets, notes: Sequence[Note]) -> dict[str, FloatArray
         TraceError: the reading of a note was not recorded.
     """
     places = {reading.tick: i for i, (_, reading) in enumerate(packets.readings)}
-    recorder = Recorder(Settings(), Command())
+    recorder = Recorder(A1, Physics(), Command())
     commanded = [place for place, _ in packets.sent]
     rows: dict[str, list[FloatArray]] = {
         name: [] for name in ("foot_force_raw", "motor_temperature", "tau_cmd")

@@ -23,7 +23,7 @@ from s2r_a1.ticks import SECONDS
 from s2r_a1.undisturbed import undisturbed
 from s2r_a1.walk import Walked, rest, walk
 from s2r_sim.controller.gains import RATE
-from s2r_sim.recorder import yaw_rate
+from s2r_sim.plant.recorder import yaw_rate
 from s2r_sim.robot.signals import Command, State
 from s2r_sim.settings import Settings
 from s2r_spec.errors import BackendError, NotBegunError, TraceError

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 from s2r_sim.controller.gains import RATE, Gains
 from s2r_sim.controller.gait import Gait
-from s2r_sim.noise import Noise, draw
+from s2r_sim.plant.noise import Noise, draw
 from s2r_sim.robot.signals import Command
 
 TROT = 600

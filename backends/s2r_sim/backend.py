@@ -14,13 +14,13 @@ from typing import Any, Self
 
 import numpy as np
 
-from s2r_sim.channels import CHANNELS, TRUE_CHANNELS
 from s2r_sim.controller.gains import RATE
 from s2r_sim.effects import CATALOGUE
 from s2r_sim.effects.choice import Choice, choose, world
-from s2r_sim.noise import Noise
 from s2r_sim.options import read_options, write_options
 from s2r_sim.parameters import PARAMETERS, read_test
+from s2r_sim.plant.channels import CHANNELS, TRUE_CHANNELS
+from s2r_sim.plant.noise import Noise
 from s2r_sim.settings import Settings
 from s2r_spec.backend import Channel, Effect, Parameter
 from s2r_spec.effects import as_values

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
-from s2r_sim.physics import Physics
+from s2r_sim.plant.physics import Physics
 from s2r_sim.robot.signals import Command
 from s2r_spec import backend
 from s2r_spec.backend import Parameter

@@ -19,8 +19,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_sim import mujoco_model
 from s2r_sim.controller.gains import RATE
+from s2r_sim.plant import mujoco_model
 from s2r_sim.robot import rotation
 from s2r_sim.robot.figures import LEGS
 from s2r_sim.settings import Settings

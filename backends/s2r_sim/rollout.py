@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 from s2r_sim.controller.gains import RATE
 from s2r_sim.controller.gait import Gait
 from s2r_sim.controller.trot import Controller, Memory
-from s2r_sim.noise import Noise, draw
 from s2r_sim.parameters import Test
-from s2r_sim.plant import Plant, Saved
-from s2r_sim.recorder import Recorder
+from s2r_sim.plant.noise import Noise, draw
+from s2r_sim.plant.plant import Plant, Saved
+from s2r_sim.plant.recorder import Recorder
+from s2r_sim.plant.sensors import SensorMemory, Sensors
 from s2r_sim.robot.leg_kinematics import standing
 from s2r_sim.robot.signals import Command, State
-from s2r_sim.sensors import SensorMemory, Sensors
 from s2r_sim.settings import Settings
 
 FloatArray = NDArray[np.float64]
@@ -92,7 +92,8 @@ class Simulator:
         controller.restore(warm.memory)
         plant.origin = random.ground
         plant.displace(random.rise, random.tilt, random.joints)
-        recorder = Recorder(self._settings, test.command)
+        settings = self._settings
+        recorder = Recorder(settings.robot, settings.physics, test.command, truth=settings.record == "truth")
         for tick in range(-settling, ticks):
             truth = plant.truth()
             measured = sensors.read(truth, plant.play, controller.stance)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from s2r_sim.controller.gains import Feedback, Form, Gains
-from s2r_sim.physics import FallLimits, Physics
+from s2r_sim.plant.physics import FallLimits, Physics
 from s2r_sim.robot.figures import A1, Robot
 
 Record = Literal["measured", "truth"]

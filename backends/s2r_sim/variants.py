@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import fields, replace
 
-from s2r_sim.noise import Noise
+from s2r_sim.plant.noise import Noise
 from s2r_sim.robot.figures import Inertia, Robot
 from s2r_sim.settings import Settings
 

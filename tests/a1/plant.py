@@ -7,7 +7,7 @@ import numpy as np
 from s2r_a1.walk import Change
 from s2r_a1.wire import A1, CLOSED_LOOP, Reading, pack, pack_reading, unpack, unpack_orders
 from s2r_sim.controller import estimator
-from s2r_sim.plant import Plant
+from s2r_sim.plant.plant import Plant
 from s2r_sim.robot import rotation
 from s2r_sim.robot.leg_kinematics import standing
 from s2r_sim.robot.signals import MotorCommand

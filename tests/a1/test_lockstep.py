@@ -23,9 +23,9 @@ from s2r_a1.twin.start import read_start
 from s2r_a1.wire import A1, Orders, pack, unpack_orders
 from s2r_sim.controller.base_task import Reference
 from s2r_sim.controller.trot import Controller, Memory
-from s2r_sim.plant import Plant
+from s2r_sim.plant.plant import Plant
+from s2r_sim.plant.sensors import Sensors
 from s2r_sim.robot.signals import Command, MotorCommand
-from s2r_sim.sensors import Sensors
 from s2r_sim.settings import Settings
 from s2r_spec.backend import Coming
 from s2r_spec.errors import BackendError

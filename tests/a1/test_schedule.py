@@ -5,7 +5,7 @@ import pytest
 from s2r_a1.schedule import Schedule
 from s2r_sim.controller.gains import RATE, Gains
 from s2r_sim.controller.gait import Gait
-from s2r_sim.noise import Noise, draw
+from s2r_sim.plant.noise import Noise, draw
 from s2r_sim.robot.signals import Command
 
 PERIOD = Gait.of(Gains()).period

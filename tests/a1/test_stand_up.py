@@ -5,7 +5,7 @@ import pytest
 
 from s2r_a1.guard import moves
 from s2r_a1.twin import PLACES
-from s2r_sim.physics import FallLimits
+from s2r_sim.plant.physics import FallLimits
 from tests.a1.steering import LIMP, steer, twin
 
 ROUND = 2_000_000  # ns

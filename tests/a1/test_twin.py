@@ -22,8 +22,8 @@ from s2r_a1.wire import (
     unpack,
     unpack_orders,
 )
-from s2r_sim.physics import Physics
-from s2r_sim.plant import Plant
+from s2r_sim.plant.physics import Physics
+from s2r_sim.plant.plant import Plant
 from s2r_sim.robot.figures import A1 as ROBOT
 from s2r_sim.robot.rotation import quaternion
 from s2r_sim.robot.signals import MotorCommand

@@ -13,8 +13,8 @@ from s2r_a1.walk import SETTLING, Change, walk
 from s2r_a1.wire import A1, Orders, pack, pack_reading, unpack, unpack_orders
 from s2r_sim.controller.gains import RATE
 from s2r_sim.controller.trot import Controller, Memory
+from s2r_sim.plant.sensors import Sensors
 from s2r_sim.robot.signals import Command, MotorCommand
-from s2r_sim.sensors import Sensors
 from s2r_sim.settings import Settings
 from s2r_spec.errors import BackendError, NotBegunError, TraceError
 from tests.a1.plant import HOLDING, PlantLine, reading

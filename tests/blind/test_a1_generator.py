@@ -16,8 +16,8 @@ from benchmarks.blind.a1.plant import Plant
 from benchmarks.blind.a1.rollout import Runner
 from benchmarks.blind.a1.twin import Twin
 from s2r_sim import SimBackend
-from s2r_sim.channels import CHANNELS
 from s2r_sim.effects import CATALOGUE
+from s2r_sim.plant.channels import CHANNELS
 from s2r_spec import load_spec
 from s2r_spec.rollouts.recorded import LogBackend
 

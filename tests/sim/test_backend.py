@@ -12,7 +12,7 @@ import pytest
 
 from s2r_sim import SimBackend
 from s2r_sim.controller.gains import Gains
-from s2r_sim.noise import Noise
+from s2r_sim.plant.noise import Noise
 from s2r_sim.rollout import simulator
 from s2r_sim.settings import Settings
 from s2r_spec.backend import Backend, HasDuration, load_backend

@@ -9,8 +9,8 @@ import pytest
 from s2r_sim import SimBackend
 from s2r_sim.effects import CATALOGUE
 from s2r_sim.effects.choice import choose, world
-from s2r_sim.noise import Noise
-from s2r_sim.physics import Physics
+from s2r_sim.plant.noise import Noise
+from s2r_sim.plant.physics import Physics
 from s2r_sim.robot.figures import A1
 from s2r_spec.backend import HasEffects
 from s2r_spec.errors import UsageError

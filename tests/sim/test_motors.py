@@ -4,10 +4,10 @@ import mujoco
 import numpy as np
 import pytest
 
-from s2r_sim import terrain
-from s2r_sim.motors import Law
-from s2r_sim.physics import Physics
-from s2r_sim.plant import Plant
+from s2r_sim.plant import terrain
+from s2r_sim.plant.motors import Law
+from s2r_sim.plant.physics import Physics
+from s2r_sim.plant.plant import Plant
 from s2r_sim.robot.figures import A1
 from s2r_sim.robot.signals import MotorCommand
 

@@ -6,8 +6,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from s2r_sim.physics import Physics
-from s2r_sim.plant import Plant
+from s2r_sim.plant.physics import Physics
+from s2r_sim.plant.plant import Plant
 from s2r_sim.robot.figures import A1, GRAVITY
 from s2r_sim.robot.signals import MotorCommand
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from s2r_sim import SimBackend
-from s2r_sim.channels import CHANNELS, FROM_OUTSIDE, TRUE_CHANNELS
 from s2r_sim.controller.gains import Gains
 from s2r_sim.effects import CATALOGUE
-from s2r_sim.noise import Noise
+from s2r_sim.plant.channels import CHANNELS, FROM_OUTSIDE, TRUE_CHANNELS
+from s2r_sim.plant.noise import Noise
 
 SHORT = SimBackend("record=truth", duration=0.2)
 

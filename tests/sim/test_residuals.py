@@ -11,11 +11,12 @@ import pytest
 from scipy.ndimage import convolve1d
 
 import s2r_sim
-from s2r_sim import SimBackend, mujoco_model
+from s2r_sim import SimBackend
 from s2r_sim.backend import _ONLOOKERS
 from s2r_sim.effects.choice import world
 from s2r_sim.parameters import read_test
-from s2r_sim.physics import Physics
+from s2r_sim.plant import mujoco_model
+from s2r_sim.plant.physics import Physics
 from s2r_sim.residuals import RESIDUALS, WINDOW, residuals
 from s2r_sim.residuals.footing import footing
 from s2r_sim.residuals.motion import hann, recorded

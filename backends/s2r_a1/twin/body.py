@@ -14,13 +14,13 @@ from s2r_a1.twin.lying import lying
 from s2r_a1.wire import MOTORS, Orders
 from s2r_sim.controller import estimator
 from s2r_sim.controller.gains import RATE
-from s2r_sim.noise import Noise, accelerometer_errors, sensor_errors
-from s2r_sim.physics import Physics
-from s2r_sim.plant import Plant, Saved
+from s2r_sim.plant.noise import Noise, accelerometer_errors, sensor_errors
+from s2r_sim.plant.physics import Physics
+from s2r_sim.plant.plant import Plant, Saved
+from s2r_sim.plant.sensors import Sensors
 from s2r_sim.robot import rotation
 from s2r_sim.robot.figures import A1
 from s2r_sim.robot.signals import MotorCommand, State
-from s2r_sim.sensors import Sensors
 
 FloatArray = NDArray[np.float64]
 

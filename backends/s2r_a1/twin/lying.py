@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_sim.controller.gains import RATE
-from s2r_sim.physics import Physics
-from s2r_sim.plant import Plant, Saved
+from s2r_sim.plant.physics import Physics
+from s2r_sim.plant.plant import Plant, Saved
 from s2r_sim.robot.figures import A1, LEGS
 from s2r_sim.robot.signals import MotorCommand
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from s2r_sim.effects.choice import choose, world
-from s2r_sim.physics import Physics
+from s2r_sim.plant.physics import Physics
 from s2r_sim.twins import PLACES as _TWINS
 from s2r_spec.errors import UsageError, did_you_mean, one_of
 

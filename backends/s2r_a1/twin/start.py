@@ -1,7 +1,7 @@
 """A plant's state in a file, from which `sim` and a twin can begin alike.
 
 The file is numpy's .npz: ``world`` MuJoCo's state, ``pending`` (n, 3, 12) motor laws under way, ``play`` and
-``play_speed`` (12,) of the rotors. See :class:`s2r_sim.plant.Saved`.
+``play_speed`` (12,) of the rotors. See :class:`s2r_sim.plant.plant.Saved`.
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from s2r_sim.motors import Law, MotorState
-from s2r_sim.plant import Saved
+from s2r_sim.plant.motors import Law, MotorState
+from s2r_sim.plant.plant import Saved
 from s2r_spec.errors import UsageError
 
 

@@ -27,8 +27,8 @@ from s2r_a1.twin.places import physics
 from s2r_a1.twin.reports import distorted, packed, tick
 from s2r_a1.twin.start import write_start
 from s2r_a1.wire import A1, Layout, Orders, Reading, WireError
-from s2r_sim.noise import Noise
-from s2r_sim.plant import Saved
+from s2r_sim.plant.noise import Noise
+from s2r_sim.plant.plant import Saved
 from s2r_sim.robot.signals import State
 
 FloatArray = NDArray[np.float64]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from s2r_sim.effects import CATALOGUE
-from s2r_sim.physics import Physics
+from s2r_sim.plant.physics import Physics
 from s2r_spec.errors import UsageError, did_you_mean, one_of
 
 Values = Mapping[str, Mapping[str, float]]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from s2r_sim.physics import Physics
+from s2r_sim.plant.physics import Physics
 from s2r_spec.backend import Effect
 
 

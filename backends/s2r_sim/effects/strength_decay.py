@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from s2r_sim.effects.effect import PhysicsEffect
-from s2r_sim.physics import Physics
+from s2r_sim.plant.physics import Physics
 from s2r_spec.backend import EffectParameter
 
 

@@ -29,11 +29,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import convolve1d
 
-from s2r_sim.channels import FEET, JOINTS
 from s2r_sim.controller.gains import Gains
 from s2r_sim.effects import choice
 from s2r_sim.parameters import Test, read_test
-from s2r_sim.physics import Physics
+from s2r_sim.plant.channels import FEET, JOINTS
+from s2r_sim.plant.physics import Physics
 from s2r_sim.residuals.motion import Recorded, hann, recorded
 from s2r_sim.residuals.world import Motion
 from s2r_sim.settings import Settings

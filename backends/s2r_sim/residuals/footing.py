@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_sim.terrain import covariance
+from s2r_sim.plant.terrain import covariance
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

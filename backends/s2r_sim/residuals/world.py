@@ -12,7 +12,7 @@ from scipy.ndimage import convolve1d
 from s2r_sim.controller.estimator import BLEND
 from s2r_sim.controller.gains import Gains
 from s2r_sim.parameters import Test
-from s2r_sim.physics import Physics
+from s2r_sim.plant.physics import Physics
 from s2r_sim.residuals.motion import Ground, Recorded, corrected, ground, hann
 from s2r_sim.residuals.play import crossed
 from s2r_sim.residuals.yielding import Yielding, yielding

@@ -14,8 +14,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_sim import mujoco_model
-from s2r_sim.physics import Physics
+from s2r_sim.plant import mujoco_model
+from s2r_sim.plant.physics import Physics
 from s2r_sim.robot.figures import LEGS, Robot
 
 FloatArray = NDArray[np.float64]
@@ -49,7 +49,7 @@ class Yielding:
 
 @lru_cache(maxsize=64)
 def yielding(robot: Robot, impratio: float, sink: float) -> Yielding:
-    """Return how a ground yields under a foot of this robot; see :class:`~s2r_sim.physics.Physics`."""
+    """Return how a ground yields under a foot of this robot; see :class:`~s2r_sim.plant.physics.Physics`."""
     model = mujoco_model.build(robot, Physics(impratio=impratio, sink=sink))
     floor = model.geom(mujoco_model.FLOOR)
     constant, _ = floor.solref

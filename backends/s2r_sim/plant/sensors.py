@@ -13,8 +13,8 @@ from s2r_sim.controller import estimator
 from s2r_sim.controller.estimator import Estimate
 from s2r_sim.controller.gains import Feedback
 from s2r_sim.controller.qp import Stance
-from s2r_sim.noise import Draws
-from s2r_sim.physics import Physics
+from s2r_sim.plant.noise import Draws
+from s2r_sim.plant.physics import Physics
 from s2r_sim.robot.figures import Robot
 from s2r_sim.robot.signals import State
 

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_sim.physics import Physics
+from s2r_sim.plant.physics import Physics
 from s2r_sim.robot.figures import Robot
 from s2r_sim.robot.signals import MotorCommand
 from s2r_spec.compiled import compiled

@@ -7,7 +7,7 @@ from math import atan, cos, hypot, pi, radians, sin, sqrt, tan
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_sim.physics import Physics
+from s2r_sim.plant.physics import Physics
 from s2r_spec.compiled import compiled
 
 FloatArray = NDArray[np.float64]

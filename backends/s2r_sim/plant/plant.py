@@ -9,10 +9,10 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_sim import mujoco_model, terrain
 from s2r_sim.controller.gains import RATE
-from s2r_sim.motors import Motors, MotorState
-from s2r_sim.physics import FallLimits, Physics
+from s2r_sim.plant import mujoco_model, terrain
+from s2r_sim.plant.motors import Motors, MotorState
+from s2r_sim.plant.physics import FallLimits, Physics
 from s2r_sim.robot import rotation
 from s2r_sim.robot.figures import LEGS, Robot
 from s2r_sim.robot.signals import MotorCommand, State

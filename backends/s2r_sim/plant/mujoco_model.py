@@ -7,8 +7,8 @@ from typing import Any
 
 import mujoco
 
-from s2r_sim import terrain
-from s2r_sim.physics import Physics
+from s2r_sim.plant import terrain
+from s2r_sim.plant.physics import Physics
 from s2r_sim.robot.figures import LEGS, Inertia, Leg, Robot
 
 FLOOR = "floor"

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_sim import terrain
-from s2r_sim.channels import TRUE_CHANNELS
 from s2r_sim.controller.trot import Tick
-from s2r_sim.robot.figures import LEGS
+from s2r_sim.plant import terrain
+from s2r_sim.plant.channels import TRUE_CHANNELS
+from s2r_sim.plant.physics import Physics
+from s2r_sim.robot.figures import LEGS, Robot
 from s2r_sim.robot.leg_kinematics import foot_motion
 from s2r_sim.robot.rotation import turned
 from s2r_sim.robot.signals import Command, State
-from s2r_sim.settings import Settings
 
 FloatArray = NDArray[np.float64]
 
@@ -20,9 +20,12 @@ FloatArray = NDArray[np.float64]
 class Recorder:
     """Keeps references tick by tick and computes over whole arrays once, which costs a tenth."""
 
-    def __init__(self, settings: Settings, command: Command) -> None:
-        self._settings = settings
+    def __init__(self, robot: Robot, physics: Physics, command: Command, truth: bool = False) -> None:
+        """Record a rollout under one command; with ``truth``, also the :data:`TRUE_CHANNELS`."""
+        self._robot = robot
+        self._physics = physics
         self._command = command
+        self._with_truth = truth
         self._truth: list[FloatArray] = []
         self._own: list[FloatArray] = []
         self._done: list[Tick] = []
@@ -79,8 +82,7 @@ class Recorder:
             "x": truth.position[0],
             "y": truth.position[1],
             "z": truth.position[2],
-            "height": truth.position[2]
-            - terrain.mean_height(self._settings.physics, 1.0) * truth.position[0],
+            "height": truth.position[2] - terrain.mean_height(self._physics, 1.0) * truth.position[0],
             "roll": roll,
             "pitch": pitch,
             "yaw": yaw,
@@ -98,7 +100,7 @@ class Recorder:
             "foot_velocity": foot_velocity,
             "foot_force": foot_force,
             "contact": (foot_force[:, 2::3] > 0.0).astype(float),
-        } | (self._true(truth) if self._settings.record == "truth" else {})
+        } | (self._true(truth) if self._with_truth else {})
 
     def _true(self, truth: State) -> dict[str, FloatArray]:
         """Return the truth of what the robot's own sensors say, in the order of ``TRUE_CHANNELS``."""
@@ -112,7 +114,7 @@ class Recorder:
         roll, pitch, yaw = truth.rpy
         for i, leg in enumerate(LEGS):
             joints = slice(3 * i, 3 * i + 3)
-            motion = foot_motion(self._settings.robot, leg, truth.q[joints], truth.dq[joints], np.sin, np.cos)
+            motion = foot_motion(self._robot, leg, truth.q[joints], truth.dq[joints], np.sin, np.cos)
             moved = np.cross(truth.omega, motion.position, axis=0) + motion.velocity
             position += [*(truth.position + turned(roll, pitch, yaw, motion.position, np.sin, np.cos))]
             velocity += [*(truth.velocity + turned(roll, pitch, yaw, moved, np.sin, np.cos))]
