@@ -15,15 +15,14 @@ from typing import Any, Self
 import numpy as np
 
 from s2r_sim.controller.gains import RATE
-from s2r_sim.effects import CATALOGUE
-from s2r_sim.effects.choice import Choice, choose, world
+from s2r_sim.effects import CATALOGUE, with_effects
 from s2r_sim.options import read_options, write_options
 from s2r_sim.parameters import PARAMETERS, read_test
 from s2r_sim.plant.channels import CHANNELS, TRUE_CHANNELS
 from s2r_sim.plant.noise import Noise
 from s2r_sim.settings import Settings
 from s2r_spec.backend import Channel, Effect, Parameter
-from s2r_spec.effects import as_values
+from s2r_spec.effects import Choice, Values, as_values, choose
 from s2r_spec.errors import MissingPackageError
 from s2r_spec.trace import Trace
 
@@ -84,7 +83,7 @@ class SimBackend:
     @property
     def _settings(self) -> Settings:
         """The settings with the effects in them."""
-        return replace(self.settings, physics=world(self.settings.physics, self.added))
+        return replace(self.settings, physics=with_effects(self.settings.physics, self.added))
 
     @property
     def model_hash(self) -> str:
@@ -99,7 +98,7 @@ class SimBackend:
         """Return effect → parameter → value of what was set."""
         return as_values(self.added)
 
-    def with_effects(self, values: Mapping[str, Mapping[str, float]]) -> Self:
+    def with_effects(self, values: Values) -> Self:
         """Return the same backend with these effects added: ``{"motor_strength": {"factor": 0.8}}``.
 
         Effects act on the simulated world alone; the controller knows of none.
@@ -107,7 +106,7 @@ class SimBackend:
         Raises:
             UsageError: an effect or a parameter is unknown, or a value out of range.
         """
-        return replace(self, added=choose(self.added, values))
+        return replace(self, added=choose("sim", CATALOGUE.values(), self.added, values))
 
     def variants(self) -> dict[str, Self]:
         """Return the same physics computed otherwise: a step, a contact, a noise that is as good as ours."""

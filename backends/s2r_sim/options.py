@@ -6,8 +6,9 @@ from dataclasses import replace
 from typing import Any, get_args
 
 from s2r_sim.controller.gains import Feedback, Form
-from s2r_sim.effects.choice import Choice, choose
+from s2r_sim.effects import CATALOGUE
 from s2r_sim.settings import Record, Settings
+from s2r_spec.effects import Choice, choose, read_word, words
 from s2r_spec.errors import UsageError, did_you_mean, one_of
 
 _OPTIONS: dict[str, tuple[str, ...]] = {
@@ -25,9 +26,8 @@ def read_options(text: str, settings: Settings, added: Choice) -> tuple[Settings
     """
     for word in filter(None, text.split(",")):
         name, _, value = word.partition("=")
-        effect, dot, parameter = name.partition(".")
-        if dot:
-            added = choose(added, {effect: {parameter: _number(word, value)}})
+        if values := read_word(word):
+            added = choose("sim", CATALOGUE.values(), added, values)
             continue
         if name not in _OPTIONS:
             raise UsageError(
@@ -44,17 +44,9 @@ def read_options(text: str, settings: Settings, added: Choice) -> tuple[Settings
 def write_options(settings: Settings, added: Choice) -> str:
     """Return the text that :func:`read_options` would read this from; what is at its default is left out."""
     nominal = Settings()
-    words = [
+    changed = [
         f"{name}={getattr(settings, name)}"
         for name in _OPTIONS
         if getattr(settings, name) != getattr(nominal, name)
     ]
-    words += [f"{effect}.{parameter}={value!r}" for effect, values in added for parameter, value in values]
-    return ",".join(words)
-
-
-def _number(word: str, value: str) -> float:
-    try:
-        return float(value)
-    except ValueError:
-        raise UsageError(f"{word!r}: {value!r} is not a number; write latency.delay=0.004") from None
+    return ",".join(changed + words(added))

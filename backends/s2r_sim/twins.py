@@ -12,8 +12,9 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 from s2r_sim.backend import SimBackend
-from s2r_sim.effects.choice import Values, choose
+from s2r_sim.effects import CATALOGUE
 from s2r_sim.options import write_options
+from s2r_spec.effects import Values, choose
 from s2r_spec.errors import UsageError, did_you_mean, one_of
 
 PLACES: MappingProxyType[str, Values] = MappingProxyType(
@@ -62,13 +63,13 @@ class TwinBackend(SimBackend):
             )
         if not self.place:
             object.__setattr__(self, "place", place)
-            object.__setattr__(self, "added", choose(self.added, PLACES[place]))
+            object.__setattr__(self, "added", choose("sim", CATALOGUE.values(), self.added, PLACES[place]))
         super().__post_init__(options)
 
     @property
     def name(self) -> str:
         """What ``load_backend`` makes this backend from: the place, and what was added to it."""
-        own = choose((), PLACES[self.place])
+        own = choose("sim", CATALOGUE.values(), (), PLACES[self.place])
         beyond = tuple(effect for effect in self.added if effect not in own)
         return ":".join(("twin", ",".join(filter(None, (self.place, write_options(self.settings, beyond))))))
 

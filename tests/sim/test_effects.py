@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from s2r_sim import SimBackend
-from s2r_sim.effects import CATALOGUE
-from s2r_sim.effects.choice import choose, world
+from s2r_sim.effects import CATALOGUE, with_effects
 from s2r_sim.plant.noise import Noise
 from s2r_sim.plant.physics import Physics
 from s2r_sim.robot.figures import A1
 from s2r_spec.backend import HasEffects
+from s2r_spec.effects import choose
 from s2r_spec.errors import UsageError
 
 SHORT = SimBackend(duration=0.2)
@@ -211,5 +211,5 @@ def test_where_on_uneven_ground_a_rollout_begins_comes_from_its_seed():
     rough = QUIET.with_duration(0.4).with_effects({"roughness": {"height": 0.005}})
     a, b = (rough.rollout({}, seed)["z"] for seed in (1, 2))
     assert np.abs(a - b).max() > 1e-4
-    worlds = world(Physics(), choose((), {"roughness": {"height": 0.005}}))
+    worlds = with_effects(Physics(), choose("sim", CATALOGUE.values(), (), {"roughness": {"height": 0.005}}))
     assert worlds.roughness == 0.005

@@ -13,7 +13,7 @@ from scipy.ndimage import convolve1d
 import s2r_sim
 from s2r_sim import SimBackend
 from s2r_sim.backend import _ONLOOKERS
-from s2r_sim.effects.choice import world
+from s2r_sim.effects import with_effects
 from s2r_sim.parameters import read_test
 from s2r_sim.plant import mujoco_model
 from s2r_sim.plant.physics import Physics
@@ -234,7 +234,7 @@ def test_a_residual_is_shown_every_field_of_the_world_that_changes_it():
     everything = {name: values for one in ends for name, values in one.items()}
     for values in (everything, *ends):
         added = SIM.with_effects(values).added
-        here = test.world(world(bare, added))
+        here = test.world(with_effects(bare, added))
         asked = residuals(trace, SIM.settings, added, {"vd": 0.3})
         window = hann(trace.times, WINDOW)
         half, n = len(window) // 2, len(trace) - 1

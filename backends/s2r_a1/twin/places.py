@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from s2r_sim.effects.choice import choose, world
+from s2r_sim.effects import CATALOGUE, with_effects
 from s2r_sim.plant.physics import Physics
 from s2r_sim.twins import PLACES as _TWINS
+from s2r_spec.effects import choose
 from s2r_spec.errors import UsageError, did_you_mean, one_of
 
 NOMINAL = "nominal"
@@ -22,4 +23,8 @@ def physics(place: str) -> Physics:
         raise UsageError(
             f"there is no twin of a place {place!r}{did_you_mean(place, PLACES)}; there is {one_of(PLACES)}"
         )
-    return Physics() if place == NOMINAL else world(Physics(), choose((), _TWINS[place]))
+    return (
+        Physics()
+        if place == NOMINAL
+        else with_effects(Physics(), choose("sim", CATALOGUE.values(), (), _TWINS[place]))
+    )

@@ -30,13 +30,14 @@ from numpy.typing import NDArray
 from scipy.ndimage import convolve1d
 
 from s2r_sim.controller.gains import Gains
-from s2r_sim.effects import choice
+from s2r_sim.effects import with_effects
 from s2r_sim.parameters import Test, read_test
 from s2r_sim.plant.channels import FEET, JOINTS
 from s2r_sim.plant.physics import Physics
 from s2r_sim.residuals.motion import Recorded, hann, recorded
 from s2r_sim.residuals.world import Motion
 from s2r_sim.settings import Settings
+from s2r_spec.effects import Choice
 from s2r_spec.errors import TraceError, one_of
 from s2r_spec.trace import Trace
 
@@ -74,7 +75,7 @@ class _Residual:
 
 
 def residuals(
-    trace: Trace, settings: Settings, effects: choice.Choice = (), params: Mapping[str, float] | None = None
+    trace: Trace, settings: Settings, effects: Choice = (), params: Mapping[str, float] | None = None
 ) -> Trace:
     """Return the residuals; see :meth:`s2r_spec.backend.HasResiduals.residuals`.
 
@@ -95,7 +96,7 @@ def residuals(
             f"they are averaged over {WINDOW:g} s"
         )
     log = recorded(trace, settings.robot)
-    bare, here = test.world(settings.physics), test.world(choice.world(settings.physics, effects))
+    bare, here = test.world(settings.physics), test.world(with_effects(settings.physics, effects))
     return Trace(
         _inner(trace.times[:-1] + log.dt / 2, window),
         {

@@ -1,0 +1,1 @@
+"""Effects between feet and ground: friction, drag, and ground that gives way."""

@@ -1,0 +1,1 @@
+"""Effects of masses and inertias: a payload, the centre of mass, rotors."""

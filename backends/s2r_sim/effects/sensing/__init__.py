@@ -1,0 +1,1 @@
+"""Effects of sensors and of the velocity estimate: offsets, biases and wrong scales."""

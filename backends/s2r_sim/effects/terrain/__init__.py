@@ -1,0 +1,1 @@
+"""Effects of the shape of the ground: a slope, and unevenness."""

@@ -1,0 +1,1 @@
+"""Effects of delay between controller and motors."""
