@@ -10,6 +10,7 @@ import pytest
 import s2r_spec as s2r
 
 PACKAGE = Path(__file__).parents[1] / "s2r_spec"
+SIMULATOR = PACKAGE.parent / "backends" / "s2r_sim"
 
 # A module may import those on its own line and below.
 LAYERS = [
@@ -33,29 +34,51 @@ LAYERS = [
     {"errors", "compiled", "magnitude"},
     {"printable"},
 ]
-RANK = {name: rank for rank, names in enumerate(LAYERS) for name in names}
+SIMULATOR_LAYERS = [
+    {"twins"},
+    {"backend"},
+    {"options", "pictures", "rollout", "variants"},
+    {"residuals"},
+    {"settings", "parameters"},
+    {"effects"},
+    {"plant"},
+    {"controller"},
+    {"robot"},
+]
 
 
-def imported(path: Path) -> set[str]:
-    """Return every s2r_spec module that a file imports, at any depth of nesting."""
+def imported(path: Path, package: str = "s2r_spec") -> set[str]:
+    """Return every module of a package that a file imports, at any depth of nesting."""
     found = set()
     for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module:
             found |= {node.module} | {f"{node.module}.{alias.name}" for alias in node.names}
-    return {name.split(".")[1] for name in found if name.startswith("s2r_spec.")}
+    return {name.split(".")[1] for name in found if name.startswith(f"{package}.")}
 
 
-def modules() -> list[Path]:
-    return [path for path in sorted(PACKAGE.rglob("*.py")) if path != PACKAGE / "__init__.py"]
+def modules() -> list[tuple[Path, Path]]:
+    """Return (package, file) of every module that has a layer."""
+    return [
+        (package, path)
+        for package in (PACKAGE, SIMULATOR)
+        for path in sorted(package.rglob("*.py"))
+        if path != package / "__init__.py"
+    ]
 
 
-@pytest.mark.parametrize("path", modules(), ids=lambda path: str(path.relative_to(PACKAGE)))
-def test_imports_go_down(path):
-    own = path.relative_to(PACKAGE).parts[0].removesuffix(".py")
-    assert own in RANK, f"{own} has no layer: say in LAYERS where it stands"
-    upwards = {name for name in imported(path) & RANK.keys() if RANK[name] < RANK[own]}
+def place(argument: Path) -> str:
+    return str(argument.relative_to(PACKAGE.parent))
+
+
+@pytest.mark.parametrize(("package", "path"), modules(), ids=place)
+def test_imports_go_down(package, path):
+    layers = LAYERS if package == PACKAGE else SIMULATOR_LAYERS
+    rank = {name: number for number, names in enumerate(layers) for name in names}
+    own = path.relative_to(package).parts[0].removesuffix(".py")
+    assert own in rank, f"{own} has no layer: add it to the layers of {package.name}"
+    upwards = {name for name in imported(path, package.name) & rank.keys() if rank[name] < rank[own]}
     assert not upwards, f"{path.name} imports upwards: {upwards}"
 
 
