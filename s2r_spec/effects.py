@@ -7,15 +7,22 @@ the numbers when it builds its world.
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 
-from s2r_spec.backend import Effect
-from s2r_spec.errors import UsageError, did_you_mean, one_of
+from s2r_spec.backend import Backend, Effect, EffectParameter, HasChosen, HasEffects
+from s2r_spec.errors import BackendError, UsageError, did_you_mean, one_of
 
 Values = Mapping[str, Mapping[str, float]]
 """Effect → parameter → value."""
 Choice = tuple[tuple[str, tuple[tuple[str, float], ...]], ...]
 """The same in a fixed order, with only what was set."""
+_SCALE = re.compile(
+    r"(?:deviation |normal\b[^,]*, *)(?P<scale>\d*\.?\d+(?:[eE][-+]?\d+)?) *(?P<unit>.*)", re.IGNORECASE
+)
+_NORMAL = re.compile(r"\bnormal\b|\bdeviation\b", re.IGNORECASE)
 
 
 def choose(backend: str, catalogue: Iterable[Effect], before: Choice, values: Values) -> Choice:
@@ -94,3 +101,47 @@ def read_word(word: str) -> Values | None:
 def words(choice: Choice) -> list[str]:
     """Return the words that :func:`read_word` would read this choice from."""
     return [f"{effect}.{parameter}={value!r}" for effect, values in choice for parameter, value in values]
+
+
+def catalogue_of(backend: Backend) -> tuple[Effect, ...]:
+    """Return the effects that a backend declares; nominal is the value that it was given already, if it reports one.
+
+    Raises:
+        UsageError: nothing, so no cause can be named.
+        BackendError: a parameter has no range around its nominal value, or its prior lacks the scale it should have.
+    """
+    if not isinstance(backend, HasEffects) or not backend.effects():
+        raise UsageError(
+            f"the backend {backend.name!r} declares no effects, so no cause can be named; "
+            f"docs/how-to/effects.md says how to write them"
+        )
+    chosen = backend.chosen() if isinstance(backend, HasChosen) else {}
+    return tuple(_checked(backend.name, effect, chosen.get(effect.name, {})) for effect in backend.effects())
+
+
+def _checked(backend: str, effect: Effect, chosen: Mapping[str, float]) -> Effect:
+    """Return the effect with its chosen values as nominal ones."""
+    for p in effect.parameters:
+        if not (p.low <= p.nominal <= p.high and p.low < p.high and math.isfinite(p.high - p.low)):
+            raise BackendError(
+                f"backend {backend!r}: the effect {effect.name!r} has {p.name!r} in [{p.low:g}, {p.high:g}] with the "
+                f"nominal value {p.nominal:g}; it needs finite ends, low < high, and a nominal value between them"
+            )
+        if _lacks_scale(p):
+            raise BackendError(
+                f"backend {backend!r}: the effect {effect.name!r} has {p.name!r} with the prior {p.prior!r}, in "
+                f"which no scale can be read; write 'half-normal, 20 N' or 'normal around 1, standard deviation 0.1'"
+            )
+    parameters = tuple(replace(p, nominal=float(chosen.get(p.name, p.nominal))) for p in effect.parameters)
+    return replace(effect, parameters=parameters)
+
+
+def _lacks_scale(parameter: EffectParameter) -> bool:
+    """Return whether a prior names a normal distribution, but no scale in the parameter's unit can be read in it."""
+    return bool(_NORMAL.search(parameter.prior)) and not prior_scale(parameter)
+
+
+def prior_scale(parameter: EffectParameter) -> float:
+    """Return the scale that the prior's text states, in the parameter's unit, or 0."""
+    match = _SCALE.search(parameter.prior)
+    return float(match["scale"]) if match and match["unit"].strip() in ("", parameter.unit) else 0.0

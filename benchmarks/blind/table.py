@@ -18,7 +18,7 @@ from typing import Any
 from s2r_spec.backend import load_backend
 from s2r_spec.blind.score import truth
 from s2r_spec.diagnose.axes import lines
-from s2r_spec.diagnose.bank import catalogue_of
+from s2r_spec.effects import catalogue_of
 
 RESULTS = Path(__file__).parent / "results"
 PAGE = Path(__file__).parents[2] / "docs" / "explanation" / "diagnosis.md"

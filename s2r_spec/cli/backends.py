@@ -102,23 +102,20 @@ def backends(
 
 
 def _tried(machine: Backend, as_json: bool) -> int:
-    """Print every promise as it is tried, and return the exit code."""
-    from s2r_spec.promises import promises
+    """Print every check of conformance as it is made, and return the exit code."""
+    from s2r_spec.conformance import check_conformance
 
     found = []
-    for promise in promises(machine):
-        found.append(promise)
+    for check in check_conformance(machine):
+        found.append(check)
         if not as_json:
-            say(f"{'BROKEN' if promise.broken else 'kept  '}  {promise.words}")
-            for sentence in promise.broken + promise.remarks:
+            say(f"{'BROKEN' if check.violations else 'kept  '}  {check.requirement}")
+            for sentence in check.violations + check.remarks:
                 say(f"        {sentence}")
-    broken = sum(bool(promise.broken) for promise in found)
+    broken = sum(bool(check.violations) for check in found)
     if as_json:
-        print(
-            json.dumps(
-                {"schema": "s2r.promises/1", "name": machine.name, "promises": [vars(p) for p in found]}
-            )
-        )
+        records = [{"words": c.requirement, "broken": c.violations, "remarks": c.remarks} for c in found]
+        print(json.dumps({"schema": "s2r.promises/1", "name": machine.name, "promises": records}))
     else:
         say(f"{machine.name} keeps {len(found) - broken} of {len(found)} promises")
     return 1 if broken else 0

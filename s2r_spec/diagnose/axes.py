@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 
 from s2r_spec.backend import Effect, EffectParameter
+from s2r_spec.effects import prior_scale
 
 BACKGROUND = 0.05
 """Standard deviation of what every effect does unasked, in parts of its typical size."""
 STEPS = (0.25, 0.5, 1.0)
 """Values of a line, as parts of its typical high value; the last is the end of the range, if that is further."""
-_SCALE = re.compile(
-    r"(?:deviation |normal\b[^,]*, *)(?P<scale>\d*\.?\d+(?:[eE][-+]?\d+)?) *(?P<unit>.*)", re.IGNORECASE
-)
-_MEANT = re.compile(r"\bnormal\b|\bdeviation\b", re.IGNORECASE)
 
 Values = Mapping[str, Mapping[str, float]]
 
@@ -92,19 +88,8 @@ def scale_of(parameter: EffectParameter) -> float:
     """
     to, _ = coordinate(parameter)
     reach = max(abs(to(end) - to(parameter.nominal)) for end in (parameter.low, parameter.high))
-    scale = _scale(parameter)
+    scale = prior_scale(parameter)
     return min(scale, reach) if scale else reach / 3.0
-
-
-def misread(parameter: EffectParameter) -> bool:
-    """Return whether a prior is meant to have a scale, but none in the parameter's unit can be read in it."""
-    return bool(_MEANT.search(parameter.prior)) and not _scale(parameter)
-
-
-def _scale(parameter: EffectParameter) -> float:
-    """Return the number that the prior has as its scale, or 0."""
-    match = _SCALE.search(parameter.prior)
-    return float(match["scale"]) if match and match["unit"].strip() in ("", parameter.unit) else 0.0
 
 
 def line(effect: Effect, parameter: EffectParameter, base: Mapping[str, float] | None = None) -> Line:

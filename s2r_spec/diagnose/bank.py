@@ -5,8 +5,7 @@ from __future__ import annotations
 import hashlib
 import inspect
 import json
-import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import asdict, dataclass, replace
 from functools import partial
@@ -16,15 +15,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.backend import Backend, Effect, HasChosen, HasEffects, HasResiduals, HasVariants
-from s2r_spec.diagnose.axes import BACKGROUND, STEPS, Line, Values, lines, misread
+from s2r_spec.backend import Effect, HasResiduals, HasVariants
+from s2r_spec.diagnose.axes import BACKGROUND, STEPS, Line, Values, lines
 from s2r_spec.diagnose.axes import line as line_of
 from s2r_spec.diagnose.cache import Cache
 from s2r_spec.diagnose.design import grid
 from s2r_spec.diagnose.equations import LITTLE, Equations, Probe
 from s2r_spec.diagnose.features import Block, Features
 from s2r_spec.diagnose.simulate import Bench, Job, Test, blamed, run_jobs
-from s2r_spec.errors import BackendError, UsageError
+from s2r_spec.effects import catalogue_of
 from s2r_spec.trace import Trace
 
 FloatArray = NDArray[np.float64]
@@ -79,39 +78,6 @@ class Bank:
     interactions: FloatArray
     variants: FloatArray
     weights: FloatArray
-
-
-def catalogue_of(backend: Backend) -> tuple[Effect, ...]:
-    """Return what the backend can add to itself; nominal is what it was given already, if it says so.
-
-    Raises:
-        UsageError: nothing, so no cause can be named.
-        BackendError: a parameter has no range around its nominal value, or its prior lacks the scale it should have.
-    """
-    if not isinstance(backend, HasEffects) or not backend.effects():
-        raise UsageError(
-            f"the backend {backend.name!r} declares no effects, so no cause can be named; "
-            f"docs/how-to/effects.md says how to write them"
-        )
-    chosen = backend.chosen() if isinstance(backend, HasChosen) else {}
-    return tuple(_checked(backend.name, effect, chosen.get(effect.name, {})) for effect in backend.effects())
-
-
-def _checked(backend: str, effect: Effect, chosen: Mapping[str, float]) -> Effect:
-    """Return the effect with what was chosen as nominal."""
-    for p in effect.parameters:
-        if not (p.low <= p.nominal <= p.high and p.low < p.high and math.isfinite(p.high - p.low)):
-            raise BackendError(
-                f"backend {backend!r}: the effect {effect.name!r} has {p.name!r} in [{p.low:g}, {p.high:g}] with the "
-                f"nominal value {p.nominal:g}; it needs finite ends, low < high, and a nominal value between them"
-            )
-        if misread(p):
-            raise BackendError(
-                f"backend {backend!r}: the effect {effect.name!r} has {p.name!r} with the prior {p.prior!r}, in "
-                f"which no scale can be read; write 'half-normal, 20 N' or 'normal around 1, standard deviation 0.1'"
-            )
-    parameters = tuple(replace(p, nominal=float(chosen.get(p.name, p.nominal))) for p in effect.parameters)
-    return replace(effect, parameters=parameters)
 
 
 def key(bench: Bench) -> str:

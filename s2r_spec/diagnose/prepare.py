@@ -50,6 +50,7 @@ from s2r_spec.diagnose.simulate import Bench
 from s2r_spec.diagnose.told import log_evidence
 from s2r_spec.diagnose.training import train
 from s2r_spec.diagnose.view import View
+from s2r_spec.effects import catalogue_of
 from s2r_spec.errors import BackendError
 from s2r_spec.rollouts.match import match
 from s2r_spec.spec import Spec
@@ -245,7 +246,7 @@ def bench_of(spec: Spec, requirement: str, sim: Backend | str) -> Bench:
     horizon = spec.horizon(requirement)
     if isinstance(backend, HasDuration) and math.isfinite(horizon) and horizon > 0:
         backend = backend.with_duration(horizon)
-    _of_different_names(backend.name, banks.catalogue_of(backend))
+    _of_different_names(backend.name, catalogue_of(backend))
     return Bench(backend, spec, requirement, match(spec, requirement, backend))
 
 

@@ -52,6 +52,7 @@ from s2r_spec.diagnose.verdict import (
 from s2r_spec.diagnose.watched import Watched
 from s2r_spec.diagnose.where.found import Where
 from s2r_spec.diagnose.where.found import where as find_where
+from s2r_spec.effects import catalogue_of
 from s2r_spec.errors import UsageError
 from s2r_spec.rollouts.match import match
 from s2r_spec.rollouts.pools import kept_open
@@ -169,7 +170,7 @@ def _hidden(bench: Bench, state: State, found: Diagnosis) -> list[str]:
     if far is None or found.verdict is not Verdict.NONE or far.before.mean < PLAIN * far.floor:
         return []
     only = mostly_of_one(state.signatures.curves)
-    return [hidden_by_one(e, far) for e in banks.catalogue_of(bench.backend) if e.name == only]
+    return [hidden_by_one(e, far) for e in catalogue_of(bench.backend) if e.name == only]
 
 
 def _recorded(bench: Bench, real: Rollouts | Backend) -> tuple[int, int]:
@@ -267,7 +268,7 @@ def _answer(
         upcoming = _next(
             bench, state, weighed, isolable, told.ranked(), [test for test, _ in parts.used], tell
         )
-    families = {e.name: e.family for e in banks.catalogue_of(bench.backend)}
+    families = {e.name: e.family for e in catalogue_of(bench.backend)}
     which = Which(
         none=by_size[0][()],
         unknown=unknown,

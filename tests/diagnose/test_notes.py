@@ -21,6 +21,7 @@ from s2r_spec.diagnose.prepare import bench_of
 from s2r_spec.diagnose.quality.direct import direct
 from s2r_spec.diagnose.quality.wrapped import wrapped as jumping
 from s2r_spec.diagnose.signatures import Curve, Signatures
+from s2r_spec.effects import catalogue_of
 from s2r_spec.errors import BackendError, TraceError, UsageError
 from s2r_spec.report.nextstep import next_step
 from s2r_spec.trace import Trace
@@ -490,7 +491,7 @@ def test_a_parameter_that_varies_and_that_the_spec_does_not_know_gets_one_senten
 @pytest.mark.slow
 def test_an_effect_that_is_in_the_simulator_is_what_nominal_is(quick):
     patched = Cart().with_effects({"coulomb": {"force": 1.5}})
-    known = {effect.name: effect.parameters[0].nominal for effect in banks.catalogue_of(patched)}
+    known = {effect.name: effect.parameters[0].nominal for effect in catalogue_of(patched)}
     assert known["coulomb"] == 1.5
     assert known["viscous"] == 0.0
     rng = np.random.default_rng(5)
@@ -514,7 +515,7 @@ def test_a_range_without_the_nominal_value_gets_one_sentence(low, high):
     with pytest.raises(
         BackendError, match=r"'viscous' has 'coefficient' in \[.*\] with the nominal value 0; it needs"
     ):
-        banks.catalogue_of(Odd())
+        catalogue_of(Odd())
 
 
 @pytest.mark.parametrize(
@@ -542,9 +543,9 @@ def test_a_prior_that_should_have_a_scale_and_has_none_gets_one_sentence(prior, 
         with pytest.raises(
             BackendError, match=r"'viscous' has 'coefficient' with the prior '.*', in which no scale"
         ):
-            banks.catalogue_of(Odd())
+            catalogue_of(Odd())
     else:
-        first = banks.catalogue_of(Odd())[0]
+        first = catalogue_of(Odd())[0]
         assert line(first, first.parameters[0]).typical == pytest.approx(4.0 * typical)
 
 

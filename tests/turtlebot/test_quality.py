@@ -9,11 +9,11 @@ import pytest
 
 import s2r_spec as s2r
 from s2r_spec.diagnose.axes import lines
-from s2r_spec.diagnose.bank import catalogue_of
 from s2r_spec.diagnose.prepare import bench_of
 from s2r_spec.diagnose.quality.comparison import compare
 from s2r_spec.diagnose.quality.decide import suspected
 from s2r_spec.diagnose.quality.hold import hold
+from s2r_spec.effects import catalogue_of
 
 ROOT = Path(__file__).parents[2]
 BENCH = bench_of(s2r.load_spec(ROOT / "specs" / "turtlebot.stl"), "delivers", "turtlebot")

@@ -10,14 +10,14 @@ from s2r_cart import Cart
 from s2r_toy import Toy
 
 from s2r_spec.backend import Channel, Effect, EffectParameter, load_backend
-from s2r_spec.promises import promises
+from s2r_spec.conformance import check_conformance
 from s2r_spec.trace import Trace
 
 PAGE = Path(__file__).parents[1] / "docs" / "how-to" / "effects.md"
 
 
 def broken(backend):
-    return [sentence for promise in promises(backend) for sentence in promise.broken]
+    return [sentence for check in check_conformance(backend) for sentence in check.violations]
 
 
 def page_cart():
@@ -28,8 +28,8 @@ def page_cart():
 
 @pytest.mark.parametrize("backend", [Cart(), Toy(), page_cart()], ids=["cart", "toy", "page"])
 def test_a_backend_as_the_pages_ask_for_keeps_all(backend):
-    found = list(promises(backend))
-    assert [p.broken for p in found] == [[]] * len(found)
+    found = list(check_conformance(backend))
+    assert [p.violations for p in found] == [[]] * len(found)
     assert len(found) == (10 if hasattr(backend, "effects") else 4)
 
 
@@ -81,8 +81,8 @@ def test_a_backend_whose_default_test_raises_is_not_asked_for_more():
         def rollout(self, params, seed):
             raise RuntimeError("no battery")
 
-    (only,) = promises(Odd())
-    assert only.broken == ["RuntimeError: no battery"]
+    (only,) = check_conformance(Odd())
+    assert only.violations == ["RuntimeError: no battery"]
 
 
 @dataclass(frozen=True)
@@ -209,8 +209,8 @@ def test_where_no_two_rollouts_are_the_same_effects_are_not_blamed():
         def rollout(self, params, seed):
             return super().rollout(params, np.random.default_rng().integers(2**31))
 
-    found = list(promises(Noisy(deterministic=False)))
-    assert [p.broken for p in found] == [[]] * 10
+    found = list(check_conformance(Noisy(deterministic=False)))
+    assert [p.violations for p in found] == [[]] * 10
     assert any("not tried" in remark for p in found for remark in p.remarks)
 
 
@@ -250,5 +250,5 @@ def test_a_folder_of_recordings_keeps_what_it_can(tmp_path):
         np.savez(tmp_path / f"r{k}.npz", t=100.0 + trace.times, **trace.channels)
         rows.append(f"r{k},{vd},{acc}")
     (tmp_path / "rollouts.csv").write_text("\n".join(rows) + "\n")
-    found = list(promises(load_backend(f"log:{tmp_path}")))
-    assert [p.broken for p in found] == [[]] * 4, found
+    found = list(check_conformance(load_backend(f"log:{tmp_path}")))
+    assert [p.violations for p in found] == [[]] * 4, found

@@ -1,6 +1,6 @@
-"""Whether a backend keeps what it promises: channels, seeds, ranges, effects. For whoever writes one.
+"""Conformance of a backend with its protocol: channels, seeds, ranges, effects. For authors of backends.
 
-Every promise is tried by rollouts of the backend's default test, and of the ends of what it says it can do.
+Every requirement is tried by rollouts of the backend's default test, and at the ends of its declared ranges.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from s2r_spec.backend import (
     HasVariants,
     is_exclusive,
 )
-from s2r_spec.diagnose.bank import catalogue_of
+from s2r_spec.effects import catalogue_of
 from s2r_spec.errors import UsageError
 from s2r_spec.trace import Trace
 
@@ -47,22 +47,22 @@ SLACK = 1.5
 
 
 @dataclass
-class Promise:
-    """One promise.
+class Check:
+    """The result of trying one requirement.
 
     Attributes:
-        words: what is promised.
-        broken: where it is not kept, a sentence each.
-        remarks: what is no breach, but may not be meant.
+        requirement: that a backend should meet.
+        violations: a sentence for each place where it is not met.
+        remarks: sentences on what is allowed, but may not be intended.
     """
 
-    words: str
-    broken: list[str] = field(default_factory=list)
+    requirement: str
+    violations: list[str] = field(default_factory=list)
     remarks: list[str] = field(default_factory=list)
 
 
-def promises(backend: Backend) -> Iterator[Promise]:
-    """Try every promise that the backend makes, one after the other; whatever it raises is a breach.
+def check_conformance(backend: Backend) -> Iterator[Check]:
+    """Try every requirement on a backend, one after the other; an exception that it raises is a violation.
 
     Raises:
         UsageError: it is a machine, which this would move.
@@ -72,14 +72,14 @@ def promises(backend: Backend) -> Iterator[Promise]:
             f"{backend.name} is a machine: trying its promises would move it to the ends of its ranges"
         )
     trial = _Trial(backend)
-    checks: list[tuple[str, Callable[[_Trial, Promise], None]]] = [
+    attempts: list[tuple[str, Callable[[_Trial, Check], None]]] = [
         ("its default test runs", _runs),
         ("its traces have the channels that it declares, and last as long as it says", _declared),
         ("test and seed fix a trace, bit for bit", _repeated),
         ("every test parameter can be what its range says", _ends),
     ]
     if isinstance(backend, HasEffects):
-        checks += [
+        attempts += [
             ("every effect has parameters, with ranges and priors that can be read", _catalogue),
             ("an effect at its nominal values changes no bit", _nominal),
             ("every effect can be what its range says, and does something there", _ranges),
@@ -88,20 +88,20 @@ def promises(backend: Backend) -> Iterator[Promise]:
             ("a machine with an effect has another hash, and says what it was given", _identity),
         ]
     if isinstance(backend, HasEffects) and isinstance(backend, HasResiduals):
-        checks.append(
+        attempts.append(
             ("its residuals can be computed of its own rollouts, whatever effects are added", _residuals)
         )
     if isinstance(backend, HasVariants):
-        checks.append(("its variants are the same machine, computed otherwise", _variants))
-    for words, check in checks:
-        promise = Promise(words)
+        attempts.append(("its variants are the same machine, computed otherwise", _variants))
+    for requirement, attempt in attempts:
+        check = Check(requirement)
         try:
-            check(trial, promise)
-        except Exception as error:  # whatever a stranger's code raises
-            promise.broken.append(_said(error))
-        yield promise
-        if promise.broken and check in (_runs, _catalogue):
-            return  # the rest rests on it
+            attempt(trial, check)
+        except Exception as error:  # third-party code may raise anything
+            check.violations.append(_described(error))
+        yield check
+        if check.violations and attempt in (_runs, _catalogue):
+            return  # all others depend on it
 
 
 class _Trial:
@@ -155,7 +155,7 @@ def _rollout(machine: Backend, test: Mapping[str, float]) -> Trace:
     return trace
 
 
-def _said(error: Exception) -> str:
+def _described(error: Exception) -> str:
     return f"{type(error).__name__}: {error}"
 
 
@@ -180,34 +180,34 @@ def _apart(one: Trace, other: Trace) -> dict[str, float]:
     return {name: _rms(values[:size] - other[name][:size]) for name, values in one.channels.items()}
 
 
-def _runs(trial: _Trial, out: Promise) -> None:
+def _runs(trial: _Trial, out: Check) -> None:
     names = Counter(p.name for p in trial.backend.parameters)
-    out.broken += [
+    out.violations += [
         f"the parameter {name} is declared {count} times" for name, count in names.items() if count > 1
     ]
     for p in trial.backend.parameters:
         if not (p.low <= p.default <= p.high and math.isfinite(p.high - p.low)):
-            out.broken.append(
+            out.violations.append(
                 f"{p.name} has the default {p.default:g} in [{p.low:g}, {p.high:g}] {p.unit}".rstrip()
             )
     if trial.first.failure is not None:
         out.remarks.append(f"it ends early: {trial.first.failure}")
 
 
-def _declared(trial: _Trial, out: Promise) -> None:
+def _declared(trial: _Trial, out: Check) -> None:
     trace, backend = trial.first, trial.backend
     for channel in backend.channels:
         if channel.name not in trace.channels:
-            out.broken.append(f"{channel.name} is declared, but is not in the trace")
+            out.violations.append(f"{channel.name} is declared, but is not in the trace")
             continue
         width = trace[channel.name].reshape(len(trace), -1).shape[1]
         if width != channel.width:
-            out.broken.append(
+            out.violations.append(
                 f"{channel.name} has {width} columns in the trace, but {channel.width} declared"
             )
         unit = trace.units.get(channel.name, channel.unit)
         if unit != channel.unit:
-            out.broken.append(
+            out.violations.append(
                 f"{channel.name} is in {unit or '1'} in the trace, but in {channel.unit or '1'} declared"
             )
         if not np.isfinite(trace[channel.name]).all():
@@ -218,19 +218,21 @@ def _declared(trial: _Trial, out: Promise) -> None:
         and not isinstance(backend, HasRecordings)
         and abs(trace.duration - backend.duration) > SLACK * step
     ):
-        out.broken.append(f"a rollout lasts {trace.duration:g} s, but its duration is {backend.duration:g} s")
+        out.violations.append(
+            f"a rollout lasts {trace.duration:g} s, but its duration is {backend.duration:g} s"
+        )
 
 
-def _repeated(trial: _Trial, out: Promise) -> None:
+def _repeated(trial: _Trial, out: Check) -> None:
     if not trial.backend.deterministic:
         out.remarks.append(
             "it promises no such thing: no rollout can be replayed, and an effect of little is not seen"
         )
     elif not _same(trial.first, _rollout(trial.backend, trial.test)):
-        out.broken.append("two rollouts with one seed differ; draw all random numbers from the seed")
+        out.violations.append("two rollouts with one seed differ; draw all random numbers from the seed")
 
 
-def _ends(trial: _Trial, out: Promise) -> None:
+def _ends(trial: _Trial, out: Check) -> None:
     if isinstance(trial.backend, HasRecordings):
         out.remarks.append("its tests are those that were recorded")
         return
@@ -241,37 +243,41 @@ def _ends(trial: _Trial, out: Promise) -> None:
             )
 
 
-def _tried(out: Promise, at: str, machine: Backend, test: Mapping[str, float]) -> Trace | None:
-    """Run a test; what it raises is a breach, and that it ends early a remark."""
+def _tried(out: Check, at: str, machine: Backend, test: Mapping[str, float]) -> Trace | None:
+    """Run a test; an exception is a violation, an early end a remark."""
     try:
         trace = _rollout(machine, test)
     except Exception as error:
-        out.broken.append(f"{at}: {_said(error)}; a rollout that cannot go on ends with meta['failure']")
+        out.violations.append(
+            f"{at}: {_described(error)}; a rollout that cannot go on ends with meta['failure']"
+        )
         return None
     if trace.failure is not None:
         out.remarks.append(f"{at}: ends early ({trace.failure})")
     return trace
 
 
-def _catalogue(trial: _Trial, out: Promise) -> None:
+def _catalogue(trial: _Trial, out: Check) -> None:
     names = Counter(effect.name for effect in trial.effects)
-    out.broken += [
+    out.violations += [
         f"the effect {name} is declared {count} times" for name, count in names.items() if count > 1
     ]
-    out.broken += [f"{effect.name} has no parameters" for effect in trial.effects if not effect.parameters]
+    out.violations += [
+        f"{effect.name} has no parameters" for effect in trial.effects if not effect.parameters
+    ]
 
 
-def _nominal(trial: _Trial, out: Promise) -> None:
+def _nominal(trial: _Trial, out: Check) -> None:
     if not trial.backend.deterministic:
         out.remarks.append("not tried: no two rollouts are the same")
         return
     for effect in trial.effects:
         values = {effect.name: {p.name: p.nominal for p in effect.parameters}}
         if not _same(trial.first, _rollout(trial.added(values), trial.test)):
-            out.broken.append(f"{effect.name} changes the trace though it is not there")
+            out.violations.append(f"{effect.name} changes the trace though it is not there")
 
 
-def _ranges(trial: _Trial, out: Promise) -> None:
+def _ranges(trial: _Trial, out: Check) -> None:
     for effect in trial.effects:
         changed = False
         for p in effect.parameters:
@@ -282,12 +288,12 @@ def _ranges(trial: _Trial, out: Promise) -> None:
                 trace = _tried(out, f"{effect.name} with {words}", trial.added(values), trial.test)
                 changed = changed or trace is None or not _same(trial.first, trace)
         if not changed:
-            out.broken.append(
+            out.violations.append(
                 f"{effect.name} changes nothing in the default test, wherever in its range it is"
             )
 
 
-def _order(trial: _Trial, out: Promise) -> None:
+def _order(trial: _Trial, out: Check) -> None:
     for one, other in pairwise(trial.there):
         machines = [
             trial.added(trial.there[last], trial.added(trial.there[first]))
@@ -295,12 +301,12 @@ def _order(trial: _Trial, out: Promise) -> None:
         ]
         traces = [_tried(out, f"{one} and {other}", machine, trial.test) for machine in machines]
         if trial.backend.deterministic and None not in traces and not _same(*traces):  # type: ignore[arg-type]
-            out.broken.append(f"{one} and {other} do not give what {other} and {one} give")
+            out.violations.append(f"{one} and {other} do not give what {other} and {one} give")
     everything = {name: values for one in trial.there.values() for name, values in one.items()}
     _tried(out, "all effects together", trial.added(everything), trial.test)
 
 
-def _draws(trial: _Trial, out: Promise) -> None:
+def _draws(trial: _Trial, out: Check) -> None:
     if not trial.backend.deterministic:
         out.remarks.append("not tried: no two rollouts are the same")
         return
@@ -312,29 +318,29 @@ def _draws(trial: _Trial, out: Promise) -> None:
         if trace is not None and trace.channels.keys() == trial.first.channels.keys():
             change = _apart(trial.first, trace)
             if np.median([change[name] / seeds[name] for name in noisy]) > OTHERWISE:
-                out.broken.append(
+                out.violations.append(
                     f"next to nothing of {effect.name} changes as much as another seed; draw all random numbers "
                     f"before anything that depends on an effect"
                 )
 
 
-def _variants(trial: _Trial, out: Promise) -> None:
+def _variants(trial: _Trial, out: Check) -> None:
     assert isinstance(trial.backend, HasVariants)
     for name, machine in trial.backend.variants().items():
         trace = _tried(out, f"the variant {name!r}", machine, trial.test)
         if trace is None:
             continue
         if trace.channels.keys() != trial.first.channels.keys():
-            out.broken.append(f"the variant {name!r} has other channels")
+            out.violations.append(f"the variant {name!r} has other channels")
         elif trial.backend.deterministic and _same(trial.first, trace):
-            out.broken.append(f"the variant {name!r} is the simulator itself")
+            out.violations.append(f"the variant {name!r} is the simulator itself")
         if machine.model_hash == trial.backend.model_hash:
-            out.broken.append(
+            out.violations.append(
                 f"the model hash does not change with the variant {name!r}: its rollouts would be mixed up"
             )
 
 
-def _identity(trial: _Trial, out: Promise) -> None:
+def _identity(trial: _Trial, out: Check) -> None:
     if not isinstance(trial.backend, HasChosen):
         out.remarks.append("it has no chosen(): effects that it was given count as absent in a diagnosis")
     for name, values in trial.there.items():
@@ -342,11 +348,13 @@ def _identity(trial: _Trial, out: Promise) -> None:
         less = {name: {p: HALF * (x + _nominal_of(trial, name, p)) for p, x in values[name].items()}}
         hashes = {trial.backend.model_hash, machine.model_hash, trial.added(less).model_hash}
         if len(hashes) < 3:
-            out.broken.append(f"the model hash does not change with {name}: its rollouts would be mixed up")
+            out.violations.append(
+                f"the model hash does not change with {name}: its rollouts would be mixed up"
+            )
         if isinstance(machine, HasChosen):
             told, given = dict(machine.chosen().get(name, {})), values[name]
             if any(p not in told or not np.isclose(told[p], x) for p, x in given.items()):
-                out.broken.append(f"chosen() says {told} of {name}, which was given {given}")
+                out.violations.append(f"chosen() says {told} of {name}, which was given {given}")
 
 
 def _nominal_of(trial: _Trial, effect: str, parameter: str) -> float:
@@ -355,14 +363,14 @@ def _nominal_of(trial: _Trial, effect: str, parameter: str) -> float:
     )
 
 
-def _residuals(trial: _Trial, out: Promise) -> None:
+def _residuals(trial: _Trial, out: Check) -> None:
     unknown, hardly = [], []
     for name, values in trial.there.items():
         machine = trial.added(values)
         trace = _rollout(machine, trial.test)
         bare, knowing = (_left(each, trace, trial.test) for each in (trial.backend, machine))
         if {n: x.shape for n, x in bare.items()} != {n: x.shape for n, x in knowing.items()}:
-            out.broken.append(f"with {name} they are at other instants than without")
+            out.violations.append(f"with {name} they are at other instants than without")
             continue
         left = [
             _rms(knowing[n]) / max(_rms(x), 1e-300)
