@@ -1,4 +1,4 @@
-"""Choosing effects by name: what every backend with a catalogue would otherwise write for itself.
+"""Effects by name: choosing them, which every backend with a catalogue shares, and the scales of their priors.
 
 A :data:`Choice` is a value: equal choices are equal and hash alike, in whatever
 order the effects were added. A backend keeps one, and asks :func:`settings` for

@@ -64,7 +64,6 @@ def freeze(name: str, cases: int, folder: Path, workers: int) -> None:
         print(run(name, *generator, "--cases", cases, "--out", made, "--held-out", 0, *spread))
     if not list((made / "public").glob("*.commit")):
         sealing = (
-            "blind",
             "seal",
             made / "public",
             "--labels",
@@ -72,11 +71,10 @@ def freeze(name: str, cases: int, folder: Path, workers: int) -> None:
             "--keys",
             folder / f"{name}-keys",
         )
-        print(run(name, "s2r_spec", *sealing))
+        print(run(name, "s2r_spec.blind", *sealing))
     answers = folder / f"{name}-answers"
     begin = time.perf_counter()
     freezing = (
-        "blind",
         "freeze",
         made / "public",
         "--answers",
@@ -86,7 +84,7 @@ def freeze(name: str, cases: int, folder: Path, workers: int) -> None:
         "--workers",
         workers,
     )
-    print(run(name, "s2r_spec", *freezing))
+    print(run(name, "s2r_spec.blind", *freezing))
     print(f"{time.perf_counter() - begin:.0f} s, bank and practice included where they were not on disk")
     RESULTS.mkdir(exist_ok=True)
     shutil.copy(answers / "manifest.json", RESULTS / f"{name}_manifest.json")
@@ -105,7 +103,6 @@ def open_(name: str, folder: Path) -> None:
     committed(RESULTS / f"{name}_manifest.json")
     answers = folder / f"{name}-answers"
     opening = (
-        "blind",
         "open",
         folder / name / "public",
         "--keys",
@@ -114,8 +111,8 @@ def open_(name: str, folder: Path) -> None:
         answers,
     )
     if not (answers / "opened.json").exists():
-        print(run(name, "s2r_spec", *opening))
-    scores = json.loads(run(name, "s2r_spec", "blind", "score", answers, "--json"))
+        print(run(name, "s2r_spec.blind", *opening))
+    scores = json.loads(run(name, "s2r_spec.blind", "score", answers, "--json"))
     opened = json.loads((answers / "opened.json").read_text())
     cases = kept(answers)
     machine = next(
@@ -134,7 +131,7 @@ def open_(name: str, folder: Path) -> None:
         "cases": cases,
     }
     (RESULTS / f"{name}_scores.json").write_text(json.dumps(found, indent=1, ensure_ascii=False) + "\n")
-    print(run(name, "s2r_spec", "blind", "score", answers))
+    print(run(name, "s2r_spec.blind", "score", answers))
 
 
 def main() -> None:

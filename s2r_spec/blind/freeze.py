@@ -48,7 +48,7 @@ def freeze(
     ids = cases(public)
     for name in ids:
         if not (public / f"{name}.commit").exists():
-            raise UsageError(f"{public / name} is not sealed; run s2r blind seal first")
+            raise UsageError(f"{public / name} is not sealed; run python -m s2r_spec.blind seal first")
     answers.mkdir(parents=True, exist_ok=True)
     code = _begun(answers, simulator)
     for number, name in enumerate(ids):

@@ -14,7 +14,6 @@ import typer
 
 from s2r_spec.cli import (
     backends,
-    blind,
     certify,
     check,
     choose,
@@ -47,7 +46,6 @@ app.command(epilog=EXIT_CODES)(check.check)
 app.command("gap")(gap.gap)
 app.command("certify", epilog=EXIT_CODES)(certify.certify)
 app.command()(diagnose.diagnose)
-app.add_typer(blind.app, name="blind")
 app.command()(plan.plan)
 app.command()(odds.odds)
 app.command(epilog=EXIT_CODES)(choose.choose)
@@ -70,12 +68,12 @@ def _root(
         raise typer.Exit
 
 
-def main() -> None:
-    """Run the command line; whatever is not foreseen is a bug, and exits with 4."""
+def main(application: typer.Typer = app) -> None:
+    """Run a command line, ``s2r`` by default; an unexpected exception is a bug, and exits with 4."""
     as_json = "--json" in sys.argv
     terminal.prepare()
     try:
-        app()
+        application()
     except SystemExit as end:
         cause = end.__context__
         if isinstance(cause, OSError) and cause.errno == errno.EPIPE:

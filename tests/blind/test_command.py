@@ -1,7 +1,9 @@
-"""``s2r blind``: a set of two machines from its sealing to its score, as a user runs it."""
+"""``python -m s2r_spec.blind``: a set of two machines from its sealing to its score."""
 
 import csv
 import json
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -12,12 +14,25 @@ from s2r_spec import logs
 WITHHELD = {"a": {"viscous": 2.5}, "b": {"tilt": -2.0}}
 
 
+class Command:
+    """Runs the module in a folder of its own."""
+
+    def __init__(self, folder):
+        self.folder = folder
+
+    def __call__(self, *words, code):
+        command = [sys.executable, "-m", "s2r_spec.blind", *map(str, words)]
+        done = subprocess.run(command, cwd=self.folder, capture_output=True, text=True, check=False)
+        assert done.returncode == code, done.stderr + done.stdout
+        return done
+
+
 @pytest.fixture
-def made(s2r, monkeypatch, cache):
+def made(tmp_path, toy, monkeypatch, cache):
     monkeypatch.setenv("S2R_CACHE", str(cache))
-    (s2r.folder / "labels").mkdir()
+    (tmp_path / "labels").mkdir()
     for number, (name, effects) in enumerate(WITHHELD.items()):
-        case, rng = s2r.folder / "public" / name, np.random.default_rng(number)
+        case, rng = tmp_path / "public" / name, np.random.default_rng(number)
         case.mkdir(parents=True)
         (case / "spec.stl").write_text(SPEC)
         with (case / "rollouts.csv").open("w", newline="") as stream:
@@ -35,16 +50,16 @@ def made(s2r, monkeypatch, cache):
                 for effect, value in effects.items()
             },
         }
-        (s2r.folder / "labels" / f"{name}.json").write_text(json.dumps(label))
-    return s2r
+        (tmp_path / "labels" / f"{name}.json").write_text(json.dumps(label))
+    return Command(tmp_path)
 
 
 @pytest.mark.slow  # the same steps without the command line are in tests/blind/test_blind.py
 def test_a_set_from_its_sealing_to_its_score(made):
-    seal = ("blind", "seal", "public", "--labels", "labels", "--keys", "keys")
-    freeze = ("blind", "freeze", "public", "--answers", "answers", "--sim", "cart", "--workers", 1, "-q")
-    open_ = ("blind", "open", "public", "--keys", "keys", "--answers", "answers")
-    assert "is not sealed; run s2r blind seal first" in made(*freeze, code=2).stderr
+    seal = ("seal", "public", "--labels", "labels", "--keys", "keys")
+    freeze = ("freeze", "public", "--answers", "answers", "--sim", "cart", "--workers", 1, "-q")
+    open_ = ("open", "public", "--keys", "keys", "--answers", "answers")
+    assert "is not sealed" in made(*freeze, code=2).stderr
     assert made(*seal, code=0).stdout == "2 labels sealed; salts and labels are in keys\n"
     assert not list((made.folder / "labels").glob("*.json"))
     assert "manifest.json" in made(*open_, code=2).stderr  # nothing is opened before answers are frozen
@@ -58,7 +73,20 @@ def test_a_set_from_its_sealing_to_its_score(made):
     assert not list((made.folder / "answers").glob("opened*"))  # and nothing has left the keys
     path.write_text(answer)
     assert made(*open_, code=0).stdout == "2 labels opened into answers\n"
-    scores = json.loads(made("blind", "score", "answers", "--json", code=0).stdout)
+    scores = json.loads(made("score", "answers", "--json", code=0).stdout)
     assert (scores["top-1, single effects"]["hits"], scores["top-1, single effects"]["of"]) == (2, 2)
-    printed = made("blind", "score", "answers", code=0).stdout
+    printed = made("score", "answers", code=0).stdout
     assert "2 of 2" in next(line for line in printed.splitlines() if line.startswith("top-1, single effects"))
+
+
+def test_it_is_no_command_of_the_users(made):
+    listed = subprocess.run(
+        [sys.executable, "-m", "s2r_spec", "--help"], capture_output=True, text=True, check=True
+    ).stdout
+    assert "diagnose" in listed
+    assert "blind" not in listed
+    made("--help", code=0)
+    assert (
+        "is not sealed"
+        in made("freeze", "public", "--answers", "answers", "--sim", "cart", "-q", code=2).stderr
+    )

@@ -1,4 +1,4 @@
-"""``s2r blind seal|freeze|open|score``: is the diagnosis right on causes that it was not told?"""
+"""``python -m s2r_spec.blind seal|freeze|open|score``: a blinded test of the diagnosis, for its developers."""
 
 from __future__ import annotations
 
@@ -8,13 +8,17 @@ from typing import Annotated
 
 import typer
 
+from s2r_spec.cli import main
 from s2r_spec.cli.common import pool, sentences
 from s2r_spec.cli.options import AsJson, Quiet, Scheduler, Seed, Simulator, Workers
 from s2r_spec.cli.terminal import console, print_json, say
 
 app = typer.Typer(
-    help="Seal labels, freeze the diagnosis, open, and score: checked on causes that it was not told.",
+    help="A blinded test of the diagnosis: seal labels, freeze the answers, open the labels, score.",
     no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
 )
 
 Public = Annotated[
@@ -108,3 +112,7 @@ def score(
                 say(f"{name:40} {'-' if value is None else value:>6}")
             elif name.startswith("shrink"):
                 say(f"{name:40} {value}")
+
+
+if __name__ == "__main__":
+    main(app)
