@@ -1,4 +1,4 @@
-"""What a backend promises is tried, and what it breaks is said."""
+"""Conformance of backends: every requirement is tried, and every violation found."""
 
 import re
 from dataclasses import dataclass, replace
