@@ -31,7 +31,7 @@ LAYERS = [
     {"stamps"},
     {"instants"},
     {"errors", "compiled", "magnitude"},
-    {"printable"},
+    {"documentation", "printable"},
 ]
 RANK = {name: rank for rank, names in enumerate(LAYERS) for name in names}
 

@@ -24,6 +24,7 @@ from s2r_spec.diagnose.design import grid
 from s2r_spec.diagnose.equations import LITTLE, Equations, Probe
 from s2r_spec.diagnose.features import Block, Features
 from s2r_spec.diagnose.simulate import Bench, Job, Test, blamed, run_jobs
+from s2r_spec.documentation import page
 from s2r_spec.errors import BackendError, UsageError
 from s2r_spec.trace import Trace
 
@@ -91,7 +92,7 @@ def catalogue_of(backend: Backend) -> tuple[Effect, ...]:
     if not isinstance(backend, HasEffects) or not backend.effects():
         raise UsageError(
             f"the backend {backend.name!r} declares no effects, so no cause can be named; "
-            f"docs/how-to/effects.md says how to write them"
+            f"see {page('how-to/effects')}"
         )
     chosen = backend.chosen() if isinstance(backend, HasChosen) else {}
     return tuple(_checked(backend.name, effect, chosen.get(effect.name, {})) for effect in backend.effects())
