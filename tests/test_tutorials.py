@@ -19,6 +19,7 @@ PAGES = {
             "tutorials/first-spec.md",
             "tutorials/certify-a1.md",
             "how-to/choose-B-R-and-kernel.md",
+            "how-to/coming-from-rtamt-breach-sysid.md",
         )
     )
 }
