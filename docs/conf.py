@@ -52,9 +52,14 @@ def _commands() -> str:
 
     from s2r_spec.cli import app
 
-    command = get_command(app)
-    context = command.make_context("s2r", [], resilient_parsing=True)
-    return get_docs_for_click(obj=command, ctx=context, name="s2r").split("\n", 1)[1]
+    group = get_command(app)
+    context = group.make_context("s2r", [], resilient_parsing=True)
+    text = get_docs_for_click(obj=group, ctx=context, name="s2r").split("\n", 1)[1]
+    for name, command in group.commands.items():  # typer cuts these sentences
+        text = re.sub(
+            rf"^\* `{name}`:.*$", f"* [`{name}`](#s2r-{name}): {command.help}", text, count=1, flags=re.M
+        )
+    return text
 
 
 def _fill(app: Sphinx, docname: str, source: list[str]) -> None:
