@@ -13,6 +13,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 from s2r_spec.backend import Backend, Effect, EffectParameter, HasChosen, HasEffects
+from s2r_spec.documentation import page
 from s2r_spec.errors import BackendError, UsageError, did_you_mean, one_of
 
 Values = Mapping[str, Mapping[str, float]]
@@ -113,7 +114,7 @@ def catalogue_of(backend: Backend) -> tuple[Effect, ...]:
     if not isinstance(backend, HasEffects) or not backend.effects():
         raise UsageError(
             f"the backend {backend.name!r} declares no effects, so no cause can be named; "
-            f"docs/how-to/effects.md says how to write them"
+            f"see {page('how-to/effects')}"
         )
     chosen = backend.chosen() if isinstance(backend, HasChosen) else {}
     return tuple(_checked(backend.name, effect, chosen.get(effect.name, {})) for effect in backend.effects())

@@ -66,9 +66,3 @@ def test_the_page_on_clusters_quotes_what_is_said():
     assert len(quotes) == 5
     for quote in quotes:
         assert re.sub(r"\bHOST\b", "…", quote) in said, quote
-
-
-def test_every_link_of_the_pages_leads_somewhere():
-    for page in PAGES.glob("*.md"):
-        for target in re.findall(r"\]\((?!http)([^)#]+)\)", page.read_text()):
-            assert (page.parent / target).exists(), target

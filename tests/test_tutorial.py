@@ -92,8 +92,3 @@ def test_a_parameter_that_the_lift_does_not_have_is_refused(installed):
     for test in ({"laod": 100.0}, {"load": 100.0, "people": 2.0}, {"load": "heavy"}, {"load": 1e4}):
         with pytest.raises(UsageError, match=next(reversed(test))):
             lift.rollout(test, 0)
-
-
-def test_every_link_leads_somewhere():
-    for target in re.findall(r"\]\((?!http)([^)#]+)\)", PAGE):
-        assert (ROOT / "docs" / "tutorials" / target).exists(), target

@@ -52,6 +52,7 @@ from s2r_spec.diagnose.verdict import (
 from s2r_spec.diagnose.watched import Watched
 from s2r_spec.diagnose.where.found import Where
 from s2r_spec.diagnose.where.found import where as find_where
+from s2r_spec.documentation import page
 from s2r_spec.effects import catalogue_of
 from s2r_spec.errors import UsageError
 from s2r_spec.rollouts.match import match
@@ -310,7 +311,7 @@ def _answer(
 ASSUMPTIONS = (
     "the real rollouts were run as their tests say, and none was left out but those that a note names",
     "the probabilities weigh evidence and networks by fixed numbers from development twins; how often they come true "
-    "on sealed twins is in docs/explanation/diagnosis.md",
+    f"on sealed twins is in {page('explanation/diagnosis')}",
     "an effect that the catalogue lacks, but that a member imitates, is named as that member",
 )
 

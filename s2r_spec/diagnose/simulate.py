@@ -16,6 +16,7 @@ from s2r_spec.backend import Backend, HasEffects, HasVariants
 from s2r_spec.diagnose.axes import Values
 from s2r_spec.diagnose.equations import Instruments
 from s2r_spec.diagnose.features import Features, with_residuals
+from s2r_spec.documentation import page
 from s2r_spec.errors import BackendError, UsageError
 from s2r_spec.rollouts.match import Matched
 from s2r_spec.space import key_of
@@ -71,7 +72,7 @@ class Bench:
         if not isinstance(self.backend, HasEffects):
             raise UsageError(
                 f"the backend {self.backend.name!r} declares no effects, so none can be found in its gap; "
-                f"see docs/how-to/effects.md"
+                f"see {page('how-to/effects')}"
             )
         patched: Backend = self.backend.with_effects(values)
         return patched
@@ -185,7 +186,7 @@ def blamed(bench: Bench, values: Values, test: Test, seed: int) -> Iterator[None
         raise BackendError(
             f"backend {bench.backend.name!r} with {dict(values)}, at {dict(test)}, seed {seed}: {error}; "
             f"a rollout that cannot go on must end with meta['failure'], or the effect's range be narrower "
-            f"(docs/how-to/effects.md)"
+            f"({page('how-to/effects')})"
         ) from None
 
 

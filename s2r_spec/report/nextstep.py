@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from s2r_spec.diagnose.diagnosis import Diagnosis, NextTest, Verdict
+from s2r_spec.documentation import page
 from s2r_spec.report.checked import test_words
 from s2r_spec.spec import Spec
 
@@ -26,7 +27,7 @@ def next_step(found: Diagnosis, spec: Spec) -> str:
             if strange:
                 return (
                     f"For this requirement the simulator may stay as it is; where the motion itself matters, look for "
-                    f"what makes {strange[0]}, which the catalogue lacks (docs/how-to/effects.md)."
+                    f"what makes {strange[0]}, which the catalogue lacks ({page('how-to/effects')})."
                 )
             return (
                 "Leave the simulator as it is for this requirement, and ask again when the machine or the "
@@ -68,7 +69,7 @@ def next_step(found: Diagnosis, spec: Spec) -> str:
         case Verdict.UNKNOWN:
             return (
                 f"Look for a cause that the catalogue lacks{_place(found)}, and write it as an effect "
-                f"(docs/how-to/effects.md)"
+                f"({page('how-to/effects')})"
                 f"{_wider(found)}."
             )
 

@@ -93,13 +93,3 @@ def test_the_first_contact_stands_a_robot_up_and_lays_it_down(tmp_path, monkeypa
         assert guard.main(["status"]) == 0
         assert capsys.readouterr().out.startswith("RESTING")
         assert guard.main(["stop"]) == 0
-
-
-def test_every_link_leads_somewhere():
-    for page in PAGES:
-        for target, place in re.findall(r"\]\((?!http)([^)#]*)#?([^)]*)\)", page.read_text()):
-            file = (page.parent / target) if target else page
-            assert file.exists(), target
-            heads = [head.lower() for head in re.findall(r"^#+ (.*)$", file.read_text(), re.M)]
-            anchors = {re.sub(r"[^\w -]", "", head).replace(" ", "-") for head in heads}
-            assert not place or place in anchors, place

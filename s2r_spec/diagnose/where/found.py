@@ -17,6 +17,7 @@ from s2r_spec.diagnose.where.body import FEWEST, Body, Residuals, body
 from s2r_spec.diagnose.where.foretell import foretell
 from s2r_spec.diagnose.where.gaps import GapAt
 from s2r_spec.diagnose.where.space import MOST_AXES, InSpace, in_space
+from s2r_spec.documentation import page
 from s2r_spec.errors import TraceError
 from s2r_spec.rollouts.seeds import Stream, rollout_seed
 from s2r_spec.space import key_of
@@ -139,7 +140,7 @@ def body_of(
     if not isinstance(backend, HasResiduals):
         return None, (
             f"the backend {backend.name!r} computes no residuals, so the gap cannot be traced to parts of the "
-            f"machine; see docs/how-to/effects.md"
+            f"machine; see {page('how-to/effects')}"
         )
 
     def unexplained(trace: Trace, test: Mapping[str, float]) -> Residuals:

@@ -1,0 +1,70 @@
+"""The documentation builds without a warning and without a network, and leaves nothing out."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import s2r_spec as s2r
+from s2r_spec.cli import app
+
+for package in ("furo", "myst_parser", "sphinx"):
+    pytest.importorskip(package, reason="Sphinx is in the [docs] extra")
+pytestmark = pytest.mark.dev
+DOCS = Path(__file__).parents[1] / "docs"
+PAGES = sorted(path.relative_to(DOCS).with_suffix("") for path in DOCS.rglob("*.md"))
+
+
+def built(docs: Path, site: Path) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-d", str(site.with_name("cache"))]
+    return subprocess.run([*command, str(docs), str(site)], capture_output=True, text=True, check=False)
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    """The site, whose links, anchors, pages outside every list and markup are errors if they are wrong."""
+    place = tmp_path_factory.mktemp("built") / "site"
+    done = built(DOCS, place)
+    assert done.returncode == 0, done.stderr
+    return place
+
+
+def test_every_page_is_in_the_site_and_loads_nothing_from_a_network(site):
+    for page in PAGES:
+        text = (site / page).with_suffix(".html").read_text()
+        loaded = re.findall(r"<(?:script|img|iframe)[^>]*\ssrc=\"([^\"]*)", text)
+        loaded += re.findall(r"<link rel=\"(?:stylesheet|preload)\"[^>]*\shref=\"([^\"]*)", text)
+        assert loaded
+        assert not [address for address in loaded if "//" in address], page
+
+
+def test_the_command_line_page_has_every_command_and_option(site):
+    text = (site / "reference" / "command-line.html").read_text()
+    commands = [
+        command.name or command.callback.__name__ for command in app.registered_commands if not command.hidden
+    ]
+    assert len(commands) > 10
+    for command in commands:
+        assert f'id="s2r-{command}"' in text
+    for option in ("--scheduler", "--requirement", "--time-unit", "--apply"):
+        assert option in text
+
+
+def test_the_python_page_has_every_public_name_with_its_docstring(site):
+    text = (site / "reference" / "python-api.html").read_text()
+    documented = set(re.findall(r'<dt class="sig[^>]*" id="s2r_spec\.(\w+)"', text))
+    assert documented == set(s2r.__all__)
+
+
+def test_links_that_lead_nowhere_stop_the_build(tmp_path):
+    docs = tmp_path / "docs"
+    docs.mkdir()
+    conf = (DOCS / "conf.py").read_text()
+    (docs / "conf.py").write_text(conf.replace("__file__", repr(str(DOCS / "conf.py"))))
+    links = ("[a page](other.md)", "[a place](#none)", "[a file](../../none.py)", "[another](../none.md)")
+    (docs / "index.md").write_text("# A page\n\n" + "\n\n".join(links))
+    done = built(docs, tmp_path / "site")
+    assert done.returncode == 1
+    assert len(re.findall(r"index\.md:\d+: WARNING", done.stderr)) == len(links)
