@@ -53,42 +53,42 @@ def means() -> dict[str, str]:
         "warmth": f"a motor has {k.warm:g} °C or more",
         "torque": f"a motor reports more than {k.torque:g} N·m in {k.torque_rounds} states in a row",
         "strain": f"a motor reports more than {k.strain:g} N·m for {seconds(k.strain_time)}",
-        "power": f"Σ\\|q̇ τ\\| above {k.watts:g} W (level {k.power_level}): {k.power_rounds} states over, "
-        "less those under",
+        "power": f"Σ\\|q̇ τ\\| above {k.watts:g} W (level {k.power_level}): {k.power_rounds} more states "
+        "above it than below",
         "joint": f"a joint is within {k.margin:g} rad of its limit",
-        "deviation": f"a joint is more than {k.deviation:g} rad from where the guard's own motion wants it",
+        "deviation": f"a joint is more than {k.deviation:g} rad from its target in the guard's own motion",
         "link": f"no new state for {ms(k.silence)}",
         "absence": f"no new state for {seconds(k.absence)}",
-        "numbers": "two states in a row have numbers that cannot be",
+        "numbers": "two states in a row have impossible numbers",
         "button": f"{', '.join(buttons[:-1])} or {buttons[-1]} is pressed",
-        "client": f"the walking program sends no orders that can be used for {ms(k.silence)}",
-        "guard": f"the guard itself is late by {ms(k.silence)}",
+        "client": f"the walking program sends no usable order for {ms(k.silence)}",
+        "guard": f"the guard itself is {ms(k.silence)} late",
     }
 
 
-def told_apart(word: str) -> str:
+def outcome(word: str) -> str:
     return "counts" if word in ROBOT_WORDS else "void"
 
 
 SENT: dict[State, str] = {
     State.OFF: "nothing",
     State.LINKED: "packets with all gains and torques zero",
-    State.ARMED: "the same",
+    State.ARMED: "the same as in LINKED",
     State.STANDING_UP: f"a path from the measured angles to the stand, in {seconds(moves.STAND_UP)}",
     State.STAND: "the stand, held",
     State.WALK: "the walking program's orders, within the limits of orders",
     State.LYING_DOWN: f"a path from the stand to the ground, in {seconds(moves.LIE_DOWN)}",
     State.RESTING: f"damping: Kd = {moves.DAMPING:g} N·m·s/rad, all else zero",
-    State.DAMPING: "the same damping",
+    State.DAMPING: "the same damping as in RESTING",
 }
 LEAVES: dict[State, str] = {
     State.OFF: "consent *connect* → LINKED",
     State.LINKED: "consent *arm* → ARMED",
     State.ARMED: "a test → STANDING_UP",
-    State.STANDING_UP: "by itself → STAND",
+    State.STANDING_UP: "the end of the path → STAND",
     State.STAND: "a test → WALK; lie → LYING_DOWN",
-    State.WALK: "the test's end, or a stop → STAND",
-    State.LYING_DOWN: "by itself → RESTING",
+    State.WALK: "the end of the test, or a stop → STAND",
+    State.LYING_DOWN: "the end of the path → RESTING",
     State.RESTING: "the next test → STANDING_UP",
     State.DAMPING: "only the operator's reset → LINKED",
 }
@@ -96,7 +96,7 @@ LEAVES: dict[State, str] = {
 
 def state_table() -> str:
     return table(
-        ("state", "what goes to the robot", "how it is left"),
+        ("state", "what the guard sends", "what ends it"),
         [(state, SENT[state], LEAVES[state]) for state in ROWS],
     )
 
@@ -111,12 +111,12 @@ def limit_table() -> str:
     rows = []
     for check in sorted(checks.values(), key=lambda check: check.word not in ROBOT_WORDS):
         holds = ("yes" if check in ROWS[state].checks else "–" for state in shown)
-        rows.append((conditions[check.name], f"{check.word}, {told_apart(check.word)}", *holds))
+        rows.append((conditions[check.name], f"{check.word}, {outcome(check.word)}", *holds))
     return table(("condition", "word", *(state.replace("_", " ") for state in shown)), rows)
 
 
 def warning_table() -> str:
-    """What is said and stops nothing."""
+    """Return the conditions that only print a warning."""
     warned: dict[str, list[str]] = {}
     for state, row in ROWS.items():
         for check in row.warnings:
@@ -127,7 +127,7 @@ def warning_table() -> str:
 
 
 def order_table() -> str:
-    """What becomes of the walking program's orders."""
+    """Return how the guard limits the walking program's orders."""
     k = LIMITS
     joints = ", ".join(
         f"{name} {low:g} to {high:g}"
@@ -141,7 +141,11 @@ def order_table() -> str:
             ("Kp", f"{k.kp:g} N·m/rad", "the limit"),
             ("Kd", f"{k.kd:g} N·m·s/rad", "the limit"),
             ("speed", f"±{k.speed:g} rad/s", "none: speed and Kd of that motor are zero"),
-            ("any", "NaN, infinity, a gain below zero, a wrong checksum", "dropped, as if it had not come"),
+            (
+                "any",
+                "NaN, infinity, a gain below zero, a wrong checksum",
+                "dropped, as if it had not arrived",
+            ),
             ("any", f"{ms(k.bridged)} old, or {k.dropped} dropped in a row", "repeated without its torque"),
             ("any", f"{ms(k.silence)} old", "DAMPING"),
         ],
@@ -149,12 +153,12 @@ def order_table() -> str:
 
 
 def impossible_table() -> str:
-    """Which numbers of a state cannot be true."""
+    """Return the impossible numbers of a state."""
     k = LIMITS
     return table(
-        ("number", "cannot be"),
+        ("number", "impossible if"),
         [
-            ("quaternion", f"its norm is off 1 by more than {k.norm:g}"),
+            ("quaternion", f"its norm differs from 1 by more than {k.norm:g}"),
             ("gyroscope", f"more than {k.wild_turn:g} rad/s about an axis"),
             ("joint angle", f"more than {k.wild_angle:g} rad beyond the joint's limit"),
             ("joint speed", f"more than {k.wild_speed:g} rad/s"),
@@ -164,42 +168,42 @@ def impossible_table() -> str:
 
 
 def arming_table() -> str:
-    """What must hold before a robot is armed."""
+    """Return the conditions for arming."""
     k = LIMITS
     return table(
-        ("arming needs", "else"),
+        ("arming needs", "if not"),
         [
-            ("states that come, with possible numbers", "check power, address and cable"),
-            ("a clock in ms or µs, measured over 0.5 s", "it is not the motion controller"),
+            ("states from the robot, without impossible numbers", "check power, address and cable"),
+            ("a clock in ms or µs, measured over 0.5 s", "the address is not the motion controller's"),
             ("all motors in mode 10, without an error", "switch the robot off and on"),
             (f"all motors below {k.warm:g} °C", "let them cool"),
             (
                 f"all joints slower than {k.still:g} rad/s for {seconds(k.still_time)}",
                 "end the factory's controller",
             ),
-            ("a remote that is on, and none of its stops pressed (a twin needs none)", "switch it on"),
+            ("a remote that is on, without a stop pressed (not for a twin)", "switch it on"),
         ],
     )
 
 
 def time_table() -> str:
-    """How long things take."""
+    """Return durations."""
     return table(
         ("time", "value"),
         [
             ("standing up, lying down", f"{seconds(moves.STAND_UP)}, {seconds(moves.LIE_DOWN)}"),
             ("trotting in place before t = 0", f"at least {schedule.TROT / RATE:g} s"),
-            ("ramp from the command to none", f"{schedule.RAMP / RATE:g} s"),
+            ("ramp from the command to zero", f"{schedule.RAMP / RATE:g} s"),
             (
-                "a rollout besides the test itself",
+                "a rollout in addition to the test itself",
                 f"{AROUND:g} s, and {PLACING:g} s for putting the robot back",
             ),
-            ("after the first Ctrl-C the walk may go on for", f"{seconds(states.RAMP)}"),
+            ("a walk ends after the first Ctrl-C within", f"{seconds(states.RAMP)}"),
             ("from a walk to the stand", f"{seconds(moves.CATCH)}"),
             ("a damped robot can be reset after", f"{seconds(states.SINKING)}"),
             ("tests between two rests", f"{attendance.TESTS}"),
             (
-                "a rest for heat is due at, and over below",
+                "a rest for heat begins at, and ends below",
                 f"{attendance.WARM:g} °C, {attendance.COOL:g} °C",
             ),
         ],
@@ -207,7 +211,7 @@ def time_table() -> str:
 
 
 def figure_table() -> str:
-    """Every figure that the guard judges by."""
+    """Return every figure of the guard's limits."""
     hints = get_type_hints(Limits, include_extras=True)
     rows = []
     for field in fields(Limits):
@@ -240,7 +244,7 @@ def channel_table() -> str:
         ("channel", "unit", "width", ""),
         [
             (f"`{c.name}`", c.unit, c.width, c.description)
-            for c in channels("as `velocity` says: the robot's own estimate, or motion capture")
+            for c in channels("from the source that `velocity` names")
         ],
     )
 

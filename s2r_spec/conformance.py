@@ -387,8 +387,8 @@ def _residuals(trial: _Trial, out: Check) -> None:
         )
     if hardly:
         out.remarks.append(
-            f"with the effect in the model they leave more than half of what they leave without: {', '.join(hardly)}; "
-            f"of these the equations say little in the default test"
+            f"more than half of the residual remains with the effect in the model: {', '.join(hardly)}; "
+            f"the equations say little about these effects in the default test"
         )
 
 

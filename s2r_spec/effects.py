@@ -75,8 +75,8 @@ def as_values(choice: Choice) -> dict[str, dict[str, float]]:
     """
     if isinstance(choice, str):
         raise UsageError(
-            f"this backend takes no options and was given {choice!r}; leave out the colon and what follows, or let its "
-            f"entry point be a function that reads them"
+            f"this backend takes no options and was given {choice!r}; leave out the colon and the rest, or let its "
+            f"entry point read options"
         )
     return {name: dict(pairs) for name, pairs in choice}
 

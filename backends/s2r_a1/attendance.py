@@ -220,7 +220,7 @@ class Attendance:
             state = self._state()
         if state == "LINKED":
             self._consent(
-                f"{self._name.capitalize()} answers. Put it on the floor, lying, with 1 m of room around it, and take "
+                f"{self._name.capitalize()} answers. Put it on the floor, lying, with 1 m of room around it. Take "
                 "the remote in your hand: R2 or L2+B damps it at once. Arming allows it to move.",
                 WORD_ARM,
             )

@@ -13,8 +13,8 @@ SHARED = (
 """Names of the simulator's channels that a robot has: nothing that is seen from outside."""
 OWN = (
     Channel("foot_force_raw", "", "counts of the foot sensors; they drift, and have no unit", 4, FEET),
-    Channel("motor_temperature", "degC", "of the motors", 12, JOINTS),
-    Channel("late", "", "control ticks right before the sample at which nothing was computed"),
+    Channel("motor_temperature", "degC", "temperature of each motor", 12, JOINTS),
+    Channel("late", "", "control ticks just before the sample that the controller missed"),
 )
 
 

@@ -82,7 +82,7 @@ class Client:
         """
         if self.mocap is not None and not len(self.mocap.poses().times):
             raise NotBegunError(
-                f"no motion capture came to the UDP port {self.mocap.port} of this machine; start its stream, as lines "
+                f"no motion capture came to the UDP port {self.mocap.port} of this machine; stream lines "
                 "of JSON with t, x, y, z, qw, qx, qy, qz"
             )
 

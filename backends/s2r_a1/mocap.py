@@ -200,8 +200,8 @@ def velocity(poses: Poses, placing: Placing, gyro: Gyro, times: FloatArray) -> V
     poses = _tracked(poses)
     if len(poses.times) < LEAST:
         raise MocapError(
-            f"motion capture sent {len(poses.times)} poses that tell a velocity, and {LEAST} are needed: check that it "
-            "streams to this port, 100 poses a second or more, and that it sees the robot"
+            f"motion capture sent {len(poses.times)} usable poses, and {LEAST} are needed: check that it "
+            "sees the robot, and sends 100 poses a second to this port"
         )
     attitude, yaw = _base(poses.quaternion, radians(placing.heading))
     offset, correlation = _offset(poses, _slope(poses.times, yaw), gyro)
@@ -223,8 +223,8 @@ def velocity(poses: Poses, placing: Placing, gyro: Gyro, times: FloatArray) -> V
     speed = float(np.hypot(seen.forward, seen.left).max())
     if speed > FASTEST:
         raise MocapError(
-            f"by motion capture the robot moves at {speed:.3g} m/s, which no A1 can: check that it sends metres, and "
-            "that it does not mistake one body for another"
+            f"by motion capture the robot moves at {speed:.3g} m/s, which no A1 can: check its unit, metres, and "
+            "that it tracks one body only"
         )
     return seen
 
@@ -269,9 +269,8 @@ def _offset(poses: Poses, rate: FloatArray, gyro: Gyro) -> tuple[float, float]:
         not score[best] >= CORRELATED or not 0 < best < len(lags) - 1
     ):  # at an end there is no peak, only its slope
         raise MocapError(
-            f"the yaw rate of motion capture does not follow the gyroscope (their correlation is {score[best]:.2f}, "
-            f"and a peak of {CORRELATED:g} is needed): check that it tracks this robot, with z up, and that its poses "
-            f"come within {SEARCH:g} s"
+            f"the yaw rate of motion capture does not follow the gyroscope (correlation {score[best]:.2f} < "
+            f"{CORRELATED:g}): check body, axes (z up) and delay (at most {SEARCH:g} s)"
         )
     before, here, after = score[best - 1 : best + 2]
     bend = before - 2.0 * here + after
@@ -389,8 +388,8 @@ def read_placing(body: str | None, heading: str | None) -> Placing:
             placing = Placing(placing.position, float(heading))
     except ValueError:
         raise UsageError(
-            "body must be the place of the tracked body in base axes [m], as in body=0.1:0:0.05, and heading the angle "
-            "of its x axis from the robot's to the left [deg], as in heading=90"
+            "body=X:Y:Z is the tracked body's position in base axes [m], and heading=DEGREES its x axis, "
+            "left of the robot's; for example body=0.1:0:0.05,heading=90"
         ) from None
     if not np.isfinite([*placing.position, placing.heading]).all():
         raise UsageError("body and heading must be finite numbers, as in body=0.1:0:0.05,heading=90")

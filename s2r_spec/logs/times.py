@@ -156,8 +156,8 @@ def _counts(values: NDArray[Any], head: Head, unit: str | None, first: Any) -> T
         likely = next(filter(None, (time_units.looks_like(float(end)) for end in ends)), None)
         if likely is not None:
             raise TraceError(
-                f"the times of {quoted(head.text)} begin at {values[0]}, which are no seconds since 1970, but "
-                f"look like {likely}: say --time-unit {likely} (or s, if they are seconds)"
+                f"the times of {quoted(head.text)} begin at {values[0]} and are no seconds since 1970, but "
+                f"look like {likely}: give --time-unit {likely} (or s for seconds)"
             )
         size = Fraction(1)
     found = _since(values, size, first)

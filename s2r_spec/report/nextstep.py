@@ -16,8 +16,8 @@ def next_step(found: Diagnosis, spec: Spec) -> str:
     if found.misread:
         what = " and ".join(found.misread)
         return (
-            f"First see to {what} in the recordings, as the notes say, and ask again: until then what is said of "
-            f"causes is worth little."
+            f"First see to {what} in the recordings, as the notes say, and diagnose again. Until then do not rely "
+            f"on the causes."
         )
     which = found.which
     test = "" if which.next_test is None else test_in_words(which.next_test, spec)
@@ -26,28 +26,28 @@ def next_step(found: Diagnosis, spec: Spec) -> str:
             strange = [str(each) for each in found.left[:1] if each.material]
             if strange:
                 return (
-                    f"For this requirement the simulator may stay as it is; where the motion itself matters, look for "
-                    f"what makes {strange[0]}, which the catalogue lacks ({page('how-to/effects')})."
+                    f"For this requirement the simulator may stay as it is. If the motion itself matters, look for "
+                    f"the cause of {strange[0]}; the catalogue lacks it ({page('how-to/effects')})."
                 )
             return (
-                "Leave the simulator as it is for this requirement, and ask again when the machine or the "
+                "Leave the simulator as it is for this requirement, and diagnose again when the machine or the "
                 "requirement has changed."
             )
         case Verdict.SPREAD:
             use = (
-                "Use the simulator with a little of everything (s2r diagnose … --apply FILE --tuned, then "
-                "--sim patched:FILE), and bound the gap that is left with s2r gap on fresh rollouts"
+                "Use the simulator with small amounts of all effects (s2r diagnose … --apply FILE --tuned, then "
+                "--sim patched:FILE). Bound the remaining gap with s2r gap on fresh rollouts"
             )
             return f"{use}; to see whether one cause stands out, {test}." if test else f"{use}."
         case Verdict.NAMED | Verdict.CONFOUNDED if found.by_falls:
             return (
-                "Add what is named to the simulator (s2r diagnose … --apply FILE, then --sim patched:FILE), and run "
-                "the machine at tests next to those where it falls: where that begins says how large the cause is."
+                "Add the named cause to the simulator (s2r diagnose … --apply FILE, then --sim patched:FILE). Then run "
+                "the machine at tests next to those where it falls: the first fall shows the size of the cause."
             )
         case Verdict.NAMED if found.how_far is not None and not found.how_far.shows:
             return (
-                "For this requirement the simulator may stay as it is; add what is named (s2r diagnose … --apply FILE, "
-                "then --sim patched:FILE) where the motion itself matters."
+                "For this requirement the simulator may stay as it is. If the motion itself matters, add the named "
+                "cause (s2r diagnose … --apply FILE, then --sim patched:FILE)."
             )
         case Verdict.NAMED:
             what, tuned = ("what is named", "")
@@ -63,8 +63,8 @@ def next_step(found: Diagnosis, spec: Spec) -> str:
             if test:
                 return f"To tell them apart, {test}."
             return (
-                f"Measure one of {', '.join(which.confounded)} on the machine by itself: no test of this test space "
-                f"was found that tells them apart."
+                f"Measure one of {', '.join(which.confounded)} on the machine by itself: no test was found in this "
+                f"test space that distinguishes them."
             )
         case Verdict.UNKNOWN:
             return (

@@ -293,11 +293,11 @@ def _makings(run: RecomputedCertify, promise: Composition) -> Bars:
         ("as the paper adds", promise.paper_lower, promise.upper),
     ]
     return Bars(
-        "What the promise is made of",
+        "The parts of the bound",
         "Intervals of expected values; the red mark is 0.",
         bars(rows, simulated.unit),
-        "The promise adds both bounds test by test; the paper adds the worst case of each search, wherever it is, "
-        "and gives a lower end only.",
+        "The first bound adds both bounds test by test. The paper adds the worst cases of both searches, wherever "
+        "they are, and gives a lower end only.",
     )
 
 

@@ -275,7 +275,7 @@ class Journal:
                 raise JournalError(f"cannot read {path}: {error.strerror or error}") from error
             if changed:
                 raise JournalError(
-                    f"{path} is not the trace that was recorded: its checksum is not the one in "
+                    f"{path} is not the trace that was recorded: its checksum differs from "
                     f"{place}; restore both from a copy, or begin a new run"
                 )
 

@@ -180,7 +180,7 @@ def _listed(path: Path) -> tuple[str, dict[str, tuple[str, str]]]:
 
 def _changed(path: Path) -> JournalError:
     return JournalError(
-        f"{path} was changed after the run was begun: its hash is not the one in the journal; restore it from a "
+        f"{path} was changed after the run was begun: the journal has another hash; restore it from a "
         f"copy, or begin a new run"
     )
 

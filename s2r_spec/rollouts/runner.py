@@ -186,8 +186,7 @@ def _open(task: Task) -> Backend:
     if task.model_hash is not None and backend.model_hash != task.model_hash:
         raise BackendError(
             f"the worker on {gethostname()} has another model ({short(backend.model_hash)}) than the run was begun "
-            f"with ({short(task.model_hash)}); install the same versions on both machines, or resume where it was "
-            f"begun;"
+            f"with ({short(task.model_hash)}); install the same versions on both machines;"
         )
     return backend
 

@@ -44,7 +44,7 @@ def test_typed_times_keep_their_unit(path, unit, kind):
 
 def test_nanoseconds_since_1970_lose_nothing(path):
     tables.write(path, t=COUNTS, v=V)
-    with pytest.raises(TraceError, match=r"look like ns: say --time-unit ns"):
+    with pytest.raises(TraceError, match=r"look like ns: give --time-unit ns"):
         logs.read(path)
     assert logs.read(path, time_unit="ns").times.tolist() == EXACT
     # the user says that they are seconds: so be it

@@ -316,7 +316,7 @@ def test_confounded_pairs_are_marked():
     ("verdict", "code", "start"),
     [
         (Verdict.NONE, 0, "Leave the simulator as it is"),
-        (Verdict.SPREAD, 3, "Use the simulator with a little of everything"),
+        (Verdict.SPREAD, 3, "Use the simulator with small amounts of all effects"),
         (Verdict.NAMED, 0, "Add what is named"),
         (Verdict.CONFOUNDED, 3, "To tell them apart"),
         (

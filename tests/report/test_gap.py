@@ -116,7 +116,7 @@ def test_the_page_of_a_promise(promised):
     )
     # Promise, gap, its interval, the worst pair, simulation, its interval.
     assert len(page.pictures) == 6
-    assert "What the promise is made of" in page.text
+    assert "The parts of the bound" in page.text
     assert "as the paper adds" in page.text
     lowest = promised[1].gap.lowest
     assert f"Pair {lowest.query}.{lowest.replicate} at vd" in page.text

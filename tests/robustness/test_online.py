@@ -339,7 +339,7 @@ BAD = [
     (
         (0.2, {"x": 0.0}),
         "sample 1 at 0.2 s comes 0.2 s after the one before, but the period is 0.1 s; "
-        "without a period, windows hold the samples that lie in them by time",
+        "without a period, windows hold samples by time",
     ),
 ]
 

@@ -75,13 +75,13 @@ class Limits:
         float,
         Figure(
             "rad",
-            "PositionProtect of SDK; joints that stand or walk keep it",
-            "crouching walks end as faults",
+            "PositionProtect of SDK; standing and walking joints keep it",
+            "crouched walks end as faults",
         ),
     ] = 0.087
     torque: Annotated[
         float,
-        Figure("N·m", "the A1's URDF; ZZ stops beyond it, WP beyond 35.5", "gears are overloaded unseen"),
+        Figure("N·m", "the A1's URDF; ZZ stops beyond it, WP beyond 35.5", "overloaded gears go unnoticed"),
     ] = 33.5
     torque_rounds: Annotated[
         int,
@@ -90,7 +90,7 @@ class Limits:
         ),
     ] = 3
     strain: Annotated[
-        float, Figure("N·m", "a motor held at 24.5 N·m gave up at 48 °C (SDK issue 54)", "no warning")
+        float, Figure("N·m", "a motor held at 24.5 N·m failed at 48 °C (SDK issue 54)", "no warning")
     ] = 20.0
     strain_time: Annotated[
         int, Figure("ns", "a step of the trot takes 0.2 s", "the warning comes a second later")
@@ -100,33 +100,35 @@ class Limits:
         Figure(
             "1 to 10",
             "PowerProtect of SDK: 1 for the new, 5 usual, 8 to 10 for walking fast",
-            "1000 W are let pass",
+            "1000 W are allowed",
         ),
     ] = 5
     power_rounds: Annotated[
         int,
         Figure(
-            "rounds", "PowerProtect of SDK ends its process at the sixth", "an overload lasts 12 ms longer"
+            "rounds",
+            "PowerProtect of SDK ends its process at the sixth round",
+            "an overload lasts 12 ms longer",
         ),
     ] = 6
     hot: Annotated[
         float, Figure("°C", "motors of an A1 stop themselves within minutes (WP warns at 50)", "a limp leg")
     ] = 60.0
     warm: Annotated[
-        float, Figure("°C", "WP warns there; no test begins beyond", "tests end by heat, and are lost")
+        float, Figure("°C", "WP warns there; no test begins above it", "heat ends tests, and they are lost")
     ] = 50.0
     tilt: Annotated[
-        float, Figure("rad", "FE stops at 0.555, a specification's fall is 0.7", "falls end by an impact")
+        float, Figure("rad", "FE stops at 0.555, a specification's fall is 0.7", "falls end in an impact")
     ] = 0.5
     height: Annotated[
-        float, Figure("m", "FE; a specification's fall is 0.16", "a stand of 0.28 m is one")
+        float, Figure("m", "FE; a specification's fall is 0.16", "a stand of 0.28 m counts as a fall")
     ] = 0.18
     deviation: Annotated[
         float,
         Figure(
             "rad",
-            "a pose that is not reached has smoked a motor (locomotion_simulation issue 7)",
-            "2 × 40 N·m",
+            "a pose out of reach burnt a motor (locomotion_simulation issue 7)",
+            "the position gain asks for 2 × 40 N·m",
         ),
     ] = 0.5
     still: Annotated[
@@ -147,14 +149,15 @@ class Limits:
         ),
     ] = 10 * MS
     silence: Annotated[
-        int, Figure("ns", "ZZ: 20 to 50 ms; the robot's own is 30 ms", "the robot's own rule acts first")
+        int,
+        Figure("ns", "ZZ: 20 to 50 ms; the robot's own limit is 30 ms", "the robot's own rule acts first"),
     ] = 20 * MS
     absence: Annotated[
         int,
         Figure(
             "ns",
-            "where nothing moves; a battery takes longer to change",
-            "a robot that was switched on is armed",
+            "for states without motion; changing a battery takes longer",
+            "a robot that was switched off and on stays armed",
         ),
     ] = SECOND
     dropped: Annotated[int, Figure("packets", "five rounds are 10 ms", "torque acts on old states")] = 5
@@ -165,9 +168,16 @@ class Limits:
         float, Figure("rad/s", "twice the joints' largest speed", "a broken encoder acts for longer")
     ] = 42.0
     wild_angle: Annotated[
-        float, Figure("rad", "beyond a joint's stop; a calf rests 0.1 beyond (SDK issue 131)", "as above")
+        float,
+        Figure(
+            "rad",
+            "beyond a joint's stop; a calf rests 0.1 beyond (SDK issue 131)",
+            "a broken encoder acts for longer",
+        ),
     ] = 0.5
-    wild_turn: Annotated[float, Figure("rad/s", "range of gyros of this kind, 2000 °/s", "as above")] = 35.0
+    wild_turn: Annotated[
+        float, Figure("rad/s", "range of gyros of this kind, 2000 °/s", "a broken IMU acts for longer")
+    ] = 35.0
     norm: Annotated[
         float, Figure("1", "an attitude's quaternion has the norm 1", "a broken IMU acts for longer")
     ] = 0.05

@@ -74,8 +74,8 @@ def _along(field: Field, name: str) -> Picture:
     low, high = float(cut.lower.min()), float(cut.upper.max())
     alt = (
         f"{field.name.capitalize()} over {cut.axis.name} from {cut.axis.low:g} to {cut.axis.high:g} "
-        f"{cut.axis.unit}: a band between {down(low)} and {up(high)} {field.unit}, with the means of "
-        f"{len(field.tests)} tests; the {field.pointed} is at {field.mark[cut.axis.name]:.4g} {cut.axis.unit}"
+        f"{cut.axis.unit}: a band between {down(low)} and {up(high)} {field.unit}, with means of "
+        f"{len(field.tests)} tests. The {field.pointed} is at {field.mark[cut.axis.name]:.4g} {cut.axis.unit}"
     )
     caption = (
         f"{field.name.capitalize()} {field.symbol} lies in the band at every test at once. Dots are {field.dots}, "

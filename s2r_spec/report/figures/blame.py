@@ -60,9 +60,9 @@ def blame(where: Where, spec: Spec, name: str) -> Picture:
     at, within = (f" at {test}", f" ({test})") if test else ("", "")
     alt = f"A real and a simulated rollout{at}, Δρ = {pair.delta:+.4g} {pair.unit}, and what each instant adds to it"
     caption = (
-        f"The worst of the tests that were run{within}: Δρ = {pair.delta:+.3g} {pair.unit}. Shaded red is what the "
-        "requirement forbids; bars below are what the samples of that time add to Δρ (red: the real machine is "
-        "worse), and all of them together are Δρ."
+        f"The worst of the tests that were run{within}: Δρ = {pair.delta:+.3g} {pair.unit}. The "
+        "requirement forbids the red area. Bars below are the contributions of the samples at that time to Δρ, and "
+        "their sum is Δρ (red: the real machine is worse)."
     ).replace("  ", " ")
     if any("−" in panel.label for panel in panels):
         caption += " Where the two traces lie close together, their difference is drawn."

@@ -55,10 +55,10 @@ def robot(body: Body, name: str) -> Picture:
     words = "; ".join(f"{part}: {said(shift)}" for part, shift in rows[:4])
     alt = f"{many} show what their model does not explain" + (f": {words}" if words else "")
     caption = (
-        "Residuals are what the simulator's own equations leave unexplained of a recorded motion, whatever the "
-        "controller made of it; they are held against those of nominal rollouts at the same tests. "
-        f"The darker, the larger beside the scatter from run to run. Of {body.asked} questions (residuals times "
-        f"windows of time) those are shown that stand at a false-discovery rate of {100 * body.level:g} %."
+        "Residuals are the part of a recorded motion that the simulator's equations do not explain. They are "
+        "compared with those of nominal rollouts at the same tests. Darker colours are larger, relative to the "
+        f"scatter between runs. Of {body.asked} tests (residuals times windows of time), those are shown that are "
+        f"significant at a false-discovery rate of {100 * body.level:g} %."
     )
     left = sum(bool(part.shifts) for part in body.parts) - len(rows)
     if left > 0:

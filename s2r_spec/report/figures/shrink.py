@@ -75,9 +75,9 @@ def before_and_after(far: HowFar, units: dict[str, str], name: str) -> Picture:
     said = ", ".join(with_unit(n, units.get(n, "")) for n in tests[0].params)
     said = f" ({said})" if said else ""
     caption = (
-        f"Each row is a test{said} that took no part in the diagnosis: the gap between the real rollouts and the "
-        "simulator as it is (ring), and with the named effects added (dot). Grey is what scatter and a few percent "
-        "of every effect make of it."
+        f"Each row is a test{said} that was held out. The ring is the gap between the real rollouts and the "
+        "unchanged simulator, the dot the gap with the named effects added. Grey is the gap due to scatter and a "
+        "few percent of every effect."
     )
     left = len(far.tests) - len(tests)
     if left:
@@ -229,7 +229,7 @@ def _caption(space: InSpace, held: bool) -> str:
     if space.space.dim == 2:
         words = "Δρ is the robustness of the real machine less that of the simulator: red, below 0, is worse."
     if held:
-        words += " Rings are tests that took no part in the diagnosis; dots are what the named effects leave of them."
+        words += " Rings are gaps at held-out tests; dots are the gaps with the named effects added."
     if space.tolerance and space.space.dim != 2:
         words += " Dashed lines: twice what scatter alone makes."
     return words

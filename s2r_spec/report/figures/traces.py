@@ -124,8 +124,8 @@ def _picture(
     if beside:
         alt += f", beside {len(beside)} of {other} at the same test"
     fell = f" It ended with a {record.failure}, which counts as the declared ρ." if record.failure else ""
-    caption = f"{_words(reason)}{fell} Shaded red is what the requirement forbids" + (
-        ", thin lines are other rollouts at this test." if panels[0].others else "."
+    caption = f"{_words(reason)}{fell} The requirement forbids the red area" + (
+        "; thin lines are other rollouts at this test." if panels[0].others else "."
     )
     return Picture(title, caption, alt, draw(name, alt, (7.2, 0.7 + 1.9 * len(panels)), paint))
 

@@ -148,7 +148,7 @@ class Clock:
         if self.period is not None and abs(step - self.step) > 2 * grid.JITTER * self.step:
             raise TraceError(
                 f"sample {self.now + 1} at {self._when(time)} comes {step:g} s after the one before, but the period is "
-                f"{self.step:g} s; without a period, windows hold the samples that lie in them by time"
+                f"{self.step:g} s; without a period, windows hold samples by time"
             )
         self.shortest, self.longest = min(self.shortest, step), max(self.longest, step)
 

@@ -104,8 +104,8 @@ class ManualBackend:
         """What every statement about these tests assumes."""
         return (
             f"a person ran the tests of {self.name}: each log is of the test that was asked for",
-            f"every test of {self.name} that was begun has its log, or is recorded as a fall or as void; a test that "
-            f"was skipped was not begun",
+            f"every test of {self.name} that began has a log, or is recorded as a fall or as void; "
+            f"no skipped test began",
         )
 
     def with_duration(self, seconds: float) -> Self:

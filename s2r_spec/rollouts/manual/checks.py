@@ -108,7 +108,7 @@ def clock(trace: Trace, question: Question) -> str | None:
     if trace.duration > FAR_TOO_LONG * question.seconds and within < FEWEST:
         step = float(np.median(np.diff(trace.times)))
         return (
-            f"its clock is wrong: it lasts {trace.duration:g} s with a sample every {step:g} s, and the test lasts "
+            f"its clock is wrong: it lasts {trace.duration:g} s with samples every {step:g} s, the test lasts "
             f"{question.seconds:g} s; times in ms are read with manual:FOLDER?time-unit=ms"
         )
     return None
