@@ -17,6 +17,7 @@ from __future__ import annotations
 import argparse
 import os
 import signal
+import sys
 import tempfile
 import time
 from collections.abc import Callable
@@ -142,6 +143,7 @@ def in_real_time(times: int, chosen: str) -> list[str]:
             if closed:
                 row.note = f"the system closed its connections after {np.median(closed):.0f} ms (median)"
             lines.append(str(row))
+            print(row, file=sys.stderr, flush=True)
         if chosen in "SIGKILL of the guard":
             lines += guards(robot, times, random)
     return lines

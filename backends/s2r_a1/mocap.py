@@ -41,8 +41,8 @@ STEP = 0.001
 CORRELATED = 0.7
 """A level: the least correlation of the two yaw rates at which an offset is accepted. Higher refuses noisier mocap."""
 TURNED = 10.0
-"""A tolerance [deg]: by which the stated heading may be wrong; it takes 1.5 % from the velocity ahead, and adds 17 % of
-that to the left. With twice as much it is 6 % and 34 %."""
+"""A tolerance [deg]: by which the stated heading may be wrong. Its cosine takes 1.5 % from the velocity ahead, and its
+sine adds 17 % of the velocity to the left. Twice as much makes them 6 % and 34 %."""
 LEAST = 40
 """A tolerance: poses that a rollout needs, 0.2 s at 200 Hz; twice as many refuse a fall right after t = 0."""
 FASTEST = 3.3

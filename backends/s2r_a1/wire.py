@@ -179,8 +179,8 @@ class Layout:
     state: np.dtype[Any]
     head: bytes
 
-    # Packets are read and written 500 times a second, by a guard whose code is cold each time: the standard library's
-    # structures then take a quarter of the time of numpy's.
+    # A guard reads and writes packets 500 times a second, and its code is cold each time: the standard library's
+    # structures touch less of it than numpy's.
 
     @cached_property
     def orders(self) -> Struct:
@@ -229,7 +229,7 @@ LAYOUTS = {"a1": A1, "go1": GO1}
 _WORD = "I"  # of 4 bytes on every machine that Python 3.11 runs on
 _ALL_CLOSED = (CLOSED_LOOP,) * MOTORS
 _SOUND_MODES, _NO_ERRORS = np.full(MOTORS, CLOSED_LOOP, dtype=np.int64), np.zeros(MOTORS, dtype=np.int64)
-for _shared in (_SOUND_MODES, _NO_ERRORS):  # by all readings of motors that are well
+for _shared in (_SOUND_MODES, _NO_ERRORS):  # all readings of sound motors share them
     _shared.setflags(write=False)
 _MIRRORED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
 

@@ -125,7 +125,7 @@ def test_no_check_that_a_calm_reading_is_spared_would_find_anything_in_it(change
     assert limits.impossible(LIMITS, looked.reading) is None
     tau = np.abs(looked.reading.tau)
     assert max(tau) <= min(LIMITS.torque, LIMITS.strain)
-    assert [check.find(LIMITS, looked) for check in CHECKS if check.boxed] == [None] * 6
+    assert [check.find(LIMITS, looked) for check in CHECKS if check.covered] == [None] * 6
 
 
 COMMANDS = st.tuples(

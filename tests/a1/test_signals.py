@@ -138,7 +138,7 @@ def test_whoever_is_killed_the_robot_is_damped_and_the_run_goes_on_with_the_same
         assert worker != search.process.pid
         os.kill(search.process.pid, signal.SIGKILL)
         until(lambda: not lives(worker))  # nobody is left to ask it for anything
-    came = lab.until_damped("client")
+    came = lab.until_damped("operator")
     assert all(damping(data) for data in came)
     assert len(came) > 1000
     first = lab.journal()
@@ -203,7 +203,7 @@ def test_one_ctrl_c_rests_two_damp_and_a_terminal_that_goes_damps(lab):
             search.process.join(PATIENCE)
             assert search.process.exitcode
             until(lambda: not lives(status["client"]))
-        assert all(damping(data) for data in lab.until_damped("client")[1:])
+        assert all(damping(data) for data in lab.until_damped("operator")[1:])
     assert lab.journal().startswith(first)
     words, keys = zip(*lab.voids(), strict=True)
     assert words == ("operator", "operator")

@@ -266,20 +266,20 @@ class Check(NamedTuple):
         word: what a rollout that it ends is said to have ended by.
         find: returns a sentence about what is wrong, or None.
         measures: whether it looks at the reading; such a check waits where this round brought none.
-        boxed: whether it finds nothing wrong in a reading that is :func:`calm`.
+        covered: whether it finds nothing wrong in a reading that is :func:`calm`.
     """
 
     name: str
     word: Word
     find: Callable[[Limits, Seen], str | None]
     measures: bool = True
-    boxed: bool = False
+    covered: bool = False
 
 
 def calm(limits: Limits, reading: Reading) -> bool:
-    """Return whether a reading is possible, and so far from every limit that no boxed check minds it.
+    """Return whether a reading is possible, and so far from every limit that no covered check finds anything.
 
-    Nearly all readings are. These sums and maxima take half of the time of the checks.
+    Nearly all readings of a walk are; one look then stands for six checks.
     """
     numbers: Iterator[list[float]] = (field.tolist() for field in reading[:7])
     (w, x, y, z), gyro, force, q, dq, tau, temperature = numbers
@@ -527,12 +527,12 @@ CLIENT = Check("client", "client", _client, measures=False)
 HELD_UP = Check("guard", "link", _held_up, measures=False)
 BUTTON = Check("button", "operator", _button)
 MOTOR = Check("motor", "motor", _motor)
-HEAT = Check("heat", "heat", _heat, boxed=True)
-WARMTH = Check("warmth", "heat", _warmth, boxed=True)
-TORQUE = Check("torque", "torque", _torque, boxed=True)
-STRAIN = Check("strain", "torque", _strain, boxed=True)
+HEAT = Check("heat", "heat", _heat, covered=True)
+WARMTH = Check("warmth", "heat", _warmth, covered=True)
+TORQUE = Check("torque", "torque", _torque, covered=True)
+STRAIN = Check("strain", "torque", _strain, covered=True)
 POWER = Check("power", "power", _power)
-JOINT = Check("joint", "joint", _joints, boxed=True)
+JOINT = Check("joint", "joint", _joints, covered=True)
 DEVIATION = Check("deviation", "joint", _deviation)
-TILT = Check("tilt", "fall", _tilt, boxed=True)
+TILT = Check("tilt", "fall", _tilt, covered=True)
 HEIGHT = Check("height", "fall", _height)

@@ -364,17 +364,17 @@ class Guard:
         self._due += ROUND
         link = self.link
         assert link is not None
-        found = Arrival()
+        arrival = Arrival()
         watched = link.fileno()
         while True:
             left = self._due - time.monotonic_ns()
             ready = self._ready([] if watched is None else [watched], max(left, 0) / SECOND)
             is_due = left <= 0 or (not ready and time.monotonic_ns() >= self._due)
             if watched in ready or (watched is None and is_due):
-                found = _newest(found, self._read(link))
+                arrival = _newest(arrival, self._read(link))
             self._serve(ready)
             if is_due:
-                return self._ordered(self.client, found)
+                return self._ordered(self.client, arrival)
 
     def _lock_step(self) -> Inputs:
         """Send the command, wait for the robot's datagram, pass it on, and wait for the client's."""
@@ -385,13 +385,13 @@ class Guard:
         # One that never answers does not understand us; one that has answered is waited for.
         peer = (self.robot.host, self.robot.port)
         self._await(socket, peer, None if link.counters.received else MUTE)
-        found = self._read(link)
+        arrival = self._read(link)
         client = self.client
         if client:
-            if found.reading is None:
+            if arrival.reading is None:
                 client.side.skip()
             self._await(client.socket, client.address, client=client)
-        return self._ordered(client if client is self.client else None, found)
+        return self._ordered(client if client is self.client else None, arrival)
 
     def _await(
         self, socket: Socket, peer: Address, seconds: float | None = None, client: Client | None = None
@@ -414,16 +414,16 @@ class Guard:
 
     def _read(self, link: Link) -> Arrival:
         """Return what came; a good reading is passed on to the client."""
-        found = states.arrived(self.limits, link.read(), link.fault)
-        if found.reading is not None:
+        arrival = states.arrived(self.limits, link.read(), link.fault)
+        if arrival.reading is not None:
             self.packet = link.packet
             if self.client:
                 self.client.side.send(link.packet)
-        return found
+        return arrival
 
-    def _ordered(self, client: Client | None, found: Arrival) -> Inputs:
+    def _ordered(self, client: Client | None, arrival: Arrival) -> Inputs:
         """Return what a round brings, with the client's newest orders."""
-        inputs = Inputs(0, found)
+        inputs = Inputs(0, arrival)
         if client is None:
             return inputs
         if not ROWS[self.machine.state].client or client.party.spent:

@@ -154,13 +154,13 @@ class Inputs(NamedTuple):
 
     Attributes:
         now: the time.
-        came: from the robot.
+        arrival: of the robot's states.
         orders: the client's, if any came that can be decoded.
         dropped: packets of the client that cannot be.
     """
 
     now: int
-    came: Arrival = Arrival()
+    arrival: Arrival = Arrival()
     orders: Orders | Command | None = None
     dropped: int = 0
 
@@ -288,16 +288,16 @@ def step(machine: Machine, inputs: Inputs, limits: Limits) -> Step:
     machine = machine._replace(memory=memory, followed=followed)
     if row.checks:
         seen = _seen(machine, now, late)
-        new, calm = inputs.came.reading is not None, inputs.came.calm
+        new, calm = inputs.arrival.reading is not None, inputs.arrival.calm
         for check in row.checks:
-            if (check.measures and not new) or (check.boxed and calm):
+            if (check.measures and not new) or (check.covered and calm):
                 continue
             if sentence := check.find(limits, seen):
                 machine = damped(machine, now, check.word, sentence)
                 break
         else:
             if new:
-                checks = [check for check in row.warnings if not (check.boxed and calm)]
+                checks = [check for check in row.warnings if not (check.covered and calm)]
                 machine = _warned(machine, checks, seen, limits)
             machine = _watched(_proceeded(machine, row, now), now)
     return Step(machine, ROWS[machine.state].orders(machine, now, limits))
@@ -527,7 +527,7 @@ def _watched(machine: Machine, now: int) -> Machine:
 
 def _remembered(machine: Machine, inputs: Inputs, limits: Limits) -> Memory:
     """Return the memory after a round."""
-    memory, (reading, bad, calm), now = machine.memory, inputs.came, inputs.now
+    memory, (reading, bad, calm), now = machine.memory, inputs.arrival, inputs.now
     if reading is None:
         return memory._replace(now=now, bad=memory.bad + bad)
     watts = limit.power(reading)
@@ -572,7 +572,7 @@ def _obeyed(machine: Machine, inputs: Inputs, limits: Limits) -> Followed:
         dropped += 1
     if dropped:
         followed = followed._replace(dropped=followed.dropped + dropped, unusable=followed.unusable + dropped)
-    bridged = inputs.came.reading is not None and inputs.now - machine.memory.fresh >= limits.bridged
+    bridged = inputs.arrival.reading is not None and inputs.now - machine.memory.fresh >= limits.bridged
     if bridged and not followed.excused:
         # It has had no state to answer. Its silence counts anew, but once: states that go on being late excuse nobody.
         followed = followed._replace(at=inputs.now, excused=True)
