@@ -31,8 +31,8 @@ from machine import describe
 import s2r_spec as s2r
 from s2r_spec.certify.check import check_with, search_for
 from s2r_spec.certify.gap import gap_search, gap_with
-from s2r_spec.certify.promise import promise
-from s2r_spec.certify.sides import Sides
+from s2r_spec.certify.pairing import Pairing
+from s2r_spec.certify.real_machine import conclude_certify
 from s2r_spec.rollouts.pools import process_pool
 from s2r_spec.spec import parse_spec
 
@@ -70,14 +70,14 @@ def main() -> int:
         print(f"simulation: worst expected ρ in [{checked.lower:+.4f}, {checked.upper:+.4f}]", flush=True)
         for place in options.places:
             start = perf_counter()
-            sides = Sides.of(coarser, "walking", "sim", f"twin:{place}", None)
+            pairing = Pairing.for_spec(coarser, "walking", "sim", f"twin:{place}", None)
             second = gap_search(
                 coarser, "walking", seed=options.seed, budget=None, mode="rigorous", engine="spectral"
             )
             bounded = gap_with(
-                second, coarser, "walking", sides, folder / place, options.seed, pool, None, False, None
+                second, coarser, "walking", pairing, folder / place, options.seed, pool, None, False, None
             )
-            result = promise(first, second, checked, bounded)
+            result = conclude_certify(first, second, checked, bounded)
             places[place] = row(place, second, result) | {"seconds": round(perf_counter() - start, 1)}
             print(sentence(place, places[place]), flush=True)
     record = {

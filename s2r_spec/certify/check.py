@@ -17,12 +17,12 @@ from typing import Any
 import numpy as np
 
 from s2r_spec.backend import HasRecordings, Operator, is_exclusive
+from s2r_spec.certify.arguments import as_folder, as_name, as_spec, require_begun
 from s2r_spec.certify.certificate import Certificate, Label
-from s2r_spec.certify.drive import Observer, Phase, Rollouts, drive
-from s2r_spec.certify.given import given_folder, given_name, given_spec, must_be_begun
+from s2r_spec.certify.experiments import Observer, Phase, Rollouts, run_search
 from s2r_spec.certify.kernels import Kernel
-from s2r_spec.certify.outward import at_most
 from s2r_spec.certify.recorded import Recorded, fixed_design, left_open, observe
+from s2r_spec.certify.rounding import at_most
 from s2r_spec.certify.search import Search
 from s2r_spec.certify.voids import about, assumed, counted, is_machine, with_voids, without_too_many
 from s2r_spec.errors import UsageError, one_of
@@ -32,8 +32,8 @@ from s2r_spec.rollouts.attended import attending
 from s2r_spec.rollouts.journal import Journal, Record
 from s2r_spec.rollouts.kept import files_of
 from s2r_spec.rollouts.pools import ExecutorFactory, process_pool
-from s2r_spec.rollouts.rig import Rig
 from s2r_spec.rollouts.runner import Runner
+from s2r_spec.rollouts.scorer import Scorer
 from s2r_spec.spec import CertifySettings, Spec
 
 
@@ -185,7 +185,7 @@ def check(
         engine: of the Gaussian process, see :class:`Search`.
         executor: makes the pool; two local processes by default.
         timeout: a rollout that takes longer is ended, and counts as a crash [s]; ``inf`` for never, None for
-            :func:`s2r_spec.rollouts.rig.default_timeout`.
+            :func:`s2r_spec.rollouts.scorer.default_timeout`.
         resume: go on with the run in ``folder``.
         observer: is told of batches and rollouts.
         void: of a machine, what becomes of a rollout that the robot did not end: "again" for the same test once
@@ -196,10 +196,10 @@ def check(
         UsageError: the spec, the backend and the folder do not fit together, or there is no run to resume.
         BackendError: a rollout raised; all that came before is in the journal.
     """
-    spec, backend, folder = given_spec(spec), given_name(backend), given_folder(folder)
+    spec, backend, folder = as_spec(spec), as_name(backend), as_folder(folder)
     requirement = requirement or only_requirement(spec)
     if resume:
-        must_be_begun([folder], folder)
+        require_begun([folder], folder)
     search = search_for(spec, requirement, seed=seed, budget=budget, mode=mode, engine=engine)
     terms = terms_of(void, operator)
     return check_with(
@@ -221,13 +221,13 @@ def check_with(
     terms: Terms | None = None,
 ) -> CheckResult:
     """Run a search for the worst expected robustness to its end; see :func:`check`."""
-    rig, terms = Rig.for_spec(spec, requirement, backend), terms or Terms()
-    refuse_terms(rig.backend, terms)
+    scorer, terms = Scorer.for_spec(spec, requirement, backend), terms or Terms()
+    refuse_terms(scorer.backend, terms)
     design = None
-    if isinstance(rig.backend, HasRecordings):
+    if isinstance(scorer.backend, HasRecordings):
         if search.budget is not None:
             raise UsageError(f"a budget does not apply to {backend}: it has the recordings that it has")
-        design = fixed_design(spec, requirement, rig.backend, rig.backend.recordings)
+        design = fixed_design(spec, requirement, scorer.backend, scorer.backend.recordings)
     else:
         search.refuse_hopeless()
     provenance = {
@@ -236,31 +236,31 @@ def check_with(
         "spec_hash": spec.hash,
         "requirement": requirement,
         "backend": backend,
-        "model_hash": rig.backend.model_hash,
-        "duration": rig.backend.duration,
+        "model_hash": scorer.backend.model_hash,
+        "duration": scorer.backend.duration,
         "seed": seed,
         "settings": search.certificate().settings,
     }
     if design is not None:
         provenance["recorded"] = list(design.notes)
-    provenance |= about(rig.backend, terms.void)
+    provenance |= about(scorer.backend, terms.void)
     if resume and Journal.begun(folder):
         journal = Journal.resume(folder, provenance)
     else:
         journal = Journal.create(folder, provenance, files_of(spec))
     if observer is not None:
         unit = rho_unit(spec, requirement)
-        attended = is_exclusive(rig.backend)
+        attended = is_exclusive(scorer.backend)
         observer.begin(Phase("ρ", unit, backend, spec.space.units, search.budget, attended))
     if design is not None:
-        observe(search, design, Recorded(design, rig, journal), observer)
+        observe(search, design, Recorded(design, scorer, journal), observer)
     else:
         with (
             Runner(executor or process_pool(2), timeout) as pool,
-            attending(pool, rig.backend, journal, terms, search.budget) as runner,
+            attending(pool, scorer.backend, journal, terms, search.budget) as runner,
         ):
-            drive(search, Rollouts(rig, seed, journal, runner), observer)
-    result = conclude(spec, requirement, rig.fall, search.certificate(), journal, provenance)
+            run_search(search, Rollouts(scorer, seed, journal, runner), observer)
+    result = conclude(spec, requirement, scorer.fall, search.certificate(), journal, provenance)
     return result if design is None else of_recordings(result, design.notes, search)
 
 

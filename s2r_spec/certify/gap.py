@@ -1,7 +1,7 @@
 """Search 2: how much worse than simulated can the real machine be.
 
 The gap is sampled signed, Δ(d) = ρ_real − ρ_sim, from independent rollouts of both
-sides. E|Δ|, which the paper bounds, is not zero even for two identical noisy
+pairing. E|Δ|, which the paper bounds, is not zero even for two identical noisy
 systems (2s/√π for noise of deviation s); it is given beside, as an estimate.
 """
 
@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from s2r_spec.backend import Operator, is_exclusive
+from s2r_spec.certify.arguments import as_folder, as_name, as_spec, require_begun
 from s2r_spec.certify.certificate import Certificate
 from s2r_spec.certify.check import (
     distance,
@@ -25,11 +26,10 @@ from s2r_spec.certify.check import (
     rho_unit,
     search_for,
 )
-from s2r_spec.certify.drive import Experiment, Observer, Pairs, Phase, Rollouts, drive
-from s2r_spec.certify.given import given_folder, given_name, given_spec, must_be_begun
+from s2r_spec.certify.experiments import Experiment, Observer, Pairs, Phase, Rollouts, run_search
+from s2r_spec.certify.pairing import SIMULATED_PER_REAL, Pairing
 from s2r_spec.certify.recorded import Recorded, left_open, observe
 from s2r_spec.certify.search import Search
-from s2r_spec.certify.sides import SIMULATED_PER_REAL, Sides
 from s2r_spec.certify.voids import about, assumed, counted, is_machine, with_voids, without_too_many
 from s2r_spec.errors import UsageError
 from s2r_spec.rollouts.attempts import AGAIN
@@ -172,7 +172,7 @@ def gap(
         real: the backend that stands for the real machine: a robot, its logs, a twin. Of logs every
             recording inside the test space counts once, and the simulator is run at the same tests
             (or its own logs are read); the search then chooses no test.
-        folder: of the journals and traces of both sides.
+        folder: of the journals and traces of both pairing.
         requirement: may be left out when the spec has one.
         seed: of the whole run.
         budget: most real rollouts; None for as many as the spec's ε takes.
@@ -189,18 +189,18 @@ def gap(
         UsageError: spec, backends and folder do not fit together.
         BackendError: a rollout raised; all that came before is in the journals.
     """
-    spec, folder = given_spec(spec), given_folder(folder)
-    simulated, real = given_name(simulated, "simulated"), given_name(real, "real")
+    spec, folder = as_spec(spec), as_folder(folder)
+    simulated, real = as_name(simulated, "simulated"), as_name(real, "real")
     requirement = requirement or only_requirement(spec)
     if resume:
-        must_be_begun([folder / side for side in SIDES], folder)
-    sides = Sides.of(spec, requirement, simulated, real, budget)
+        require_begun([folder / side for side in SIDES], folder)
+    pairing = Pairing.for_spec(spec, requirement, simulated, real, budget)
     search = gap_search(
-        spec, requirement, seed=seed, budget=budget, mode=mode, engine=engine, per_real=sides.per_real
+        spec, requirement, seed=seed, budget=budget, mode=mode, engine=engine, per_real=pairing.per_real
     )
     terms = terms_of(void, operator)
     return gap_with(
-        search, spec, requirement, sides, folder, seed, executor, timeout, resume, observer, terms
+        search, spec, requirement, pairing, folder, seed, executor, timeout, resume, observer, terms
     )
 
 
@@ -208,7 +208,7 @@ def gap_with(
     search: Search,
     spec: Spec,
     requirement: str,
-    sides: Sides,
+    pairing: Pairing,
     folder: Path,
     seed: int,
     executor: ExecutorFactory | None,
@@ -219,27 +219,27 @@ def gap_with(
 ) -> GapResult:
     """Run a search for the gap to its end; see :func:`gap`."""
     terms = terms or Terms()
-    refuse_terms(sides.real.backend, terms)
-    if sides.recorded is None:
+    refuse_terms(pairing.real.backend, terms)
+    if pairing.recorded is None:
         search.refuse_hopeless()
-    rigs = {"sim": sides.sim, "real": sides.real}
+    scorers = {"sim": pairing.sim, "real": pairing.real}
     provenance: dict[str, Any] = {
         "s2r": version("s2r"),
         "spec": Path(spec.name).name,
         "spec_hash": spec.hash,
         "requirement": requirement,
         "seed": seed,
-        "simulated_per_real": sides.per_real,
+        "simulated_per_real": pairing.per_real,
         "settings": search.certificate().settings,
     }
-    for side, rig in rigs.items():
-        about_side = {"backend": rig.name, "model_hash": rig.backend.model_hash}
-        provenance[side] = about_side | about(rig.backend, terms.void)
-    if sides.recorded is not None:
-        provenance["recorded"] = list(sides.notes)
+    for side, scorer in scorers.items():
+        about_side = {"backend": scorer.name, "model_hash": scorer.backend.model_hash}
+        provenance[side] = about_side | about(scorer.backend, terms.void)
+    if pairing.recorded is not None:
+        provenance["recorded"] = list(pairing.notes)
     journals = {}
-    for side, rig in rigs.items():
-        header = provenance | {"side": side, "backend": rig.name, "duration": rig.backend.duration}
+    for side, scorer in scorers.items():
+        header = provenance | {"side": side, "backend": scorer.name, "duration": scorer.backend.duration}
         place = folder / side
         journals[side] = (
             Journal.resume(place, header)
@@ -248,24 +248,24 @@ def gap_with(
         )
     if observer is not None:
         unit = rho_unit(spec, requirement)
-        source = sides.real.name if sides.recorded is None else sides.sim.name
-        attended = is_exclusive(sides.real.backend)
+        source = pairing.real.name if pairing.recorded is None else pairing.sim.name
+        attended = is_exclusive(pairing.real.backend)
         observer.begin(Phase("Δ", unit, source, spec.space.units, search.budget, attended))
     with (
         Runner(executor or process_pool(2), timeout) as runner,
-        attending(runner, sides.real.backend, journals["real"], terms, search.budget) as machine,
+        attending(runner, pairing.real.backend, journals["real"], terms, search.budget) as machine,
     ):
         simulated: Experiment = Rollouts(
-            rigs["sim"], seed, journals["sim"], runner, Stream.GAP_SIM, SIMULATED_PER_REAL
+            scorers["sim"], seed, journals["sim"], runner, Stream.GAP_SIM, SIMULATED_PER_REAL
         )
-        if sides.recorded is None:
-            real = Rollouts(rigs["real"], seed, journals["real"], machine, Stream.GAP_REAL)
-            drive(search, Pairs(simulated, real), observer)
+        if pairing.recorded is None:
+            real = Rollouts(scorers["real"], seed, journals["real"], machine, Stream.GAP_REAL)
+            run_search(search, Pairs(simulated, real), observer)
         else:
-            if sides.simulated is not None:
-                simulated = Recorded(sides.simulated, rigs["sim"], journals["sim"], SIMULATED_PER_REAL)
-            recorded = Recorded(sides.recorded, rigs["real"], journals["real"])
-            observe(search, sides.recorded, Pairs(simulated, recorded, watched="simulated"), observer)
+            if pairing.simulated is not None:
+                simulated = Recorded(pairing.simulated, scorers["sim"], journals["sim"], SIMULATED_PER_REAL)
+            recorded = Recorded(pairing.recorded, scorers["real"], journals["real"])
+            observe(search, pairing.recorded, Pairs(simulated, recorded, watched="simulated"), observer)
     return conclude_gap(spec, search, journals, provenance, folder)
 
 

@@ -7,9 +7,9 @@ from importlib.metadata import version
 from math import isfinite
 from pathlib import Path
 
+from s2r_spec.certify.arguments import as_folder, as_name, require_begun
 from s2r_spec.certify.certificate import Certificate
-from s2r_spec.certify.drive import Observer, Rollouts, drive
-from s2r_spec.certify.given import given_folder, given_name, must_be_begun
+from s2r_spec.certify.experiments import Observer, Rollouts, run_search
 from s2r_spec.certify.search import Search
 from s2r_spec.certify.voids import about, assumed, without_too_many
 from s2r_spec.errors import UsageError
@@ -17,8 +17,8 @@ from s2r_spec.rollouts.attendance import Terms, refuse_terms
 from s2r_spec.rollouts.attended import attending
 from s2r_spec.rollouts.journal import Journal
 from s2r_spec.rollouts.pools import ExecutorFactory, process_pool
-from s2r_spec.rollouts.rig import Measure, Rig
 from s2r_spec.rollouts.runner import Runner, open_backend
+from s2r_spec.rollouts.scorer import Measure, Scorer
 
 
 def check_measure(
@@ -59,7 +59,7 @@ def check_measure(
         BackendError: a rollout raised, or the measure of one did or gave no finite number; the message names the
             rollout and its test. All that came before is in the journal, and that trace is kept.
     """
-    backend, folder = given_name(backend), given_folder(folder)
+    backend, folder = as_name(backend), as_folder(folder)
     if not callable(measure):
         raise UsageError(f"measure must be a function of a trace and its test, not {measure!r}")
     if not isinstance(name, str):
@@ -69,11 +69,11 @@ def check_measure(
     if not isinstance(fall, int | float) or not isfinite(fall):
         raise UsageError(f"fall must be a finite number, what a rollout that fails is worth, not {fall!r}")
     if resume:
-        must_be_begun([folder], folder)
+        require_begun([folder], folder)
     search.refuse_hopeless()
     machine, terms = open_backend(backend, duration), Terms()
     refuse_terms(machine, terms)
-    rig = Rig(backend, machine, measure, fall)
+    scorer = Scorer(backend, machine, measure, fall)
     header = {
         "s2r": version("s2r"),
         "measure": name,
@@ -90,6 +90,6 @@ def check_measure(
         Runner(executor or process_pool(2)) as pool,
         attending(pool, machine, journal, terms, search.budget) as runner,
     ):
-        drive(search, Rollouts(rig, seed, journal, runner), observer)
+        run_search(search, Rollouts(scorer, seed, journal, runner), observer)
     certificate = without_too_many(search.certificate(), backend, journal)
     return replace(certificate, assumptions=(*certificate.assumptions, *assumed(backend, header, journal)))

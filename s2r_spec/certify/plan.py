@@ -12,11 +12,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from s2r_spec.certify import confidence
 from s2r_spec.certify.certificate import Certificate
-from s2r_spec.certify.floors import minimax, sequential_floor
-from s2r_spec.certify.inside import log_rollouts, tests_apart
+from s2r_spec.certify.coverage import log_rollouts, tests_apart
 from s2r_spec.certify.kernels import Kernel
+from s2r_spec.certify.pairing import SIMULATED_PER_REAL
+from s2r_spec.certify.sample_complexity import minimax, sequential_lower_bound
 from s2r_spec.certify.search import Search
-from s2r_spec.certify.sides import SIMULATED_PER_REAL
 from s2r_spec.errors import UsageError
 from s2r_spec.magnitude import whole
 from s2r_spec.space import Space
@@ -91,7 +91,7 @@ def plan(
     for budget in (*budgets, *real):
         if whole("budget", budget, 2 * tried.spread) > most:
             raise UsageError(f"budget = {budget:g}; a plan simulates at most {most:,} rollouts")
-    floor = sequential_floor(R, epsilon, delta)
+    floor = sequential_lower_bound(R, epsilon, delta)
     tests = tests_apart(space, kernel)
     beyond = floor > most or log_rollouts(tests, tried.spread, tried.batch) > math.log10(most)
 

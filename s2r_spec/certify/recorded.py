@@ -8,15 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from s2r_spec.backend import Backend, Recording
-from s2r_spec.certify.drive import Experiment, Observer, Silent
-from s2r_spec.certify.outward import wide
+from s2r_spec.certify.experiments import Experiment, Observer, Silent
+from s2r_spec.certify.rounding import wide
 from s2r_spec.certify.search import Query, Search
 from s2r_spec.errors import TraceError, UsageError
 from s2r_spec.rollouts.journal import Journal, Record
 from s2r_spec.rollouts.match import Matched, match
 from s2r_spec.rollouts.recorded import refuse_hidden
-from s2r_spec.rollouts.rig import Rig
 from s2r_spec.rollouts.runner import Done
+from s2r_spec.rollouts.scorer import Scorer
 from s2r_spec.spec import Spec
 
 # A conversion of units may put the end of a range this share of its width outside of it.
@@ -88,18 +88,18 @@ class Recorded:
 
     Attributes:
         design: test *i* answers query *i*.
-        rig: what turns a recording into ρ.
+        scorer: what turns a recording into ρ.
         journal: where every ρ goes first.
         each: recordings per replicate; the outcome is their mean, and the last one may be of fewer.
     """
 
     design: Design
-    rig: Rig
+    scorer: Scorer
     journal: Journal
     each: int = 1
 
     def outcomes(self, queries: Sequence[Query], observer: Observer) -> dict[int, list[float]]:
-        """Judge the recordings; see :class:`s2r_spec.certify.drive.Experiment`.
+        """Judge the recordings; see :class:`s2r_spec.certify.experiments.Experiment`.
 
         Raises:
             TraceError: a recording cannot be judged; the message names its file.
@@ -114,9 +114,9 @@ class Recorded:
             place, replicate = divmod(number, query.replicates)
             key = query.index, replicate * self.each + place
             # The seed is what makes the backend give this recording again.
-            task = self.rig.task(*key, point, seed=number)
+            task = self.scorer.task(*key, point, seed=number)
             try:
-                rho, failure = self.rig.score(point, Done(task, recording.trace, 0.0))
+                rho, failure = self.scorer.score(point, Done(task, recording.trace, 0.0))
             except TraceError as error:
                 raise TraceError(f"{recording.source}: {error}") from None
             record = Record(*key, point, number, rho, failure, trace=None, seconds=0.0)

@@ -20,12 +20,12 @@ from numpy.typing import ArrayLike, NDArray
 from s2r_spec.certify import confidence
 from s2r_spec.certify.bounds import Bounds
 from s2r_spec.certify.certificate import ALL_COUNT, Certificate, Label, Rung
-from s2r_spec.certify.floors import sequential_floor
-from s2r_spec.certify.inside import LEVELS, MOST_ROLLOUTS, Inside, constant, long_axes, too_many
+from s2r_spec.certify.coverage import LEVELS, MOST_ROLLOUTS, Coverage, constant, long_axes, too_many
 from s2r_spec.certify.kernels import Kernel
 from s2r_spec.certify.modes import MODES
-from s2r_spec.certify.outward import at_least
 from s2r_spec.certify.posterior import ENGINES, Conditioned
+from s2r_spec.certify.rounding import at_least
+from s2r_spec.certify.sample_complexity import sequential_lower_bound
 from s2r_spec.certify.samples import Samples
 from s2r_spec.certify.tiling import Tiling
 from s2r_spec.errors import UsageError, one_of
@@ -144,10 +144,10 @@ class Search:
         if isinstance(fitted, str) or not all(isinstance(name, str) for name in fitted or ()):
             raise UsageError(f"fitted = {fitted!r}; it must be names of settings, like ('R', 'kernel')")
         self.batch, self.spread, self.budget, self.fitted = batch, int(spread), budget, tuple(fitted or ())
-        self._inside = Inside(self.space, long_axes(self.space, kernel))
+        self._coverage = Coverage(self.space, long_axes(self.space, kernel))
         self._constant = constant(self.space, kernel, B, epsilon)
         self._too_many = too_many(self.space, kernel, self.spread, batch, budget)
-        floor = sequential_floor(R, epsilon, delta)
+        floor = sequential_lower_bound(R, epsilon, delta)
         if budget is None and floor > MOST_ROLLOUTS:
             self._too_many = (
                 f"epsilon = {epsilon:g} takes at least {floor:.0e} rollouts beside R = {R:g}, by any method; "
@@ -207,11 +207,11 @@ class Search:
 
     def _inside_batch(self) -> list[tuple[FloatArray, int]]:
         """Return (point, replicates) of the tests that are lacking along axes that are shorter than the kernel."""
-        if not self._inside.axes:
+        if not self._coverage.axes:
             return []
         rng = np.random.default_rng([self.seed, self._asked])
-        least = self._inside.telling(self.R, max(self._width(), self.epsilon), self.delta)
-        return self._inside.batch(self.tested, self._samples.counts, least, rng)
+        least = self._coverage.telling(self.R, max(self._width(), self.epsilon), self.delta)
+        return self._coverage.batch(self.tested, self._samples.counts, least, rng)
 
     def tell(self, query: Query, outcomes: ArrayLike) -> None:
         """Give the (replicates,) outcomes of a query that was asked.
@@ -412,12 +412,12 @@ class Search:
                 f"B = {self.B:g} is less than twice the norm that the data already show (B_low = {at_least(B_low)}); "
                 + (
                     f"the lengthscale of {self._long_names()}, longer than its range, may be what is wrong"
-                    if self._inside.axes
+                    if self._coverage.axes
                     else "read the interval of a larger B in the ladder, if you can say why that B is right"
                 )
             )
         width = self._width()
-        if width <= self.B and self._rollouts < sequential_floor(self.R, width, self.delta):
+        if width <= self.B and self._rollouts < sequential_lower_bound(self.R, width, self.delta):
             return Label.REFUSED, (
                 f"an interval of {width:.3g} after {self._rollouts} rollouts is below what any method can claim: "
                 f"this is a defect of s2r, please report it"
@@ -431,7 +431,7 @@ class Search:
         return (Label.CERTIFIED if width <= self.epsilon else Label.BUDGET), ""
 
     def _long_names(self) -> str:
-        return ", ".join(self.space.axes[axis].name for axis in self._inside.axes)
+        return ", ".join(self.space.axes[axis].name for axis in self._coverage.axes)
 
     def _width(self) -> float:
         rung = self._interval(0)
@@ -448,14 +448,14 @@ class Search:
 
     def _uncovered(self) -> str:
         """Return a sentence if a part of a range was not tested along which the kernel is longer, else ""."""
-        if not self._inside.axes:
+        if not self._coverage.axes:
             return ""
-        least = self._inside.covering
-        lacking = self._inside.lacking(self.tested, self._samples.counts, least)
+        least = self._coverage.covering
+        lacking = self._coverage.lacking(self.tested, self._samples.counts, least)
         rows, parts = np.nonzero(lacking)
         if not len(rows):
             return ""
-        axis = self.space.axes[self._inside.axes[rows[0]]]
+        axis = self.space.axes[self._coverage.axes[rows[0]]]
         low, high = (axis.low + axis.width * (parts[0] + end) / LEVELS for end in (0, 1))
         return (
             f"the kernel is longer than the range of {axis.name}, so every eighth of it must be tested first; "
@@ -520,7 +520,7 @@ class Search:
             f"the noise of one rollout is R-sub-Gaussian with R = {self.R:g}{unit}, declared before the data",
             f"rollouts are independent given the tests, and {ALL_COUNT}",
             *(fixed if self._observed else ()),
-            *(inside if self._inside.axes else ()),
+            *(inside if self._coverage.axes else ()),
         )
 
 

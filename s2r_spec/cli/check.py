@@ -76,7 +76,7 @@ def check(
         refuse_without_operator(backend)
         # Imported here: the help must not wait for numerical libraries.
         from s2r_spec.certify import check as checking
-        from s2r_spec.certify.given import must_be_begun
+        from s2r_spec.certify.arguments import require_begun
         from s2r_spec.cli.progress import Live
         from s2r_spec.report import checked, html
         from s2r_spec.rollouts import layout
@@ -99,7 +99,7 @@ def check(
         folder = new_or_old(run, resume, f"{spec.stem}-{backend}", seed)
         there = layout.places(folder, names, _own(folder, names) if resume is not None else None)
         if resume is not None:
-            must_be_begun([*there.values()], folder)
+            require_begun([*there.values()], folder)
         errors = console(stderr=True)
         results = []
         for name, place in there.items():

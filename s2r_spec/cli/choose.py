@@ -22,7 +22,7 @@ def choose(
     """Choose among checked controllers or gains: the one whose worst expected ρ is certified to be largest."""
     with sentences(as_json):
         from s2r_spec.certify.choose import choose as pick
-        from s2r_spec.certify.outward import at_most, between, down, wide
+        from s2r_spec.certify.rounding import at_most, between, down, wide
         from s2r_spec.report.recompute import recompute, runs_in
 
         results = [recompute(folder).result for run in runs for folder in runs_in(run)]

@@ -12,7 +12,7 @@ from typing import Any
 from s2r_spec.backend import short
 from s2r_spec.certify.certificate import Certificate, Label
 from s2r_spec.certify.check import CheckResult, Verdict
-from s2r_spec.certify.outward import at_least, at_most, between, down, up, wide
+from s2r_spec.certify.rounding import at_least, at_most, between, down, up, wide
 from s2r_spec.certify.voids import shown
 from s2r_spec.report.finding import Finding, Report, Section
 from s2r_spec.spec import Spec

@@ -11,7 +11,7 @@ from typing import Any
 from s2r_spec.certify.certificate import Certificate
 from s2r_spec.certify.check import CheckResult, conclude, of_recordings, search_for
 from s2r_spec.certify.gap import GapResult, Pair, conclude_gap, gap_search, pairs_of
-from s2r_spec.certify.promise import CertifyResult, promise, refused
+from s2r_spec.certify.real_machine import CertifyResult, conclude_certify, refused_in_simulation
 from s2r_spec.certify.search import Query, Search
 from s2r_spec.errors import UsageError
 from s2r_spec.rollouts.journal import FILE, Journal, Record
@@ -191,7 +191,9 @@ def recompute_certify(folder: Path, real: str | None = None) -> RecomputedCertif
     """
     simulated = recompute(folder / SIMULATION)
     if real is not None and not simulated.result.certificate.label.bounds:
-        return RecomputedCertify(simulated.spec, refused(simulated.result, real), simulated, None)
+        return RecomputedCertify(
+            simulated.spec, refused_in_simulation(simulated.result, real), simulated, None
+        )
     gap = recompute_gap(folder / GAP)
     first, second = simulated.result.provenance, gap.result.provenance
     for key in ("spec_hash", "requirement", "seed"):
@@ -204,7 +206,7 @@ def recompute_certify(folder: Path, real: str | None = None) -> RecomputedCertif
             f"{folder}: its simulation is of {first['backend']}, its gap of {second['sim']['backend']}, or of another "
             f"model of the same name; they are of two runs"
         )
-    result = promise(simulated.search, gap.search, simulated.result, gap.result)
+    result = conclude_certify(simulated.search, gap.search, simulated.result, gap.result)
     return RecomputedCertify(simulated.spec, result, simulated, gap)
 
 

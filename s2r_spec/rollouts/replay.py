@@ -14,8 +14,8 @@ from s2r_spec.errors import UsageError
 from s2r_spec.files import saving
 from s2r_spec.rollouts.journal import Journal, Record
 from s2r_spec.rollouts.kept import checked_header, load_kept
-from s2r_spec.rollouts.rig import Rig
 from s2r_spec.rollouts.runner import Done, run_task
+from s2r_spec.rollouts.scorer import Scorer
 from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
 
@@ -83,24 +83,24 @@ def replay(rollout: str) -> Replay:
     spec = load_kept(journal)
     header, point = checked_header(journal), dict(record.params)
     requirement = header["requirement"]
-    rig = _rig(spec, header, journal)
+    scorer = _scorer(spec, header, journal)
     # All channels this time: whoever replays a rollout wants to look at it.
-    task = replace(rig.task(record.query, record.replicate, point, record.seed), channels=None)
-    ran = not is_exclusive(rig.backend)
+    task = replace(scorer.task(record.query, record.replicate, point, record.seed), channels=None)
+    ran = not is_exclusive(scorer.backend)
     if ran:
         trace, seconds = run_task(task)
         done = Done(task, trace, seconds)
     else:
         trace = _recorded(journal, record)
         done = Done(task, trace, record.seconds, record.failure)
-    rho, _ = rig.score(point, done)
+    rho, _ = scorer.score(point, done)
     difference = ""
     if rho != record.rho:
         difference = f"the record says {record.rho:+.6g}"
         # Both sides of a gap have theirs in the header of each.
         recorded = header[header["side"]]["model_hash"] if "side" in header else header["model_hash"]
-        if rig.backend.model_hash != recorded:
-            before, now = short(recorded), short(rig.backend.model_hash)
+        if scorer.backend.model_hash != recorded:
+            before, now = short(recorded), short(scorer.backend.model_hash)
             difference += f"; the model has changed since ({before}, now {now})"
     return Replay(
         point,
@@ -111,7 +111,7 @@ def replay(rollout: str) -> Replay:
         trace,
         spec,
         requirement,
-        rig.backend,
+        scorer.backend,
         dict(task.params),
         difference,
         ran,
@@ -133,16 +133,16 @@ def _recorded(journal: Journal, record: Record) -> Trace:
     return logs.read(path)
 
 
-def _rig(spec: Spec, header: Mapping[str, Any], journal: Journal) -> Rig:
+def _scorer(spec: Spec, header: Mapping[str, Any], journal: Journal) -> Scorer:
     """Open the backend of a run, with rollouts as long as they were.
 
     Raises:
         UsageError: the journal says that they were longer than any that the backend or the requirement asks for.
     """
     requirement, name, duration = header["requirement"], header["backend"], header["duration"]
-    own = Rig.for_spec(spec, requirement, name)
+    own = Scorer.for_spec(spec, requirement, name)
     if duration > own.backend.duration:
         raise UsageError(
             f"{journal.path}:1: the rollouts lasted {duration:g} s, those of {name} last {own.backend.duration:g} s now"
         )
-    return own if duration == own.backend.duration else Rig.for_spec(spec, requirement, name, duration)
+    return own if duration == own.backend.duration else Scorer.for_spec(spec, requirement, name, duration)

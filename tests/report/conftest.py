@@ -11,7 +11,7 @@ import pytest
 
 import s2r_spec as s2r
 from s2r_spec import backend
-from s2r_spec.certify.promise import certify as certify_both
+from s2r_spec.certify.real_machine import certify as certify_both
 from s2r_spec.report.recompute import Recomputed, recompute
 from s2r_spec.rollouts import runner
 from s2r_spec.rollouts.journal import Journal, Record

@@ -11,7 +11,7 @@ from s2r_spec.certify.certificate import Label
 from s2r_spec.certify.gap import gap
 from s2r_spec.certify.kernels import Kernel
 from s2r_spec.certify.measure import check_measure
-from s2r_spec.certify.promise import certify
+from s2r_spec.certify.real_machine import certify
 from s2r_spec.errors import BackendError, NotBegunError, StoppedError, UsageError
 from s2r_spec.report import checked, gapped, jsonform
 from s2r_spec.report.recompute import recompute, recompute_gap

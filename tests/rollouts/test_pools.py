@@ -14,8 +14,8 @@ from s2r_spec.backend import load_backend
 from s2r_spec.errors import BackendError, UsageError
 from s2r_spec.rollouts import child, pools, runner
 from s2r_spec.rollouts.pools import dask_pool, process_pool
-from s2r_spec.rollouts.rig import default_timeout
 from s2r_spec.rollouts.runner import Runner, Task, run_task
+from s2r_spec.rollouts.scorer import default_timeout
 from s2r_spec.rollouts.seeds import rollout_seed
 from tests.conftest import PLUGIN
 from tests.processes import lives

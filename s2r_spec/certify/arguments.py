@@ -13,7 +13,7 @@ from s2r_spec.rollouts.journal import Journal
 from s2r_spec.spec import Spec
 
 
-def given_spec(spec: Any) -> Spec:
+def as_spec(spec: Any) -> Spec:
     """Return the specification.
 
     Raises:
@@ -25,7 +25,7 @@ def given_spec(spec: Any) -> Spec:
     raise UsageError(f"a specification is needed, not {what}; s2r.load_spec reads one from a file")
 
 
-def given_name(backend: Any, what: str = "backend") -> str:
+def as_name(backend: Any, what: str = "backend") -> str:
     """Return the name of a backend.
 
     Raises:
@@ -40,7 +40,7 @@ def given_name(backend: Any, what: str = "backend") -> str:
     )
 
 
-def given_simulator(backend: Any) -> Backend | str:
+def as_simulator(backend: Any) -> Backend | str:
     """Return a simulator or its name.
 
     Raises:
@@ -51,7 +51,7 @@ def given_simulator(backend: Any) -> Backend | str:
     raise UsageError(f"sim must be a backend or the name of one, such as 'sim', not {_kind(backend)}")
 
 
-def given_rollouts(real: Any) -> Any:
+def as_rollouts(real: Any) -> Any:
     """Return the real side of a diagnosis: a backend, the name of one, or rollouts.
 
     Raises:
@@ -65,7 +65,7 @@ def given_rollouts(real: Any) -> Any:
     )
 
 
-def given_folder(folder: Any) -> Path:
+def as_folder(folder: Any) -> Path:
     """Return the folder of a run as a path.
 
     Raises:
@@ -76,7 +76,7 @@ def given_folder(folder: Any) -> Path:
     raise UsageError(f"folder must be a path, such as 'runs/night', not {_kind(folder)}")
 
 
-def must_be_begun(places: list[Path], run: Path) -> None:
+def require_begun(places: list[Path], run: Path) -> None:
     """See that there is something to go on with.
 
     Args:

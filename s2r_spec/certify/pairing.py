@@ -10,7 +10,7 @@ import numpy as np
 from s2r_spec.backend import Backend, HasRecordings, Recording, is_exclusive
 from s2r_spec.certify.recorded import ROUNDING, Design, fixed_design
 from s2r_spec.errors import UsageError
-from s2r_spec.rollouts.rig import Rig
+from s2r_spec.rollouts.scorer import Scorer
 from s2r_spec.spec import Spec
 
 # Simulated rollouts averaged against each real one: a quarter fewer real rollouts than with one.
@@ -18,11 +18,11 @@ SIMULATED_PER_REAL = 2
 
 
 @dataclass(frozen=True)
-class Sides:
-    """Both rigs of a gap, which fit the spec and each other.
+class Pairing:
+    """Both scorers of a gap, which fit the spec and each other.
 
     Attributes:
-        sim: the simulator's rig.
+        sim: the simulator's scorer.
         real: the real machine's.
         recorded: the tests, if the real side is recordings; else None, and the search chooses them.
         simulated: recordings of the simulator at the same tests; None if it runs.
@@ -30,21 +30,21 @@ class Sides:
         notes: what a reader of the certificate must know, each in one sentence.
     """
 
-    sim: Rig
-    real: Rig
+    sim: Scorer
+    real: Scorer
     recorded: Design | None = None
     simulated: Design | None = None
     per_real: int = SIMULATED_PER_REAL
     notes: tuple[str, ...] = ()
 
     @classmethod
-    def of(cls, spec: Spec, requirement: str, simulated: str, real: str, budget: int | None) -> Sides:
+    def for_spec(cls, spec: Spec, requirement: str, simulated: str, real: str, budget: int | None) -> Pairing:
         """Open both backends, and pair what was recorded; nothing runs.
 
         Raises:
             UsageError: spec and backends do not fit together, or the recordings do not make pairs.
         """
-        sim, machine = Rig.for_spec(spec, requirement, simulated), Rig.for_spec(spec, requirement, real)
+        sim, machine = Scorer.for_spec(spec, requirement, simulated), Scorer.for_spec(spec, requirement, real)
         if is_exclusive(sim.backend):
             raise UsageError(
                 f"{simulated} is a machine, not a simulator: give it as --real, and a simulator as --sim"

@@ -7,7 +7,7 @@ declared kernel. So two rules hold on an axis with ℓ > w, and none on any othe
 
 - If the declared kernel and B leave E no more than ε to change by, the certificate would rest on the
   declaration and on no test: it is refused (:func:`constant`).
-- Else each eighth of the range is tested before a certificate is given (:class:`Inside`), with as many rollouts
+- Else each eighth of the range is tested before a certificate is given (:class:`Coverage`), with as many rollouts
   as tell 0 from ε there. The tests are drawn from the seed, never from outcomes, so that the bound asks no
   more of them; and what they find may refute B like any other outcome.
 """
@@ -21,9 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.certify.bounds import MOST_POINTS
-from s2r_spec.certify.floors import sequential_floor
 from s2r_spec.certify.kernels import Kernel
-from s2r_spec.certify.outward import at_most
+from s2r_spec.certify.rounding import at_most
+from s2r_spec.certify.sample_complexity import sequential_lower_bound
 from s2r_spec.space import ROUNDED, Space
 
 FloatArray = NDArray[np.float64]
@@ -97,7 +97,7 @@ def too_many(space: Space, kernel: Kernel, spread: int, batch: float, budget: in
 
 
 @dataclass(frozen=True)
-class Inside:
+class Coverage:
     """Which eighths of the long axes were tested.
 
     Attributes:
@@ -115,7 +115,7 @@ class Inside:
 
     def telling(self, R: float, width: float, delta: float) -> int:
         """Return the rollouts in each part without which 0 cannot be distinguished from ``width`` there."""
-        return max(self.covering, math.ceil(min(sequential_floor(R, width, delta), MOST_ROLLOUTS)))
+        return max(self.covering, math.ceil(min(sequential_lower_bound(R, width, delta), MOST_ROLLOUTS)))
 
     def lacking(self, points: FloatArray, counts: FloatArray, least: int) -> IndexArray:
         """Return (L, LEVELS) rollouts that each part lacks of ``least``, after (u,) counts at (u, dim) points."""

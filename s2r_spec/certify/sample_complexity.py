@@ -6,7 +6,7 @@ import math
 from statistics import NormalDist
 
 
-def sequential_floor(R: float, epsilon: float, delta: float) -> float:
+def sequential_lower_bound(R: float, epsilon: float, delta: float) -> float:
     """Return 2(R/ε)² kl(δ, 1−δ): no method, however clever, needs fewer rollouts on average.
 
     Any procedure whose interval is at most ε wide and right with probability 1 − δ

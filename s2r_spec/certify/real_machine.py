@@ -6,14 +6,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from s2r_spec.backend import Operator
+from s2r_spec.certify.arguments import as_folder, as_name, as_spec, require_begun
 from s2r_spec.certify.certificate import Label
 from s2r_spec.certify.check import CheckResult, Verdict, check_with, only_requirement, search_for
 from s2r_spec.certify.compose import Composition, compose
-from s2r_spec.certify.drive import Observer
+from s2r_spec.certify.experiments import Observer
 from s2r_spec.certify.gap import GapResult, gap_search, gap_with
-from s2r_spec.certify.given import given_folder, given_name, given_spec, must_be_begun
+from s2r_spec.certify.pairing import Pairing
 from s2r_spec.certify.search import Search
-from s2r_spec.certify.sides import Sides
 from s2r_spec.rollouts.attempts import AGAIN
 from s2r_spec.rollouts.attendance import refuse_terms, terms_of
 from s2r_spec.rollouts.layout import GAP, SIMULATION
@@ -65,37 +65,39 @@ def certify(
     ``budget`` bounds the real rollouts; the simulator runs as many as its ε takes. Search 2 does
     not begin when search 1 was refused: rollouts of the real machine could not mend that.
     """
-    spec, folder = given_spec(spec), given_folder(folder)
-    simulated, real = given_name(simulated, "simulated"), given_name(real, "real")
+    spec, folder = as_spec(spec), as_folder(folder)
+    simulated, real = as_name(simulated, "simulated"), as_name(real, "real")
     requirement = requirement or only_requirement(spec)
     if resume:
-        must_be_begun([folder / SIMULATION], folder)
-    sides, terms = Sides.of(spec, requirement, simulated, real, budget), terms_of(void, operator)
-    refuse_terms(sides.real.backend, terms)
+        require_begun([folder / SIMULATION], folder)
+    pairing, terms = Pairing.for_spec(spec, requirement, simulated, real, budget), terms_of(void, operator)
+    refuse_terms(pairing.real.backend, terms)
     first = search_for(spec, requirement, seed=seed, budget=None, mode=mode, engine=engine)
     second = gap_search(
-        spec, requirement, seed=seed, budget=budget, mode=mode, engine=engine, per_real=sides.per_real
+        spec, requirement, seed=seed, budget=budget, mode=mode, engine=engine, per_real=pairing.per_real
     )
-    if sides.recorded is None:
+    if pairing.recorded is None:
         second.refuse_hopeless()
     checked = check_with(
         first, spec, requirement, simulated, folder / SIMULATION, seed, executor, timeout, resume, observer
     )
     if not checked.certificate.label.bounds:
-        return refused(checked, real)
+        return refused_in_simulation(checked, real)
     bounded = gap_with(
-        second, spec, requirement, sides, folder / GAP, seed, executor, timeout, resume, observer, terms
+        second, spec, requirement, pairing, folder / GAP, seed, executor, timeout, resume, observer, terms
     )
-    return promise(first, second, checked, bounded)
+    return conclude_certify(first, second, checked, bounded)
 
 
-def refused(checked: CheckResult, real: str) -> CertifyResult:
+def refused_in_simulation(checked: CheckResult, real: str) -> CertifyResult:
     """Return what there is when search 1 has no certificate."""
     reason = f"no certificate for simulation: {checked.certificate.reason}; no rollout of {real} was run"
     return CertifyResult(Verdict.UNKNOWN, reason, real, checked, None, None)
 
 
-def promise(first: Search, second: Search, checked: CheckResult, bounded: GapResult) -> CertifyResult:
+def conclude_certify(
+    first: Search, second: Search, checked: CheckResult, bounded: GapResult
+) -> CertifyResult:
     """Return what two searches promise of the real machine, whose results are these."""
     real = bounded.provenance["real"]["backend"]
     for name, certificate in (("simulation", checked.certificate), ("the gap", bounded.certificate)):

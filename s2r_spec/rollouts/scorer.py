@@ -27,7 +27,7 @@ def default_timeout(backend: Backend) -> float:
 
 
 @dataclass(frozen=True)
-class Rig:
+class Scorer:
     """A measure, set up on one backend.
 
     Attributes:

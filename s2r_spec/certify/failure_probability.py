@@ -28,7 +28,7 @@ FINEST = 0.02
 
 
 @dataclass(frozen=True)
-class Odds:
+class FailureProbability:
     """The largest probability of ρ < level over the test space lies in [lower, upper].
 
     Attributes:
@@ -54,7 +54,7 @@ class Odds:
     refused: str
 
 
-def odds(
+def bound_failure_probability(
     space: Space,
     tests: Iterable[tuple[Mapping[str, float], Sequence[float]]],
     levels: Sequence[float],
@@ -62,7 +62,7 @@ def odds(
     kernel: Kernel,
     B: float,
     delta: float,
-) -> list[Odds]:
+) -> list[FailureProbability]:
     """Bound the probability of ρ < level for levels that were chosen before the rollouts were looked at.
 
     Args:
@@ -79,22 +79,22 @@ def odds(
     rollouts = [(point, np.asarray(values, dtype=np.float64)) for point, values in tests]
     if not levels or not rollouts:
         raise UsageError("a bound on a probability needs a level and at least one rollout")
-    return [_odds(space, rollouts, level, kernel, B, delta / len(levels)) for level in levels]
+    return [_bound_one(space, rollouts, level, kernel, B, delta / len(levels)) for level in levels]
 
 
-def _odds(
+def _bound_one(
     space: Space,
     rollouts: Sequence[tuple[Mapping[str, float], np.ndarray]],
     level: float,
     kernel: Kernel,
     B: float,
     delta: float,
-) -> Odds:
+) -> FailureProbability:
     search = Search(space, kernel=kernel, B=B, R=R, delta=delta, epsilon=min(FINEST, B))
     failed = [(point, (values < level).astype(np.float64)) for point, values in rollouts]
     search.observe(failed, final=True)
     found = search.certificate()
-    return Odds(
+    return FailureProbability(
         level=level,
         lower=max(0.0, found.lower),
         upper=min(1.0, found.upper),

@@ -13,8 +13,8 @@ from s2r_spec.certify.search import Query, Search
 from s2r_spec.errors import BackendError, S2RError
 from s2r_spec.rollouts.attempts import Void
 from s2r_spec.rollouts.journal import Journal, Record
-from s2r_spec.rollouts.rig import Rig
 from s2r_spec.rollouts.runner import Done, Task
+from s2r_spec.rollouts.scorer import Scorer
 from s2r_spec.rollouts.seeds import Stream, rollout_seed
 
 UNSCORED = "unscored"
@@ -107,10 +107,10 @@ class Experiment(Protocol):
 
 @dataclass(frozen=True)
 class Rollouts:
-    """Rollouts on one rig; the outcome is −ρ, so that a maximum is the worst case.
+    """Rollouts on one scorer; the outcome is −ρ, so that a maximum is the worst case.
 
     Attributes:
-        rig: what turns a test into ρ.
+        scorer: what turns a test into ρ.
         seed: of the run.
         journal: where every rollout goes first.
         runner: of the rollouts.
@@ -118,7 +118,7 @@ class Rollouts:
         each: rollouts per replicate; the outcome is their mean.
     """
 
-    rig: Rig
+    scorer: Scorer
     seed: int
     journal: Journal
     runner: Runs
@@ -137,7 +137,7 @@ class Rollouts:
         for query in queries:
             for replicate in range(query.replicates * self.each):
                 key = query.index, replicate
-                task = self.rig.task(*key, query.point, rollout_seed(self.seed, *key, self.stream))
+                task = self.scorer.task(*key, query.point, rollout_seed(self.seed, *key, self.stream))
                 before = self.journal.get(*key)
                 if before is None:
                     tasks.append(task)
@@ -152,7 +152,7 @@ class Rollouts:
         for done in self.runner.run(tasks):
             key, point = (done.task.query, done.task.replicate), points[done.task.query]
             try:
-                rho, failure = self.rig.score(point, done)
+                rho, failure = self.scorer.score(point, done)
             except S2RError as error:
                 kept = self.journal.keep(key, done.trace)
                 for begun in self.journal.open:  # of a machine, whose rollout has an end, if no outcome
@@ -198,7 +198,7 @@ class Pairs:
         return {index: [r - s for r, s in zip(real[index], simulated[index], strict=True)] for index in real}
 
 
-def drive(search: Search, experiment: Experiment, observer: Observer | None = None) -> None:
+def run_search(search: Search, experiment: Experiment, observer: Observer | None = None) -> None:
     """Run the search to its end.
 
     Raises:
