@@ -77,6 +77,8 @@ def check(
         # Imported here: the help must not wait for numerical libraries.
         from s2r_spec.certify import check as checking
         from s2r_spec.certify.arguments import require_begun
+        from s2r_spec.certify.from_spec import search_for
+        from s2r_spec.certify.options import RunOptions
         from s2r_spec.cli.progress import Live
         from s2r_spec.report import checked, html
         from s2r_spec.rollouts import layout
@@ -91,7 +93,9 @@ def check(
             raise UsageError(f"{parsed.name} has no certify line, so there is nothing to certify")
         names = list(dict.fromkeys(names))
         for name in names:  # a wrong one is said before the first one has run
-            checking.search_for(parsed, name, seed=seed, budget=budget, mode=mode, engine=engine)
+            search_for(
+                parsed, name, RunOptions(seed=seed, budget=budget, mode=mode, engine=engine, void=void)
+            )
         (machine,) = logs([backend], nan, time_unit, columns)
         executor, machines = pool(workers, scheduler)
         if takes_turns(machine):

@@ -13,7 +13,7 @@ from s2r_spec.backend import short
 from s2r_spec.certify.certificate import Certificate, Label
 from s2r_spec.certify.check import CheckResult, Verdict
 from s2r_spec.certify.rounding import at_least, at_most, between, down, up, wide
-from s2r_spec.certify.voids import shown
+from s2r_spec.certify.voids import void_words
 from s2r_spec.report.finding import Finding, Report, Section
 from s2r_spec.spec import Spec
 
@@ -69,7 +69,7 @@ def voids_json(voids: Mapping[str, int] | None) -> dict[str, Any]:
 
 def voids_fact(voids: Mapping[str, int] | None, rollouts: int) -> tuple[tuple[str, str], ...]:
     """Return the row of void rollouts beside so many outcomes, which only a machine has."""
-    return () if voids is None else (("void", shown(voids, rollouts)),)
+    return () if voids is None else (("void", void_words(voids, rollouts)),)
 
 
 def finding(spec: Spec, result: CheckResult) -> Finding:

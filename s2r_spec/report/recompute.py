@@ -9,8 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from s2r_spec.certify.certificate import Certificate
-from s2r_spec.certify.check import CheckResult, conclude, of_recordings, search_for
-from s2r_spec.certify.gap import GapResult, Pair, conclude_gap, gap_search, pairs_of
+from s2r_spec.certify.check_result import CheckResult, conclude, of_recordings
+from s2r_spec.certify.from_spec import search_for
+from s2r_spec.certify.gap import gap_search
+from s2r_spec.certify.gap_result import GapResult, Pair, conclude_gap, pairs_of
+from s2r_spec.certify.options import RunOptions
 from s2r_spec.certify.real_machine import CertifyResult, conclude_certify, refused_in_simulation
 from s2r_spec.certify.search import Query, Search
 from s2r_spec.errors import UsageError
@@ -121,9 +124,9 @@ def recompute(folder: Path) -> Recomputed:
     journal.check_traces()
     search, history = _replay(spec, journal)
     told = search.certificate().rollouts
-    # With what it was told as its budget the search knows that it is over, and so refuses what a check
-    # would have refused; of a run that goes on it says what it would have said had it ended here.
-    search.budget = told
+    # A closed search refuses what a check would have refused. The result of a run that goes on is then the one
+    # that it would have had if it had ended here.
+    search.close()
     records = journal.records()
     settings = spec.certify[header["requirement"]]
     assert settings.fall is not None  # search_for has looked
@@ -146,7 +149,7 @@ def recompute_gap(folder: Path) -> RecomputedGap:
     header = journals["real"].header
     spec = _of_both(folder, journals)
     per_real = header["simulated_per_real"]
-    search = gap_search(spec, header["requirement"], budget=None, per_real=per_real, **_settings(header))
+    search = gap_search(spec, header["requirement"], _options(header), per_real)
     _same_settings(search, header, folder)
     every = {(pair.query, pair.replicate): pair for pair in pairs_of(journals, per_real)}
     if not every:
@@ -167,7 +170,8 @@ def recompute_gap(folder: Path) -> RecomputedGap:
         history = [search.certificate()]
     else:
         history = _tell(search, outcomes)
-    search.budget = told = search.certificate().rollouts
+    search.close()
+    told = search.certificate().rollouts
     provenance = {key: value for key, value in header.items() if key not in ("side", "backend", "duration")}
     result = conclude_gap(spec, search, journals, provenance, folder)
     return RecomputedGap(
@@ -237,7 +241,7 @@ def _of_both(folder: Path, journals: Mapping[str, Journal]) -> Spec:
 def _replay(spec: Spec, journal: Journal) -> tuple[Search, list[Certificate]]:
     """Tell a new search every whole batch of the journal; return it and its certificate after each."""
     header = journal.header
-    search = search_for(spec, header["requirement"], budget=None, **_settings(header))
+    search = search_for(spec, header["requirement"], _options(header))
     _same_settings(search, header, journal.folder)
     if "recorded" in header:
         search.observe(_recorded(journal), final=True)
@@ -267,9 +271,9 @@ def _tell(search: Search, outcomes: Callable[[Query], list[float]]) -> list[Cert
     return history
 
 
-def _settings(header: Mapping[str, Any]) -> dict[str, Any]:
+def _options(header: Mapping[str, Any]) -> RunOptions:
     settings = header["settings"]
-    return {"seed": header["seed"], "mode": settings["mode"], "engine": settings["engine"]}
+    return RunOptions(seed=header["seed"], mode=settings["mode"], engine=settings["engine"])
 
 
 def _same_settings(search: Search, header: Mapping[str, Any], folder: Path) -> None:
