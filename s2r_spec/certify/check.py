@@ -26,14 +26,14 @@ from s2r_spec.certify.rounding import at_most
 from s2r_spec.certify.search import Search
 from s2r_spec.certify.voids import about, assumed, counted, is_machine, with_voids, without_too_many
 from s2r_spec.errors import UsageError, one_of
-from s2r_spec.rollouts.attempts import AGAIN
 from s2r_spec.rollouts.attendance import Terms, refuse_terms, terms_of
-from s2r_spec.rollouts.attended import attending
 from s2r_spec.rollouts.journal import Journal, Record
-from s2r_spec.rollouts.kept import files_of
+from s2r_spec.rollouts.machine_journal import AGAIN
+from s2r_spec.rollouts.machine_runner import runner_for
 from s2r_spec.rollouts.pools import ExecutorFactory, process_pool
 from s2r_spec.rollouts.runner import Runner
 from s2r_spec.rollouts.scorer import Scorer
+from s2r_spec.rollouts.spec_files import spec_texts
 from s2r_spec.spec import CertifySettings, Spec
 
 
@@ -247,7 +247,7 @@ def check_with(
     if resume and Journal.begun(folder):
         journal = Journal.resume(folder, provenance)
     else:
-        journal = Journal.create(folder, provenance, files_of(spec))
+        journal = Journal.create(folder, provenance, spec_texts(spec))
     if observer is not None:
         unit = rho_unit(spec, requirement)
         attended = is_exclusive(scorer.backend)
@@ -257,7 +257,7 @@ def check_with(
     else:
         with (
             Runner(executor or process_pool(2), timeout) as pool,
-            attending(pool, scorer.backend, journal, terms, search.budget) as runner,
+            runner_for(pool, scorer.backend, journal, terms, search.budget) as runner,
         ):
             run_search(search, Rollouts(scorer, seed, journal, runner), observer)
     result = conclude(spec, requirement, scorer.fall, search.certificate(), journal, provenance)

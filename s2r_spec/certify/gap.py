@@ -32,15 +32,15 @@ from s2r_spec.certify.recorded import Recorded, left_open, observe
 from s2r_spec.certify.search import Search
 from s2r_spec.certify.voids import about, assumed, counted, is_machine, with_voids, without_too_many
 from s2r_spec.errors import UsageError
-from s2r_spec.rollouts.attempts import AGAIN
 from s2r_spec.rollouts.attendance import Terms, refuse_terms, terms_of
-from s2r_spec.rollouts.attended import attending
 from s2r_spec.rollouts.journal import Journal
-from s2r_spec.rollouts.kept import files_of
-from s2r_spec.rollouts.layout import SIDES
+from s2r_spec.rollouts.layout import SYSTEMS
+from s2r_spec.rollouts.machine_journal import AGAIN
+from s2r_spec.rollouts.machine_runner import runner_for
 from s2r_spec.rollouts.pools import ExecutorFactory, process_pool
 from s2r_spec.rollouts.runner import Runner
 from s2r_spec.rollouts.seeds import Stream
+from s2r_spec.rollouts.spec_files import spec_texts
 from s2r_spec.spec import Spec
 
 
@@ -193,7 +193,7 @@ def gap(
     simulated, real = as_name(simulated, "simulated"), as_name(real, "real")
     requirement = requirement or only_requirement(spec)
     if resume:
-        require_begun([folder / side for side in SIDES], folder)
+        require_begun([folder / side for side in SYSTEMS], folder)
     pairing = Pairing.for_spec(spec, requirement, simulated, real, budget)
     search = gap_search(
         spec, requirement, seed=seed, budget=budget, mode=mode, engine=engine, per_real=pairing.per_real
@@ -244,7 +244,7 @@ def gap_with(
         journals[side] = (
             Journal.resume(place, header)
             if resume and Journal.begun(place)
-            else Journal.create(place, header, files_of(spec))
+            else Journal.create(place, header, spec_texts(spec))
         )
     if observer is not None:
         unit = rho_unit(spec, requirement)
@@ -253,7 +253,7 @@ def gap_with(
         observer.begin(Phase("Δ", unit, source, spec.space.units, search.budget, attended))
     with (
         Runner(executor or process_pool(2), timeout) as runner,
-        attending(runner, pairing.real.backend, journals["real"], terms, search.budget) as machine,
+        runner_for(runner, pairing.real.backend, journals["real"], terms, search.budget) as machine,
     ):
         simulated: Experiment = Rollouts(
             scorers["sim"], seed, journals["sim"], runner, Stream.GAP_SIM, SIMULATED_PER_REAL
@@ -276,7 +276,7 @@ def conclude_gap(
     provenance: dict[str, Any],
     folder: Path,
 ) -> GapResult:
-    """Return what a search that was told every pair of the journals (of both ``SIDES``) means."""
+    """Return what a search that was told every pair of the journals (of both ``SYSTEMS``) means."""
     requirement, real = provenance["requirement"], provenance["real"]["backend"]
     per_real = provenance["simulated_per_real"]
     fall = spec.certify[requirement].fall
@@ -299,7 +299,7 @@ def conclude_gap(
         f"minus the mean of {SIMULATED_PER_REAL if per_real > 1 else 'one or two'} simulated ones",
         f"a rollout that falls or crashes counts as ρ = {fall:g} {unit}".rstrip() + " on both sides",
     )
-    for side in SIDES:
+    for side in SYSTEMS:
         assumptions += assumed(provenance[side]["backend"], provenance[side], journals[side])
     if "recorded" in provenance:
         assumptions += (*provenance["recorded"], *left_open(search, "E Δ"))
@@ -326,7 +326,7 @@ def conclude_gap(
 
 
 def pairs_of(journals: Mapping[str, Journal], per_real: int) -> list[Pair]:
-    """Return the pairs of two journals (of both ``SIDES``) that have all simulated rollouts of theirs."""
+    """Return the pairs of two journals (of both ``SYSTEMS``) that have all simulated rollouts of theirs."""
     simulated: dict[tuple[int, int], list[float]] = {}
     # Not as they came: a mean of the same numbers in another order is another one in its last bit.
     for record in sorted(journals["sim"].records(), key=lambda record: (record.query, record.replicate)):

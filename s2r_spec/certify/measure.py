@@ -14,8 +14,8 @@ from s2r_spec.certify.search import Search
 from s2r_spec.certify.voids import about, assumed, without_too_many
 from s2r_spec.errors import UsageError
 from s2r_spec.rollouts.attendance import Terms, refuse_terms
-from s2r_spec.rollouts.attended import attending
 from s2r_spec.rollouts.journal import Journal
+from s2r_spec.rollouts.machine_runner import runner_for
 from s2r_spec.rollouts.pools import ExecutorFactory, process_pool
 from s2r_spec.rollouts.runner import Runner, open_backend
 from s2r_spec.rollouts.scorer import Measure, Scorer
@@ -88,7 +88,7 @@ def check_measure(
     journal = Journal.resume(folder, header) if resume else Journal.create(folder, header, {})
     with (
         Runner(executor or process_pool(2)) as pool,
-        attending(pool, machine, journal, terms, search.budget) as runner,
+        runner_for(pool, machine, journal, terms, search.budget) as runner,
     ):
         run_search(search, Rollouts(scorer, seed, journal, runner), observer)
     certificate = without_too_many(search.certificate(), backend, journal)

@@ -14,9 +14,9 @@ from s2r_spec.certify.experiments import Observer
 from s2r_spec.certify.gap import GapResult, gap_search, gap_with
 from s2r_spec.certify.pairing import Pairing
 from s2r_spec.certify.search import Search
-from s2r_spec.rollouts.attempts import AGAIN
 from s2r_spec.rollouts.attendance import refuse_terms, terms_of
 from s2r_spec.rollouts.layout import GAP, SIMULATION
+from s2r_spec.rollouts.machine_journal import AGAIN
 from s2r_spec.rollouts.pools import ExecutorFactory
 from s2r_spec.spec import Spec
 
