@@ -22,10 +22,10 @@ from s2r_spec.certify.search import Search
 from s2r_spec.certify.voids import machine_fields
 from s2r_spec.errors import UsageError
 from s2r_spec.rollouts.attendance import refuse_terms
-from s2r_spec.rollouts.attended import attending
 from s2r_spec.rollouts.journal import Journal
-from s2r_spec.rollouts.kept import files_of
+from s2r_spec.rollouts.machine_runner import runner_for
 from s2r_spec.rollouts.scorer import Scorer
+from s2r_spec.rollouts.spec_files import spec_texts
 from s2r_spec.spec import Spec
 
 __all__ = ["CheckResult", "Verdict", "check", "check_with"]
@@ -77,7 +77,7 @@ def check_with(
     if options.resume and Journal.begun(folder):
         journal = Journal.resume(folder, provenance)
     else:
-        journal = Journal.create(folder, provenance, files_of(spec))
+        journal = Journal.create(folder, provenance, spec_texts(spec))
     attended = is_exclusive(scorer.backend)
     options.watching.begin(
         Phase("ρ", rho_unit(spec, requirement), backend, spec.space.units, search.budget, attended)
@@ -87,7 +87,7 @@ def check_with(
     else:
         with (
             options.runner() as pool,
-            attending(pool, scorer.backend, journal, options.terms, search.budget) as runner,
+            runner_for(pool, scorer.backend, journal, options.terms, search.budget) as runner,
         ):
             run_search(search, Rollouts(scorer, options.seed, journal, runner), options.watching)
     result = conclude(spec, requirement, scorer.fall, search.certificate(), journal, provenance)

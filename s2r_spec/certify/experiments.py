@@ -14,8 +14,8 @@ import numpy as np
 from s2r_spec.certify.observers import Observer, OnlyCrashes, Silent
 from s2r_spec.certify.search import Query, Search
 from s2r_spec.errors import BackendError, S2RError
-from s2r_spec.rollouts.attempts import Void
 from s2r_spec.rollouts.journal import Journal, Record
+from s2r_spec.rollouts.machine_journal import Void
 from s2r_spec.rollouts.runner import Done, Task
 from s2r_spec.rollouts.scorer import Scorer
 from s2r_spec.rollouts.seeds import Stream, rollout_seed

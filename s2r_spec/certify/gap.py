@@ -24,11 +24,11 @@ from s2r_spec.certify.recorded import Recorded, observe
 from s2r_spec.certify.search import Search
 from s2r_spec.certify.voids import machine_fields
 from s2r_spec.rollouts.attendance import refuse_terms
-from s2r_spec.rollouts.attended import attending
 from s2r_spec.rollouts.journal import Journal
-from s2r_spec.rollouts.kept import files_of
-from s2r_spec.rollouts.layout import SIDES
+from s2r_spec.rollouts.layout import SYSTEMS
+from s2r_spec.rollouts.machine_runner import runner_for
 from s2r_spec.rollouts.seeds import Stream
+from s2r_spec.rollouts.spec_files import spec_texts
 from s2r_spec.spec import Spec
 
 
@@ -66,7 +66,7 @@ def gap(
     simulated, real = as_name(simulated, "simulated"), as_name(real, "real")
     requirement = options.requirement or only_requirement(spec)
     if options.resume:
-        require_begun([folder / side for side in SIDES], folder)
+        require_begun([folder / side for side in SYSTEMS], folder)
     pairing = Pairing.for_spec(spec, requirement, simulated, real, options.budget)
     search = gap_search(spec, requirement, options, pairing.per_real)
     return gap_with(search, spec, requirement, pairing, folder, options)
@@ -107,7 +107,7 @@ def gap_with(
     )
     with (
         options.runner() as runner,
-        attending(runner, machine, journals["real"], terms, search.budget) as attended,
+        runner_for(runner, machine, journals["real"], terms, search.budget) as attended,
     ):
         simulated: Experiment = Rollouts(
             pairing.sim, options.seed, journals["sim"], runner, Stream.GAP_SIM, SIMULATED_PER_REAL
@@ -127,7 +127,7 @@ def gap_with(
 def _journals(
     spec: Spec, pairing: Pairing, folder: Path, provenance: dict[str, Any], resume: bool
 ) -> dict[str, Journal]:
-    """Create or resume a journal for each backend, by the names in ``SIDES``."""
+    """Create or resume a journal for each backend, by the names in ``SYSTEMS``."""
     journals = {}
     for side, scorer in pairing.scorers.items():
         header = provenance | {"side": side, "backend": scorer.name, "duration": scorer.backend.duration}
@@ -135,6 +135,6 @@ def _journals(
         journals[side] = (
             Journal.resume(place, header)
             if resume and Journal.begun(place)
-            else Journal.create(place, header, files_of(spec))
+            else Journal.create(place, header, spec_texts(spec))
         )
     return journals

@@ -19,7 +19,7 @@ from s2r_spec.certify.search import Search
 from s2r_spec.certify.voids import is_machine, machine_assumptions, void_counts, with_voids, without_too_many
 from s2r_spec.errors import UsageError
 from s2r_spec.rollouts.journal import Journal
-from s2r_spec.rollouts.layout import SIDES
+from s2r_spec.rollouts.layout import SYSTEMS
 from s2r_spec.spec import Spec
 
 
@@ -111,7 +111,7 @@ def conclude_gap(
     Args:
         spec: has the requirement.
         search: with an outcome for every pair.
-        journals: of the simulator and of the real machine, by the names in ``SIDES``.
+        journals: of the simulator and of the real machine, by the names in ``SYSTEMS``.
         provenance: the journals' common header.
         folder: of both journals.
 
@@ -148,7 +148,7 @@ def pairs_of(journals: Mapping[str, Journal], per_real: int) -> list[Pair]:
     """Return the pairs of two journals whose simulated rollouts are all there.
 
     Args:
-        journals: of the simulator and of the real machine, by the names in ``SIDES``.
+        journals: of the simulator and of the real machine, by the names in ``SYSTEMS``.
         per_real: simulated rollouts for each real one.
     """
     simulated: dict[tuple[int, int], list[float]] = {}
@@ -193,7 +193,7 @@ def _assumptions(
         f"minus the mean of {averaged} simulated ones",
         f"a rollout that falls or crashes counts as ρ = {fall:g} {unit}".rstrip() + " on both sides",
     )
-    for side in SIDES:
+    for side in SYSTEMS:
         assumptions += machine_assumptions(provenance[side]["backend"], provenance[side], journals[side])
     if "recorded" in provenance:
         assumptions += (*provenance["recorded"], *left_open(search, "E Δ"))

@@ -15,8 +15,8 @@ from s2r_spec.certify.search import Search
 from s2r_spec.certify.voids import machine_assumptions, machine_fields, without_too_many
 from s2r_spec.errors import UsageError
 from s2r_spec.rollouts.attendance import Terms, refuse_terms
-from s2r_spec.rollouts.attended import attending
 from s2r_spec.rollouts.journal import Journal
+from s2r_spec.rollouts.machine_runner import runner_for
 from s2r_spec.rollouts.runner import open_backend
 from s2r_spec.rollouts.scorer import Measure, Scorer
 
@@ -77,7 +77,7 @@ def check_measure(
     journal = Journal.resume(folder, header) if options.resume else Journal.create(folder, header, {})
     with (
         options.runner() as pool,
-        attending(pool, machine, journal, terms, search.budget) as runner,
+        runner_for(pool, machine, journal, terms, search.budget) as runner,
     ):
         run_search(search, Rollouts(scorer, options.seed, journal, runner), options.watching)
     certificate = without_too_many(search.certificate(), backend, journal)

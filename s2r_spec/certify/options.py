@@ -9,8 +9,8 @@ from typing import Required, TypedDict
 from s2r_spec.backend import Operator
 from s2r_spec.certify.observers import Observer, Silent
 from s2r_spec.errors import UsageError
-from s2r_spec.rollouts.attempts import AGAIN
 from s2r_spec.rollouts.attendance import Terms, terms_of
+from s2r_spec.rollouts.machine_journal import AGAIN
 from s2r_spec.rollouts.pools import ExecutorFactory, process_pool
 from s2r_spec.rollouts.runner import Runner
 

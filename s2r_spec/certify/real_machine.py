@@ -17,9 +17,9 @@ from s2r_spec.certify.gap_result import GapResult
 from s2r_spec.certify.options import RunKeywords, RunOptions
 from s2r_spec.certify.pairing import Pairing
 from s2r_spec.certify.search import Search
-from s2r_spec.rollouts.attempts import AGAIN
 from s2r_spec.rollouts.attendance import refuse_terms
 from s2r_spec.rollouts.layout import GAP, SIMULATION
+from s2r_spec.rollouts.machine_journal import AGAIN
 from s2r_spec.spec import Spec
 
 

@@ -13,8 +13,8 @@ from s2r_spec.certify.observers import Observer
 from s2r_spec.certify.rounding import wide
 from s2r_spec.certify.search import Query, Search
 from s2r_spec.errors import TraceError, UsageError
+from s2r_spec.rollouts.compatibility import Interface, check_compatibility
 from s2r_spec.rollouts.journal import Journal, Record
-from s2r_spec.rollouts.match import Matched, match
 from s2r_spec.rollouts.recorded import refuse_hidden
 from s2r_spec.rollouts.runner import Done
 from s2r_spec.rollouts.scorer import Scorer
@@ -50,7 +50,7 @@ def fixed_design(spec: Spec, requirement: str, backend: Backend, recordings: Seq
     Raises:
         UsageError: none is inside, or a parameter varies that the spec does not declare.
     """
-    matched = match(spec, requirement, backend)
+    matched = check_compatibility(spec, requirement, backend)
     groups: dict[tuple[float, ...], tuple[dict[str, float], list[Recording]]] = {}
     outside = []
     for recording in recordings:
@@ -166,7 +166,7 @@ def left_open(search: Search, what: str) -> list[str]:
     return notes
 
 
-def _point(spec: Spec, matched: Matched, recording: Recording) -> dict[str, float] | None:
+def _point(spec: Spec, matched: Interface, recording: Recording) -> dict[str, float] | None:
     """Return the test point of a recording, or None if it is outside the spec's test space."""
     found = matched.to_spec(recording.params)
     if found is None:

@@ -14,8 +14,8 @@ from typing import Any
 
 from s2r_spec.backend import Backend, assumptions_of, is_exclusive
 from s2r_spec.certify.certificate import ALL_COUNT, Certificate, Label
-from s2r_spec.rollouts.attempts import FALL
 from s2r_spec.rollouts.journal import Journal
+from s2r_spec.rollouts.machine_journal import FALL
 
 MOST_VOID = 1 / 20
 """Level: largest share of all rollouts that may be void (dimensionless). If outcomes differ by the whole range of ρ,

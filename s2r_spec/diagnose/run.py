@@ -55,7 +55,7 @@ from s2r_spec.diagnose.where.found import where as find_where
 from s2r_spec.documentation import page
 from s2r_spec.effects import catalogue_of
 from s2r_spec.errors import UsageError
-from s2r_spec.rollouts.match import match
+from s2r_spec.rollouts.compatibility import check_compatibility
 from s2r_spec.rollouts.pools import kept_open
 from s2r_spec.rollouts.seeds import Stream, rollout_seed
 from s2r_spec.spec import Spec
@@ -183,7 +183,7 @@ def _recorded(bench: Bench, real: Rollouts | Backend) -> tuple[int, int]:
         return len(real), 0
     if not isinstance(real, HasRecordings):
         return 0, 0
-    matched = match(bench.spec, bench.requirement, real)
+    matched = check_compatibility(bench.spec, bench.requirement, real)
     of_spec = sum(matched.to_spec(each.params) is not None for each in real.recordings)
     return of_spec, len(real.recordings) - of_spec
 

@@ -18,8 +18,8 @@ from s2r_spec.certify.real_machine import CertifyResult, conclude_certify, refus
 from s2r_spec.certify.search import Query, Search
 from s2r_spec.errors import UsageError
 from s2r_spec.rollouts.journal import FILE, Journal, Record
-from s2r_spec.rollouts.kept import load_kept
-from s2r_spec.rollouts.layout import GAP, SIDES, SIMULATION
+from s2r_spec.rollouts.layout import GAP, SIMULATION, SYSTEMS
+from s2r_spec.rollouts.spec_files import load_run_spec
 from s2r_spec.spec import Spec
 
 
@@ -86,9 +86,9 @@ def kind(folder: Path) -> Kind:
         UsageError: no rollout of any run is in the folder.
     """
     # A check of requirements that are called so has the same folders.
-    if all(Journal.header_in(folder / side).get("side") == side for side in SIDES):
+    if all(Journal.header_in(folder / side).get("side") == side for side in SYSTEMS):
         return Kind.GAP
-    if (folder / SIMULATION / FILE).exists() and (folder / GAP / SIDES[1] / FILE).exists():
+    if (folder / SIMULATION / FILE).exists() and (folder / GAP / SYSTEMS[1] / FILE).exists():
         return Kind.CERTIFY
     runs_in(folder)
     return Kind.CHECK
@@ -120,7 +120,7 @@ def recompute(folder: Path) -> Recomputed:
         raise UsageError(f"{folder} is one side of a gap; give the folder that both sides are in")
     if not len(journal):
         raise UsageError(f"{folder} has no rollouts yet, so there is nothing to report")
-    spec, header = load_kept(journal), journal.header
+    spec, header = load_run_spec(journal), journal.header
     journal.check_traces()
     search, history = _replay(spec, journal)
     told = search.certificate().rollouts
@@ -145,7 +145,7 @@ def recompute(folder: Path) -> Recomputed:
 
 def recompute_gap(folder: Path) -> RecomputedGap:
     """Compute the bound of a finished or unfinished gap again; see :func:`recompute`."""
-    journals = {side: Journal.read(folder / side) for side in SIDES}
+    journals = {side: Journal.read(folder / side) for side in SYSTEMS}
     header = journals["real"].header
     spec = _of_both(folder, journals)
     per_real = header["simulated_per_real"]
@@ -232,7 +232,7 @@ def _of_both(folder: Path, journals: Mapping[str, Journal]) -> Spec:
     )
     if differ := [key for key in sorted(left.keys() | right.keys()) if left.get(key) != right.get(key)]:
         raise UsageError(f"{folder}: its sides differ in {differ[0]}; they are of two runs")
-    *_, spec = (load_kept(journal) for journal in journals.values())
+    *_, spec = (load_run_spec(journal) for journal in journals.values())
     for journal in journals.values():
         journal.check_traces()
     return spec

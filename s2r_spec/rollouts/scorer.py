@@ -9,7 +9,7 @@ from typing import Self
 
 from s2r_spec.backend import Backend, Channel, Needs, NeedsSpec, Parameter
 from s2r_spec.errors import BackendError, S2RError, UsageError
-from s2r_spec.rollouts.match import match
+from s2r_spec.rollouts.compatibility import check_compatibility
 from s2r_spec.rollouts.runner import Done, Task, open_backend
 from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
@@ -70,7 +70,7 @@ class Scorer:
         if isinstance(backend, NeedsSpec):
             backend = backend.for_spec(needs_of(spec, requirement, robustness))
             assert isinstance(backend, Backend)
-        matched = match(spec, requirement, backend)
+        matched = check_compatibility(spec, requirement, backend)
         return cls(name, backend, robustness, settings.fall, matched.to_backend, matched.channels)
 
     def task(self, query: int, replicate: int, point: Mapping[str, float], seed: int) -> Task:

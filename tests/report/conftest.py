@@ -15,7 +15,7 @@ from s2r_spec.certify.real_machine import certify as certify_both
 from s2r_spec.report.recompute import Recomputed, recompute
 from s2r_spec.rollouts import runner
 from s2r_spec.rollouts.journal import Journal, Record
-from s2r_spec.rollouts.kept import SPEC_FILE
+from s2r_spec.rollouts.spec_files import SPEC_FILE
 from tests.conftest import PLUGIN
 
 SPEC = """\

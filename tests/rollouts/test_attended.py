@@ -103,7 +103,7 @@ def test_what_the_operator_answers_is_kept_with_the_rollout(robot, spec, tmp_pat
     assert [line["answers"] for line in begun] == [{"battery": "full"}] * 9
     journal = Journal.read(tmp_path / "r")
     (void,) = journal.voids
-    assert void.begun.answers == {"battery": "full"}
+    assert void.rollout.answers == {"battery": "full"}
     for kept in (void.trace, journal.get(0, 0).trace):
         assert logs.read(tmp_path / "r" / kept).meta["answers"] == {"battery": "full"}
     s2r.check(spec, "robot:auto", tmp_path / "auto", budget=8)
@@ -129,7 +129,7 @@ def test_a_void_rollout_is_kept_and_its_test_runs_again(robot, spec, tmp_path, h
     ran = [line.split()[1:3] for line in robot("rollout")]
     assert ran[2] == ran[3]  # the same test and seed
     (void,) = Journal.read(tmp_path / "r").voids
-    assert (void.begun.key, void.begun.attempt, void.word) == ((1, 0), 1, word)
+    assert (void.rollout.key, void.rollout.attempt, void.word) == ((1, 0), 1, word)
     assert kinds(tmp_path / "r")[4:8] == ["begun", "void", "begun", "outcome"]
     assert lines(tmp_path / "r")[7]["attempt"] == 2
     if word == "link":
