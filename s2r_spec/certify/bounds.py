@@ -134,8 +134,8 @@ class Bounds:
 def _evaluate(data: Conditioned, bound: Bound, points: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return (rungs, n) bounds from one fit; NaN in the rows whose norm bound is refuted."""
     moments = data.moments(bound.scales, points)
-    sides = [width[:, None] * moments.std for width in bound.widths]
+    margins = [width[:, None] * moments.std for width in bound.widths]
     return (
-        np.stack([(moments.mean - side).max(axis=0) for side in sides]),
-        np.stack([(moments.mean + side).min(axis=0) for side in sides]),
+        np.stack([(moments.mean - margin).max(axis=0) for margin in margins]),
+        np.stack([(moments.mean + margin).min(axis=0) for margin in margins]),
     )
