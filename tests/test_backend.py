@@ -43,7 +43,7 @@ def test_what_is_no_backend_is_told_what_it_lacks():
 
 
 def test_a_parameter_outside_its_range_is_named_with_its_unit():
-    with pytest.raises(UsageError, match=r"vd = 3 m/s is outside what the backend can do: \[-0.5, 0.5\] m/s"):
+    with pytest.raises(UsageError, match=r"vd = 3 m/s .*\[-0.5, 0.5\] m/s"):
         Parameter("vd", "m/s", -0.5, 0.5, 0.0, "").check(3)
 
 
@@ -51,7 +51,7 @@ def test_a_channel_names_all_its_columns_or_none():
     named = {channel.name: channel.columns for channel in load_backend("sim").channels if channel.width > 1}
     assert all(named.values())
     assert named["q"][:3] == ("FR hip", "FR thigh", "FR calf")
-    with pytest.raises(UsageError, match="channel q has 3 columns, but names for 2"):
+    with pytest.raises(UsageError, match="channel q has 3 columns, but 2 names"):
         Channel("q", "rad", "angles", 3, ("hip", "knee"))
 
 

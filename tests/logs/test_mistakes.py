@@ -44,7 +44,7 @@ def test_typed_times_keep_their_unit(path, unit, kind):
 
 def test_nanoseconds_since_1970_lose_nothing(path):
     tables.write(path, t=COUNTS, v=V)
-    with pytest.raises(TraceError, match=r"look like ns: give --time-unit ns"):
+    with pytest.raises(TraceError, match=r"--time-unit ns"):
         logs.read(path)
     assert logs.read(path, time_unit="ns").times.tolist() == EXACT
     # the user says that they are seconds: so be it
@@ -78,12 +78,12 @@ def test_the_unit_that_a_name_or_the_user_says(path, name, unit, scale):
 def test_units_of_time_that_do_not_fit(path):
     tables.written(path, {"time (ms)": [0, 1, 2, 3], "v": V})
     assert logs.read(path, {"t": "time"}, time_unit="ms").times.tolist() == [0, 0.001, 0.002, 0.003]
-    with pytest.raises(TraceError, match="in ms, but us is stated"):
+    with pytest.raises(TraceError, match=r"in ms.*us"):
         logs.read(path, {"t": "time"}, time_unit="us")
     with pytest.raises(UsageError, match="'m' is no unit of time"):
         logs.read(path, {"t": "time"}, time_unit="m")
     tables.write(path, t=COUNTS.astype("M8[ns]"), v=V)
-    with pytest.raises(TraceError, match="are dates, which say their unit"):
+    with pytest.raises(TraceError, match=r"are dates.*time-unit"):
         logs.read(path, time_unit="ns")
 
 
@@ -125,7 +125,7 @@ def test_seconds_and_nanoseconds_in_two_columns(path, names):
     tables.written(path, {names[0]: COUNTS // 10**9, names[1]: COUNTS % 10**9, "v": V})
     assert logs.read(path, {"t": "h.stamp"}, ["v"]).times.tolist() == EXACT
     assert logs.read(path, {"t": f"{names[0]}+{names[1]}"}, ["v"]).times.tolist() == EXACT
-    with pytest.raises(TraceError, match=r"one half of the times.*--map t=h\.stamp"):
+    with pytest.raises(TraceError, match=r"'h\.stamp.*--map t=h\.stamp"):
         logs.read(path, {"t": names[0]}, ["v"])
 
 
@@ -134,7 +134,7 @@ def test_halves_of_times_that_are_none(path):
     with pytest.raises(TraceError, match="'nsec' is 1000000000 at sample 1"):
         logs.read(path, {"t": "sec+nsec"})
     tables.write(path, sec=[1, 2.5], nsec=[0, 1], v=V[:2])
-    with pytest.raises(TraceError, match="'sec' does not hold whole numbers"):
+    with pytest.raises(TraceError, match=r"'sec'.*whole numbers"):
         logs.read(path, {"t": "sec+nsec"})
     with pytest.raises(TraceError, match="no column 'usec'"):
         logs.read(path, {"t": "sec+usec"})
@@ -178,7 +178,7 @@ def test_gaps_are_nan_and_inf_is_a_number(path):
     tables.write(path, t=[0, 1, 2], v=[None, 2.0, float("-inf")])
     assert str(logs.read(path, wanted=["v"])["v"].tolist()) == "[nan, 2.0, -inf]"
     tables.write(path, t=[0, None, 2], v=V[:3])
-    with pytest.raises(TraceError, match="no time in it"):
+    with pytest.raises(TraceError, match="has no time"):
         logs.read(path, wanted=["v"])
 
 

@@ -35,7 +35,7 @@ def test_a_journal_comes_back_as_it_was_written(journal):
 
 
 def test_a_second_run_in_the_same_folder_is_refused(journal):
-    with pytest.raises(JournalError, match="holds a run already; go on with --resume"):
+    with pytest.raises(JournalError, match="--resume"):
         Journal.create(journal.folder, HEADER, {})
 
 
@@ -70,9 +70,7 @@ def test_a_number_that_was_edited_names_its_line(journal):
     assert b'"rho": 0.03333333333333333,' in lines[2]
     lines[2] = lines[2].replace(b'"rho": 0.03333333333333333,', b'"rho": 0.13333333333333333,')
     (journal.folder / FILE).write_bytes(b"".join(lines))
-    with pytest.raises(
-        JournalError, match=r"journal.jsonl:3: the checksum does not fit: this line was changed"
-    ):
+    with pytest.raises(JournalError, match=r"journal.jsonl:3: crc32 is wrong"):
         Journal.read(journal.folder)
 
 
@@ -88,7 +86,7 @@ def test_every_changed_byte_of_a_line_is_noticed(journal):
 def test_a_line_that_was_taken_out_is_missed(journal):
     lines = lines_of(journal)
     (journal.folder / FILE).write_bytes(b"".join(lines[:2] + lines[3:]))
-    with pytest.raises(JournalError, match=r"journal.jsonl:3: .* or one before it was taken out"):
+    with pytest.raises(JournalError, match=r"journal.jsonl:3: crc32 is wrong"):
         Journal.resume(journal.folder, HEADER)
 
 
@@ -123,9 +121,7 @@ def test_what_is_no_journal_is_refused(tmp_path):
     with pytest.raises(JournalError, match="no run to resume at"):
         Journal.read(tmp_path)
     (tmp_path / FILE).write_text(json.dumps({"schema": "other/1"}) + "\n")
-    with pytest.raises(
-        JournalError, match=r"journal\.jsonl:1: this is not a journal of schema s2r.journal/2"
-    ):
+    with pytest.raises(JournalError, match=r"journal\.jsonl:1: schema is not s2r.journal/2"):
         Journal.read(tmp_path)
 
 
@@ -140,7 +136,7 @@ def test_a_full_disk_loses_nothing(journal, monkeypatch):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("s2r_spec.rollouts.journal.os.fsync", full)
-    with pytest.raises(JournalError, match="No space left on device; what was recorded before is kept"):
+    with pytest.raises(JournalError, match=r"No space left on device.*--resume"):
         journal.append(record(5), None)
     monkeypatch.undo()
     assert len(Journal.resume(journal.folder, HEADER)) == 3
@@ -152,6 +148,6 @@ def test_a_disk_that_is_full_before_the_trace_is_written_says_how_to_go_on(journ
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("zipfile.ZipFile", full)
-    with pytest.raises(JournalError, match="No space left on device; what was recorded before is kept"):
+    with pytest.raises(JournalError, match=r"No space left on device.*--resume"):
         journal.append(record(5), Trace([0.0, 1.0], {"vx": [0.0, 0.0]}))
     assert len(Journal.read(journal.folder)) == 3

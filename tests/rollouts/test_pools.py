@@ -138,9 +138,7 @@ def test_a_rollout_that_raises_arrives_as_a_sentence(engine):
 
 def test_another_model_on_the_worker_is_refused(engine):
     jobs = [replace(task, model_hash="toy-0") for task in tasks("toy", HARMLESS)]
-    with pytest.raises(
-        BackendError, match=r"has another model \(toy-1\) than the run was begun with \(toy-0\)"
-    ):
+    with pytest.raises(BackendError, match=r"another model \(toy-1\) .*\(toy-0\)"):
         outcomes(engine[0], jobs)
 
 
@@ -197,13 +195,13 @@ def test_a_scheduler_that_is_not_there(monkeypatch):
     monkeypatch.setattr(pools, "ANSWER", 0.3)
     with pytest.raises(BackendError, match="no Dask scheduler answers at tcp://"):
         dask_pool("tcp://127.0.0.1:1")()
-    with pytest.raises(UsageError, match="somewhere is not an address, for example tcp://"):
+    with pytest.raises(UsageError, match=r"somewhere is not an address.*tcp://"):
         dask_pool("somewhere")
 
 
 def test_without_the_extra_one_sentence_says_what_to_install(monkeypatch):
     monkeypatch.setattr(pools, "find_spec", lambda name: None)
-    with pytest.raises(UsageError, match=r"--scheduler needs distributed.*pip install 's2r\[dask\]'"):
+    with pytest.raises(UsageError, match=r"--scheduler needs .*distributed.*pip install 's2r\[dask\]'"):
         dask_pool("tcp://127.0.0.1:1")
 
 
@@ -221,7 +219,7 @@ def test_a_scheduler_that_goes_away(cluster, monkeypatch):
         answers = one.run(tasks("toy:slow", HARMLESS * 50))
         next(answers)
         cluster.close()
-        with pytest.raises(BackendError, match=f"the Dask scheduler at {address} is gone"):
+        with pytest.raises(BackendError, match=f"the Dask scheduler at {address} was lost"):
             list(answers)
 
 

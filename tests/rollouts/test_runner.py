@@ -66,9 +66,7 @@ def test_meta_that_contains_itself_is_a_sentence(monkeypatch):
 
 def test_a_spec_that_looks_further_than_rollouts_last_lengthens_them_or_says_so():
     assert open_backend("toy", 4.0).duration == 4.0
-    with pytest.raises(
-        BackendError, match=r"looks 4 s ahead, but rollouts of backend 'toy-short' last 1.5 s"
-    ):
+    with pytest.raises(BackendError, match=r"4 s .*'toy-short' .*1\.5 s"):
         open_backend("toy-short", 4.0)
 
 
