@@ -100,5 +100,5 @@ class MissingPackageError(UsageError):
     def __init__(self, backend: str, package: str) -> None:
         super().__init__(
             f"backend {backend!r} needs the package {package!r}, which is not installed; "
-            f"install it with: pip install 's2r[{backend}]'"
+            f"try: pip install 's2r[{backend}]'"
         )

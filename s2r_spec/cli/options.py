@@ -105,7 +105,7 @@ def missing(nan: str | None) -> Literal["error", "hold"]:
         return "error"
     if nan == "hold":
         return "hold"
-    raise UsageError(f"--nan is error or hold, not {nan!r}")
+    raise UsageError(f"--nan must be error or hold, not {nan!r}")
 
 
 def logs(names: Sequence[str], nan: str | None, unit: str | None, columns: Sequence[str] | None) -> list[str]:

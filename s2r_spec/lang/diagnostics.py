@@ -32,7 +32,7 @@ CODES = {
     "E19": "a formula is nested too deeply",
     "E20": "a unit with an offset, such as degC, is used like one without",
     "E21": "a file cannot be imported",
-    "E22": "a text is too long",
+    "E22": "the text is too long",
 }
 """Stable codes: a code never changes its meaning."""
 

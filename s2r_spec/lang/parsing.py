@@ -80,7 +80,7 @@ def _statement(source: Source, tokens: tuple[Token, ...]) -> syntax.Statement | 
             "E19",
             f"this statement is nested {depth} levels deep; {DEEPEST} are allowed",
             span_of(source, tokens[0]).to(span_of(source, tokens[-1])),
-            fix="name parts of it with `let`",
+            fix="define parts of it with `let`",
         )
     return build(source, tree)
 

@@ -23,7 +23,9 @@ def plot(tolerances: Tolerances, explanation: Explanation, title: str, path: Pat
     if path.suffix.lower() not in ENDINGS:
         raise UsageError(f"{path.name!r}: the file name of a plot ends in one of {one_of(ENDINGS)}")
     if find_spec("matplotlib") is None:
-        raise UsageError("plots need the package 'matplotlib'; install with: pip install 's2r[pictures]'")
+        raise UsageError(
+            "plots need the package 'matplotlib', which is not installed; try: pip install 's2r[pictures]'"
+        )
     # Not pyplot, which keeps figures in memory and looks for a screen.
     from matplotlib.figure import Figure
 
