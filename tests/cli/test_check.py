@@ -248,7 +248,7 @@ def test_backends_lists_names_and_details(s2r):
 
 def test_backends_check_exits_with_one_if_a_promise_is_broken(s2r):
     done = s2r("backends", "toy", "--check", code=0)
-    assert done.stdout.endswith("toy keeps 4 of 4 promises\n")
+    assert "4 of 4" in done.stdout.splitlines()[-1]
     found = s2r.json("backends", "toy", "--check", code=0)
     assert [p["broken"] for p in found["promises"]] == [[]] * 4
     assert "say which backend to check" in s2r("backends", "--check", code=2).stderr

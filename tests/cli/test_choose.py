@@ -14,7 +14,7 @@ def test_the_controller_with_the_best_certified_worst_case_is_chosen(s2r):
     assert found["delta"] == 2e-3  # the spec's, of each
     assert found["regret"] == max(0.0, bounds["toy:drag"]["upper"] - bounds["toy"]["lower"])
     text = s2r("choose", "a", "b", code=0).stdout
-    assert "take toy: its worst expected ρ is at least" in text
+    assert "choose toy: its worst expected ρ is at least" in text
     assert text.count("→") == 1
 
 
