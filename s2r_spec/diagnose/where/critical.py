@@ -67,7 +67,7 @@ class Switch:
 
     def __str__(self) -> str:
         if self.switches:
-            return f"the critical predicate switches from {self.simulated} to {self.real}"
+            return f"the critical predicate is {self.simulated} in simulation, but {self.real} on the real machine"
         return f"the critical predicate is {self.simulated} in simulation and {self.real} on the real machine"
 
     def to_json(self) -> dict[str, Any]:
