@@ -185,7 +185,7 @@ def _rows(name: str) -> dict[str, str]:
     return {
         "cases": str(scores["cases"]),
         **{words: _of(scores.get(key)) for words, key in RATES.items()},
-        "single effects: the answer is exactly it": answered(cases),
+        "single effects: the answer is exactly right": answered(cases),
         "single effects: material held-out gap closed": closed(cases, "after"),
         "the same, tuned": closed(cases, "tuned"),
     }

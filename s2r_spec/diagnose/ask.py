@@ -182,8 +182,8 @@ def _converted(values: FloatArray, name: str, recorded: str, wanted: str, simula
         ) from None
     if not here.fits(there):
         raise UsageError(
-            f"the channel {name!r} is recorded in {recorded}, which does not convert to {wanted}, its unit in backend "
-            f"{simulator!r}; correct the unit in the recording, or leave the channel out"
+            f"the channel {name!r} is recorded in {recorded}, which does not convert to the {wanted} of backend "
+            f"{simulator!r}. Correct the unit in the recording, or leave the channel out"
         )
     factor, offset = there.to(here)
     return values if (factor, offset) == (1.0, 0.0) else factor * values + offset
@@ -347,7 +347,7 @@ def _same(kept: Path, recorded: Mapping[str, float] | None, params: Mapping[str,
             for of in (recorded, params)
         )
         raise UsageError(
-            f"{kept} was recorded with {there}, but this run plans {here} there; use the spec, the budget and the "
+            f"{kept} was recorded with {there}, but this run plans {here} in its place. Use the spec, budget and "
             f"seed of the first run, or diagnose its recordings with --real log:{kept.parent}"
         )
 

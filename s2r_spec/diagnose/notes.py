@@ -74,7 +74,8 @@ def notes(
     if idle:
         found.append(
             f"at the tests of this spec, {', '.join(idle)} {'changes' if len(idle) == 1 else 'change'} nothing in the "
-            f"simulator. No data can show {'it' if len(idle) == 1 else 'them'}, so the catalogue is used without"
+            f"simulator. No data can show {'it' if len(idle) == 1 else 'them'}, so the diagnosis leaves "
+            f"{'it' if len(idle) == 1 else 'them'} out"
         )
     if used.recorded > count:
         found.append(

@@ -79,7 +79,7 @@ def body(found: Diagnosis, spec: Spec) -> str:
 
 
 def provenance(found: Diagnosis) -> str:
-    """Return data, seed, backend and model hash in one line."""
+    """Return the numbers of rollouts, the seed, the backend and the model hash in one line."""
     p = found.provenance
     return (
         f"{p['rollouts']} real rollouts, {p['held_out']} of them held out, seed {p['seed']}, "
@@ -151,7 +151,7 @@ def where_words(where: Where, spec: Spec) -> tuple[str, ...]:
     if where.space is not None:
         place = test_words(where.space.worst, spec.space.units)
         expected = measured(*where.space.largest, where.space.unit)
-        lines.append(f"worst test of the whole space is probably {place}: expected |Δρ| {expected} (95 %)")
+        lines.append(f"worst test of the whole space is probably {place}: expected |Δρ| {expected} at 95 %")
     return tuple(lines)
 
 

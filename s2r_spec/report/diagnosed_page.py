@@ -151,7 +151,7 @@ def _about(found: Diagnosis, spec: Spec, real: str) -> str:
 
 
 def _estimate(e: Any) -> tuple[str, str, str, Bar]:
-    """Return name, value, interval, and the interval as a bar on a line that holds 0 or both ends."""
+    """Return the name, the value and its interval of a parameter, and the interval as a bar."""
     low, high = min(e.low, e.value, 0.0 if e.low >= 0 else e.low), max(e.high, e.value)
     span = (high - low) or 1.0
     low, high = low - 0.06 * span * (low != 0.0), high + 0.06 * span

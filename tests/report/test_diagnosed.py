@@ -215,7 +215,7 @@ QUIET = replace(PUSH, column=2, along="u", low=-np.inf, surplus=0.6)
 
 def test_what_no_effect_leaves_is_said_in_every_form():
     found, spec = diagnosis(1, left=(PUSH, QUIET))
-    words = "-3.25 N·m of torque at FR calf between 0.5 and 0.6 s"
+    words = "−3.25 N·m of torque at FR calf between 0.5 and 0.6 s"
     assert diagnosed.text(found, spec).count(words) == 1
     assert words in Page(diagnosed_page.render(found, spec)).text
     assert words in markdown(found, spec)

@@ -18,8 +18,8 @@ def doubted(found: Diagnosis) -> Diagnosis:
         return found
     names, what = " and ".join(found.which.answer), rivals[0].imitates
     if found.verdict in (Verdict.NONE, Verdict.SPREAD):
-        said = found.reason.partition(". ")[0].rstrip(".")
-        reason = f"{said}, in the recordings as they are. But {what} would explain the recordings: check them first."
+        gap = found.reason.partition(". ")[0].rstrip(".")
+        reason = f"{gap}. But {what} would explain how the recordings differ: check them first."
         return replace(found, reason=reason)
     if all(each.same for each in rivals):
         reason = f"{names} explains the data, and {what} would do the same: check the recordings first."

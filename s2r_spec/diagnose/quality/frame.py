@@ -93,7 +93,7 @@ def offset(c: Comparison) -> list[Suspect]:
     )
     text = (
         f"the real rollouts have a constant offset against the simulator from the first sample on ({each}). Do both "
-        f"have the same zero? If not, subtract the offset in the recordings"
+        f"use the same zero? If not, subtract the offset in the recordings"
     )
     return [
         Suspect(

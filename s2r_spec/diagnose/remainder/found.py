@@ -47,7 +47,7 @@ class Remainder:
 
     def __str__(self) -> str:
         """Return it in words."""
-        what = f"{self.size:+.3g} {spelled(self.unit)}".strip()
+        what = f"{self.size:+.3g} {spelled(self.unit)}".strip().replace("-", "−")
         what = f"a difference of {what} in {self.quantity}" if self.recorded else f"{what} of {self.quantity}"
         what += f" at {self.part}" if self.part else ""
         low, high = _apart(self.low, self.high)
