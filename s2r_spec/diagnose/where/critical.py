@@ -70,7 +70,8 @@ class Switch:
             return f"the critical predicate is {self.simulated} in simulation, but {self.real} on the real machine"
         if f"{self.simulated}" == f"{self.real}":
             return f"the critical predicate is {self.simulated} in both"
-        return f"the critical predicate is {self.simulated} in simulation and at {self.real.time:.3g} s on the real machine"
+        later = f"at {self.real.time:.3g} s on the real machine"
+        return f"the critical predicate is {self.simulated} in simulation and {later}"
 
     def to_json(self) -> dict[str, Any]:
         """Return plain data for JSON."""
