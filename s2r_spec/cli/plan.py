@@ -155,7 +155,10 @@ def plan(
             count = f"{rollouts:.0f}" if rollouts < 1e12 else f"{rollouts:.0e}"
             return f"{count} rollouts{time}"
 
-        say(f"R = {R:g}, ε = {eps:g}, δ = {delta:g}, B = {B:g}, {shape.name} over {space.dim} parameter(s)")
+        plural = "" if space.dim == 1 else "s"
+        say(
+            f"R = {R:g}, ε = {eps:g}, δ = {delta:g}, B = {B:g}, {shape.name} over {space.dim} parameter{plural}"
+        )
         say(f"  impossible below      {cost(result.floor)}, on average, by any method")
         say(
             f"  at one known test     {cost(result.minimax)} (fixed width, Gaussian noise of standard deviation R)"
@@ -235,4 +238,4 @@ def _print_pilot(noise: object, as_json: bool) -> None:
         f"every R below {noise.refuted:.3g} is refuted"
     )
     say(noise.warning or "  no heavy tail seen; declare R with a margin, usually three standard deviations")
-    say("  this pilot is for the choice of R: certify with another seed, on new rollouts")
+    say("  use this pilot only to choose R; certify with another seed, on new rollouts")
