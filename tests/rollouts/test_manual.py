@@ -563,7 +563,7 @@ def test_a_folder_that_cannot_be_used_is_said(desk, spec):
     other = s2r.parse_spec(SPEC.replace("vd", "wd").replace("load", "mass"), "other.stl")
     desk.run(enter(desk.drop(log())))
     desk.again()
-    attended = Rig.for_spec(other, "tracks", "manual:night").backend.attendance(Script())
+    attended = Scorer.for_spec(other, "tracks", "manual:night").backend.attendance(Script())
     with pytest.raises(UsageError, match=naming("night", "wd")):
         attended.begin(Coming(None))
     attended.end()
