@@ -300,7 +300,7 @@ class Listener:
 
         A party whose connection has ended stays in ``parties``, not ``open``, until :meth:`ended` returns it.
         """
-        found: list[tuple[Party, Request | str]] = []
+        requests: list[tuple[Party, Request | str]] = []
         if self.fileno() in ready:
             with contextlib.suppress(OSError):
                 connection = self._socket.accept()[0]
@@ -310,8 +310,8 @@ class Listener:
                     connection.close()
         for party in self.parties:
             if party.fileno() in ready:
-                found += [(party, request) for request in party.requests()]
-        return found
+                requests += [(party, request) for request in party.requests()]
+        return requests
 
     def ended(self) -> list[Party]:
         """Close and remove the parties whose connection has ended, and return them."""

@@ -74,10 +74,10 @@ def folder() -> Path:
     )
     try:
         path.mkdir(mode=0o700, parents=named is not None, exist_ok=True)
-        found = path.lstat()
-        if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid():
+        status = path.lstat()
+        if not stat.S_ISDIR(status.st_mode) or status.st_uid != os.getuid():
             raise UsageError(f"{path} must be a folder that you own; name another one in S2R_A1_RUN")
-        if found.st_mode & 0o077:
+        if status.st_mode & 0o077:
             path.chmod(0o700)
     except OSError as error:
         raise UsageError(

@@ -605,5 +605,5 @@ def _rounds(silence: int) -> int:
 
 def _warned(machine: Machine, checks: list[Check], seen: Seen, limits: Limits) -> Machine:
     """Return the machine with the active warnings of these checks."""
-    found = tuple((check.name, sentence) for check in checks if (sentence := check.find(limits, seen)))
-    return machine._replace(warnings=found) if found or machine.warnings else machine
+    warnings = tuple((check.name, sentence) for check in checks if (sentence := check.find(limits, seen)))
+    return machine._replace(warnings=warnings) if warnings or machine.warnings else machine

@@ -105,11 +105,11 @@ def read_inject(text: str) -> Inject:
 
 
 def _rounds(text: str, rounds: str) -> tuple[int, float]:
-    found = re.fullmatch(r"(\d{1,12})(-(\d{1,12})?)?", rounds, re.ASCII)
-    if not found:
+    match = re.fullmatch(r"(\d{1,12})(-(\d{1,12})?)?", rounds, re.ASCII)
+    if not match:
         raise UsageError(f"the inject {text!r} has no rounds after @; write @100, @100-200 or @100-")
-    first = int(found[1])
-    last = first if not found[2] else int(found[3]) if found[3] else inf
+    first = int(match[1])
+    last = first if not match[2] else int(match[3]) if match[3] else inf
     if last < first:
         raise UsageError(f"the inject {text!r} ends before it begins; write the smaller round first")
     return first, last
@@ -170,7 +170,7 @@ KINDS: dict[str, Kind] = {
     "short": Kind(1.0, _probability, "truncates states, with a probability per packet"),
     "silence": Kind(None, _nothing, "sends no state"),
     "stuck_tick": Kind(None, _nothing, "stops the tick"),
-    "back_tick": Kind(100.0, _number(-1e6, 1e6), "sets the tick back by a number of ms; a negative number sets it ahead"),
+    "back_tick": Kind(100.0, _number(-1e6, 1e6), "sets the tick back by a number of ms; negative numbers set it ahead"),
     "tick_unit": Kind("us", _word("ms", "us"), "counts the tick in ms or us from then on"),
     "nan": Kind("q", _word(*NUMBERS), f"makes one of {one_of(NUMBERS)} NaN"),
     "quaternion": Kind(2.0, _number(-1e6, 1e6), "multiplies the quaternion by a number"),

@@ -57,20 +57,22 @@ def read_options(arguments: list[str]) -> Options:
     Raises:
         UsageError: an option is not valid.
     """
-    found = _parser().parse_args(arguments)
-    physics(found.place)
+    options = _parser().parse_args(arguments)
+    physics(options.place)
     twin = TwinSettings(
-        place=found.place,
-        layout=LAYOUTS[found.layout],
-        seed=found.seed,
-        delay=found.delay,
-        noise=found.noise == "on",
-        silence=found.silence,
-        tick_unit=found.tick,
-        injects=tuple(read_inject(text) for text in found.inject),
-        start=read_start(found.start) if found.start else None,
+        place=options.place,
+        layout=LAYOUTS[options.layout],
+        seed=options.seed,
+        delay=options.delay,
+        noise=options.noise == "on",
+        silence=options.silence,
+        tick_unit=options.tick,
+        injects=tuple(read_inject(text) for text in options.inject),
+        start=read_start(options.start) if options.start else None,
     )
-    return Options(twin, (_loopback(found.host), found.port), found.clock, found.mocap, found.record)
+    return Options(
+        twin, (_loopback(options.host), options.port), options.clock, options.mocap, options.record
+    )
 
 
 def _parser() -> argparse.ArgumentParser:
