@@ -227,8 +227,8 @@ def velocity(poses: Poses, placing: Placing, gyro: Gyro, times: FloatArray) -> V
     speed = float(np.hypot(seen.forward, seen.left).max())
     if speed > FASTEST:
         raise MocapError(
-            f"by motion capture the robot moves at {speed:.3g} m/s, too fast for an A1: check that it sends metres, "
-            "and that it tracks one body only"
+            f"by motion capture the robot moves at {speed:.3g} m/s, too fast for an A1: check that it sends metres and "
+            "tracks one body only"
         )
     return seen
 

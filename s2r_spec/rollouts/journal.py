@@ -279,8 +279,8 @@ class Journal:
                 raise JournalError(f"cannot read {path}: {error.strerror or error}") from error
             if changed:
                 raise JournalError(
-                    f"{path} was changed after it was recorded: its checksum differs from the one in {place}; "
-                    f"restore both files from a copy, or begin a new run"
+                    f"{path} was changed: its checksum differs from the one in {place}; restore both files from a copy, "
+                    f"or begin a new run"
                 )
 
     def keep(self, key: tuple[int, int], trace: Trace | None) -> Path:
