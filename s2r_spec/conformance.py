@@ -402,7 +402,7 @@ def _residuals(subject: _Subject, out: Check) -> None:
     if weak:
         out.remarks.append(
             f"more than half of the residual remains with the effect in the model: {', '.join(weak)}; "
-            f"in the default test the equations of motion say little about them"
+            f"in the default test the equations say little about them"
         )
 
 

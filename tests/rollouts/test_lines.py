@@ -119,7 +119,7 @@ def test_bytes_that_are_no_text_name_their_line(run):
 
 def test_rollouts_that_lasted_longer_than_any_are_not_run_again(run):
     rewrite(run, lambda line: line | {"duration": 1e300} if "settings" in line else line)
-    with pytest.raises(UsageError, match="lasted 1e"):
+    with pytest.raises(UsageError, match="duration is 1e"):
         replay(f"{run}#0.0")
 
 

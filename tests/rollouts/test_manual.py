@@ -92,7 +92,7 @@ NAN = np.where(np.arange(101) == 50, np.nan, 0.2)
         (log(0.2, load_cmd=np.full(101, 3.0)), "load_cmd is 3 kg"),
         (log(0.2, vx_cmd=np.where(TIMES < 1.5, 0.2, 0.0)), "vx_cmd is 0 m/s from 1.5"),
         (log(0.2, vx_cmd=np.where(TIMES < 1.5, 20.0, 15.0), units={"vx_cmd": "cm/s"}), "vx_cmd is 0.15 m/s"),
-        (log(vx=np.where(TIMES > 1.0, np.inf, 0.2)), "cannot judge"),
+        (log(vx=np.where(TIMES > 1.0, np.inf, 0.2)), "robustness"),
         (log(0.1, meta={"failure": "fall"}), "vx_cmd is 0.1 m/s"),
     ],
 )  # fmt: skip

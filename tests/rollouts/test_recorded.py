@@ -207,7 +207,7 @@ def test_how_the_traces_are_read_follows_the_name(tmp_path):
     assert backend.recordings[0].trace["v+w"].tolist() == [1, 1]
     assert backend.name.startswith(f"log:{folder}?nan=hold")
     for words, sentence in {
-        "nan=zero": "nan is error or hold",
+        "nan=zero": "nan must be error or hold",
         "fill=1": "after the [?] are nan=hold",
         "time-unit=m": "no unit of time",
         "map=t": "--map is written",
