@@ -119,7 +119,7 @@ def check(
                             executor=executor,
                             timeout=seconds(timeout),
                             # The next requirement of a run that was cut off may not have begun.
-                            resume=resume is not None and Journal.found(place),
+                            resume=resume is not None and Journal.exists(place),
                             observer=live,
                             void=void,
                         )

@@ -149,7 +149,7 @@ def refuse_without_operator(name: str) -> None:
         UsageError: see there.
     """
     from s2r_spec.backend import HasAttendance, is_exclusive, load_backend
-    from s2r_spec.rollouts.operator import Terminal, refuse_nobody
+    from s2r_spec.rollouts.operator import Terminal, require_terminal
 
     operator = Terminal()
     if operator.there or name.startswith("log:"):
@@ -165,7 +165,7 @@ def refuse_without_operator(name: str) -> None:
         with suppress(S2RError):  # one that needs the specification first is attended
             attended = backend.attendance(operator)
     if not getattr(attended, "unattended", False):
-        refuse_nobody(operator)
+        require_terminal(operator)
 
 
 def seconds(timeout: float | None) -> float | None:

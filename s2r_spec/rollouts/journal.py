@@ -143,7 +143,7 @@ class Journal:
             return False
 
     @staticmethod
-    def found(folder: Path) -> bool:
+    def exists(folder: Path) -> bool:
         """Return whether a run began in the folder, even if a kill left its journal empty."""
         return (folder / FILE).exists() or (folder / LOCK).exists()
 
