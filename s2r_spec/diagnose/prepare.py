@@ -264,7 +264,7 @@ def _of_different_names(backend: str, effects: Sequence[Effect]) -> None:
     ]:
         if twice := [name for n, name in enumerate(among) if name in among[:n]]:
             raise BackendError(
-                f"backend {backend!r} has two {what} of the name {twice[0]!r}; give each its own"
+                f"backend {backend!r} has two {what} named {twice[0]!r}; give each its own name"
             )
 
 
