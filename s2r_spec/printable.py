@@ -16,6 +16,8 @@ _UNSEEN = r"\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2
 _CONTROL = re.compile(f"[{_UNSEEN}]")
 _CONTROL_OR_BREAK = re.compile(f"[{_UNSEEN}\n]")
 _COMMAND = re.compile(r"^(\s*)::")
+_POWER = re.compile(r"\^(-?\d+)")
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _OLD_COMMAND = re.compile(r"##(?=\[)")
 
 
@@ -31,6 +33,11 @@ def one_line(text: object) -> str:
 def lines(text: object) -> str:
     """Return a text of several lines, each made safe by :func:`one_line`."""
     return "\n".join(map(one_line, str(text).split("\n")))
+
+
+def spelled(unit: str) -> str:
+    """Return a unit as people write it: ``N*m*s/rad`` as ``N·m·s/rad``, ``m/s^2`` as ``m/s²``."""
+    return _POWER.sub(lambda found: found[1].translate(_RAISED), unit).replace("*", "·")
 
 
 def without_controls(text: str) -> str:

@@ -6,7 +6,7 @@ from s2r_spec.cli.against import Search, against
 
 
 def _search() -> Search:
-    from s2r_spec.certify.promise import certify as both
+    from s2r_spec.certify.real_machine import certify as both
     from s2r_spec.report import certified
     from s2r_spec.report.recompute import recompute_certify
     from s2r_spec.rollouts.layout import SIMULATION

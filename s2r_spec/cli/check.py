@@ -91,7 +91,9 @@ def check(
         refuse_without_operator(backend)
         # Imported here, so that the help does not wait for numerical libraries.
         from s2r_spec.certify import check as checking
-        from s2r_spec.certify.given import must_be_begun
+        from s2r_spec.certify.arguments import require_begun
+        from s2r_spec.certify.from_spec import search_for
+        from s2r_spec.certify.options import RunOptions
         from s2r_spec.cli.progress import Live
         from s2r_spec.report import checked, html
         from s2r_spec.rollouts import layout
@@ -106,7 +108,9 @@ def check(
             raise UsageError(f"{parsed.name} has no certify line, so there is nothing to certify")
         names = list(dict.fromkeys(names))
         for name in names:  # report a wrong name before anything runs
-            checking.search_for(parsed, name, seed=seed, budget=budget, mode=mode, engine=engine)
+            search_for(
+                parsed, name, RunOptions(seed=seed, budget=budget, mode=mode, engine=engine, void=void)
+            )
         (machine,) = logs([backend], nan, time_unit, columns)
         executor, machines = pool(workers, scheduler)
         if takes_turns(machine):
@@ -114,7 +118,7 @@ def check(
         folder = new_or_old(run, resume, f"{spec.stem}-{backend}", seed)
         places = layout.places(folder, names, _own(folder, names) if resume is not None else None)
         if resume is not None:
-            must_be_begun([*places.values()], folder)
+            require_begun([*places.values()], folder)
         errors = console(stderr=True)
         results = []
         for name, place in places.items():

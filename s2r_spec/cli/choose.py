@@ -24,7 +24,7 @@ def choose(
     """Choose the controller with the largest certified worst expected ρ, from the folders of finished checks."""
     with sentences(as_json):
         from s2r_spec.certify.choose import choose as pick
-        from s2r_spec.certify.outward import at_most, between, down, wide
+        from s2r_spec.certify.rounding import at_most, between, down, wide
         from s2r_spec.report.recompute import recompute, runs_in
 
         results = [recompute(folder).result for run in runs for folder in runs_in(run)]

@@ -12,9 +12,9 @@ def _search() -> Search:
     from s2r_spec.certify.gap import gap as bound
     from s2r_spec.report import gapped
     from s2r_spec.report.recompute import recompute_gap
-    from s2r_spec.rollouts.layout import SIDES
+    from s2r_spec.rollouts.layout import SYSTEMS
 
-    return Search(bound, gapped.report, lambda folder, _: recompute_gap(folder), SIDES)
+    return Search(bound, gapped.report, lambda folder, _: recompute_gap(folder), SYSTEMS)
 
 
 gap = against(

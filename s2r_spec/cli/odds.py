@@ -38,8 +38,8 @@ def odds(
 ) -> None:
     """Bound the probability that ρ is below a level at the worst test, from the rollouts of a check."""
     with sentences(as_json):
-        from s2r_spec.certify.odds import odds as bound
-        from s2r_spec.certify.outward import at_least, at_most
+        from s2r_spec.certify.failure_probability import bound_failure_probability as bound
+        from s2r_spec.certify.rounding import at_least, at_most
         from s2r_spec.report.recompute import recompute, runs_in
 
         results = []

@@ -86,8 +86,9 @@ def plan(
     with sentences(as_json):
         from s2r_spec.backend import is_exclusive, load_backend
         from s2r_spec.certify import plan as planning
-        from s2r_spec.certify.check import only_requirement
+        from s2r_spec.certify.from_spec import only_requirement
         from s2r_spec.certify.kernels import Kernel
+        from s2r_spec.certify.pilot import read_pilot
         from s2r_spec.cli.stages import Stages
         from s2r_spec.errors import UsageError
         from s2r_spec.rollouts.journal import Journal
@@ -99,7 +100,7 @@ def plan(
             groups: dict[int, list[float]] = {}
             for record in Journal.read(_pilot_run(pilot, requirement)).records():
                 groups.setdefault(record.query, []).append(record.rho)
-            noise = planning.read_pilot(list(groups.values()))
+            noise = read_pilot(list(groups.values()))
         if bounds is not None:
             if R is not None or not bounds[0] < bounds[1]:
                 raise UsageError("--range takes the least and the greatest ρ, in this order, in place of --R")
@@ -226,7 +227,7 @@ def _pilot_run(folder: Path, requirement: str | None) -> Path:
 
 
 def _print_pilot(noise: object, as_json: bool) -> None:
-    from s2r_spec.certify.plan import Pilot
+    from s2r_spec.certify.pilot import Pilot
 
     assert isinstance(noise, Pilot)
     if as_json:

@@ -17,8 +17,8 @@ from rich.table import Table
 from rich.text import Text
 
 from s2r_spec.certify.certificate import Certificate
-from s2r_spec.certify.drive import Phase
-from s2r_spec.certify.outward import between, wide
+from s2r_spec.certify.observers import Phase
+from s2r_spec.certify.rounding import between, wide
 from s2r_spec.certify.search import Query
 from s2r_spec.printable import one_line
 from s2r_spec.rollouts.journal import Record

@@ -8,8 +8,8 @@ from typing import Any
 
 from s2r_spec.backend import short
 from s2r_spec.certify.check import Verdict
-from s2r_spec.certify.outward import between, down, up
-from s2r_spec.certify.promise import CertifyResult
+from s2r_spec.certify.real_machine import CertifyResult
+from s2r_spec.certify.rounding import between, down, up
 from s2r_spec.report import checked, gapped
 from s2r_spec.report.checked import LARGER_B, location, test_words
 from s2r_spec.report.finding import Finding, Report, Section

@@ -12,8 +12,8 @@ from typing import Any
 from s2r_spec.backend import short
 from s2r_spec.certify.certificate import Certificate, Label
 from s2r_spec.certify.check import CheckResult, Verdict
-from s2r_spec.certify.outward import at_least, at_most, between, down, up, wide
-from s2r_spec.certify.voids import shown
+from s2r_spec.certify.rounding import at_least, at_most, between, down, up, wide
+from s2r_spec.certify.voids import void_words
 from s2r_spec.report.finding import Finding, Report, Section
 from s2r_spec.spec import Spec
 
@@ -71,7 +71,7 @@ def voids_json(voids: Mapping[str, int] | None) -> dict[str, Any]:
 
 def voids_fact(voids: Mapping[str, int] | None, rollouts: int) -> tuple[tuple[str, str], ...]:
     """Return the row of void rollouts, which only a machine has; ``rollouts`` counts those with an outcome."""
-    return () if voids is None else (("void", shown(voids, rollouts)),)
+    return () if voids is None else (("void", void_words(voids, rollouts)),)
 
 
 def finding(spec: Spec, result: CheckResult) -> Finding:

@@ -11,8 +11,8 @@ from typing import Any
 from s2r_spec.backend import short
 from s2r_spec.certify.certificate import Label
 from s2r_spec.certify.check import Verdict
-from s2r_spec.certify.gap import GapResult
-from s2r_spec.certify.outward import between, down
+from s2r_spec.certify.gap_result import GapResult
+from s2r_spec.certify.rounding import between, down
 from s2r_spec.report.checked import (
     LARGER_B,
     location,

@@ -8,11 +8,11 @@ from functools import singledispatch
 from typing import Any
 
 from s2r_spec.certify.certificate import Certificate
-from s2r_spec.certify.check import Tested, Verdict, tested
+from s2r_spec.certify.check_result import Tested, Verdict, tested
 from s2r_spec.certify.compose import Composition
-from s2r_spec.certify.gap import Pair
+from s2r_spec.certify.gap_result import Pair
+from s2r_spec.certify.pairing import SIMULATED_PER_REAL
 from s2r_spec.certify.search import Search
-from s2r_spec.certify.sides import SIMULATED_PER_REAL
 from s2r_spec.report import certified, checked, gapped
 from s2r_spec.report.figures.band import band
 from s2r_spec.report.figures.canvas import Picture

@@ -10,7 +10,7 @@ import pytest
 import s2r_spec as s2r
 from s2r_spec.certify.certificate import Label
 from s2r_spec.certify.gap import gap
-from s2r_spec.certify.promise import certify
+from s2r_spec.certify.real_machine import certify
 from s2r_spec.errors import UsageError
 from s2r_spec.rollouts.journal import Journal
 from s2r_spec.rollouts.replay import replay

@@ -2,9 +2,10 @@ import numpy as np
 import pytest
 
 from s2r_spec.certify.certificate import Label
-from s2r_spec.certify.floors import minimax, sequential_floor
 from s2r_spec.certify.kernels import Kernel
-from s2r_spec.certify.plan import plan, read_pilot
+from s2r_spec.certify.pilot import read_pilot
+from s2r_spec.certify.plan import plan
+from s2r_spec.certify.sample_complexity import minimax, sequential_lower_bound
 from s2r_spec.certify.search import Search
 from s2r_spec.errors import UsageError
 from s2r_spec.space import Space
@@ -16,11 +17,11 @@ LINE = Space.of({"vd": (-0.2, 0.3)})
 
 def test_the_floors_of_the_papers_two_settings():
     """Simulator: R = 0.05, ε = 0.02. Hardware: R = 0.1, ε = 0.003. Both at δ = 1e-6."""
-    assert sequential_floor(0.05, 0.02, 1e-6) == pytest.approx(173, abs=0.5)
-    assert sequential_floor(0.1, 0.003, 1e-6) == pytest.approx(30_701, abs=0.5)
+    assert sequential_lower_bound(0.05, 0.02, 1e-6) == pytest.approx(173, abs=0.5)
+    assert sequential_lower_bound(0.1, 0.003, 1e-6) == pytest.approx(30_701, abs=0.5)
     assert minimax(0.05, 0.02, 1e-6) == pytest.approx(565, abs=0.5)
     assert minimax(0.1, 0.003, 1e-6) == pytest.approx(100_422, abs=0.5)
-    assert sequential_floor(1, 1, 0.5) == 0
+    assert sequential_lower_bound(1, 1, 0.5) == 0
 
 
 def test_a_plan_foretells_what_a_search_then_takes():

@@ -7,8 +7,8 @@ import pytest
 from rich.console import Console
 
 import s2r_spec as s2r
-from s2r_spec.certify.drive import Phase
 from s2r_spec.certify.kernels import Kernel
+from s2r_spec.certify.observers import Phase
 from s2r_spec.certify.search import Query
 from s2r_spec.cli.progress import Live
 from s2r_spec.cli.stages import Stages

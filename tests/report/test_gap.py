@@ -12,7 +12,7 @@ import pytest
 
 from s2r_spec.certify.check import Verdict
 from s2r_spec.certify.gap import gap as bound
-from s2r_spec.certify.outward import between, down
+from s2r_spec.certify.rounding import between, down
 from s2r_spec.errors import UsageError
 from s2r_spec.report import REPORTERS, certified, gapped, html, jsonform, reporter
 from s2r_spec.report.numberline import bars

@@ -7,7 +7,7 @@ from xml.etree import ElementTree as ET
 import jsonschema
 import pytest
 
-from s2r_spec.certify.outward import between
+from s2r_spec.certify.rounding import between
 from s2r_spec.errors import UsageError
 from s2r_spec.report import REPORTERS, checked, jsonform, reporter
 from tests.errors import naming, states

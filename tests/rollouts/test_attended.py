@@ -11,7 +11,7 @@ from s2r_spec.certify.certificate import Label
 from s2r_spec.certify.gap import gap
 from s2r_spec.certify.kernels import Kernel
 from s2r_spec.certify.measure import check_measure
-from s2r_spec.certify.promise import certify
+from s2r_spec.certify.real_machine import certify
 from s2r_spec.errors import BackendError, NotBegunError, StoppedError, UsageError
 from s2r_spec.report import checked, gapped, jsonform
 from s2r_spec.report.recompute import recompute, recompute_gap
@@ -104,7 +104,7 @@ def test_what_the_operator_answers_is_kept_with_the_rollout(robot, spec, tmp_pat
     assert [line["answers"] for line in begun] == [{"battery": "full"}] * 9
     journal = Journal.read(tmp_path / "r")
     (void,) = journal.voids
-    assert void.begun.answers == {"battery": "full"}
+    assert void.rollout.answers == {"battery": "full"}
     for kept in (void.trace, journal.get(0, 0).trace):
         assert logs.read(tmp_path / "r" / kept).meta["answers"] == {"battery": "full"}
     s2r.check(spec, "robot:auto", tmp_path / "auto", budget=8)
@@ -130,7 +130,7 @@ def test_a_void_rollout_is_kept_and_its_test_runs_again(robot, spec, tmp_path, h
     ran = [line.split()[1:3] for line in robot("rollout")]
     assert ran[2] == ran[3]  # the same test and seed
     (void,) = Journal.read(tmp_path / "r").voids
-    assert (void.begun.key, void.begun.attempt, void.word) == ((1, 0), 1, word)
+    assert (void.rollout.key, void.rollout.attempt, void.word) == ((1, 0), 1, word)
     assert kinds(tmp_path / "r")[4:8] == ["begun", "void", "begun", "outcome"]
     assert lines(tmp_path / "r")[7]["attempt"] == 2
     if word == "link":

@@ -14,9 +14,9 @@ from s2r_spec.backend import Backend, Coming, HasAttendance, Needs, NeedsSpec, i
 from s2r_spec.errors import NotBegunError, S2RError, StoppedError, TraceNote, UsageError
 from s2r_spec.rollouts.journal import Journal
 from s2r_spec.rollouts.manual import ManualBackend, checks
-from s2r_spec.rollouts.manual.checks import Question, refusal
+from s2r_spec.rollouts.manual.checks import RequestedTest, refusal
 from s2r_spec.rollouts.recorded import LogBackend
-from s2r_spec.rollouts.rig import Rig
+from s2r_spec.rollouts.scorer import Scorer
 from s2r_spec.trace import Trace
 from tests.errors import naming, states
 
@@ -52,7 +52,7 @@ def spec():
 
 @pytest.fixture
 def question(spec):
-    return Question(TEST, Rig.for_spec(spec, "tracks", "manual:nowhere").backend.needs, 2.0)
+    return RequestedTest(TEST, Scorer.for_spec(spec, "tracks", "manual:nowhere").backend.needs, 2.0)
 
 
 def shifted(step=1.0, gap=0.0) -> np.ndarray:
@@ -121,8 +121,8 @@ def test_what_failed_is_judged_by_no_sample(question):
 
 def test_a_spec_that_looks_at_the_whole_rest_takes_a_log_of_any_length():
     text = SPEC.replace("always[0 s, 2 s]", "always")
-    backend = Rig.for_spec(s2r.parse_spec(text, "spec.stl"), "tracks", "manual:nowhere").backend
-    question = Question(TEST, backend.needs, backend.duration)
+    backend = Scorer.for_spec(s2r.parse_spec(text, "spec.stl"), "tracks", "manual:nowhere").backend
+    question = RequestedTest(TEST, backend.needs, backend.duration)
     assert backend.duration == 0.0
     for seconds in (0.5, 100.0):
         assert refusal(log(times=np.linspace(0, seconds, 101)), question) is None
@@ -131,7 +131,7 @@ def test_a_spec_that_looks_at_the_whole_rest_takes_a_log_of_any_length():
 
 
 def test_a_failed_log_gets_the_channels_that_it_lacks(question):
-    trace = checks.alike(
+    trace = checks.as_recorded(
         log(vx=None, q=np.zeros((101, 3)), meta={"failure": "fall"}), question.needs.channels
     )
     assert np.isnan(trace["vx"]).all()
@@ -172,7 +172,7 @@ class Desk:
     def __init__(self, spec, options=""):
         self.root = Path("night")
         self.name = f"manual:{self.root}{options}"
-        self.backend = Rig.for_spec(spec, "tracks", self.name).backend
+        self.backend = Scorer.for_spec(spec, "tracks", self.name).backend
         self.operator = Script()
         self.attended = None
         self.seed = 100
@@ -245,7 +245,7 @@ def test_the_backend_says_what_it_is_and_constructing_it_makes_nothing(desk, spe
     assert not list(Path().iterdir())
     for name in ("manual", "manual:", "manual:x?colour=red"):
         with pytest.raises(UsageError):
-            Rig.for_spec(spec, "tracks", name)
+            Scorer.for_spec(spec, "tracks", name)
     with pytest.raises(UsageError, match="specification"):
         s2r.load_backend("manual:night").attendance(Script())
 
@@ -405,8 +405,8 @@ def test_falls_are_failures_of_the_log_folder_whether_there_is_a_log_or_not(desk
     assert [recording.trace.failure for recording in desk.recordings] == [
         "fall", "fall", None, "fall", "torque", "fall",
     ]  # fmt: skip
-    rig = Rig.for_spec(spec, "tracks", f"log:{desk.root}")
-    assert {channel.name for channel in rig.backend.channels} == {"vx", "q", "vx_cmd"}
+    scorer = Scorer.for_spec(spec, "tracks", f"log:{desk.root}")
+    assert {channel.name for channel in scorer.backend.channels} == {"vx", "q", "vx_cmd"}
 
 
 def test_a_broken_robot_is_no_rollout_and_the_same_test_is_asked_again(desk):
@@ -437,7 +437,7 @@ def test_to_stop_keeps_the_test_and_what_was_recorded(desk):
 def killed_after(desk, name, monkeypatch):
     """Accept a log, and be killed when a method of the folder is called: before it, or after it."""
     from s2r_spec.rollouts.manual import table
-    from s2r_spec.rollouts.manual.place import Place
+    from s2r_spec.rollouts.manual.folder import TestFolder
 
     class Killed(BaseException):
         pass
@@ -446,17 +446,17 @@ def killed_after(desk, name, monkeypatch):
         raise Killed
 
     with monkeypatch.context() as patch:
-        patch.setattr(table if name == "add" else Place, name, kill)
+        patch.setattr(table if name == "add" else TestFolder, name, kill)
         with pytest.raises(Killed):
             desk.run(enter(desk.drop(log())))
     desk.again()
 
 
 def test_a_log_that_was_taken_before_a_kill_is_not_asked_for_again(desk, monkeypatch):
-    from s2r_spec.rollouts.manual import place
+    from s2r_spec.rollouts.manual import folder
 
     desk.begin()
-    real = place.Place.write
+    real = folder.TestFolder.write
 
     def fails(self, step, about):
         if step.state == "accepted":
@@ -464,7 +464,7 @@ def test_a_log_that_was_taken_before_a_kill_is_not_asked_for_again(desk, monkeyp
         return real(self, step, about)
 
     with monkeypatch.context() as patch:
-        patch.setattr(place.Place, "write", fails)
+        patch.setattr(folder.TestFolder, "write", fails)
         with pytest.raises(KeyboardInterrupt):
             desk.run(enter(desk.drop(log())))
     desk.again()
@@ -563,7 +563,7 @@ def test_a_folder_that_cannot_be_used_is_said(desk, spec):
     other = s2r.parse_spec(SPEC.replace("vd", "wd").replace("load", "mass"), "other.stl")
     desk.run(enter(desk.drop(log())))
     desk.again()
-    attended = Rig.for_spec(other, "tracks", "manual:night").backend.attendance(Script())
+    attended = Scorer.for_spec(other, "tracks", "manual:night").backend.attendance(Script())
     with pytest.raises(UsageError, match=naming("night", "wd")):
         attended.begin(Coming(None))
     attended.end()
@@ -591,8 +591,8 @@ def test_a_numberless_stand_in_is_no_copy_and_hidden_files_are_nobodys(desk):
 def test_the_page_quotes_what_is_said(question):
     root = Path(__file__).parents[2]
     turtlebot = s2r.load_spec(root / "specs" / "turtlebot.stl")
-    backend = Rig.for_spec(turtlebot, "delivers", "manual:nowhere").backend
-    asked = Question({"ox": 0.22, "oy": 0.1875}, backend.needs, backend.duration)
+    backend = Scorer.for_spec(turtlebot, "delivers", "manual:nowhere").backend
+    asked = RequestedTest({"ox": 0.22, "oy": 0.1875}, backend.needs, backend.duration)
     trace = s2r.load_backend("turtlebot").with_duration(4.0).rollout(asked.params, 0)
     other = Trace(trace.times, trace.channels, trace.units, {"params": {"ox": 0.3}})
     said = [refusal(one, asked) for one in (trace, other, trace.only(["d_obs"]))]
@@ -612,6 +612,6 @@ def test_the_page_quotes_what_is_said(question):
 
 
 def test_needs_are_those_of_the_requirement(spec):
-    needs = Rig.for_spec(spec, "tracks", "manual:nowhere").backend.needs
+    needs = Scorer.for_spec(spec, "tracks", "manual:nowhere").backend.needs
     assert isinstance(needs, Needs)
     assert needs.score(log(), TEST) == pytest.approx(0.1)

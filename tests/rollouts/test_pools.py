@@ -12,10 +12,10 @@ import pytest
 
 from s2r_spec.backend import load_backend
 from s2r_spec.errors import BackendError, UsageError
-from s2r_spec.rollouts import child, pools, runner
+from s2r_spec.rollouts import pools, runner, worker_process
 from s2r_spec.rollouts.pools import dask_pool, process_pool
-from s2r_spec.rollouts.rig import default_timeout
 from s2r_spec.rollouts.runner import Runner, Task, run_task
+from s2r_spec.rollouts.scorer import default_timeout
 from s2r_spec.rollouts.seeds import rollout_seed
 from tests.conftest import PLUGIN
 from tests.errors import naming, states
@@ -47,7 +47,7 @@ def cluster():
 def engine(request):
     """A factory of pools, and what tells the process ids of its workers."""
     if request.param == "processes":
-        return process_pool(2), lambda: [one.pid for one in child._children]
+        return process_pool(2), lambda: [one.pid for one in worker_process._workers]
     cluster = request.getfixturevalue("cluster")
     return dask_pool(cluster.scheduler_address), lambda: [
         nanny.process.pid for nanny in cluster.workers.values()
@@ -145,7 +145,7 @@ def test_another_model_on_the_worker_is_refused(engine):
 
 def test_a_backend_that_does_not_open_is_no_rollout():
     task = tasks("toy", [0.1], timeout=0.5)[0]
-    pool = Stub(child.TimeLimitError(60.5))
+    pool = Stub(worker_process.TimeLimitError(60.5))
     with pytest.raises(BackendError, match=naming("'toy'", "60.5 s")):
         outcomes(lambda: pool, [task])
 
@@ -163,7 +163,7 @@ def test_leaving_early_ends_what_is_running():
     with Runner(process_pool(2)) as runner:
         for _ in runner.run(tasks("toy:hang", [0.1, 0.3, 0.3])):
             break
-    assert not child._children
+    assert not worker_process._workers
 
 
 class Lost:
@@ -182,7 +182,7 @@ def test_one_child_after_another_thing():
             pool.submit(print, Lost()).result()
         with pytest.raises(BackendError, match=naming("UnknownBackendError", "'tay'", "toy")):
             pool.submit(load_backend, "tay").result()
-        with pytest.raises(child.WorkerDiedError):
+        with pytest.raises(worker_process.WorkerDiedError):
             pool.submit(os._exit, 1).result()
         assert pool.submit(abs, -1).result() == 1
     finally:

@@ -9,7 +9,7 @@ import s2r_spec as s2r
 from s2r_spec.backend import Backend, HasEffects
 from s2r_spec.errors import UsageError
 from s2r_turtlebot import TurtlebotBackend
-from s2r_turtlebot.effects import CATALOGUE, WearableTurtlebot, turtlebot
+from s2r_turtlebot.effects import CATALOGUE, TurtlebotWithEffects, turtlebot
 from tests.errors import naming
 
 ROBOT = turtlebot()
@@ -85,7 +85,7 @@ def test_the_name_says_what_was_added():
     worn = ROBOT.with_effects({"latency": {"delay": 0.1}})
     assert worn.name == "turtlebot:latency.delay=0.1"
     assert turtlebot("latency.delay=0.1") == worn
-    assert worn.with_duration(2.0) == WearableTurtlebot(duration=2.0, added=worn.added)
+    assert worn.with_duration(2.0) == TurtlebotWithEffects(duration=2.0, added=worn.added)
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from s2r_spec.certify.certificate import Certificate
-from s2r_spec.certify.outward import between, down, wide
+from s2r_spec.certify.rounding import between, down, wide
 from s2r_spec.report.figures.canvas import BAND, INK, Picture, draw, shade_violation, with_unit
 
 if TYPE_CHECKING:

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from s2r_spec.diagnose.where.body import Body, Shift
+from s2r_spec.printable import spelled
 from s2r_spec.report.figures.canvas import BAND, INK, MUTED, RULE, Picture, draw, shorten
 
 if TYPE_CHECKING:
@@ -72,7 +73,7 @@ def said(shift: Shift) -> str:
     steady = abs(shift.mean) > 0.5 * shift.size
     sign = f"{shift.mean:+.3g}" if steady else f"±{shift.size:.3g}"
     kind = " (rms)" if shift.kind == "rms" else ""
-    words = f"{shift.channel}{kind} {sign} {shift.unit}".rstrip().replace("-", "−")
+    words = f"{shift.channel}{kind} {sign} {spelled(shift.unit)}".rstrip().replace("-", "−")
     return f"{words} from {shift.begin:.2f} to {shift.end:.2f} s"
 
 

@@ -16,8 +16,8 @@ from s2r_spec.report.checked import test_words
 from s2r_spec.report.figures.canvas import BAD, BAND, INK, MUTED, Picture, draw, with_unit
 from s2r_spec.report.figures.tolerance import Margins, held, margins, reads
 from s2r_spec.rollouts.journal import Record
-from s2r_spec.rollouts.rig import Rig
 from s2r_spec.rollouts.runner import run_task
+from s2r_spec.rollouts.scorer import Scorer
 from s2r_spec.spec import Explanation, Spec
 from s2r_spec.trace import Trace
 
@@ -137,8 +137,8 @@ def read_trace(runs: Runs, record: Record) -> Trace | None:
             return logs.read(runs.folder / record.trace)
         if record.failure is None and runs.called.startswith("log:"):
             # A recording is not copied into the run: it is drawn if its file is unchanged.
-            rig = Rig.for_spec(runs.spec, runs.requirement, runs.called)
-            task = rig.task(record.query, record.replicate, record.params, record.seed)
+            scorer = Scorer.for_spec(runs.spec, runs.requirement, runs.called)
+            task = scorer.task(record.query, record.replicate, record.params, record.seed)
             return run_task(replace(task, model_hash=runs.model_hash))[0]
     except S2RError:
         pass  # the file is gone: the report is made without the picture

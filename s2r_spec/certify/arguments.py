@@ -1,4 +1,4 @@
-"""What a caller gave, as a search needs it; anything else is one sentence, before anything runs."""
+"""Arguments of Python callers: each is checked before anything runs, and a wrong one gets one sentence."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from s2r_spec.rollouts.journal import Journal
 from s2r_spec.spec import Spec
 
 
-def given_spec(spec: Any) -> Spec:
+def as_spec(spec: Any) -> Spec:
     """Return the specification.
 
     Raises:
-        UsageError: it is a path, a text or something else.
+        UsageError: it is a path, a text or another value.
     """
     if isinstance(spec, Spec):
         return spec
@@ -25,11 +25,11 @@ def given_spec(spec: Any) -> Spec:
     raise UsageError(f"a specification is needed, not {what}; s2r.load_spec reads one from a file")
 
 
-def given_name(backend: Any, what: str = "backend") -> str:
+def as_name(backend: Any, what: str = "backend") -> str:
     """Return the name of a backend.
 
     Raises:
-        UsageError: it is a backend itself, or something else that is no name: workers open it by its name.
+        UsageError: it is a backend itself or another value, but every worker opens a backend by its name.
     """
     if isinstance(backend, str):
         return backend
@@ -40,7 +40,7 @@ def given_name(backend: Any, what: str = "backend") -> str:
     )
 
 
-def given_simulator(backend: Any) -> Backend | str:
+def as_simulator(backend: Any) -> Backend | str:
     """Return a simulator or its name.
 
     Raises:
@@ -51,11 +51,11 @@ def given_simulator(backend: Any) -> Backend | str:
     raise UsageError(f"sim must be a backend or the name of one, such as 'sim', not {_kind(backend)}")
 
 
-def given_rollouts(real: Any) -> Any:
-    """Return the real side of a diagnosis: a backend, the name of one, or rollouts.
+def as_rollouts(real: Any) -> Any:
+    """Return the real machine of a diagnosis: a backend, the name of one, or rollouts.
 
     Raises:
-        UsageError: it is nothing of this.
+        UsageError: it is none of these.
     """
     if isinstance(real, str | Backend | Iterable):
         return real
@@ -65,7 +65,7 @@ def given_rollouts(real: Any) -> Any:
     )
 
 
-def given_folder(folder: Any) -> Path:
+def as_folder(folder: Any) -> Path:
     """Return the folder of a run as a path.
 
     Raises:
@@ -76,8 +76,8 @@ def given_folder(folder: Any) -> Path:
     raise UsageError(f"folder must be a path, such as 'runs/night', not {_kind(folder)}")
 
 
-def must_be_begun(places: list[Path], run: Path) -> None:
-    """See that there is something to go on with.
+def require_begun(places: list[Path], run: Path) -> None:
+    """Refuse to resume a run that was never begun.
 
     Args:
         places: folders that could hold its journals.

@@ -1,4 +1,4 @@
-"""Wait for a pipe, for no longer than some seconds."""
+"""Wait for a pipe with a time limit."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from time import monotonic, sleep
 from typing import IO, Literal
 
 Wait = Callable[[float], bool]
-"""Waits for a pipe for some seconds [s], and says whether it is ready. One that was closed is: that is read."""
+"""Waits at most this long [s] and returns whether the pipe is ready. A closed pipe is ready: a read returns its end."""
 
 
-def waits_for(file: IO[bytes], to: Literal["read", "write"]) -> Wait:
-    """Return what waits for a pipe, which does not block from now on."""
+def waiter(file: IO[bytes], to: Literal["read", "write"]) -> Wait:
+    """Make a pipe non-blocking, and return a function that waits for it."""
     if sys.platform == "win32":
         return _windows(file, to)
     import select
@@ -22,12 +22,12 @@ def waits_for(file: IO[bytes], to: Literal["read", "write"]) -> Wait:
     os.set_blocking(file.fileno(), False)
     poll = select.poll()
     poll.register(file.fileno(), select.POLLIN if to == "read" else select.POLLOUT)
-    # Rounded up: less than a millisecond would be none.
+    # Rounded up: poll would take less than a millisecond as no wait at all.
     return lambda seconds: file.closed or bool(poll.poll(math.ceil(1000 * seconds)))
 
 
 def _windows(file: IO[bytes], to: Literal["read", "write"]) -> Wait:
-    """Return what looks every 5 ms whether there is something to read; writing blocks, and is always ready."""
+    """Return a function that polls a pipe for data every 5 ms; a write blocks, so a pipe is always ready for it."""
     if sys.platform != "win32":
         raise NotImplementedError
     import _winapi
@@ -39,7 +39,7 @@ def _windows(file: IO[bytes], to: Literal["read", "write"]) -> Wait:
             try:
                 if _winapi.PeekNamedPipe(msvcrt.get_osfhandle(file.fileno()), 0)[0]:
                     break
-            except OSError:  # its other end is closed
+            except OSError:  # the other end is closed
                 break
             if monotonic() >= end:
                 return False

@@ -1,4 +1,4 @@
-"""Does the backend offer what the spec reads and sweeps? Said before anything runs."""
+"""Check before any rollout that a backend has the signals and parameters of a spec."""
 
 from __future__ import annotations
 
@@ -13,37 +13,37 @@ from s2r_spec.spec import Spec
 
 
 @dataclass(frozen=True)
-class Matched:
-    """How a spec and a backend fit together."""
+class Interface:
+    """The channels and parameters that a spec and a backend share, with conversions of units."""
 
     channels: tuple[str, ...]
     """Channels that the requirement reads."""
     conversions: Mapping[str, tuple[float, float]]
-    """Parameter → (a, b): a number x of the spec is a·x + b for the backend."""
+    """Swept parameter → (a, b): a number x in the spec's unit is a·x + b in the backend's."""
     fixed: Mapping[str, float]
-    """Parameters that the spec gives one value, in the backend's unit."""
+    """Parameter → its one value in the spec, in the backend's unit."""
 
     def to_backend(self, point: Mapping[str, float]) -> dict[str, float]:
-        """Return a test in the backend's units, fixed parameters included."""
+        """Return a test in the backend's units, with the fixed parameters."""
         return dict(self.fixed) | {
             name: _convert(self.conversions[name], value) for name, value in point.items()
         }
 
     def to_spec(self, params: Mapping[str, float]) -> dict[str, float] | None:
-        """Return the test, in the spec's units, of a backend's parameters; None if a fixed one differs."""
+        """Return a backend's parameters as a test in the spec's units; None if a fixed parameter differs."""
         for name, value in self.fixed.items():
             if not math.isclose(params[name], value, rel_tol=1e-9, abs_tol=1e-12):
                 return None
         return {name: (params[name] - offset) / factor for name, (factor, offset) in self.conversions.items()}
 
 
-def match(spec: Spec, requirement: str, backend: Backend) -> Matched:
-    """Check signals, parameters, units and ranges.
+def check_compatibility(spec: Spec, requirement: str, backend: Backend) -> Interface:
+    """Check signals, parameters, units and ranges, and return the common interface.
 
     Raises:
-        UsageError: a signal or parameter is unknown to the backend, its unit does not
-            convert, or the range swept is wider than the backend can do.
-        BackendError: the backend declares a unit that is none.
+        UsageError: the backend lacks a signal or a parameter, a unit does not convert, or a range of the spec exceeds
+            the backend's range.
+        BackendError: the backend declares an unknown unit.
     """
     channels = {channel.name: channel for channel in backend.channels}
     for name in spec.channels(requirement):
@@ -52,16 +52,16 @@ def match(spec: Spec, requirement: str, backend: Backend) -> Matched:
             if name in (lacking := getattr(backend, "lacking", {})):
                 raise UsageError(f"{spec.name} reads the signal {name!r}, but {lacking[name]}")
             raise UsageError(
-                f"{spec.name} reads the signal {name!r}, which backend {backend.name!r} does not record"
+                f"{spec.name} reads the signal {name!r}, which the backend {backend.name!r} does not record"
                 f"{suggest(name, channels)} it records {one_of(channels)}"
             )
         _conversion(f"signal {name!r}", signal.measure, channels[name].unit, backend.name)
         if channels[name].width != signal.dim:
             raise UsageError(
-                f"{spec.name} declares the signal {name!r} with {signal.dim} components, "
-                f"backend {backend.name!r} records {channels[name].width}"
+                f"{spec.name} declares the signal {name!r} with {signal.dim} components, but the backend "
+                f"{backend.name!r} records {channels[name].width}; change the declaration"
             )
-    # Recordings need not cover the test space: what they leave open is said in the certificate.
+    # Recordings need not cover the test space: the certificate says which part they leave open.
     bounded = not isinstance(backend, HasRecordings)
     offered = {parameter.name: parameter for parameter in backend.parameters}
     conversions: dict[str, tuple[float, float]] = {}
@@ -70,10 +70,10 @@ def match(spec: Spec, requirement: str, backend: Backend) -> Matched:
         if name not in offered:
             if param.searched:
                 raise UsageError(
-                    f"{spec.name} sweeps the parameter {name!r}, which backend {backend.name!r} does not have"
+                    f"{spec.name} sweeps the parameter {name!r}, which the backend {backend.name!r} does not have"
                     f"{suggest(name, offered)} it has {one_of(offered)}"
                 )
-            continue  # a number of the formulas only
+            continue  # only the formulas use it
         conversion = _conversion(f"parameter {name!r}", param.measure, offered[name].unit, backend.name)
         if param.searched and param.range:
             conversions[name] = conversion
@@ -83,7 +83,7 @@ def match(spec: Spec, requirement: str, backend: Backend) -> Matched:
             fixed[name] = _convert(conversion, param.default)
             if bounded:
                 offered[name].check(fixed[name])
-    return Matched(spec.channels(requirement), conversions, fixed)
+    return Interface(spec.channels(requirement), conversions, fixed)
 
 
 def _convert(conversion: tuple[float, float], value: float) -> float:
@@ -97,11 +97,13 @@ def _conversion(what: str, declared: Unit, unit: str, backend: str) -> tuple[flo
     try:
         offered = parse_unit(unit)
     except UnknownUnitError:
-        wrong = UsageError if backend.startswith("log:") else BackendError  # a file's mistake is its user's
-        raise wrong(f"backend {backend!r} declares {what} in {unit!r}, which is not a unit") from None
+        wrong = UsageError if backend.startswith("log:") else BackendError  # a user writes the units of a log
+        raise wrong(
+            f"the backend {backend!r} declares the {what} in {unit!r}, which is not a unit; write for example m/s"
+        ) from None
     if not declared.fits(offered):
         raise UsageError(
-            f"the spec declares {what} in {declared}, but backend {backend!r} has it in {offered}; "
-            f"these do not convert into each other"
+            f"the spec declares the {what} in {declared}, but the backend {backend!r} has it in {offered}; "
+            f"declare a unit that converts to {offered}"
         )
     return declared.to(offered)

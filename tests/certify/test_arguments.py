@@ -9,7 +9,7 @@ import pytest
 
 import s2r_spec as s2r
 from s2r_spec.certify.gap import gap
-from s2r_spec.certify.promise import certify
+from s2r_spec.certify.real_machine import certify
 from s2r_spec.errors import BackendError, UsageError
 from s2r_spec.report.recompute import recompute
 from tests.cli.conftest import SPEC

@@ -1,12 +1,12 @@
-"""A worker and all that it starts, as one group of processes: watched, and ended whole.
+"""A worker and its descendants as one process group, which ends as a whole.
 
-A worker leads a process group of its own, so that what it forks and spawns is in it, and Ctrl-C at the terminal
-reaches s2r alone. It stays in the session of s2r: Linux shares out processor time by session, and workers in many
-would take more than their share. Beside the worker waits a guard, a shell of a megabyte: when s2r is gone, whatever
-killed it, the guard ends the group, even if the worker is stopped or holds the interpreter's lock. What leaves the
-group by itself (a daemon) is not hunted: :meth:`Group.left` finds it, where the system has ``/proc``.
+A worker leads a process group of its own. Its descendants belong to the group, and Ctrl-C at the terminal reaches s2r
+alone. The group stays in the session of s2r, because Linux shares processor time by session. A watchdog, a shell of a
+megabyte, waits beside the worker. It ends the group when s2r is gone for any reason, even if the worker is stopped or
+holds the interpreter's lock. A descendant that leaves the group, as a daemon does, is not ended;
+:meth:`ProcessGroup.escaped` finds it on systems with ``/proc``.
 
-Where there are no process groups (Windows) only the worker itself is ended.
+On Windows, which has no process groups, only the worker itself is ended.
 """
 
 from __future__ import annotations
@@ -24,31 +24,31 @@ from time import monotonic, sleep
 from uuid import uuid4
 
 GRACE = 1.0
-"""Budget: what a group that was asked to end (SIGTERM) may take before it is killed [s]. Twice as much delays
-Ctrl-C and ``--timeout`` by as much where a process ignores SIGTERM."""
+"""Budget: time between a group's SIGTERM and its SIGKILL [s]. Twice as much delays Ctrl-C and ``--timeout`` by as much
+where a process ignores SIGTERM."""
 MARK = "S2R_WORKER"
-"""Definition: the environment variable by which a process is known to come from a worker."""
+"""Definition: the environment variable that marks the descendants of a worker."""
 
 _PROCESSES = Path("/proc")
-_OFTEN = 0.02  # how often a group is looked at while it ends [s]
-_LONGEST = 80  # characters of a command line that are shown
-_GUARD = 'read -r word || { sleep 1; kill -KILL -"$0"; }'
+_POLL = 0.02  # interval between two looks at a group that ends [s]
+_LONGEST = 80  # characters of a command line in a message
+_WATCHDOG = 'read -r word || { sleep 1; kill -KILL -"$0"; }'
 
 
 @dataclass(frozen=True)
 class Process:
-    """A process of this machine: its number, and how it was started."""
+    """A process of this computer: its id and its command line."""
 
     pid: int
     command: str
 
 
-class Group:
-    """One process with pipes to its standard input and output, and all that it starts.
+class ProcessGroup:
+    """A process with pipes to its standard input and output, and all its descendants.
 
     Args:
-        command: of the process.
-        environment: of it; the mark of the group is added.
+        command: command line of the process.
+        environment: environment of the process; the group adds its mark.
     """
 
     def __init__(self, command: Sequence[str], environment: Mapping[str, str]) -> None:
@@ -61,17 +61,17 @@ class Group:
             env={**environment, MARK: self._mark},
             process_group=None if sys.platform == "win32" else 0,
         )
-        self._guard = _guard(self.process.pid)
+        self._watchdog = _watchdog(self.process.pid)
         self._ending, self._ended = Lock(), False
 
     def end(self) -> bool:
-        """End all processes of the group: ask (SIGTERM), wait for GRACE, kill.
+        """End all processes of the group: SIGTERM, wait for GRACE, SIGKILL.
 
         Returns:
-            Whether it was still to be done.
+            False if an earlier call has ended the group.
         """
         with self._ending:
-            if self._ended:  # then its number may be another group's by now
+            if self._ended:  # another group may have its id by now
                 return False
             self._end()
             self._ended = True
@@ -82,7 +82,7 @@ class Group:
             self.process.kill()
             self.process.wait()
             return
-        # A process that is stopped sees no SIGTERM before it goes on.
+        # A stopped process handles SIGTERM only after SIGCONT.
         for signals in ((signal.SIGTERM, signal.SIGCONT), (signal.SIGKILL,)):
             for number in signals:
                 with suppress(ProcessLookupError, PermissionError):
@@ -94,15 +94,15 @@ class Group:
         """Return whether the group ends within GRACE."""
         end = monotonic() + GRACE
         while True:
-            # The first also takes note of the worker's end: it would stay in the group as a zombie.
+            # poll() also reaps the worker, which would stay in the group as a zombie.
             if self.process.poll() is not None and not _lives(self.process.pid):
                 return True
             if monotonic() > end:
                 return False
-            sleep(_OFTEN)
+            sleep(_POLL)
 
-    def left(self) -> list[Process]:
-        """Return the processes that come from this worker, left its group, and still run."""
+    def escaped(self) -> list[Process]:
+        """Return the descendants of this worker that left its group and still run."""
         mark = f"{MARK}={self._mark}".encode()
         return [
             Process(pid, _command(pid))
@@ -111,30 +111,30 @@ class Group:
         ]
 
     def release(self) -> None:
-        """Dismiss the guard, and close the pipes of a group that has ended."""
-        if self._guard is not None and self._guard.stdin is not None:
-            with suppress(OSError, ValueError):  # it was killed, or is dismissed already
-                self._guard.stdin.write(b"\n")
+        """Stop the watchdog, and close the pipes of a group that has ended."""
+        if self._watchdog is not None and self._watchdog.stdin is not None:
+            with suppress(OSError, ValueError):  # it was killed, or was stopped before
+                self._watchdog.stdin.write(b"\n")
         self.disown()
-        if self._guard is not None:
+        if self._watchdog is not None:
             with suppress(subprocess.TimeoutExpired):
-                self._guard.wait(GRACE)
+                self._watchdog.wait(GRACE)
 
     def disown(self) -> None:
-        """Close the pipes, here: of a copy of this process that was forked, or of a group that has ended."""
-        pipes = [self.process.stdin, self.process.stdout, self._guard.stdin if self._guard else None]
+        """Close this process's ends of the pipes, in a fork or after the end of the group."""
+        pipes = [self.process.stdin, self.process.stdout, self._watchdog.stdin if self._watchdog else None]
         for pipe in filter(None, pipes):
             with suppress(OSError):
                 pipe.close()
 
 
-def _guard(group: int) -> subprocess.Popen[bytes] | None:
-    """Start what kills a group when this process is gone; None where there is no shell."""
+def _watchdog(group: int) -> subprocess.Popen[bytes] | None:
+    """Start the shell that kills a group when this process is gone; None on systems without a shell."""
     if sys.platform == "win32":
         return None
     try:
         return subprocess.Popen(
-            ["/bin/sh", "-c", _GUARD, str(group)],
+            ["/bin/sh", "-c", _WATCHDOG, str(group)],
             bufsize=0,
             stdin=subprocess.PIPE,
             stdout=subprocess.DEVNULL,
@@ -142,12 +142,12 @@ def _guard(group: int) -> subprocess.Popen[bytes] | None:
             env={"PATH": os.defpath},
             start_new_session=True,
         )
-    except OSError:  # then the worker itself is all that sees to it
+    except OSError:  # only the worker itself can then notice the end of s2r
         return None
 
 
 def _lives(group: int) -> bool:
-    """Return whether a process of the group still runs; a zombie does not, and may stay for long."""
+    """Return whether a process of the group still runs; a zombie does not."""
     if sys.platform == "win32":
         return False
     try:
@@ -160,7 +160,7 @@ def _lives(group: int) -> bool:
 
 
 def _running() -> Iterator[tuple[int, int]]:
-    """Yield (process, its group) of all processes that are no zombies; nothing where there is no ``/proc``."""
+    """Yield (process, its group) of all processes except zombies; nothing on systems without ``/proc``."""
     with suppress(OSError):
         for name in filter(str.isdigit, os.listdir(_PROCESSES)):
             # 4711 (any name) S parent group …
@@ -170,15 +170,15 @@ def _running() -> Iterator[tuple[int, int]]:
 
 
 def _command(pid: int) -> str:
-    """Return how a process was started, in one line without control characters."""
+    """Return the command line of a process, shortened and without control characters."""
     words = _bytes(pid, "cmdline").decode(errors="replace").split("\0")
     line = "".join(letter if letter.isprintable() else "?" for letter in " ".join(words).strip())
     return line if len(line) <= _LONGEST else line[: _LONGEST - 1] + "…"
 
 
-def _bytes(pid: int, what: str) -> bytes:
-    """Return what the system says of a process; nothing of one that is gone, or is somebody else's."""
+def _bytes(pid: int, entry: str) -> bytes:
+    """Return an entry of ``/proc`` for a process; empty if the process is gone or belongs to another user."""
     try:
-        return (_PROCESSES / str(pid) / what).read_bytes()
+        return (_PROCESSES / str(pid) / entry).read_bytes()
     except OSError:
         return b""

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from s2r_spec.certify import odds as module
+from s2r_spec.certify import failure_probability as module
+from s2r_spec.certify.failure_probability import bound_failure_probability
 from s2r_spec.certify.kernels import Kernel
-from s2r_spec.certify.odds import odds
 from s2r_spec.certify.search import Search
 from s2r_spec.errors import UsageError
 from s2r_spec.space import Space
@@ -44,7 +44,9 @@ def wrong_or_refused(runs=RUNS):
     for seed in range(runs):
         rng = np.random.default_rng([3, seed])
         function, norm = probability(rng)
-        found = odds(LINE, rollouts(function, rng, seed), [0.0], kernel=KERNEL, B=2 * norm, delta=DELTA)[0]
+        found = bound_failure_probability(
+            LINE, rollouts(function, rng, seed), [0.0], kernel=KERNEL, B=2 * norm, delta=DELTA
+        )[0]
         truth = function(np.linspace(-0.2, 0.3, 1001)[:, None]).max()
         count += bool(found.refused) or not found.lower <= truth <= found.upper
     return count
@@ -64,20 +66,20 @@ def test_levels_share_the_risk_and_are_ordered():
     rng = np.random.default_rng(0)
     tests = [({"vd": vd}, rng.normal(0.5, 0.3, size=40)) for vd in np.linspace(-0.2, 0.3, 15)]
     settings = {"kernel": KERNEL, "B": 3.0, "delta": 0.1}
-    low, high = odds(LINE, tests, [-0.5, 0.4], **settings)
+    low, high = bound_failure_probability(LINE, tests, [-0.5, 0.4], **settings)
     assert low.seen < high.seen
     assert low.upper < high.upper
     assert high.lower > 0
-    assert odds(LINE, tests, [-0.5], **settings)[0].upper < low.upper  # the whole of δ
+    assert bound_failure_probability(LINE, tests, [-0.5], **settings)[0].upper < low.upper  # the whole of δ
     assert all(0 <= one.lower <= one.upper <= 1 and not one.refused for one in (low, high))
 
 
 def test_a_norm_that_the_rollouts_contradict_is_refused():
     tests = [({"vd": vd}, [-1.0] * 200) for vd in (-0.2, 0.0, 0.3)]
-    found = odds(LINE, tests, [0.0], kernel=KERNEL, B=0.5, delta=0.1)[0]
+    found = bound_failure_probability(LINE, tests, [0.0], kernel=KERNEL, B=0.5, delta=0.1)[0]
     assert "B = 0.5" in found.refused
 
 
 def test_nothing_is_bounded_by_nothing():
     with pytest.raises(UsageError, match="rollout"):
-        odds(LINE, [], [0.0], kernel=KERNEL, B=1, delta=0.1)
+        bound_failure_probability(LINE, [], [0.0], kernel=KERNEL, B=1, delta=0.1)

@@ -1,11 +1,11 @@
-"""How likely is a rollout to fail, at the worst test: a bound on a probability, and with it on a quantile of ρ.
+"""The failure probability at the worst test: a bound on it, and with it on a quantile of ρ.
 
-E ρ may be positive while one rollout in ten fails. Whether ρ falls below a level is a number 0 or 1, and so
-its noise is ½-sub-Gaussian whatever its probability (Hoeffding's lemma): R is proven here, and need not be
-declared. What remains an assumption is that the probability, as a function of the test, has a bounded norm.
+E ρ may be positive while one rollout in ten fails. The indicator of ρ < level is 0 or 1, so that its noise is
+½-sub-Gaussian for every probability (Hoeffding's lemma). R is proven here and need not be declared. One
+assumption remains: the probability, as a function of the test, has a bounded norm.
 
-The rollouts may be those of a search for the worst E ρ: its tests depend on earlier outcomes only, which
-is all that the bound asks of them.
+The rollouts may be those of a search for the worst E ρ. Its tests depend on earlier outcomes only, and the
+bound asks no more of them.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ from s2r_spec.certify.search import Search
 from s2r_spec.errors import UsageError
 from s2r_spec.space import Space
 
-# Of a number in [0, 1].
 R = 0.5
-# It decides how finely the box is divided, and no more.
+"""Definition: sub-Gaussian proxy of a number in [0, 1]."""
 FINEST = 0.02
+"""Tolerance: ε of the search, which only decides how finely the box is divided."""
 
 
 @dataclass(frozen=True)
-class Odds:
+class FailureProbability:
     """The largest probability of ρ < level over the test space lies in [lower, upper].
 
     Attributes:
@@ -54,7 +54,7 @@ class Odds:
     refused: str
 
 
-def odds(
+def bound_failure_probability(
     space: Space,
     tests: Iterable[tuple[Mapping[str, float], Sequence[float]]],
     levels: Sequence[float],
@@ -62,13 +62,13 @@ def odds(
     kernel: Kernel,
     B: float,
     delta: float,
-) -> list[Odds]:
+) -> list[FailureProbability]:
     """Bound the probability of ρ < level for levels that were chosen before the rollouts were looked at.
 
     Args:
         space: the test space.
         tests: (point, (replicates,) values of ρ), every rollout that was run.
-        levels: of ρ; δ is shared equally among them, so that all bounds hold at once.
+        levels: of ρ, in its unit; δ is shared equally among them, so that all bounds hold at once.
         kernel: of the probability as a function of the test.
         B: bound on its norm.
         delta: all bounds together are wrong with at most this probability.
@@ -79,22 +79,22 @@ def odds(
     rollouts = [(point, np.asarray(values, dtype=np.float64)) for point, values in tests]
     if not levels or not rollouts:
         raise UsageError("a bound on a probability needs a level and at least one rollout")
-    return [_odds(space, rollouts, level, kernel, B, delta / len(levels)) for level in levels]
+    return [_bound_one(space, rollouts, level, kernel, B, delta / len(levels)) for level in levels]
 
 
-def _odds(
+def _bound_one(
     space: Space,
     rollouts: Sequence[tuple[Mapping[str, float], np.ndarray]],
     level: float,
     kernel: Kernel,
     B: float,
     delta: float,
-) -> Odds:
+) -> FailureProbability:
     search = Search(space, kernel=kernel, B=B, R=R, delta=delta, epsilon=min(FINEST, B))
     failed = [(point, (values < level).astype(np.float64)) for point, values in rollouts]
     search.observe(failed, final=True)
     found = search.certificate()
-    return Odds(
+    return FailureProbability(
         level=level,
         lower=max(0.0, found.lower),
         upper=min(1.0, found.upper),
