@@ -142,9 +142,9 @@ def plan(
                 progress=stages,
             )
         if as_json:
-            record = {"schema": "s2r.plan/1", "R": R, "epsilon": eps, "delta": delta, "B": B}
+            summary = {"schema": "s2r.plan/1", "R": R, "epsilon": eps, "delta": delta, "B": B}
             extra = {"seconds_per_rollout": seconds, "pilot": asdict(noise) if noise else None}
-            print(json.dumps(record | asdict(result) | extra, allow_nan=False))
+            print(json.dumps(summary | asdict(result) | extra, allow_nan=False))
             return
 
         def cost(rollouts: float | None) -> str:
