@@ -1,6 +1,6 @@
 """Mutation testing: are small faults in the code caught by its tests?
 
-    python -m tests.mutation [PART | MODULE …] [--sample N | --all] [--seed S] [--jobs N] [--write]
+    python -m tests.mutation [PART | MODULE …] [--sample N | --all] [--tests FILE …] [--jobs N] [--write]
 
 Needs the extra ``mutation``. PART is ``certify``, ``robustness`` or ``guard``; MODULE is a file of one. The working
 tree is copied, and each mutant meets the tests that run its line, the fastest first. Survivors are printed with what
@@ -23,6 +23,7 @@ from pathlib import Path
 
 from tests.mutation import results
 from tests.mutation.parts import PARTS, Part
+from tests.mutation.results import Row
 
 EXAMPLES = 0.05
 """Part of the random examples that a property is tried on (dimensionless, a budget): most faults fail on the first."""
@@ -64,7 +65,9 @@ def tried(
     """Return the rows of a worker for modules of a part."""
     task = {
         "modules": modules,
-        "tests": part.tests,
+        "tests": words.tests or part.tests,
+        "early": part.early,
+        "part": part.modules(results.ROOT),
         "samples": samples,
         "seed": words.seed,
         "most": words.seconds,
@@ -104,17 +107,27 @@ def tried(
     return rows
 
 
+def sampled(part: Part, module: str, words: argparse.Namespace) -> int | None:
+    """Return how many mutants of a module are tried; None for all."""
+    if words.all or (words.sample is None and Path(module).name in part.whole):
+        return None
+    return SAMPLE if words.sample is None else int(words.sample)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("wanted", nargs="*", metavar="PART | MODULE", help="without one, all parts")
     parser.add_argument(
-        "--sample", type=int, default=SAMPLE, help="mutants of a module that is not tried whole"
+        "--sample",
+        type=int,
+        help=f"mutants of each module; without it {SAMPLE}, or all where its part says so",
     )
     parser.add_argument("--all", action="store_true", help="every mutant of every module")
     parser.add_argument("--seed", type=int, default=0, help="of the random sample")
     parser.add_argument(
         "--seconds", type=float, default=20.0, help="of CPU, of the tests that a mutant meets at most"
     )
+    parser.add_argument("--tests", nargs="+", metavar="FILE", help="instead of those of the part")
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     parser.add_argument("--write", action="store_true", help="to benchmarks/results, too")
     parser.add_argument("--table", action="store_true", help="try nothing, and print what is kept")
@@ -128,9 +141,7 @@ def main() -> None:
         modules = [
             one for one in part.modules(results.ROOT) if not words.wanted or {name, one} & set(words.wanted)
         ]
-        samples = {
-            one: None if words.all or Path(one).name in part.whole else words.sample for one in modules
-        }
+        samples = {one: sampled(part, one, words) for one in modules}
         shares = [modules[k :: words.jobs] for k in range(words.jobs)]
         jobs += [(part, share, samples, words) for share in shares if share]
     with ThreadPoolExecutor(words.jobs) as pool:
@@ -153,8 +164,7 @@ def main() -> None:
         machine = describe("cosmic-ray", "coverage", "pytest")
         kept["about"] = [
             f"{machine['processor']}, {machine['cores']} cores, Python {machine['python']}, {machine['date']}",
-            f"at most {words.sample} mutants of a module, seed {words.seed}; all of: "
-            + ", ".join(sorted(name for part in PARTS.values() for name in part.whole)),
+            f"seed {words.seed}, tests of at most {words.seconds:g} CPU seconds for a mutant",
         ]
         results.RESULTS.write_text(json.dumps(kept, indent=1) + "\n")
         results.TABLE.write_text(results.table(kept))

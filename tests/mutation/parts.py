@@ -13,11 +13,13 @@ class Part:
     Attributes:
         sources: folders and files, relative to the repository.
         tests: the folders and files of tests that state what the part does.
+        early: modules of our own that import none of the part, and are imported once for all mutants.
         whole: files of which every mutant is tried; of the others a random sample.
     """
 
     sources: tuple[str, ...]
     tests: tuple[str, ...]
+    early: tuple[str, ...]
     whole: frozenset[str] = frozenset()
 
     def modules(self, root: Path) -> list[str]:
@@ -33,11 +35,13 @@ PARTS = {
     "certify": Part(
         ("s2r_spec/certify",),
         ("tests/certify",),
+        ("torch", "gpytorch", "s2r_spec.backend", "s2r_spec.space", "s2r_spec.rollouts.runner"),
         frozenset({"confidence.py", "rounding.py"}),
     ),
     "robustness": Part(
         ("s2r_spec/robustness",),
         ("tests/robustness", "tests/test_instants.py"),
+        ("torch", "s2r_spec.lang.parser"),
         frozenset({"kernels.py", "windows.py"}),
     ),
     "guard": Part(
@@ -47,6 +51,14 @@ PARTS = {
             "backends/s2r_a1/guard/states.py",
         ),
         ("tests/a1/test_limits.py", "tests/a1/test_states.py"),
+        (
+            "s2r_spec.backend",
+            "s2r_spec.rollouts.runner",
+            "s2r_a1.wire",
+            "s2r_a1.remote",
+            "s2r_sim.controller.gains",
+            "s2r_sim.robot.leg_kinematics",
+        ),
         frozenset({"limits.py"}),
     ),
 }

@@ -1,7 +1,7 @@
 """Finds which tests run which lines, by Coverage, and how long each test takes.
 
 A test that runs a line may catch a fault in it; no other can. What a fixture of a module runs counts for all tests of
-its file, and what an import runs, such as a constant, for all tests that run anything of the module.
+its file, and what an import runs, such as a constant, for all tests: they may read it without running a line.
 """
 
 from __future__ import annotations
@@ -24,10 +24,12 @@ class Reach:
 
     Attributes:
         seconds: of every test that passes.
+        failed: the tests that do not, with no fault in the modules.
         lines: (module, line) → contexts, each a test's name, ``|`` and its phase.
     """
 
     seconds: dict[str, float]
+    failed: list[str]
     lines: dict[str, dict[int, list[str]]]
 
     def tests(self, module: str, code: str, line: int) -> list[str]:
@@ -38,8 +40,9 @@ class Reach:
         return self._named(here) if here != {""} else self.anywhere(module)
 
     def anywhere(self, module: str) -> list[str]:
-        """Return the tests that run anything of a module, the fastest first."""
-        return self._named({context for found in self.lines.get(module, {}).values() for context in found})
+        """Return the tests that run anything of a module, the fastest first, and then all others."""
+        first = self._named({context for found in self.lines.get(module, {}).values() for context in found})
+        return first + sorted(self.seconds.keys() - first, key=lambda name: (self.seconds[name], name))
 
     def _named(self, here: set[str]) -> list[str]:
         names = {context.split("|")[0] for context in here if context}
@@ -91,6 +94,10 @@ class Recorder:
         if not report.passed:
             self._failed.add(report.nodeid)
 
+    @property
+    def failed(self) -> list[str]:
+        return sorted(self._failed)
+
     def passed(self) -> dict[str, float]:
         return {name: seconds for name, seconds in self._seconds.items() if name not in self._failed}
 
@@ -113,7 +120,7 @@ def record(folder: Path, modules: Sequence[str], options: Sequence[str], to: Pat
         }
         for module in modules
     }
-    to.write_text(json.dumps({"seconds": recorder.passed(), "lines": lines}))
+    to.write_text(json.dumps({"seconds": recorder.passed(), "failed": recorder.failed, "lines": lines}))
 
 
 def read(file: Path) -> Reach:
@@ -122,4 +129,4 @@ def read(file: Path) -> Reach:
     lines = {
         module: {int(line): names for line, names in rows.items()} for module, rows in found["lines"].items()
     }
-    return Reach(found["seconds"], lines)
+    return Reach(found["seconds"], found["failed"], lines)

@@ -8,6 +8,7 @@ It prints a line of JSON for each mutant. It is started by ``python -m tests.mut
 from __future__ import annotations
 
 import gc
+import importlib
 import json
 import math
 import os
@@ -17,10 +18,10 @@ import sys
 import time
 import traceback
 from collections.abc import Callable, Sequence
-from contextlib import suppress
+from contextlib import redirect_stdout, suppress
+from io import StringIO
 from pathlib import Path
 
-import gpytorch  # noqa: F401
 import hypothesis
 import lark  # noqa: F401
 import numba  # noqa: F401
@@ -30,7 +31,6 @@ import pytest
 import scipy.linalg
 import scipy.optimize
 import scipy.stats  # noqa: F401
-import torch  # noqa: F401
 
 from tests.mutation import mutants as made
 from tests.mutation.reach import Reach, read, record
@@ -138,11 +138,25 @@ def tried(module: str, mutant: str, names: Sequence[str], reach: Reach, most: fl
         path.write_text(code)
 
 
+def prepare(early: Sequence[str], part: set[str]) -> None:
+    """Import what no mutant changes, and the plugins of pytest, once for all children."""
+    for name in early:
+        importlib.import_module(name)
+    if imported := part & sys.modules.keys():
+        sys.exit(f"{', '.join(sorted(imported))} would not be imported again after a fault")
+    Path("build/test_none.py").touch()
+    with redirect_stdout(StringIO()):
+        pytest.main(["-q", "--noconftest", "-p", "no:cacheprovider", "-c", os.devnull, "build/test_none.py"])
+
+
 def main() -> None:
     task = json.load(sys.stdin)
     most: float = task["most"]
     root, log, kept = Path.cwd(), Path("build/log").absolute(), Path("build/reach.json").absolute()
     log.parent.mkdir(exist_ok=True)
+    prepare(
+        task["early"], {module.removeprefix("backends/")[:-3].replace("/", ".") for module in task["part"]}
+    )
     # A fault that is found need not be made smaller, and a machine that is busy is no fault.
     hypothesis.settings.register_profile(
         "mutation",
@@ -166,8 +180,8 @@ def main() -> None:
     reach = read(kept)
     said = {
         "tests": len(reach.seconds),
+        "not used": reach.failed,
         "seconds": round(time.monotonic() - began, 1),
-        "log": log.read_text()[-300:],
     }
     print(json.dumps(said), flush=True)
     for module in task["modules"]:
