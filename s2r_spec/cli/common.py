@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, Literal, NoReturn
 import typer
 
 from s2r_spec.cli.terminal import say
-from s2r_spec.errors import S2RError, StoppedError, TraceNote, UsageError
+from s2r_spec.errors import ErrorCode, S2RError, StoppedError, TraceNote, UsageError
 from s2r_spec.json_objects.error import ErrorObject
 from s2r_spec.plain import line
 from s2r_spec.printable import one_line
@@ -69,7 +69,7 @@ def sentences(as_json: bool = False) -> Iterator[None]:
         _new.clear()
 
 
-def _refuse(sentence: str, exit_code: int, as_json: bool, cause: Exception) -> NoReturn:
+def _refuse(sentence: str, exit_code: ErrorCode, as_json: bool, cause: Exception) -> NoReturn:
     # A specification's mistakes are drawn below its sentence.
     first, line_feed, rest = sentence.partition("\n")
     if isinstance(cause, StoppedError):  # as was asked: no error
@@ -100,7 +100,7 @@ def note(sentence: str) -> None:
     say(f"note: {sentence}", error=True)
 
 
-def print_error(exit_code: int, sentence: str) -> None:
+def print_error(exit_code: ErrorCode, sentence: str) -> None:
     """Print an error as the one JSON object on stdout."""
     global _said
     _said = True

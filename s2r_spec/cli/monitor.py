@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 from rich.text import Text
@@ -19,6 +19,7 @@ from s2r_spec.printable import lines, one_line
 
 if TYPE_CHECKING:
     from s2r_spec.json_objects.monitor import MonitoredKind, MonitoredTrace, UnreadTrace
+    from s2r_spec.json_objects.parts import ExitCode
     from s2r_spec.robustness.evaluation import Evaluation
     from s2r_spec.robustness.profiles import Profile
 
@@ -94,7 +95,7 @@ def monitor(
                 results.append(UnreadTrace(trace=str(path), error=str(error)))
         verdicts = [one.verdict for result in results for one in result.requirements]
         broken = any(isinstance(result, UnreadTrace) for result in results)
-        code = UsageError.exit_code if broken else CODES[worst(verdicts)]
+        code: ExitCode | Literal[2] = 2 if broken else CODES[worst(verdicts)]
         if as_json:
             answered()
             record = MonitorObject(

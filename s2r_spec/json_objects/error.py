@@ -7,6 +7,8 @@ from typing import Annotated, Literal
 
 from annotated_types import MinLen
 
+from s2r_spec.errors import ErrorCode
+
 
 @dataclass(frozen=True, kw_only=True)
 class ErrorObject:
@@ -19,5 +21,5 @@ class ErrorObject:
     """
 
     schema: Literal["s2r.error/1"] = "s2r.error/1"
-    exit_code: int
+    exit_code: ErrorCode
     error: Annotated[str, MinLen(1)]

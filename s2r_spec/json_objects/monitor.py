@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Literal
-
-from annotated_types import Interval
+from typing import Literal
 
 from s2r_spec.json_objects.parts import ExitCode, Point
 from s2r_spec.robustness.explain import Explanation
@@ -126,7 +124,7 @@ class MonitorObject:
     """
 
     schema: Literal["s2r.monitor/1"] = "s2r.monitor/1"
-    exit_code: Annotated[int, Interval(ge=0, le=3)]
+    exit_code: ExitCode | Literal[2]
     spec: str
     hash: str
     profile: str
