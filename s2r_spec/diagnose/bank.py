@@ -166,7 +166,7 @@ def simulate(
         tell("trying each effect", done, len(catalogue))
         acts[effect.name] = _able(bench, effect, three)
     found = lines(catalogue, acts)
-    tell("asking the equations of motion", 0, 0)
+    tell("evaluating the equations of motion", 0, 0)
     probes, idle = _probes(bench, found, middle, three)
     features = replace(features, probes=probes)
     # What shows in some machines only takes no part in what explains all of them.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from s2r_spec.certify.check import Verdict
+from s2r_spec.certify.check_result import Verdict
 from s2r_spec.certify.compose import Composition
 from s2r_spec.json_objects.check import CheckedRequirement
 from s2r_spec.json_objects.gap import BoundedGap

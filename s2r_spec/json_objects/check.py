@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, NotRequired
 from annotated_types import MinLen
 
 from s2r_spec.certify.certificate import Certificate, Label
-from s2r_spec.certify.check import Tested, Verdict
+from s2r_spec.certify.check_result import Tested, Verdict
 from s2r_spec.json_objects.parts import (
     Count,
     ExitCode,

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, NotRequired
 from annotated_types import Ge, MinLen
 
 from s2r_spec.certify.certificate import Certificate, Label
-from s2r_spec.certify.gap import GapTested, Pair
+from s2r_spec.certify.gap_result import GapTested, Pair
 from s2r_spec.json_objects.check import BackendProvenance
 from s2r_spec.json_objects.parts import Count, ExitCode, Failures, Level, Location, Magnitude, Open
 from s2r_spec.plain import OPTIONAL

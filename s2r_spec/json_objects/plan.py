@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from s2r_spec.certify.plan import Pilot, Plan
+from s2r_spec.certify.pilot import Pilot
+from s2r_spec.certify.plan import Plan
 
 
 @dataclass(frozen=True, kw_only=True)

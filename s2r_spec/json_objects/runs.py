@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from s2r_spec.certify.odds import Odds
+from s2r_spec.certify.failure_probability import FailureProbability
 from s2r_spec.json_objects.parts import Count, Magnitude, Point, Probability
 
 
@@ -84,7 +84,7 @@ class RequirementOdds:
     """
 
     delta: Probability
-    levels: tuple[Odds, ...]
+    levels: tuple[FailureProbability, ...]
 
 
 @dataclass(frozen=True, kw_only=True)

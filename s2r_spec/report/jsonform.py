@@ -9,5 +9,9 @@ from s2r_spec.report.finding import Report
 
 
 def render(report: Report) -> str:
-    """Return the whole record; no NaN and no infinity ever gets in."""
+    """Return the whole record.
+
+    Raises:
+        ValueError: the record holds NaN or an infinity, which JSON has not.
+    """
     return json.dumps(to_json(report.record), allow_nan=False, indent=2, ensure_ascii=False)
