@@ -150,7 +150,7 @@ def refuse_without_operator(name: str) -> None:
         UsageError: the machine needs an operator and stdin is no terminal.
     """
     from s2r_spec.backend import HasAttendance, is_exclusive, load_backend
-    from s2r_spec.rollouts.operator import Terminal, refuse_nobody
+    from s2r_spec.rollouts.operator import Terminal, require_terminal
 
     operator = Terminal()
     if operator.there or name.startswith("log:"):
@@ -166,7 +166,7 @@ def refuse_without_operator(name: str) -> None:
         with suppress(S2RError):  # a backend that needs the specification first has an operator
             attendance = backend.attendance(operator)
     if not getattr(attendance, "unattended", False):
-        refuse_nobody(operator)
+        require_terminal(operator)
 
 
 def seconds(timeout: float | None) -> float | None:

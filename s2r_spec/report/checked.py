@@ -75,7 +75,7 @@ def voids_fact(voids: Mapping[str, int] | None, rollouts: int) -> tuple[tuple[st
 
 
 def finding(spec: Spec, result: CheckResult) -> Finding:
-    """Return one result in words."""
+    """Return the finding of one requirement: its bound, facts and assumptions in words."""
     certificate, source = result.certificate, result.provenance
     unit = f" {result.unit}" if result.unit else ""
     failures = ", ".join(f"{count} × {word}" for word, count in sorted(result.failures.items())) or "no falls"

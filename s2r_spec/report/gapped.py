@@ -75,7 +75,7 @@ def gap_record(result: GapResult) -> BoundedGap:
 
 
 def finding(spec: Spec, result: GapResult) -> Finding:
-    """Return a gap in words."""
+    """Return the finding of a gap: its bound, facts and assumptions in words."""
     certificate, source = result.certificate, result.provenance
     unit = f" {result.unit}" if result.unit else ""
     bound = f"worst expected Δ ≥ {down(result.lower)}{unit}, {probability_words(certificate)}"

@@ -145,7 +145,7 @@ def test_another_model_on_the_worker_is_refused(engine):
 
 def test_a_backend_that_does_not_open_is_no_rollout():
     task = tasks("toy", [0.1], timeout=0.5)[0]
-    pool = Stub(child.TimeLimitError(60.5))
+    pool = Stub(worker_process.TimeLimitError(60.5))
     with pytest.raises(BackendError, match=naming("'toy'", "60.5 s")):
         outcomes(lambda: pool, [task])
 

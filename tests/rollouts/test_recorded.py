@@ -8,6 +8,7 @@ import pytest
 import s2r_spec as s2r
 from s2r_spec.backend import Backend, HasRecordings
 from s2r_spec.errors import TraceNote, UsageError
+from s2r_spec.rollouts.compatibility import check_compatibility
 from s2r_spec.rollouts.recorded import LogBackend
 from tests.errors import naming
 
@@ -172,13 +173,15 @@ def test_a_channel_that_one_recording_lacks_stops_only_who_reads_it(tmp_path):
     folder = raw(tmp_path / "log", "t,v,w\n0,1,2\n1,2,3\n", "t,v,w\n0,1,fast\n1,3,4\n")
     with pytest.warns(TraceNote, match="'w'"):
         backend = LogBackend(folder)
-    assert match(s2r.parse_spec("signal v\nrequire a: always v > 0"), "a", backend).channels == ("v",)
+    assert check_compatibility(
+        s2r.parse_spec("signal v\nrequire a: always v > 0"), "a", backend
+    ).channels == ("v",)
     for text, words in {"t,v,w [m]\n0,1,2\n": naming("'w'", "m", "no unit"), "t,v\n0,1\n": "'w'"}.items():
         Path(folder, "1.csv").write_text(text)
         with pytest.warns(TraceNote, match=words):
             assert [c.name for c in LogBackend(folder).channels] == ["v"]
     with pytest.raises(UsageError, match=naming("'w'", "1.csv", "line 2", "'fast'")):
-        match(s2r.parse_spec("signal w\nrequire a: always w > 0"), "a", backend)
+        check_compatibility(s2r.parse_spec("signal w\nrequire a: always w > 0"), "a", backend)
 
 
 def test_how_the_traces_are_read_follows_the_name(tmp_path):

@@ -9,7 +9,7 @@ import s2r_spec as s2r
 from s2r_spec.backend import Backend, HasEffects
 from s2r_spec.errors import UsageError
 from s2r_turtlebot import TurtlebotBackend
-from s2r_turtlebot.effects import CATALOGUE, turtlebot
+from s2r_turtlebot.effects import CATALOGUE, TurtlebotWithEffects, turtlebot
 from tests.errors import naming
 
 ROBOT = turtlebot()
