@@ -26,7 +26,7 @@ CODES = {
     "E13": "a certify setting is outside its valid range",
     "E14": "a kernel is unknown, or its lengthscales do not fit the parameters",
     "E15": "a certify line has no requirement of its own",
-    "E16": "a function is unknown, or takes other arguments",
+    "E16": "a function is unknown, or has the wrong arguments",
     "E17": "a vector is used as a number, or an index is out of range",
     "E18": "a number must be constant and finite",
     "E19": "a formula is nested too deeply",

@@ -1,4 +1,4 @@
-"""The samples on which a verdict depends: with the same truth of a predicate there, the verdict is the same."""
+"""The samples on which a verdict depends: it stays the same while the predicates keep their truth values there."""
 
 from __future__ import annotations
 

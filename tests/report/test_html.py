@@ -133,7 +133,7 @@ def test_traces_that_are_gone_are_done_without(undecided, tmp_path):
 def test_a_rollout_at_another_test_is_not_told(undecided, tmp_path):
     shutil.copytree(undecided[1].folder, tmp_path / "walking")
     rewrite(tmp_path / "walking", lambda line: line | ({"params": {"vd": 0.123}} if "params" in line else {}))
-    with pytest.raises(UsageError, match=naming("journal.jsonl")):
+    with pytest.raises(UsageError, match=naming(str(tmp_path / "walking"), "0.123")):
         recompute(tmp_path / "walking")
 
 

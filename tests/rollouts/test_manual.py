@@ -290,9 +290,9 @@ def test_logs_of_other_units_and_names_make_one_folder_that_needs_no_options(spe
     assert any(states(text, "vd_cmd", "0.1 m/s") for text in other.operator.said)
     other.again()
     desk.run(enter(desk.drop(log())))
-    with pytest.warns(TraceNote) as notes:  # of channels that only one of them has
+    with pytest.warns(TraceNote) as notes:
         backend = LogBackend(str(desk.root))
-    assert any("vd_cmd" in str(note.message) for note in notes)
+    assert any(states(str(note.message), "vd_cmd") for note in notes)  # only one of them has it
     units = {channel.name: channel.unit for channel in backend.channels}
     assert (units["vx"], units["q"]) == ("m/s", "rad")
     assert len(backend.recordings) == 2

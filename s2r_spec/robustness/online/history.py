@@ -35,7 +35,7 @@ class Held(Source, Protocol):
 
 
 class Recorded:
-    """A number at each instant, on a tape."""
+    """A number at each instant, stored on a tape."""
 
     def __init__(self, clock: Clock) -> None:
         self.clock = clock
