@@ -670,7 +670,7 @@ def test_the_table_has_a_row_for_every_state():
 
 
 def test_the_guard_loads_no_simulator_and_no_library_of_one():
-    names = "wire link datagrams ticks remote rawlog vendor guard guard.loop guard.desk guard.start guard.__main__"
+    names = "wire link datagrams ticks remote rawlog vendor guard guard.loop guard.answers guard.start guard.__main__"
     imports = "; ".join(f"import s2r_a1.{name}" for name in names.split())
     done = subprocess.run(
         [sys.executable, "-c", f"{imports}; import sys; print(' '.join(sys.modules))"],
