@@ -401,8 +401,8 @@ def _residuals(subject: _Subject, out: Check) -> None:
         )
     if weak:
         out.remarks.append(
-            f"with the effect in the model more than half of the residual remains: {', '.join(weak)}; "
-            f"in the default test the equations of motion say little about these effects"
+            f"more than half of the residual remains with the effect in the model: {', '.join(weak)}; "
+            f"in the default test the equations say little about them"
         )
 
 

@@ -128,8 +128,8 @@ def _checked(backend: str, effect: Effect, chosen: Mapping[str, float]) -> Effec
             )
         if _lacks_scale(p):
             raise BackendError(
-                f"backend {backend!r}: the effect {effect.name!r} has {p.name!r} with the prior {p.prior!r}, which "
-                f"states no scale; write 'half-normal, 20 N' or 'normal around 1, standard deviation 0.1'"
+                f"backend {backend!r}: the effect {effect.name!r} has {p.name!r} with the prior {p.prior!r} without a "
+                f"scale; write 'half-normal, 20 N' or 'normal around 1, standard deviation 0.1'"
             )
     parameters = tuple(replace(p, nominal=float(chosen.get(p.name, p.nominal))) for p in effect.parameters)
     return replace(effect, parameters=parameters)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 from s2r_spec.printable import one_line
 
@@ -16,6 +16,9 @@ MOST_NAMES = 60
 """Budget: names that an error lists; twice as many fill a screen."""
 LONGEST_NAME = 100
 """Budget: letters of a name that an error shows or compares; the time of a comparison grows with their square."""
+
+ErrorCode = Literal[2, 4, 130]
+"""Exit code of an error: 2 usage or specification, 4 backend or internal, 130 the operator stopped the run."""
 
 
 def one_of(names: Iterable[str]) -> str:
@@ -45,7 +48,7 @@ def suggest(name: str, names: Iterable[str]) -> str:
 class S2RError(Exception):
     """Base class of s2r's errors; the message is one line, whatever names and causes it quotes."""
 
-    exit_code: ClassVar[int] = 4
+    exit_code: ClassVar[ErrorCode] = 4
 
     def __str__(self) -> str:
         return one_line(super().__str__().strip())
@@ -54,7 +57,7 @@ class S2RError(Exception):
 class UsageError(S2RError):
     """An input of the user is invalid: a spec, a trace, a name, a setting."""
 
-    exit_code: ClassVar[int] = 2
+    exit_code: ClassVar[ErrorCode] = 2
 
 
 class TraceError(UsageError):
@@ -80,7 +83,7 @@ class NotBegunError(BackendError):
 class StoppedError(S2RError):
     """The operator of a machine ended the run; the recorded rollouts are kept, and --resume continues with them."""
 
-    exit_code: ClassVar[int] = 130
+    exit_code: ClassVar[ErrorCode] = 130
 
 
 class UnknownBackendError(UsageError):

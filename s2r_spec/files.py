@@ -33,8 +33,8 @@ def saving(path: Path) -> Iterator[Path]:
     Raises:
         UsageError: the file cannot be written; its old content remains.
     """
-    with _usage_errors(path), replacing(path) as beside:
-        yield beside
+    with _usage_errors(path), replacing(path) as temporary:
+        yield temporary
 
 
 @contextmanager
@@ -54,7 +54,7 @@ def replace(path: Path, content: str | bytes) -> None:
     """
     # Python reads bytes that are not UTF-8 in a file's name as lone surrogates; they are written as escapes.
     data = content if isinstance(content, bytes) else content.encode("utf-8", "backslashreplace")
-    with replacing(path) as beside, beside.open("wb") as file:
+    with replacing(path) as temporary, temporary.open("wb") as file:
         file.write(data)
 
 
@@ -75,19 +75,19 @@ def replacing(path: Path) -> Iterator[Path]:
         return
     if before is not None and not os.access(target, os.W_OK):
         raise PermissionError(13, "Permission denied", str(path))
-    beside = target.with_name(f".{target.stem[:100]}.{secrets.token_hex(4)}.part{target.suffix[:50]}")
-    handle = os.open(beside, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666)
+    temporary = target.with_name(f".{target.stem[:100]}.{secrets.token_hex(4)}.part{target.suffix[:50]}")
+    handle = os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666)
     try:
         os.close(handle)
-        yield beside
+        yield temporary
         if before is not None:
             with suppress(OSError, AttributeError):  # a file of another user; not a POSIX system
-                os.chown(beside, before.st_uid, before.st_gid)
-            os.chmod(beside, stat.S_IMODE(before.st_mode))
-        onto_disk(beside)
-        os.replace(beside, target)
+                os.chown(temporary, before.st_uid, before.st_gid)
+            os.chmod(temporary, stat.S_IMODE(before.st_mode))
+        onto_disk(temporary)
+        os.replace(temporary, target)
     except BaseException:
-        beside.unlink(missing_ok=True)
+        temporary.unlink(missing_ok=True)
         raise
     with suppress(OSError):  # on some file systems a folder cannot be opened
         onto_disk(target.parent)

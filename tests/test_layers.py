@@ -18,6 +18,7 @@ LAYERS = [
     {"blind"},
     {"cli"},
     {"report"},
+    {"json_objects"},
     {"diagnose"},
     {"conformance"},
     {"certify"},
@@ -32,7 +33,7 @@ LAYERS = [
     {"stamps"},
     {"instants"},
     {"errors", "compiled", "magnitude"},
-    {"documentation", "printable"},
+    {"documentation", "plain", "printable"},
 ]
 SIMULATOR_LAYERS = [
     {"twins"},

@@ -86,7 +86,7 @@ def require_begun(places: list[Path], run: Path) -> None:
     Raises:
         UsageError: none of them holds one.
     """
-    if not any(map(Journal.found, places)):
+    if not any(map(Journal.exists, places)):
         looked = ", ".join(map(str, places))
         raise UsageError(
             f"no run to resume in {run}: there is no journal in {looked}; begin one without resume"

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, field
 from enum import Enum
-from typing import Any
+from typing import Annotated, Any
+
+from annotated_types import MinLen
 
 ALL_COUNT = "every rollout that was asked for is counted"
 """Definition: an assumption about the rollouts; those of a machine may be void, and then run again."""
@@ -56,6 +58,7 @@ class Certificate:
         log_e_value: natural logarithm of the e-value against R.
         assumptions: each in one sentence; the certificate means nothing without them.
         settings: the declaration, made before the data.
+        epsilon: the achieved ε: upper − lower.
     """
 
     lower: float
@@ -69,17 +72,12 @@ class Certificate:
     iterations: int
     points: int
     discretisation: float
-    ladder: tuple[Rung, ...]
+    ladder: Annotated[tuple[Rung, ...], MinLen(1)]
     B_low: float
     log_e_value: float
     assumptions: tuple[str, ...]
     settings: dict[str, Any]
+    epsilon: float = field(init=False, default=0.0)
 
-    @property
-    def epsilon(self) -> float:
-        """The achieved ε: upper − lower."""
-        return self.upper - self.lower
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the record as plain JSON values."""
-        return asdict(self) | {"label": self.label.value, "epsilon": self.epsilon}
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "epsilon", self.upper - self.lower)

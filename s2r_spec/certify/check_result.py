@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -29,9 +29,9 @@ class Verdict(Enum):
     UNKNOWN = "unknown"
 
     @property
-    def exit_code(self) -> int:
+    def exit_code(self) -> Literal[0, 1, 3]:
         """0 holds, 1 violated, 3 unknown."""
-        return {Verdict.HOLDS: 0, Verdict.VIOLATED: 1, Verdict.UNKNOWN: 3}[self]
+        return 0 if self is Verdict.HOLDS else 1 if self is Verdict.VIOLATED else 3
 
 
 @dataclass(frozen=True)

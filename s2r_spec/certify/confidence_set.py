@@ -88,7 +88,8 @@ class ConfidenceSet:
 
     def deviation(self, planned: Samples, scale: FloatArray) -> FloatArray:
         """Return (P,) posterior standard deviations at a (1,) prior scale, had the planned samples been run."""
-        return self._engine.condition(self.points, planned).moments(scale, self.points).std[0]
+        posterior = self._engine.condition(self.points, planned)
+        return np.asarray(posterior.moments(scale, self.points).std[0])
 
     # -- in the unit of the outcome ----------------------------------------------------------
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -25,19 +25,34 @@ from s2r_spec.spec import Spec
 
 @dataclass(frozen=True)
 class GapTested:
-    """All pairs at one test point."""
+    """All pairs at one test point.
+
+    Attributes:
+        params: the test.
+        pairs: their number.
+        mean: mean Δ.
+        absolute: mean |Δ|, the paper's quantity; noise alone makes it positive.
+    """
 
     params: dict[str, float]
     pairs: int
     mean: float
-    """Mean Δ."""
     absolute: float
-    """Mean |Δ|, the paper's quantity; noise alone makes it positive."""
 
 
 @dataclass(frozen=True)
 class Pair:
-    """A real rollout, and the mean ρ of the simulated rollouts of the same replicate."""
+    """A real rollout, and the mean ρ of the simulated rollouts of the same replicate.
+
+    Attributes:
+        query: number of the test, in the order of the search.
+        replicate: number of the rollout at this test.
+        params: the test.
+        real: ρ of the real rollout.
+        simulated: mean ρ of the simulated rollouts.
+        failure: of the real rollout; None if it reached its end.
+        gap: Δ = ρ_real − ρ_sim.
+    """
 
     query: int
     replicate: int
@@ -45,12 +60,10 @@ class Pair:
     real: float
     simulated: float
     failure: str | None
-    """Of the real rollout."""
+    gap: float = field(init=False, default=0.0)
 
-    @property
-    def gap(self) -> float:
-        """Δ = ρ_real − ρ_sim."""
-        return self.real - self.simulated
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "gap", self.real - self.simulated)
 
 
 @dataclass(frozen=True)

@@ -90,7 +90,7 @@ def against(prefix: str, help_: str, search: Callable[[], Search]) -> Callable[.
             parsed = load_spec(spec)
             name = f"{prefix}{spec.stem}-{sim}-{real}"
             if resume is not None:
-                resume = with_any(resume, chosen.places, Journal.found)
+                resume = with_any(resume, chosen.places, Journal.exists)
             simulator, machine = logs([sim, real], nan, time_unit, columns)
             executor, folder, opening = begun(run, resume, name, seed, workers, scheduler, machine)
             try:

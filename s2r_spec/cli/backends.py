@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import json
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from s2r_spec.cli.common import sentences
 from s2r_spec.cli.terminal import say
 from s2r_spec.errors import UsageError
+from s2r_spec.plain import line
 
 if TYPE_CHECKING:
-    from s2r_spec.backend import Backend, Effect
+    from s2r_spec.backend import Backend
 
 
 def backends(
@@ -34,13 +34,14 @@ def backends(
     """List the installed backends, or describe one of them."""
     with sentences(as_json):
         from s2r_spec import backend as registry
+        from s2r_spec.json_objects.backends import BackendObject, BackendsObject
 
         if name is None and check:
             raise UsageError("--check needs the name of a backend: s2r backends NAME --check")
         if name is None:
             found = {key: point.value for key, point in registry.installed().items()}
             if as_json:
-                print(json.dumps({"schema": "s2r.backends/1", "backends": found}))
+                print(line(BackendsObject(backends=found)))
             else:
                 for key, value in found.items():
                     say(f"{key:12} {value}")
@@ -54,27 +55,21 @@ def backends(
             )
         if check:
             raise typer.Exit(_checked(machine, as_json))
-        parameters = [vars(p) for p in machine.parameters]
-        channels = [vars(c) for c in machine.channels]
         effects = machine.effects() if isinstance(machine, registry.HasEffects) else ()
         if as_json:
-            record: dict[str, Any] = {
-                "schema": "s2r.backend/1",
-                "name": machine.name if options else name,
-                "model_hash": machine.model_hash,
-            }
-            record |= {
-                "parameters": parameters,
-                "channels": channels,
-                "effects": [_record(e) for e in effects],
-            }
-            if options:
-                record["options"] = [vars(option) for option in options]
-            if exclusive:
-                record["exclusive"] = True
-            if assumed:
-                record["assumptions"] = assumed
-            print(json.dumps(record))
+            # A backend's own effects may have functions besides.
+            plain = (registry.Effect(e.name, e.family, e.physics, tuple(e.parameters)) for e in effects)
+            record = BackendObject(
+                name=machine.name if options else name,
+                model_hash=machine.model_hash,
+                parameters=tuple(machine.parameters),
+                channels=tuple(machine.channels),
+                effects=tuple(plain),
+                options=options or None,
+                exclusive=True if exclusive else None,
+                assumptions=assumed or None,
+            )
+            print(line(record))
             return
         say(f"{machine.name}: rollouts of {machine.duration:g} s, about {machine.cost:g} s each on one core")
         if exclusive:
@@ -110,6 +105,7 @@ def backends(
 def _checked(machine: Backend, as_json: bool) -> int:
     """Print the result of each conformance check as soon as it is known, and return the exit code."""
     from s2r_spec.conformance import check_conformance
+    from s2r_spec.json_objects.backends import ConformanceCheck, ConformanceObject
 
     found = []
     for check in check_conformance(machine):
@@ -120,14 +116,11 @@ def _checked(machine: Backend, as_json: bool) -> int:
                 say(f"        {sentence}")
     broken = sum(bool(check.violations) for check in found)
     if as_json:
-        records = [{"words": c.requirement, "broken": c.violations, "remarks": c.remarks} for c in found]
-        print(json.dumps({"schema": "s2r.promises/1", "name": machine.name, "promises": records}))
+        checks = (
+            ConformanceCheck(words=c.requirement, broken=tuple(c.violations), remarks=tuple(c.remarks))
+            for c in found
+        )
+        print(line(ConformanceObject(name=machine.name, promises=tuple(checks))))
     else:
         say(f"{machine.name} keeps {len(found) - broken} of {len(found)} rules")
     return 1 if broken else 0
-
-
-def _record(effect: Effect) -> dict[str, Any]:
-    """Return the fields of an effect that the protocol declares; a backend's own record may have functions, too."""
-    parameters = [vars(p) for p in effect.parameters]
-    return {"name": effect.name, "family": effect.family, "physics": effect.physics, "parameters": parameters}

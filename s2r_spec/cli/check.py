@@ -138,7 +138,7 @@ def check(
                             executor=executor,
                             timeout=seconds(timeout),
                             # In an interrupted run the next requirement may not have begun.
-                            resume=resume is not None and Journal.found(place),
+                            resume=resume is not None and Journal.exists(place),
                             observer=live,
                             void=void,
                         )

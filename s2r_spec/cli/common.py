@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import errno
 import itertools
-import json
 import math
 import os
 import re
@@ -14,18 +13,20 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any, Literal, NoReturn
 
 import typer
 
 from s2r_spec.cli.terminal import say
-from s2r_spec.errors import S2RError, StoppedError, TraceNote, UsageError
+from s2r_spec.errors import ErrorCode, S2RError, StoppedError, TraceNote, UsageError
+from s2r_spec.json_objects.error import ErrorObject
+from s2r_spec.plain import line
 from s2r_spec.printable import one_line
 
 if TYPE_CHECKING:
     from s2r_spec.rollouts.pools import ExecutorFactory
 
-CODES = {"holds": 0, "violated": 1, "unknown": 3}
+CODES: dict[str, Literal[0, 1, 3]] = {"holds": 0, "violated": 1, "unknown": 3}
 COLOURS = {"holds": "bold green", "violated": "bold red", "unknown": "bold yellow"}
 
 _LONGEST_NAME = 150
@@ -68,7 +69,7 @@ def sentences(as_json: bool = False) -> Iterator[None]:
         _new.clear()
 
 
-def _refuse(sentence: str, exit_code: int, as_json: bool, cause: Exception) -> NoReturn:
+def _refuse(sentence: str, exit_code: ErrorCode, as_json: bool, cause: Exception) -> NoReturn:
     # A specification error has several lines: a sentence, then the mistakes.
     first, line_feed, rest = sentence.partition("\n")
     if isinstance(cause, StoppedError):  # the operator asked for it: no error
@@ -99,11 +100,11 @@ def note(sentence: str) -> None:
     say(f"note: {sentence}", error=True)
 
 
-def print_error(exit_code: int, sentence: str) -> None:
+def print_error(exit_code: ErrorCode, sentence: str) -> None:
     """Print an error as the one JSON object on stdout."""
     global _json_was_printed
     _json_was_printed = True
-    print(json.dumps({"schema": "s2r.error/1", "exit_code": exit_code, "error": sentence}, allow_nan=False))
+    print(line(ErrorObject(exit_code=exit_code, error=sentence)))
 
 
 def answered() -> None:
@@ -149,7 +150,7 @@ def refuse_without_operator(name: str) -> None:
         UsageError: the machine needs an operator and stdin is no terminal.
     """
     from s2r_spec.backend import HasAttendance, is_exclusive, load_backend
-    from s2r_spec.rollouts.operator import Terminal, refuse_nobody
+    from s2r_spec.rollouts.operator import Terminal, require_terminal
 
     operator = Terminal()
     if operator.there or name.startswith("log:"):
@@ -165,7 +166,7 @@ def refuse_without_operator(name: str) -> None:
         with suppress(S2RError):  # a backend that needs the specification first has an operator
             attendance = backend.attendance(operator)
     if not getattr(attendance, "unattended", False):
-        refuse_nobody(operator)
+        require_terminal(operator)
 
 
 def seconds(timeout: float | None) -> float | None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -12,6 +11,8 @@ import typer
 from s2r_spec.cli.common import sentences
 from s2r_spec.cli.terminal import say
 from s2r_spec.files import save
+from s2r_spec.json_objects.specs import FormatObject, LatexObject
+from s2r_spec.plain import line
 
 
 class Target(StrEnum):
@@ -41,11 +42,7 @@ def fmt(
         texts = {path: read_text(path) for path in specs}
         if to is Target.latex:
             latex = {str(path): to_latex(text, str(path)) for path, text in texts.items()}
-            print(
-                json.dumps({"schema": "s2r.latex/1", "latex": latex})
-                if as_json
-                else "\n".join(latex.values())
-            )
+            print(line(LatexObject(latex=latex)) if as_json else "\n".join(latex.values()))
             return
         # all files are read and parsed before the first one is written
         written = {path: format_text(text, str(path)) for path, text in texts.items()}
@@ -55,9 +52,5 @@ def fmt(
                 save(path, written[path])
             say(f"{'would change' if check else 'changed'} {path}", error=True)
         if as_json:
-            print(
-                json.dumps(
-                    {"schema": "s2r.fmt/1", "check": check, "changed": [str(path) for path in changed]}
-                )
-            )
+            print(line(FormatObject(check=check, changed=tuple(map(str, changed)))))
         raise typer.Exit(1 if check and changed else 0)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Annotated
 
@@ -10,6 +9,8 @@ import typer
 
 from s2r_spec.cli.common import sentences
 from s2r_spec.files import save
+from s2r_spec.json_objects.specs import LintFinding, LintObject
+from s2r_spec.plain import line
 
 
 def lint(
@@ -37,12 +38,18 @@ def lint(
             findings = {path: tuple(f for f in found if not f.edits) for path, found in findings.items()}
         flat = [finding for found in findings.values() for finding in found]
         if as_json:
-            rows = [
-                {"file": f.span.source.name, "line": f.span.line, "column": f.span.column, "code": f.code,
-                 "message": f.message, "fix": f.fix}
+            rows = (
+                LintFinding(
+                    file=f.span.source.name,
+                    line=f.span.line,
+                    column=f.span.column,
+                    code=f.code,
+                    message=f.message,
+                    fix=f.fix,
+                )
                 for f in flat
-            ]  # fmt: skip
-            print(json.dumps({"schema": "s2r.lint/1", "findings": rows}))
+            )
+            print(line(LintObject(findings=tuple(rows))))
         elif flat:
             print("\n\n".join(map(str, flat)))
         raise typer.Exit(1 if flat else 0)

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 from rich.text import Text
@@ -15,9 +14,12 @@ from s2r_spec.cli.common import CODES, COLOURS, answered, sentences, worst
 from s2r_spec.cli.online import Settings, follow
 from s2r_spec.cli.options import Columns, Nan, TimeUnit, missing
 from s2r_spec.cli.reading import Recorded, Request, named, read
+from s2r_spec.plain import line
 from s2r_spec.printable import lines, one_line
 
 if TYPE_CHECKING:
+    from s2r_spec.json_objects.monitor import MonitoredKind, MonitoredTrace, UnreadTrace
+    from s2r_spec.json_objects.parts import ExitCode
     from s2r_spec.robustness.evaluation import Evaluation
     from s2r_spec.robustness.profiles import Profile
 
@@ -81,6 +83,7 @@ def monitor(
     """Evaluate requirements on recorded traces: robustness ρ, verdict, and the instant that decides."""
     with sentences(as_json):
         from s2r_spec.errors import UsageError
+        from s2r_spec.json_objects.monitor import MonitorObject, UnreadTrace
         from s2r_spec.logs.mapping import read_map
         from s2r_spec.robustness.profiles import profile
         from s2r_spec.spec import load_spec
@@ -100,7 +103,7 @@ def monitor(
             raise typer.Exit(follow(request, traces[0], Settings(period, ranges, partial, as_json)))
         if period is not None or not ranges:
             raise UsageError("--period and --no-ranges are for --online")
-        results: list[dict[str, Any]] = []
+        results: list[MonitoredTrace | UnreadTrace] = []
         for path in traces:
             try:
                 results.append(_evaluated(request, path, partial, like, conventions))
@@ -108,16 +111,21 @@ def monitor(
                 if len(traces) == 1:
                     raise
                 print(f"error: {error}", file=sys.stderr)
-                results.append({"trace": str(path), "error": str(error), "requirements": []})
-        verdicts = [one["verdict"] for result in results for one in result["requirements"]]
-        broken = any("error" in result for result in results)
-        code = UsageError.exit_code if broken else CODES[worst(verdicts)]
+                results.append(UnreadTrace(trace=str(path), error=str(error)))
+        verdicts = [one.verdict for result in results for one in result.requirements]
+        broken = any(isinstance(result, UnreadTrace) for result in results)
+        code: ExitCode | Literal[2] = 2 if broken else CODES[worst(verdicts)]
         if as_json:
             answered()
-            record = {"schema": "s2r.monitor/1", "exit_code": code, "spec": parsed.name, "hash": parsed.hash}
-            print(
-                json.dumps(record | {"profile": like, "params": values, "results": results}, allow_nan=False)
+            record = MonitorObject(
+                exit_code=code,
+                spec=parsed.name,
+                hash=parsed.hash,
+                profile=like,
+                params=values,
+                results=tuple(results),
             )
+            print(line(record, infinite=True))
         else:
             _print(results)
         raise typer.Exit(code)
@@ -125,32 +133,41 @@ def monitor(
 
 def _evaluated(
     request: Request, path: Path, partial: bool, like: str, conventions: Profile
-) -> dict[str, Any]:
-    """Return every requirement of one file as plain data; an error names the file."""
+) -> MonitoredTrace:
+    """Return the results of one file; an error names the file."""
+    from s2r_spec.json_objects.monitor import MonitoredTrace
+
     recorded = read(request, path)
     with named(path):
-        return {
-            "trace": str(path),
-            "params": recorded.params,
-            "from_trace": sorted(recorded.taken),
-            "notes": list(recorded.notes),
-            "requirements": [
+        return MonitoredTrace(
+            trace=str(path),
+            params=recorded.params,
+            from_trace=tuple(sorted(recorded.taken)),
+            notes=tuple(recorded.notes),
+            requirements=tuple(
                 _evaluated_requirement(request, recorded, name, partial, like, conventions)
                 for name in request.requirements
-            ],
-        }
+            ),
+        )
 
 
 def _evaluated_requirement(
     request: Request, recorded: Recorded, requirement: str, partial: bool, like: str, conventions: Profile
-) -> dict[str, Any]:
-    """Return the explanation of one requirement as plain data, with its verdict and its text."""
+) -> MonitoredKind:
+    """Return the explanation of one requirement, with its verdict and its text."""
+    from s2r_spec.json_objects.monitor import (
+        FailedRequirement,
+        MonitoredRequirement,
+        Sampling,
+        UnknownRequirement,
+    )
+    from s2r_spec.json_objects.parts import extended
     from s2r_spec.robustness.explain import Explanation
 
     spec, trace, params, nan = request.spec, recorded.trace, recorded.params, request.nan
     # A user who states the unit of the times knows the sample period.
     sparse = request.time_unit is not None
-    sampling: dict[str, Any] = {}
+    sampling = None
     lines: list[str] = []
     reason = None
     if trace.failure is None:
@@ -158,7 +175,7 @@ def _evaluated_requirement(
         if partial and not held:
             conventions = {**conventions, "end": "clip"}
         found = spec.evaluate(trace, requirement, params, nan=nan, sparse=sparse, **conventions)
-        sampling = {"period": found.period, "duration": found.duration, "narrowest_window": found.narrowest}
+        sampling = Sampling(period=found.period, duration=found.duration, narrowest_window=found.narrowest)
         lines = [_sampled(found), *(f"  note: {note}" for note in found.notes)]
         if not (found.complete[0] or partial or held):
             shortfall = spec.shortfall(trace, requirement, params, nan=nan)
@@ -168,12 +185,7 @@ def _evaluated_requirement(
                     *lines,
                 )
             )
-            return {
-                "requirement": requirement,
-                "verdict": "unknown",
-                "satisfied": None,
-                "text": text,
-            } | sampling
+            return extended(UnknownRequirement, sampling, requirement=requirement, text=text)
         why = ""
         if conventions["interpolation"] != "samples":
             why = f"{like} evaluates it at every instant, so no single sample decides it"
@@ -186,7 +198,10 @@ def _evaluated_requirement(
         trace, requirement, params, until=conventions["until"], partial=True, nan=nan, sparse=sparse
     )
     verdict = "holds" if reason.satisfied else "violated"
-    return {"verdict": verdict, "text": "\n".join((str(reason), *lines)), **reason.to_json()} | sampling
+    text = "\n".join((str(reason), *lines))
+    if sampling is None:
+        return extended(FailedRequirement, reason, verdict=verdict, text=text)
+    return extended(MonitoredRequirement, reason, verdict=verdict, text=text, **vars(sampling))
 
 
 def _sampled(found: Evaluation) -> str:
@@ -197,15 +212,17 @@ def _sampled(found: Evaluation) -> str:
     return f"  sampled every {found.period:.6g} s for {found.duration:.6g} s{windows}"
 
 
-def _print(results: list[dict[str, Any]]) -> None:
+def _print(results: list[MonitoredTrace | UnreadTrace]) -> None:
+    from s2r_spec.json_objects.monitor import UnreadTrace
+
     console = terminal.console()
     for result in results:
-        if "error" in result:
+        if isinstance(result, UnreadTrace):
             continue  # printed on stderr
-        taken = ", ".join(f"{name} = {result['params'][name]:g}" for name in result["from_trace"])
-        head = Text(one_line(result["trace"]), style="bold")
+        taken = ", ".join(f"{name} = {result.params[name]:g}" for name in result.from_trace)
+        head = Text(one_line(result.trace), style="bold")
         console.print(head.append(f", {taken} as recorded", style="not bold") if taken else head)
-        for one in result["requirements"]:
-            text = Text(lines(one["text"]))
-            text.highlight_words([f" {one['verdict']}:"], style=COLOURS[one["verdict"]])
+        for one in result.requirements:
+            text = Text(lines(one.text))
+            text.highlight_words([f" {one.verdict}:"], style=COLOURS[one.verdict])
             console.print(text)

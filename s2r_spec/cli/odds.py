@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
@@ -11,6 +9,7 @@ import typer
 
 from s2r_spec.cli.common import sentences
 from s2r_spec.cli.terminal import say
+from s2r_spec.plain import line
 
 
 def odds(
@@ -40,6 +39,7 @@ def odds(
     with sentences(as_json):
         from s2r_spec.certify.failure_probability import bound_failure_probability as bound
         from s2r_spec.certify.rounding import at_least, at_most
+        from s2r_spec.json_objects.runs import OddsObject, RequirementOdds
         from s2r_spec.report.recompute import recompute, runs_in
 
         results = []
@@ -67,10 +67,10 @@ def odds(
             )
         if as_json:
             record = {
-                found.result.requirement: {"delta": risk, "levels": [asdict(one) for one in levels]}
+                found.result.requirement: RequirementOdds(delta=risk, levels=tuple(levels))
                 for found, risk, levels in results
             }
-            print(json.dumps({"schema": "s2r.odds/1", "results": record}, allow_nan=False))
+            print(line(OddsObject(results=record)))
             return
         for found, risk, levels in results:
             unit = f" {found.result.unit}" if found.result.unit else ""

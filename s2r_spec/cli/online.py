@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import math
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -15,13 +13,14 @@ from rich.text import Text
 from s2r_spec.cli.common import CODES, COLOURS, note, worst
 from s2r_spec.cli.reading import Request, named, parameters, read
 from s2r_spec.cli.terminal import console
+from s2r_spec.plain import line
 from s2r_spec.printable import one_line
 
 if TYPE_CHECKING:
+    from s2r_spec.json_objects.monitor import ChangeObject, OnlineObject, RequirementInterval
     from s2r_spec.robustness.online.monitor import RobustInterval
     from s2r_spec.spec import Spec
 
-SCHEMA = {"schema": "s2r.online/1"}
 Sample = tuple[float, Mapping[str, Any]]
 
 
@@ -176,18 +175,27 @@ def _fallen(spec: Spec, requirement: str, meta: Mapping[str, Any]) -> RobustInte
     return RobustInterval(rho, rho, satisfied=rho > 0)
 
 
-def _plain(interval: RobustInterval) -> dict[str, Any]:
-    """Return the interval for JSON; an infinite end becomes the text "inf" or "-inf"."""
-    ends = {"lower": interval.lower, "upper": interval.upper}
-    return {"verdict": interval.verdict, "satisfied": interval.satisfied} | {
-        key: end if math.isfinite(end) else str(end) for key, end in ends.items()
-    }
+def _record(spec: Spec, name: str, interval: RobustInterval) -> RequirementInterval:
+    """Return the record of a requirement's interval."""
+    from s2r_spec.json_objects.monitor import RequirementInterval
+
+    return RequirementInterval(
+        requirement=name,
+        unit=spec.unit(name),
+        verdict=interval.verdict,
+        satisfied=interval.satisfied,
+        lower=interval.lower,
+        upper=interval.upper,
+    )
 
 
 def _changed(spec: Spec, name: str, recent: Sequence[float], interval: RobustInterval, as_json: bool) -> None:
     time = recent[-1]
     if as_json:
-        _print_json(SCHEMA | {"time": time, "requirement": name, "unit": spec.unit(name)} | _plain(interval))
+        from s2r_spec.json_objects.monitor import ChangeObject
+        from s2r_spec.json_objects.parts import extended
+
+        _print_json(extended(ChangeObject, _record(spec, name, interval), time=time))
     else:
         from s2r_spec.instants import instant
 
@@ -204,11 +212,14 @@ def _print_end(
 ) -> int:
     code = CODES[worst(interval.verdict for interval in ended.values())]
     if settings.as_json:
-        results = [
-            {"requirement": name, "unit": spec.unit(name)} | _plain(one) for name, one in ended.items()
-        ]
-        about = {"exit_code": code, "spec": spec.name, "hash": spec.hash, "params": dict(params)}
-        _print_json(SCHEMA | about | {"requirements": results})
+        from s2r_spec.json_objects.monitor import OnlineObject
+
+        results = tuple(_record(spec, name, one) for name, one in ended.items())
+        _print_json(
+            OnlineObject(
+                exit_code=code, spec=spec.name, hash=spec.hash, params=dict(params), requirements=results
+            )
+        )
     else:
         for name, interval in ended.items():
             more = f" ({shortfalls[name]})" if name in shortfalls else ""
@@ -222,8 +233,8 @@ def _words(interval: RobustInterval, unit: str) -> str:
     return f"ρ in [{interval.lower:+.6g}, {interval.upper:+.6g}] {unit}".rstrip()
 
 
-def _print_json(record: Mapping[str, Any]) -> None:
-    print(json.dumps(record, allow_nan=False), flush=True)
+def _print_json(record: ChangeObject | OnlineObject) -> None:
+    print(line(record, infinite=True), flush=True)
 
 
 def _write(line: str, interval: RobustInterval) -> None:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 import re
-from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
@@ -13,6 +11,7 @@ import typer
 from s2r_spec.cli.common import cores, sentences
 from s2r_spec.cli.options import Quiet
 from s2r_spec.cli.terminal import console, say
+from s2r_spec.plain import line
 
 
 def plan(
@@ -91,6 +90,8 @@ def plan(
         from s2r_spec.certify.pilot import read_pilot
         from s2r_spec.cli.stages import Stages
         from s2r_spec.errors import UsageError
+        from s2r_spec.json_objects.parts import extended
+        from s2r_spec.json_objects.plan import PlanObject
         from s2r_spec.rollouts.journal import Journal
         from s2r_spec.space import Space
         from s2r_spec.spec import load_spec
@@ -142,9 +143,8 @@ def plan(
                 progress=stages,
             )
         if as_json:
-            summary = {"schema": "s2r.plan/1", "R": R, "epsilon": eps, "delta": delta, "B": B}
-            extra = {"seconds_per_rollout": seconds, "pilot": asdict(noise) if noise else None}
-            print(json.dumps(summary | asdict(result) | extra, allow_nan=False))
+            declaration = {"R": R, "epsilon": eps, "delta": delta, "B": B}
+            print(line(extended(PlanObject, result, **declaration, seconds_per_rollout=seconds, pilot=noise)))
             return
 
         def cost(rollouts: float | None) -> str:
@@ -228,10 +228,11 @@ def _pilot_run(folder: Path, requirement: str | None) -> Path:
 
 def _print_pilot(noise: object, as_json: bool) -> None:
     from s2r_spec.certify.pilot import Pilot
+    from s2r_spec.json_objects.plan import PilotObject
 
     assert isinstance(noise, Pilot)
     if as_json:
-        print(json.dumps({"schema": "s2r.plan/1", "pilot": asdict(noise)}, allow_nan=False))
+        print(line(PilotObject(pilot=noise)))
         return
     say(
         f"pilot of {noise.rollouts} rollouts: standard deviation {noise.std:.3g}, "

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -10,6 +9,7 @@ import typer
 
 from s2r_spec.cli.common import sentences
 from s2r_spec.cli.terminal import say
+from s2r_spec.plain import line
 
 if TYPE_CHECKING:
     from s2r_spec.rollouts.replay import Replay
@@ -34,21 +34,22 @@ def replay(
     """Run a recorded rollout again and compare ρ. A machine's rollout is only shown."""
     with sentences(as_json):
         from s2r_spec import logs
+        from s2r_spec.json_objects.runs import ReplayObject
         from s2r_spec.rollouts.replay import replay as again
 
         result = again(rollout)
         if save is not None:
             logs.write(result.trace, save)
         if as_json:
-            record = {
-                "schema": "s2r.replay/1",
-                "rollout": rollout,
-                "params": result.params,
-                "seed": result.seed,
-            }
-            print(
-                json.dumps(record | {"rho": result.rho, "recorded_rho": result.recorded, "same": result.same})
+            record = ReplayObject(
+                rollout=rollout,
+                params=result.params,
+                seed=result.seed,
+                rho=result.rho,
+                recorded_rho=result.recorded,
+                same=result.same,
             )
+            print(line(record))
         else:
             test = ", ".join(f"{name} = {value:.6g}" for name, value in result.params.items())
             say(f"{test}, seed {result.seed}: ρ = {result.rho:+.6f} {result.unit}".rstrip())

@@ -110,8 +110,8 @@ def write(trace: Trace, path: str | Path) -> None:
     path = Path(path)
     writer = _WRITERS[_ending(path)]
     try:
-        with replacing(path) as beside:
-            writer(trace, beside)
+        with replacing(path) as temporary:
+            writer(trace, temporary)
     except OSError as error:
         raise TraceError(f"cannot write {path}: {error.strerror or error}") from None
     except TraceError as error:

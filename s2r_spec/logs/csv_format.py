@@ -262,7 +262,7 @@ def _table(text: Text, needed: Sequence[int]) -> Table:
         if len(lines) % most == 0:
             to_arrays()
     to_arrays()
-    columns = {number: _joined(found) for number, found in pieces.items()}
+    columns = {number: _joined(parts) for number, parts in pieces.items()}
 
     def place(sample: int, number: int) -> str:
         return f"line {lines[sample]}, column {number + 1} ({text.heads[number].name})"

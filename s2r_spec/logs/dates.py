@@ -49,8 +49,8 @@ def nanoseconds(texts: NDArray[Any], place: Callable[[int], str]) -> NDArray[np.
             raise TraceError(
                 f"{place(sample)} is {text!r}: only some of the dates state a time zone; state it for all or none"
             )
-    found: NDArray[np.datetime64] = _seconds(whole, texts, place).astype("M8[ns]") + rest.view("m8[ns]")
-    return found
+    dates: NDArray[np.datetime64] = _seconds(whole, texts, place).astype("M8[ns]") + rest.view("m8[ns]")
+    return dates
 
 
 def _offset(zone: str | None) -> int:
@@ -64,7 +64,7 @@ def _offset(zone: str | None) -> int:
 
 def _seconds(whole: list[str], texts: NDArray[Any], place: Callable[[int], str]) -> NDArray[np.datetime64]:
     try:
-        found = np.array(whole, dtype="M8[s]")
+        seconds = np.array(whole, dtype="M8[s]")
     except ValueError:
         for sample, text in enumerate(whole):
             try:
@@ -74,14 +74,14 @@ def _seconds(whole: list[str], texts: NDArray[Any], place: Callable[[int], str])
                     f"{place(sample)} is {texts[sample]!r}, which is no date of the calendar"
                 ) from None
         raise
-    outside = (found < np.datetime64("1678", "s")) | (found > np.datetime64("2262", "s"))
+    outside = (seconds < np.datetime64("1678", "s")) | (seconds > np.datetime64("2262", "s"))
     if outside.any():
         bad = int(np.argmax(outside))
         raise TraceError(f"{place(bad)} is {texts[bad]!r}; a date must lie between 1678 and 2261")
-    return found
+    return seconds
 
 
 def text(date: np.datetime64) -> str:
     """Return a date as text, without trailing zeros."""
-    found = str(np.datetime_as_string(date))
-    return found.rstrip("0").rstrip(".") if "." in found else found
+    written = str(np.datetime_as_string(date))
+    return written.rstrip("0").rstrip(".") if "." in written else written

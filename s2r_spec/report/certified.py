@@ -2,40 +2,33 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 from s2r_spec.backend import short
 from s2r_spec.certify.check import Verdict
 from s2r_spec.certify.real_machine import CertifyResult
 from s2r_spec.certify.rounding import between, down, up
+from s2r_spec.json_objects.certify import CertifyObject
 from s2r_spec.report import checked, gapped
 from s2r_spec.report.checked import LARGER_B, location, test_words
 from s2r_spec.report.finding import Finding, Report, Section
 from s2r_spec.spec import Spec
 
-SCHEMA = "s2r.certify/1"
-
 
 def report(spec: Spec, result: CertifyResult, command: str = "s2r certify") -> Report:
     """Return the report of both searches; every reporter renders it."""
     code = result.verdict.exit_code
-    record = {"schema": SCHEMA, "exit_code": code} | to_json(result)
-    where = {"location": location(spec, result.simulated.requirement)}
-    return Report(command, (finding(spec, result),), code, record | where)
-
-
-def to_json(result: CertifyResult) -> dict[str, Any]:
-    """Return the records of both searches and of the composed bound as plain JSON values."""
-    return {
-        "verdict": result.verdict.value,
-        "reason": result.reason,
-        "real": result.real,
-        "promise": asdict(result.composition) if result.composition else None,
-        "simulation": checked.to_json(result.simulated),
-        "gap": gapped.to_json(result.gap) if result.gap else None,
-    }
+    record = CertifyObject(
+        exit_code=code,
+        verdict=result.verdict,
+        reason=result.reason,
+        real=result.real,
+        promise=result.composition,
+        simulation=checked.requirement_record(result.simulated),
+        gap=gapped.gap_record(result.gap) if result.gap else None,
+        location=location(spec, result.simulated.requirement),
+    )
+    return Report(command, (finding(spec, result),), code, record)
 
 
 def finding(spec: Spec, result: CertifyResult) -> Finding:
@@ -67,7 +60,7 @@ def finding(spec: Spec, result: CertifyResult) -> Finding:
         ),
         replay=gapped.replay_line(gap) if gap else checked.replay_line(simulated),
         file=Path(spec.name),
-        line=location(spec, simulated.requirement)["line"],
+        line=location(spec, simulated.requirement).line,
         seconds=simulated.seconds + (gap.seconds if gap else 0.0),
     )
 

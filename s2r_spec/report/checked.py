@@ -5,19 +5,25 @@ from __future__ import annotations
 import math
 import shlex
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import cast
 
 from s2r_spec.backend import short
 from s2r_spec.certify.certificate import Certificate, Label
 from s2r_spec.certify.check import CheckResult, Verdict
 from s2r_spec.certify.rounding import at_least, at_most, between, down, up, wide
 from s2r_spec.certify.voids import void_words
+from s2r_spec.json_objects.check import (
+    CheckedRequirement,
+    CheckObject,
+    Provenance,
+    RobustnessSearch,
+    WorstExpectedRobustness,
+)
+from s2r_spec.json_objects.parts import Location, extended
 from s2r_spec.report.finding import Finding, Report, Section
 from s2r_spec.spec import Spec
 
-SCHEMA = "s2r.check/1"
 LARGER_B = "Interval for larger B (all rows hold at once)"
 """Title of the section that gives the bound for B, 2B, 4B and 8B."""
 
@@ -26,47 +32,41 @@ def report(pairs: Sequence[tuple[Spec, CheckResult]], command: str = "s2r check"
     """Return the report of several results, each with its spec; every reporter renders it."""
     # Worst first, as the exit codes are ranked: 1 > 3 > 0.
     code = max((result.verdict.exit_code for _, result in pairs), key=[0, 3, 1].index)
-    record = {
-        "schema": SCHEMA,
-        "exit_code": code,
-        "results": [to_json(result) for _, result in pairs],
-        "locations": {result.requirement: location(spec, result.requirement) for spec, result in pairs},
-    }
+    record = CheckObject(
+        exit_code=code,
+        results=tuple(requirement_record(result) for _, result in pairs),
+        locations={result.requirement: location(spec, result.requirement) for spec, result in pairs},
+    )
     return Report(command, tuple(finding(*pair) for pair in pairs), code, record)
 
 
-def to_json(result: CheckResult) -> dict[str, Any]:
-    """Return the record of one requirement as plain JSON values."""
+def requirement_record(result: CheckResult) -> CheckedRequirement:
+    """Return the record of one requirement."""
     certificate = result.certificate
-    return {
-        "requirement": result.requirement,
-        "verdict": result.verdict.value,
-        "reason": result.reason,
-        "worst_expected_robustness": {
-            "lower": result.lower,
-            "upper": result.upper,
-            "unit": result.unit,
-            "epsilon": certificate.epsilon,
-            "probability_at_least": 1 - certificate.delta,
-            "delta": certificate.delta,
-        },
-        "label": certificate.label.value,
-        "worst": asdict(result.worst),
-        "lowest": asdict(result.lowest),
-        "failures": result.failures,
-        "assumptions": list(result.assumptions),
-        # The search maximises −ρ: its record keeps that sign, and "objective" states it.
-        "search": {"objective": "-rho"} | certificate.to_json(),
-        "provenance": result.provenance,
-        "folder": str(result.folder),
-        "replay": replay_line(result),
-        "seconds": round(result.seconds, 3),
-    } | voids_json(result.voids)
-
-
-def voids_json(voids: Mapping[str, int] | None) -> dict[str, Any]:
-    """Return the field of void rollouts, which only a machine has."""
-    return {} if voids is None else {"voids": dict(voids)}
+    return CheckedRequirement(
+        requirement=result.requirement,
+        verdict=result.verdict,
+        reason=result.reason,
+        worst_expected_robustness=WorstExpectedRobustness(
+            lower=result.lower,
+            upper=result.upper,
+            unit=result.unit,
+            epsilon=certificate.epsilon,
+            probability_at_least=1 - certificate.delta,
+            delta=certificate.delta,
+        ),
+        label=certificate.label,
+        worst=result.worst,
+        lowest=result.lowest,
+        failures=result.failures,
+        assumptions=result.assumptions,
+        search=extended(RobustnessSearch, certificate),
+        provenance=cast(Provenance, result.provenance),
+        folder=str(result.folder),
+        replay=replay_line(result),
+        seconds=round(result.seconds, 3),
+        voids=result.voids,
+    )
 
 
 def voids_fact(voids: Mapping[str, int] | None, rollouts: int) -> tuple[tuple[str, str], ...]:
@@ -119,7 +119,7 @@ def finding(spec: Spec, result: CheckResult) -> Finding:
         again=f"lowest ρ ({result.lowest.rho:+.4f}{unit})",
         replay=replay_line(result),
         file=Path(spec.name),
-        line=location(spec, result.requirement)["line"],
+        line=location(spec, result.requirement).line,
         seconds=result.seconds,
     )
 
@@ -178,6 +178,6 @@ def _headline(result: CheckResult, unit: str, probability: str) -> str:
     return f"worst expected ρ in {between(result.lower, result.upper)}{unit}, {probability}"
 
 
-def location(spec: Spec, requirement: str) -> dict[str, Any]:
+def location(spec: Spec, requirement: str) -> Location:
     """Return the file and line of a requirement."""
-    return {"file": spec.name, "line": spec.formulas[requirement].span.line}
+    return Location(file=spec.name, line=spec.formulas[requirement].span.line)

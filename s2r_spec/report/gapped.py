@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Mapping
-from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import cast
 
 from s2r_spec.backend import short
 from s2r_spec.certify.certificate import Label
 from s2r_spec.certify.check import Verdict
 from s2r_spec.certify.gap_result import GapResult
 from s2r_spec.certify.rounding import between, down
+from s2r_spec.json_objects.gap import Band, BoundedGap, GapObject, GapProvenance, GapSearch, WorstExpectedGap
+from s2r_spec.json_objects.parts import extended
 from s2r_spec.report.checked import (
     LARGER_B,
     location,
@@ -21,12 +22,10 @@ from s2r_spec.report.checked import (
     test_words,
     took,
     voids_fact,
-    voids_json,
 )
 from s2r_spec.report.finding import Finding, Report, Section
 from s2r_spec.spec import Spec
 
-SCHEMA = "s2r.gap/1"
 # A gap has no verdict of its own: its interval is at most ε wide, or wider.
 WORDS = {
     Label.CERTIFIED: "BOUNDED",
@@ -40,39 +39,39 @@ WORDS = {
 def report(spec: Spec, result: GapResult, command: str = "s2r gap") -> Report:
     """Return the report of a gap; every reporter renders it."""
     one = finding(spec, result)
-    record = {"schema": SCHEMA, "exit_code": one.verdict.exit_code} | to_json(result)
-    return Report(
-        command, (one,), one.verdict.exit_code, record | {"location": location(spec, result.requirement)}
-    )
+    code, where = one.verdict.exit_code, location(spec, result.requirement)
+    record = extended(GapObject, gap_record(result), exit_code=code, location=where)
+    return Report(command, (one,), code, record)
 
 
-def to_json(result: GapResult) -> dict[str, Any]:
-    """Return the record of a gap as plain JSON values."""
+def gap_record(result: GapResult) -> BoundedGap:
+    """Return the record of a gap."""
     certificate = result.certificate
-    return {
-        "requirement": result.requirement,
-        "worst_expected_gap": {
-            "lower": result.lower,
-            "upper": result.upper,
-            "unit": result.unit,
-            "epsilon": certificate.epsilon,
-            "delta": certificate.delta if certificate.label.bounds else None,
-        },
-        "band": {"low": result.low, "high": result.high, "unit": result.unit},
-        "label": certificate.label.value,
-        "reason": certificate.reason,
-        "worst": asdict(result.worst),
-        "lowest": asdict(result.lowest) | {"gap": result.lowest.gap},
-        "largest_mean_absolute_gap": result.absolute,
-        "failures": result.failures,
-        "assumptions": list(result.assumptions),
-        "tested": [asdict(test) for test in result.tested],
-        "search": {"objective": "-delta"} | certificate.to_json(),
-        "provenance": result.provenance,
-        "folder": str(result.folder),
-        "replay": replay_line(result),
-        "seconds": round(result.seconds, 3),
-    } | voids_json(result.voids)
+    return BoundedGap(
+        requirement=result.requirement,
+        worst_expected_gap=WorstExpectedGap(
+            lower=result.lower,
+            upper=result.upper,
+            unit=result.unit,
+            epsilon=certificate.epsilon,
+            delta=certificate.delta if certificate.label.bounds else None,
+        ),
+        band=Band(low=result.low, high=result.high, unit=result.unit),
+        label=certificate.label,
+        reason=certificate.reason,
+        worst=result.worst,
+        lowest=result.lowest,
+        largest_mean_absolute_gap=result.absolute,
+        failures=result.failures,
+        assumptions=result.assumptions,
+        tested=result.tested,
+        search=extended(GapSearch, certificate),
+        provenance=cast(GapProvenance, result.provenance),
+        folder=str(result.folder),
+        replay=replay_line(result),
+        seconds=round(result.seconds, 3),
+        voids=result.voids,
+    )
 
 
 def finding(spec: Spec, result: GapResult) -> Finding:
@@ -100,7 +99,7 @@ def finding(spec: Spec, result: GapResult) -> Finding:
         again=f"real rollout of the lowest Δ ({result.lowest.gap:+.4f}{unit})",
         replay=replay_line(result),
         file=Path(spec.name),
-        line=location(spec, result.requirement)["line"],
+        line=location(spec, result.requirement).line,
         seconds=result.seconds,
     )
 

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 
 from s2r_spec.instants import DATES, instant
 from s2r_spec.lang import formula as f
+from s2r_spec.plain import to_json
 from s2r_spec.robustness.deciding import Step, descend
 from s2r_spec.robustness.evaluate import Walk
 from s2r_spec.robustness.evaluation import Reading
@@ -133,7 +133,7 @@ class Explanation:
 
     def to_json(self) -> dict[str, Any]:
         """Return plain data for JSON; an infinite ρ becomes the text "inf" or "-inf"."""
-        plain: dict[str, Any] = _plain(asdict(self))
+        plain: dict[str, Any] = to_json(self, infinite=True)
         return plain
 
 
@@ -200,14 +200,6 @@ def _unneeded(steps: Sequence[Step]) -> str:
         if below.vacuous and isinstance(above.node, f.Implication):
             return _one_line(above.node.right.span.text)
     return ""
-
-
-def _plain(data: Any) -> Any:
-    if isinstance(data, dict):
-        return {key: _plain(value) for key, value in data.items()}
-    if isinstance(data, list | tuple):
-        return [_plain(value) for value in data]
-    return str(data) if isinstance(data, float) and not math.isfinite(data) else data
 
 
 def _one_line(text: str) -> str:

@@ -9,7 +9,7 @@ from typing import Any
 from s2r_spec.backend import Attended, Backend, Coming, HasAttendance, Operator, is_exclusive
 from s2r_spec.errors import UsageError
 from s2r_spec.rollouts.machine_journal import AGAIN, FALL
-from s2r_spec.rollouts.operator import Terminal, refuse_nobody
+from s2r_spec.rollouts.operator import Terminal, require_terminal
 from s2r_spec.trace import Trace
 
 
@@ -59,7 +59,7 @@ def attendance_of(backend: Backend, operator: Operator) -> Attended:
         backend.attendance(operator) if isinstance(backend, HasAttendance) else _Plain(backend.name, operator)
     )
     if not getattr(attended, "unattended", False):
-        refuse_nobody(operator)
+        require_terminal(operator)
     return attended
 
 

@@ -143,7 +143,7 @@ class Journal:
             return False
 
     @staticmethod
-    def found(folder: Path) -> bool:
+    def exists(folder: Path) -> bool:
         """Return whether a run began in the folder, even if a kill left its journal empty."""
         return (folder / FILE).exists() or (folder / LOCK).exists()
 
@@ -217,8 +217,8 @@ class Journal:
             recorded, now = journal.header.get(key), current.get(key)
             if recorded != now:
                 raise JournalError(
-                    f"{folder} is another run: its {key} is {lines.shown(recorded)}, and now it is "
-                    f"{lines.shown(now)}; a certificate cannot mix the two, so begin a new run"
+                    f"{folder} is another run: its {key} is {lines.shown(recorded)}, now it is {lines.shown(now)}; "
+                    f"a certificate cannot mix the two, so begin a new run"
                 )
         if journal.note:
             try:
@@ -279,8 +279,8 @@ class Journal:
                 raise JournalError(f"cannot read {path}: {error.strerror or error}") from error
             if changed:
                 raise JournalError(
-                    f"{path} was changed after it was recorded: its checksum differs from the one in {place}; "
-                    f"restore both files from a copy, or begin a new run"
+                    f"{path} was changed: its checksum differs from the one in {place}; restore both files from a "
+                    f"copy, or begin a new run"
                 )
 
     def keep(self, key: tuple[int, int], trace: Trace | None) -> Path:

@@ -77,7 +77,7 @@ class Terminal:
             StoppedError: ``q``, the end of input, or Ctrl-C.
             UsageError: there is no terminal.
         """
-        refuse_nobody(self)
+        require_terminal(self)
         return self._line(question)
 
     def _shown(self, question: str) -> None:
@@ -86,7 +86,7 @@ class Terminal:
         Raises:
             UsageError: there is no terminal.
         """
-        refuse_nobody(self)
+        require_terminal(self)
         self.say(question)
 
     def _line(self, prompt: str) -> str:
@@ -134,7 +134,7 @@ class Terminal:
             where.write(text.encode(encoding, instead))
 
 
-def refuse_nobody(operator: object) -> None:
+def require_terminal(operator: object) -> None:
     """Refuse to ask a question without a terminal.
 
     Raises:

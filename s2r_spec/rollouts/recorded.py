@@ -190,13 +190,13 @@ def _without(trace: Trace, names: Collection[str]) -> Trace:
 
 def _notes(loaded: Sequence[tuple[Path, Loaded]], lacking: Mapping[str, str]) -> list[str]:
     """Return a note for each channel left out, and one for each kind of the files' notes, with the first file."""
-    found = [f"the channel {name!r} is left out: {reason}" for name, reason in lacking.items()]
+    sentences = [f"the channel {name!r} is left out: {reason}" for name, reason in lacking.items()]
     kinds: dict[str, list[str]] = {}
     for path, note in ((path, note) for path, one in loaded for note in one.notes):
         kinds.setdefault(re.sub(r"\d+", "", note), []).append(f"{path}: {note}")
     for notes in kinds.values():
-        found.append(notes[0] if len(notes) == 1 else f"{notes[0]}; likewise in {len(notes)} files")
-    return found
+        sentences.append(notes[0] if len(notes) == 1 else f"{notes[0]}; likewise in {len(notes)} files")
+    return sentences
 
 
 def refuse_hidden(

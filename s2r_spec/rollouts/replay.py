@@ -59,11 +59,11 @@ class Replay:
             raise UsageError(
                 f"the backend {self.backend.name!r} cannot render a rollout; use --plot, which works for every backend"
             )
-        with saving(path) as beside:
+        with saving(path) as temporary:
             try:
-                self.backend.render(self.backend_params, self.seed, beside)
+                self.backend.render(self.backend_params, self.seed, temporary)
             except UsageError as error:
-                raise UsageError(str(error).replace(beside.name, path.name)) from None
+                raise UsageError(str(error).replace(temporary.name, path.name)) from None
 
 
 def replay(rollout: str) -> Replay:

@@ -218,7 +218,7 @@ def _report(process: Process) -> None:
     if not known:
         print(
             f"note: a rollout started process {process.pid} ({process.command}), which left its process group and "
-            f"still runs; end it if nobody needs it",
+            f"still runs; end it if it is no longer needed",
             file=sys.stderr,
         )
 

@@ -4,7 +4,7 @@ import jsonschema
 import pytest
 from s2r_cart import SPEC
 
-from s2r_spec.report import jsonform
+from s2r_spec.json_objects.schema import schema
 from tests.errors import states
 
 
@@ -23,7 +23,7 @@ def test_a_cause_is_named_applied_and_used(cart):
     assert "patched:patched.json" in done.stderr
     found = json.loads((cart.folder / "run" / "diagnosis.json").read_text())
     assert found["which"]["answer"] == ["coulomb"]
-    jsonschema.validate(found, jsonform.schema("s2r/diagnosis/1"))
+    jsonschema.validate(found, schema("s2r/diagnosis/1"))
     assert found["next"] in done.stdout
     page = (cart.folder / "gap.html").read_text()
     assert "NAMED: coulomb" in page

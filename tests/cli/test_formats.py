@@ -6,7 +6,7 @@ from xml.etree import ElementTree as ET
 import jsonschema
 import pytest
 
-from s2r_spec.report import jsonform
+from s2r_spec.json_objects.schema import schema
 from tests.errors import states
 
 
@@ -39,7 +39,7 @@ def test_a_check_with_a_page_and_its_report_again(s2r):
     words = ("--format", "json", "--output", "out.json")
     assert s2r("report", "r/walking", *words, code=1).stdout == ""
     found = json.loads((s2r.folder / "out.json").read_text())
-    jsonschema.validate(found, jsonform.schema("s2r.check/1"))
+    jsonschema.validate(found, schema("s2r.check/1"))
     assert found["locations"] == {"walking": {"file": "r/walking/spec.stl", "line": 3}}
 
 

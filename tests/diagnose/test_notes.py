@@ -77,10 +77,9 @@ def test_of_a_longer_recording_what_the_simulator_has_is_used():
 def test_that_recordings_are_longer_is_told():
     tests = many(8, 8)
     longer = [(test, cut(trace, Cart().duration / 2)) for test, trace in tests]
-    told = notes(BENCH, Used(longer, 8, False, 3, 8), ENOUGH)
-    assert told == (
-        f"8 of 8 real rollouts go on after the simulator's end: only their first {Cart().duration / 2:g} s are used",
-    )
+    [note] = notes(BENCH, Used(longer, 8, False, 3, 8), ENOUGH)
+    assert note.startswith("8 of 8 real rollouts")
+    assert f" {Cart().duration / 2:g} s " in note
 
 
 def test_what_is_no_number_is_not_there():
@@ -92,12 +91,13 @@ def test_what_is_no_number_is_not_there():
     assert np.isfinite(seen[6:]).all()
 
 
-@pytest.mark.parametrize(("unit", "words"), [("A", "does not convert to the V"), ("volts!", "no unit")])
+@pytest.mark.parametrize(("unit", "words"), [("A", ("in A,", " V ", "'cart'")), ("volts!", ("'volts!'",))])
 def test_a_unit_that_does_not_convert_gets_one_sentence(unit, words):
     trace = recorded(u=(Cart().rollout(TEST, 0)["u"], unit))
-    with pytest.raises(UsageError, match=words) as raised:
+    with pytest.raises(UsageError, match="'u'") as raised:
         as_simulated(trace, Cart())
-    assert "'u'" in str(raised.value)
+    for word in words:
+        assert word in str(raised.value)
 
 
 def test_declared_units_do_not_change_the_diagnosis(cache):

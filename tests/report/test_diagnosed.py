@@ -21,7 +21,8 @@ from s2r_spec.diagnose.where.body import Body, BodyPart, Shift
 from s2r_spec.diagnose.where.found import Where, where
 from s2r_spec.diagnose.where.gaps import GapAt
 from s2r_spec.diagnose.where.space import Band, InSpace
-from s2r_spec.report import diagnosed, diagnosed_page, jsonform
+from s2r_spec.json_objects.schema import schema
+from s2r_spec.report import diagnosed, diagnosed_page
 from s2r_spec.report.diagnosed_markdown import markdown
 from s2r_spec.report.figures.robot import is_quadruped, robot
 from s2r_spec.report.nextstep import next_step
@@ -222,7 +223,7 @@ def test_what_no_effect_leaves_is_said_in_every_form():
     assert words in markdown(found, spec)
     assert "where u is below" not in diagnosed.text(found, spec)
     written = json.loads(diagnosed.as_json(found, spec))
-    jsonschema.validate(written, jsonform.schema("s2r/diagnosis/1"))
+    jsonschema.validate(written, schema("s2r/diagnosis/1"))
     assert [each["low"] for each in written["left"]] == [0.5, None]
     still, _ = diagnosis(1, left=(QUIET,))
     silent, _ = diagnosis(1)
@@ -371,15 +372,13 @@ def test_where_to_look_is_the_part_that_shifts_most_and_not_the_clearest():
 
 
 def test_json_is_what_the_schema_says(one):
-    schema = jsonform.schema("s2r/diagnosis/1")
-    jsonschema.Draft202012Validator.check_schema(schema)
-    assert schema["properties"]["schema"]["const"] == "s2r/diagnosis/1"
+    derived = schema("s2r/diagnosis/1")
     bare, spec = diagnosis(0, Verdict.UNKNOWN)
     unasked = replace(bare, where=None, how_far=None, which=replace(bare.which, next_test=None))
     for pair in ((unasked, spec), diagnosis(2), diagnosis(0, Verdict.NONE)):
-        jsonschema.validate(json.loads(diagnosed.as_json(*pair)), schema)
+        jsonschema.validate(json.loads(diagnosed.as_json(*pair)), derived)
     whole = json.loads(diagnosed.as_json(*one))
-    jsonschema.validate(whole, schema)
+    jsonschema.validate(whole, derived)
     assert whole["where"]["body"]["parts"][0]["shifts"][0]["unit"] == "N*m"
     channels = whole["where"]["trace"]["channels"]
     assert set(channels) == {"x", "u[0]", "u[1]"}
@@ -403,7 +402,7 @@ def test_the_schema_notices_a_damaged_object(one, damage):
     record = json.loads(diagnosed.as_json(*one))
     damage(record)
     with pytest.raises(jsonschema.ValidationError):
-        jsonschema.validate(record, jsonform.schema("s2r/diagnosis/1"))
+        jsonschema.validate(record, schema("s2r/diagnosis/1"))
 
 
 def test_without_where_or_held_out_tests_the_page_says_so():

@@ -14,7 +14,8 @@ from s2r_spec.certify.check import Verdict
 from s2r_spec.certify.gap import gap as bound
 from s2r_spec.certify.rounding import between, down
 from s2r_spec.errors import UsageError
-from s2r_spec.report import REPORTERS, certified, gapped, html, jsonform, reporter
+from s2r_spec.json_objects.schema import schema
+from s2r_spec.report import REPORTERS, certified, gapped, html, reporter
 from s2r_spec.report.numberline import bars
 from s2r_spec.report.recompute import Kind, kind, recompute_certify, recompute_gap
 from s2r_spec.rollouts.runner import open_backend
@@ -54,10 +55,10 @@ def test_what_kind_of_run_a_folder_holds(promised, holds, tmp_path):
 def test_json_is_what_the_schema_says(promised, unpromised, refused_in_simulation):
     for spec, result, _ in (promised, unpromised, refused_in_simulation):
         found = json.loads(reporter("json")(certified.report(spec, result)))
-        jsonschema.validate(found, jsonform.schema("s2r.certify/1"))
+        jsonschema.validate(found, schema("s2r.certify/1"))
         if result.gap is not None:
             found = json.loads(reporter("json")(gapped.report(spec, result.gap)))
-            jsonschema.validate(found, jsonform.schema("s2r.gap/1"))
+            jsonschema.validate(found, schema("s2r.gap/1"))
 
 
 @pytest.mark.parametrize(
@@ -75,7 +76,7 @@ def test_the_schema_notices_a_damaged_object(promised, damage):
     found = json.loads(reporter("json")(certified.report(spec, result)))
     damage(found)
     with pytest.raises(jsonschema.ValidationError):
-        jsonschema.validate(found, jsonform.schema("s2r.certify/1"))
+        jsonschema.validate(found, schema("s2r.certify/1"))
 
 
 def test_every_format_tells_the_verdict_and_the_bound(promised):
@@ -163,9 +164,7 @@ def test_recordings_are_drawn_where_they_lie(tmp_path):
         open_backend.cache_clear()
         page = Page(html.render([run]))
     assert len(page.pictures) == 2
-    jsonschema.validate(
-        json.loads(reporter("json")(gapped.report(run.spec, result))), jsonform.schema("s2r.gap/1")
-    )
+    jsonschema.validate(json.loads(reporter("json")(gapped.report(run.spec, result))), schema("s2r.gap/1"))
 
 
 def test_nothing_in_a_name_is_markup(promised):

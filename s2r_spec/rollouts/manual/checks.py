@@ -108,7 +108,7 @@ def clock(trace: Trace, test: RequestedTest) -> str | None:
     if trace.duration > FAR_TOO_LONG * test.seconds and within < FEWEST:
         step = float(np.median(np.diff(trace.times)))
         return (
-            f"its clock is wrong: it lasts {trace.duration:g} s with a sample every {step:g} s, but the test lasts "
+            f"its clock is wrong: it lasts {trace.duration:g} s with a sample every {step:g} s, the test only "
             f"{test.seconds:g} s; read times in ms by manual:FOLDER?time-unit=ms"
         )
     return None

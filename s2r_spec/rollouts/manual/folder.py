@@ -313,8 +313,8 @@ def _moved(path: Path, kept: Path, *, move: bool) -> None:
         if move:
             os.replace(path, kept)
             return
-        with replacing(kept) as beside:
-            shutil.copyfile(path, beside)
+        with replacing(kept) as temporary:
+            shutil.copyfile(path, temporary)
     except OSError as error:
         raise UsageError(f"cannot store {path} as {kept}: {error.strerror or error}") from None
 
