@@ -42,7 +42,7 @@ def _epilog(example: str, codes: bool = False) -> str:
 
 app = typer.Typer(
     name="s2r",
-    help="Test a robot's controller against a specification, bound its worst case in simulation and on the machine, "
+    help="Test a robot's controller against a specification. Bound its worst case in simulation and on the machine, "
     "and find the cause of the gap between the two.",
     epilog=_epilog("check specs/a1_velocity.stl --backend sim", codes=True),
     no_args_is_help=True,

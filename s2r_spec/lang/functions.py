@@ -155,7 +155,7 @@ def _seconds(name: str, arguments: Sequence[Argument]) -> float:
     if number is None or not math.isfinite(number) or number < 0:
         fail(
             "E18",
-            f"the time of `{name}` must be a constant from 0 on, but `{written.span.text}` is not",
+            f"the time of `{name}` must be a non-negative constant, but `{written.span.text}` is not",
             written.span,
         )
     if not unit.fits(SECOND):
