@@ -18,7 +18,7 @@ import numpy as np
 from machine import describe
 from random_functions import Case, seeds, solve_all
 
-from s2r_spec.certify.floors import minimax, sequential_floor
+from s2r_spec.certify.sample_complexity import minimax, sequential_lower_bound
 
 RESULTS = Path(__file__).parent / "results" / "certify_rollouts.json"
 USUAL = Case(seed=0, norm=0.4, B=1.5, R=0.05, delta=1e-6, epsilon=0.02, budget=2_000_000)
@@ -70,7 +70,7 @@ def main() -> None:
     # So few rollouts are a matter of luck: over more functions, too.
     measure("rigorous, smaller R, more functions", replace(USUAL, R=0.005), 5 * options.seeds)
     floors = {
-        "sequential_floor": sequential_floor(USUAL.R, USUAL.epsilon, USUAL.delta),
+        "sequential_floor": sequential_lower_bound(USUAL.R, USUAL.epsilon, USUAL.delta),
         "minimax": minimax(USUAL.R, USUAL.epsilon, USUAL.delta),
     }
     print(

@@ -43,7 +43,7 @@ PATIENCE = 60.0
 """Wall time after which a command is ended [s]: it waits for something that never comes."""
 LIBRARIES = (
     "tests.warm", "pydantic", "matplotlib.pyplot", "matplotlib.backends.backend_agg", "pyarrow.parquet", "numpy.random",
-    "s2r_spec.lang.lints", "s2r_spec.lang.printing", "s2r_spec.lang.latex", "s2r_spec.certify.odds",
+    "s2r_spec.lang.lints", "s2r_spec.lang.printing", "s2r_spec.lang.latex", "s2r_spec.certify.failure_probability",
     "s2r_spec.certify.gap", "s2r_spec.cli.progress", "s2r_spec.report.plot", "s2r_spec.rollouts.replay",
 )  # fmt: skip
 """What commands import: once, so that no fork does."""

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 import s2r_spec as s2r
-from s2r_spec.certify.outward import between
+from s2r_spec.certify.rounding import between
 from tests import forked
 
 ROOT = Path(__file__).parents[1]

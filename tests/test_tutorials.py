@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from s2r_spec.certify.outward import between
+from s2r_spec.certify.rounding import between
 from tests import forked
 
 ROOT = Path(__file__).parents[1]

@@ -38,8 +38,8 @@ from scipy.interpolate import BSpline
 
 import s2r_spec as s2r
 from s2r_spec.rollouts.pools import process_pool
-from s2r_spec.rollouts.rig import Rig
 from s2r_spec.rollouts.runner import Runner
+from s2r_spec.rollouts.scorer import Scorer
 from s2r_spec.rollouts.seeds import rollout_seed
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
@@ -149,16 +149,16 @@ def _place(backend: str) -> Path:
 def record(backend: str, seeds: int, workers: int) -> None:
     """Run the rollouts of a bank, and write it."""
     spec = s2r.load_spec(SPEC)
-    rig = Rig.for_spec(spec, "walking", backend)
+    scorer = Scorer.for_spec(spec, "walking", backend)
     tasks = [
-        rig.task(q, r, {"vd": float(v)}, rollout_seed(SEED, q, r))
+        scorer.task(q, r, {"vd": float(v)}, rollout_seed(SEED, q, r))
         for q, v in enumerate(SPEEDS)
         for r in range(seeds)
     ]
     rho, falls, seconds = np.full((len(SPEEDS), seeds), np.nan), 0, 0.0
     with Runner(process_pool(workers)) as runner:
         for done in runner.run(tasks):
-            value, failure = rig.score({"vd": float(SPEEDS[done.task.query])}, done)
+            value, failure = scorer.score({"vd": float(SPEEDS[done.task.query])}, done)
             rho[done.task.query, done.task.replicate] = value
             falls += failure is not None
             seconds += done.seconds
@@ -173,7 +173,7 @@ def record(backend: str, seeds: int, workers: int) -> None:
     about = {
         "machine": describe("mujoco", "pin", "piqp"),
         "backend": backend,
-        "model_hash": rig.backend.model_hash,
+        "model_hash": scorer.backend.model_hash,
         "spec_hash": spec.hash,
         "rollouts": rho.size,
         "falls": falls,

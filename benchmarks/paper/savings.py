@@ -37,8 +37,8 @@ from machine import describe
 
 import s2r_spec as s2r
 from s2r_spec.certify.compose import compose
+from s2r_spec.certify.pairing import SIMULATED_PER_REAL
 from s2r_spec.certify.search import Query, Search
-from s2r_spec.certify.sides import SIMULATED_PER_REAL
 
 RESULTS = Path(__file__).parent / "results" / "savings.json"
 REAL = "twin:lab"

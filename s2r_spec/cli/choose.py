@@ -1,8 +1,7 @@
-"""``s2r choose``: which of several checked controllers has the best certified worst case; nothing is run."""
+"""``s2r choose``: the checked controller with the best certified worst case; runs no rollout."""
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Annotated
 
@@ -10,62 +9,65 @@ import typer
 
 from s2r_spec.cli.common import sentences
 from s2r_spec.cli.terminal import say
+from s2r_spec.plain import line
 
 
 def choose(
     runs: Annotated[
         list[Path],
-        typer.Argument(help="Folders of checks of one spec, one a candidate.", show_default=False),
+        typer.Argument(
+            help="Folders of checks of the same spec, one for each candidate.", show_default=False
+        ),
     ],
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout.")] = False,
 ) -> None:
-    """Choose among checked controllers or gains: the one whose worst expected ρ is certified to be largest."""
+    """Choose the controller with the largest certified worst expected ρ, from the folders of finished checks."""
     with sentences(as_json):
         from s2r_spec.certify.choose import choose as pick
-        from s2r_spec.certify.outward import at_most, between, down, wide
+        from s2r_spec.certify.rounding import at_most, between, down, wide
+        from s2r_spec.json_objects.runs import Candidate, ChoiceObject
         from s2r_spec.report.recompute import recompute, runs_in
 
         results = [recompute(folder).result for run in runs for folder in runs_in(run)]
         choice = pick(results)
         unit = f" {results[0].unit}" if results[0].unit else ""
         rows = [
-            {
-                "backend": r.provenance["backend"],
-                "folder": str(r.folder),
-                "lower": r.lower,
-                "upper": r.upper,
-                "rollouts": r.certificate.rollouts,
-                "refused": r.certificate.reason if i in choice.refused else None,
-            }
+            Candidate(
+                backend=r.provenance["backend"],
+                folder=str(r.folder),
+                lower=r.lower,
+                upper=r.upper,
+                rollouts=r.certificate.rollouts,
+                refused=r.certificate.reason if i in choice.refused else None,
+            )
             for i, r in enumerate(results)
         ]
         if as_json:
-            best = None if choice.best is None else rows[choice.best]["backend"]
-            record = {
-                "schema": "s2r.choice/1",
-                "requirement": results[0].requirement,
-                "best": best,
-                "delta": choice.delta,
-                "regret": None if best is None else choice.regret,
-                "candidates": rows,
-            }
-            print(json.dumps(record, allow_nan=False))
+            best = None if choice.best is None else rows[choice.best].backend
+            record = ChoiceObject(
+                requirement=results[0].requirement,
+                best=best,
+                delta=choice.delta,
+                regret=None if best is None else choice.regret,
+                candidates=tuple(rows),
+            )
+            print(line(record))
             raise typer.Exit(0 if best is not None else 3)
         for i, (row, result) in enumerate(zip(rows, results, strict=True)):
             mark = "→" if i == choice.best else " "
             bound = (
-                f"refused: {row['refused']}"
+                f"refused: {row.refused}"
                 if i in choice.refused
                 else f"worst expected ρ in {between(result.lower, result.upper)}{unit}"
             )
-            say(f"{mark} {row['backend']!s:32} {bound}, {row['rollouts']} rollouts")
+            say(f"{mark} {row.backend:32} {bound}, {row.rollouts} rollouts")
         if choice.best is None:
-            say("no candidate can be chosen: every certificate was refused")
+            say("no choice: every certificate was refused")
             raise typer.Exit(3)
-        least, better = f"{down(choice.lower)}{unit}", f"{wide(choice.regret)}{unit}"
+        least, regret = f"{down(choice.lower)}{unit}", f"{wide(choice.regret)}{unit}"
         say(
-            f"take {rows[choice.best]['backend']}: its worst expected ρ is at least {least}, and no other "
-            f"candidate's is more than {better} better, with probability ≥ 1 − {at_most(choice.delta)}"
+            f"choose {rows[choice.best].backend}: its worst expected ρ is at least {least}, and no other "
+            f"candidate's is more than {regret} better, with probability ≥ 1 − {at_most(choice.delta)}"
         )
         if choice.refused:
-            say("nothing is said of the refused ones")
+            say("this does not cover the refused candidates")

@@ -1,8 +1,7 @@
-"""``s2r fmt``: specifications written one way."""
+"""``s2r fmt``: the formatter of specifications."""
 
 from __future__ import annotations
 
-import json
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -12,10 +11,12 @@ import typer
 from s2r_spec.cli.common import sentences
 from s2r_spec.cli.terminal import say
 from s2r_spec.files import save
+from s2r_spec.json_objects.specs import FormatObject, LatexObject
+from s2r_spec.plain import line
 
 
 class Target(StrEnum):
-    """What to write."""
+    """Output of the command."""
 
     stl = "stl"
     latex = "latex"
@@ -24,12 +25,15 @@ class Target(StrEnum):
 def fmt(
     specs: Annotated[list[Path], typer.Argument(help="Specifications, .stl files.", show_default=False)],
     check: Annotated[
-        bool, typer.Option("--check", help="Change nothing; exit with 1 if a file would change.")
+        bool, typer.Option("--check", help="Change no file; exit code 1 if one would change.")
     ] = False,
-    to: Annotated[Target, typer.Option(help="latex: print the formulas instead, as align*.")] = Target.stl,
+    to: Annotated[
+        Target,
+        typer.Option(help="stl: rewrite the files. latex: print the formulas as an align* environment."),
+    ] = Target.stl,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout.")] = False,
 ) -> None:
-    """Rewrite specifications in the one way of writing them; comments stay."""
+    """Format specifications in the standard layout; comments stay."""
     with sentences(as_json):
         from s2r_spec.lang.files import read_text
         from s2r_spec.lang.latex import to_latex
@@ -38,13 +42,9 @@ def fmt(
         texts = {path: read_text(path) for path in specs}
         if to is Target.latex:
             latex = {str(path): to_latex(text, str(path)) for path, text in texts.items()}
-            print(
-                json.dumps({"schema": "s2r.latex/1", "latex": latex})
-                if as_json
-                else "\n".join(latex.values())
-            )
+            print(line(LatexObject(latex=latex)) if as_json else "\n".join(latex.values()))
             return
-        # every file is read and parsed before the first is written
+        # all files are read and parsed before the first one is written
         written = {path: format_text(text, str(path)) for path, text in texts.items()}
         changed = [path for path in specs if written[path] != texts[path]]
         for path in changed:
@@ -52,9 +52,5 @@ def fmt(
                 save(path, written[path])
             say(f"{'would change' if check else 'changed'} {path}", error=True)
         if as_json:
-            print(
-                json.dumps(
-                    {"schema": "s2r.fmt/1", "check": check, "changed": [str(path) for path in changed]}
-                )
-            )
+            print(line(FormatObject(check=check, changed=tuple(map(str, changed)))))
         raise typer.Exit(1 if check and changed else 0)

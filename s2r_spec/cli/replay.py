@@ -1,8 +1,7 @@
-"""``s2r replay``: run one rollout of a run again; of a machine, show what was recorded."""
+"""``s2r replay``: run one rollout of a run again; of a machine, show the recorded one."""
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -10,6 +9,7 @@ import typer
 
 from s2r_spec.cli.common import sentences
 from s2r_spec.cli.terminal import say
+from s2r_spec.plain import line
 
 if TYPE_CHECKING:
     from s2r_spec.rollouts.replay import Replay
@@ -17,44 +17,48 @@ if TYPE_CHECKING:
 
 def replay(
     rollout: Annotated[
-        str, typer.Argument(help="FOLDER#QUERY.REPLICATE, as `s2r check` prints it.", show_default=False)
+        str,
+        typer.Argument(help="Rollout as `s2r check` prints it, FOLDER#QUERY.REPLICATE.", show_default=False),
     ],
-    save: Annotated[Path | None, typer.Option(help="Write the whole trace here (.npz or .csv).")] = None,
+    save: Annotated[Path | None, typer.Option(help="File for the trace, .npz or .csv.")] = None,
     plot: Annotated[
-        Path | None, typer.Option(help="Plot the signals against what is allowed (.svg, .png or .pdf).")
+        Path | None,
+        typer.Option(help="File for a plot of the signals and their allowed values: .svg, .png or .pdf."),
     ] = None,
     render: Annotated[
-        Path | None, typer.Option(help="Let the backend draw the rollout (sim: .png tiles, .gif video).")
+        Path | None,
+        typer.Option(help="File for a picture by the backend; sim draws .png tiles or a .gif video."),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout.")] = False,
 ) -> None:
-    """Run one recorded rollout again, and say whether ρ is the same; a machine's is shown as it was recorded."""
+    """Run a recorded rollout again and compare ρ. A machine's rollout is only shown."""
     with sentences(as_json):
         from s2r_spec import logs
+        from s2r_spec.json_objects.runs import ReplayObject
         from s2r_spec.rollouts.replay import replay as again
 
         result = again(rollout)
         if save is not None:
             logs.write(result.trace, save)
         if as_json:
-            record = {
-                "schema": "s2r.replay/1",
-                "rollout": rollout,
-                "params": result.params,
-                "seed": result.seed,
-            }
-            print(
-                json.dumps(record | {"rho": result.rho, "recorded_rho": result.recorded, "same": result.same})
+            record = ReplayObject(
+                rollout=rollout,
+                params=result.params,
+                seed=result.seed,
+                rho=result.rho,
+                recorded_rho=result.recorded,
+                same=result.same,
             )
+            print(line(record))
         else:
             test = ", ".join(f"{name} = {value:.6g}" for name, value in result.params.items())
             say(f"{test}, seed {result.seed}: ρ = {result.rho:+.6f} {result.unit}".rstrip())
             if not result.ran:
-                say(f"as it was recorded: {result.backend.name} is a machine, and nothing was sent to it")
+                say(f"as recorded: {result.backend.name} is a machine, and nothing was sent to it")
             say("the recorded ρ, bit for bit" if result.same else result.difference)
         if save is not None:
             say(f"trace: {save}", error=True)
-        # The plot first: it comes also where pictures cannot be drawn.
+        # The plot comes first, since it does not need the backend's pictures.
         if plot is not None:
             _plot(result, plot)
             say(f"plot: {plot}", error=True)

@@ -19,7 +19,7 @@ from s2r_spec.diagnose.notes import CUT, READ_AT
 from s2r_spec.diagnose.simulate import Bench, Test, blamed
 from s2r_spec.errors import SamplingError, TraceError, UsageError
 from s2r_spec.lang.units import UnknownUnitError, parse_unit
-from s2r_spec.rollouts.match import match
+from s2r_spec.rollouts.compatibility import check_compatibility
 from s2r_spec.rollouts.recorded import refuse_hidden
 from s2r_spec.rollouts.seeds import Stream, rollout_seed
 from s2r_spec.trace import Trace, between
@@ -60,7 +60,7 @@ def real_rollouts(
     if isinstance(real, str):
         real = load_backend(real)
     if isinstance(real, HasRecordings) and isinstance(real, Backend):
-        matched = match(bench.spec, bench.requirement, real)
+        matched = check_compatibility(bench.spec, bench.requirement, real)
         simulated = {parameter.name for parameter in bench.backend.parameters}
         pairs = [(test, r) for r in real.recordings if (test := matched.to_spec(r.params)) is not None]
         refuse_hidden(bench.spec, real, [recording for _, recording in pairs], simulated)
@@ -288,7 +288,7 @@ def ask(
     refuse_machine(machine)
     if isinstance(machine, HasDuration):
         machine = machine.with_duration(bench.backend.duration)
-    matched = match(bench.spec, bench.requirement, machine)
+    matched = check_compatibility(bench.spec, bench.requirement, machine)
     units = {p.name: p.unit for p in machine.parameters}
     rows = {} if folder is None else _rows(folder / TABLE)
     out: list[Rollout] = []

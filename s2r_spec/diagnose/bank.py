@@ -109,7 +109,7 @@ def _source() -> str:
     of_rho = [
         path for name in ("lang", "robustness") for path in sorted((folder.parent / name).rglob("*.py"))
     ]
-    for path in (*own, *of_rho, folder.parent / "rollouts" / "match.py"):
+    for path in (*own, *of_rho, folder.parent / "rollouts" / "compatibility.py"):
         digest.update(path.read_bytes())
     return digest.hexdigest()
 

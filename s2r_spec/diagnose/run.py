@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.backend import Backend, HasRecordings, load_backend
-from s2r_spec.certify.given import given_folder, given_rollouts, given_simulator, given_spec
+from s2r_spec.certify.arguments import as_folder, as_rollouts, as_simulator, as_spec
 from s2r_spec.diagnose import bank as banks
 from s2r_spec.diagnose.accused import named_by_falls
 from s2r_spec.diagnose.ask import Rollouts, real_rollouts, refuse_machine
@@ -55,7 +55,7 @@ from s2r_spec.diagnose.where.found import where as find_where
 from s2r_spec.documentation import page
 from s2r_spec.effects import catalogue_of
 from s2r_spec.errors import UsageError
-from s2r_spec.rollouts.match import match
+from s2r_spec.rollouts.compatibility import check_compatibility
 from s2r_spec.rollouts.pools import kept_open
 from s2r_spec.rollouts.seeds import Stream, rollout_seed
 from s2r_spec.spec import Spec
@@ -107,8 +107,8 @@ def diagnose(
         raise UsageError(
             "a diagnosis needs scikit-learn, which is not installed: pip install 's2r[diagnose]'"
         )
-    spec, sim, real = given_spec(spec), given_simulator(sim), given_rollouts(real)
-    cache, folder = (None if path is None else given_folder(path) for path in (cache, folder))
+    spec, sim, real = as_spec(spec), as_simulator(sim), as_rollouts(real)
+    cache, folder = (None if path is None else as_folder(path) for path in (cache, folder))
     name = spec.requirements[0] if requirement is None else requirement
     bench = bench_of(spec, name, sim)
     if isinstance(real, str) and not real.startswith("log:"):  # a folder is read only when it is needed
@@ -183,7 +183,7 @@ def _recorded(bench: Bench, real: Rollouts | Backend) -> tuple[int, int]:
         return len(real), 0
     if not isinstance(real, HasRecordings):
         return 0, 0
-    matched = match(bench.spec, bench.requirement, real)
+    matched = check_compatibility(bench.spec, bench.requirement, real)
     of_spec = sum(matched.to_spec(each.params) is not None for each in real.recordings)
     return of_spec, len(real.recordings) - of_spec
 

@@ -18,7 +18,7 @@ from s2r_spec.diagnose.equations import Instruments
 from s2r_spec.diagnose.features import Features, with_residuals
 from s2r_spec.documentation import page
 from s2r_spec.errors import BackendError, UsageError
-from s2r_spec.rollouts.match import Matched
+from s2r_spec.rollouts.compatibility import Interface
 from s2r_spec.space import key_of
 from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
@@ -55,7 +55,7 @@ class Bench:
     backend: Backend
     spec: Spec
     requirement: str
-    matched: Matched
+    matched: Interface
     features: Features | None = None
     _kept: _Kept = field(default_factory=_Kept, init=False, repr=False, compare=False)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import cast
 
 from rich.markup import escape
 from rich.text import Text
@@ -14,6 +14,7 @@ from s2r_spec.backend import short
 from s2r_spec.diagnose.diagnosis import Diagnosis, Verdict, Which
 from s2r_spec.diagnose.how_far import Gap, HowFar
 from s2r_spec.diagnose.where.found import Where
+from s2r_spec.json_objects.diagnosis import DiagnosisObject
 from s2r_spec.printable import one_line
 from s2r_spec.report.checked import test_words
 from s2r_spec.report.figures.robot import said
@@ -37,9 +38,10 @@ PARTS = 3
 WORDS = {"none": "no material effect", "unknown": "none of these"}
 
 
-def record(found: Diagnosis, spec: Spec) -> dict[str, Any]:
-    """Return the whole diagnosis as plain JSON values; see ``schema/diagnosis-1.json``."""
-    return found.to_json() | {"exit_code": exit_code(found), "next": next_step(found, spec)}
+def record(found: Diagnosis, spec: Spec) -> DiagnosisObject:
+    """Return the whole diagnosis as plain JSON values."""
+    more = {"exit_code": exit_code(found), "next": next_step(found, spec)}
+    return cast(DiagnosisObject, found.to_json() | more)
 
 
 def exit_code(found: Diagnosis) -> int:

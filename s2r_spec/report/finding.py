@@ -6,7 +6,6 @@ A command turns its own result record into findings (:mod:`s2r_spec.report.check
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -81,10 +80,10 @@ class Report:
         command: "s2r check".
         findings: in the order of the requirements.
         exit_code: of the command.
-        record: the complete result as plain JSON values.
+        record: the complete result; ``--format json`` prints it.
     """
 
     command: str
     findings: tuple[Finding, ...]
     exit_code: int
-    record: Mapping[str, Any]
+    record: Any

@@ -4,81 +4,81 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Mapping
-from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import cast
 
 from s2r_spec.backend import short
 from s2r_spec.certify.certificate import Label
 from s2r_spec.certify.check import Verdict
-from s2r_spec.certify.gap import GapResult
-from s2r_spec.certify.outward import between, down
+from s2r_spec.certify.gap_result import GapResult
+from s2r_spec.certify.rounding import between, down
+from s2r_spec.json_objects.gap import Band, BoundedGap, GapObject, GapProvenance, GapSearch, WorstExpectedGap
+from s2r_spec.json_objects.parts import extended
 from s2r_spec.report.checked import (
+    LARGER_B,
     location,
-    odds_words,
+    probability_words,
     refuted_words,
     test_words,
     took,
     voids_fact,
-    voids_json,
 )
 from s2r_spec.report.finding import Finding, Report, Section
 from s2r_spec.spec import Spec
 
-SCHEMA = "s2r.gap/1"
-# A gap is no requirement: it is bounded as closely as was asked for, or it is not.
+# A gap has no verdict of its own: its interval is at most ε wide, or wider.
 WORDS = {
     Label.CERTIFIED: "BOUNDED",
-    Label.BUDGET: "BOUNDED, wider than asked",
-    Label.RUNNING: "BOUNDED, wider than asked",
+    Label.BUDGET: "BOUNDED, wider than ε",
+    Label.RUNNING: "BOUNDED, wider than ε",
     Label.REFUSED: "NO BOUND",
     Label.MODEL_BASED: "NO BOUND",
 }
 
 
 def report(spec: Spec, result: GapResult, command: str = "s2r gap") -> Report:
-    """Return what every reporter renders."""
+    """Return the report of a gap; every reporter renders it."""
     one = finding(spec, result)
-    record = {"schema": SCHEMA, "exit_code": one.verdict.exit_code} | to_json(result)
-    return Report(
-        command, (one,), one.verdict.exit_code, record | {"location": location(spec, result.requirement)}
+    code, where = one.verdict.exit_code, location(spec, result.requirement)
+    record = extended(GapObject, gap_record(result), exit_code=code, location=where)
+    return Report(command, (one,), code, record)
+
+
+def gap_record(result: GapResult) -> BoundedGap:
+    """Return the record of a gap."""
+    certificate = result.certificate
+    return BoundedGap(
+        requirement=result.requirement,
+        worst_expected_gap=WorstExpectedGap(
+            lower=result.lower,
+            upper=result.upper,
+            unit=result.unit,
+            epsilon=certificate.epsilon,
+            delta=certificate.delta if certificate.label.bounds else None,
+        ),
+        band=Band(low=result.low, high=result.high, unit=result.unit),
+        label=certificate.label,
+        reason=certificate.reason,
+        worst=result.worst,
+        lowest=result.lowest,
+        largest_mean_absolute_gap=result.absolute,
+        failures=result.failures,
+        assumptions=result.assumptions,
+        tested=result.tested,
+        search=extended(GapSearch, certificate),
+        provenance=cast(GapProvenance, result.provenance),
+        folder=str(result.folder),
+        replay=replay_line(result),
+        seconds=round(result.seconds, 3),
+        voids=result.voids,
     )
 
 
-def to_json(result: GapResult) -> dict[str, Any]:
-    """Return the record of a gap as plain JSON values."""
-    certificate = result.certificate
-    return {
-        "requirement": result.requirement,
-        "worst_expected_gap": {
-            "lower": result.lower,
-            "upper": result.upper,
-            "unit": result.unit,
-            "epsilon": certificate.epsilon,
-            "delta": certificate.delta if certificate.label.bounds else None,
-        },
-        "band": {"low": result.low, "high": result.high, "unit": result.unit},
-        "label": certificate.label.value,
-        "reason": certificate.reason,
-        "worst": asdict(result.worst),
-        "lowest": asdict(result.lowest) | {"gap": result.lowest.gap},
-        "largest_mean_absolute_gap": result.absolute,
-        "failures": result.failures,
-        "assumptions": list(result.assumptions),
-        "tested": [asdict(test) for test in result.tested],
-        "search": {"objective": "-delta"} | certificate.to_json(),
-        "provenance": result.provenance,
-        "folder": str(result.folder),
-        "replay": replay_line(result),
-        "seconds": round(result.seconds, 3),
-    } | voids_json(result.voids)
-
-
 def finding(spec: Spec, result: GapResult) -> Finding:
-    """Say a gap in words."""
+    """Return the finding of a gap: its bound, facts and assumptions in words."""
     certificate, source = result.certificate, result.provenance
     unit = f" {result.unit}" if result.unit else ""
-    bound = f"worst expected Δ ≥ {down(result.lower)}{unit}, {odds_words(certificate)}"
+    bound = f"worst expected Δ ≥ {down(result.lower)}{unit}, {probability_words(certificate)}"
     return Finding(
         name=result.requirement,
         verdict=Verdict.HOLDS if certificate.label is Label.CERTIFIED else Verdict.UNKNOWN,
@@ -90,36 +90,36 @@ def finding(spec: Spec, result: GapResult) -> Finding:
         facts=facts(result, spec.space.units),
         sections=(
             Section("This assumes", result.assumptions),
-            Section("How much hangs on B (all rows hold at once)", ladder(result)),
+            Section(LARGER_B, ladder(result)),
         ),
         provenance=(
             f"seed {source['seed']}, s2r {source['s2r']}, spec {source['spec_hash'][:12]}, "
             f"sim {short(source['sim']['model_hash'])}, real {short(source['real']['model_hash'])}"
         ),
-        again=f"lowest Δ ({result.lowest.gap:+.4f}{unit}), its real side",
+        again=f"real rollout of the lowest Δ ({result.lowest.gap:+.4f}{unit})",
         replay=replay_line(result),
         file=Path(spec.name),
-        line=location(spec, result.requirement)["line"],
+        line=location(spec, result.requirement).line,
         seconds=result.seconds,
     )
 
 
 def about(result: GapResult) -> str:
-    """Return what was held against what: ``a1_velocity.stl: sim against twin:lab``."""
+    """Return what was compared: ``a1_velocity.stl: sim against twin:lab``."""
     source = result.provenance
     return f"{source['spec']}: {source['sim']['backend']} against {source['real']['backend']}"
 
 
 def facts(result: GapResult, units: Mapping[str, str]) -> tuple[tuple[str, str], ...]:
-    """Return the rows of a gap."""
+    """Return the (name, text) rows of a gap."""
     unit = f" {result.unit}" if result.unit else ""
     certificate = result.certificate
     failures = ", ".join(f"{count} × {word}" for word, count in sorted(result.failures.items())) or "no falls"
     reason = f" ({certificate.reason})" if certificate.reason else ""
-    sure = f", {odds_words(certificate)}; anywhere in {between(result.low, result.high)}"
-    computed = "" if certificate.label.bounds else " was computed, and is no promise"
+    certain = f", {probability_words(certificate)}; anywhere in {between(result.low, result.high)}"
+    computed = "" if certificate.label.bounds else " (not certified)"
     return (
-        ("worst expected Δ", f"in {between(result.lower, result.upper)}{unit}{computed or sure}"),
+        ("worst expected Δ", f"in {between(result.lower, result.upper)}{unit}{computed or certain}"),
         (
             "worst gap at",
             f"{test_words(result.worst.params, units)}: mean Δ {result.worst.mean:+.4f}{unit}, "
@@ -143,7 +143,7 @@ def facts(result: GapResult, units: Mapping[str, str]) -> tuple[tuple[str, str],
 
 
 def ladder(result: GapResult) -> tuple[str, ...]:
-    """Return what would be known if the norm of the gap were larger."""
+    """Return the interval of the gap for each norm bound B, 2B, 4B and 8B, and what the data refute."""
     unit = f" {result.unit}" if result.unit else ""
     return (
         *(
@@ -164,6 +164,6 @@ def _reason(result: GapResult) -> str:
     if not certificate.label.bounds:
         return f"no certificate: {certificate.reason}"
     if certificate.label is Label.CERTIFIED:
-        return "the gap is bounded as closely as was asked for"
+        return "the interval of the gap is at most ε wide"
     real = result.provenance["real"]["backend"]
-    return f"the bound holds, but is wider than asked; more rollouts of {real} narrow it"
+    return f"the bound is valid, but wider than ε; more rollouts of {real} narrow it"

@@ -9,14 +9,17 @@ from pathlib import Path
 from typing import Any
 
 from s2r_spec.certify.certificate import Certificate
-from s2r_spec.certify.check import CheckResult, conclude, of_recordings, search_for
-from s2r_spec.certify.gap import GapResult, Pair, conclude_gap, gap_search, pairs_of
-from s2r_spec.certify.promise import CertifyResult, promise, refused
+from s2r_spec.certify.check_result import CheckResult, conclude, of_recordings
+from s2r_spec.certify.from_spec import search_for
+from s2r_spec.certify.gap import gap_search
+from s2r_spec.certify.gap_result import GapResult, Pair, conclude_gap, pairs_of
+from s2r_spec.certify.options import RunOptions
+from s2r_spec.certify.real_machine import CertifyResult, conclude_certify, refused_in_simulation
 from s2r_spec.certify.search import Query, Search
 from s2r_spec.errors import UsageError
 from s2r_spec.rollouts.journal import FILE, Journal, Record
-from s2r_spec.rollouts.kept import load_kept
-from s2r_spec.rollouts.layout import GAP, SIDES, SIMULATION
+from s2r_spec.rollouts.layout import GAP, SIMULATION, SYSTEMS
+from s2r_spec.rollouts.spec_files import load_run_spec
 from s2r_spec.spec import Spec
 
 
@@ -83,9 +86,9 @@ def kind(folder: Path) -> Kind:
         UsageError: the folder holds no run.
     """
     # A check of requirements with these names has the same folders.
-    if all(Journal.header_in(folder / side).get("side") == side for side in SIDES):
+    if all(Journal.header_in(folder / side).get("side") == side for side in SYSTEMS):
         return Kind.GAP
-    if (folder / SIMULATION / FILE).exists() and (folder / GAP / SIDES[1] / FILE).exists():
+    if (folder / SIMULATION / FILE).exists() and (folder / GAP / SYSTEMS[1] / FILE).exists():
         return Kind.CERTIFY
     runs_in(folder)
     return Kind.CHECK
@@ -117,13 +120,13 @@ def recompute(folder: Path) -> Recomputed:
         raise UsageError(f"{folder} is one half of a gap's run; give its parent folder")
     if not len(journal):
         raise UsageError(f"{folder} has no rollouts yet, so there is nothing to report")
-    spec, header = load_kept(journal), journal.header
+    spec, header = load_run_spec(journal), journal.header
     journal.check_traces()
     search, history = _replay(spec, journal)
     counted = search.certificate().rollouts
-    # With this budget the search is finished, and refuses a certificate exactly if the check would have refused it
+    # A closed search is finished, and refuses a certificate exactly if the check would have refused it
     # at this point.
-    search.budget = counted
+    search.close()
     records = journal.records()
     settings = spec.certify[header["requirement"]]
     assert settings.fall is not None  # search_for has looked
@@ -142,11 +145,11 @@ def recompute(folder: Path) -> Recomputed:
 
 def recompute_gap(folder: Path) -> RecomputedGap:
     """Return the bound of a finished or unfinished gap; see :func:`recompute`."""
-    journals = {side: Journal.read(folder / side) for side in SIDES}
+    journals = {side: Journal.read(folder / side) for side in SYSTEMS}
     header = journals["real"].header
     spec = _of_both(folder, journals)
     per_real = header["simulated_per_real"]
-    search = gap_search(spec, header["requirement"], budget=None, per_real=per_real, **_settings(header))
+    search = gap_search(spec, header["requirement"], _options(header), per_real)
     _same_settings(search, header, folder)
     every = {(pair.query, pair.replicate): pair for pair in pairs_of(journals, per_real)}
     if not every:
@@ -167,7 +170,8 @@ def recompute_gap(folder: Path) -> RecomputedGap:
         history = [search.certificate()]
     else:
         history = _tell(search, outcomes)
-    search.budget = counted = search.certificate().rollouts
+    counted = search.certificate().rollouts
+    search.close()
     provenance = {key: value for key, value in header.items() if key not in ("side", "backend", "duration")}
     result = conclude_gap(spec, search, journals, provenance, folder)
     return RecomputedGap(
@@ -191,7 +195,9 @@ def recompute_certify(folder: Path, real: str | None = None) -> RecomputedCertif
     """
     simulated = recompute(folder / SIMULATION)
     if real is not None and not simulated.result.certificate.label.bounds:
-        return RecomputedCertify(simulated.spec, refused(simulated.result, real), simulated, None)
+        return RecomputedCertify(
+            simulated.spec, refused_in_simulation(simulated.result, real), simulated, None
+        )
     gap = recompute_gap(folder / GAP)
     first, second = simulated.result.provenance, gap.result.provenance
     for key in ("spec_hash", "requirement", "seed"):
@@ -202,7 +208,7 @@ def recompute_certify(folder: Path, real: str | None = None) -> RecomputedCertif
             f"{folder}: simulation ({first['backend']}) and gap ({second['sim']['backend']}) used different models, so "
             f"they belong to two runs"
         )
-    result = promise(simulated.search, gap.search, simulated.result, gap.result)
+    result = conclude_certify(simulated.search, gap.search, simulated.result, gap.result)
     return RecomputedCertify(simulated.spec, result, simulated, gap)
 
 
@@ -222,7 +228,7 @@ def _of_both(folder: Path, journals: Mapping[str, Journal]) -> Spec:
     )
     if differ := [key for key in sorted(left.keys() | right.keys()) if left.get(key) != right.get(key)]:
         raise UsageError(f"{folder}: its two journals differ in {differ[0]}, so they belong to two runs")
-    *_, spec = (load_kept(journal) for journal in journals.values())
+    *_, spec = (load_run_spec(journal) for journal in journals.values())
     for journal in journals.values():
         journal.check_traces()
     return spec
@@ -231,7 +237,7 @@ def _of_both(folder: Path, journals: Mapping[str, Journal]) -> Spec:
 def _replay(spec: Spec, journal: Journal) -> tuple[Search, list[Certificate]]:
     """Return a new search with every complete batch of the journal, and its certificate after each batch."""
     header = journal.header
-    search = search_for(spec, header["requirement"], budget=None, **_settings(header))
+    search = search_for(spec, header["requirement"], _options(header))
     _same_settings(search, header, journal.folder)
     if "recorded" in header:
         search.observe(_recorded(journal), final=True)
@@ -261,9 +267,9 @@ def _tell(search: Search, outcomes: Callable[[Query], list[float]]) -> list[Cert
     return history
 
 
-def _settings(header: Mapping[str, Any]) -> dict[str, Any]:
+def _options(header: Mapping[str, Any]) -> RunOptions:
     settings = header["settings"]
-    return {"seed": header["seed"], "mode": settings["mode"], "engine": settings["engine"]}
+    return RunOptions(seed=header["seed"], mode=settings["mode"], engine=settings["engine"])
 
 
 def _same_settings(search: Search, header: Mapping[str, Any], folder: Path) -> None:

@@ -191,6 +191,55 @@ def test_readings_that_can_be_are_distinguished_from_those_that_cannot():
     assert all(limits.impossible(LIMITS, reading(STANDING)._replace(**one)) for one in IMPOSSIBLE)
 
 
+AT_A_LIMIT = [{"gyro": np.array([35.0, -35.0, 35.0])}, {"dq": np.full(12, -42.0)}]
+BEYOND_IT = [{"gyro": np.array([0.0, 0.0, -35.1])}, {"dq": at(ZERO, 3, 42.1)}, {"q": at(STANDING, 3, -1.31)}]
+
+
+def test_a_reading_at_a_limit_of_what_is_possible_is_possible():
+    for one in AT_A_LIMIT:
+        at_the_limit = reading(STANDING)._replace(**one)
+        assert limits.impossible(LIMITS, at_the_limit) is None
+        assert limits.calm(LIMITS, at_the_limit)
+    for one in BEYOND_IT:
+        assert limits.impossible(LIMITS, reading(STANDING)._replace(**one))
+    assert limits.impossible(LIMITS, reading(at(STANDING, 3, -1.29))) is None
+
+
+@pytest.mark.parametrize("field", ["gyro", "dq", "tau", "temperature"])
+def test_a_reading_is_calm_up_to_its_limit_on_either_side(field):
+    most = {"gyro": 35.0, "dq": 42.0, "tau": 20.0, "temperature": 49.9}[field]
+    size = getattr(reading(STANDING), field).size
+    for place in range(size):
+        for value in (most, -most):
+            one = np.zeros(size)
+            one[place] = value
+            assert limits.calm(LIMITS, reading(STANDING)._replace(**{field: one}))
+            one[place] *= 1.01
+            beyond = limits.calm(LIMITS, reading(STANDING)._replace(**{field: one}))
+            assert beyond == (field == "temperature" and value < 0.0)
+
+
+def test_a_base_that_tilts_about_one_axis_is_calm_up_to_a_part_of_the_limit():
+    assert limits.calm(LIMITS, reading(STANDING)._replace(quaternion=leaning(0.35)))
+    assert not limits.calm(LIMITS, reading(STANDING)._replace(quaternion=leaning(0.36)))
+    assert not limits.calm(LIMITS, reading(STANDING)._replace(quaternion=np.array([0.94, 0.0, 0.0, 0.0])))
+
+
+def test_the_level_of_power_is_hundreds_of_watts_from_one_to_ten():
+    levels = [-1, 0, 1, 2, 5, 10, 12]
+    assert [Limits(power_level=level).watts for level in levels] == [100, 100, 100, 200, 500, 1000, 1000]
+
+
+def test_power_is_the_sum_of_what_every_motor_takes_or_gives():
+    dq, tau = np.arange(12.0) - 6.0, np.full(12, -2.0)
+    assert limits.power(reading(dq=dq, tau=tau)) == 2.0 * np.abs(dq).sum()
+
+
+def test_the_count_of_power_rises_beyond_the_level_and_falls_to_zero():
+    assert limits.powered(LIMITS, 3, 500.1) == 4
+    assert [limits.powered(LIMITS, count, 500.0) for count in (3, 1, 0)] == [2, 0, 0]
+
+
 def test_orders_within_the_limits_are_not_touched():
     orders = walking(tau=33.5)
     assert limits.clipped(LIMITS, orders) == (orders, 0)

@@ -161,6 +161,16 @@ def test_a_robot_that_moves_is_not_armed(speed, still):
     assert any(sometimes) == still
 
 
+def test_a_robot_is_armed_once_it_was_still_for_half_a_second():
+    rounds = Rounds()
+    rounds.machine = states.connected(rounds.machine, 0)
+    rounds.turn()
+    rounds.turn(249)
+    assert states.unready(rounds.machine, READY, LIMITS)
+    rounds.turn()
+    assert states.unready(rounds.machine, READY, LIMITS) is None
+
+
 def test_a_robot_that_rocks_is_not_armed():
     rounds = Rounds()
     rounds.machine = states.connected(rounds.machine, 0)
@@ -258,6 +268,16 @@ def test_a_silent_client_is_bridged_without_torque_and_then_damped(brought):
     assert rounds.state is State.DAMPING
     assert rounds.machine.word == "client"
     assert damping(sent[-1])
+
+
+@pytest.mark.parametrize(("silence", "torque"), [(9_999_999, 5.0), (10_000_000, 0.0)])
+def test_torques_of_orders_are_sent_for_less_than_10_ms(brought, silence, torque):
+    rounds = brought(State.WALK)
+    rounds.turn(orders=walking(5.0))
+    last = rounds.machine.memory.now
+    rounds.turn(4)
+    orders = states.step(rounds.machine, Inputs(last + silence, Arrival(reading(rounds.q))), LIMITS).orders
+    assert (orders.tau[0], orders.kp[0]) == (torque, 20.0)
 
 
 def test_a_silent_robot_is_bridged_and_then_damped(brought):
@@ -427,6 +447,22 @@ def test_where_the_robot_lies_a_pause_of_the_link_is_forgiven_and_an_absence_is_
     rounds.turn(1, silent=True)
     assert rounds.state is State.DAMPING
     assert rounds.machine.word == "link"
+
+
+def test_a_motor_is_warned_of_after_a_second_of_more_than_20_newton_metres(brought):
+    rounds = brought(State.STAND)
+    rounds.turn(500, tau=np.full(12, 20.0))
+    assert rounds.machine.warnings == ()
+    rounds.turn(499, tau=at(ZERO, 3, -20.1))
+    assert rounds.machine.warnings == ()
+    rounds.turn(tau=at(ZERO, 3, -20.1))
+    assert [name for name, _ in rounds.machine.warnings] == ["strain"]
+
+
+def test_the_largest_torque_itself_damps_nobody(brought):
+    rounds = brought(State.STAND)
+    rounds.turn(20, tau=at(ZERO, 3, -33.5))
+    assert rounds.state is State.STAND
 
 
 @pytest.mark.parametrize("name", ["temperature", "tau"])

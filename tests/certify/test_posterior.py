@@ -127,6 +127,15 @@ def test_a_norm_that_no_data_allow_has_no_width():
     assert np.isnan(confidence.width(np.array([0.1]), np.array([1.0]), 1.0, np.array([5.0]))).all()
 
 
+def test_a_norm_that_the_data_just_allow_has_the_width_0():
+    assert confidence.width(np.array([1.0]), np.array([4.0]), 0.75, np.array([1.0])).tolist() == [[0.0]]
+
+
+def test_data_that_the_zero_function_fits_ask_for_no_norm():
+    gram = Kernel("rbf", 0.3).gram(np.array([[0.0], [0.5]]), np.array([[0.0], [0.5]]))
+    assert confidence.smallest_norm(gram, np.array([2.0, 3.0]), np.array([0.1, -0.2]), 1.0) == 0.0
+
+
 def test_the_dual_bound_is_the_exact_maximum_over_the_confidence_set():
     """max J(z) over ‖J‖ ≤ B and (ȳ−J)ᵀM(ȳ−J) ≤ r, solved as a convex programme by brute force."""
     from scipy.optimize import minimize
@@ -198,6 +207,13 @@ def test_the_e_value_refutes_a_small_proxy_and_spares_a_right_one():
     scatter = float(((1.5 * rng.normal(size=degrees)) ** 2).sum())
     assert confidence.noise_e_value(scatter, degrees) > np.log(1e6)
     assert confidence.noise_e_value(0.0, 0) == pytest.approx(0.0)
+
+
+@pytest.mark.parametrize(("scatter", "degrees"), [(0.5, 1), (12.0, 7), (30.0, 0), (900.0, 400)])
+def test_the_e_value_is_the_mean_over_the_scales_of_the_formula(scatter, degrees):
+    s = np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95])
+    each = (1 - s) ** (degrees / 2) * np.exp(s * scatter / 2)
+    assert confidence.noise_e_value(scatter, degrees) == pytest.approx(np.log(each.mean()))
 
 
 def test_the_e_value_averages_to_at_most_one_when_the_proxy_is_right():

@@ -1,0 +1,172 @@
+"""Experiments: they answer the queries of a search with outcomes.
+
+Every rollout is written to its journal first. Only then does the search get its outcome.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal, NoReturn, Protocol
+
+import numpy as np
+
+from s2r_spec.certify.observers import Observer, OnlyCrashes, Silent
+from s2r_spec.certify.search import Query, Search
+from s2r_spec.errors import BackendError, S2RError
+from s2r_spec.rollouts.journal import Journal, Record
+from s2r_spec.rollouts.machine_journal import Void
+from s2r_spec.rollouts.runner import Done, Task
+from s2r_spec.rollouts.scorer import Scorer
+from s2r_spec.rollouts.seeds import Stream, rollout_seed
+
+UNSCORED = "unscored"
+"""Definition: word for a machine's rollout whose trace the requirement cannot evaluate."""
+
+
+class Runs(Protocol):
+    """Runs tasks: a :class:`s2r_spec.rollouts.runner.Runner`, or a machine with its operator."""
+
+    def run(self, tasks: Sequence[Task]) -> Iterator[Done]:
+        """Yield the result of every task."""
+        ...
+
+
+class Experiment(Protocol):
+    """Answers queries; every outcome is on disk before it is returned."""
+
+    def outcomes(self, queries: Sequence[Query], observer: Observer) -> dict[int, list[float]]:
+        """Return query index → (replicates,) outcomes."""
+        ...
+
+
+@dataclass(frozen=True)
+class Rollouts:
+    """Rollouts on one backend. The outcome is −ρ, so that the maximum is the worst case.
+
+    Attributes:
+        scorer: evaluates ρ of a rollout.
+        seed: of the run.
+        journal: records every rollout.
+        runner: runs the rollouts.
+        stream: of seeds.
+        each: rollouts per replicate; the outcome is their mean.
+    """
+
+    scorer: Scorer
+    seed: int
+    journal: Journal
+    runner: Runs
+    stream: Stream = Stream.CHECK
+    each: int = 1
+
+    def outcomes(self, queries: Sequence[Query], observer: Observer) -> dict[int, list[float]]:
+        """Run the rollouts that the journal lacks; see :class:`Experiment`.
+
+        Raises:
+            BackendError: a rollout raised, or the journal is of a search with other tests.
+        """
+        points = {query.index: query.point for query in queries}
+        records: dict[tuple[int, int], Record] = {}
+        tasks = []
+        for query in queries:
+            for replicate in range(query.replicates * self.each):
+                key = query.index, replicate
+                task = self.scorer.task(*key, query.point, rollout_seed(self.seed, *key, self.stream))
+                before = self._recorded(task, query.point)
+                if before is None:
+                    tasks.append(task)
+                else:
+                    records[key] = before
+                    observer.rollout(before, new=False)
+        for done in self.runner.run(tasks):
+            record = self._record(done, points[done.task.query])
+            records[record.query, record.replicate] = record
+            observer.rollout(record)
+            if done.trace is None:
+                observer.crash(record)
+        return {
+            query.index: [
+                float(np.mean([-records[query.index, r * self.each + i].rho for i in range(self.each)]))
+                for r in range(query.replicates)
+            ]
+            for query in queries
+        }
+
+    def _recorded(self, task: Task, point: Mapping[str, float]) -> Record | None:
+        """Return the journal's record of a task, None if there is none.
+
+        Raises:
+            BackendError: it is a record of another test or seed.
+        """
+        before = self.journal.get(task.query, task.replicate)
+        if before is not None and (before.params != point or before.seed != task.seed):
+            raise BackendError(
+                f"rollout {task.query}.{task.replicate} of {self.journal.folder} was run at {before.params}, now "
+                f"the search asks for {point}: the numerical libraries must have changed in between"
+            )
+        return before
+
+    def _record(self, done: Done, point: dict[str, float]) -> Record:
+        """Evaluate a rollout and write it to the journal.
+
+        Raises:
+            BackendError: the requirement cannot be evaluated on its trace.
+        """
+        try:
+            rho, failure = self.scorer.score(point, done)
+        except S2RError as error:
+            self._refuse(done, point, error)
+        key = done.task.query, done.task.replicate
+        record = Record(*key, point, done.task.seed, rho, failure, trace=None, seconds=round(done.seconds, 4))
+        return self.journal.append(record, done.trace)
+
+    def _refuse(self, done: Done, point: Mapping[str, float], error: S2RError) -> NoReturn:
+        """Keep the trace of a rollout without ρ, and raise a BackendError that names it."""
+        key = done.task.query, done.task.replicate
+        kept = self.journal.keep(key, done.trace)
+        for attempt in self.journal.open:  # a machine's rollout ends here, without an outcome
+            if attempt.key == key:
+                self.journal.void(Void(attempt, UNSCORED, str(error), None, done.seconds), done.trace)
+        test = ", ".join(f"{name} = {value:.6g}" for name, value in point.items())
+        raise BackendError(
+            f"rollout {key[0]}.{key[1]} at {test} cannot be scored: {error}; its trace is kept in {kept}"
+        ) from error
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """A simulated and a real rollout for each replicate. The outcome is −Δ = ρ_sim − ρ_real.
+
+    Attributes:
+        simulated: rollouts of the simulator.
+        real: rollouts of the real machine.
+        watched: the backend whose rollouts the observer receives; of the other one it receives crashes only.
+    """
+
+    simulated: Experiment
+    real: Experiment
+    watched: Literal["real", "simulated"] = "real"
+
+    def outcomes(self, queries: Sequence[Query], observer: Observer) -> dict[int, list[float]]:
+        """Run the real machine first: its rollouts are then on disk if the simulator raises."""
+        watched = {self.watched: observer}
+        others = OnlyCrashes(observer)
+        real = self.real.outcomes(queries, watched.get("real", others))
+        simulated = self.simulated.outcomes(queries, watched.get("simulated", others))
+        return {index: [r - s for r, s in zip(real[index], simulated[index], strict=True)] for index in real}
+
+
+def run_search(search: Search, experiment: Experiment, observer: Observer | None = None) -> None:
+    """Run the search to its end.
+
+    Raises:
+        BackendError: a rollout raised; every rollout before it is on disk.
+    """
+    observer = observer or Silent()
+    while not search.done:
+        queries = search.ask()
+        observer.batch(queries, search.certificate())
+        outcomes = experiment.outcomes(queries, observer)
+        for query in queries:
+            search.tell(query, outcomes[query.index])

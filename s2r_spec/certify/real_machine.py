@@ -1,0 +1,112 @@
+"""Search 1 and search 2, and their combined certificate of the real machine."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Unpack
+
+from s2r_spec.certify.arguments import as_folder, as_name, as_spec, require_begun
+from s2r_spec.certify.certificate import Label
+from s2r_spec.certify.check import check_with
+from s2r_spec.certify.check_result import CheckResult, Verdict
+from s2r_spec.certify.compose import Composition, compose
+from s2r_spec.certify.from_spec import only_requirement, search_for
+from s2r_spec.certify.gap import gap_search, gap_with
+from s2r_spec.certify.gap_result import GapResult
+from s2r_spec.certify.options import RunKeywords, RunOptions
+from s2r_spec.certify.pairing import Pairing
+from s2r_spec.certify.search import Search
+from s2r_spec.rollouts.attendance import refuse_terms
+from s2r_spec.rollouts.layout import GAP, SIMULATION
+from s2r_spec.rollouts.machine_journal import AGAIN
+from s2r_spec.spec import Spec
+
+
+@dataclass(frozen=True)
+class CertifyResult:
+    """Both searches, and the certificate of the real machine that follows from them.
+
+    Attributes:
+        verdict: HOLDS if the combined interval is ≥ 0, VIOLATED if it is < 0, else UNKNOWN.
+        reason: one sentence for the verdict.
+        real: the real machine's backend.
+        simulated: result of search 1.
+        gap: result of search 2; None if search 1 has no certificate, for then the real machine runs no rollout.
+        composition: the combined interval; None if one of the searches has no certificate.
+    """
+
+    verdict: Verdict
+    reason: str
+    real: str
+    simulated: CheckResult
+    gap: GapResult | None
+    composition: Composition | None
+
+
+def certify(
+    spec: Spec, simulated: str, real: str, folder: Path | str, **keywords: Unpack[RunKeywords]
+) -> CertifyResult:
+    """Run both searches and combine them; the arguments are those of :func:`s2r_spec.certify.gap.gap`.
+
+    ``budget`` bounds the real rollouts; the simulator runs as many as its ε takes. Search 2 does not begin when
+    search 1 was refused: rollouts of the real machine could not change that.
+
+    Raises:
+        UsageError: spec, backends and folder do not fit together, or there is no run to resume.
+        BackendError: a rollout raised; every rollout before it is in the journals.
+    """
+    options = RunOptions(**keywords)
+    spec, folder = as_spec(spec), as_folder(folder)
+    simulated, real = as_name(simulated, "simulated"), as_name(real, "real")
+    requirement = options.requirement or only_requirement(spec)
+    if options.resume:
+        require_begun([folder / SIMULATION], folder)
+    pairing = Pairing.for_spec(spec, requirement, simulated, real, options.budget)
+    refuse_terms(pairing.real.backend, options.terms)
+    of_simulator = replace(options, budget=None, void=AGAIN, operator=None)
+    first = search_for(spec, requirement, of_simulator)
+    second = gap_search(spec, requirement, options, pairing.per_real)
+    if pairing.recorded is None:
+        second.refuse_hopeless()
+    checked = check_with(first, spec, requirement, simulated, folder / SIMULATION, of_simulator)
+    if not checked.certificate.label.bounds:
+        return refused_in_simulation(checked, real)
+    bounded = gap_with(second, spec, requirement, pairing, folder / GAP, options)
+    return conclude_certify(first, second, checked, bounded)
+
+
+def refused_in_simulation(checked: CheckResult, real: str) -> CertifyResult:
+    """Return the result when search 1 has no certificate."""
+    reason = f"no certificate for simulation: {checked.certificate.reason}; no rollout of {real} was run"
+    return CertifyResult(Verdict.UNKNOWN, reason, real, checked, None, None)
+
+
+def conclude_certify(
+    first: Search, second: Search, checked: CheckResult, bounded: GapResult
+) -> CertifyResult:
+    """Return the certificate of the real machine.
+
+    Args:
+        first: search 1, over simulated rollouts.
+        second: search 2, over the gap.
+        checked: result of search 1.
+        bounded: result of search 2.
+    """
+    real = bounded.provenance["real"]["backend"]
+    for name, certificate in (("simulation", checked.certificate), ("the gap", bounded.certificate)):
+        if not certificate.label.bounds:
+            reason = f"no certificate for {name}: {certificate.reason}"
+            return CertifyResult(Verdict.UNKNOWN, reason, real, checked, bounded, None)
+    composition = compose(first, second)
+    if composition.lower >= 0:
+        verdict, reason = Verdict.HOLDS, f"the worst expected robustness of {real} is not negative"
+    elif composition.upper < 0:
+        verdict, reason = Verdict.VIOLATED, f"the worst expected robustness of {real} is negative"
+    else:
+        way = "more real rollouts" if bounded.certificate.label is Label.BUDGET else "a smaller epsilon"
+        if "recorded" in bounded.provenance:
+            where = ", ".join(f"{name} = {value:.4g}" for name, value in second.suggestion.items())
+            way = f"a further recorded test, best at {where},"
+        verdict, reason = Verdict.UNKNOWN, f"the interval contains 0; {way} may decide it"
+    return CertifyResult(verdict, reason, real, checked, bounded, composition)

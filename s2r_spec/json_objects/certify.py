@@ -1,0 +1,39 @@
+"""The object of ``s2r certify``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from s2r_spec.certify.check_result import Verdict
+from s2r_spec.certify.compose import Composition
+from s2r_spec.json_objects.check import CheckedRequirement
+from s2r_spec.json_objects.gap import BoundedGap
+from s2r_spec.json_objects.parts import ExitCode, Location
+
+
+@dataclass(frozen=True, kw_only=True)
+class CertifyObject:
+    """The result of ``s2r certify``.
+
+    Attributes:
+        schema: name and version of this object.
+        exit_code: 0 holds, 1 violated, 3 unknown.
+        verdict: holds, violated or unknown.
+        reason: one sentence for the verdict.
+        real: the backend that the bounds are about.
+        promise: the bounds on the worst expected robustness of the real machine; null if there are none.
+        simulation: the check of the simulator.
+        gap: the gap of the two; null if the simulation was refused.
+        location: where the requirement is written.
+    """
+
+    schema: Literal["s2r.certify/1"] = "s2r.certify/1"
+    exit_code: ExitCode
+    verdict: Verdict
+    reason: str
+    real: str
+    promise: Composition | None
+    simulation: CheckedRequirement
+    gap: BoundedGap | None
+    location: Location

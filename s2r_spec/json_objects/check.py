@@ -1,0 +1,154 @@
+"""The object of ``s2r check`` and ``s2r report``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Annotated, Any, Literal, NotRequired
+
+from annotated_types import MinLen
+
+from s2r_spec.certify.certificate import Certificate, Label
+from s2r_spec.certify.check_result import Tested, Verdict
+from s2r_spec.json_objects.parts import (
+    Count,
+    ExitCode,
+    Failures,
+    Level,
+    Location,
+    Magnitude,
+    Open,
+    Probability,
+)
+from s2r_spec.plain import OPTIONAL
+from s2r_spec.rollouts.journal import Record
+
+
+@dataclass(frozen=True, kw_only=True)
+class WorstExpectedRobustness:
+    """The minimum over the test space of the expected ρ lies in [lower, upper].
+
+    Attributes:
+        lower: in the unit.
+        upper: in the unit.
+        unit: of ρ; empty for none, 'mixed' if margins do not compare.
+        epsilon: upper − lower; negative only if the certificate is refused because its bounds contradict each other.
+        probability_at_least: 1 − delta.
+        delta: 1 − probability, exact where the difference rounds.
+    """
+
+    lower: float
+    upper: float
+    unit: str
+    epsilon: float
+    probability_at_least: Probability
+    delta: Level
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Objective:
+    objective: Literal["-rho"] = "-rho"
+
+
+@dataclass(frozen=True)
+class RobustnessSearch(Certificate, _Objective):
+    """The certificate of the search, which maximises −ρ: its signs and bounds are those of −ρ.
+
+    Attributes:
+        objective: what the search maximises.
+    """
+
+
+class BackendProvenance(Open):
+    """What fixes a backend's answers.
+
+    Attributes:
+        backend: as ``--backend`` says it.
+        model_hash: changes whenever the traces could.
+        assumptions: what every statement about this backend assumes of it.
+        void: only of a machine: what becomes of a void rollout.
+    """
+
+    backend: str
+    model_hash: str
+    assumptions: NotRequired[list[str]]
+    void: NotRequired[Literal["again", "fall"]]
+
+
+class Provenance(BackendProvenance):
+    """What fixes the run, as its journal begins.
+
+    Attributes:
+        s2r: version.
+        spec: name of the specification's file.
+        spec_hash: of the specification.
+        requirement: its name.
+        duration: of a rollout [s].
+        seed: of the run.
+        settings: what was declared before the data.
+        recorded: only of recordings: what was left out, a sentence each.
+    """
+
+    s2r: str
+    spec: str
+    spec_hash: str
+    requirement: str
+    duration: Magnitude
+    seed: Count
+    settings: dict[str, Any]
+    recorded: NotRequired[list[str]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class CheckedRequirement:
+    """The result of one requirement.
+
+    Attributes:
+        requirement: its name.
+        verdict: holds, violated or unknown.
+        reason: one sentence for the verdict.
+        worst_expected_robustness: the bounds.
+        label: what the certificate may be called.
+        worst: all rollouts at the worst test.
+        lowest: the rollout of the lowest ρ.
+        failures: word → how many rollouts ended so.
+        assumptions: each in one sentence.
+        search: the certificate.
+        provenance: what fixes the run.
+        folder: where the rollouts lie.
+        replay: the command that runs the rollout of the lowest ρ again.
+        seconds: what the rollouts took, all workers and all resumed processes added up.
+        voids: only of a machine: word → how many rollouts were void, ended by something else than the robot.
+    """
+
+    requirement: str
+    verdict: Verdict
+    reason: str
+    worst_expected_robustness: WorstExpectedRobustness
+    label: Label
+    worst: Tested
+    lowest: Record
+    failures: Failures
+    assumptions: Annotated[tuple[str, ...], MinLen(1)]
+    search: RobustnessSearch
+    provenance: Provenance
+    folder: str
+    replay: str
+    seconds: Magnitude
+    voids: Failures | None = field(default=None, metadata=OPTIONAL)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CheckObject:
+    """The result of ``s2r check``.
+
+    Attributes:
+        schema: name and version of this object.
+        exit_code: 0 holds, 1 violated, 3 unknown; the worst of all requirements.
+        results: in the order of the requirements.
+        locations: requirement → where it is written.
+    """
+
+    schema: Literal["s2r.check/1"] = "s2r.check/1"
+    exit_code: ExitCode
+    results: Annotated[tuple[CheckedRequirement, ...], MinLen(1)]
+    locations: dict[str, Location]

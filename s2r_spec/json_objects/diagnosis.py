@@ -1,0 +1,445 @@
+"""The object of ``s2r diagnose``, as :meth:`s2r_spec.diagnose.diagnosis.Diagnosis.to_json` makes it."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from annotated_types import MinLen
+from typing_extensions import TypedDict
+
+from s2r_spec.diagnose.diagnosis import NextTest, Verdict
+from s2r_spec.diagnose.how_far import Gap, HeldOut
+from s2r_spec.diagnose.isolability import Least
+from s2r_spec.diagnose.where.attribution import Part
+from s2r_spec.diagnose.where.body import Shift
+from s2r_spec.diagnose.where.critical import Critical
+from s2r_spec.json_objects.parts import Count, Open, Point, Probability
+
+Values = dict[str, dict[str, float]]
+"""Effect → parameter → value."""
+Ends = tuple[float, float]
+
+
+class FindingObject(TypedDict):
+    """A mistake that the recordings seem to have.
+
+    Attributes:
+        code: of the check: late, begin, clock, hold, exchanged, sign, scale, frame, offset, labels, unit, …
+        channel: in which it is; 'the tests' or 'the clock' where it is in no channel.
+        text: what it seems to be, and what to do, in a few sentences; the notes have it, too.
+    """
+
+    code: str
+    channel: str
+    text: str
+
+
+class SetObject(TypedDict):
+    """Two effects or more that are the answer together.
+
+    Attributes:
+        effects: their names.
+        probability: that these are the causes.
+    """
+
+    effects: Annotated[list[str], MinLen(2)]
+    probability: Probability
+
+
+class EstimateObject(TypedDict):
+    """A parameter of a named effect.
+
+    Attributes:
+        estimate: in the unit.
+        low: of the 90 % interval.
+        high: of the 90 % interval.
+        unit: of the three.
+        at_end: whether the value stands at an end of its range, past which nothing was tried.
+    """
+
+    estimate: float
+    low: float
+    high: float
+    unit: str
+    at_end: bool
+
+
+class IsolabilityObject(TypedDict):
+    """Which effects these tests can tell apart.
+
+    Attributes:
+        effects: names.
+        sigma: row: the effect, column: what it is mistaken for; standard deviations.
+        visible: distance from the nominal simulator.
+        apart: below this distance effects are confounded.
+        differs: the same distances as parts of the effect's own size; below 0.38 effects are confounded.
+        least: of every parameter, the values from which on its effect is so far from what any other can imitate.
+    """
+
+    effects: list[str]
+    sigma: list[list[float]]
+    visible: list[float]
+    apart: float
+    differs: list[list[float]]
+    least: list[Least]
+
+
+class WhichObject(TypedDict):
+    """Which effects, with probabilities.
+
+    Attributes:
+        posterior: effect, none or unknown → probability that it alone is the answer.
+        pairs: sets of two effects and more, of one in a thousand or more.
+        others: probability of all other sets of several effects.
+        membership: effect → probability that it is among the causes.
+        answer: effects named; empty for none and unknown.
+        set: what the data cannot tell from the answer, the answer included.
+        spare: effects of the answer that may not be there: without them the others are nearly as likely.
+        parameters: effect → parameter → value that fits best.
+        nearest_family: of the likeliest effects.
+        isolability: at the tests that were run.
+        next_test: the test that would best separate what cannot be told apart; null when the answer is sure.
+    """
+
+    posterior: dict[str, Probability]
+    pairs: list[SetObject]
+    others: float
+    membership: dict[str, float]
+    answer: list[str]
+    set: list[str]
+    spare: list[str]
+    parameters: dict[str, dict[str, EstimateObject]]
+    nearest_family: str
+    isolability: IsolabilityObject
+    next_test: NextTest | None
+
+
+class IntervalObject(TypedDict):
+    """An estimate with its interval.
+
+    Attributes:
+        estimate: of a share.
+        low: of the 95 % interval.
+        high: of the 95 % interval.
+    """
+
+    estimate: float
+    low: float
+    high: float
+
+
+class LargestObject(IntervalObject):
+    """The expected |Δρ| at its worst test.
+
+    Attributes:
+        estimate: in the unit.
+        unit: of ρ.
+    """
+
+    unit: str
+
+
+class BeyondObject(TypedDict):
+    """Tests at which the gap exceeds the tolerance.
+
+    Attributes:
+        share: of the test space.
+        within: parameter → ends of the box that holds them.
+    """
+
+    share: Probability
+    within: dict[str, Ends]
+
+
+class LineObject(TypedDict):
+    """The gap on a line through the worst test, with bands of 95 %.
+
+    Attributes:
+        at: values of the parameter.
+        absolute: E|Δρ|.
+        absolute_low: end of its band.
+        absolute_high: end of its band.
+        signed: E Δρ.
+        signed_low: end of its band.
+        signed_high: end of its band.
+        exceeds: probability that E|Δρ| is above the tolerance; null where there is none.
+    """
+
+    at: list[float]
+    absolute: list[float]
+    absolute_low: list[float]
+    absolute_high: list[float]
+    signed: list[float]
+    signed_low: list[float]
+    signed_high: list[float]
+    exceeds: list[float] | None
+
+
+class SpaceObject(TypedDict):
+    """Where in the test space the gap lies.
+
+    Attributes:
+        worst: the test where E|Δρ| is probably largest.
+        worst_probability: of being within a tenth of every axis of the worst test.
+        worst_within: parameter → central 90 % of where it may be.
+        largest: E|Δρ| there.
+        floor: E|Δρ| of the simulator against itself; null if no test was simulated twice.
+        tolerance: twice what scatter alone makes of |Δρ|; null where no test was simulated twice.
+        beyond: tests at which the gap exceeds the tolerance with 95 %; null where there is no tolerance.
+        along: parameter → the gap on the line along it through the worst test.
+        notes: what the data do not allow, in sentences.
+    """
+
+    worst: Point
+    worst_probability: Probability
+    worst_within: dict[str, Ends]
+    largest: LargestObject
+    floor: float | None
+    tolerance: float | None
+    beyond: BeyondObject | None
+    along: dict[str, LineObject]
+    notes: list[str]
+
+
+class WindowObject(TypedDict):
+    """One of equal windows of time.
+
+    Attributes:
+        begin: of the window [s].
+        end: of it [s].
+        delta: what it adds to Δρ.
+    """
+
+    begin: float
+    end: float
+    delta: float
+
+
+class SwitchObject(TypedDict):
+    """What decides ρ in simulation and on the real machine.
+
+    Attributes:
+        simulated: what decides ρ of the simulated trace.
+        real: what decides ρ of the real one.
+        switches: whether another predicate decides.
+        bounds: on Δρ; null where ρ is neither a minimum nor a maximum of margins.
+        words: the same in a sentence.
+    """
+
+    simulated: Critical
+    real: Critical
+    switches: bool
+    bounds: Ends | None
+    words: str
+
+
+class ChannelObject(TypedDict):
+    """One channel of both traces, in the spec's unit.
+
+    Attributes:
+        real: means over bins.
+        simulated: means over bins.
+        delta: what each bin adds to Δρ.
+    """
+
+    real: list[float]
+    simulated: list[float]
+    delta: list[float]
+
+
+class TraceObject(TypedDict):
+    """A real and a simulated trace, in bins of samples.
+
+    Attributes:
+        begin: of each bin [s].
+        channels: name → its samples.
+    """
+
+    begin: list[float]
+    channels: dict[str, ChannelObject]
+
+
+class BodyPartObject(TypedDict):
+    """A part of the machine.
+
+    Attributes:
+        part: as the backend calls it.
+        shifts: clearest first; empty where nothing shifts.
+    """
+
+    part: str
+    shifts: list[Shift]
+
+
+class BodyObject(TypedDict):
+    """Which parts of the machine do what their model does not explain.
+
+    Attributes:
+        level: false-discovery rate.
+        rollouts: real ones that were compared.
+        duration: of a rollout [s].
+        asked: questions: columns times two times windows.
+        parts: those that show most first.
+    """
+
+    level: Probability
+    rollouts: Count
+    duration: float
+    asked: Count
+    parts: list[BodyPartObject]
+
+
+class WhereObject(TypedDict):
+    """Where the gap lies.
+
+    Attributes:
+        space: over the test space; null where the spec sweeps no parameter, or more than four.
+        test: the worst of the tests that were run; all that follows is of a pair of rollouts there.
+        delta: Δρ = ρ_real − ρ_sim.
+        time: what equal windows of time add to Δρ.
+        formula: sub-formulas in written order.
+        channels: name → what it adds to Δρ.
+        ended: part of Δρ that the common samples do not show.
+        switch: what decides ρ of both; null if ρ rests on no predicate there.
+        trace: samples of both.
+        body: which parts of the machine do what their model does not explain; null where it cannot be said.
+        no_body: why body is null, in a sentence.
+    """
+
+    space: SpaceObject | None
+    test: Point
+    delta: float
+    time: list[WindowObject]
+    formula: list[Part]
+    channels: dict[str, float]
+    ended: float
+    switch: SwitchObject | None
+    trace: TraceObject
+    body: BodyObject | None
+    no_body: str | None
+
+
+class HowFarObject(TypedDict):
+    """The gap on held-out rollouts, before and after the named effects were added to the simulator.
+
+    Attributes:
+        rollouts: held-out real ones.
+        unit: of ρ.
+        before: of the nominal simulator.
+        after: with the named effects; null when nothing is named.
+        tuned: with a little of every other effect as well.
+        floor: scatter alone.
+        background: what a little of every effect makes, at most, in 19 of 20 machines.
+        material: whether the gap is more than these two make.
+        seen: of the nominal simulator at the rollouts that were not held out.
+        elsewhere: whether the gap is material there, but not at the held-out tests.
+        share: part of what lies above the floor that the named effects close.
+        tuned_share: the same of the tuned simulator.
+        oracle_gap: the gap after, as predicted for the best of all single effects.
+        oracle_share: part of what this one closes that the named effects close.
+        tests_with_a_larger_gap_at_most: part of all tests, with 95 % confidence.
+        tests: the held-out ones, signed.
+    """
+
+    rollouts: Count
+    unit: str
+    before: Gap
+    after: Gap | None
+    tuned: Gap | None
+    floor: float
+    background: float
+    material: bool
+    seen: Gap | None
+    elsewhere: bool
+    share: IntervalObject | None
+    tuned_share: IntervalObject | None
+    oracle_gap: float | None
+    oracle_share: float | None
+    tests_with_a_larger_gap_at_most: Probability
+    tests: list[HeldOut]
+
+
+class RemainderObject(TypedDict):
+    """What the machine does in one place, and the improved simulator does not.
+
+    Attributes:
+        quantity: a recorded channel, or a residual of the nominal model.
+        column: of it.
+        part: of the machine; "" where the quantity is of one alone.
+        along: channel between whose values that is; "" for time.
+        low: end of the place; null where it has no such end.
+        high: end of the place; null where it has no such end.
+        size: in the quantity's unit; the machine's less the improved simulator's.
+        unit: of the quantity.
+        along_unit: of the channel, or of time.
+        surplus: size in units of what is allowed for.
+        recorded: whether the quantity is a recorded channel.
+    """
+
+    quantity: str
+    column: int
+    part: str
+    along: str
+    low: float | None
+    high: float | None
+    size: float
+    unit: str
+    along_unit: str
+    surplus: float
+    recorded: bool
+
+
+class DiagnosisObject(Open):
+    """The result of ``s2r diagnose``; further fields say where the answer comes from.
+
+    Attributes:
+        schema: name and version of this object.
+        exit_code: 0 a cause, or none, is named; 3 it is not.
+        s2r: version.
+        seed: of the diagnosis.
+        spec_hash: of the specification.
+        requirement: its name.
+        backend: the simulator.
+        model_hash: of the simulator.
+        rollouts: real ones that the answer rests on.
+        held_out: real ones that the gap is measured on.
+        verdict: in one word or two.
+        by_falls: whether what is named rests on falls alone: no other rollout shows it.
+        reason: one sentence for the verdict.
+        next: what to do next, in one sentence.
+        which: the effects, with probabilities.
+        where: where the gap lies; null if it was not asked for.
+        how_far: on held-out real rollouts; null with too few of them.
+        left: what no effect explains, largest surplus first; empty where fewer than five rollouts reached their end.
+        patch: effect → parameter → value to add to the simulator.
+        tuned: the same with a little of every other effect, as the data want it.
+        assumptions: each in one sentence.
+        notes: what the real rollouts lack.
+        findings: mistakes that the recordings seem to have: first see to these.
+        misread: the channels of findings, each once.
+    """
+
+    schema: Literal["s2r/diagnosis/1"]
+    exit_code: Literal[0, 3]
+    s2r: str
+    seed: Count
+    spec_hash: str
+    requirement: str
+    backend: str
+    model_hash: str
+    rollouts: Count
+    held_out: Count
+    verdict: Verdict
+    by_falls: bool
+    reason: str
+    next: str
+    which: WhichObject
+    where: WhereObject | None
+    how_far: HowFarObject | None
+    left: list[RemainderObject]
+    patch: Values
+    tuned: Values
+    assumptions: Annotated[list[str], MinLen(1)]
+    notes: list[str]
+    findings: list[FindingObject]
+    misread: list[str]

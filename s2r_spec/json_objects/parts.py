@@ -1,0 +1,45 @@
+"""What the objects of several commands share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Annotated, Any, Literal, TypeVar
+
+from annotated_types import Ge, Interval
+from typing_extensions import TypedDict
+
+Record = TypeVar("Record")
+
+Count = Annotated[int, Ge(0)]
+Magnitude = Annotated[float, Ge(0)]
+Probability = Annotated[float, Interval(ge=0, le=1)]
+Level = Annotated[float, Interval(gt=0, lt=1)]
+"""A probability that is neither impossible nor sure, such as δ."""
+Point = dict[str, float]
+"""Test parameter → value, in the unit that the specification declares."""
+Failures = dict[str, Annotated[int, Ge(1)]]
+"""Word → how many rollouts ended so."""
+ExitCode = Literal[0, 1, 3]
+
+
+class Open(TypedDict):
+    """An object that may have further fields."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Location:
+    """Where a requirement is written.
+
+    Attributes:
+        file: the specification.
+        line: counted from 1.
+    """
+
+    file: str
+    line: Annotated[int, Ge(1)]
+
+
+def extended(kind: type[Record], record: Any, **more: Any) -> Record:
+    """Return a record of a kind that has the fields of another, and these more."""
+    shared = {each.name: getattr(record, each.name) for each in fields(record) if each.init}
+    return kind(**shared, **more)

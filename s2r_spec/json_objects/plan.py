@@ -1,0 +1,52 @@
+"""The objects of ``s2r plan``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from s2r_spec.certify.pilot import Pilot
+from s2r_spec.certify.plan import Plan
+
+
+@dataclass(frozen=True, kw_only=True)
+class PilotObject:
+    """The result of ``s2r plan --pilot`` without settings.
+
+    Attributes:
+        schema: name and version of this object.
+        pilot: what the run says about R.
+    """
+
+    schema: Literal["s2r.plan/1"] = "s2r.plan/1"
+    pilot: Pilot
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Settings:
+    schema: Literal["s2r.plan/1"] = "s2r.plan/1"
+    R: float
+    epsilon: float
+    delta: float
+    B: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Cost:
+    seconds_per_rollout: float | None
+    pilot: Pilot | None
+
+
+@dataclass(frozen=True)
+class PlanObject(_Cost, Plan, _Settings):
+    """The result of ``s2r plan``.
+
+    Attributes:
+        schema: name and version of this object.
+        R: sub-Gaussian proxy of one rollout's noise.
+        epsilon: width of the interval that is wanted.
+        delta: 1 − probability.
+        B: bound on the RKHS norm.
+        seconds_per_rollout: with all cores of this machine [s]; null without a backend.
+        pilot: what the pilot run says about R; null without one.
+    """

@@ -1,0 +1,68 @@
+"""The objects of the commands that read specifications alone: ``s2r lint`` and ``s2r fmt``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+
+@dataclass(frozen=True, kw_only=True)
+class LintFinding:
+    """One place that is worth a second look.
+
+    Attributes:
+        file: the specification.
+        line: counted from 1.
+        column: counted from 1.
+        code: of the rule.
+        message: one sentence.
+        fix: what to write instead; empty for none.
+    """
+
+    file: str
+    line: int
+    column: int
+    code: str
+    message: str
+    fix: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class LintObject:
+    """The result of ``s2r lint``.
+
+    Attributes:
+        schema: name and version of this object.
+        findings: of all specifications.
+    """
+
+    schema: Literal["s2r.lint/1"] = "s2r.lint/1"
+    findings: tuple[LintFinding, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class LatexObject:
+    """The result of ``s2r fmt --to latex``.
+
+    Attributes:
+        schema: name and version of this object.
+        latex: specification → its formulas as ``align*``.
+    """
+
+    schema: Literal["s2r.latex/1"] = "s2r.latex/1"
+    latex: dict[str, str]
+
+
+@dataclass(frozen=True, kw_only=True)
+class FormatObject:
+    """The result of ``s2r fmt``.
+
+    Attributes:
+        schema: name and version of this object.
+        check: whether the files were left as they are.
+        changed: the files that were changed, or would be.
+    """
+
+    schema: Literal["s2r.fmt/1"] = "s2r.fmt/1"
+    check: bool
+    changed: tuple[str, ...]
