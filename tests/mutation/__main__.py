@@ -1,6 +1,6 @@
 """Mutation testing: are small faults in the code caught by its tests?
 
-    python -m tests.mutation [PART | MODULE …] [--sample N | --all] [--tests FILE …] [--jobs N] [--write]
+    python -m tests.mutation [PART | MODULE …] [--sample N | --all | --again] [--minutes M] [--jobs N] [--write]
 
 Needs the extra ``mutation``. PART is ``certify``, ``robustness`` or ``guard``; MODULE is a file of one. The working
 tree is copied, and each mutant meets the tests that run its line, the fastest first. Survivors are printed with what
@@ -67,10 +67,12 @@ def tried(
         "modules": modules,
         "tests": words.tests or part.tests,
         "early": part.early,
+        "again": words.survivors,
         "part": part.modules(results.ROOT),
         "samples": samples,
         "seed": words.seed,
         "most": words.seconds,
+        "minutes": words.minutes,
     }
     with tempfile.TemporaryDirectory(prefix="mutation-") as kept:
         folder = Path(kept)
@@ -109,7 +111,7 @@ def tried(
 
 def sampled(part: Part, module: str, words: argparse.Namespace) -> int | None:
     """Return how many mutants of a module are tried; None for all."""
-    if words.all or (words.sample is None and Path(module).name in part.whole):
+    if words.all or words.again or (words.sample is None and Path(module).name in part.whole):
         return None
     return SAMPLE if words.sample is None else int(words.sample)
 
@@ -127,7 +129,9 @@ def main() -> None:
     parser.add_argument(
         "--seconds", type=float, default=20.0, help="of CPU, of the tests that a mutant meets at most"
     )
+    parser.add_argument("--minutes", type=float, default=1e6, help="after which no further mutant is tried")
     parser.add_argument("--tests", nargs="+", metavar="FILE", help="instead of those of the part")
+    parser.add_argument("--again", action="store_true", help="only the survivors that are kept")
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     parser.add_argument("--write", action="store_true", help="to benchmarks/results, too")
     parser.add_argument("--table", action="store_true", help="try nothing, and print what is kept")
@@ -136,11 +140,20 @@ def main() -> None:
     if words.table:
         print(results.table(kept), end="")
         return
+    words.survivors = None
+    if words.again:
+        words.survivors = [
+            (module, row["was"], row["now"])
+            for module, one in kept["modules"].items()
+            for row in one["survivors"]
+        ]
     began, jobs = time.monotonic(), []
     for name, part in PARTS.items():
         modules = [
             one for one in part.modules(results.ROOT) if not words.wanted or {name, one} & set(words.wanted)
         ]
+        if words.again:
+            modules = [one for one in modules if one in {module for module, _, _ in words.survivors}]
         samples = {one: sampled(part, one, words) for one in modules}
         shares = [modules[k :: words.jobs] for k in range(words.jobs)]
         jobs += [(part, share, samples, words) for share in shares if share]
@@ -149,7 +162,9 @@ def main() -> None:
     fresh = {}
     for one in (row for row in rows if "mutants" in row):
         own = [row for row in rows if row.get("module") == one["module"] and "result" in row]
-        fresh[one["module"]] = vars(results.score(one["mutants"], own))
+        own.sort(key=lambda row: (row["line"], row["now"]))
+        new = results.updated(kept["modules"][one["module"]], own) if words.again else None
+        fresh[one["module"]] = vars(new or results.score(one["mutants"], own))
     unjudged = [
         (module, row["was"], row["now"])
         for module, one in fresh.items()

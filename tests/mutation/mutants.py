@@ -129,11 +129,9 @@ def sites(code: str) -> list[Site]:
     return sorted(found, key=lambda site: (site.line, site.name, site.occurrence))
 
 
-def sample(of: Sequence[Site], count: int, seed: str) -> list[Site]:
-    """Return at most ``count`` of the sites, drawn at random, in their order."""
-    if len(of) <= count:
-        return list(of)
-    return [of[place] for place in sorted(random.Random(seed).sample(range(len(of)), count))]
+def sample(of: Sequence[Site], count: int | None, seed: str) -> list[Site]:
+    """Return at most ``count`` of the sites, drawn at random; all of them for None."""
+    return random.Random(seed).sample(of, len(of) if count is None else min(count, len(of)))
 
 
 @cache

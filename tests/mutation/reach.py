@@ -37,12 +37,11 @@ class Reach:
         contexts = self.lines.get(module, {})
         first, last = statement(code, line)
         here = {context for row in range(first, last + 1) for context in contexts.get(row, ())}
-        return self._named(here) if here != {""} else self.anywhere(module)
+        return self._named(here) if here != {""} else self.anywhere()
 
-    def anywhere(self, module: str) -> list[str]:
-        """Return the tests that run anything of a module, the fastest first, and then all others."""
-        first = self._named({context for found in self.lines.get(module, {}).values() for context in found})
-        return first + sorted(self.seconds.keys() - first, key=lambda name: (self.seconds[name], name))
+    def anywhere(self) -> list[str]:
+        """Return all tests, the fastest first."""
+        return sorted(self.seconds, key=lambda name: (self.seconds[name], name))
 
     def _named(self, here: set[str]) -> list[str]:
         names = {context.split("|")[0] for context in here if context}

@@ -33,6 +33,12 @@ def score(mutants: int, rows: list[Row]) -> Score:
     return Score(mutants, len(rows), len(rows) - len(left), kept)
 
 
+def updated(before: Row, rows: list[Row]) -> Score:
+    """Return the score of a module after its survivors were tried again."""
+    left = score(0, rows).survivors
+    return Score(before["mutants"], before["tried"], before["tried"] - len(left), left)
+
+
 def read() -> dict[str, Any]:
     """Return the results that are kept, by module."""
     return json.loads(RESULTS.read_text()) if RESULTS.exists() else {}
