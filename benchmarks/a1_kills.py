@@ -42,8 +42,8 @@ from s2r_a1.twin import Twin, TwinSettings
 from s2r_a1.wire import A1, WireError, unpack_orders
 from s2r_sim.controller.gains import Gains
 from s2r_sim.robot.signals import Command
-from s2r_spec.rollouts.attempts import KILLED, Begun
 from s2r_spec.rollouts.journal import FILE, Journal
+from s2r_spec.rollouts.machine_journal import KILLED, Attempt
 from tests.a1.rig import damping, limp
 from tests.a1.robots import end_guard, served
 from tests.processes import lives, until
@@ -205,11 +205,11 @@ class Lab:
         data = (self.run / FILE).read_bytes() if Journal.begun(self.run) else b""
         return data[: data.rfind(b"\n") + 1]
 
-    def announced(self) -> list[Begun]:
+    def announced(self) -> list[Attempt]:
         """Return all rollouts that were announced."""
         lines = [json.loads(line) for line in self.lines().splitlines()]
         return [
-            Begun(**{name: line[name] for name in Begun.__annotations__ if name in line})
+            Attempt(**{name: line[name] for name in Attempt.__annotations__ if name in line})
             for line in lines
             if line.get("kind") == "begun"
         ]
@@ -261,8 +261,8 @@ class Lab:
         else:
             raise SystemExit(f"no run goes on:\n{(self.folder / 'words').read_text()}")
         until(lambda: self.ended() if victim == "search" else not lives(found["pid"]), PATIENCE)
-        begun, count = found["announced"][-1], len(found["announced"])
-        passed = moment - Schedule.of(Command(begun.params["vd"]), begun.seed, TICKS, Gains()).trot
+        attempt, count = found["announced"][-1], len(found["announced"])
+        passed = moment - Schedule.of(Command(attempt.params["vd"]), attempt.seed, TICKS, Gains()).trot
         unlocked, state, word = self._guard_after(victim, found["worker"])
         resumed = self._ask_again(count)
         asked = self.announced()[count]
@@ -273,10 +273,10 @@ class Lab:
             unlocked=unlocked,
             guard=victim == "guard" or word == WORDS[victim] or (victim == "search" and state == "RESTING"),
             kept=self.lines().startswith(found["lines"]),
-            same=(asked.key, asked.params, asked.seed) == (begun.key, begun.params, begun.seed),
+            same=(asked.key, asked.params, asked.seed) == (attempt.key, attempt.params, attempt.seed),
             resumed=resumed,
             **_packets(victim, came, found["now"], state),
-            **self._recorded(victim, begun, passed),
+            **self._recorded(victim, attempt, passed),
         )
 
     def _guard_after(self, victim: str, worker: int) -> tuple[bool, str, str | None]:
@@ -310,9 +310,9 @@ class Lab:
             resumed = self.go_on()
         raise SystemExit(f"no run goes on:\n{(self.folder / 'words').read_text()}")
 
-    def _recorded(self, victim: str, begun: Begun, passed: int) -> dict[str, Any]:
+    def _recorded(self, victim: str, attempt: Attempt, passed: int) -> dict[str, Any]:
         """Return what the journal has of the rollout that was broken."""
-        word = next((void.word for void in Journal.read(self.run).voids if void.begun == begun), None)
+        word = next((void.word for void in Journal.read(self.run).voids if void.rollout == attempt), None)
         expected = "link" if victim == "guard" else KILLED
         if victim == "search":  # it knew no t = 0
             good = word == expected

@@ -25,7 +25,7 @@ from s2r_spec.diagnose.axes import lines
 from s2r_spec.diagnose.simulate import Bench
 from s2r_spec.diagnose.where.body import Body
 from s2r_spec.diagnose.where.found import body_of
-from s2r_spec.rollouts.match import match
+from s2r_spec.rollouts.compatibility import check_compatibility
 from s2r_spec.rollouts.seeds import Stream, rollout_seed
 
 ROLLOUTS = 12
@@ -38,7 +38,7 @@ def bench_of(name: str, spec_file: str) -> Bench:
     spec = s2r.load_spec(spec_file)
     requirement = spec.requirements[0]
     backend = s2r.load_backend(name).with_duration(spec.horizon(requirement))
-    return Bench(backend, spec, requirement, match(spec, requirement, backend))
+    return Bench(backend, spec, requirement, check_compatibility(spec, requirement, backend))
 
 
 def compare(bench: Bench, machine: Backend, case: int, more: Mapping[str, float]) -> Body:

@@ -9,8 +9,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from time import process_time
 
-from s2r_spec.rollouts.child import Child
 from s2r_spec.rollouts.runner import open_backend
+from s2r_spec.rollouts.worker_process import WorkerProcess
 
 
 def rollouts(backend: str, duration: float, count: int) -> dict[str, float]:
@@ -26,13 +26,13 @@ def rollouts(backend: str, duration: float, count: int) -> dict[str, float]:
 
 def fresh(backend: str = "sim", duration: float = 1.5, count: int = 5) -> dict[str, float]:
     """Return :func:`rollouts` of a worker that was just started, as `s2r check` starts one."""
-    child = Child("measure")
+    worker = WorkerProcess("measure")
     try:
-        found: dict[str, float] = child.call(rollouts, backend, duration, count)
+        found: dict[str, float] = worker.call(rollouts, backend, duration, count)
         return found
     finally:
-        child.close()
-        child.release()
+        worker.close()
+        worker.release()
 
 
 @contextmanager

@@ -1,7 +1,7 @@
-"""What makes traces: the protocol that a backend implements, and how one is found by name.
+"""The protocol of a backend, which turns a test into a trace; and the registry that finds a backend by its name.
 
-A backend is a class offered through the entry-point group ``s2r.backends``. It
-says what it can do before anything runs, and then turns a test into a trace.
+A package offers a backend as a class in the entry-point group ``s2r.backends``. A backend declares its channels,
+parameters and effects before anything runs.
 """
 
 from __future__ import annotations
@@ -31,14 +31,14 @@ GROUP = "s2r.backends"
 
 @dataclass(frozen=True)
 class Channel:
-    """A channel that every trace of the backend carries.
+    """A channel that every trace of the backend has.
 
     Attributes:
-        name: as specs have it.
-        unit: of all its columns.
-        description: what it is, in a line.
-        width: how many columns it has.
-        columns: name of each of them ("FR hip"), for what is told of one; empty where they have numbers alone.
+        name: name in specs.
+        unit: unit of all columns.
+        description: meaning, in one line.
+        width: number of columns.
+        columns: name of each column ("FR hip"), for messages; empty if columns only have numbers.
     """
 
     name: str
@@ -50,13 +50,14 @@ class Channel:
     def __post_init__(self) -> None:
         if self.columns and len(self.columns) != self.width:
             raise UsageError(
-                f"channel {self.name} has {self.width} columns, but names for {len(self.columns)}: name all or none"
+                f"the channel {self.name} has {self.width} columns, but {len(self.columns)} names of columns: name all "
+                f"or none"
             )
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """A test parameter that the backend accepts, with the range it can really do."""
+    """A test parameter that the backend accepts, with the range that it can run."""
 
     name: str
     unit: str
@@ -66,31 +67,35 @@ class Parameter:
     description: str
 
     def check(self, value: float) -> float:
-        """Return the value as a float, or say which range it must lie in."""
+        """Return the value as a float.
+
+        Raises:
+            UsageError: the value is no number, or lies outside the range.
+        """
         try:
             number = float(value)
         except (TypeError, ValueError):
             raise UsageError(
-                f"{self.name} = {value!r} is no number; the backend takes [{self.low:g}, {self.high:g}] {self.unit}"
+                f"{self.name} = {value!r} is not a number; its range is [{self.low:g}, {self.high:g}] {self.unit}"
             ) from None
         if not self.low <= number <= self.high:
             raise UsageError(
-                f"{self.name} = {number:g} {self.unit} is outside what the backend can do: "
+                f"{self.name} = {number:g} {self.unit} is outside the backend's range "
                 f"[{self.low:g}, {self.high:g}] {self.unit}"
             )
         return number
 
 
 def refuse_unknown(name: str, parameters: Iterable[Parameter], params: Iterable[str]) -> None:
-    """Refuse a test with a parameter that a backend does not declare: the rollout would be of another test.
+    """Refuse a test with an undeclared parameter, because the rollout would be of another test.
 
     Args:
-        name: of the backend.
-        parameters: that it declares.
-        params: names of the test's.
+        name: name of the backend.
+        parameters: parameters that the backend declares.
+        params: names of the test's parameters.
 
     Raises:
-        UsageError: see there.
+        UsageError: the backend does not declare one of them.
     """
     known = [parameter.name for parameter in parameters]
     for other in params:
@@ -101,12 +106,12 @@ def refuse_unknown(name: str, parameters: Iterable[Parameter], params: Iterable[
 
 
 def read_test(name: str, parameters: Iterable[Parameter], params: Mapping[str, float]) -> dict[str, float]:
-    """Return the value of every parameter that a backend declares; one that is not given takes its default.
+    """Return the value of every declared parameter; a missing one takes its default.
 
     Args:
-        name: of the backend.
-        parameters: that it declares.
-        params: of the test.
+        name: name of the backend.
+        parameters: parameters that the backend declares.
+        params: parameters of the test.
 
     Raises:
         UsageError: a parameter is not declared, is no number, or is outside its range.
@@ -121,18 +126,18 @@ class Backend(Protocol):
     """A simulator, a robot or a recording.
 
     Attributes:
-        name: what ``--backend`` says, with its options ("twin:lab").
+        name: name and options, as in ``--backend`` ("twin:lab").
         channels: every channel of every trace, with units.
         parameters: every test parameter, with units, ranges and defaults.
-        deterministic: the same parameters and seed give the same trace, bit for bit.
-        duration: length of a trace [s], unless the rollout fails early.
+        deterministic: whether the same parameters and seed give the same trace, bit for bit.
+        duration: duration of a trace [s], unless the rollout fails early.
         cost: expected time of one rollout on one core [s], for planning.
-        model_hash: changes whenever the traces could (figures, gains, solver versions).
+        model_hash: hash that changes whenever the traces could (constants, gains, solver versions).
     """
 
     @property
     def name(self) -> str:
-        """What ``--backend`` says, with its options."""
+        """Name and options, as in ``--backend``."""
         ...
 
     @property
@@ -147,12 +152,12 @@ class Backend(Protocol):
 
     @property
     def deterministic(self) -> bool:
-        """Whether parameters and seed fix the trace."""
+        """Whether parameters and seed determine the trace."""
         ...
 
     @property
     def duration(self) -> float:
-        """Length of a trace [s]."""
+        """Duration of a trace [s]."""
         ...
 
     @property
@@ -162,11 +167,11 @@ class Backend(Protocol):
 
     @property
     def model_hash(self) -> str:
-        """Hex digest over everything that decides a trace."""
+        """Hex digest over everything that determines a trace."""
         ...
 
     def rollout(self, params: Mapping[str, float], seed: int) -> Trace:
-        """Run one test. A fall or a crash is no exception: set ``meta["failure"]``."""
+        """Run one test. A fall or a crash sets ``meta["failure"]`` and raises nothing."""
         ...
 
 
@@ -175,7 +180,7 @@ class HasDuration(Protocol):
     """A backend whose rollouts can be made longer or shorter."""
 
     def with_duration(self, seconds: float) -> Self:
-        """Return the same backend with rollouts of this length."""
+        """Return this backend with rollouts of this duration [s]."""
         ...
 
 
@@ -184,13 +189,17 @@ class HasPictures(Protocol):
     """A backend that can draw a rollout."""
 
     def render(self, params: Mapping[str, float], seed: int, path: str | Path) -> Trace:
-        """Run one test and draw it; a UsageError says why it cannot be drawn here."""
+        """Run one test and draw it into a file.
+
+        Raises:
+            UsageError: it cannot be drawn on this computer.
+        """
         ...
 
 
 @dataclass(frozen=True)
 class Recording:
-    """A rollout that already happened: the file it was read from, its test, and what came of it."""
+    """A recorded rollout: its file, its test parameters and its trace."""
 
     source: str
     params: Mapping[str, float]
@@ -199,11 +208,11 @@ class Recording:
 
 @runtime_checkable
 class HasRecordings(Protocol):
-    """A backend that runs nothing: its tests were fixed before, and none can be added."""
+    """A backend that only returns recordings: its tests are fixed, and no test can be added."""
 
     @property
     def recordings(self) -> tuple[Recording, ...]:
-        """Every recording, each once, with parameters in the backend's units."""
+        """Every recording once, with parameters in the backend's units."""
         ...
 
 
@@ -234,112 +243,108 @@ class HasEffects(Protocol):
     """A backend that can add unmodelled effects to itself."""
 
     def effects(self) -> tuple[Effect, ...]:
-        """Return the catalogue."""
+        """Return the catalogue of effects."""
         ...
 
     def with_effects(self, values: Mapping[str, Mapping[str, float]]) -> Self:
-        """Return the same backend with these effects added."""
+        """Return this backend with these effects added: effect → parameter → value."""
         ...
 
 
 @runtime_checkable
 class HasChosen(Protocol):
-    """A backend that says which effects it was given: what a diagnosis looks for is then beyond these."""
+    """A backend that reports its added effects; a diagnosis then looks for effects on top of them."""
 
     def chosen(self) -> Mapping[str, Mapping[str, float]]:
-        """Return effect → parameter → value of all that was set by ``with_effects`` or by its options."""
+        """Return effect → parameter → value of all effects set by ``with_effects`` or by options."""
         ...
 
 
 @runtime_checkable
 class HasResiduals(Protocol):
-    """A backend that can say what of a recorded motion its own model leaves unexplained.
+    """A backend that computes residuals: the part of a recorded motion that its model does not explain.
 
-    Scalar robustness hides most effects, and feedback hides the rest in the
-    controlled channels: a weak motor is seen in the torque that was needed,
-    not in the speed that was held. A residual is zero, up to noise and
-    numerics, where the recorded motion, commands and forces agree with the
-    nominal model, whatever the controller did.
+    Scalar robustness hides most effects, and feedback hides the others in the controlled channels: a weak motor shows
+    in its torque, not in the controlled speed. A residual is zero, up to noise and numerics, wherever the recorded
+    motion, commands and forces agree with the nominal model, for every controller.
 
-    Where the residuals of ``with_effects(values)`` are those of the model with these
-    effects, a diagnosis also asks how much of each effect the equations want.
+    If the residuals of ``with_effects(values)`` are those of the model with these effects, a diagnosis also estimates
+    the size of each effect from the equations of motion.
     """
 
     def residuals(self, trace: Trace, params: Mapping[str, float] | None = None) -> Trace:
-        """Return the residuals of a recorded trace: a pure function of trace and test, cheap beside a rollout.
+        """Return the residuals of a recorded trace: a pure function of trace and test, much cheaper than a rollout.
 
         Args:
-            trace: of this backend's channels; more channels are ignored, and residuals
-                that need a missing one are left out.
-            params: the test that was run, where the model depends on it (a declared
-                payload); what is missing takes the backend's default.
+            trace: trace with channels of this backend. Other channels are ignored, and residuals that need a missing
+                channel are left out.
+            params: parameters of the test, if the model depends on them (a declared payload); a missing parameter
+                takes the backend's default.
 
         Returns:
-            Channels (n,) or (n, k) with units, over the trace's times or a part of
-            them, the same whatever effects were added; differences that a filter or a
-            derivative cannot give at the ends are cut off, not padded. ``meta["parts"]``
-            gives, for every channel, the names of what its columns belong to, one each
-            ("FR calf", "base", "IMU").
+            Channels (n,) or (n, k) with units, over the trace's times or a part of them. The times do not depend on
+            the added effects. Samples at the ends that a filter or a derivative cannot give are cut off, not padded.
+            ``meta["parts"]`` names for every channel the robot part of each column ("FR calf", "base", "IMU").
 
         Raises:
-            TraceError: the trace has none of the channels that any residual needs; the
-                message lists what would be needed.
+            TraceError: the trace lacks the channels of every residual; the message lists them.
         """
         ...
 
 
 @runtime_checkable
 class HasVariants(Protocol):
-    """A simulator that can compute the same physics otherwise.
+    """A simulator with equally valid ways to compute the same physics.
 
-    Another time step, contact model or noise level is nobody's cause of a gap:
-    a diagnosis believes no difference that is as large as theirs.
+    Another time step, contact model or noise level is no cause of a gap. A diagnosis ignores differences of the size
+    that such variants make.
     """
 
     def variants(self) -> Mapping[str, Backend]:
-        """Return name → the same simulator with one idealisation exchanged for another as good."""
+        """Return name → this simulator with one idealisation replaced by an equally valid one."""
         ...
 
 
 def is_exclusive(backend: object) -> bool:
-    """Return whether a backend is a machine of which there is one.
+    """Return whether a backend is a machine, which exists only once.
 
-    A backend says so by a class attribute ``exclusive = True``. Its rollouts then run one at a time in one worker
-    process on this machine, each after its operator's word; nothing else opens it, and none is run again without one.
+    Such a backend has the class attribute ``exclusive = True``. Its rollouts run one at a time in one worker process of
+    this computer. The operator confirms each of them, and each repetition.
     """
     return bool(getattr(backend, "exclusive", False))
 
 
 def hands_over(backend: object) -> bool:
-    """Return whether ``rollout`` only hands over a test that a person ran while ``Attended.before`` waited.
+    """Return whether ``rollout`` only records a test that a person ran during ``Attended.before``.
 
-    A backend says so by a class attribute ``hands_over = True``. A process that dies in such a rollout ended no test,
-    so that nothing is void; the rollout is handed over again.
+    Such a backend has the class attribute ``hands_over = True``. A process that dies in such a rollout ends no test, so
+    the rollout is not void and is recorded again.
     """
     return bool(getattr(backend, "hands_over", False))
 
 
 def assumptions_of(backend: object) -> tuple[str, ...]:
-    """Return what every statement about a backend assumes of it, each in one sentence: ``backend.assumptions``."""
+    """Return the assumptions of every statement about a backend, one sentence each: ``backend.assumptions``."""
     return tuple(getattr(backend, "assumptions", ()))
 
 
 VOID = "void"
-"""Definition: ``trace.meta["void"]`` is a word for what ended a rollout, when that was not the robot ("link").
+"""Definition: ``trace.meta["void"]`` is a word for what ended a rollout, if that was not the robot ("link").
 
-Such a rollout is kept and is no outcome: the same test runs again. ``trace.meta["reason"]`` has a sentence.
+Such a rollout is kept and has no outcome: the same test runs again. ``trace.meta["reason"]`` is the reason as a
+sentence.
 """
 
 
 class Operator(Protocol):
-    """The person at the terminal. Where there is no terminal, every question raises a UsageError at once."""
+    """The person at the terminal. Without a terminal every question raises a UsageError at once."""
 
     def say(self, text: str) -> None:
-        """Show a text; without a terminal it goes to standard error."""
+        """Show a text; without a terminal, on standard error."""
         ...
 
     def type_word(self, question: str, word: str) -> None:
-        """Return when exactly this word was typed; Enter alone and other words are asked again.
+        """Ask until the person types exactly this word.
 
         Raises:
             StoppedError: ``q``, the end of input, or Ctrl-C.
@@ -348,7 +353,7 @@ class Operator(Protocol):
         ...
 
     def choose(self, question: str, answers: Mapping[str, str]) -> str:
-        """Return the key that was typed, of key → what it means; "" among the keys is Enter alone.
+        """Return the key that the person types, one of key → meaning; the key "" is Enter alone.
 
         Raises:
             StoppedError: ``q``, the end of input, or Ctrl-C.
@@ -357,7 +362,7 @@ class Operator(Protocol):
         ...
 
     def line(self, question: str) -> str:
-        """Return the line that was typed, such as the path of a file.
+        """Return the line that the person types, such as the path of a file.
 
         Raises:
             StoppedError: ``q``, the end of input, or Ctrl-C.
@@ -368,66 +373,66 @@ class Operator(Protocol):
 
 @dataclass(frozen=True)
 class Coming:
-    """What a run is about to do to a machine.
+    """The rollouts that a run plans on a machine.
 
     Attributes:
-        rollouts: at most; None if nobody knows.
+        rollouts: largest number of rollouts; None if unknown.
     """
 
     rollouts: int | None
 
 
 class Attended(Protocol):
-    """What a backend does in the process that holds the terminal; a worker never reads one.
+    """The part of a machine's backend that runs in the process with the terminal; a worker has no terminal.
 
-    An attribute ``unattended = True`` says that nobody is asked. Without it a run without a terminal is refused
-    before anything is opened, and after a void rollout the operator says whether the same test runs again.
+    With an attribute ``unattended = True`` no question is asked. Without it, a run without a terminal is refused before
+    anything is opened, and the operator decides after a void rollout whether the same test runs again.
 
-    An attribute ``answers``, name → text, is what the operator said of the machine in the last ``before``, such as the
-    lights of its battery: it is kept with the rollout, in the journal and in the trace's ``meta["answers"]``.
+    An optional attribute ``answers``, name → text, holds the operator's answers in the last ``before``, such as the
+    lights of the battery. The journal and the trace's ``meta["answers"]`` keep them.
     """
 
     def begin(self, coming: Coming) -> None:
-        """Get the machine ready, and get the operator's consent: before the first rollout."""
+        """Prepare the machine and ask for the operator's consent, before the first rollout."""
         ...
 
     def before(self, params: Mapping[str, float]) -> None:
-        """Return when the rollout of this test may be handed to the worker.
+        """Return when the rollout of this test may begin.
 
         Raises:
-            NotBegunError: it may not; the operator is asked whether to try again.
+            NotBegunError: the rollout may not begin; the operator decides whether to try again.
             StoppedError: the operator ends the run.
         """
         ...
 
     def after(self, trace: Trace | None) -> None:
-        """Follow a rollout: its trace is recorded by now; None if it left none, or never began."""
+        """Finish a rollout, whose trace is recorded; None if it left no trace or did not begin."""
         ...
 
     def interrupt(self, urgent: bool) -> None:
-        """Bring the machine to rest while a rollout runs; ``urgent``, by the second Ctrl-C, at once. Returns soon."""
+        """Bring the machine to rest during a rollout; at once if ``urgent``, after a second Ctrl-C. Returns soon."""
         ...
 
     def end(self) -> None:
-        """Leave the machine at rest: after the last rollout, or whatever else ended the run, ``begin`` too."""
+        """Leave the machine at rest after the last rollout, or after any other end of the run."""
         ...
 
 
 @runtime_checkable
 class HasAttendance(Protocol):
-    """A machine whose rollouts need a person, or a guard of it, in the process that holds the terminal."""
+    """A machine whose rollouts need a person or a guard in the process with the terminal."""
 
     def attendance(self, operator: Operator) -> Attended:
-        """Return who attends to the rollouts of a run; opens nothing."""
+        """Return the attendance of a run's rollouts; open nothing."""
         ...
 
 
 @runtime_checkable
 class Prepares(Protocol):
-    """A machine whose worker has something to do before it can run a rollout at once: to compile, to read a file."""
+    """A machine whose worker must prepare before a rollout, for instance compile code or read a file."""
 
     def prepare(self) -> None:
-        """Get this process ready: in the worker, before the operator is asked; called before every rollout."""
+        """Prepare the worker process; called before every rollout and before the question to the operator."""
         ...
 
 
@@ -436,27 +441,27 @@ class KeepsRaw(Protocol):
     """A backend that records more than its traces."""
 
     def keeping(self, folder: str) -> Self:
-        """Return the same backend, whose rollouts add files of their own to this folder; none is ever overwritten."""
+        """Return this backend with its raw recordings in a folder; no file is ever overwritten."""
         ...
 
 
 @runtime_checkable
 class SaysWhenItBegins(Protocol):
-    """A machine whose rollouts begin well after they are asked for: it stands up before a test."""
+    """A machine whose rollouts begin long after their call, for instance because the robot stands up first."""
 
     def saying(self, begins: Callable[[], None]) -> Self:
-        """Return the same backend, whose rollouts call ``begins`` at t = 0; ``--timeout`` counts from then on."""
+        """Return this backend with rollouts that call ``begins`` at t = 0, from which ``--timeout`` counts."""
         ...
 
 
 @dataclass(frozen=True)
 class Needs:
-    """What a specification asks of a backend.
+    """The channels and parameters that a specification needs from a backend.
 
     Attributes:
-        channels: that the requirement reads, in the units of the spec.
-        parameters: of a test, in the units of the spec; one that the spec fixes has its value as both ends.
-        score: ρ of a trace and its test, as a search computes it; an S2RError says why there is none.
+        channels: channels that the requirement reads, in the units of the spec.
+        parameters: parameters of a test, in the units of the spec; for a fixed one, both ends are its value.
+        score: returns ρ of a trace and its test, as a search does; raises an S2RError if there is none.
     """
 
     channels: tuple[Channel, ...]
@@ -466,21 +471,21 @@ class Needs:
 
 @runtime_checkable
 class NeedsSpec(Protocol):
-    """A backend without channels and parameters of its own: it records whatever a specification asks for."""
+    """A backend without channels and parameters of its own: it takes those of the specification."""
 
     def for_spec(self, needs: Needs) -> Self:
-        """Return the same backend with these channels and parameters; opens nothing."""
+        """Return this backend with these channels and parameters; open nothing."""
         ...
 
 
 @dataclass(frozen=True)
 class Option:
-    """What may follow the colon of a backend's name, as NAME=VALUE.
+    """An option after the colon of a backend's name, as NAME=VALUE.
 
     Attributes:
-        name: of the option.
-        default: what holds where it is not given; None if it must be given.
-        description: of what it says.
+        name: name of the option.
+        default: value of a missing option; None if the option is required.
+        description: meaning of the option.
     """
 
     name: str
@@ -490,11 +495,11 @@ class Option:
 
 @runtime_checkable
 class HasOptions(Protocol):
-    """A factory of backends that cannot be made of their bare name.
+    """A factory of backends whose name needs options.
 
     Attributes:
         offered: the options.
-        example: of them, that makes a backend.
+        example: options that make a backend.
     """
 
     offered: tuple[Option, ...]
@@ -502,16 +507,16 @@ class HasOptions(Protocol):
 
 
 def installed() -> dict[str, EntryPoint]:
-    """Return name → entry point of every installed backend, without importing any of them."""
-    found: dict[str, EntryPoint] = {}
+    """Return name → entry point of every installed backend, without any import of them."""
+    points: dict[str, EntryPoint] = {}
     for point in entry_points(group=GROUP):
-        if point.name in found and point.value != found[point.name].value:
+        if point.name in points and point.value != points[point.name].value:
             raise BackendError(
                 f"two installed packages offer a backend named {point.name!r}: "
-                f"{found[point.name].value} and {point.value}; uninstall one of them"
+                f"{points[point.name].value} and {point.value}; uninstall one of them"
             )
-        found[point.name] = point
-    return dict(sorted(found.items()))
+        points[point.name] = point
+    return dict(sorted(points.items()))
 
 
 @cache
@@ -526,41 +531,43 @@ def _factory(name: str) -> Any:
 
 
 def short(model_hash: str) -> str:
-    """Return what stands for a model hash where people compare: twelve digits at most; of words, digits of them all."""
+    """Return at most twelve digits of a model hash, for people; a hash with other characters is hashed first."""
     if len(model_hash) > 12 and not re.fullmatch("[0-9a-f]+", model_hash):
         model_hash = sha256(model_hash.encode()).hexdigest()
     return model_hash[:12]
 
 
 def load_backend(name: str) -> Backend:
-    """Make the backend called ``name``; what follows a colon goes to the backend as text.
+    """Make the backend called ``name``; the backend gets the text after a colon as its argument.
 
-    ``load_backend("sim")`` calls the class behind the entry point ``sim``
-    without arguments, ``load_backend("twin:lab")`` calls ``twin`` with ``"lab"``.
+    ``load_backend("sim")`` calls the class of the entry point ``sim`` without arguments, and
+    ``load_backend("twin:lab")`` calls ``twin`` with ``"lab"``.
 
     Raises:
-        UnknownBackendError: no installed package offers it; the message lists those that are.
-        MissingPackageError: it is offered, but something it imports is not installed.
-        BackendError: what the entry point makes is not a backend.
+        UnknownBackendError: no installed package offers it; the message lists the installed backends.
+        MissingPackageError: the backend imports a package that is not installed.
+        BackendError: the entry point raised an error, or its result is no backend.
     """
     kind, colon, argument = name.partition(":")
     factory = _factory(kind)
     try:
         backend = factory(argument) if colon else factory()
         if colon and hasattr(backend, "chosen"):
-            backend.chosen()  # a class without options takes them for its first field, and fails much later
+            backend.chosen()  # a class without options stores them in its first field, and fails much later
     except S2RError:
         raise
     except Exception as error:
-        raise BackendError(f"backend {name!r} cannot be made: {type(error).__name__}: {error}") from error
+        raise BackendError(f"backend {name!r} cannot be opened: {type(error).__name__}: {error}") from error
     if not isinstance(backend, Backend):
         lacking = [word for word in _REQUIRED if not hasattr(backend, word)]
-        raise BackendError(f"backend {name!r} ({type(backend).__name__}) lacks {', '.join(lacking)}")
+        raise BackendError(
+            f"backend {name!r} ({type(backend).__name__}) lacks {', '.join(lacking)} of the protocol Backend"
+        )
     return backend
 
 
 def described(name: str) -> tuple[Backend, tuple[Option, ...]]:
-    """Return a backend to describe, and its options; one that needs some, and has none, with those of its example.
+    """Return a backend to describe, and its options; a backend without its required options gets those of its example.
 
     Raises:
         BackendError: as :func:`load_backend`.

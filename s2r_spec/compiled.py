@@ -1,4 +1,4 @@
-"""Compilation, by Numba, of the small functions that every tick of a backend runs through."""
+"""Compile the small functions that a backend calls in every tick, by Numba."""
 
 from __future__ import annotations
 
@@ -9,13 +9,12 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 
 def compiled(function: F) -> F:
-    """Compile a function at its first call, and keep the machine code on disk for later processes.
+    """Compile a function at its first call, and cache the machine code on disk for later processes.
 
-    Numba looks only at the function's own file to see whether what it kept is
-    out of date. So a compiled function calls compiled functions of its own file
-    alone; a test holds all of them to it. Arithmetic is that of the source:
-    nothing is reordered or fused, and a division by zero gives infinity, not an error.
+    Numba compares only the function's own file with its cache. So a compiled function may call compiled functions of
+    its own file only; a test checks all of them. The arithmetic is that of the source: nothing is reordered or fused,
+    and a division by zero gives infinity instead of an error.
     """
-    import numba  # here: nothing but a backend is compiled
+    import numba  # here, because only backends compile functions
 
     return cast(F, numba.njit(cache=True, error_model="numpy")(function))

@@ -1,6 +1,6 @@
-"""Conformance of a backend with its protocol: channels, seeds, ranges, effects. For authors of backends.
+"""Check that a backend conforms to its protocol: channels, seeds, ranges, effects. For authors of backends.
 
-Every requirement is tried by rollouts of the backend's default test, and at the ends of its declared ranges.
+Every check runs rollouts of the backend's default test, or at the ends of its declared ranges.
 """
 
 from __future__ import annotations
@@ -35,25 +35,28 @@ Values = dict[str, dict[str, float]]
 
 SEED = 1
 HALF = 0.5
-"""Where effects are tried: this part of the way from nominal to the farther end of the range."""
-VERY_LITTLE = 1e-6
-"""The same part, of next to nothing."""
-OTHERWISE = 0.5
-"""Of what another seed changes: next to nothing of an effect changes less of most channels."""
-KNOWN = 0.5
-"""A residual that knows an effect well leaves less than this part of what the nominal model leaves of it."""
+"""Definition: size of a tested effect, as a share of the distance from nominal to the farther end of its range."""
+TINY = 1e-6
+"""Definition: size of a tiny effect, as the same share."""
+SEED_SHARE = 0.5
+"""Tolerance: change of a channel by a tiny effect, as a share of its change by another seed. Twice as much accepts
+random numbers that depend on effects."""
+EXPLAINED = 0.5
+"""Tolerance: residual with the effect in the model, as a share of the residual without it. Twice as much accepts
+residuals that ignore the effect."""
 SLACK = 1.5
-"""In samples: by how much a rollout may be shorter or longer than the backend says."""
+"""Tolerance: difference between a rollout's duration and the declared one, in samples. Twice as much accepts two more
+samples."""
 
 
 @dataclass
 class Check:
-    """The result of trying one requirement.
+    """The result of one check.
 
     Attributes:
-        requirement: that a backend should meet.
-        violations: a sentence for each place where it is not met.
-        remarks: sentences on what is allowed, but may not be intended.
+        requirement: the requirement on the backend, as a sentence.
+        violations: one sentence per violation.
+        remarks: sentences on properties that are allowed but may not be intended.
     """
 
     requirement: str
@@ -62,50 +65,48 @@ class Check:
 
 
 def check_conformance(backend: Backend) -> Iterator[Check]:
-    """Try every requirement on a backend, one after the other; an exception that it raises is a violation.
+    """Check a backend against every requirement, one after the other; an exception of the backend is a violation.
 
     Raises:
-        UsageError: it is a machine, which this would move.
+        UsageError: the backend is a machine, which the checks would move.
     """
     if is_exclusive(backend):
         raise UsageError(
-            f"{backend.name} is a machine: trying its promises would move it to the ends of its ranges"
+            f"{backend.name} is a machine, and the checks would move it to the ends of its ranges; check its twin"
         )
-    trial = _Trial(backend)
-    attempts: list[tuple[str, Callable[[_Trial, Check], None]]] = [
+    subject = _Subject(backend)
+    checks: list[tuple[str, Callable[[_Subject, Check], None]]] = [
         ("its default test runs", _runs),
-        ("its traces have the channels that it declares, and last as long as it says", _declared),
-        ("test and seed fix a trace, bit for bit", _repeated),
-        ("every test parameter can be what its range says", _ends),
+        ("its traces have the declared channels and the declared duration", _declared),
+        ("test and seed determine a trace, bit for bit", _repeated),
+        ("every test parameter runs at both ends of its range", _ends),
     ]
     if isinstance(backend, HasEffects):
-        attempts += [
-            ("every effect has parameters, with ranges and priors that can be read", _catalogue),
+        checks += [
+            ("every effect has parameters, with valid ranges and priors", _catalogue),
             ("an effect at its nominal values changes no bit", _nominal),
-            ("every effect can be what its range says, and does something there", _ranges),
+            ("every effect runs at both ends of its range, and changes the trace", _ranges),
             ("effects can be added together, in any order", _order),
             ("its random numbers do not depend on effects", _draws),
-            ("a machine with an effect has another hash, and says what it was given", _identity),
+            ("an added effect changes the model hash, and is reported", _identity),
         ]
     if isinstance(backend, HasEffects) and isinstance(backend, HasResiduals):
-        attempts.append(
-            ("its residuals can be computed of its own rollouts, whatever effects are added", _residuals)
-        )
+        checks.append(("its residuals can be computed for its own rollouts, with any effect", _residuals))
     if isinstance(backend, HasVariants):
-        attempts.append(("its variants are the same machine, computed otherwise", _variants))
-    for requirement, attempt in attempts:
+        checks.append(("its variants simulate the same system in another way", _variants))
+    for requirement, run in checks:
         check = Check(requirement)
         try:
-            attempt(trial, check)
+            run(subject, check)
         except Exception as error:  # third-party code may raise anything
             check.violations.append(_described(error))
         yield check
-        if check.violations and attempt in (_runs, _catalogue):
+        if check.violations and run in (_runs, _catalogue):
             return  # all others depend on it
 
 
-class _Trial:
-    """A backend, its default test, and what comes of it."""
+class _Subject:
+    """A backend under check, its default test and that test's rollouts."""
 
     def __init__(self, backend: Backend) -> None:
         self.backend = backend
@@ -120,36 +121,40 @@ class _Trial:
 
     @cached_property
     def effects(self) -> tuple[Effect, ...]:
-        """The catalogue; nominal is what the backend was given, if it says so."""
+        """The catalogue; an effect that the backend reports as added has its added value as nominal."""
         return catalogue_of(self.backend)
 
     @cached_property
-    def there(self) -> dict[str, Values]:
-        """Every effect, half there by the first of its parameters that alone changes the trace."""
-        return {effect.name: self._there(effect) for effect in self.effects}
+    def half_effects(self) -> dict[str, Values]:
+        """Every effect at half size, by the first parameter that changes the trace on its own."""
+        return {effect.name: self._half(effect) for effect in self.effects}
 
-    def _there(self, effect: Effect) -> Values:
-        tried = [{effect.name: {p.name: _towards(p, HALF)}} for p in effect.parameters]
+    def _half(self, effect: Effect) -> Values:
+        candidates = [{effect.name: {p.name: _towards(p, HALF)}} for p in effect.parameters]
         if self.backend.deterministic:
-            for values in tried:
-                if not _same(self.first, _rollout(self.added(values), self.test)):
+            for values in candidates:
+                if not _same(self.first, _rollout(self.with_effects(values), self.test)):
                     return values
-        return tried[0]
+        return candidates[0]
 
-    def added(self, values: Mapping[str, Mapping[str, float]], to: object = None) -> Backend:
-        """Return the backend with these effects, or say that it is none."""
-        before = self.backend if to is None else to
-        assert isinstance(before, HasEffects)
-        machine = before.with_effects(values)
-        if not isinstance(machine, Backend):
+    def with_effects(self, values: Mapping[str, Mapping[str, float]], base: object = None) -> Backend:
+        """Return the backend, or ``base``, with these effects.
+
+        Raises:
+            TypeError: the result is no backend.
+        """
+        simulator = self.backend if base is None else base
+        assert isinstance(simulator, HasEffects)
+        changed = simulator.with_effects(values)
+        if not isinstance(changed, Backend):
             raise TypeError(
-                f"with_effects({dict(values)}) returns {type(machine).__name__}, which is no backend"
+                f"with_effects({dict(values)}) returns {type(changed).__name__}, which is no backend"
             )
-        return machine
+        return changed
 
 
-def _rollout(machine: Backend, test: Mapping[str, float]) -> Trace:
-    trace: object = machine.rollout(test, SEED)
+def _rollout(backend: Backend, test: Mapping[str, float]) -> Trace:
+    trace: object = backend.rollout(test, SEED)
     if not isinstance(trace, Trace):
         raise TypeError(f"rollout returns {type(trace).__name__}, which is no Trace")
     return trace
@@ -168,47 +173,47 @@ def _same(one: Trace, other: Trace) -> bool:
     )
 
 
-def _towards(parameter: EffectParameter, part: float) -> float:
-    """Return the value at this part of the way from nominal to the farther end of the range."""
+def _towards(parameter: EffectParameter, share: float) -> float:
+    """Return the value at this share of the distance from nominal to the farther end of the range."""
     low, high, nominal = parameter.low, parameter.high, parameter.nominal
-    return nominal + part * ((high if high - nominal >= nominal - low else low) - nominal)
+    return nominal + share * ((high if high - nominal >= nominal - low else low) - nominal)
 
 
-def _apart(one: Trace, other: Trace) -> dict[str, float]:
-    """Return channel → rms difference of two traces, as far as both go."""
+def _rms_difference(one: Trace, other: Trace) -> dict[str, float]:
+    """Return channel → rms difference of two traces, over the length of the shorter one."""
     size = min(len(one), len(other))
     return {name: _rms(values[:size] - other[name][:size]) for name, values in one.channels.items()}
 
 
-def _runs(trial: _Trial, out: Check) -> None:
-    names = Counter(p.name for p in trial.backend.parameters)
+def _runs(subject: _Subject, out: Check) -> None:
+    names = Counter(p.name for p in subject.backend.parameters)
     out.violations += [
         f"the parameter {name} is declared {count} times" for name, count in names.items() if count > 1
     ]
-    for p in trial.backend.parameters:
+    for p in subject.backend.parameters:
         if not (p.low <= p.default <= p.high and math.isfinite(p.high - p.low)):
             out.violations.append(
                 f"{p.name} has the default {p.default:g} in [{p.low:g}, {p.high:g}] {p.unit}".rstrip()
             )
-    if trial.first.failure is not None:
-        out.remarks.append(f"it ends early: {trial.first.failure}")
+    if subject.first.failure is not None:
+        out.remarks.append(f"it ends early: {subject.first.failure}")
 
 
-def _declared(trial: _Trial, out: Check) -> None:
-    trace, backend = trial.first, trial.backend
+def _declared(subject: _Subject, out: Check) -> None:
+    trace, backend = subject.first, subject.backend
     for channel in backend.channels:
         if channel.name not in trace.channels:
-            out.violations.append(f"{channel.name} is declared, but is not in the trace")
+            out.violations.append(f"the declared channel {channel.name} is missing in the trace")
             continue
         width = trace[channel.name].reshape(len(trace), -1).shape[1]
         if width != channel.width:
             out.violations.append(
-                f"{channel.name} has {width} columns in the trace, but {channel.width} declared"
+                f"{channel.name} has {width} columns in the trace, but {channel.width} in its declaration"
             )
         unit = trace.units.get(channel.name, channel.unit)
         if unit != channel.unit:
             out.violations.append(
-                f"{channel.name} is in {unit or '1'} in the trace, but in {channel.unit or '1'} declared"
+                f"{channel.name} is in {unit or '1'} in the trace, but in {channel.unit or '1'} in its declaration"
             )
         if not np.isfinite(trace[channel.name]).all():
             out.remarks.append(f"{channel.name} has samples that are not finite")
@@ -219,37 +224,40 @@ def _declared(trial: _Trial, out: Check) -> None:
         and abs(trace.duration - backend.duration) > SLACK * step
     ):
         out.violations.append(
-            f"a rollout lasts {trace.duration:g} s, but its duration is {backend.duration:g} s"
+            f"a rollout lasts {trace.duration:g} s, but the declared duration is {backend.duration:g} s"
         )
 
 
-def _repeated(trial: _Trial, out: Check) -> None:
-    if not trial.backend.deterministic:
+def _repeated(subject: _Subject, out: Check) -> None:
+    if not subject.backend.deterministic:
         out.remarks.append(
-            "it promises no such thing: no rollout can be replayed, and an effect of little is not seen"
+            "it is declared as not deterministic: no rollout can be replayed, and small effects go unnoticed"
         )
-    elif not _same(trial.first, _rollout(trial.backend, trial.test)):
+    elif not _same(subject.first, _rollout(subject.backend, subject.test)):
         out.violations.append("two rollouts with one seed differ; draw all random numbers from the seed")
 
 
-def _ends(trial: _Trial, out: Check) -> None:
-    if isinstance(trial.backend, HasRecordings):
-        out.remarks.append("its tests are those that were recorded")
+def _ends(subject: _Subject, out: Check) -> None:
+    if isinstance(subject.backend, HasRecordings):
+        out.remarks.append("it has the recorded tests only")
         return
-    for p in trial.backend.parameters:
+    for p in subject.backend.parameters:
         for value in dict.fromkeys((p.low, p.high)):
-            _tried(
-                out, f"{p.name} = {value:g} {p.unit}".rstrip(), trial.backend, {**trial.test, p.name: value}
+            _try(
+                out,
+                f"{p.name} = {value:g} {p.unit}".rstrip(),
+                subject.backend,
+                {**subject.test, p.name: value},
             )
 
 
-def _tried(out: Check, at: str, machine: Backend, test: Mapping[str, float]) -> Trace | None:
-    """Run a test; an exception is a violation, an early end a remark."""
+def _try(out: Check, at: str, backend: Backend, test: Mapping[str, float]) -> Trace | None:
+    """Run a test; an exception is a violation, and an early end a remark."""
     try:
-        trace = _rollout(machine, test)
+        trace = _rollout(backend, test)
     except Exception as error:
         out.violations.append(
-            f"{at}: {_described(error)}; a rollout that cannot go on ends with meta['failure']"
+            f"{at}: {_described(error)}; a rollout that cannot go on must end with meta['failure']"
         )
         return None
     if trace.failure is not None:
@@ -257,144 +265,150 @@ def _tried(out: Check, at: str, machine: Backend, test: Mapping[str, float]) -> 
     return trace
 
 
-def _catalogue(trial: _Trial, out: Check) -> None:
-    names = Counter(effect.name for effect in trial.effects)
+def _catalogue(subject: _Subject, out: Check) -> None:
+    names = Counter(effect.name for effect in subject.effects)
     out.violations += [
         f"the effect {name} is declared {count} times" for name, count in names.items() if count > 1
     ]
     out.violations += [
-        f"{effect.name} has no parameters" for effect in trial.effects if not effect.parameters
+        f"{effect.name} has no parameters" for effect in subject.effects if not effect.parameters
     ]
 
 
-def _nominal(trial: _Trial, out: Check) -> None:
-    if not trial.backend.deterministic:
-        out.remarks.append("not tried: no two rollouts are the same")
+def _nominal(subject: _Subject, out: Check) -> None:
+    if not subject.backend.deterministic:
+        out.remarks.append("not checked: the backend is not deterministic")
         return
-    for effect in trial.effects:
+    for effect in subject.effects:
         values = {effect.name: {p.name: p.nominal for p in effect.parameters}}
-        if not _same(trial.first, _rollout(trial.added(values), trial.test)):
-            out.violations.append(f"{effect.name} changes the trace though it is not there")
+        if not _same(subject.first, _rollout(subject.with_effects(values), subject.test)):
+            out.violations.append(f"{effect.name} changes the trace at its nominal values")
 
 
-def _ranges(trial: _Trial, out: Check) -> None:
-    for effect in trial.effects:
+def _ranges(subject: _Subject, out: Check) -> None:
+    for effect in subject.effects:
         changed = False
         for p in effect.parameters:
             for value in dict.fromkeys((p.low, p.high)):
-                # What says only how an effect acts does so where there is some of it.
-                values = {effect.name: {**trial.there[effect.name][effect.name], p.name: value}}
+                # A parameter of an effect's shape matters only if the effect has some size.
+                values = {effect.name: {**subject.half_effects[effect.name][effect.name], p.name: value}}
                 words = ", ".join(f"{name}={x:g}" for name, x in values[effect.name].items())
-                trace = _tried(out, f"{effect.name} with {words}", trial.added(values), trial.test)
-                changed = changed or trace is None or not _same(trial.first, trace)
+                trace = _try(out, f"{effect.name} with {words}", subject.with_effects(values), subject.test)
+                changed = changed or trace is None or not _same(subject.first, trace)
         if not changed:
             out.violations.append(
-                f"{effect.name} changes nothing in the default test, wherever in its range it is"
+                f"{effect.name} changes nothing in the default test, at either end of its range"
             )
 
 
-def _order(trial: _Trial, out: Check) -> None:
-    for one, other in pairwise(trial.there):
-        machines = [
-            trial.added(trial.there[last], trial.added(trial.there[first]))
+def _order(subject: _Subject, out: Check) -> None:
+    for one, other in pairwise(subject.half_effects):
+        backends = [
+            subject.with_effects(
+                subject.half_effects[last], subject.with_effects(subject.half_effects[first])
+            )
             for first, last in ((one, other), (other, one))
         ]
-        traces = [_tried(out, f"{one} and {other}", machine, trial.test) for machine in machines]
-        if trial.backend.deterministic and None not in traces and not _same(*traces):  # type: ignore[arg-type]
-            out.violations.append(f"{one} and {other} do not give what {other} and {one} give")
-    everything = {name: values for one in trial.there.values() for name, values in one.items()}
-    _tried(out, "all effects together", trial.added(everything), trial.test)
+        traces = [_try(out, f"{one} and {other}", backend, subject.test) for backend in backends]
+        if subject.backend.deterministic and None not in traces and not _same(*traces):  # type: ignore[arg-type]
+            out.violations.append(f"the order matters: {one} and {other} differ from {other} and {one}")
+    everything = {name: values for one in subject.half_effects.values() for name, values in one.items()}
+    _try(out, "all effects together", subject.with_effects(everything), subject.test)
 
 
-def _draws(trial: _Trial, out: Check) -> None:
-    if not trial.backend.deterministic:
-        out.remarks.append("not tried: no two rollouts are the same")
+def _draws(subject: _Subject, out: Check) -> None:
+    if not subject.backend.deterministic:
+        out.remarks.append("not checked: the backend is not deterministic")
         return
-    seeds = _apart(trial.first, trial.backend.rollout(trial.test, SEED + 1))
+    seeds = _rms_difference(subject.first, subject.backend.rollout(subject.test, SEED + 1))
     noisy = [name for name, change in seeds.items() if change > 0.0]
-    for effect in trial.effects if noisy else ():
-        values = {effect.name: {p.name: _towards(p, VERY_LITTLE) for p in effect.parameters}}
-        trace = _tried(out, f"next to nothing of {effect.name}", trial.added(values), trial.test)
-        if trace is not None and trace.channels.keys() == trial.first.channels.keys():
-            change = _apart(trial.first, trace)
-            if np.median([change[name] / seeds[name] for name in noisy]) > OTHERWISE:
+    for effect in subject.effects if noisy else ():
+        values = {effect.name: {p.name: _towards(p, TINY) for p in effect.parameters}}
+        trace = _try(out, f"a tiny {effect.name}", subject.with_effects(values), subject.test)
+        if trace is not None and trace.channels.keys() == subject.first.channels.keys():
+            change = _rms_difference(subject.first, trace)
+            if np.median([change[name] / seeds[name] for name in noisy]) > SEED_SHARE:
                 out.violations.append(
-                    f"next to nothing of {effect.name} changes as much as another seed; draw all random numbers "
-                    f"before anything that depends on an effect"
+                    f"a tiny {effect.name} changes the trace as much as another seed does; draw all random numbers "
+                    f"before any code that depends on an effect"
                 )
 
 
-def _variants(trial: _Trial, out: Check) -> None:
-    assert isinstance(trial.backend, HasVariants)
-    for name, machine in trial.backend.variants().items():
-        trace = _tried(out, f"the variant {name!r}", machine, trial.test)
+def _variants(subject: _Subject, out: Check) -> None:
+    assert isinstance(subject.backend, HasVariants)
+    for name, variant in subject.backend.variants().items():
+        trace = _try(out, f"the variant {name!r}", variant, subject.test)
         if trace is None:
             continue
-        if trace.channels.keys() != trial.first.channels.keys():
+        if trace.channels.keys() != subject.first.channels.keys():
             out.violations.append(f"the variant {name!r} has other channels")
-        elif trial.backend.deterministic and _same(trial.first, trace):
-            out.violations.append(f"the variant {name!r} is the simulator itself")
-        if machine.model_hash == trial.backend.model_hash:
+        elif subject.backend.deterministic and _same(subject.first, trace):
+            out.violations.append(f"the variant {name!r} gives the simulator's own trace")
+        if variant.model_hash == subject.backend.model_hash:
             out.violations.append(
-                f"the model hash does not change with the variant {name!r}: its rollouts would be mixed up"
+                f"the variant {name!r} has the simulator's model hash, so its rollouts would be confused with the "
+                f"simulator's"
             )
 
 
-def _identity(trial: _Trial, out: Check) -> None:
-    if not isinstance(trial.backend, HasChosen):
-        out.remarks.append("it has no chosen(): effects that it was given count as absent in a diagnosis")
-    for name, values in trial.there.items():
-        machine = trial.added(values)
-        less = {name: {p: HALF * (x + _nominal_of(trial, name, p)) for p, x in values[name].items()}}
-        hashes = {trial.backend.model_hash, machine.model_hash, trial.added(less).model_hash}
+def _identity(subject: _Subject, out: Check) -> None:
+    if not isinstance(subject.backend, HasChosen):
+        out.remarks.append("it has no chosen(), so a diagnosis does not know its added effects")
+    for name, values in subject.half_effects.items():
+        changed = subject.with_effects(values)
+        less = {name: {p: HALF * (x + _nominal_of(subject, name, p)) for p, x in values[name].items()}}
+        hashes = {subject.backend.model_hash, changed.model_hash, subject.with_effects(less).model_hash}
         if len(hashes) < 3:
             out.violations.append(
-                f"the model hash does not change with {name}: its rollouts would be mixed up"
+                f"the model hash does not depend on {name}, so rollouts with it would be confused with others"
             )
-        if isinstance(machine, HasChosen):
-            told, given = dict(machine.chosen().get(name, {})), values[name]
-            if any(p not in told or not np.isclose(told[p], x) for p, x in given.items()):
-                out.violations.append(f"chosen() says {told} of {name}, which was given {given}")
+        if isinstance(changed, HasChosen):
+            reported, added = dict(changed.chosen().get(name, {})), values[name]
+            if any(p not in reported or not np.isclose(reported[p], x) for p, x in added.items()):
+                out.violations.append(f"chosen() reports {reported} for {name}, but {added} was added")
 
 
-def _nominal_of(trial: _Trial, effect: str, parameter: str) -> float:
+def _nominal_of(subject: _Subject, effect: str, parameter: str) -> float:
     return next(
-        p.nominal for e in trial.effects if e.name == effect for p in e.parameters if p.name == parameter
+        p.nominal for e in subject.effects if e.name == effect for p in e.parameters if p.name == parameter
     )
 
 
-def _residuals(trial: _Trial, out: Check) -> None:
-    unknown, hardly = [], []
-    for name, values in trial.there.items():
-        machine = trial.added(values)
-        trace = _rollout(machine, trial.test)
-        bare, knowing = (_left(each, trace, trial.test) for each in (trial.backend, machine))
-        if {n: x.shape for n, x in bare.items()} != {n: x.shape for n, x in knowing.items()}:
-            out.violations.append(f"with {name} they are at other instants than without")
+def _residuals(subject: _Subject, out: Check) -> None:
+    insensitive, weak = [], []
+    for name, values in subject.half_effects.items():
+        changed = subject.with_effects(values)
+        trace = _rollout(changed, subject.test)
+        nominal, modelled = (
+            _residuals_of(backend, trace, subject.test) for backend in (subject.backend, changed)
+        )
+        if {n: x.shape for n, x in nominal.items()} != {n: x.shape for n, x in modelled.items()}:
+            out.violations.append(f"{name} changes the channels or the times of the residuals")
             continue
-        left = [
-            _rms(knowing[n]) / max(_rms(x), 1e-300)
-            for n, x in bare.items()
-            if not np.array_equal(x, knowing[n], equal_nan=True)
+        shares = [
+            _rms(modelled[n]) / max(_rms(x), 1e-300)
+            for n, x in nominal.items()
+            if not np.array_equal(x, modelled[n], equal_nan=True)
         ]
-        if not left:
-            unknown.append(name)
-        elif min(left) > KNOWN:
-            hardly.append(f"{name} ({100 * min(left):.0f} %)")
-    if unknown:
+        if not shares:
+            insensitive.append(name)
+        elif min(shares) > EXPLAINED:
+            weak.append(f"{name} ({100 * min(shares):.0f} %)")
+    if insensitive:
         out.remarks.append(
-            f"they do not know {', '.join(unknown)}, at least in the default test: of these the equations say nothing"
+            f"in the default test they do not depend on {', '.join(insensitive)}: a diagnosis cannot estimate these "
+            f"effects from the equations of motion"
         )
-    if hardly:
+    if weak:
         out.remarks.append(
-            f"more than half of the residual remains with the effect in the model: {', '.join(hardly)}; "
-            f"the equations say little about these effects in the default test"
+            f"more than half of the residual remains with the effect in the model: {', '.join(weak)}; "
+            f"in the default test the equations say little about them"
         )
 
 
-def _left(machine: Backend, trace: Trace, test: Mapping[str, float]) -> dict[str, FloatArray]:
-    assert isinstance(machine, HasResiduals)
-    return {name: np.asarray(values) for name, values in machine.residuals(trace, test).channels.items()}
+def _residuals_of(backend: Backend, trace: Trace, test: Mapping[str, float]) -> dict[str, FloatArray]:
+    assert isinstance(backend, HasResiduals)
+    return {name: np.asarray(values) for name, values in backend.residuals(trace, test).channels.items()}
 
 
 def _rms(values: FloatArray) -> float:

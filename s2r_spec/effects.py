@@ -1,8 +1,7 @@
-"""Effects by name: choosing them, which every backend with a catalogue shares, and the scales of their priors.
+"""Added effects of a backend, by name, and the scales of their priors; shared by all backends with a catalogue.
 
-A :data:`Choice` is a value: equal choices are equal and hash alike, in whatever
-order the effects were added. A backend keeps one, and asks :func:`settings` for
-the numbers when it builds its world.
+A :data:`Choice` is a value: two choices with the same effects are equal and have the same hash, in any order of
+addition. A backend stores one, and calls :func:`settings` for its numbers when it builds a model.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ from s2r_spec.errors import BackendError, UsageError, did_you_mean, one_of
 Values = Mapping[str, Mapping[str, float]]
 """Effect → parameter → value."""
 Choice = tuple[tuple[str, tuple[tuple[str, float], ...]], ...]
-"""The same in a fixed order, with only what was set."""
+"""The same in a fixed order, with the set parameters only."""
 _SCALE = re.compile(
     r"(?:deviation |normal\b[^,]*, *)(?P<scale>\d*\.?\d+(?:[eE][-+]?\d+)?) *(?P<unit>.*)", re.IGNORECASE
 )
@@ -27,13 +26,13 @@ _NORMAL = re.compile(r"\bnormal\b|\bdeviation\b", re.IGNORECASE)
 
 
 def choose(backend: str, catalogue: Iterable[Effect], before: Choice, values: Values) -> Choice:
-    """Return the choice with these values added; what was set before stays unless set again.
+    """Return a choice with these values added; values set before stay unless they are set again.
 
     Args:
-        backend: its name, for the messages.
-        catalogue: every effect that it has.
+        backend: name of the backend, for messages.
+        catalogue: all effects of the backend.
         before: the choice so far, ``()`` at first.
-        values: in the units of the catalogue.
+        values: effect → parameter → value, in the units of the catalogue.
 
     Raises:
         UsageError: an effect or a parameter is unknown, or a value out of range.
@@ -62,30 +61,29 @@ def choose(backend: str, catalogue: Iterable[Effect], before: Choice, values: Va
 
 
 def settings(catalogue: Iterable[Effect], choice: Choice) -> dict[str, dict[str, float]]:
-    """Return effect → parameter → value of the chosen effects; a parameter that was not set is nominal."""
+    """Return effect → parameter → value of the chosen effects; parameters that were not set are nominal."""
     nominal = {effect.name: {p.name: p.nominal for p in effect.parameters} for effect in catalogue}
     return {name: nominal[name] | values for name, values in as_values(choice).items()}
 
 
 def as_values(choice: Choice) -> dict[str, dict[str, float]]:
-    """Return effect → parameter → value of what was set, and no more.
+    """Return effect → parameter → value of the set parameters only.
 
     Raises:
-        UsageError: it is a text: a class that keeps its choice first was given what followed the colon of its name.
+        UsageError: the choice is a text. A backend without options got the text after the colon of its name.
     """
     if isinstance(choice, str):
         raise UsageError(
-            f"this backend takes no options and was given {choice!r}; leave out the colon and the rest, or let its "
-            f"entry point read options"
+            f"this backend has no options, so it cannot read {choice!r}; leave out the colon and the text after it"
         )
     return {name: dict(pairs) for name, pairs in choice}
 
 
 def read_word(word: str) -> Values | None:
-    """Return what ``coulomb.force=20`` sets, or None for a word that names no effect (``reference=a.mat``).
+    """Return the values that ``coulomb.force=20`` sets; None for a word without an effect (``reference=a.mat``).
 
     Raises:
-        UsageError: what follows the equals sign is no number.
+        UsageError: the text after the equals sign is no number.
     """
     name, _, text = word.partition("=")
     effect, dot, parameter = name.partition(".")
@@ -100,20 +98,20 @@ def read_word(word: str) -> Values | None:
 
 
 def words(choice: Choice) -> list[str]:
-    """Return the words that :func:`read_word` would read this choice from."""
+    """Return a choice as words that :func:`read_word` reads."""
     return [f"{effect}.{parameter}={value!r}" for effect, values in choice for parameter, value in values]
 
 
 def catalogue_of(backend: Backend) -> tuple[Effect, ...]:
-    """Return the effects that a backend declares; nominal is the value that it was given already, if it reports one.
+    """Return the declared effects of a backend; an added effect has its reported value as nominal.
 
     Raises:
-        UsageError: nothing, so no cause can be named.
-        BackendError: a parameter has no range around its nominal value, or its prior lacks the scale it should have.
+        UsageError: the backend declares no effects, so no cause can be named.
+        BackendError: a parameter has no range around its nominal value, or its prior has no scale.
     """
     if not isinstance(backend, HasEffects) or not backend.effects():
         raise UsageError(
-            f"the backend {backend.name!r} declares no effects, so no cause can be named; "
+            f"the backend {backend.name!r} declares no effects, so s2r cannot name a cause; "
             f"see {page('how-to/effects')}"
         )
     chosen = backend.chosen() if isinstance(backend, HasChosen) else {}
@@ -121,28 +119,28 @@ def catalogue_of(backend: Backend) -> tuple[Effect, ...]:
 
 
 def _checked(backend: str, effect: Effect, chosen: Mapping[str, float]) -> Effect:
-    """Return the effect with its chosen values as nominal ones."""
+    """Return the effect with its added values as nominal ones."""
     for p in effect.parameters:
         if not (p.low <= p.nominal <= p.high and p.low < p.high and math.isfinite(p.high - p.low)):
             raise BackendError(
                 f"backend {backend!r}: the effect {effect.name!r} has {p.name!r} in [{p.low:g}, {p.high:g}] with the "
-                f"nominal value {p.nominal:g}; it needs finite ends, low < high, and a nominal value between them"
+                f"nominal value {p.nominal:g}; declare finite ends, low < high, and a nominal value between them"
             )
         if _lacks_scale(p):
             raise BackendError(
-                f"backend {backend!r}: the effect {effect.name!r} has {p.name!r} with the prior {p.prior!r}, in "
-                f"which no scale can be read; write 'half-normal, 20 N' or 'normal around 1, standard deviation 0.1'"
+                f"backend {backend!r}: the effect {effect.name!r} has {p.name!r} with the prior {p.prior!r} without a "
+                f"scale; write 'half-normal, 20 N' or 'normal around 1, standard deviation 0.1'"
             )
     parameters = tuple(replace(p, nominal=float(chosen.get(p.name, p.nominal))) for p in effect.parameters)
     return replace(effect, parameters=parameters)
 
 
 def _lacks_scale(parameter: EffectParameter) -> bool:
-    """Return whether a prior names a normal distribution, but no scale in the parameter's unit can be read in it."""
+    """Return whether a prior names a normal distribution without a scale in the parameter's unit."""
     return bool(_NORMAL.search(parameter.prior)) and not prior_scale(parameter)
 
 
 def prior_scale(parameter: EffectParameter) -> float:
-    """Return the scale that the prior's text states, in the parameter's unit, or 0."""
+    """Return the scale in the prior's text, in the parameter's unit; 0 if there is none."""
     match = _SCALE.search(parameter.prior)
     return float(match["scale"]) if match and match["unit"].strip() in ("", parameter.unit) else 0.0

@@ -1,8 +1,7 @@
-"""Everything s2r raises on purpose derives from :class:`S2RError`.
+"""The errors that s2r raises on purpose; all derive from :class:`S2RError`.
 
-An error is built from facts: it says what was found, what would have been
-valid, and what to do. The command line prints ``str(error)`` after ``error:``
-and exits with ``exit_code``.
+A message states the problem, the valid values and the remedy. The command line prints ``str(error)`` after
+``error:`` and exits with ``exit_code``.
 """
 
 from __future__ import annotations
@@ -16,35 +15,35 @@ from s2r_spec.printable import one_line
 MOST_NAMES = 60
 """Budget: names that an error lists; twice as many fill a screen."""
 LONGEST_NAME = 100
-"""Budget: letters of a name that an error shows, and of names that are compared; the comparison is quadratic."""
+"""Budget: letters of a name that an error shows or compares; the time of a comparison grows with their square."""
 
 
 def one_of(names: Iterable[str]) -> str:
-    """Return ``a, b, c`` in order, or ``(none)``: how every error lists the valid names."""
-    found = sorted(names)
-    shown = ", ".join(shortened(name) for name in found[:MOST_NAMES]) or "(none)"
-    return f"{shown} and {len(found) - MOST_NAMES} more" if len(found) > MOST_NAMES else shown
+    """Return the valid names for an error, sorted: ``a, b, c``, or ``(none)``."""
+    ordered = sorted(names)
+    shown = ", ".join(shortened(name) for name in ordered[:MOST_NAMES]) or "(none)"
+    return f"{shown} and {len(ordered) - MOST_NAMES} more" if len(ordered) > MOST_NAMES else shown
 
 
 def shortened(text: str) -> str:
-    """Return a text as an error shows it: its beginning, if it is long."""
+    """Return a text, or the beginning of a long one."""
     return text if len(text) <= LONGEST_NAME else f"{text[:LONGEST_NAME]}…"
 
 
 def did_you_mean(name: str, names: Iterable[str]) -> str:
     """Return ``"; did you mean 'vx'?"`` when one of ``names`` is close, else an empty string."""
-    among = [one for one in names if len(one) <= LONGEST_NAME][:10_000]
-    close = difflib.get_close_matches(name[:LONGEST_NAME], among, n=1)
+    candidates = [one for one in names if len(one) <= LONGEST_NAME][:10_000]
+    close = difflib.get_close_matches(name[:LONGEST_NAME], candidates, n=1)
     return f"; did you mean {close[0]!r}?" if close else ""
 
 
 def suggest(name: str, names: Iterable[str]) -> str:
-    """Return :func:`did_you_mean`, or ``";"``: what joins a wrong name and the list of valid ones."""
+    """Return :func:`did_you_mean`, or else ``";"``, to stand between a wrong name and the list of valid ones."""
     return did_you_mean(name, names) or ";"
 
 
 class S2RError(Exception):
-    """Root of all errors that s2r raises on purpose; each is one line, whatever names and causes it quotes."""
+    """Base class of s2r's errors; the message is one line, whatever names and causes it quotes."""
 
     exit_code: ClassVar[int] = 4
 
@@ -53,17 +52,17 @@ class S2RError(Exception):
 
 
 class UsageError(S2RError):
-    """What the user gave cannot be used: a spec, a trace, a name, a setting."""
+    """An input of the user is invalid: a spec, a trace, a name, a setting."""
 
     exit_code: ClassVar[int] = 2
 
 
 class TraceError(UsageError):
-    """A trace breaks the contract of :class:`s2r_spec.trace.Trace`, or lacks what a spec needs."""
+    """A trace breaks the contract of :class:`s2r_spec.trace.Trace`, or does not fit the spec."""
 
 
 class TraceNote(UserWarning):
-    """What a reader of a trace's file did that its user should know of: a row that is cut was left out."""
+    """Warning of a file reader about a change that matters to the user, such as a truncated row left out."""
 
 
 class SamplingError(TraceError):
@@ -75,11 +74,11 @@ class BackendError(S2RError):
 
 
 class NotBegunError(BackendError):
-    """A rollout of a machine could not begin: nothing moved before t = 0, so that there is no rollout to record."""
+    """A rollout of a machine could not begin: nothing moved, so there is no rollout to record."""
 
 
 class StoppedError(S2RError):
-    """The operator of a machine ended the run; what was recorded is kept, and --resume goes on with it."""
+    """The operator of a machine ended the run; the recorded rollouts are kept, and --resume continues with them."""
 
     exit_code: ClassVar[int] = 130
 
@@ -91,7 +90,7 @@ class UnknownBackendError(UsageError):
         installed = list(installed)
         super().__init__(
             f"no backend {name!r}{suggest(name, installed)} installed: {one_of(installed)}. "
-            f"A backend is offered by a package through the entry-point group 's2r.backends'."
+            f"A package offers a backend through the entry-point group 's2r.backends'."
         )
 
 

@@ -1,7 +1,7 @@
 """Files that are replaced whole or not at all.
 
-What is new is written beside the file, brought onto the disk, and only then takes its name. A full disk, a
-crash or a kill leaves what was there before.
+New content goes to a temporary file in the same folder, is flushed to the disk, and then takes the file's name. After
+a full disk, a crash or a kill the old content remains.
 """
 
 from __future__ import annotations
@@ -20,25 +20,26 @@ def save(path: Path, content: str | bytes) -> None:
     """Write a file as :func:`replace` does; text becomes UTF-8 with line feeds.
 
     Raises:
-        UsageError: it cannot be written; what was there before is as it was.
+        UsageError: the file cannot be written; its old content remains.
     """
-    with _sentences(path):
+    with _usage_errors(path):
         replace(path, content)
 
 
 @contextmanager
 def saving(path: Path) -> Iterator[Path]:
-    """Give a file to write to as :func:`replacing` does.
+    """Give a temporary file to write to, as :func:`replacing` does.
 
     Raises:
-        UsageError: it cannot be written; what was there before is as it was.
+        UsageError: the file cannot be written; its old content remains.
     """
-    with _sentences(path), replacing(path) as beside:
-        yield beside
+    with _usage_errors(path), replacing(path) as temporary:
+        yield temporary
 
 
 @contextmanager
-def _sentences(path: Path) -> Iterator[None]:
+def _usage_errors(path: Path) -> Iterator[None]:
+    """Turn an OSError into a UsageError."""
     try:
         yield
     except OSError as error:
@@ -46,26 +47,26 @@ def _sentences(path: Path) -> Iterator[None]:
 
 
 def replace(path: Path, content: str | bytes) -> None:
-    """Put new content in a file's place.
+    """Replace the content of a file.
 
     Raises:
-        OSError: it cannot be written; what was there before is as it was.
+        OSError: the file cannot be written; its old content remains.
     """
-    # A name that is no UTF-8 on disk is a lone surrogate in Python: it is written as an escape.
+    # Python reads bytes that are not UTF-8 in a file's name as lone surrogates; they are written as escapes.
     data = content if isinstance(content, bytes) else content.encode("utf-8", "backslashreplace")
-    with replacing(path) as beside, beside.open("wb") as file:
+    with replacing(path) as temporary, temporary.open("wb") as file:
         file.write(data)
 
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Give a new, empty file beside this one to write to; at the end it takes this one's place.
+    """Give an empty temporary file to write to; at the end it replaces the file.
 
-    It has the same ending, the same permissions and, where that is allowed, the same owner. A symbolic link
-    stays one: the file that it leads to is replaced. What is no file (``/dev/stdout``, a pipe) is written to as it is.
+    The temporary file has the same ending, the same permissions and, if allowed, the same owner. A symbolic link stays,
+    and its target is replaced. A path that is no regular file (``/dev/stdout``, a pipe) is written directly.
 
     Raises:
-        OSError: it cannot be written. This one is then as it was, and nothing is left beside it.
+        OSError: the file cannot be written. Its old content remains, and the temporary file is removed.
     """
     target = Path(os.path.realpath(path))
     before = target.stat() if target.exists() else None
@@ -74,29 +75,29 @@ def replacing(path: Path) -> Iterator[Path]:
         return
     if before is not None and not os.access(target, os.W_OK):
         raise PermissionError(13, "Permission denied", str(path))
-    beside = target.with_name(f".{target.stem[:100]}.{secrets.token_hex(4)}.part{target.suffix[:50]}")
-    handle = os.open(beside, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666)
+    temporary = target.with_name(f".{target.stem[:100]}.{secrets.token_hex(4)}.part{target.suffix[:50]}")
+    handle = os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666)
     try:
         os.close(handle)
-        yield beside
+        yield temporary
         if before is not None:
-            with suppress(OSError, AttributeError):  # another's file; not a POSIX system
-                os.chown(beside, before.st_uid, before.st_gid)
-            os.chmod(beside, stat.S_IMODE(before.st_mode))
-        onto_disk(beside)
-        os.replace(beside, target)
+            with suppress(OSError, AttributeError):  # a file of another user; not a POSIX system
+                os.chown(temporary, before.st_uid, before.st_gid)
+            os.chmod(temporary, stat.S_IMODE(before.st_mode))
+        onto_disk(temporary)
+        os.replace(temporary, target)
     except BaseException:
-        beside.unlink(missing_ok=True)
+        temporary.unlink(missing_ok=True)
         raise
-    with suppress(OSError):  # some file systems have no folder that can be opened
+    with suppress(OSError):  # on some file systems a folder cannot be opened
         onto_disk(target.parent)
 
 
 def onto_disk(path: Path) -> None:
-    """Bring a file, or the names in a folder, onto the disk.
+    """Flush a file, or the names in a folder, to the disk.
 
     Raises:
-        OSError: it cannot be opened or written there.
+        OSError: the file cannot be opened or written.
     """
     handle = os.open(path, os.O_RDONLY)
     try:

@@ -1,7 +1,7 @@
-"""Instants as people look them up: to the resolution of the samples, after the first one where stamps are dates.
+"""Times of a trace as text, to the resolution of its samples.
 
-``instant(times, 1718000001.512)`` is ``1.512 s after the first sample (1718000001.512 s)`` of a log with Unix times,
-and ``0.2 s`` of a trace that begins at 0.
+In a log with Unix times ``instant(times, 1718000001.512)`` is ``1.512 s after the first sample (1718000001.512 s)``; in
+a trace that begins at 0, ``instant(times, 0.2)`` is ``0.2 s``.
 """
 
 from __future__ import annotations
@@ -12,28 +12,26 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 DATES = 1e8
-"""Definition: first stamps [s] from here on (3 March 1973) count from 1970; no machine has run for three years.
-
-Twice as much is 1976: no log of a robot lies between.
-"""
+"""Definition: a first time stamp of at least this [s] counts from 1970 (it is 3 March 1973), since no machine runs for
+three years. Twice as much is 1976, and no log of a robot is from the years between."""
 
 _SHARE = 1e-3
-"""Tolerance: an instant is printed this close [periods]; twice as much saves a digit now and then."""
+"""Tolerance: rounding error of a printed time [sampling periods]; twice as much sometimes saves a digit."""
 
 _FIXED = 12
-"""Definition: the most decimals that are written out; a finer instant has an exponent."""
+"""Definition: largest number of printed decimals; a finer time is printed with an exponent."""
 
 
 def instant(times: ArrayLike, t: float) -> str:
-    """Return an instant in words, with its unit.
+    """Return a time as text, with its unit.
 
     Args:
-        times: (n,) stamps [s] of the trace, increasing; the first one and those around ``t`` are enough.
-        t: the instant on the same clock [s], at a sample or not.
+        times: (n,) time stamps [s] of the trace, increasing; the first one and those around ``t`` suffice.
+        t: the time on the same clock [s], at a sample or between two.
 
     Returns:
-        As few decimals as bring the number within a thousandth of the period around it, so that
-        neighbouring samples differ; never more than float64 resolves.
+        The number with the fewest decimals within a thousandth of the sampling period, so that neighbouring samples
+        differ; never more decimals than float64 resolves.
     """
     stamps = np.asarray(times, dtype=np.float64).ravel()
     if not math.isfinite(t) or not stamps.size:
@@ -46,7 +44,7 @@ def instant(times: ArrayLike, t: float) -> str:
 
 
 def _step(stamps: np.ndarray, t: float) -> float:
-    """Return the shortest distance of neighbours next to an instant [s]; 0 of a single sample."""
+    """Return the shortest sampling period next to a time [s]; 0 for a single sample."""
     place = int(np.searchsorted(stamps, t))
     near = np.abs(np.diff(stamps[max(place - 2, 0) : place + 3]))
     near = near[near > 0]
@@ -54,7 +52,7 @@ def _step(stamps: np.ndarray, t: float) -> float:
 
 
 def _shortest(number: float, close: float) -> str:
-    """Return the number with the fewest decimals that are not farther off than ``close``."""
+    """Return the number with the fewest decimals for a rounding error of at most ``close``."""
     for decimals in range(_FIXED + 1):
         if abs(round(number, decimals) - number) <= close:
             text = f"{number:.{decimals}f}"

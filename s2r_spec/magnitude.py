@@ -1,4 +1,4 @@
-"""Numbers that somebody declared: whether they are numbers, and whether double precision can work with them."""
+"""Check declared numbers: finite, of the right sign, and of a size that double precision can handle."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from typing import SupportsFloat
 from s2r_spec.errors import UsageError
 
 SMALLEST, LARGEST = 1e-100, 1e100
-"""Least and largest size of a declared setting or length that is not 0 (definition; in the setting's own unit).
+"""Definition: smallest and largest size of a setting or length other than 0, in its own unit.
 
-Bounds contain squares and quotients of squares of settings: within these sizes none of them
-overflows or vanishes in double precision. With both exponents doubled some would.
+Bounds contain squares of settings and quotients of squares. Within these sizes none of them overflows or underflows in
+double precision. With both exponents doubled some would.
 """
 
 
@@ -19,59 +19,59 @@ def number(name: str, value: object) -> float:
     """Return a finite number as a float.
 
     Args:
-        name: what it is, for the sentence.
+        name: name of the setting, for the message.
         value: a number of Python or NumPy.
 
     Raises:
-        UsageError: it is no number, or not a finite one.
+        UsageError: the value is no finite number.
     """
-    found = _float(name, value)
-    if not math.isfinite(found):
-        raise UsageError(f"{name} = {found:g}; it must be a finite number")
-    return found
+    real = _float(name, value)
+    if not math.isfinite(real):
+        raise UsageError(f"{name} = {real:g}; it must be a finite number")
+    return real
 
 
 def positive(name: str, value: object) -> float:
     """Return a number > 0 that double precision can square.
 
     Raises:
-        UsageError: it is something else.
+        UsageError: the value is no such number.
     """
-    found = _float(name, value)
-    if not (math.isfinite(found) and found > 0):
-        raise UsageError(f"{name} = {found:g}; it must be a positive number")
-    if outside := beyond(found):
-        raise UsageError(f"{name} = {found:g} is {outside}")
-    return found
+    real = _float(name, value)
+    if not (math.isfinite(real) and real > 0):
+        raise UsageError(f"{name} = {real:g}; it must be a positive number")
+    if fault := beyond(real):
+        raise UsageError(f"{name} = {real:g} is {fault}")
+    return real
 
 
 def whole(name: str, value: object, least: int) -> int:
     """Return a whole number ≥ ``least``.
 
     Raises:
-        UsageError: it is something else.
+        UsageError: the value is no such number.
     """
-    found = _float(name, value)
-    if not (math.isfinite(found) and found == int(found) and found >= least):
-        raise UsageError(f"{name} = {found:g}; it must be a whole number, at least {least}")
-    return int(value) if isinstance(value, int) else int(found)
+    real = _float(name, value)
+    if not (math.isfinite(real) and real == int(real) and real >= least):
+        raise UsageError(f"{name} = {real:g}; it must be a whole number, at least {least}")
+    return int(value) if isinstance(value, int) else int(real)
 
 
 def beyond(value: float) -> str:
-    """Return what is wrong with the size of a number > 0, "" if nothing is."""
+    """Return what is wrong with the size of a number > 0; "" if nothing is."""
     if value < SMALLEST:
-        return f"too small to be computed with: the least is {SMALLEST:g}"
+        return f"too small for double precision; it must be at least {SMALLEST:g}"
     if value > LARGEST:
-        return f"too large to be computed with: the most is {LARGEST:g}"
+        return f"too large for double precision; it must be at most {LARGEST:g}"
     return ""
 
 
 def _float(name: str, value: object) -> float:
     if isinstance(value, bool | str | bytes) or not isinstance(value, SupportsFloat):
-        raise UsageError(f"{name} = {value!r} is not a number")
+        raise UsageError(f"{name} = {value!r}; it must be a number")
     try:
         return float(value)
     except OverflowError:
         return math.inf
     except (TypeError, ValueError):
-        raise UsageError(f"{name} = {value!r} is not a number") from None
+        raise UsageError(f"{name} = {value!r}; it must be a number") from None

@@ -1,9 +1,9 @@
-r"""Text that others wrote, made safe to print: names, units, failure words, exceptions.
+r"""Foreign text made safe to print: names, units, failure words, exceptions.
 
-A channel called ``"\x1b[2J"`` must not clear the reader's screen, and one that holds a line break must
-not begin a line of its own: ``::error::`` at the start of a line is a command to GitHub's runner.
+A channel called ``"\x1b[2J"`` must not clear the reader's screen. A name with a line break must not begin a new line,
+since ``::error::`` at the start of a line is a command to GitHub's runner.
 
-Every escape is one that JSON reads, too, and none is escaped again.
+Every escape is also valid in JSON, and none is escaped twice.
 """
 
 from __future__ import annotations
@@ -11,33 +11,40 @@ from __future__ import annotations
 import re
 
 _SHORT = {"\n": "\\n", "\r": "\\r", "\t": "\\t"}
-# C0, DEL and C1; marks that turn the direction of writing; line and paragraph separator; byte order mark; surrogates.
+# C0, DEL and C1; marks of writing direction; line and paragraph separator; byte order mark; surrogates.
 _UNSEEN = r"\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ufeff\ud800-\udfff"
 _CONTROL = re.compile(f"[{_UNSEEN}]")
 _CONTROL_OR_BREAK = re.compile(f"[{_UNSEEN}\n]")
 _COMMAND = re.compile(r"^(\s*)::")
+_POWER = re.compile(r"\^(-?\d+)")
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _OLD_COMMAND = re.compile(r"##(?=\[)")
 
 
 def one_line(text: object) -> str:
     r"""Return a text as one line: control characters and line breaks as ``\u001b`` and ``\n``.
 
-    What a CI runner would take for a command (``::`` at the start, ``##[``) is escaped, too.
+    Commands to a CI runner (``::`` at the start, ``##[``) are escaped, too.
     """
     line = _CONTROL_OR_BREAK.sub(_escaped, str(text))
     return _OLD_COMMAND.sub(r"\\u0023#", _COMMAND.sub(r"\1\\u003a:", line))
 
 
 def lines(text: object) -> str:
-    """Return a text whose line breaks are meant: see :func:`one_line` for each of its lines."""
+    """Return a text of several lines, each made safe by :func:`one_line`."""
     return "\n".join(map(one_line, str(text).split("\n")))
 
 
+def spelled(unit: str) -> str:
+    """Return a unit as people write it: ``N*m*s/rad`` as ``N·m·s/rad``, ``m/s^2`` as ``m/s²``."""
+    return _POWER.sub(lambda found: found[1].translate(_RAISED), unit).replace("*", "·")
+
+
 def without_controls(text: str) -> str:
-    """Return a text with its line breaks, and no other control character."""
+    """Return a text whose control characters are escaped, except line breaks."""
     return _CONTROL.sub(_escaped, text)
 
 
-def _escaped(found: re.Match[str]) -> str:
-    character = found[0]
+def _escaped(match: re.Match[str]) -> str:
+    character = match[0]
     return _SHORT.get(character) or f"\\u{ord(character):04x}"

@@ -16,23 +16,23 @@ from s2r_spec.magnitude import beyond, number
 FloatArray = NDArray[np.float64]
 
 ROUNDED = 1e-9
-"""Part of its range by which a value may be outside: units were converted, there and back."""
+"""Tolerance: part of a range by which a value may be outside, after a conversion of units and back."""
 
 FINEST = 1e-9
-"""Least width of a range beside its ends (tolerance). A search halves a range up to 20 times and more, and double
-precision has 16 digits; with twice as much nothing changes for ranges in use."""
+"""Tolerance: least width of a range, relative to its ends. A search halves a range 20 times and more, and double
+precision has 16 digits. Twice as much changes nothing for ranges in use."""
 
 Key = tuple[tuple[str, float], ...]
 
 
 def key_of(test: Mapping[str, float]) -> Key:
-    """Return what equal tests have in common, whatever the order of their parameters: a key for a dictionary."""
+    """Return a dictionary key of a test, which does not depend on the order of its parameters."""
     return tuple(sorted(test.items()))
 
 
 @dataclass(frozen=True)
 class Axis:
-    """One test parameter: its range in its unit ("" when it has none)."""
+    """One test parameter, with its range in its unit ("" without one)."""
 
     name: str
     low: float
@@ -40,7 +40,7 @@ class Axis:
     unit: str = ""
 
     def __post_init__(self) -> None:
-        """Refuse an empty or infinite range, and one that is wider than a number can say."""
+        """Refuse an empty or infinite range, and one whose width overflows."""
         if not (np.isfinite(self.low) and np.isfinite(self.high) and self.low < self.high):
             raise UsageError(
                 f"the range of {self.name!r} is [{self.low:g}, {self.high:g}]; "
@@ -48,7 +48,7 @@ class Axis:
             )
         if not math.isfinite(self.width):
             raise UsageError(
-                f"the range of {self.name!r}, [{self.low:g}, {self.high:g}], is wider than double precision can say"
+                f"the range of {self.name!r}, [{self.low:g}, {self.high:g}], is wider than the largest number"
             )
 
     @property
@@ -58,13 +58,13 @@ class Axis:
 
     @property
     def unfit(self) -> str:
-        """Why no search can divide this range, "" if one can."""
+        """The reason why a search cannot divide this range; "" if it can."""
         if outside := beyond(self.width):
             return f"the width of the range of {self.name!r} is {outside}"
         if self.width < FINEST * max(abs(self.low), abs(self.high)):
             return (
                 f"the range of {self.name!r} is {self.width:.3g} wide at {self.high:.17g}: double precision cannot "
-                f"divide it; give the parameter as the difference from a fixed value"
+                f"divide it; declare the parameter as a difference from a fixed value"
             )
         return ""
 
@@ -77,7 +77,7 @@ class Space:
 
     @classmethod
     def of(cls, ranges: Mapping[str, tuple[float, float]], units: Mapping[str, str] | None = None) -> Space:
-        """Build a box from ``{"vd": (-0.2, 0.3)}`` and, if wanted, ``{"vd": "m/s"}``."""
+        """Build a box from ranges ``{"vd": (-0.2, 0.3)}`` and units ``{"vd": "m/s"}``."""
         units = units or {}
         if not isinstance(ranges, Mapping):
             raise UsageError(f'a test space is a mapping like {{"vd": (-0.2, 0.3)}}, not {ranges!r}')
@@ -111,17 +111,17 @@ class Space:
         return np.array([axis.high for axis in self.axes])
 
     def at(self, unit: FloatArray) -> FloatArray:
-        """Return (..., dim) points of the box, from points of the unit cube: ends, and 0, exactly."""
-        found = np.clip(self.lower + unit * (self.upper - self.lower), self.lower, self.upper)
+        """Return (..., dim) points of the box from points of the unit cube; the ends and 0 are exact."""
+        points = np.clip(self.lower + unit * (self.upper - self.lower), self.lower, self.upper)
         rounding = 4.0 * np.finfo(float).eps * np.maximum(np.abs(self.lower), np.abs(self.upper))
-        return np.where(np.abs(found) < rounding, 0.0, found)
+        return np.where(np.abs(points) < rounding, 0.0, points)
 
     def point(self, vector: FloatArray) -> dict[str, float]:
-        """Name the coordinates of a (dim,) vector."""
+        """Return the test of a (dim,) vector: parameter → value."""
         return {name: float(value) for name, value in zip(self.names, vector, strict=True)}
 
     def vector(self, point: Mapping[str, float]) -> FloatArray:
-        """Return the (dim,) vector of a named point; what a rounding has put outside of the box is at its end.
+        """Return the (dim,) vector of a test; a value outside the box by rounding only is moved to its end.
 
         Raises:
             UsageError: a name is unknown or missing, or a value is outside the box.
@@ -145,7 +145,7 @@ class Space:
         return np.clip([float(point[name]) for name in self.names], self.lower, self.upper)
 
     def grid(self, counts: tuple[int, ...]) -> FloatArray:
-        """Return (prod(counts), dim) grid points, both ends of every axis included, last axis fastest."""
+        """Return (prod(counts), dim) grid points, with both ends of every axis, last axis fastest."""
         lines = [np.linspace(axis.low, axis.high, n) for axis, n in zip(self.axes, counts, strict=True)]
         return np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, self.dim)
 
@@ -157,10 +157,10 @@ def _ends(name: object, ends: Any) -> tuple[float, float]:
         raise UsageError(
             f"the range of {name!r} is {ends!r}; it needs two numbers, the lower one first"
         ) from None
-    what = f"an end of the range of {name!r}"
-    return _number(what, low), _number(what, high)
+    end = f"an end of the range of {name!r}"
+    return _number(end, low), _number(end, high)
 
 
-def _number(what: str, value: object) -> float:
-    # An infinite end is refused by the axis, which says so of the whole range.
-    return float(value) if isinstance(value, float) else number(what, value)
+def _number(name: str, value: object) -> float:
+    # The axis refuses an infinite end, with a message about the whole range.
+    return float(value) if isinstance(value, float) else number(name, value)

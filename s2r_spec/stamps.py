@@ -1,6 +1,6 @@
-"""Time stamps to seconds, exactly: whole counts are subtracted before anything is rounded.
+"""Convert time stamps to seconds, exactly: whole counts are subtracted before anything is rounded.
 
-A count v of a unit u = p/q seconds (p, q whole) becomes v·p/q. Dates count from the first stamp, (v − v₀)·p/q, as
+A count v of a unit u = p/q seconds (p, q whole) becomes v·p/q. Dates count from the first stamp, (v − v₀)·p/q, because
 float64 seconds since 1970 resolve 0.24 µs only. Both are correctly rounded for counts below 2⁵³.
 """
 
@@ -27,10 +27,10 @@ _EPOCH = datetime(1970, 1, 1)
 
 
 def typed(values: NDArray[Any]) -> NDArray[Any]:
-    """Return the array with Python's dates and durations as numpy's, in nanoseconds; any other as it is.
+    """Return an array of Python's dates or durations as numpy's, in nanoseconds; any other array unchanged.
 
     Raises:
-        TraceError: one of them is no date (NaT).
+        TraceError: an element is no date (NaT).
     """
     if values.dtype != object or not values.size:
         return values
@@ -40,12 +40,12 @@ def typed(values: NDArray[Any]) -> NDArray[Any]:
     try:
         counts = np.array([_nanoseconds(one) for one in values.flat], dtype=np.int64).reshape(values.shape)
     except (AttributeError, TypeError, ValueError, OverflowError) as error:
-        raise TraceError(f"one of the dates or durations cannot be used: {error}") from None
+        raise TraceError(f"a date or duration is not valid: {error}") from None
     return counts.view("M8[ns]" if isinstance(first, datetime) else "m8[ns]")
 
 
 def _nanoseconds(one: Any) -> int:
-    """Return the nanoseconds of a duration, or since 1970 of a date; without a zone it is UTC."""
+    """Return a duration, or the time of a date since 1970, in nanoseconds; a date without a zone is in UTC."""
     if isinstance(one, datetime):
         below = int(getattr(one, "nanosecond", 0))
         naive = one if one.tzinfo is None else one.astimezone(UTC).replace(tzinfo=None)
@@ -60,19 +60,19 @@ def _nanoseconds(one: Any) -> int:
 
 
 def is_typed(values: NDArray[Any]) -> bool:
-    """Return whether the array holds dates or durations, whose type says their unit."""
+    """Return whether an array holds dates or durations, whose type states their unit."""
     return values.dtype.kind in "Mm"
 
 
 def seconds(values: NDArray[Any], first: Any = None) -> FloatArray:
-    """Return the seconds that dates or durations are; dates count from the first one.
+    """Return dates or durations in seconds; dates count from the first one.
 
     Args:
         values: (n,) of datetime64 or timedelta64.
-        first: the date to count from, if it is not the first of these.
+        first: the date to count from; None for the first value.
 
     Raises:
-        TraceError: one of them is not a time (NaT), or the type has no unit.
+        TraceError: a value is missing (NaT), or the type has no unit.
     """
     if np.isnat(values).any():
         raise TraceError(f"time stamp {int(np.argmax(np.isnat(values)))} is missing (NaT)")
@@ -89,13 +89,13 @@ def seconds(values: NDArray[Any], first: Any = None) -> FloatArray:
 
 
 EXACT = 2**50
-"""Tolerance: counts below this, 13 days of nanoseconds, stay apart as float64 seconds; at 2⁵³ neighbours become one."""
+"""Tolerance: counts below this, 13 days of nanoseconds, differ as float64 seconds; at 2⁵³ two neighbours are equal."""
 
 
 def dates(values: NDArray[Any], size: Fraction) -> bool:
-    """Return whether counts of a unit that is not the second count from the first one.
+    """Return whether counts in a unit other than the second must count from the first one.
 
-    They do if they are dates, which begin later than in 1973, or too many for float64 seconds.
+    They must if they are dates after 1973, or too large for float64 seconds.
     """
     if size == 1 or not values.size:
         return False
@@ -106,13 +106,13 @@ def dates(values: NDArray[Any], size: Fraction) -> bool:
 def counted(
     values: NDArray[Any], size: Fraction, *, from_first: bool = False, first: int | float | None = None
 ) -> FloatArray:
-    """Return the seconds of counts, (n,) whole or not, of a unit of ``size`` [s].
+    """Return (n,) counts in seconds.
 
     Args:
-        values: the counts.
-        size: the unit [s].
-        from_first: subtract the first count, exactly where the counts are whole.
-        first: what to subtract then, if it is not the first of these.
+        values: (n,) counts, whole or not.
+        size: unit of the counts [s].
+        from_first: whether to subtract the first count, exactly if the counts are whole.
+        first: the count to subtract; None for the first value.
     """
     if from_first and values.size:
         values = values - values.dtype.type(values[0] if first is None else first)

@@ -1,4 +1,4 @@
-"""A trace: what one rollout recorded, as the specification reads it."""
+"""A trace: the channels that one rollout recorded, as a specification reads them."""
 
 from __future__ import annotations
 
@@ -25,15 +25,14 @@ class Trace:
     Args:
         times: (n,) time stamps [s], strictly increasing, n ≥ 1. Durations (``timedelta64``) become
             seconds; dates (``datetime64``, ``datetime``) seconds since the first of them.
-        channels: name → (n,) or (n, k) samples, read as float64. Masked samples are NaN; durations are in s.
-        units: name → unit as a string ("m/s"); a missing name has no declared unit.
-        meta: anything that can be written as JSON. ``meta["failure"]`` is
-            reserved: a short word ("fall") when the rollout ended early, see
-            :attr:`failure`.
+        channels: name → (n,) or (n, k) samples, read as float64. Masked samples become NaN, and durations seconds.
+        units: name → unit as a text ("m/s"); a channel without an entry has no unit.
+        meta: values that can be written as JSON. ``meta["failure"]`` is reserved for a short word ("fall") if the
+            rollout ended early; see :attr:`failure`.
 
     Raises:
-        TraceError: times not increasing or not finite, a channel of another length or without
-            numbers, a unit that is no text, or a failure that is no word.
+        TraceError: times do not increase or are not finite, a channel has another length or no numbers, a unit is no
+            text, or ``meta["failure"]`` is no word.
     """
 
     times: FloatArray
@@ -75,7 +74,7 @@ class Trace:
         object.__setattr__(self, "times", times)
         object.__setattr__(self, "channels", MappingProxyType(channels))
         if not isinstance(self.meta, Mapping):
-            raise TraceError(f"meta is {self.meta!r}; it must map names to what is known of the rollout")
+            raise TraceError(f"meta is {self.meta!r}; it must map names to values")
         _failure(self.meta)
         object.__setattr__(self, "units", MappingProxyType(units))
         object.__setattr__(self, "meta", MappingProxyType(dict(self.meta)))
@@ -84,7 +83,11 @@ class Trace:
         return int(self.times.size)
 
     def __getitem__(self, name: str) -> FloatArray:
-        """Return the samples of a channel; a wrong name lists the right ones."""
+        """Return the samples of a channel.
+
+        Raises:
+            TraceError: there is no such channel; the message lists all channels.
+        """
         try:
             return self.channels[name]
         except KeyError:
@@ -94,7 +97,7 @@ class Trace:
             ) from None
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle through the constructor: read-only mappings do not pickle by themselves."""
+        """Pickle through the constructor, because read-only mappings cannot be pickled."""
         return Trace, (self.times, dict(self.channels), dict(self.units), dict(self.meta))
 
     @property
@@ -104,18 +107,18 @@ class Trace:
 
     @property
     def failure(self) -> str | None:
-        """Why the rollout ended early ("fall"), or None. Its ρ is the spec's declared value."""
+        """Word for why the rollout ended early ("fall"), or None. Its ρ is the value that the spec declares."""
         return _failure(self.meta)
 
     def only(self, names: Iterable[str]) -> Trace:
-        """Return the same trace with just these channels."""
+        """Return this trace with these channels only."""
         kept = {name: self[name] for name in names}
         units = {name: unit for name, unit in self.units.items() if name in kept}
         return Trace(self.times, kept, units, self.meta)
 
 
 def _frozen(values: ArrayLike, name: str, *, dates: bool = False) -> tuple[FloatArray, str | None]:
-    """Return a read-only copy as float64, and its unit where the type says it: "s" of durations."""
+    """Return a read-only copy as float64, and the unit that the type states: "s" for durations, else None."""
     unit = None
     try:
         raw = stamps.typed(np.asarray(_filled(values)))
@@ -133,16 +136,16 @@ def _frozen(values: ArrayLike, name: str, *, dates: bool = False) -> tuple[Float
 
 
 def _filled(values: Any) -> Any:
-    """Return NaN for what a masked array of numbers masks, which numpy's own conversion would uncover."""
+    """Return a masked array of numbers with NaN for masked values; numpy's own conversion would unmask them."""
     masked = isinstance(values, np.ma.MaskedArray) and values.dtype.kind in "biuf"
     return values.astype(np.float64).filled(np.nan) if masked else values
 
 
 def _texts(units: Any) -> dict[str, str]:
-    """Return the units, after a look whether they are texts.
+    """Return the units after a check that they are texts.
 
     Raises:
-        TraceError: they are not.
+        TraceError: a unit is no text.
     """
     if not isinstance(units, Mapping):
         raise TraceError(f"units are {units!r}; they must map names of channels to texts, such as 'm/s'")
@@ -153,10 +156,10 @@ def _texts(units: Any) -> dict[str, str]:
 
 
 def _failure(meta: Mapping[str, Any]) -> str | None:
-    """Return the word for how a rollout failed; what says no (None, False, 0, "") is no failure.
+    """Return the word for a failure; None, False, 0 and "" mean no failure.
 
     Raises:
-        TraceError: it is no word.
+        TraceError: the value is no word.
     """
     word = meta.get("failure")
     if word is None or isinstance(word, str):
@@ -167,19 +170,19 @@ def _failure(meta: Mapping[str, Any]) -> str | None:
 
 
 def between(times: FloatArray, own: FloatArray, values: FloatArray) -> FloatArray:
-    """Return (m,) or (m, k) values at other times (m,): straight lines between those (n,) or (n, k) at ``own``."""
+    """Return (m,) or (m, k) values at times (m,), by linear interpolation of (n,) or (n, k) values at ``own`` (n,)."""
     if values.ndim == 1:
         return np.interp(times, own, values)
     return np.stack([np.interp(times, own, column) for column in values.T], axis=1)
 
 
 def thinned(trace: Trace, step: float) -> Trace:
-    """Return the samples of a trace that are ``step`` [s] apart, or next after that; all where they are that far."""
+    """Return the trace thinned to one sample per ``step`` [s]; the trace itself if it has no more samples than that."""
     times = trace.times - trace.times[0]
     if len(times) < 2 or step < 1.5 * float(np.median(np.diff(times))):
         return trace
-    wanted = step * np.arange(int(times[-1] / step * (1.0 + 1e-9)) + 1)
-    at = np.unique(np.clip(np.searchsorted(times, wanted - 1e-9 * step), 0, len(times) - 1))
+    grid = step * np.arange(int(times[-1] / step * (1.0 + 1e-9)) + 1)
+    at = np.unique(np.clip(np.searchsorted(times, grid - 1e-9 * step), 0, len(times) - 1))
     return Trace(
         trace.times[at], {n: values[at] for n, values in trace.channels.items()}, trace.units, trace.meta
     )

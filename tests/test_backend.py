@@ -6,6 +6,7 @@ import pytest
 
 from s2r_spec.backend import Channel, Parameter, installed, load_backend, short
 from s2r_spec.errors import BackendError, MissingPackageError, UnknownBackendError, UsageError
+from tests.errors import naming
 
 pytestmark = pytest.mark.usefixtures("toy")
 
@@ -23,27 +24,25 @@ def test_a_backend_gets_what_follows_the_colon():
 
 
 def test_an_unknown_backend_lists_those_installed():
-    with pytest.raises(
-        UnknownBackendError, match=r"no backend 'tuy'; did you mean 'toy'\? installed: .*sim, toy"
-    ) as info:
+    with pytest.raises(UnknownBackendError, match=naming("'tuy'", "did you mean 'toy'", "sim, toy")) as info:
         load_backend("tuy")
     assert info.value.exit_code == 2
 
 
 def test_a_missing_package_is_named_with_what_to_do():
     with pytest.raises(
-        MissingPackageError, match=r"'needy' needs the package 'a_package_that_nobody_has'.*pip install"
+        MissingPackageError, match=naming("'needy'", "'a_package_that_nobody_has'", "pip install")
     ):
         load_backend("needy")
 
 
 def test_what_is_no_backend_is_told_what_it_lacks():
-    with pytest.raises(BackendError, match=r"\(NotABackend\) lacks channels, parameters"):
+    with pytest.raises(BackendError, match=naming("NotABackend", "channels, parameters")):
         load_backend("broken")
 
 
 def test_a_parameter_outside_its_range_is_named_with_its_unit():
-    with pytest.raises(UsageError, match=r"vd = 3 m/s is outside what the backend can do: \[-0.5, 0.5\] m/s"):
+    with pytest.raises(UsageError, match=naming("vd = 3 m/s", "[-0.5, 0.5] m/s")):
         Parameter("vd", "m/s", -0.5, 0.5, 0.0, "").check(3)
 
 
@@ -51,7 +50,7 @@ def test_a_channel_names_all_its_columns_or_none():
     named = {channel.name: channel.columns for channel in load_backend("sim").channels if channel.width > 1}
     assert all(named.values())
     assert named["q"][:3] == ("FR hip", "FR thigh", "FR calf")
-    with pytest.raises(UsageError, match="channel q has 3 columns, but names for 2"):
+    with pytest.raises(UsageError, match=naming("q", "3", "2")):
         Channel("q", "rad", "angles", 3, ("hip", "knee"))
 
 

@@ -12,6 +12,7 @@ from s2r_toy import Toy
 from s2r_spec.backend import Channel, Effect, EffectParameter, load_backend
 from s2r_spec.conformance import check_conformance
 from s2r_spec.trace import Trace
+from tests.errors import states
 
 PAGE = Path(__file__).parents[1] / "docs" / "how-to" / "effects.md"
 
@@ -43,10 +44,8 @@ def test_traces_that_are_not_as_declared_are_told():
     declared = (replace(first, unit="km/h"), replace(second, width=3), *rest, ghost)
     said = broken(Odd(duration=3.0, channels=declared))
     assert len(said) == 4
-    assert said[0] == "v is in m/s in the trace, but in km/h declared"
-    assert "ghost is declared, but is not in the trace" in said
-    assert said[1] == "v_ref has 1 columns in the trace, but 3 declared"
-    assert said[-1] == "a rollout lasts 1.99 s, but its duration is 3 s"
+    for facts in (["v", "m/s", "km/h"], ["v_ref", "1", "3"], ["ghost"], ["1.99 s", "3 s"]):
+        assert sum(states(sentence, *facts) for sentence in said) == 1, facts
 
 
 def test_a_seed_that_does_not_fix_a_trace_is_told():
@@ -59,9 +58,8 @@ def test_a_seed_that_does_not_fix_a_trace_is_told():
             }
             return Trace(trace.times, noisy, trace.units)
 
-    assert "two rollouts with one seed differ; draw all random numbers from the seed" in broken(Odd())
-    honest = Odd(deterministic=False)
-    assert not any("one seed" in sentence for sentence in broken(honest))
+    assert "seed" in broken(Odd())[0]
+    assert broken(Odd(deterministic=False)) == []
 
 
 def test_ends_of_ranges_that_raise_are_told():
@@ -72,8 +70,8 @@ def test_ends_of_ranges_that_raise_are_told():
             return super().rollout(params, seed)
 
     said = broken(Odd())
-    assert any(re.fullmatch(r"vd = \S+ m/s: ZeroDivisionError: stuck; a rollout .*", s) for s in said)
-    assert any(s.startswith("coulomb with force=3: ZeroDivisionError: stuck; a rollout") for s in said)
+    assert any(re.match(r"vd = \S+ m/s: ZeroDivisionError: stuck\b", s) for s in said)
+    assert any(s.startswith("coulomb with force=3: ZeroDivisionError: stuck") for s in said)
 
 
 def test_a_backend_whose_default_test_raises_is_not_asked_for_more():
@@ -109,16 +107,10 @@ class Careless(Cart):
 
 def test_effects_that_break_their_promises_are_told():
     said = broken(Careless())
-    assert "viscous changes the trace though it is not there" in said
-    assert any(
-        sentence.startswith("viscous and coulomb do not give what coulomb and viscous give")
-        for sentence in said
-    )
-    assert "the model hash does not change with viscous: its rollouts would be mixed up" in said
-    assert any(
-        sentence.startswith("chosen() says {} of viscous, which was given {'coefficient'")
-        for sentence in said
-    )
+    for facts in (["viscous and coulomb", "coulomb and viscous"], ["model hash", "viscous"]):
+        assert any(states(sentence, *facts) for sentence in said), facts
+    assert any(states(sentence, "chosen()", "{}", "viscous", "{'coefficient'") for sentence in said)
+    assert any(states(sentence, "viscous", "trace") for sentence in said)
 
 
 def test_an_effect_that_does_nothing_is_told():
@@ -127,7 +119,8 @@ def test_an_effect_that_does_nothing_is_told():
             kept = tuple((name, value) for name, value in self.added if name != "tilt")
             return Cart(kept).rollout(params, seed)
 
-    assert "tilt changes nothing in the default test, wherever in its range it is" in broken(Odd())
+    (said,) = broken(Odd())
+    assert states(said, "tilt")
 
 
 @dataclass(frozen=True)
@@ -171,7 +164,7 @@ def test_random_numbers_that_depend_on_effects_are_told():
             return super().rollout(params, seed + 1000 * bool(self.added))
 
     said = broken(Odd())
-    assert any(s.startswith("next to nothing of viscous changes as much as another seed") for s in said)
+    assert any(states(s, "viscous", "seed") for s in said)
 
 
 def test_variants_that_are_none_are_told():
@@ -184,12 +177,11 @@ def test_variants_that_are_none_are_told():
             return {"itself": Cart(), "mute": mute(), "heavier": heavier}
 
     said = [s for s in broken(Varied()) if "variant" in s]
-    assert said == [
-        "the variant 'itself' is the simulator itself",
-        "the model hash does not change with the variant 'itself': its rollouts would be mixed up",
-        "the variant 'mute' has other channels",
-        "the model hash does not change with the variant 'mute': its rollouts would be mixed up",
-    ]
+    itself, own_hash, mute, mute_hash = said
+    assert states(itself, "'itself'", "simulator")
+    assert states(own_hash, "'itself'", "model hash")
+    assert states(mute, "'mute'", "channels")
+    assert states(mute_hash, "'mute'", "model hash")
 
 
 def test_effects_that_cannot_be_added_together_are_told():
@@ -201,7 +193,7 @@ def test_effects_that_cannot_be_added_together_are_told():
 
     said = broken(Odd())
     assert any(s.startswith("viscous and coulomb: ValueError: one at a time") for s in said)
-    assert said[-1].startswith("all effects together: ValueError")
+    assert "ValueError: one at a time" in said[-1]
 
 
 def test_where_no_two_rollouts_are_the_same_effects_are_not_blamed():
@@ -223,24 +215,25 @@ NO_PRIOR = replace(FIRST, parameters=(replace(FIRST.parameters[0], prior="half n
 
 
 @pytest.mark.parametrize(
-    ("backend", "sentence"),
+    ("backend", "facts"),
     [
-        (odd(rollout=lambda *_: {"v": 1}), "TypeError: rollout returns dict, which is no Trace"),
-        (odd(with_effects=lambda *_: None), "which is no backend"),
-        (odd(with_effects=lambda self, values: 1 / 0), "ZeroDivisionError: division by zero"),
-        (odd(effects=lambda self: (replace(FIRST, parameters=()),)), "viscous has no parameters"),
-        (odd(effects=lambda self: (FIRST, FIRST)), "the effect viscous is declared 2 times"),
-        (odd(effects=lambda self: (NO_PRIOR, *REST)), "in which no scale can be read"),
-        (odd(chosen=lambda self: {}["x"]), "KeyError: 'x'"),
+        (odd(rollout=lambda *_: {"v": 1}), ["TypeError", "dict", "Trace"]),
+        (odd(with_effects=lambda *_: None), ["backend"]),
+        (odd(with_effects=lambda self, values: 1 / 0), ["ZeroDivisionError: division by zero"]),
+        (odd(effects=lambda self: (replace(FIRST, parameters=()),)), ["viscous", "parameters"]),
+        (odd(effects=lambda self: (FIRST, FIRST)), ["viscous", "2"]),
+        (odd(effects=lambda self: (NO_PRIOR, *REST)), ["viscous", "half normal 1"]),
+        (odd(chosen=lambda self: {}["x"]), ["KeyError: 'x'"]),
         (
             Cart(parameters=(replace(Cart().parameters[0], default=9.0),)),
-            "vd has the default 9 in [0, 1.5] m/s",
+            ["vd", "9", "[0, 1.5] m/s"],
         ),
-        (odd(residuals=lambda *_: {}["x"]), "KeyError: 'x'"),
+        (odd(residuals=lambda *_: {}["x"]), ["KeyError: 'x'"]),
     ],
 )
-def test_whatever_a_backend_raises_is_a_sentence(backend, sentence):
-    assert any(sentence in said for said in broken(backend)), broken(backend)
+def test_whatever_a_backend_raises_is_a_sentence(backend, facts):
+    violations = broken(backend)
+    assert any(states(said, *facts) for said in violations), violations
 
 
 def test_a_folder_of_recordings_keeps_what_it_can(tmp_path):

@@ -9,6 +9,7 @@ import s2r_spec as s2r
 from benchmarks.real.go2_inair import CATALOGUE, GIVEN, SPEC, Go2InAir, recorded, segments
 from s2r_spec.backend import Backend, HasDuration, HasEffects, HasResiduals
 from s2r_spec.errors import TraceError, UsageError
+from tests.errors import naming
 
 pytest.importorskip("mujoco")
 DATA = Path(__file__).parents[2] / "shared" / "data" / "go2_inair"
@@ -27,7 +28,7 @@ def test_it_is_a_backend_with_effects_and_residuals():
     assert dict(trace.units) == {channel.name: channel.unit for channel in ROBOT.channels}
     assert all(trace[channel.name].shape == (201, channel.width) for channel in ROBOT.channels)
     np.testing.assert_array_equal(trace["q_ref"], recorded(DATA)[0][600:801])
-    with pytest.raises(UsageError, match=r"start = 23 s is outside what the backend can do: \[0, 22.485\] s"):
+    with pytest.raises(UsageError, match=naming("start = 23 s", "[0, 22.485] s")):
         ROBOT.rollout({"start": 23.0}, 0)
 
 
@@ -60,7 +61,7 @@ def test_the_residual_torque_is_small_in_the_right_model_and_large_in_the_nomina
     trace = worn.rollout({"start": 4.0}, 0)
     left, before = (np.sqrt(np.mean(robot.residuals(trace)["torque"] ** 2)) for robot in (worn, ROBOT))
     assert left < 0.25 * before
-    with pytest.raises(TraceError, match="residuals need q and q_ref"):
+    with pytest.raises(TraceError, match=naming("q", "q_ref")):
         ROBOT.residuals(trace.only(["q"]))
 
 

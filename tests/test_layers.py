@@ -148,7 +148,7 @@ def test_every_public_name_is_found_where_it_is_said_to_be():
     assert sorted(s2r._HOME) == sorted(s2r.__all__)
     for name in s2r.__all__:
         assert getattr(s2r, name) is not None
-    with pytest.raises(AttributeError, match="has no attribute 'chekc'"):
+    with pytest.raises(AttributeError, match="'chekc'"):
         s2r.chekc  # noqa: B018
 
 

@@ -9,6 +9,7 @@ from s2r_spec.errors import UsageError
 from s2r_spec.report import plot as module
 from s2r_spec.spec import parse_spec
 from s2r_spec.trace import Trace
+from tests.errors import naming
 
 SPEC = parse_spec("signal v {m/s}\nrequire slow: always[0 s, 1 s] (v <= 1 {m/s})\n")
 TRACE = Trace(np.linspace(0.0, 1.0, 11), {"v": np.linspace(0.0, 0.5, 11)}, {"v": "m/s"})
@@ -16,7 +17,7 @@ TRACE = Trace(np.linspace(0.0, 1.0, 11), {"v": np.linspace(0.0, 0.5, 11)}, {"v":
 
 def test_without_matplotlib_a_sentence_says_what_to_install(monkeypatch):
     monkeypatch.setattr(module, "find_spec", lambda name: None)
-    with pytest.raises(UsageError, match=r"matplotlib.*pip install 's2r\[pictures\]'"):
+    with pytest.raises(UsageError, match=naming("matplotlib", "pip install 's2r[pictures]'")):
         module.plot(SPEC.tolerances(TRACE, "slow"), SPEC.explain(TRACE, "slow"), "toy", Path("a.svg"))
 
 

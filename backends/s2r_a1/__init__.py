@@ -1,1 +1,1 @@
-"""Unitree's A1 itself, over its own wire."""
+"""Unitree's A1, over its own wire protocol."""

@@ -1,12 +1,12 @@
-"""What happens around the rollouts of a robot, in the process that holds the terminal.
+"""The dialogue around the rollouts of a robot, in the process with the terminal.
 
     begin     start the guard or attach to it; consent to connect, consent to arm
-    before    the next test: place the robot, look at the battery; a rest where it is due
-    after     how the rollout ended, and how warm the motors are
+    before    the next test: place the robot, check the battery; a rest if it is due
+    after     report how the rollout ended, and the motors' temperature
     interrupt ramp down, stand, lie; urgent: damp
     end       lie, rest
 
-With ``operator=auto``, for a twin alone, nobody is asked: every answer is yes, and this is said once.
+With ``operator=auto``, for twins only, no question is asked: every answer is yes, and a message says so once.
 """
 
 from __future__ import annotations
@@ -30,20 +30,20 @@ if TYPE_CHECKING:
     from s2r_a1.backend import A1Backend
 
 TESTS = 10
-"""A budget: tests between two rests. Twice as many warm the motors by as much again."""
+"""A budget: tests between two rests. Twice as many warm the motors twice as much."""
 WARM = 50.0
-"""A level [°C]: the guard arms no robot with a warmer motor, and a rest is due."""
+"""A level [°C]: with a motor at least this warm a rest is due, and the guard does not arm the robot."""
 COOL = 45.0
-"""A level [°C]: a rest for heat is over when all motors are below it. Higher ends it sooner, and the next comes
-sooner."""
+"""A level [°C]: a rest for heat ends when all motors are below it. A higher level ends it sooner, and the next rest
+comes sooner."""
 LYING = 20.0
-"""A budget [s]: how long lying down may take, by the guard's rounds: a busy machine is slow in lock step. Twice as much
+"""A budget [s]: time for lying down, by the guard's rounds, because a busy machine is slow in lock step. Twice as much
 waits longer for a robot that is stuck."""
 LOOK = 0.02
-"""A budget [s]: between two looks whether it lies."""
+"""A budget [s]: interval between two requests for the state."""
 
 LIGHTS = {lights: f"{lights} lights; begin" for lights in ("2", "3", "4")}
-"""A definition: the answers about the battery of an A1, which reports no charge, with which a test may begin."""
+"""A definition: battery lights with which a test may begin; an A1 does not report its charge."""
 MOVING = ("STANDING_UP", "STAND", "WALK")
 WORD_CONNECT, WORD_ARM = "connect", "arm"
 """Definitions: what the operator types for the two consents."""
@@ -51,12 +51,12 @@ WORD_CONNECT, WORD_ARM = "connect", "arm"
 
 @dataclass(frozen=True)
 class Effort:
-    """What a run takes.
+    """Time and floor that a run needs.
 
     Attributes:
-        rollouts: at most; None if nobody knows.
-        metres: that the robot walks in one, at most.
-        seconds: that one takes, with putting the robot back.
+        rollouts: largest number of rollouts; None if unknown.
+        metres: longest distance in one rollout [m].
+        seconds: time of one rollout, including the robot's return to its start [s].
     """
 
     rollouts: int | None
@@ -64,10 +64,10 @@ class Effort:
     seconds: float
 
     def sentence(self, robot: str) -> str:
-        """Return what is coming, in words."""
+        """Return the announcement of a run."""
         one = f"each takes about {self.seconds:.0f} s and at most {self.metres:.1f} m of floor"
         if self.rollouts is None:
-            return f"Rollouts of {robot} are coming; nobody knows how many. On average {one}."
+            return f"An unknown number of rollouts of {robot} is coming: {one}."
         minutes = ceil(self.rollouts * self.seconds / 60.0)
         return (
             f"At most {self.rollouts} rollouts of {robot} are coming: {one}, so about {minutes} min and "
@@ -79,8 +79,8 @@ class Attendance:
     """Attends to the rollouts of a robot (:class:`s2r_spec.backend.Attended`).
 
     Attributes:
-        unattended: whether nobody is asked.
-        answers: what the operator said before the test that comes: ``battery_lights``, if it was looked at.
+        unattended: whether no questions are asked.
+        answers: the operator's answers before the next test: ``battery_lights``, if the operator checked them.
     """
 
     def __init__(self, backend: A1Backend, operator: Operator) -> None:
@@ -94,10 +94,10 @@ class Attendance:
         self._since_rest = 0
 
     def begin(self, coming: Coming) -> None:
-        """Start the guard or attach to the one that lives, and get both consents.
+        """Start the guard or attach to a running one, and ask for both consents.
 
         Raises:
-            BackendError: the robot cannot be reached, or is not ready; the sentence says what to do.
+            BackendError: the robot cannot be reached, or is not ready; the message says what to do.
             StoppedError: the operator ends the run.
         """
         backend, reached = self._backend, self._backend.reached
@@ -109,23 +109,23 @@ class Attendance:
         if reached.is_twin:
             self._operator.say("It is a twin, a simulation behind the robot's wire, and no robot.")
         if self.unattended:
-            self._operator.say("operator=auto: nobody is asked; it is connected, armed and walked.")
+            self._operator.say("operator=auto: s2r connects, arms and walks it without questions.")
         guard, status = start(backend.robot)
-        # Two runs of one robot would take turns; and the end of one would lay it down in the other's test.
+        # Two runs of one robot would alternate, and the end of one would make it lie down during the other's test.
         others = [pid for pid in status.get("operators", ()) if pid != os.getpid()]
         if others:
             guard.close()
             raise BackendError(
-                f"another run holds {where} (process {others[0]}); wait for its end, or end it with Ctrl-C"
+                f"another run uses {where} (process {others[0]}); wait for its end, or end it with Ctrl-C"
             )
         self._guard = guard
         self._make_ready(consent=True)
 
     def before(self, params: Mapping[str, float]) -> None:
-        """Return when the robot is placed and ready for a test.
+        """Return when the robot is at its start and ready for a test.
 
         Raises:
-            NotBegunError: it is not ready; the sentence says why.
+            NotBegunError: the robot is not ready; the message says why.
             StoppedError: the operator ends the run.
         """
         try:
@@ -139,15 +139,15 @@ class Attendance:
         )
         lights = self._ask(
             f"Test {self._tests + 1}: {test}. Put {self._name} at its start, lying, with free floor ahead and 1 m "
-            "around it; keep the remote in your hand. How many lights has the battery? Change one that has fewer than "
-            "two.",
-            LIGHTS if self._lights_due else {"": "begin; I did not look at the battery again", **LIGHTS},
+            "around it; keep the remote in your hand. How many lights does the battery show? Change it if it shows "
+            "fewer than two.",
+            LIGHTS if self._lights_due else {"": "begin without another look at the battery", **LIGHTS},
         )
         self.answers = {"battery_lights": lights} if lights else {}
         self._lights_due = False
 
     def after(self, trace: Trace | None) -> None:
-        """Say how a rollout ended, and how warm the motors are."""
+        """Report how a rollout ended, and the temperature of the warmest motor."""
         if trace is None:
             return
         self._tests += 1
@@ -162,11 +162,11 @@ class Attendance:
             ended = f"void, {trace.meta['void']}: {reason}"
         else:
             ended = f"complete, {trace.duration:g} s"
-        heat = f" The warmest motor has {warmest:.0f} °C." if isfinite(warmest) else ""
+        heat = f" The warmest motor is at {warmest:.0f} °C." if isfinite(warmest) else ""
         self._operator.say(f"Test {self._tests}: {ended}.{heat}")
 
     def interrupt(self, urgent: bool) -> None:
-        """Bring the robot to rest, at once if it is ``urgent``; returns without waiting for it."""
+        """Bring the robot to rest, at once if ``urgent``; return without waiting."""
         if self._guard is None:
             return
         if urgent:
@@ -175,7 +175,7 @@ class Attendance:
             self._guard.request("lie")
 
     def end(self) -> None:
-        """Leave the robot at rest; the guard ends by itself a minute later."""
+        """Bring the robot to rest; the guard ends by itself one minute later."""
         if self._guard is None:
             return
         try:
@@ -183,13 +183,13 @@ class Attendance:
                 self._guard.request("lie")
             self._wait_until_it_lies()
         except ControlError:
-            self._operator.say(f"The guard has ended: nothing holds {self._name} now; look at it.")
+            self._operator.say(f"The guard has ended: nothing holds {self._name} now; check it.")
         finally:
             self._guard.close()
             self._guard = None
 
     def _make_ready(self, consent: bool) -> None:
-        """Bring the guard to a state in which a test can begin; ``consent`` asks for it where it was given before.
+        """Bring the guard to a state in which a test can begin; ``consent`` asks again if an earlier run armed it.
 
         Raises:
             BackendError: the robot is not ready.
@@ -198,22 +198,22 @@ class Attendance:
         try:
             status = self._guard.request("status")
         except ControlError:
-            self._operator.say(f"The guard has ended; a new one is started. Look at {self._name} first.")
+            self._operator.say(f"The guard has ended, and s2r starts a new one. Check {self._name} first.")
             self._guard.close()
             self._guard, status = start(self._backend.robot)
         state = status["state"]
         if state == "DAMPING":
             self._ask(
-                f"{self._name.capitalize()} was damped: {status.get('reason') or 'for no known reason'}. Look at "
-                "it, put it down lying, and clear the cause.",
+                f"{self._name.capitalize()} was damped: {status.get('reason') or 'the reason is unknown'}. Check it, "
+                "put it down lying, and remove the cause.",
                 {"r": "reset; it stays limp until you arm it"},
             )
             self._guard.request("reset")
             state = self._state()
         if state == "OFF":
             self._consent(
-                f"Let {self._name} hang or lie, and end the factory's own controller: L2+B on the remote, so that its "
-                "legs are limp. Nothing has been sent to it yet; connecting sends packets without gains or torque.",
+                f"Let {self._name} hang or lie, and end the factory's own controller by L2+B on the remote, so that "
+                "its legs are limp. s2r has sent nothing yet; connecting sends packets without gains or torque.",
                 WORD_CONNECT,
             )
             self._guard.request("connect")
@@ -231,11 +231,11 @@ class Attendance:
             )
 
     def _rest_if_due(self) -> None:
-        """Let the motors cool every so many tests, and where one is warm; ``s`` skips it."""
+        """Ask for a rest after ``TESTS`` tests, or if a motor is warm; the answer ``s`` skips it."""
         warm = self._warmest() >= WARM
         if self.unattended or not (warm or self._since_rest >= TESTS):
             return
-        why = f"a motor has {self._warmest():.0f} °C" if warm else f"{self._since_rest} tests are done"
+        why = f"a motor is at {self._warmest():.0f} °C" if warm else f"{self._since_rest} tests are done"
         while True:
             answer = self._ask(
                 f"A rest is due: {why}. {self._name.capitalize()} lies; let it cool, and change the battery "
@@ -244,25 +244,25 @@ class Attendance:
             )
             if answer == "s" or not warm or self._warmest() < COOL:
                 break
-            why = f"a motor still has {self._warmest():.0f} °C"
+            why = f"a motor is still at {self._warmest():.0f} °C"
         self._since_rest = 0
         self._lights_due = True
 
     def _warmest(self) -> float:
-        """Return the temperature of the warmest motor [°C]; 0 where none is known."""
+        """Return the temperature of the warmest motor [°C]; 0 if unknown."""
         assert self._guard is not None
-        known: list[float] = self._guard.request("status").get("temperatures") or []
-        return max(known, default=0.0)
+        temperatures: list[float] = self._guard.request("status").get("temperatures") or []
+        return max(temperatures, default=0.0)
 
     def _state(self) -> str:
         assert self._guard is not None
         return str(self._guard.request("status")["state"])
 
     def _wait_until_it_lies(self) -> None:
-        """Wait until a robot that was asked to lie down does, or is damped.
+        """Wait until the robot lies or is damped.
 
         Raises:
-            BackendError: it takes too long.
+            BackendError: this takes too long.
         """
         assert self._guard is not None
         status = self._guard.request("status")

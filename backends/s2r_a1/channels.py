@@ -1,4 +1,4 @@
-"""The channels of a robot's trace: those of the simulator that a robot has, and what only a robot tells."""
+"""The channels of a robot's trace: the simulator's channels that a robot has, and those of a robot alone."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ SHARED = (
     *("wz", "vx_cmd", "vy_cmd", "wz_cmd", "vx_est", "vy_est", "roll", "pitch", "yaw", "omega"),
     *("acc_pred", "qp_iterations", "qp_solved", "stance", "q", "dq", "tau_cmd", "tau"),
 )
-"""Names of the simulator's channels that a robot has: nothing that is seen from outside."""
+"""The simulator's channels that a robot can measure on board."""
 OWN = (
     Channel("foot_force_raw", "", "counts of the foot sensors; they drift, and have no unit", 4, FEET),
     Channel("motor_temperature", "degC", "temperature of each motor", 12, JOINTS),
@@ -19,7 +19,7 @@ OWN = (
 
 
 def channels(source: str) -> tuple[Channel, ...]:
-    """Return the channels of a trace whose velocity comes from this ``source``."""
+    """Return the channels of a trace with the velocity from this ``source``."""
     forward = Channel("vx", "m/s", f"base velocity {source}, forward in the heading frame")
     left = Channel("vy", "m/s", f"base velocity {source}, left in the heading frame")
     return (forward, left, *(channel for channel in SIMULATED if channel.name in SHARED), *OWN)

@@ -1,4 +1,4 @@
-"""The worker's two connections to the guard: requests over its control socket, packets over the robot's own wire."""
+"""The worker's two connections to the guard: requests over the control socket, packets over the wire protocol."""
 
 from __future__ import annotations
 
@@ -21,29 +21,29 @@ from s2r_a1.wire import LAYOUTS, Orders, Reading
 from s2r_spec.errors import BackendError, NotBegunError
 
 PATIENCE = 30.0
-"""A budget [s]: how long a round of lock step may take. Twice as much waits longer for a guard that is stuck."""
+"""A budget [s]: longest time of a round in lock step. Twice as much waits longer for a guard that is stuck."""
 WAIT = 2.0 * PERIOD
-"""A budget [s]: how long a round waits for a state in real time, before the last orders go out again. The guard bridges
-10 ms; four times as much would be taken for silence."""
+"""A budget [s]: time that a round waits for a state in real time, before it repeats the last orders. The guard bridges
+10 ms; four times as much would count as silence."""
 
 
 class Client:
     """A :class:`~s2r_a1.walk.Line` to the guard of a robot.
 
     Attributes:
-        lockstep: whether it runs in lock step.
-        layout: name of the robot's packets, "a1".
-        unit: of the robot's clock.
+        lockstep: whether the connection runs in lock step.
+        layout: name of the packets' layout, "a1".
+        unit: unit of the robot's clock.
         change: the newest state of the guard, as of the last ``receive`` or ``request``.
-        wanted: what the guard asks this client to come to, and why; None as long as it may walk on.
-        mocap: takes in poses with every reading, if it is set.
+        wanted: the state that the guard requests, and why; None while the robot may walk on.
+        mocap: listener that collects poses with every reading; None for none.
     """
 
     def __init__(self, robot: Robot) -> None:
         """Attach to the guard of a robot.
 
         Raises:
-            BackendError: none lives, it has a client, or it does not know the robot's clock yet.
+            BackendError: no guard runs, it has another client, or it has not measured the robot's clock yet.
         """
         self.wanted: Change | None = None
         self.mocap: Listener | None = None
@@ -59,8 +59,8 @@ class Client:
         attached = attach(robot, "client", port=self._socket.port)
         if attached is None:
             raise BackendError(
-                f"no guard of the robot at {robot.host}:{robot.port} is running; the command that holds the terminal "
-                "starts it: s2r certify, gap or check"
+                f"no guard of the robot at {robot.host}:{robot.port} is running; start it by s2r certify, gap or check "
+                "in a terminal"
             )
         self._control, hello = attached
         if hello["tick_unit"] is None:
@@ -75,22 +75,22 @@ class Client:
         self._link = UdpLink(self._socket, LAYOUTS[self.layout], self.unit)
 
     def ready(self) -> None:
-        """Say if there is no motion capture where it is needed.
+        """Check that motion capture sends poses, if the velocity comes from it.
 
         Raises:
-            NotBegunError: see there.
+            NotBegunError: no pose has arrived.
         """
         if self.mocap is not None and not len(self.mocap.poses().times):
             raise NotBegunError(
-                f"no motion capture came to the UDP port {self.mocap.port} of this machine; stream lines "
-                "of JSON with t, x, y, z, qw, qx, qy, qz"
+                f"the UDP port {self.mocap.port} of this machine received no poses; stream lines of JSON with t, x, y, "
+                "z, qw, qx, qy, qz"
             )
 
     def receive(self) -> Reading | None:
-        """Return the state of this round; None where none came that can be used.
+        """Return the state of this round; None if no valid one arrived.
 
         Raises:
-            BackendError: in lock step, the guard does nothing any more.
+            BackendError: in lock step, the guard no longer answers.
         """
         if self.lockstep:
             self._wait()
@@ -100,7 +100,9 @@ class Client:
         if self.change.state == GONE:
             return None
         reading = self._link.read()
-        if reading is None or impossible(LIMITS, reading):  # the guard forwards what comes, and bridges it
+        if reading is None or impossible(
+            LIMITS, reading
+        ):  # the guard forwards every state, and bridges bad ones
             return None
         if self.mocap is not None:
             self.mocap.take(reading.tick * SECONDS[self.unit])
@@ -114,10 +116,10 @@ class Client:
             self._link.write(orders)
 
     def request(self, do: str, **fields: Any) -> Mapping[str, Any]:
-        """Ask the guard for something, and return its reply.
+        """Send a request to the guard, and return its reply.
 
         Raises:
-            BackendError: it refuses, or is gone; the sentence says why.
+            BackendError: the guard refuses, or has ended; the message says why.
         """
         reply: Mapping[str, Any] = self._control.request(do, **fields)
         self._listen()
@@ -126,33 +128,33 @@ class Client:
         return reply
 
     def record(self, path: Path, header: Mapping[str, Any]) -> None:
-        """Have the guard record every packet to a file, which must not exist.
+        """Have the guard record every packet to a new file.
 
         Raises:
-            BackendError: it cannot.
+            BackendError: the guard cannot record to it.
         """
         self.request("record", path=os.path.abspath(path), header=dict(header))
 
     def close(self) -> None:
-        """Leave the guard. Where the robot stands or walks, that is a fault to it."""
+        """Disconnect from the guard, which damps a robot that stands or walks."""
         self._control.close()
         self._socket.close()
 
     def _wait(self) -> None:
-        """Wait for the guard's datagram, or for its end, of which a datagram socket does not tell."""
+        """Wait for the guard's datagram, or for its end, which only the control socket shows."""
         link = self._link
         while self.change.state != GONE:
             ready, _, _ = select.select([link.fileno(), self._control.fileno()], [], [], PATIENCE)
             if not ready:
                 raise BackendError(
-                    f"the guard of the robot has done nothing for {PATIENCE:g} s; end it, and start anew"
+                    f"the guard of the robot has not answered for {PATIENCE:g} s; end it, and run the command again"
                 )
             if link.fileno() in ready:
                 return
             self._listen()
 
     def _listen(self) -> None:
-        """Read the events that the guard has sent."""
+        """Read the guard's new events."""
         try:
             for event in self._control.take():
                 change = Change(str(event.get("state")), event.get("word") or "", event.get("reason") or "")

@@ -1,8 +1,8 @@
-"""Sends and receives the datagrams of one leg of the wire, in real time or in lock step.
+"""Send and receive the datagrams of one connection, in real time or in lock step.
 
-A leg joins two sockets: guard and robot, or worker and guard. In *real time* nothing waits: whatever has arrived is
-taken at once. In *lock step* one datagram goes each way in a round of 2 ms, and a read waits for the peer's; an empty
-datagram says that nothing arrives in this round. Only on this machine is lock step allowed.
+A connection joins two sockets: guard and robot, or worker and guard. In *real time* a read returns at once with the
+datagrams that have arrived. In *lock step* one datagram goes each way per round of 2 ms, and a read waits for the
+peer's; an empty datagram means that nothing arrives in this round. Lock step is allowed on this computer only.
 """
 
 from __future__ import annotations
@@ -18,27 +18,27 @@ from s2r_a1.ticks import PERIOD, Counters
 from s2r_spec.errors import BackendError
 
 LARGEST = 2048
-"""A budget: bytes of the largest datagram that is read whole; the robots' have 807 at most."""
+"""A budget: bytes of the largest datagram that is read whole; a robot's have at most 807."""
 WAITING = 4096
-"""A budget: datagrams taken in one read; more wait for the next one, so that a flood cannot hold up a round."""
+"""A budget: datagrams of one read; more wait for the next read, so that a flood cannot delay a round."""
 PATIENCE = 30.0
-"""A budget [s]: how long a read in lock step waits for a peer that neither sends nor ends; then it is gone."""
+"""A budget [s]: time that a read in lock step waits for a silent peer, which then counts as gone."""
 
 Address = tuple[str, int]
 TO_ROBOT, FROM_ROBOT = 1, 0
-"""Definitions: the direction of a packet, as the raw log has it."""
+"""Definitions: the direction of a packet, as in the raw log."""
 
 
 class LinkError(BackendError):
-    """A robot cannot be reached from here: its address, a port, or what answers there."""
+    """A robot cannot be reached: its address, a port or the answer is wrong."""
 
 
 class Socket(Protocol):
-    """One end of a leg.
+    """One end of a connection.
 
     Attributes:
-        counters: what happened since it was opened.
-        gone: whether the peer is known to be no more; in real time nobody knows.
+        counters: counts of packets since it was opened.
+        gone: whether the peer has ended; always False in real time, where it cannot be known.
     """
 
     counters: Counters
@@ -49,13 +49,13 @@ class Socket(Protocol):
         """The local UDP port."""
 
     def connect(self, peer: Address) -> None:
-        """Speak with this peer only."""
+        """Connect to this peer only."""
 
     def receive(self) -> list[bytes]:
         """Return the datagrams of this round from the peer, oldest first."""
 
     def send(self, data: bytes) -> None:
-        """Send one datagram; one that the network does not take is counted, and lost."""
+        """Send one datagram; a datagram that the network refuses is counted and lost."""
 
     def skip(self) -> None:
         """Send nothing in this round."""
@@ -64,20 +64,20 @@ class Socket(Protocol):
         """Return the time of this round [s]."""
 
     def fileno(self) -> int:
-        """Return what ``select`` waits for."""
+        """Return the descriptor for ``select``."""
 
     def close(self) -> None:
-        """Free the port."""
+        """Release the port."""
 
 
 class RealTimeSocket:
     """A socket that never waits."""
 
     def __init__(self, host: str = "127.0.0.1", port: int = 0) -> None:
-        """Open a local port; 0 takes any that is free, and the host "" every network.
+        """Open a local port; port 0 is any free one, and host "" every network.
 
         Raises:
-            LinkError: the port is not to be had.
+            LinkError: the port cannot be opened.
         """
         self.counters = Counters()
         self.gone = False
@@ -89,7 +89,7 @@ class RealTimeSocket:
             self._socket.close()
             raise LinkError(
                 f"the local UDP port {port} cannot be opened: {getattr(error, 'strerror', 'no such port')}; "
-                "end the program that holds it, or name another port"
+                "end the program that uses it, or name another port"
             ) from None
         self._socket.setblocking(False)
 
@@ -99,34 +99,36 @@ class RealTimeSocket:
         return int(self._socket.getsockname()[1])
 
     def connect(self, peer: Address) -> None:
-        """Speak with this peer only.
+        """Connect to this peer only.
 
         Raises:
-            LinkError: the address is none, or no network leads there.
+            LinkError: the address is unknown, or no network leads to it.
         """
         try:
             self._socket.connect((socket.gethostbyname(peer[0]), peer[1]))
         except (OSError, UnicodeError, OverflowError) as error:  # no network, no such name, no such port
             why = getattr(error, "strerror", None) or "no such address"
-            raise LinkError(f"{peer[0]}:{peer[1]} cannot be reached: {why}") from None
+            raise LinkError(
+                f"{peer[0]}:{peer[1]} cannot be reached: {why}; check address and network"
+            ) from None
         self._peer = self._socket.getpeername()
 
     def receive(self) -> list[bytes]:
-        """Return all datagrams that wait, oldest first; those from another address are counted and left out."""
-        found: list[bytes] = []
+        """Return all waiting datagrams, oldest first; datagrams from another address are counted and left out."""
+        datagrams: list[bytes] = []
         for _ in range(WAITING):
             data = self._next()
             if data is None:
                 break
-            found.append(data)
-        return found
+            datagrams.append(data)
+        return datagrams
 
     def send(self, data: bytes) -> None:
-        """Send one datagram; one that the network does not take is counted, and lost."""
+        """Send one datagram; a datagram that the network refuses is counted and lost."""
         for _ in range(2):
             try:
                 self._socket.send(data)
-            except ConnectionRefusedError:  # it speaks of an earlier datagram, and this one was not sent
+            except ConnectionRefusedError:  # about an earlier datagram; this one was not sent
                 continue
             except OSError:
                 break
@@ -134,30 +136,30 @@ class RealTimeSocket:
         self.counters.unsent += 1
 
     def skip(self) -> None:
-        """Send nothing: silence needs no datagram here."""
+        """Send nothing: in real time silence needs no datagram."""
 
     def now(self) -> float:
-        """Return the machine's monotonic time [s]."""
+        """Return this computer's monotonic time [s]."""
         return time.monotonic()
 
     def fileno(self) -> int:
-        """Return what ``select`` waits for."""
+        """Return the descriptor for ``select``."""
         return self._socket.fileno()
 
     def close(self) -> None:
-        """Free the port."""
+        """Release the port."""
         self._socket.close()
 
     def _next(self) -> bytes | None:
-        """Return the oldest datagram of the peer that waits, if there is one."""
+        """Return the oldest waiting datagram of the peer, or None."""
         while True:
             try:
                 data, source = self._socket.recvfrom(LARGEST)
             except ConnectionRefusedError:  # nobody listened to an earlier datagram
                 continue
-            except OSError:  # nothing waits, or the network is down: silence either way
+            except OSError:  # nothing waits, or the network is down: silence in both cases
                 return None
-            # What arrived before the socket was connected may be anybody's.
+            # A datagram from before the connection may come from anybody.
             if source == self._peer:
                 self.counters.received += 1
                 return data
@@ -165,10 +167,10 @@ class RealTimeSocket:
 
 
 class LockStepSocket(RealTimeSocket):
-    """A socket that gives and takes one datagram a round, on this machine only.
+    """A socket that exchanges one datagram per round, on this computer only.
 
     Attributes:
-        rounds: datagrams that came from the peer.
+        rounds: number of datagrams from the peer.
     """
 
     def __init__(self, port: int = 0) -> None:
@@ -176,13 +178,15 @@ class LockStepSocket(RealTimeSocket):
         self.rounds = 0
 
     def connect(self, peer: Address) -> None:
-        """Speak with this peer only.
+        """Connect to this peer only.
 
         Raises:
-            LinkError: the peer is on another machine.
+            LinkError: the peer is on another computer.
         """
         if not is_loopback(peer[0]):
-            raise LinkError(f"lock step needs a peer on this machine, and {peer[0]} is another; leave it out")
+            raise LinkError(
+                f"lock step needs a peer on this machine, and {peer[0]} is another; leave out lockstep"
+            )
         super().connect(peer)
 
     def receive(self) -> list[bytes]:
@@ -217,12 +221,12 @@ class LockStepSocket(RealTimeSocket):
         self.send(b"")
 
     def now(self) -> float:
-        """Return the time of the rounds so far [s]; no clock of the machine is read."""
+        """Return the time of the rounds so far [s]; it reads no clock."""
         return self.rounds * PERIOD
 
 
 def is_loopback(host: str) -> bool:
-    """Return whether a host is this machine's own network; a name is looked up."""
+    """Return whether a host is this computer itself; a name is looked up."""
     try:
         return ipaddress.ip_address(host).is_loopback
     except ValueError:
@@ -234,10 +238,10 @@ def is_loopback(host: str) -> bool:
 
 
 def opened(peer: Address, *, lockstep: bool = False, port: int = 0) -> Socket:
-    """Return a socket that is connected to a peer, from a local port; 0 takes any that is free.
+    """Return a socket that is connected to a peer, from a local port; 0 for any free one.
 
     Raises:
-        LinkError: the port or the peer is not to be had.
+        LinkError: the port cannot be opened, or the peer cannot be reached.
     """
     if lockstep:
         link: RealTimeSocket = LockStepSocket(port)
@@ -252,4 +256,4 @@ def opened(peer: Address, *, lockstep: bool = False, port: int = 0) -> Socket:
 
 
 Tap = Callable[[int, bytes], None]
-"""What sees every datagram with its direction, as it came or went."""
+"""Receives every datagram with its direction, unchanged."""

@@ -1,12 +1,12 @@
-"""Reads states and writes orders over one leg of the wire; nothing above knows sockets.
+"""Read states and write commands over one connection; only this module and the ones below use sockets.
 
-Both legs speak the same wire: guard and robot, worker and guard. Whoever gives orders holds a :class:`Link`, and
-whoever obeys them a :class:`RobotSide`. Whether they run in real time or in lock step is the business of the socket
-under them (:mod:`s2r_a1.datagrams`).
+Both connections use the same wire protocol: guard and robot, worker and guard. The sender of commands has a
+:class:`Link`, and the receiver a :class:`RobotSide`. The socket below decides between real time and lock step
+(:mod:`s2r_a1.datagrams`).
 
     link = UdpLink(opened(("127.0.0.1", 8007)), A1)
     link.write(orders)
-    reading = link.read()       # None: nothing new in this round; link.fault says why, link.packet what came
+    reading = link.read()       # None: no new state in this round; see link.fault and link.packet
 """
 
 from __future__ import annotations
@@ -20,17 +20,17 @@ from s2r_a1.wire import Command, Fault, Layout, Orders, Reading, WireError, pack
 __all__ = ["Link", "LinkError", "LinkFault", "RobotSide", "UdpLink"]
 
 LinkFault = Literal["silence", "gone"] | Fault | TickFault
-"""Why a read gave nothing: no packet; in lock step, a peer that ended; a packet that must not be used; an old one."""
+"""Why a read gave no state: no packet, a peer that ended (in lock step), or a packet that is not valid or not new."""
 
 
 class Link(Protocol):
-    """The side of the wire that gives orders.
+    """The end of a connection that sends commands.
 
     Attributes:
-        counters: what happened since the link was opened.
-        packet: the datagram that the last read came to its answer by, as it came; empty where none came.
-        fault: why the last read gave nothing; None where it gave a reading.
-        tap: sees every datagram with its direction; a raw log, for instance.
+        counters: counts of packets since the link was opened.
+        packet: the datagram that decided the last read, unchanged; empty if none arrived.
+        fault: why the last read gave no state; None if it gave one.
+        tap: function that receives every datagram with its direction, for instance a raw log.
     """
 
     counters: Counters
@@ -44,39 +44,39 @@ class Link(Protocol):
 
     @property
     def refusal(self) -> str | None:
-        """A sentence if the robot's ticks have neither known unit."""
+        """A message if the robot's ticks have no known unit."""
 
     def read(self) -> Reading | None:
-        """Return the newest state that was not returned before, or None if no such state came."""
+        """Return the newest state that was not returned before; None if there is none."""
 
     def write(self, orders: Orders | Command) -> None:
-        """Send orders to the motors.
+        """Send commands to the motors.
 
         Raises:
             WireError: a number does not fit its field; nothing is sent.
         """
 
     def skip(self) -> None:
-        """Send nothing in this round; lock step goes on all the same."""
+        """Send nothing in this round; lock step goes on."""
 
     def forget(self) -> None:
-        """Take the next state for new and measure the unit again, as after the robot was switched off and on."""
+        """Accept the next state as new and measure the unit again, as after the robot was switched off and on."""
 
     def fileno(self) -> int | None:
-        """Return what ``select`` waits for; None where only a read tells whether a state came."""
+        """Return the descriptor for ``select``; None if only a read shows whether a state arrived."""
 
     def close(self) -> None:
-        """Free what the link holds."""
+        """Release the link's resources."""
 
 
 class UdpLink:
     """A :class:`Link` over a socket, in real time or in lock step.
 
     Attributes:
-        counters: what happened since the link was opened.
-        packet: the datagram that the last read came to its answer by, as it came; empty where none came.
-        fault: why the last read gave nothing; None where it gave a reading.
-        tap: sees every datagram with its direction; a raw log, for instance.
+        counters: counts of packets since the link was opened.
+        packet: the datagram that decided the last read, unchanged; empty if none arrived.
+        fault: why the last read gave no state; None if it gave one.
+        tap: function that receives every datagram with its direction, for instance a raw log.
     """
 
     def __init__(self, socket: Socket, layout: Layout, unit: TickUnit | None = None) -> None:
@@ -95,13 +95,13 @@ class UdpLink:
 
     @property
     def refusal(self) -> str | None:
-        """A sentence if the robot's ticks have no known unit."""
+        """A message if the robot's ticks have no known unit."""
         return self._ticks.refusal
 
     def read(self) -> Reading | None:
-        """Return the newest state that was not returned before, or None if no such state came.
+        """Return the newest state that was not returned before; None if there is none.
 
-        Of several datagrams the newest that can be used counts; ``fault`` is of the last one where none can.
+        Of several datagrams the newest valid one counts; if none is valid, ``fault`` is that of the last one.
         """
         arrived = self._socket.receive()
         newest: Reading | None = None
@@ -118,7 +118,7 @@ class UdpLink:
         return newest
 
     def write(self, orders: Orders | Command) -> None:
-        """Send orders to the motors.
+        """Send commands to the motors.
 
         Raises:
             WireError: a number does not fit its field; nothing is sent.
@@ -132,15 +132,15 @@ class UdpLink:
             self.tap(TO_ROBOT, data)
 
     def skip(self) -> None:
-        """Send nothing in this round; lock step goes on all the same."""
+        """Send nothing in this round; lock step goes on."""
         self._socket.skip()
 
     def forget(self) -> None:
-        """Take the next state for new and measure the unit again, as after the robot was switched off and on."""
+        """Accept the next state as new and measure the unit again, as after the robot was switched off and on."""
         self._ticks.forget()
 
     def fileno(self) -> int:
-        """Return what ``select`` waits for."""
+        """Return the descriptor for ``select``."""
         return self._socket.fileno()
 
     def close(self) -> None:
@@ -148,7 +148,7 @@ class UdpLink:
         self._socket.close()
 
     def _judge(self, data: bytes) -> tuple[LinkFault | None, Reading | None]:
-        """Return the reading of a datagram, or what is wrong with it."""
+        """Return (fault, reading) of a datagram; one of them is None."""
         try:
             reading = unpack(data, self._layout)
         except WireError as error:
@@ -159,13 +159,13 @@ class UdpLink:
 
 
 class RobotSide:
-    """The side of the wire that obeys: the guard towards its client, a twin towards whoever drives it.
+    """The end of a connection that receives commands: the guard for its client, or a twin for the guard.
 
     Attributes:
-        counters: what happened since the side was opened.
-        packet: the datagram that the last read came to its answer by; empty where none came.
-        fault: why the last read gave nothing; None where it gave orders.
-        tap: sees every datagram with its direction.
+        counters: counts of packets since it was opened.
+        packet: the datagram that decided the last read; empty if none arrived.
+        fault: why the last read gave no command; None if it gave one.
+        tap: function that receives every datagram with its direction.
     """
 
     def __init__(self, socket: Socket, layout: Layout) -> None:
@@ -177,12 +177,12 @@ class RobotSide:
         self._layout = layout
 
     def read(self) -> Orders | None:
-        """Return the newest orders of this round, or None if none came that can be used."""
+        """Return the newest valid commands of this round, as orders; None if there are none."""
         command = self.receive()
         return command and command.orders()
 
     def receive(self) -> Command | None:
-        """Return the newest command of this round, or None if none came that can be used."""
+        """Return the newest valid command of this round; None if there is none."""
         newest: Command | None = None
         arrived = self._socket.receive()
         self.packet, self.fault = b"", "gone" if self._socket.gone else "silence"
@@ -207,11 +207,11 @@ class RobotSide:
             self.tap(FROM_ROBOT, data)
 
     def skip(self) -> None:
-        """Send no state in this round; lock step goes on all the same."""
+        """Send no state in this round; lock step goes on."""
         self._socket.skip()
 
     def fileno(self) -> int:
-        """Return what ``select`` waits for."""
+        """Return the descriptor for ``select``."""
         return self._socket.fileno()
 
     def close(self) -> None:

@@ -1,16 +1,17 @@
 """The true velocity of a walk, from motion capture.
 
-Data: poses of a rigid body on the robot, as JSON lines {"t", "x", "y", "z", "qw", "qx", "qy", "qz"} [s, m] over UDP
-on this machine; its clock has nothing to do with the robot's. Unknown: the offset between the two clocks, anew for
-every rollout. Model: the yaw rate of the body is that of the robot's gyroscope, but for noise. Estimator: the offset
-at which their correlation is largest, near to the one that the times of arrival suggest. A trot turns the body to and
-fro once in 0.4 s, so that it has a peak. No pose comes before it was taken, which tells that peak from its neighbours;
-poses must come within 0.15 s. Where it is low, nothing is said (:class:`MocapError`).
+Data: poses of a rigid body on the robot, as JSON lines {"t", "x", "y", "z", "qw", "qx", "qy", "qz"} [s, m] over UDP on
+this computer; their clock is independent of the robot's. Unknown: the offset between the two clocks, in every rollout.
+Model: the yaw rate of the body equals that of the robot's gyroscope, up to noise. Estimator: the offset with the
+largest correlation, near the offset that the times of arrival suggest. A trot turns the body left and right once in
+0.4 s, so the correlation has a peak. A pose cannot arrive before it was taken, which separates the peak from its
+neighbours; poses must arrive within 0.15 s. If the peak is low, there is no velocity (:class:`MocapError`).
 
-The yaw rate is the same whichever way the body looks. So the rates about the other two axes, as complex numbers, are
-held against the gyroscope's: g = m exp(iψ), least squares over ψ, the angle by which the stated heading is wrong.
+The yaw rate does not depend on the heading at which the body is mounted. So the rates about the other two axes, as
+complex numbers, are compared with the gyroscope's: g = m exp(iψ), least squares over ψ, the error of the stated
+heading.
 
-Both rates, and the velocity, are slopes of a straight line through the poses of 25 ms.
+Both rates and the velocity are slopes of straight lines through the poses of 25 ms.
 """
 
 from __future__ import annotations
@@ -29,43 +30,43 @@ from s2r_spec.errors import BackendError, UsageError
 FloatArray = NDArray[np.float64]
 
 WINDOW = 0.025
-"""A tolerance [s]: width over which slopes are taken: five poses at 200 Hz. Twice as much lowers the noise of the
-velocity by 2.8, and takes 2 % from a motion of 10 Hz instead of 0.5 %."""
+"""A tolerance [s]: width of the window for slopes, five poses at 200 Hz. Twice as much divides the velocity's noise by
+2.8, and attenuates a motion of 10 Hz by 2 % instead of 0.5 %."""
 SEARCH = 0.15
-"""A budget [s]: how long a pose may be on its way. Twice as much finds the wrong period of the trot."""
+"""A budget [s]: longest delay of a pose. Twice as much finds the wrong period of the trot."""
 EARLY = 0.03
-"""A tolerance [s]: by which a pose may seem to come before it was taken, as the states are on their way, too.
-Twice as much finds the wrong period where poses are 0.34 s late, and not only from 0.37 s on."""
+"""A tolerance [s]: apparent arrival of a pose before it was taken, because states are delayed, too. Twice as much finds
+the wrong period for poses that are 0.34 s late, instead of from 0.37 s on."""
 STEP = 0.001
-"""A tolerance [s]: between two offsets that are tried; a parabola refines the best."""
+"""A tolerance [s]: step between two candidate offsets; a parabola refines the best."""
 CORRELATED = 0.7
-"""A level: the least correlation of the two yaw rates at which an offset is accepted. Higher refuses noisier mocap."""
+"""A level: smallest correlation of the two yaw rates for an accepted offset. A higher level refuses noisier mocap."""
 TURNED = 10.0
-"""A tolerance [deg]: by which the stated heading may be wrong. Its cosine takes 1.5 % from the velocity ahead, and its
-sine adds 17 % of the velocity to the left. Twice as much makes them 6 % and 34 %."""
+"""A tolerance [deg]: error of the stated heading. Its cosine takes 1.5 % from the forward velocity, and its sine adds
+17 % of the velocity to the left. Twice as much makes them 6 % and 34 %."""
 LEAST = 40
-"""A tolerance: poses that a rollout needs, 0.2 s at 200 Hz; twice as many refuse a fall right after t = 0."""
+"""A tolerance: smallest number of poses of a rollout, 0.2 s at 200 Hz; twice as many refuse a fall just after t = 0."""
 FASTEST = 3.3
-"""A level [m/s]: speed that no A1 reaches, by its maker. Beyond it numbers are no metres, or poses jump; twice as much
-lets jumps of 8 cm pass."""
+"""A level [m/s]: speed that no A1 reaches, by its manufacturer. Faster motion means wrong units or jumping poses. Twice
+as much accepts jumps of 8 cm."""
 FARTHEST = 1.0
-"""A level [m]: how far from the base's middle a body on an A1 can be, which is 0.6 m long. Twice as much lets pass
-inches that are taken for metres."""
+"""A level [m]: largest distance of a body from the middle of the base of an A1, which is 0.6 m long. Twice as much
+accepts some inches in place of metres."""
 LARGEST = 65536
 _NAMES = ("t", "x", "y", "z", "qw", "qx", "qy", "qz")
 
 
 class MocapError(BackendError):
-    """Motion capture gives no velocity of a rollout; the sentence says why."""
+    """Motion capture gives no velocity of a rollout; the message says why."""
 
 
 @dataclass(frozen=True)
 class Placing:
-    """How the body that motion capture tracks is mounted.
+    """Mounting of the body that motion capture tracks.
 
     Attributes:
-        position: of its origin in base axes [m].
-        heading: of its x axis, from the robot's to the left [deg].
+        position: position of its origin in base axes [m].
+        heading: heading of its x axis, to the left of the robot's [deg].
     """
 
     position: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -73,13 +74,13 @@ class Placing:
 
 
 class Poses(NamedTuple):
-    """What motion capture said.
+    """Poses from motion capture.
 
     Attributes:
-        times: (n,) by its own clock [s], increasing.
-        arrived: (n,) by the robot's clock [s].
-        position: (n, 3) [m].
-        quaternion: (n, 4) w, x, y, z.
+        times: (n,) times by its own clock [s], increasing.
+        arrived: (n,) times of arrival by the robot's clock [s].
+        position: (n, 3) positions [m].
+        quaternion: (n, 4) attitudes w, x, y, z.
     """
 
     times: FloatArray
@@ -89,12 +90,12 @@ class Poses(NamedTuple):
 
 
 class Gyro(NamedTuple):
-    """What the robot's gyroscope said of a whole walk.
+    """The robot's gyroscope over a whole walk.
 
     Attributes:
-        times: (m,) by the robot's clock [s].
-        rates: (m, 3) base axes [rad/s].
-        yaw: (m,) rates of the heading [rad/s].
+        times: (m,) times by the robot's clock [s].
+        rates: (m, 3) angular velocity in base axes [rad/s].
+        yaw: (m,) rate of the heading [rad/s].
     """
 
     times: FloatArray
@@ -102,7 +103,7 @@ class Gyro(NamedTuple):
     yaw: FloatArray
 
     def mean(self, rates: FloatArray, start: FloatArray, end: FloatArray) -> FloatArray:
-        """Return the means of (m,) rates between (n,) times [s] and others."""
+        """Return the means of (m,) rates over n intervals, from ``start`` to ``end`` (n,) [s]."""
         steps = np.diff(self.times) * (rates[1:] + rates[:-1]) / 2.0
         angle = np.concatenate(([0.0], np.cumsum(steps)))
         means: FloatArray = (np.interp(end, self.times, angle) - np.interp(start, self.times, angle)) / (
@@ -112,14 +113,14 @@ class Gyro(NamedTuple):
 
 
 class Velocity(NamedTuple):
-    """The base's velocity in its heading frame [m/s], and how its time was found.
+    """The base's velocity in its heading frame [m/s], and the alignment of the clocks.
 
     Attributes:
-        forward: (n,).
-        left: (n,).
-        offset: to add to the time of motion capture [s], for the robot's.
-        correlation: of the two yaw rates there.
-        turned: angle [deg] by which the stated heading seems to be wrong.
+        forward: (n,) forward velocity [m/s].
+        left: (n,) velocity to the left [m/s].
+        offset: robot's time minus time of motion capture [s].
+        correlation: correlation of the two yaw rates at this offset.
+        turned: estimated error of the stated heading [deg].
     """
 
     forward: FloatArray
@@ -130,17 +131,17 @@ class Velocity(NamedTuple):
 
 
 class Listener:
-    """Takes in poses on a port of this machine, from when it is made.
+    """Collects poses on a port of this computer.
 
     Attributes:
-        refused: lines that were no poses.
+        refused: number of lines that are no poses.
     """
 
     def __init__(self, port: int) -> None:
         """Open the port.
 
         Raises:
-            MocapError: it is not to be had.
+            MocapError: the port cannot be opened.
         """
         self.refused = 0
         self._rows: list[tuple[float, ...]] = []
@@ -152,7 +153,7 @@ class Listener:
             self._socket.close()
             raise MocapError(
                 f"the UDP port {port} for motion capture cannot be opened: {error.strerror}; end the program that "
-                "holds it, or name another port"
+                "uses it, or name another port"
             ) from None
 
     @property
@@ -161,7 +162,7 @@ class Listener:
         return int(self._socket.getsockname()[1])
 
     def take(self, now: float) -> None:
-        """Take in what has arrived by this time of the robot [s]."""
+        """Collect the poses that have arrived by this time of the robot [s]."""
         while True:
             try:
                 data = self._socket.recv(LARGEST)
@@ -180,7 +181,7 @@ class Listener:
         return Poses(rows[:, 0], rows[:, 8], rows[:, 1:4], rows[:, 4:8])
 
     def close(self) -> None:
-        """Free the port."""
+        """Release the port."""
         self._socket.close()
 
 
@@ -188,20 +189,20 @@ def velocity(poses: Poses, placing: Placing, gyro: Gyro, times: FloatArray) -> V
     """Return the base's velocity at (n,) times of the robot [s].
 
     Args:
-        poses: of the body.
-        placing: how it is mounted.
-        gyro: of the whole walk.
-        times: at which the velocity is wanted.
+        poses: poses of the body.
+        placing: mounting of the body.
+        gyro: gyroscope over the whole walk.
+        times: times of the requested velocities [s].
 
     Raises:
         MocapError: there are too few poses, they do not cover the test, the rates do not correlate, the heading is
-            wrong, or no robot is as fast.
+            wrong, or the velocity is impossible.
     """
     poses = _tracked(poses)
     if len(poses.times) < LEAST:
         raise MocapError(
-            f"motion capture sent {len(poses.times)} usable poses, and {LEAST} are needed: check that it "
-            "sees the robot, and sends 100 poses a second to this port"
+            f"motion capture sent {len(poses.times)} valid poses, and {LEAST} are needed: check that it "
+            "tracks the robot, and sends 100 poses per second to this port"
         )
     attitude, yaw = _base(poses.quaternion, radians(placing.heading))
     offset, correlation = _offset(poses, _slope(poses.times, yaw), gyro)
@@ -211,11 +212,14 @@ def velocity(poses: Poses, placing: Placing, gyro: Gyro, times: FloatArray) -> V
         raise MocapError(
             "motion capture does not cover the whole rollout; check that it streams without a break"
         )
-    # The poses right before and right after the test count, too: a gap may begin or end outside of it.
+    # The poses just before and after the test count, too, because a gap may begin or end outside it.
     first, last = np.searchsorted(own, times[0]) - 1, np.searchsorted(own, times[-1], side="right")
     gap = float(np.max(np.diff(own[max(first, 0) : last + 1]), initial=0.0))
     if gap > 2.0 * WINDOW:
-        raise MocapError(f"motion capture lost the robot for {gap:.3f} s; {2.0 * WINDOW:g} s are allowed")
+        raise MocapError(
+            f"motion capture lost the robot for {gap:.3f} s, and at most {2.0 * WINDOW:g} s are allowed; check cameras "
+            "and markers"
+        )
     base = poses.position - attitude @ np.array(placing.position)
     vx, vy = (_slope(poses.times, base[:, axis]) for axis in (0, 1))
     forward, left = np.cos(yaw) * vx + np.sin(yaw) * vy, np.cos(yaw) * vy - np.sin(yaw) * vx
@@ -223,17 +227,17 @@ def velocity(poses: Poses, placing: Placing, gyro: Gyro, times: FloatArray) -> V
     speed = float(np.hypot(seen.forward, seen.left).max())
     if speed > FASTEST:
         raise MocapError(
-            f"by motion capture the robot moves at {speed:.3g} m/s, which no A1 can: check its unit, metres, and "
-            "that it tracks one body only"
+            f"by motion capture the robot moves at {speed:.3g} m/s, too fast for an A1: check that it sends metres and "
+            "tracks one body only"
         )
     return seen
 
 
 def _tracked(poses: Poses) -> Poses:
-    """Return the poses that tell a velocity.
+    """Return the poses from which a velocity can be computed.
 
-    A system that has lost a body may send its last pose again and again, at new times. A pose without another one
-    within ``WINDOW`` has no slope.
+    A system that has lost a body may repeat its last pose at new times. A pose without another one within ``WINDOW``
+    has no slope.
     """
     pose = np.concatenate((poses.position, poses.quaternion), axis=1)
     moved = np.diff(pose, axis=0, prepend=np.nan) != 0.0
@@ -247,18 +251,18 @@ def _those(poses: Poses, chosen: NDArray[np.bool_]) -> Poses:
 
 
 def _around(times: FloatArray) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return the first of the times within ``WINDOW`` around each, and the first after them."""
+    """Return for each time the indices of the first time within ``WINDOW`` around it, and of the first after it."""
     reach = WINDOW / 2 * (1 + 1e-9)
     return np.searchsorted(times, times - reach), np.searchsorted(times, times + reach, side="right")
 
 
 def _offset(poses: Poses, rate: FloatArray, gyro: Gyro) -> tuple[float, float]:
-    """Return the offset [s] at which a yaw rate (n,) follows the gyroscope's best, and their correlation there.
+    """Return the offset [s] with the largest correlation of a yaw rate (n,) and the gyroscope's, and the correlation.
 
     Raises:
-        MocapError: they do not correlate.
+        MocapError: the correlation is too small.
     """
-    # The gyroscope's rate is smoothed as the other is.
+    # The gyroscope's rate is smoothed like the other rate.
     times = gyro.times
     smooth = gyro.mean(gyro.yaw, times - WINDOW / 2, times + WINDOW / 2)
     guess = float(np.median(poses.arrived - poses.times))
@@ -279,18 +283,18 @@ def _offset(poses: Poses, rate: FloatArray, gyro: Gyro) -> tuple[float, float]:
 
 
 def _turned(attitude: FloatArray, own: FloatArray, gyro: Gyro, heading: float) -> float:
-    """Return the angle [deg] by which the stated heading of the body seems to be wrong.
+    """Return the estimated error of the body's stated heading [deg].
 
     Args:
-        attitude: (n, 3, 3) of the base, by the stated heading.
-        own: (n,) times of it, by the robot's clock [s].
-        gyro: of the walk.
-        heading: as stated [deg].
+        attitude: (n, 3, 3) attitudes of the base, by the stated heading.
+        own: (n,) their times, by the robot's clock [s].
+        gyro: gyroscope over the walk.
+        heading: stated heading [deg].
 
     Raises:
-        MocapError: roll and pitch rates do not correlate, or it is wrong by more than ``TURNED``.
+        MocapError: roll and pitch rates do not correlate, or the error exceeds ``TURNED``.
     """
-    from scipy.spatial.transform import Rotation  # takes a while to load, and onboard walks go without
+    from scipy.spatial.transform import Rotation  # slow to load, and not needed for velocity=onboard
 
     first, end = _around(own)
     last = end - 1
@@ -299,27 +303,27 @@ def _turned(attitude: FloatArray, own: FloatArray, gyro: Gyro, heading: float) -
     start, stop = own[first], own[last]
     way = Rotation.from_matrix(attitude[first]).inv() * Rotation.from_matrix(attitude[last])
     x, y, _ = (way.as_rotvec() / (stop - start)[:, None]).T
-    seen, felt = (
+    tracked, measured = (
         x + 1j * y,
         gyro.mean(gyro.rates[:, 0], start, stop) + 1j * gyro.mean(gyro.rates[:, 1], start, stop),
     )
-    seen, felt = seen - seen.mean(), felt - felt.mean()
-    both, size = np.vdot(seen, felt), float(np.linalg.norm(seen) * np.linalg.norm(felt))
-    if not abs(both) >= CORRELATED * size > 0.0:
+    tracked, measured = tracked - tracked.mean(), measured - measured.mean()
+    product, size = np.vdot(tracked, measured), float(np.linalg.norm(tracked) * np.linalg.norm(measured))
+    if not abs(product) >= CORRELATED * size > 0.0:
         raise MocapError(
             "roll and pitch of motion capture do not follow the gyroscope: check that it tracks this robot, with z up"
         )
-    turned = float(np.degrees(np.angle(both)))
+    turned = float(np.degrees(np.angle(product)))
     if abs(turned) > TURNED:
         raise MocapError(
-            f"by the gyroscope the tracked body looks {turned:.0f}° to the left of heading={heading:g}: "
+            f"by the gyroscope the tracked body points {turned:.0f}° to the left of heading={heading:g}: "
             f"write heading={(heading + turned + 180.0) % 360.0 - 180.0:.0f} if it is mounted so"
         )
     return turned
 
 
 def _correlation(own: FloatArray, rate: FloatArray, times: FloatArray, gyro: FloatArray) -> float:
-    """Return the correlation of two rates where their times overlap; −1 where too few do."""
+    """Return the correlation of two rates over their common time; −1 if that is too short."""
     both = (own >= times[0] + WINDOW) & (own <= times[-1] - WINDOW)
     if both.sum() < LEAST:
         return -1.0
@@ -330,14 +334,14 @@ def _correlation(own: FloatArray, rate: FloatArray, times: FloatArray, gyro: Flo
 
 
 def _slope(times: FloatArray, values: FloatArray) -> FloatArray:
-    """Return (n,) slopes of the straight lines through the values within ``WINDOW`` around each time."""
+    """Return (n,) slopes of straight lines through the values within ``WINDOW`` around each time."""
     first, last = _around(times)
     t, v = times - times[0], values - values[0]
 
     def total(column: FloatArray) -> FloatArray:
         summed = np.concatenate(([0.0], np.cumsum(column)))
-        found: FloatArray = summed[last] - summed[first]
-        return found
+        sums: FloatArray = summed[last] - summed[first]
+        return sums
 
     n = (last - first).astype(float)
     mean_t, mean_v = total(t) / n, total(v) / n
@@ -349,7 +353,7 @@ def _slope(times: FloatArray, values: FloatArray) -> FloatArray:
 
 
 def _base(quaternion: FloatArray, heading: float) -> tuple[FloatArray, FloatArray]:
-    """Return (n, 3, 3) attitudes of the base and its (n,) yaw [rad], from those of a body that looks elsewhere."""
+    """Return (n, 3, 3) attitudes of the base and its (n,) yaw [rad], from the body's attitudes and its heading."""
     w, x, y, z = (quaternion / np.linalg.norm(quaternion, axis=1, keepdims=True)).T
     body = np.array(
         [
@@ -374,10 +378,10 @@ def _row(line: bytes) -> tuple[float, ...] | None:
 
 
 def read_placing(body: str | None, heading: str | None) -> Placing:
-    """Return a placing from texts such as ``0.1:0:0.05`` and ``90``.
+    """Read a placing from texts such as ``0.1:0:0.05`` and ``90``.
 
     Raises:
-        UsageError: they are none.
+        UsageError: a text has another form, or a number is impossible.
     """
     placing = Placing()
     try:
@@ -396,6 +400,6 @@ def read_placing(body: str | None, heading: str | None) -> Placing:
     if max(map(abs, placing.position)) > FARTHEST:
         raise UsageError(
             f"body = {body!r} is {max(map(abs, placing.position)):g} m from the middle of the base, beyond the robot; "
-            "it is in metres, as in body=0.1:0:0.05"
+            "write it in metres, as in body=0.1:0:0.05"
         )
     return placing

@@ -1,4 +1,4 @@
-"""What may follow ``a1:``, and how a backend is written as a name."""
+"""Read the options after ``a1:``, and write them."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ OFFERED = (
     Option("clock", "real", "real, or lockstep with a twin only"),
     Option("layout", "a1", "of the packets; go1 is refused, since a Go1 cannot walk yet"),
     Option(
-        "local", "any free one", "UDP port of this computer that speaks to the robot; the vendor's is 8080"
+        "local", "any free one", "UDP port of this computer for the robot; the vendor's program uses 8080"
     ),
-    Option("module", "none", "the vendor's Python module to speak through, in real time"),
+    Option("module", "none", "the vendor's Python module to use for the connection, in real time"),
 )
 """A definition: all options."""
 NAMES = tuple(option.name for option in OFFERED)
@@ -41,18 +41,18 @@ _EXAMPLE = f"a1:{EXAMPLE}"
 
 @dataclass(frozen=True)
 class Options:
-    """How a robot is reached, and what it is asked for.
+    """Connection and measurement of a robot.
 
     Attributes:
-        host: its address.
+        host: address of the robot.
         port: its UDP port.
-        mocap: UDP port on this machine to which motion capture sends; None takes the robot's own estimate.
-        body: place of the tracked body, as text; see :func:`s2r_a1.mocap.read_placing`.
-        heading: of the tracked body, as text.
-        operator: who answers: a person at the terminal, or nobody.
+        mocap: UDP port of this computer that receives motion capture; None for the robot's own estimate.
+        body: position of the tracked body, as text; see :func:`s2r_a1.mocap.read_placing`.
+        heading: heading of the tracked body, as text.
+        operator: "tty" for a person at the terminal, "auto" for nobody.
         clock: real time, or lock step with a twin.
-        local: UDP port on this machine from which the robot is spoken to; 0 takes any.
-        module: the vendor's Python module to speak through; empty for the wire of our own.
+        local: UDP port of this computer for the robot; 0 for any.
+        module: the vendor's Python module; "" for the built-in wire protocol.
     """
 
     host: str
@@ -67,63 +67,63 @@ class Options:
 
     @property
     def is_twin(self) -> bool:
-        """Whether the address is on this machine, where no robot is but its twin."""
+        """Whether the address belongs to this computer, where only a twin can be."""
         return ipaddress.ip_address(self.host).is_loopback
 
     @property
     def velocity(self) -> str:
-        """Where the true velocity comes from, as the option says it."""
+        """Source of the velocity, in the form of the option."""
         return "onboard" if self.mocap is None else f"mocap:{self.mocap}"
 
 
 def read_options(text: str) -> Options:
-    """Return the options that a text such as ``host=127.0.0.1,velocity=onboard`` says.
+    """Read options such as ``host=127.0.0.1,velocity=onboard``.
 
     Raises:
-        UsageError: one is unknown, missing, said twice or wrong; the sentence says what would be right.
+        UsageError: an option is unknown, missing, given twice or wrong; the message says what is right.
     """
-    said = _words(text)
-    if "host" not in said:
+    given = _words(text)
+    if "host" not in given:
         raise UsageError(
             f"a1 needs the address of the robot, which has no default: {_EXAMPLE}, or host=127.0.0.1 for a twin"
         )
-    if "velocity" not in said:
+    if "velocity" not in given:
         raise UsageError(
-            "an A1 does not measure its velocity; say velocity=onboard for its own estimate, or velocity=mocap:PORT "
+            "an A1 does not measure its velocity; write velocity=onboard for its own estimate, or velocity=mocap:PORT "
             "for motion capture that sends to this port"
         )
-    mocap = _mocap(said["velocity"])
-    if mocap is None and said.keys() & {"body", "heading"}:
+    mocap = _mocap(given["velocity"])
+    if mocap is None and given.keys() & {"body", "heading"}:
         raise UsageError(
-            "body and heading say how motion capture's body is mounted; they need velocity=mocap:PORT"
+            "body and heading describe the body that motion capture tracks; add velocity=mocap:PORT, or leave them out"
         )
-    if _one_of("layout", said.get("layout", "a1"), ("a1", "go1")) == "go1":
+    if _one_of("layout", given.get("layout", "a1"), ("a1", "go1")) == "go1":
         raise UsageError(
-            "the Go1 cannot walk with s2r yet: its packets are known (layout=go1), its masses and gains are not"
+            "layout=go1: s2r can read a Go1 but not make it walk, because it has no masses and gains for it; use an A1"
         )
     options = Options(
-        host=_host(said["host"]),
-        port=_port("port", said.get("port", str(PORT))),
+        host=_host(given["host"]),
+        port=_port("port", given.get("port", str(PORT))),
         mocap=mocap,
-        body=said.get("body"),
-        heading=said.get("heading"),
-        operator=_one_of("operator", said.get("operator", "tty"), get_args(Operating)),
-        clock=_one_of("clock", said.get("clock", "real"), get_args(Clock)),
-        local=_port("local", said["local"]) if "local" in said else 0,
-        module=_module(said["module"]) if "module" in said else "",
+        body=given.get("body"),
+        heading=given.get("heading"),
+        operator=_one_of("operator", given.get("operator", "tty"), get_args(Operating)),
+        clock=_one_of("clock", given.get("clock", "real"), get_args(Clock)),
+        local=_port("local", given["local"]) if "local" in given else 0,
+        module=_module(given["module"]) if "module" in given else "",
     )
     if options.module and options.clock == "lockstep":
-        raise UsageError("the vendor's module knows no lock step: leave out module or clock=lockstep")
+        raise UsageError("the vendor's module has no lock step: leave out module or clock=lockstep")
     for name, value in (("operator", "auto"), ("clock", "lockstep")):
         if getattr(options, name) == value and not options.is_twin:
             raise UsageError(
-                f"{name}={value} is for a twin on this machine, and {options.host} is another: leave it out"
+                f"{name}={value} needs a twin on this machine, and {options.host} is another machine: leave it out"
             )
     return options
 
 
 def write_options(options: Options) -> str:
-    """Return the text that :func:`read_options` would read this from; what is at its default is left out."""
+    """Return options as text that :func:`read_options` reads, without the defaults."""
     words = {"host": options.host, "port": options.port, "velocity": options.velocity}
     words |= {
         name: getattr(options, name) for name in ("body", "heading", "operator", "clock", "local", "module")
@@ -133,7 +133,7 @@ def write_options(options: Options) -> str:
 
 
 def _words(text: str) -> Mapping[str, str]:
-    said: dict[str, str] = {}
+    given: dict[str, str] = {}
     for word in filter(None, (word.strip() for word in text.split(","))):
         name, equals, value = word.partition("=")
         if name not in NAMES or not equals:
@@ -141,10 +141,10 @@ def _words(text: str) -> Mapping[str, str]:
                 f"the backend 'a1' has no option {word!r}{did_you_mean(name, NAMES) or ';'} it has {one_of(NAMES)}, "
                 f"as in {_EXAMPLE}"
             )
-        if name in said:
-            raise UsageError(f"the option {name} is there twice: {said[name]!r} and {value!r}")
-        said[name] = value
-    return said
+        if name in given:
+            raise UsageError(f"the option {name} has two values, {given[name]!r} and {value!r}; give one")
+        given[name] = value
+    return given
 
 
 def _host(value: str) -> str:
@@ -157,21 +157,23 @@ def _host(value: str) -> str:
     # Linux takes 0.0.0.0 for this machine: a twin would pass for a robot. The others are many hosts.
     if address.is_unspecified or address.is_multicast or address.is_reserved:
         raise UsageError(
-            f"host = {value} is the address of no one machine; name the robot's, such as 192.168.123.10, or 127.0.0.1 "
-            "for a twin"
+            f"host = {value} is not the address of one machine; write the robot's, such as 192.168.123.10, or "
+            "127.0.0.1 for a twin"
         )
     return str(address)
 
 
 def _port(name: str, value: str) -> int:
     if not (value.isascii() and value.isdigit() and 1 <= int(value) <= 65535):
-        raise UsageError(f"{name} = {value!r} is no UDP port; it must be a whole number from 1 to 65535")
+        raise UsageError(f"{name} = {value!r} is not a UDP port; it must be a whole number from 1 to 65535")
     return int(value)
 
 
 def _module(value: str) -> str:
     if not all(part.isidentifier() for part in value.split(".")):
-        raise UsageError(f"module = {value!r} is no name of a Python module, such as robot_interface")
+        raise UsageError(
+            f"module = {value!r} is not the name of a Python module; write for example robot_interface"
+        )
     return value
 
 

@@ -1,6 +1,6 @@
-"""One control tick of a test: from a reading to orders, by the simulator's own controller and estimator.
+"""One control tick of a test: from a reading to motor commands, by the simulator's own controller and estimator.
 
-Nothing here sends or waits, so that a recording makes a :class:`Pilot` decide again what it decided on the robot.
+Nothing here sends or waits, so a :class:`Pilot` computes the same commands from a recording as on the robot.
 """
 
 from __future__ import annotations
@@ -20,20 +20,20 @@ from s2r_sim.robot.signals import Command, State
 from s2r_sim.settings import Settings
 
 PRACTICE = 100
-"""A budget: control ticks on a made-up reading before the robot is asked for anything. The first one compiles for
-seconds, which would be silence to the guard; the others fill caches. Twice as many cost 0.1 s a process."""
+"""A budget: control ticks on an artificial reading before the first request to the robot. The first one compiles for
+seconds, which the guard would take for silence; the others fill caches. Twice as many cost 0.1 s per process."""
 
 
 class Note(NamedTuple):
-    """What was known and decided at one reading.
+    """Input and output of the controller at one reading.
 
     Attributes:
-        clock: the robot's tick at the reading, as it came.
+        clock: the robot's tick at the reading.
         tick: the control tick; 0 is t = 0.
-        late: control ticks right before this one, at which nothing could be decided.
-        command: that the controller was given.
-        state: that it was given.
-        done: what it decided.
+        late: control ticks just before this one that the controller missed.
+        command: velocity command.
+        state: estimated state.
+        done: output of the controller.
     """
 
     clock: int
@@ -45,7 +45,7 @@ class Note(NamedTuple):
 
 
 class Pilot:
-    """Walks one test after another; each begins with :meth:`begin`, and depends on nothing before it."""
+    """Computes the commands of one test after another; :meth:`begin` removes all memory of earlier tests."""
 
     def __init__(self, settings: Settings) -> None:
         self.settings = settings
@@ -53,7 +53,7 @@ class Pilot:
         self._practised = False
 
     def begin(self, schedule: Schedule, unit: TickUnit) -> None:
-        """Forget everything, and get ready for a test; ``unit`` is of the robot's clock."""
+        """Reset, and prepare for a test; ``unit`` is the unit of the robot's clock."""
         self._schedule, self._unit = schedule, unit
         self._controller.restore(Memory())
         self._sensed: Sensed | None = None
@@ -61,10 +61,9 @@ class Pilot:
         self._tick = -schedule.trot - 1
 
     def step(self, reading: Reading) -> Note:
-        """Decide at a reading, which is newer than the last.
+        """Compute the motor commands at a reading that is newer than the last.
 
-        The gait follows the robot's clock: a reading that comes late, or after others that were lost, finds it as
-        far on as if they had all come in time.
+        The gait follows the robot's clock, so a late or lost reading does not change its phase.
         """
         schedule, before, controller = self._schedule, self._sensed, self._controller
         if before is None:
@@ -83,26 +82,26 @@ class Pilot:
         return Note(reading.tick, self._tick, late, command, sensed.state, done)
 
     def stop(self) -> None:
-        """Ramp down from here on, whatever is left of the test."""
+        """Begin the ramp to zero now, before the end of the test."""
         self._schedule = self._schedule.cut(self._tick)
 
     def is_done(self, note: Note) -> bool:
-        """Return whether the robot may be halted: it trots in place, and all its feet have just come to stand."""
+        """Return whether the robot may be halted: it trots in place, and all its feet are on the ground."""
         return self._schedule.is_over(note.tick) and all(note.done.stance)
 
     def practise(self) -> None:
-        """Compile and touch all that a walk uses, on a made-up reading of a robot that stands."""
+        """Compile and run all code of a walk, on artificial readings of a standing robot."""
         if self._practised:
             return
         unit: TickUnit = "ms"
         self.begin(Schedule(Command(), PRACTICE // 2, PRACTICE), unit)
         for tick in range(PRACTICE):
             clock = round(tick * (1 + (tick > PRACTICE // 2)) / (RATE * SECONDS[unit]))
-            reading = unpack(pack_reading(self._made_up(clock), A1), A1)
+            reading = unpack(pack_reading(self._artificial(clock), A1), A1)
             pack(orders(self.step(reading)), A1)
         self._practised = True
 
-    def _made_up(self, clock: int) -> Reading:
+    def _artificial(self, clock: int) -> Reading:
         settings = self.settings
         return Reading(
             quaternion=np.array([1.0, 0.0, 0.0, 0.0]),
@@ -118,5 +117,5 @@ class Pilot:
 
 
 def orders(note: Note) -> Orders:
-    """Return what the controller asks of the motors."""
+    """Return the controller's commands for the motors."""
     return Orders(*note.done.motors)

@@ -1,15 +1,15 @@
-"""Writes and reads the raw recording of a rollout: every packet, both ways, as it came, and what the guard said.
+"""Write and read the raw recording of a rollout: every packet in both directions, unchanged, and the guard's events.
 
-A file is a magic line, one line of JSON that says what was recorded, and blocks, little-endian:
+A file is a magic line, a header as one line of JSON, and blocks, little-endian:
 
     u32 length of the records | u32 CRC-32 of length and records | records
     a record: u64 time [ns] | u8 direction | u16 length | bytes
 
-Directions are 0 from the robot, 1 to it, and 2 for an event of the guard, as JSON: its states, and why it is in them.
-Recordings from before there were events have none.
+Directions are 0 from the robot, 1 to the robot, and 2 for an event of the guard as JSON: its state and the reason.
+Older recordings have no events.
 
-A block without records ends a recording that was finished. One that was not (a killed process, a full disk) is read
-up to its last whole block, which is at most 100 ms old. In lock step time counts rounds of 2 ms.
+A block without records ends a finished recording. An unfinished one (a killed process, a full disk) is read up to its
+last complete block, which is at most 100 ms old. In lock step, times count rounds of 2 ms.
 """
 
 from __future__ import annotations
@@ -32,23 +32,23 @@ from s2r_spec.errors import BackendError, TraceError
 MAGIC = b"s2r a1log 1\n"
 """A definition: the first line of a recording."""
 SUFFIX = ".a1log"
-"""A definition: how the name of a recording ends."""
+"""A definition: ending of a recording's file name."""
 EVENT = 2
-"""A definition: the direction of a record that is no packet, but an event of the guard."""
+"""A definition: direction of a record with an event of the guard instead of a packet."""
 BLOCK = 100_000_000
-"""A budget [ns]: time that a block spans, and that a kill may cost; half of it doubles the writes."""
+"""A budget [ns]: time of one block, which a kill may lose; half as much doubles the number of writes."""
 BEHIND = 64 * 2**20
-"""A budget [bytes]: what waits in memory for a disk that does not take it: a minute of packets both ways."""
+"""A budget [bytes]: data that wait in memory for a slow disk: a minute of packets in both directions."""
 
 LONGEST = 65535
-"""A definition: bytes that a record has at most."""
+"""A definition: largest number of bytes of a record."""
 
 _BLOCK = struct.Struct("<II")
 _RECORD = struct.Struct("<QBH")
 
 
 class RawLogError(BackendError):
-    """A recording cannot be written any more."""
+    """A recording cannot be written."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,13 +56,13 @@ class RawLog:
     """A recording.
 
     Attributes:
-        header: what was recorded, and how.
-        times: (n,) of the packets [ns].
-        directions: (n,) 0 from the robot, 1 to it.
-        packets: n of them, as they came or went.
-        finished: whether the recording ends where it was meant to, and not by a kill.
-        events: of the guard, oldest first, as on its control socket (:mod:`s2r_a1.guard.control`), each with its
-            ``time`` [ns].
+        header: facts on the robot and the run.
+        times: (n,) times of the packets [ns].
+        directions: (n,) 0 from the robot, 1 to the robot.
+        packets: the n packets, unchanged.
+        finished: whether the recording was ended, and not cut off by a kill.
+        events: events of the guard, oldest first, as on its control socket (:mod:`s2r_a1.guard.control`), each with
+            its ``time`` [ns].
     """
 
     header: dict[str, Any]
@@ -75,7 +75,7 @@ class RawLog:
 
 @dataclass(frozen=True)
 class Written:
-    """What a finished recording holds."""
+    """Summary of a finished recording."""
 
     path: Path
     packets: int
@@ -83,12 +83,12 @@ class Written:
 
 
 class RawLogWriter:
-    """Writes a recording from a thread of its own, so that a slow disk never holds up a round.
+    """Writes a recording from a separate thread, so that a slow disk never delays a round.
 
     Attributes:
-        path: of the file, which must not exist.
-        packets: appended so far.
-        failure: a sentence once the disk refused; the thread goes on trying, and what waits is kept.
+        path: the file, which must not exist before.
+        packets: number of packets so far.
+        failure: a message after the disk refused a write; the thread tries again, and keeps the waiting data.
     """
 
     def __init__(self, path: str | os.PathLike[str], header: Mapping[str, Any]) -> None:
@@ -109,16 +109,16 @@ class RawLogWriter:
 
     @property
     def ready(self) -> bool:
-        """Whether the file is there with its header, or has failed."""
+        """Whether the file exists with its header, or has failed."""
         return self._ready.is_set()
 
     @property
     def done(self) -> bool:
-        """Whether the recording was finished and is on the disk, or has failed for good."""
+        """Whether the recording is finished and on the disk, or has failed for good."""
         return self._done.is_set()
 
     def wait_ready(self, seconds: float | None = None) -> bool:
-        """Wait until the file is there or has failed; return ``ready``."""
+        """Wait until the file exists or has failed; return ``ready``."""
         return self._ready.wait(seconds)
 
     def append(self, time: int, direction: int, packet: bytes) -> None:
@@ -127,9 +127,9 @@ class RawLogWriter:
         self.packets += 1
 
     def note(self, time: int, event: Mapping[str, Any]) -> None:
-        """Add an event of the guard at a time [ns], and give the thread all so far: it may be the last.
+        """Add an event of the guard at a time [ns], and pass all data to the thread, since it may be the last event.
 
-        One that is too long for a record is left out, and never raises.
+        An event that is too long for a record is left out without an error.
         """
         data = json.dumps(dict(event)).encode()
         if len(data) <= LONGEST:
@@ -144,32 +144,35 @@ class RawLogWriter:
         self._records += _RECORD.pack(time, direction, len(data)) + data
 
     def flush(self) -> None:
-        """Give the thread what was appended, as one block; call it where no packet is to be expected for a while."""
+        """Pass the appended records to the thread as one block; call it before a pause without packets."""
         if not self._records:
             return
         block, self._records, self._begun = self._records, bytearray(), None
         self._give(_block(block))
 
     def finish(self) -> None:
-        """Ask for the last block, and for the file to be on the disk; do not wait for it. Look at ``done``."""
+        """Request the last block and the flush to the disk without waiting; ``done`` shows the end."""
         self.flush()
         self._give(b"" if self._lost else _block(b""), ending=True)
 
     def close(self, seconds: float | None = None) -> Written:
-        """Finish the recording, wait for the disk, and return what it holds.
+        """Finish the recording, wait for the disk, and return a summary.
 
         Raises:
-            RawLogError: the disk did not take everything, or not within ``seconds``.
+            RawLogError: the disk did not accept everything within ``seconds``.
         """
         if not self._ending:
             self.finish()
         if not self._done.wait(seconds) or self.failure:
-            raise RawLogError(self.failure or f"{self.path}: the disk has not taken the recording yet")
+            raise RawLogError(
+                self.failure
+                or f"{self.path}: the recording is not on the disk yet; wait, or use a faster disk"
+            )
         return self.written
 
     @property
     def written(self) -> Written:
-        """What has been written so far."""
+        """Summary of the recording so far."""
         return Written(self.path, self.packets, self._written)
 
     def _give(self, data: bytes | bytearray, ending: bool = False) -> None:
@@ -179,13 +182,13 @@ class RawLogWriter:
             elif data:  # nothing is recorded after a gap
                 self._lost = True
                 self.failure = self.failure or (
-                    f"{self.path}: the disk is too slow to record on; free it or name another folder"
+                    f"{self.path}: the disk is too slow for the recording; relieve it, or name another folder"
                 )
             self._ending = self._ending or ending
             self._changed.notify()
 
     def _run(self) -> None:
-        """Write what is given, until the end: the thread."""
+        """Write all data until the end; the thread runs this."""
         try:
             file = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
         except OSError as error:
@@ -222,7 +225,7 @@ class RawLogWriter:
             self._fail(error)
 
     def _write(self, file: int, data: bytes) -> int:
-        """Write as much as the disk takes; return how many bytes that was."""
+        """Write as much as the disk accepts; return the number of bytes."""
         taken = 0
         while taken < len(data):
             try:
@@ -235,12 +238,12 @@ class RawLogWriter:
 
     def _fail(self, error: OSError) -> None:
         self.failure = (
-            f"{self.path}: the recording cannot be written: {error.strerror}; free the disk, or name another"
+            f"{self.path}: the recording cannot be written: {error.strerror}; free the disk, or use another"
         )
 
 
 def _sync_folder(folder: Path) -> None:
-    """Put the name of a new file on the disk, too."""
+    """Flush the name of a new file to the disk."""
     opened = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     try:
         os.fsync(opened)
@@ -249,10 +252,10 @@ def _sync_folder(folder: Path) -> None:
 
 
 def read(path: str | os.PathLike[str]) -> RawLog:
-    """Return a recording up to its last whole block.
+    """Return a recording up to its last complete block.
 
     Raises:
-        TraceError: the file cannot be read, or is no recording; the sentence names it.
+        TraceError: the file cannot be read, or is no recording; the message names it.
     """
     try:
         data = Path(path).read_bytes()
@@ -265,12 +268,10 @@ def read(path: str | os.PathLike[str]) -> RawLog:
     line, newline, rest = data[len(MAGIC) :].partition(b"\n")
     try:
         header = json.loads(line) if newline else None
-    except (ValueError, RecursionError):  # of JSON, of UTF-8, of brackets in brackets
+    except (ValueError, RecursionError):  # bad JSON, bad UTF-8, too many nested brackets
         header = None
     if not isinstance(header, dict):
-        raise TraceError(
-            f"{os.fspath(path)}: the header of the recording is damaged; nothing of it can be used"
-        )
+        raise TraceError(f"{os.fspath(path)}: the header of the recording is damaged; use another recording")
     times, directions, packets, events, finished = [], [], [], [], False
     for block in _blocks(rest):
         finished = not block
@@ -292,7 +293,7 @@ def read(path: str | os.PathLike[str]) -> RawLog:
 
 
 def _event(time: int, data: bytes) -> list[dict[str, Any]]:
-    """Return the event of a record; none if it is no object."""
+    """Return the event of a record; empty if it is no object."""
     try:
         event = json.loads(data)
     except (ValueError, RecursionError):
@@ -305,12 +306,12 @@ def _block(records: bytes | bytearray) -> bytes:
 
 
 def _checksum(records: bytes | bytearray) -> int:
-    """Return a CRC-32 that zeros of a page that never reached the disk do not have."""
+    """Return a CRC-32 that never matches a page of zeros, which a crash may leave on the disk."""
     return zlib.crc32(records, zlib.crc32(len(records).to_bytes(4, "little")))
 
 
 def _blocks(data: bytes) -> Iterator[bytes]:
-    """Yield the records of each block, up to the first that is not whole; the block that ends all is empty."""
+    """Yield the records of each block up to the first incomplete one; an empty block is the last."""
     place = 0
     while place + _BLOCK.size <= len(data):
         length, checksum = _BLOCK.unpack_from(data, place)

@@ -1,12 +1,12 @@
-"""Makes a trace of what was recorded of a walk: every packet, both ways, as the guard wrote them.
+"""Make a trace from the raw recording of a walk: every packet in both directions, as the guard wrote them.
 
-What the robot measured, what it was sent and when come from the packets. What the controller made of it comes from
-the worker's notes; where there are none, because the worker was killed, the controller decides again by the recorded
-readings. In lock step that gives the same; in real time it takes readings into account that a late worker missed.
-What ended a walk is not among the packets: the worker's own trace says it, and without one the guard's events do.
+Measurements, commands and times come from the packets. The controller's internal values come from the worker's notes.
+If the worker was killed and left none, the controller runs again on the recorded readings. In lock step this gives the
+same values; in real time it also uses readings that a late worker missed. The cause of a walk's end is in the worker's
+own trace, or else in the guard's events.
 
-t = 0 is the control tick of the command. A sample's torque is the one that the next state reports, as in the
-simulator: of the 2 ms after the sample.
+t = 0 is the control tick of the command. The torque of a sample is the one that the next state reports, as in the
+simulator: the torque in the 2 ms after the sample.
 """
 
 from __future__ import annotations
@@ -44,12 +44,12 @@ Velocity = tuple[FloatArray, FloatArray]
 
 
 def header_of(test: Mapping[str, float], schedule: Schedule, about: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what a recording must say of a walk so that its packets alone make a trace.
+    """Return the header of a recording, with which its packets alone make a trace.
 
     Args:
         test: parameters of the test.
-        schedule: of its control ticks.
-        about: of the robot and the run: ``layout``, ``tick_unit``, and whatever a reader may want to know.
+        schedule: schedule of the test.
+        about: facts on robot and run: ``layout``, ``tick_unit``, and others for a reader.
     """
     command = schedule.command._asdict()
     return {
@@ -63,7 +63,7 @@ def header_of(test: Mapping[str, float], schedule: Schedule, about: Mapping[str,
 
 @dataclass(frozen=True, eq=False)
 class Packets:
-    """The packets of a recording that can be used, in order.
+    """The valid packets of a recording, in order.
 
     Attributes:
         log: the recording.
@@ -73,44 +73,44 @@ class Packets:
 
     @cached_property
     def layout(self) -> Layout:
-        """Of the robot that was recorded."""
+        """Layout of the recorded packets."""
         return LAYOUTS[str(self.log.header["layout"]).lower()]
 
     @cached_property
     def readings(self) -> tuple[tuple[int, Reading], ...]:
-        """(place, reading) of every state that is whole and newer than the one before."""
-        found: list[tuple[int, Reading]] = []
+        """(index, reading) of every valid state that is newer than the one before."""
+        readings: list[tuple[int, Reading]] = []
         for place in np.flatnonzero(self.log.directions == FROM_ROBOT).tolist():
             try:
                 reading = unpack(self.log.packets[place], self.layout)
             except WireError:
                 continue
-            if not found or elapsed(found[-1][1].tick, reading.tick) > 0:
-                found.append((place, reading))
-        return tuple(found)
+            if not readings or elapsed(readings[-1][1].tick, reading.tick) > 0:
+                readings.append((place, reading))
+        return tuple(readings)
 
     @cached_property
     def sent(self) -> tuple[tuple[int, Orders], ...]:
-        """(place, orders) of every command that is whole."""
-        found: list[tuple[int, Orders]] = []
+        """(index, orders) of every valid command."""
+        commands: list[tuple[int, Orders]] = []
         for place in np.flatnonzero(self.log.directions == TO_ROBOT).tolist():
             try:
-                found.append((place, unpack_orders(self.log.packets[place], self.layout)))
+                commands.append((place, unpack_orders(self.log.packets[place], self.layout)))
             except WireError:
                 continue
-        return tuple(found)
+        return tuple(commands)
 
     def walked(self) -> Iterator[Reading]:
-        """Yield the readings from the one at which the walk began, up to what ended it.
+        """Yield the readings from the beginning of the walk to its end.
 
-        While a robot stands or lies, the guard holds its joints with gains and no torque. The controller's first
-        orders are of four feet that stand: torques, and no gain on any angle.
+        While the robot stands or lies, the guard holds its joints by gains without torques. The controller's first
+        commands are torques without position gains, because four feet are on the ground.
         """
         begun = next((place for place, orders in self.sent if orders.tau.any() and not orders.kp.any()), None)
         if begun is None:
             return
-        known = [place for place, _ in self.readings]
-        first = max(0, int(np.searchsorted(known, begun)) - 1)
+        places = [place for place, _ in self.readings]
+        first = max(0, int(np.searchsorted(places, begun)) - 1)
         ending = ending_of(self.log)
         for place, reading in self.readings[first:]:
             if ending and self.log.times[place] >= ending.time:
@@ -119,7 +119,7 @@ class Packets:
 
 
 class Ending(NamedTuple):
-    """What ended a walk: the guard's word and sentence, and when [ns] it was damped, or asked to stop."""
+    """The end of a walk: the guard's word and reason, and the time [ns] of the damping or of the request to stop."""
 
     word: str
     reason: str
@@ -127,25 +127,27 @@ class Ending(NamedTuple):
 
 
 def ending_of(log: RawLog) -> Ending | None:
-    """Return what ended the walk of a recording before its time, as the guard says; None where it says nothing of it.
+    """Return the early end of a recorded walk by the guard's events; None if there is none.
 
-    Nothing is said of a walk that went as planned, of one whose guard was killed, and in recordings without events.
+    There is none if the walk went as planned, the guard was killed, or the recording has no events.
     """
     walks = [place for place, event in enumerate(log.events) if event.get("state") == "WALK"]
-    asked: dict[str, Any] | None = None
+    request: dict[str, Any] | None = None
     for event in log.events[walks[-1] + 1 :] if walks else ():
-        if event.get("event") == "wanted" and asked is None:
-            asked = event
+        if event.get("event") == "wanted" and request is None:
+            request = event
         if event.get("event") == "state":
             if not event.get("word"):
                 return None
-            first = asked if asked and asked.get("word") == event["word"] else event
+            first = request if request and request.get("word") == event["word"] else event
             return Ending(str(event["word"]), str(event.get("reason") or ""), first["time"])
-    return Ending(str(asked["word"]), str(asked.get("reason") or ""), asked["time"]) if asked else None
+    return (
+        Ending(str(request["word"]), str(request.get("reason") or ""), request["time"]) if request else None
+    )
 
 
 def decided_again(packets: Packets, pilot: Pilot) -> list[Note]:
-    """Return the notes that the controller makes of the recorded readings, up to the end of the test."""
+    """Run the controller again on the recorded readings, and return its notes up to the end of the test."""
     header = packets.log.header
     schedule = Schedule(Command(**header["command"]), int(header["trot"]), int(header["hold"]))
     pilot.begin(schedule, header["tick_unit"])
@@ -158,7 +160,7 @@ def decided_again(packets: Packets, pilot: Pilot) -> list[Note]:
 
 
 def channels_of(packets: Packets, notes: Sequence[Note]) -> dict[str, FloatArray]:
-    """Return the samples at these notes of all channels but the true velocity.
+    """Return the samples of all channels but the true velocity, at these notes.
 
     Raises:
         TraceError: the reading of a note was not recorded.
@@ -173,7 +175,7 @@ def channels_of(packets: Packets, notes: Sequence[Note]) -> dict[str, FloatArray
         at = places.get(note.clock)
         if at is None:
             raise TraceError(
-                f"the raw recording has no state of the robot with the tick {note.clock}, which the worker saw; "
+                f"the raw recording has no state with the tick {note.clock}, which the worker received; "
                 "the disk may have been full"
             )
         place, reading = packets.readings[at]
@@ -183,8 +185,8 @@ def channels_of(packets: Packets, notes: Sequence[Note]) -> dict[str, FloatArray
         rows["motor_temperature"].append(reading.temperature)
         order = int(np.searchsorted(commanded, place))
         sent = packets.sent[order][1] if order < len(commanded) else Orders(*note.done.motors)
-        asked = sent.tau + sent.kp * (sent.q - reading.q) + sent.kd * (sent.dq - reading.dq)
-        rows["tau_cmd"].append(asked)
+        commanded_torque = sent.tau + sent.kp * (sent.q - reading.q) + sent.kd * (sent.dq - reading.dq)
+        rows["tau_cmd"].append(commanded_torque)
     velocity = np.array([note.state.velocity for note in notes])
     own = recorder.channels(velocity, fallen=False)
     commands = np.array([note.command for note in notes]).T
@@ -196,13 +198,13 @@ def channels_of(packets: Packets, notes: Sequence[Note]) -> dict[str, FloatArray
 
 def test_of(notes: Sequence[Note], hold: int) -> list[Note]:
     """Return the notes of the test itself: from t = 0 to its duration, or to the first tick after it."""
-    found = []
+    selected = []
     for note in notes:
         if note.tick >= 0:
-            found.append(note)
+            selected.append(note)
         if note.tick >= hold:
             break
-    return found
+    return selected
 
 
 def trace_of(
@@ -211,9 +213,9 @@ def trace_of(
     """Return the trace of a recorded walk, with the robot's own estimate as its velocity.
 
     Args:
-        path: of the raw recording.
-        notes: the worker's; without them the controller decides again.
-        pilot: that does so; a new one if there is none.
+        path: file of the raw recording.
+        notes: the worker's notes; without them the controller runs again.
+        pilot: pilot for this; None for a new one.
 
     Raises:
         TraceError: the recording cannot be read, or ends before t = 0.
@@ -223,13 +225,13 @@ def trace_of(
     missing = {"layout", "tick_unit", "command", "trot", "hold"} - header.keys()
     if missing:
         raise TraceError(
-            f"{os.fspath(path)}: the header of the recording does not say {', '.join(sorted(missing))}; "
-            "it is of no test"
+            f"{os.fspath(path)}: the header of the recording lacks {', '.join(sorted(missing))}; "
+            "name the recording of a test"
         )
     again = notes is None
     if notes is None:
         notes = decided_again(packets, pilot or Pilot(Settings()))
-    if not packets.log.finished:  # what the guard had not written yet when it was killed is gone
+    if not packets.log.finished:  # the guard was killed before it wrote the last packets
         written = {reading.tick for _, reading in packets.readings}
         notes = [note for note in notes if note.clock in written]
     notes = test_of(notes, int(header["hold"]))
@@ -248,7 +250,7 @@ def trace_of(
 
 
 def _ended(log: RawLog, over: bool) -> dict[str, Any]:
-    """Return what the guard says of a walk's end: an outcome, a void walk, or what came after the test was over."""
+    """Return the guard's account of a walk's end: a failure, a void walk, or an event after the end of the test."""
     ending = ending_of(log)
     if ending is None:
         return {}
@@ -263,4 +265,4 @@ def _units() -> dict[str, str]:
 
 
 UNITS = _units()
-"""Of the channels of a trace."""
+"""Units of the channels of a trace."""

@@ -1,10 +1,10 @@
-"""Reads the buttons of the robot's remote control from the 40 bytes that come with every state.
+"""Read the buttons of the robot's remote control from the 40 bytes in every state.
 
-Layout: 2 bytes of head, 16 bits of buttons, five axes; 24 bytes are used. Three presses stop the robot: R2 alone is
-what published controllers stop by, L2 with B or with A what the factory's own firmware does.
+Layout: 2 bytes of head, 16 bits of buttons, five axes; 24 bytes are used. Three presses stop the robot: R2, as in
+published controllers, and L2 with B or A, as in the factory's own firmware.
 
-Source: ``unitree_joystick.h`` of unitree_legged_sdk. That a remote that is off has an all-zero head is likely, and
-to be checked on a robot. A robot that goes on to send the last bytes of a remote that is lost would hide the loss.
+Source: ``unitree_joystick.h`` of unitree_legged_sdk. An all-zero head probably means that the remote is off; this must
+be checked on a robot. A robot that repeats the last bytes of a lost remote would hide the loss.
 """
 
 from __future__ import annotations
@@ -12,20 +12,20 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 SIZE = 40
-"""A definition: bytes of the remote in a packet."""
+"""A definition: bytes of the remote control in a packet."""
 BUTTONS = (
     "R1", "L1", "start", "select", "R2", "L2", "F1", "F2", "A", "B", "X", "Y", "up", "right", "down", "left",
 )  # fmt: skip
-"""A definition: the buttons, from the lowest bit on."""
+"""A definition: the buttons, from the lowest bit."""
 STOPS = (("R2",), ("L2", "B"), ("L2", "A"))
-"""A definition: buttons that, held together, stop the robot."""
+"""A definition: combinations of buttons that stop the robot."""
 
 HEAD = b"\x55\x51"
-"""A level: head of a remote that is on, for twins; any but zero is taken for one."""
+"""A level: head of a remote that is on, for twins; any head other than zero counts as on."""
 
 LOST = 1_000_000_000
-"""A level [ns]: how long a remote that was on may have a head of zeros, until it is taken for lost; ours, nobody has
-published one. Twice as long lets a robot walk on without its operator's stop for a second more."""
+"""A level [ns]: time with a head of zeros after which a remote that was on counts as lost; our figure, since none is
+published. Twice as long lets a robot walk for one more second without its operator's stop."""
 
 
 def mask(buttons: Iterable[str]) -> int:
@@ -42,10 +42,10 @@ def seen(remote: bytes) -> bool:
 
 
 def lost(since: int) -> str | None:
-    """Return a sentence about a remote that was on, and was last seen so long ago [ns], if it is lost."""
+    """Return the reason why a remote last seen this long ago [ns] counts as lost; None if it does not."""
     if since < LOST:
         return None
-    return f"the remote control, which was on, has been off or out of reach for {since / 1e9:.0f} s; switch it on"
+    return f"the remote control has been off or out of reach for {since / 1e9:.0f} s; switch it on"
 
 
 def pressed(remote: bytes) -> frozenset[str]:
@@ -55,12 +55,12 @@ def pressed(remote: bytes) -> frozenset[str]:
 
 
 def stop(remote: bytes) -> str | None:
-    """Return the press that asks for a stop, as "L2 + B", or None.
+    """Return the pressed combination that stops the robot, such as "L2 + B", or None.
 
-    A head of zeros does not hide it: a stop that is not meant costs a test, and one that is missed a robot.
+    It counts even with a head of zeros: an unintended stop costs a test, and a missed one may cost a robot.
     """
     bits = int.from_bytes(remote[2:4], "little")
-    return next((name for name, wanted in _STOPS if bits & wanted == wanted), None) if bits else None
+    return next((name for name, buttons in _STOPS if bits & buttons == buttons), None) if bits else None
 
 
 def packed(buttons: Iterable[str] = ()) -> bytes:

@@ -1,4 +1,4 @@
-"""One rollout of a robot: attach to its guard, record, walk, leave it at rest, and make a trace of the recording."""
+"""One rollout of a robot: attach to its guard, record, walk, bring it to rest, and make a trace of the recording."""
 
 from __future__ import annotations
 
@@ -35,19 +35,19 @@ if TYPE_CHECKING:
 
 @cache
 def pilot() -> Pilot:
-    """Return this process's pilot, which has practised."""
-    made = Pilot(Settings())
-    made.practise()
-    return made
+    """Return this process's pilot, with compiled code."""
+    pilot = Pilot(Settings())
+    pilot.practise()
+    return pilot
 
 
 def run(backend: A1Backend, test: Mapping[str, float], seed: int) -> Trace:
-    """Walk one test, and return its trace; see :meth:`s2r_a1.backend.A1Backend.rollout`.
+    """Run one test, and return its trace; see :meth:`s2r_a1.backend.A1Backend.rollout`.
 
     Raises:
-        NotBegunError: it ended before t = 0.
+        NotBegunError: the test ended before t = 0.
     """
-    own = pilot()  # before anything is asked of the guard: what compiles for seconds would be silence to it
+    own = pilot()  # before the first request to the guard, which would take seconds of compiling for silence
     command = Command(test["vd"], test["vy"], test["wz"])
     schedule = Schedule.of(command, seed, round(backend.duration * RATE), own.settings.gains)
     about = {
@@ -82,7 +82,7 @@ def run(backend: A1Backend, test: Mapping[str, float], seed: int) -> Trace:
 
 
 def _walk(client: Client, own: Pilot, schedule: Schedule, backend: A1Backend) -> Walked:
-    """Walk, end the recording, and leave the robot at rest, or standing where nobody is asked before the next test."""
+    """Walk, end the recording, and bring the robot to rest; a robot without an operator stays standing."""
     stays = backend.reached.operator == "auto"
     try:
         with undisturbed(first=not client.lockstep):
@@ -104,7 +104,7 @@ def _walk(client: Client, own: Pilot, schedule: Schedule, backend: A1Backend) ->
 
 
 def _fresh(kept: str | None, seed: int) -> Path:
-    """Return the path of a recording that does not exist yet."""
+    """Return the path of a new recording."""
     raw = folder() / "raw" if kept is None else Path(kept)
     raw.mkdir(parents=True, exist_ok=True)
     number = len(list(raw.glob(f"*{SUFFIX}")))
@@ -114,7 +114,7 @@ def _fresh(kept: str | None, seed: int) -> Path:
 
 
 def _seen(trace: Trace, walked: Walked, listener: Listener, placing: mocap.Placing, client: Client) -> Trace:
-    """Return the trace with the velocity by motion capture; where that gives none, it is void and has no numbers."""
+    """Return the trace with the velocity by motion capture; if there is none, the trace is void, with NaN for it."""
     second = SECONDS[client.unit]
     first = next(note for note in walked.notes if note.tick >= 0)
     states = State(np.array([note.state.flat for note in walked.notes]).T)
@@ -141,16 +141,15 @@ def _seen(trace: Trace, walked: Walked, listener: Listener, placing: mocap.Placi
 
 
 def lost(backend: A1Backend, about: Mapping[str, Any], reason: str) -> Trace:
-    """Return what stands for a walk whose recording cannot be used: one sample of nothing, void by the disk."""
+    """Return the placeholder for a walk without a valid recording: one sample of NaN, void by the disk."""
     nothing = {c.name: np.full((1, c.width) if c.width > 1 else 1, np.nan) for c in backend.channels}
     return Trace(np.zeros(1), nothing, recording.UNITS, {**about, "void": "disk", "reason": reason})
 
 
 def ended(trace: Trace, walked: Walked, schedule: Schedule, path: Path) -> Trace:
-    """Return the trace of a walk with what ended it, if that was before the end of the test, and where its packets are.
+    """Return the trace of a walk with the cause of an early end and the name of its raw recording.
 
-    What the robot ended counts even if its recording is lost; a test that went on and was not recorded to its end is
-    void.
+    An end by the robot counts even if its recording is lost. A test whose recording ends before it is void.
     """
     meta: dict[str, Any] = {**trace.meta, "raw": path.name}
     ending = walked.ending
@@ -165,6 +164,6 @@ def ended(trace: Trace, walked: Walked, schedule: Schedule, path: Path) -> Trace
     if not {"failure", "void"} & meta.keys() and round(trace.times[-1] * RATE) < schedule.hold:
         meta |= {
             "void": "disk",
-            "reason": f"the recording ends {trace.times[-1]:g} s after the command, before the test does",
+            "reason": f"the recording ends {trace.times[-1]:g} s after the command, before the end of the test",
         }
     return Trace(trace.times, trace.channels, trace.units, meta)

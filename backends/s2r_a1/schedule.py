@@ -1,9 +1,9 @@
-"""Which command holds at which control tick of a test.
+"""The velocity command at every control tick of a test.
 
-    trot in place   at least 1.2 s, so long that the gait has the seed's phase at t = 0
-    the test        its command from t = 0 to its duration, both included
-    ramp            to no command in 0.5 s
-    trot in place   until all four feet stand; then the guard takes over
+    trot in place   for at least 1.2 s, until the gait has the seed's phase at t = 0
+    the test        the command of the test, from t = 0 to its duration inclusive
+    ramp            to zero in 0.5 s
+    trot in place   until all four feet are on the ground; then the guard takes over
 
 A tick is 2 ms; tick 0 is t = 0.
 """
@@ -18,10 +18,10 @@ from s2r_sim.plant.noise import Noise, draw
 from s2r_sim.robot.signals import Command
 
 TROT = 600
-"""A budget [ticks]: the least that the robot trots in place before a test, 1.2 s, as long as it does in the simulator.
-Twice as much costs 1.2 s a rollout."""
+"""A budget [ticks]: shortest time of trotting in place before a test, 1.2 s, as in the simulator. Twice as much costs
+1.2 s per rollout."""
 RAMP = 250
-"""A budget [ticks]: of the way from the command to none, 0.5 s. Twice as much costs 0.5 s and 8 cm of floor."""
+"""A budget [ticks]: duration of the ramp to zero, 0.5 s. Twice as much costs 0.5 s and 8 cm of floor."""
 
 _STILL = Command()
 
@@ -31,9 +31,9 @@ class Schedule:
     """One test, in control ticks.
 
     Attributes:
-        command: of the test.
+        command: velocity command of the test.
         trot: ticks of trotting in place before t = 0.
-        hold: the last tick of the test itself.
+        hold: last tick of the test itself.
     """
 
     command: Command
@@ -42,10 +42,10 @@ class Schedule:
 
     @classmethod
     def of(cls, command: Command, seed: int, ticks: int, gains: Gains) -> Schedule:
-        """Return the schedule of a test that holds its command for so many ticks after t = 0.
+        """Return the schedule of a test that holds its command for this number of ticks after t = 0.
 
         The gait begins with all feet on the ground. Its phase at t = 0 is the one that the simulator draws from
-        this seed.
+        the same seed.
         """
         period = Gait.of(gains).period
         phase = draw(Noise(), seed, 0, period).phase
@@ -55,20 +55,20 @@ class Schedule:
         """Return the command at a tick."""
         if tick < 0:
             return _STILL
-        left = min(1.0, max(0.0, 1.0 - (tick - self.hold) / RAMP))
-        if left == 1.0:
+        scale = min(1.0, max(0.0, 1.0 - (tick - self.hold) / RAMP))
+        if scale == 1.0:
             return self.command
-        return Command(*(left * part for part in self.command))
+        return Command(*(scale * velocity for velocity in self.command))
 
     def cut(self, tick: int) -> Schedule:
-        """Return the schedule of a test that ends at this tick, if it would go on."""
+        """Return the schedule of the same test, ended at this tick at the latest."""
         return replace(self, hold=min(self.hold, tick))
 
     def is_over(self, tick: int) -> bool:
-        """Return whether the robot may be halted as soon as all feet stand."""
+        """Return whether the robot may be halted once all feet are on the ground."""
         return tick >= self.hold + RAMP
 
     @property
     def seconds(self) -> float:
-        """How long the robot walks, at most [s]."""
+        """Longest time of walking [s]."""
         return (self.trot + self.hold + RAMP) / RATE + Gains().period / 2.0

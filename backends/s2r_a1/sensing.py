@@ -1,8 +1,8 @@
-"""Turns what the robot reports into the state that the simulator's controller takes.
+"""Turn the robot's readings into states for the simulator's controller.
 
-Attitude, rates and joints are read. Position and velocity are not measured by an A1: they are the estimate of
-:mod:`s2r_sim.controller.estimator`, from leg odometry, gyroscope and accelerometer. The heading counts from where
-the robot looked at the first reading, so that it starts ahead, as it does in the simulator.
+An A1 measures attitude, rates and joints, but not its position and velocity. These are the estimate of
+:mod:`s2r_sim.controller.estimator`, from leg odometry, gyroscope and accelerometer. The heading counts from the first
+reading, so that the robot starts straight ahead, as in the simulator.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from s2r_sim.robot.signals import State
 
 
 class Sensed(NamedTuple):
-    """What is known at one reading.
+    """The estimated state at one reading.
 
     Attributes:
-        state: for the controller; its world begins below the robot, and looks where the robot looked.
-        estimate: of position and velocity, to go on from.
-        heading: yaw by the IMU at the first reading [rad].
+        state: state for the controller, in a frame at the robot's start and first heading.
+        estimate: estimate of position and velocity, for the next update.
+        heading: yaw of the IMU at the first reading [rad].
         tick: the robot's clock at this reading.
     """
 
@@ -45,14 +45,14 @@ def control_ticks(before: int, after: int, unit: TickUnit) -> float:
 
 
 def sense(robot: Robot, before: Sensed | None, reading: Reading, stance: Stance, ticks: float) -> Sensed:
-    """Return what is known at a reading.
+    """Return the estimated state at a reading.
 
     Args:
-        robot: its kinematics.
-        before: what was known at the last reading; None at the first.
-        reading: from the robot.
-        stance: which feet the gait has on the ground.
-        ticks: since ``before``, by the robot's clock, in control ticks of 2 ms.
+        robot: kinematics of the robot.
+        before: estimated state at the last reading; None at the first.
+        reading: the reading.
+        stance: feet that the gait has on the ground.
+        ticks: time since ``before`` by the robot's clock, in control ticks of 2 ms.
     """
     w, x, y, z = (reading.quaternion / np.linalg.norm(reading.quaternion)).tolist()
     roll, pitch, yaw = rpy_from_wxyz(w, x, y, z)
@@ -62,7 +62,7 @@ def sense(robot: Robot, before: Sensed | None, reading: Reading, stance: Stance,
     flat[9:12], flat[12:24], flat[24:] = reading.gyro, reading.q, reading.dq
     state = State(flat)
     fx, fy, fz = reading.accelerometer.tolist()
-    known = None if before is None else before.estimate
-    estimate = estimator.update(robot, known, state, (fx, fy, fz), stance, ticks)
+    previous = None if before is None else before.estimate
+    estimate = estimator.update(robot, previous, state, (fx, fy, fz), stance, ticks)
     state.position[:], state.velocity[:] = estimate
     return Sensed(state, estimate, heading, reading.tick)

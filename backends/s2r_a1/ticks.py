@@ -1,8 +1,9 @@
-"""Decides from the robot's own clock whether a state is new.
+"""Decide from the robot's own clock whether a state is new.
 
-Every state carries a tick, 32 bits of a clock whose unit no document settles: milliseconds or microseconds. A driver
-may hand out the last state again when nothing arrives, and a network may repeat or reorder packets; only the tick
-tells. :class:`Ticks` judges each, measures the unit over the first half second, and counts what was wrong.
+Every state has a tick, 32 bits of a clock. Its unit is milliseconds or microseconds; no document says which. A driver
+may return the last state again if nothing arrives, and a network may repeat or reorder packets, so only the tick shows
+whether a state is new. :class:`Ticks` checks each tick, measures the unit over the first half second, and counts
+faults.
 """
 
 from __future__ import annotations
@@ -17,35 +18,35 @@ SECONDS: dict[TickUnit, float] = {"ms": 1e-3, "us": 1e-6}
 PERIOD = 0.002
 """A definition: seconds between two states of the robot, and of one round in lock step."""
 MEASURED = 0.5
-"""A budget: seconds over which the unit of the ticks is measured; twice as long halves the effect of a late packet."""
+"""A budget [s]: time over which the unit of the ticks is measured; twice as long halves the effect of a late packet."""
 CLOSE = 0.1
-"""A tolerance: how far the rate of the ticks may be from its unit, as a part of it. Packets that are 8 ms late at
-both ends change the rate by 3 %; the two units differ by a factor of 1000, so twice this decides the same."""
+"""A tolerance: relative error of the measured rate of the ticks. Packets that are 8 ms late at both ends change the
+rate by 3 %. The two units differ by a factor of 1000, so twice as much decides the same."""
 AHEAD = 0.1
-"""A tolerance [s]: how far a tick may run ahead of the time since the state before. Twice as much finds a clock that
-jumps or changes its unit from jumps of 0.2 s on."""
+"""A tolerance [s]: advance of a tick beyond the time since the state before. Twice as much finds a clock that jumps or
+changes its unit only from jumps of 0.2 s on."""
 STILL = 1e-4
-"""A tolerance [s]: a tick that advances by less is one that stands still, as where µs become ms. The fastest robots
-known send every millisecond; from ten times this on, their states would not count."""
+"""A tolerance [s]: smallest advance of a tick; a smaller one counts as none, as after a change from µs to ms. The
+fastest known robots send every millisecond; with ten times as much their states would not count."""
 
 TickFault = Literal["repeated", "backwards", "clock"]
 
 
 @dataclass
 class Counters:
-    """What happened on a link since it was opened.
+    """Counts of packets on a link since it was opened.
 
     Attributes:
-        received: packets from the peer, good or not.
-        late: reads that found nothing new.
-        lost: states that are missing between two that came, by the robot's clock.
-        corrupt: packets of a wrong length, level or checksum.
-        numbers: packets with a number in them that cannot be.
-        repeated: states whose tick came before: duplicates, or a clock that stands still.
-        backwards: states older than one that came before.
-        clock: states whose tick jumped ahead of the time that passed.
+        received: packets from the peer, valid or not.
+        late: reads without a new state.
+        lost: states missing between two received ones, by the robot's clock.
+        corrupt: packets with a wrong length, level or checksum.
+        numbers: packets with an impossible number.
+        repeated: states with a repeated tick: duplicates, or a clock that stands still.
+        backwards: states older than an earlier one.
+        clock: states whose tick advanced further than the time that passed.
         foreign: packets from another address.
-        unsent: packets that the network refused to take.
+        unsent: packets that the network refused.
     """
 
     received: int = 0
@@ -61,11 +62,11 @@ class Counters:
 
 
 class Ticks:
-    """The robot's clock, as its states show it.
+    """The robot's clock, as read from its states.
 
     Attributes:
-        unit: of the ticks; None until it is measured.
-        refusal: a sentence if the ticks have neither unit, until they have one.
+        unit: unit of the ticks; None until it is measured.
+        refusal: a message while the ticks have no known unit.
     """
 
     def __init__(self, counters: Counters, unit: TickUnit | None = None) -> None:
@@ -76,7 +77,7 @@ class Ticks:
         self._first: tuple[float, int] | None = None
 
     def judge(self, tick: int, now: float) -> TickFault | None:
-        """Return what is wrong with the tick of a state that came at ``now`` [s], or None if the state is new."""
+        """Return the fault of a state's tick, for a state received at ``now`` [s]; None if the state is new."""
         if self._last is None:
             self._last = self._first = (now, tick)
             return None
@@ -100,7 +101,7 @@ class Ticks:
         return None
 
     def forget(self) -> None:
-        """Begin anew, as when a robot was switched off and on: the next state is new, and the unit is measured."""
+        """Start again, as after the robot was switched off and on: the next state is new, and the unit is measured."""
         self.unit = self.refusal = self._last = self._first = None
 
     def _measure(self, now: float, tick: int) -> None:
@@ -113,14 +114,14 @@ class Ticks:
         self.refusal = None
         if self.unit is None:
             self.refusal = (
-                f"the robot's clock runs at {rate:.0f} ticks a second, which is neither milliseconds nor "
+                f"the robot's clock runs at {rate:.0f} ticks per second, which is neither milliseconds nor "
                 "microseconds; check that the address is the robot's motion controller"
             )
             self._first = (now, tick)
 
 
 def unit_of(rate: float) -> TickUnit | None:
-    """Return the unit of a clock with so many ticks a second; None if it is neither ms nor µs."""
+    """Return the unit of a clock from its rate [ticks/s]; None if it is neither ms nor µs."""
     for unit, seconds in SECONDS.items():
         if abs(rate * seconds - 1.0) <= CLOSE:
             return unit
@@ -128,5 +129,5 @@ def unit_of(rate: float) -> TickUnit | None:
 
 
 def elapsed(before: int, after: int) -> int:
-    """Return the ticks from one state to another of a clock of 32 bits that begins again; negative if it went back."""
+    """Return the ticks from one state to another, for a 32-bit clock that wraps around; negative if it went back."""
     return ((after - before + 0x80000000) & 0xFFFFFFFF) - 0x80000000

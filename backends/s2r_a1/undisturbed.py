@@ -1,4 +1,4 @@
-"""Keeps a process that must act every 2 ms from being held up by its own memory, or by other processes."""
+"""Keep garbage collection and other processes from delaying a process that must act every 2 ms."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from contextlib import contextmanager, suppress
 
 @contextmanager
 def undisturbed(first: bool) -> Iterator[None]:
-    """Collect no garbage meanwhile; ``first`` also comes before other processes, where the system allows it."""
+    """Disable garbage collection in the block; ``first`` also requests real-time priority, if the system allows it."""
     gc.collect()
     gc.freeze()
     gc.disable()
-    restore = _come_first() if first else None
+    restore = _real_time_priority() if first else None
     try:
         yield
     finally:
@@ -25,8 +25,8 @@ def undisturbed(first: bool) -> Iterator[None]:
         gc.unfreeze()
 
 
-def _come_first() -> tuple[int, os.sched_param] | None:
-    """Take the lowest priority in real time, and return what was there before; None where that cannot be."""
+def _real_time_priority() -> tuple[int, os.sched_param] | None:
+    """Set the lowest real-time priority, and return the old policy and priority; None if the system forbids it."""
     if not hasattr(os, "sched_setscheduler"):
         return None
     before = os.sched_getscheduler(0), os.sched_getparam(0)

@@ -1,11 +1,11 @@
-"""Drives a robot through the vendor's own Python module, where a user has one.
+"""Connect to a robot through the vendor's own Python module, if a user has one.
 
-Two modules are in use. *Binding A* has a class ``RobotInterface`` with ``send_command`` of 60 numbers, five a motor
+Two modules are in use. *Binding A* has a class ``RobotInterface`` with ``send_command`` of 60 numbers, five per motor
 (q, kp, dq, kd, tau), and ``receive_observation``. *Binding B* has ``UDP``, ``LowCmd`` and ``LowState``.
 
-A :class:`VendorLink` never touches the module's ``Safety``: it ends the process that calls it, before the motors are
-damped. Nor does it trust the module's word that a state came, since a dead link hands out the last one again: only
-the robot's tick tells. What goes in or out passes :mod:`s2r_a1.wire`, with the same refusals.
+A :class:`VendorLink` never uses the module's ``Safety``, which ends the calling process before the motors are damped.
+It does not rely on the module for new states, because a dead link returns the last state again: only the robot's tick
+shows a new one. All data pass through :mod:`s2r_a1.wire`, with the same checks.
 """
 
 from __future__ import annotations
@@ -38,14 +38,14 @@ from s2r_a1.wire import (
 )
 
 COMPILED_IN: Address = ("192.168.123.10", 8007)
-"""A definition: the only robot that binding A speaks to; its address is compiled in."""
+"""A definition: the only robot that binding A can reach; its address is compiled in."""
 
 
 class Driver(Protocol):
-    """The vendor's module, in either shape."""
+    """The vendor's module, with either binding."""
 
     def read(self) -> Any:
-        """Return the vendor's ``LowState``; the last one again if none came."""
+        """Return the vendor's ``LowState``; the last one again if no new one arrived."""
 
     def write(self, orders: Orders) -> None:
         """Send orders that fit their fields."""
@@ -58,20 +58,20 @@ class BindingA:
         """Open the module's socket; nothing is sent.
 
         Raises:
-            LinkError: the robot is not the one that the module speaks to.
+            LinkError: the module cannot reach this robot.
         """
         if peer != COMPILED_IN:
             raise LinkError(
-                f"this module speaks to {COMPILED_IN[0]}:{COMPILED_IN[1]} only, not to {peer[0]}:{peer[1]}; "
-                "leave the module out to use the built-in wire"
+                f"this module reaches {COMPILED_IN[0]}:{COMPILED_IN[1]} only, not {peer[0]}:{peer[1]}; "
+                "leave module out to use the built-in wire protocol"
             )
         try:
             self._robot = module.RobotInterface(LOW_LEVEL)
-        except TypeError:  # older modules know the low level only
+        except TypeError:  # older modules have the low level only
             self._robot = module.RobotInterface()
 
     def read(self) -> Any:
-        """Return the vendor's ``LowState``; the last one again if none came."""
+        """Return the vendor's ``LowState``; the last one again if no new one arrived."""
         return self._robot.receive_observation()
 
     def write(self, orders: Orders) -> None:
@@ -95,7 +95,7 @@ class BindingB:
         self._motors = self._command.motorCmd
 
     def read(self) -> Any:
-        """Return the vendor's ``LowState``; the last one again if none came."""
+        """Return the vendor's ``LowState``; the last one again if no new one arrived."""
         self._udp.Recv()
         self._udp.GetRecv(self._state)
         return self._state
@@ -112,13 +112,13 @@ class BindingB:
 class VendorLink:
     """A :class:`s2r_a1.link.Link` over the vendor's module, in real time.
 
-    What the module raises is silence, or a command that was not sent: whoever holds the link must outlive it.
+    An exception of the module counts as silence, or as a command that was not sent: the guard must survive it.
 
     Attributes:
-        counters: what happened since the link was opened.
-        packet: the state that the last read came to its answer by, packed from the module's numbers.
-        fault: why the last read gave nothing; None where it gave a reading.
-        tap: sees every packet with its direction.
+        counters: counts of packets since the link was opened.
+        packet: the state that decided the last read, packed from the module's numbers.
+        fault: why the last read gave no state; None if it gave one.
+        tap: function that receives every packet with its direction.
     """
 
     def __init__(self, driver: Driver, layout: Layout, clock: Callable[[], float] = time.monotonic) -> None:
@@ -138,11 +138,11 @@ class VendorLink:
 
     @property
     def refusal(self) -> str | None:
-        """A sentence if the robot's ticks have no known unit."""
+        """A message if the robot's ticks have no known unit."""
         return self._ticks.refusal
 
     def read(self) -> Reading | None:
-        """Return the state that the module has, or None if it was returned before or must not be used."""
+        """Return the module's state; None if it was returned before or is not valid."""
         self.packet, self.fault = b"", "silence"
         reading = self._fresh()
         self.counters.late += reading is None
@@ -168,35 +168,35 @@ class VendorLink:
         """Send nothing: silence needs no packet in real time."""
 
     def fileno(self) -> None:
-        """Return None: the module's socket is its own, and it must be asked."""
+        """Return None, because the module hides its socket and must be polled."""
 
     def forget(self) -> None:
-        """Take the next state for new and measure the unit again, as after the robot was switched off and on."""
+        """Accept the next state as new and measure the unit again, as after the robot was switched off and on."""
         self._ticks.forget()
 
     def close(self) -> None:
-        """Let go of the module's socket; the module closes it when nothing holds it."""
+        """Release the module's objects; the module then closes its socket."""
         self._driver = None
 
     def _opened(self) -> Driver:
         if self._driver is None:
-            raise LinkError("this link is closed; open another")
+            raise LinkError("this link is closed; open a new one")
         return self._driver
 
     def _fresh(self) -> Reading | None:
         driver = self._opened()
         try:
             state = driver.read()
-            if not any(state.imu.quaternion):  # nothing came yet: the module's state is all zero
+            if not any(state.imu.quaternion):  # no state has arrived: the module's state is all zero
                 return None
-            given = _reading(state)
+            raw = _reading(state)
         except Exception:
             return None
         self.counters.received += 1
         try:
-            if not np.isfinite(given.tau).all():  # an integer on the wire, which would hide it
+            if not np.isfinite(raw.tau).all():  # the integer field of the packet would hide it
                 raise WireError("number", "a torque is not finite")
-            self.packet = pack_reading(given, self._layout)
+            self.packet = pack_reading(raw, self._layout)
             reading = unpack(self.packet, self._layout)
         except (ValueError, OverflowError):  # WireError is one
             self.counters.numbers += 1
@@ -213,21 +213,21 @@ class VendorLink:
 def opened(
     name: str, layout: Layout, peer: Address, port: int = 0, clock: Callable[[], float] = time.monotonic
 ) -> VendorLink:
-    """Return a link over a module that is installed under this name.
+    """Return a link over an installed module.
 
     Args:
-        name: of the module, as "robot_interface".
-        layout: of the robot's packets.
-        peer: the robot.
-        port: local; binding B takes any that is free for 0, and binding A has its own.
+        name: name of the module, such as "robot_interface".
+        layout: layout of the robot's packets.
+        peer: address of the robot.
+        port: local port; 0 is any free one for binding B, and binding A has its own.
         clock: time [s], against which the robot's ticks are measured.
 
     Raises:
-        LinkError: there is no such module, it has neither of the two shapes, or it is not for this robot.
+        LinkError: there is no such module, it has neither binding, or it is not for this robot.
     """
     try:
         module = import_module(name)
-    except Exception as error:  # others' code may raise anything
+    except Exception as error:  # third-party code may raise anything
         raise LinkError(f"the vendor's module {name!r} cannot be imported: {error}; leave it out") from None
     binding_a = hasattr(module, "RobotInterface")
     if not binding_a and not all(hasattr(module, part) for part in ("UDP", "LowCmd", "LowState")):
@@ -237,7 +237,7 @@ def opened(
         )
     if hasattr(getattr(module, "LowState", None), "bms") != (layout is GO1):  # the battery is the Go1's
         raise LinkError(
-            f"the module {name!r} is not the {layout.name}'s, by the fields of its states; "
+            f"the fields of the module {name!r} are not those of the {layout.name}; "
             "name the module of this robot, or leave it out"
         )
     try:

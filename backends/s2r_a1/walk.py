@@ -1,11 +1,11 @@
-"""Walks one test: stand, trot in place, the command at t = 0, ramp down, stand again.
+"""Walk one test: stand, trot in place, step to the command at t = 0, ramp down, stand again.
 
     line.receive()      the newest state of the robot, through the guard
-    line.request(...)   what the guard is asked for: it acts in the round of that state
-    line.send(orders)   what the motors are to do
+    line.request(...)   a request to the guard, which acts in the round of that state
+    line.send(orders)   the commands for the motors
 
-The guard decides: it ends the walk when a limit is passed, and says so by a change of its state. Before t = 0 that is
-no rollout (:class:`NotBegunError`); after it, the walk so far and the guard's word for what ended it.
+The guard ends the walk when a limit is exceeded, and changes its state. Before t = 0 there is then no rollout
+(:class:`NotBegunError`); later the result is the walk so far, and the guard's word for the cause.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ from s2r_a1.wire import Orders, Reading, WireError
 from s2r_spec.errors import BackendError, NotBegunError
 
 GETTING_UP = 5000
-"""A budget [rounds of 2 ms]: how long getting up or down may take, 10 s. Twice as much waits longer for one that is
+"""A budget [rounds of 2 ms]: time to stand up or to lie down, 10 s. Twice as much waits longer for a robot that is
 stuck."""
 SETTLING = 250
-"""A budget [rounds of 2 ms]: of standing still before a walk and after it, 0.5 s. Twice as much costs 1 s a rollout."""
+"""A budget [rounds of 2 ms]: time of standing still before and after a walk, 0.5 s. Twice as much costs 1 s more."""
 GONE = "GONE"
-"""A definition: the state of a guard that ended while the robot was in its care."""
+"""A definition: the state of a guard that ended while a client was attached."""
 
 
 class Change(NamedTuple):
-    """A state of the guard, and why it is in it: a word and a sentence, empty where all is well."""
+    """A state of the guard, with the reason as a word and a sentence; both "" if nothing is wrong."""
 
     state: str
     word: str = ""
@@ -39,12 +39,12 @@ class Change(NamedTuple):
 
 
 class Line(Protocol):
-    """The way to the robot: the guard's, or a test's own.
+    """The connection to the robot: through the guard, or a substitute in tests.
 
     Attributes:
-        unit: of the robot's clock.
+        unit: unit of the robot's clock.
         change: the newest state of the guard, as of the last ``receive`` or ``request``.
-        wanted: what the guard asks for, STAND or RESTING, and why; None as long as the robot may walk on.
+        wanted: the state that the guard requests, STAND or RESTING, and why; None while the robot may walk on.
     """
 
     unit: TickUnit
@@ -52,29 +52,29 @@ class Line(Protocol):
     wanted: Change | None
 
     def receive(self) -> Reading | None:
-        """Return the state of this round; None where none came that can be used."""
+        """Return the state of this round; None if no valid one arrived."""
         ...
 
     def send(self, orders: Orders | None) -> None:
-        """Send the orders of this round, or none."""
+        """Send the commands of this round, or none."""
         ...
 
     def request(self, do: str, **fields: Any) -> Mapping[str, Any]:
-        """Ask the guard for something, and return its reply.
+        """Send a request to the guard, and return its reply.
 
         Raises:
-            BackendError: it refuses; the sentence says why.
+            BackendError: the guard refuses; the message says why.
         """
         ...
 
 
 @dataclass(frozen=True)
 class Walked:
-    """What a walk left behind.
+    """The result of a walk.
 
     Attributes:
-        notes: at every reading, from the first tick of trotting in place on, up to a stop that was asked for.
-        ending: what ended it early; None where it went as planned.
+        notes: notes at every reading, from the first tick of trotting in place up to a requested stop.
+        ending: the cause of an early end; None if the walk went as planned.
     """
 
     notes: tuple[Note, ...]
@@ -88,17 +88,17 @@ def walk(
     ready: Callable[[], None] | None = None,
     begins: Callable[[], None] | None = None,
 ) -> Walked:
-    """Walk one test; the robot stands afterwards, unless something ended the walk.
+    """Walk one test; the robot stands afterwards, unless the guard ended the walk.
 
     Args:
-        line: to the robot.
-        pilot: has practised: what compiles for a second now is silence to the guard.
-        schedule: of the test.
-        ready: raises a NotBegunError if a robot that stands shall not walk yet.
-        begins: is called at t = 0.
+        line: connection to the robot.
+        pilot: pilot with compiled code, because compiling now would be silence to the guard.
+        schedule: schedule of the test.
+        ready: raises a NotBegunError if the standing robot must not walk yet.
+        begins: function to call at t = 0.
 
     Raises:
-        NotBegunError: something ended it before t = 0.
+        NotBegunError: the walk ended before t = 0.
         BackendError: the guard refused a request.
     """
     reading = stand(line)
@@ -113,7 +113,7 @@ def walk(
 
 
 def stand(line: Line) -> Reading:
-    """Have the robot stand up, or stand on, and return the newest reading of one that stands still.
+    """Have the robot stand up if it lies, and return the newest reading once it stands still.
 
     Raises:
         NotBegunError: the guard ended it, or it took too long.
@@ -130,11 +130,11 @@ def stand(line: Line) -> Reading:
             return reading
         line.send(None)
         reading = line.receive()
-    raise NotBegunError("the robot did not stand up within 10 s; look what holds it, and try again")
+    raise NotBegunError("the robot did not stand up within 10 s; check what holds it, and try again")
 
 
 def rest(line: Line) -> None:
-    """Have a robot that stands lie down, and return when it does, or when the guard has another plan.
+    """Have a standing robot lie down; return when it lies, or when the guard does something else.
 
     Raises:
         BackendError: the guard refuses.
@@ -151,7 +151,7 @@ def rest(line: Line) -> None:
 def _walk(
     line: Line, pilot: Pilot, schedule: Schedule, reading: Reading, begins: Callable[[], None] | None
 ) -> tuple[list[Note], Change | None]:
-    """Return the notes of a walk that begins at a reading, and what ended it early."""
+    """Return the notes of a walk from a reading on, and the cause of an early end."""
     notes: list[Note] = []
     pilot.begin(schedule, line.unit)
     line.request("walk")
@@ -164,7 +164,7 @@ def _walk(
                 stopped = line.wanted
                 pilot.stop()
             note = pilot.step(newest)
-            if not stopped:  # what comes after is no longer of the test
+            if not stopped:  # later notes do not belong to the test
                 notes.append(note)
             if begins is not None and note.tick >= 0:
                 begins()
@@ -172,12 +172,12 @@ def _walk(
             if pilot.is_done(note):
                 return notes, _halted(line) or stopped
             ordered = orders(note)
-        # Without a new state the last orders go out again: the guard is to know that this end is alive.
+        # Without a new state the last orders are sent again, to show the guard that this process is alive.
         try:
             line.send(ordered)
             newest = line.receive()
         except WireError as error:
-            return notes, _damped(line, f"the controller asks for what no motor can do: {error}")
+            return notes, _damped(line, f"the controller commands a number that no motor can take: {error}")
         except BackendError as error:
             return notes, Change(GONE, "link", str(error))
         if line.change.state != "WALK":
@@ -185,7 +185,7 @@ def _walk(
 
 
 def _halted(line: Line) -> Change | None:
-    """Have the guard take over; return what it did instead, if it was quicker."""
+    """Have the guard take over; return its change of state if it acted before."""
     try:
         line.request("halt")
     except BackendError:
@@ -194,14 +194,14 @@ def _halted(line: Line) -> Change | None:
 
 
 def _damped(line: Line, reason: str) -> Change:
-    """Have the robot damped; what its controller does is an outcome."""
+    """Have the robot damped; a fault of its controller is an outcome."""
     with suppress(BackendError):
         line.request("damp", reason=reason)
     return Change("DAMPING", "torque", reason)
 
 
 def _settle(line: Line) -> None:
-    """Let rounds pass until the robot is still; the recording goes on."""
+    """Wait for ``SETTLING`` rounds until the robot is still; the recording goes on."""
     with suppress(BackendError):
         for _ in range(SETTLING):
             if line.change.state == GONE:
@@ -211,7 +211,5 @@ def _settle(line: Line) -> None:
 
 
 def _sentence(change: Change) -> str:
-    """Return why a walk did not begin."""
-    return (
-        change.reason or f"the guard of the robot is in the state {change.state}, in which no walk can begin"
-    )
+    """Return the reason why a walk did not begin."""
+    return change.reason or f"the guard of the robot is in the state {change.state}; a walk begins in STAND"

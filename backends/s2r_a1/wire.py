@@ -1,7 +1,7 @@
-"""The packets of the robot's low-level interface, to the byte.
+"""The packets of the robot's low-level interface, byte by byte.
 
-A command goes to the robot every 2 ms, and a state comes back. Both are packed little-endian structures that end in
-a CRC-32/MPEG-2 of their words. Two robots are known: the A1 (610 and 771 bytes) and the Go1 (614 and 807 bytes).
+A command goes to the robot every 2 ms, and a state comes back. Both are packed little-endian structures that end with
+a CRC-32/MPEG-2 of their words. Two robots are supported: the A1 (610 and 771 bytes) and the Go1 (614 and 807 bytes).
 
 Motors are in the order FR, FL, RR, RL, each hip, thigh, calf. Units: rad, rad/s, N·m, N·m/rad, N·m·s/rad.
 Source: packets of the vendor's compiled library (unitree_legged_sdk v3.2 to v3.8.4), byte by byte; the two vectors
@@ -26,11 +26,11 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 MOTORS = 12
-"""A definition: motors that a quadruped has. The packets have room for 20."""
+"""A definition: motors of a quadruped. The packets have room for 20."""
 CLOSED_LOOP = 0x0A
-"""A definition: the mode of a motor that follows its orders; in a state any other mode is a fault."""
+"""A definition: the mode of a motor that follows its commands; in a state any other mode is a fault."""
 LOW_LEVEL = 0xFF
-"""A definition: the level flag of a packet for the motors. Other levels speak to the vendor's own walking."""
+"""A definition: the level flag of a packet for the motors. Other levels control the vendor's own walking."""
 POSITION_OFF = 2.146e9
 """A definition: a commanded angle [rad] that switches the position loop off (the vendor's ``PosStopF``)."""
 SPEED_OFF = 16000.0
@@ -48,11 +48,10 @@ Fault = Literal["length", "level", "crc", "number"]
 
 
 class WireError(ValueError):
-    """A packet, or the numbers for one, that must not be used.
+    """A packet, or a number for a packet, is not valid.
 
     Attributes:
-        fault: what is wrong: "length", "level" or "crc" of a packet, or a "number" in it that is not finite or
-            does not fit its field.
+        fault: "length", "level" or "crc" of a packet, or a "number" that is not finite or does not fit its field.
     """
 
     def __init__(self, fault: Fault, sentence: str) -> None:
@@ -61,7 +60,7 @@ class WireError(ValueError):
 
 
 class Orders(NamedTuple):
-    """Orders for the twelve motors, each (12,): τ = tau + kp (q − q_measured) + kd (dq − dq_measured)."""
+    """Commands for the twelve motors, each (12,): τ = tau + kp (q − q_measured) + kd (dq − dq_measured)."""
 
     q: FloatArray
     dq: FloatArray
@@ -71,12 +70,12 @@ class Orders(NamedTuple):
 
 
 class Command(NamedTuple):
-    """Orders as a packet has them, for the twelve motors.
+    """A packet's commands for the twelve motors, in its own numbers.
 
     Attributes:
         data: the packet.
-        layout: its own.
-        mode: of the motors; see ``CLOSED_LOOP``.
+        layout: layout of the packet.
+        mode: modes of the motors; see ``CLOSED_LOOP``.
         q: angles [rad].
         dq: speeds [rad/s].
         tau: torques, in counts.
@@ -94,11 +93,11 @@ class Command(NamedTuple):
     kd: tuple[int, ...]
 
     def plain(self) -> bool:
-        """Return whether the packet is the one that :func:`pack` makes of its orders, with nothing else in it."""
+        """Return whether the packet equals the one that :func:`pack` makes of its orders."""
         return self.mode == _ALL_CLOSED and self.data == _command(*self[3:], self.layout)
 
     def orders(self) -> Orders:
-        """Return what the motors of a robot make of it; see :func:`unpack_orders`."""
+        """Return the commands that the motors follow; see :func:`unpack_orders`."""
         numbers = np.array((self.q, self.dq, self.kp, self.kd, self.tau), dtype=np.float64)
         gains = numbers[2:]
         gains /= _SCALES
@@ -117,16 +116,16 @@ class Reading(NamedTuple):
 
     Attributes:
         quaternion: (4,) attitude w, x, y, z.
-        gyro: (3,) angular velocity, base axes [rad/s].
+        gyro: (3,) angular velocity in base axes [rad/s].
         accelerometer: (3,) specific force, base axes [m/s²]; +9.81 in z at rest.
         q: (12,) joint angles [rad].
         dq: (12,) joint speeds [rad/s].
         tau: (12,) torques that the motors report [N·m].
-        temperature: (12,) of the motors [°C].
-        mode: (12,) of the motors; see ``CLOSED_LOOP``.
+        temperature: (12,) temperatures of the motors [°C].
+        mode: (12,) modes of the motors; see ``CLOSED_LOOP``.
         tick: the robot's clock, 32 bits; its unit is measured (:mod:`s2r_a1.ticks`).
         remote: the 40 bytes of the remote control.
-        error: (12,) error words of the motors; 0 is none.
+        error: (12,) error words of the motors; 0 for no error.
         foot_force: (4,) raw counts of the foot sensors.
     """
 
@@ -165,13 +164,13 @@ _REMOTE = [("remote", "u1", 40), ("spare", "<u4"), ("crc", "<u4")]
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """Where the fields of a robot's packets are.
+    """The fields of a robot's packets.
 
     Attributes:
-        name: of the robot.
+        name: name of the robot.
         command: packed type of a command.
         state: packed type of a state.
-        head: the bytes that every packet begins with, up to its level flag.
+        head: first bytes of every packet, up to its level flag.
     """
 
     name: str
@@ -179,17 +178,17 @@ class Layout:
     state: np.dtype[Any]
     head: bytes
 
-    # A guard reads and writes packets 500 times a second, and its code is cold each time: the standard library's
-    # structures touch less of it than numpy's.
+    # A guard reads and writes packets 500 times per second, with cold caches each time: the standard library's
+    # structures touch less memory than numpy's.
 
     @cached_property
     def orders(self) -> Struct:
-        """Of each motor's mode, q, dq, tau, kp, kd in a command."""
+        """Structure of each motor's mode, q, dq, tau, kp, kd in a command."""
         return _struct(self.command, motors=MOTORS * "Bffhhh12x")
 
     @cached_property
     def readings(self) -> Struct:
-        """Of the IMU's ten numbers, each motor's mode, q, dq, tau, temperature, error, four feet, tick and remote."""
+        """Structure of a state: IMU; each motor's mode, q, dq, tau, temperature, error; feet; tick; remote."""
         return _struct(
             self.state,
             quaternion="10f",
@@ -201,7 +200,7 @@ class Layout:
 
 
 def _struct(kind: np.dtype[Any], **fields: str) -> Struct:
-    """Return the structure of some fields of a packed type, in order; bytes of others are passed over."""
+    """Return a structure with some fields of a packed type, in order; it skips the bytes of other fields."""
     text, size = "<", 0
     for name, form in fields.items():
         start = int(kind.fields[name][1])  # type: ignore[index]
@@ -235,25 +234,25 @@ _MIRRORED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
 
 
 def checksum(packet: bytes) -> int:
-    """Return the CRC-32/MPEG-2 of all whole words of a packet but its last, each from its highest bit on.
+    """Return the CRC-32/MPEG-2 of all whole words of a packet but the last, each from its highest bit on.
 
-    The bytes between the last of these words and the CRC itself are not covered: so the robots have it.
+    As on the robots, it does not cover the bytes between the last of these words and the CRC itself.
     """
     words = array(_WORD, packet[: len(packet) // 4 * 4 - 4])
     words.byteswap()
-    # MPEG-2's polynomial is zlib's; zlib begins at the lowest bit, and inverts the result.
+    # MPEG-2's polynomial is zlib's, but zlib begins at the lowest bit and inverts the result.
     inverted = zlib.crc32(words.tobytes().translate(_MIRRORED)) ^ 0xFFFFFFFF
     return int.from_bytes(inverted.to_bytes(4, "little").translate(_MIRRORED), "big")
 
 
 def pack(orders: Orders | Command, layout: Layout) -> bytes:
-    """Return the command that carries these orders; a command that is packed already stays as it is.
+    """Return the packet with these commands; a packed command stays unchanged.
 
-    Counts are cut off towards zero, as the vendor's library does: a kd of 0.8 goes out as 0.75.
+    Counts are truncated towards zero, as in the vendor's library: a kd of 0.8 is sent as 0.75.
 
     Raises:
-        WireError: a number is not finite or does not fit. The vendor's library wraps: a torque of 200 goes out
-            as −56 N·m.
+        WireError: a number is not finite or does not fit. The vendor's library wraps around instead: it sends a torque
+            of 200 as −56 N·m.
     """
     if isinstance(orders, Command):
         return orders.data
@@ -262,7 +261,7 @@ def pack(orders: Orders | Command, layout: Layout) -> bytes:
 
 
 def unpack(data: bytes, layout: Layout) -> Reading:
-    """Return the state that a packet carries.
+    """Return the state in a packet.
 
     Raises:
         WireError: its length, level or checksum is wrong, or a number in it is not finite.
@@ -293,10 +292,10 @@ def unpack(data: bytes, layout: Layout) -> Reading:
 
 
 def unpack_orders(data: bytes, layout: Layout) -> Orders:
-    """Return what the motors of a robot make of a command: the robot's side of :func:`pack`.
+    """Return the commands that a robot's motors follow: the inverse of :func:`pack`.
 
-    A motor in another mode than ``CLOSED_LOOP`` gets no gains and no torque; an angle of ``POSITION_OFF`` has no kp,
-    and a speed of ``SPEED_OFF`` no kd.
+    A motor in another mode than ``CLOSED_LOOP`` has no gains and no torque. With an angle of ``POSITION_OFF`` its kp is
+    0, and with a speed of ``SPEED_OFF`` its kd.
 
     Raises:
         WireError: as :func:`unpack`.
@@ -305,7 +304,7 @@ def unpack_orders(data: bytes, layout: Layout) -> Orders:
 
 
 def read_command(data: bytes, layout: Layout) -> Command:
-    """Return the orders of a packet as they are in it.
+    """Return the commands of a packet in its own numbers.
 
     Raises:
         WireError: as :func:`unpack`.
@@ -319,10 +318,10 @@ def read_command(data: bytes, layout: Layout) -> Command:
 
 
 def pack_reading(reading: Reading, layout: Layout) -> bytes:
-    """Return the packet of a state: the robot's side of :func:`unpack`.
+    """Return the packet of a state: the inverse of :func:`unpack`.
 
-    Torques beyond the field are cut to it, as a sensor saturates. Numbers that are not finite go out as they are,
-    so that a twin can send what a broken sensor does.
+    Torques saturate at the limits of their field. Numbers that are not finite are sent unchanged, so that a twin can
+    send the data of a broken sensor.
     """
     packet = np.zeros((), layout.state)
     for name in ("quaternion", "gyro", "accelerometer"):
@@ -341,14 +340,14 @@ def pack_reading(reading: Reading, layout: Layout) -> bytes:
 
 
 def _counted(orders: Orders) -> tuple[list[list[float]], list[list[int]]]:
-    """Return the numbers q, dq of some orders, and their kp, kd, tau in counts, cut off towards zero.
+    """Return q and dq of some orders, and kp, kd and tau in counts, truncated towards zero.
 
     Raises:
         WireError: a number is not finite, or does not fit.
     """
     try:
         values = np.array(orders).astype(np.float64, casting="same_kind", copy=False)
-    except (TypeError, ValueError):  # of several shapes, or no numbers
+    except (TypeError, ValueError):  # different shapes, or no numbers
         values = np.empty(0)
     if values.shape != (len(orders), MOTORS):
         for name, row in zip(Orders._fields, orders, strict=True):
@@ -381,13 +380,13 @@ def _command(
 
 
 def _check_finite(what: str, *numbers: float) -> None:
-    """Raise WireError if a number is not finite; the sum of so few 32-bit numbers is, where all are."""
+    """Raise WireError if a number is not finite; the sum of a few finite 32-bit numbers is always finite."""
     if not isfinite(sum(numbers)):
-        raise WireError("number", f"a {what} has a number in it that is not finite")
+        raise WireError("number", f"a {what} has a number that is not finite")
 
 
 def _closed(packet: bytes, layout: Layout) -> bytes:
-    """Return a packet with its head and checksum in their places."""
+    """Return a packet with its head and checksum filled in."""
     data = layout.head + packet[len(layout.head) :]
     return data[:-4] + checksum(data).to_bytes(4, "little")
 
@@ -399,4 +398,4 @@ def _check(data: bytes, layout: Layout, kind: np.dtype[Any]) -> None:
     if data[-4:] != checksum(data).to_bytes(4, "little"):
         raise WireError("crc", f"the checksum of a packet of the {layout.name} is wrong")
     if not data.startswith(layout.head):
-        raise WireError("level", f"a packet is not one of the low level of the {layout.name}")
+        raise WireError("level", f"a packet is not of the low level of the {layout.name}")

@@ -1,8 +1,8 @@
-"""The axis in motion: controller, drive and carriage, one tick of 1 ms after the other.
+"""Simulate the axis: controller, drive and carriage, in ticks of 1 ms.
 
-Dry friction is a set-valued force: in each tick it takes away as much momentum as
-it can, but never reverses the motion, so the carriage really stands still. Steps
-of 1 ms are short enough for the rest: the fastest mode of the loop is 19 Hz.
+Dry friction is a set-valued force. In each tick it removes as much momentum as it can and never reverses the motion,
+so the carriage comes to a complete rest. A step of 1 ms is short enough for the other forces: the fastest mode of the
+loop is 19 Hz.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ BoolArray = NDArray[np.bool_]
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """What the drive logs, (ticks,) each: position [m], speed [m/s], voltage [V], force as it believes [N]."""
+    """The drive's log, (ticks,) each: position [m], speed [m/s], voltage [V], and nominal force [N]."""
 
     q: FloatArray
     v: FloatArray
@@ -33,7 +33,7 @@ class Record:
 
 
 class _Figures(NamedTuple):
-    """What a tick reckons with: :class:`~s2r_emps.physics.Physics`, and what follows from it once for all ticks."""
+    """The constants of a tick: :class:`~s2r_emps.physics.Physics`, and the values that follow from it."""
 
     mass: float
     motor: float
@@ -53,12 +53,12 @@ class _Figures(NamedTuple):
     turned: float
     sag: float
     follow: float
-    """Part of the way to its voltage that the drive's current goes in a tick."""
+    """Step of the drive's current towards its voltage in one tick, as a share of their difference."""
     behind: float
-    """The current's distance from the voltage, on average over a tick."""
+    """Mean lag of the current behind the voltage in one tick, as a share of their difference."""
     smooth: float
     whole: int
-    """Ticks of the delay, and the part of one that is left."""
+    """Whole ticks of the delay; ``part`` is the remaining share of a tick."""
     part: float
     gap: float
     yields: float
@@ -67,14 +67,14 @@ class _Figures(NamedTuple):
 def simulate(
     reference: FloatArray, powered: BoolArray, start: tuple[float, float], physics: Physics, draws: Draws
 ) -> Record:
-    """Follow a reference.
+    """Simulate the axis under its controller on a reference.
 
     Args:
-        reference: (ticks,) position asked for [m].
+        reference: (ticks,) reference position [m].
         powered: (ticks,) bool: whether the drive is on.
-        start: position by the encoder [m] and speed [m/s] at the first tick.
+        start: encoder position [m] and speed [m/s] at the first tick.
         physics: the axis, with the test's payload in its mass.
-        draws: of at least as many ticks.
+        draws: random numbers of at least as many ticks.
     """
     p, h, n = physics, STEP, reference.size
     follow = 1 - exp(-h / p.lag) if p.lag else 1.0
@@ -127,15 +127,15 @@ def _ticks(
     pushes: FloatArray,
     p: _Figures,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return (ticks,) what the encoder says [m], the speed that is fed back [m/s], and the voltage sent [V]."""
+    """Return (ticks,) the encoder position [m], the fed-back speed [m/s] and the commanded voltage [V]."""
     h, carriage, teeth, n = STEP, p.mass - p.motor, RIPPLES * TURN, reference.size
     dry = p.coulomb != 0.0 or p.stribeck != 0.0 or p.screw != 0.0
     late = p.whole > 0 or p.part > 0.0
     positions, speeds, sent = np.empty(n), np.empty(n), np.empty(n)
 
-    # Of the motor, on whose shaft the encoder sits. A joint that yields is taken to be in balance at every tick.
+    # Position of the motor, on whose shaft the encoder sits. An elastic joint is in equilibrium at every tick.
     q = seen - p.wobble * sin(TURN * seen + p.turned)
-    ql, vl = q, v  # of the carriage; without play they are one
+    ql, vl = q, v  # of the carriage; equal to the motor's without play
     seen -= h * v
     speed, current, twist = v, 0.0, 0.0
     for k in range(n):
@@ -147,7 +147,7 @@ def _ticks(
         u = p.limit if u > p.limit else -p.limit if u < -p.limit else u
         positions[k], speeds[k], sent[k] = seen, speed, u
         if late:
-            # Before the first voltage has arrived there is none.
+            # The voltage is zero until the first command arrives.
             u = sent[k - p.whole] if k >= p.whole else 0.0
             if p.part > 0.0:
                 u += p.part * ((sent[k - p.whole - 1] if k > p.whole else 0.0) - u)
@@ -176,7 +176,7 @@ def _ticks(
         fast, slow = v + h * force / p.motor, vl - h * resist / carriage
         way = q - ql + h * (fast - slow)
         together = (way >= p.gap and fast >= slow) or (way <= -p.gap and fast <= slow)
-        if together:  # flanks meet without bouncing
+        if together:  # the flanks meet without bouncing
             fast = slow = (p.motor * fast + carriage * slow) / p.mass
         if dry:
             lost = h * brake / (p.mass if together else carriage)
@@ -187,7 +187,7 @@ def _ticks(
         ql += h * (vl + slow) / 2
         twist = p.yields * (force - p.motor * (fast - v) / h)
         v, vl = fast, slow
-        # An impact lies within a tick; the sum of the overlap over ticks would be a spring that is not there.
+        # An impact ends within a tick: an overlap that remains over ticks would act as a spring.
         if abs(q - ql) > p.gap:
             over = q - ql - (p.gap if q > ql else -p.gap)
             ql += over * p.motor / p.mass

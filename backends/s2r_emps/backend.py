@@ -1,4 +1,4 @@
-"""The `emps` backend: what it offers, and a test turned into a trace."""
+"""The `emps` backend: its declarations, and its rollouts."""
 
 from __future__ import annotations
 
@@ -27,62 +27,62 @@ from s2r_spec.errors import UsageError
 from s2r_spec.trace import Trace
 
 _CHANNELS = (
-    Channel("q_ref", "m", "position asked for"),
+    Channel("q_ref", "m", "reference position"),
     Channel("q", "m", "position by the motor's encoder"),
     Channel("v", "m/s", "speed that the drive feeds back: the difference of two positions over 1 ms"),
     Channel("u", "V", "the controller's output, after saturation; 0 while the drive is off"),
-    Channel("force", "N", "that the drive believes to exert: the nominal force per volt times u"),
+    Channel("force", "N", "the drive's nominal force: the nominal force per volt times u"),
 )
 
 _CPU_PER_SECOND = 0.00025
-"""[s] of one core per simulated second, measured on a 2-core cloud machine."""
+"""Time of one core per simulated second [s], measured on a 2-core cloud machine."""
 
 
 @dataclass(frozen=True)
 class EmpsBackend:
-    """A motor-driven prismatic axis under its cascade controller, at 1 kHz, with no friction unless it is added.
+    """A motor-driven prismatic axis under its cascade controller at 1 kHz; friction is an added effect.
 
-    The machine is EMPS (Janot, Gautier and Brunot 2019); the controller is the one
-    on that machine. A rollout is a pure function of its parameters and its seed.
+    The machine is EMPS (Janot, Gautier and Brunot 2019), with its own controller. A rollout is a pure function of its
+    parameters and its seed.
     """
 
     options: InitVar[str] = ""
-    """After the colon of the name: ``coulomb.force=20`` adds an effect, and ``reference=FILE.mat``
-    follows a recorded reference instead of the built-in move."""
+    """Options after the colon of the name: ``coulomb.force=20`` adds an effect, and ``reference=FILE.mat`` follows a
+    recorded reference instead of the built-in move."""
     duration: float = 2.5
     noise: Noise = field(default_factory=Noise)
     physics: Physics = field(default_factory=Physics)
     reference: str = ""
-    """A file of the EMPS data set, or nothing."""
+    """File of the EMPS data set; "" for the built-in move."""
     added: Choice = ()
-    """Effects; set them with :meth:`with_effects`."""
+    """Added effects; :meth:`with_effects` sets them."""
     channels: tuple[Channel, ...] = field(default=_CHANNELS, init=False, repr=False)
     deterministic: bool = field(default=True, init=False)
 
     def __post_init__(self, options: str) -> None:
-        """Read the options, and put the end on the grid of ticks."""
+        """Read the options, and round the duration up to a whole tick."""
         reference, added = read_options(options, self.reference, self.added)
         object.__setattr__(self, "reference", reference)
         object.__setattr__(self, "added", added)
         object.__setattr__(self, "duration", ceil(self.duration * RATE - 1e-9) / RATE)
         if reference and self.duration > self._recorded.length:
             raise UsageError(
-                f"the reference {reference} is {self._recorded.length:g} s long; "
-                f"a rollout of {self.duration:g} s is longer"
+                f"the reference {reference} is {self._recorded.length:g} s long, shorter than a rollout of "
+                f"{self.duration:g} s; shorten the spec's windows"
             )
 
     @property
     def name(self) -> str:
-        """What ``load_backend`` makes this backend from, effects and all."""
+        """Name for ``load_backend``, with options and effects."""
         return ":".join(filter(None, ("emps", write_options(self.reference, self.added))))
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """The move's, or where in a recorded reference a rollout starts."""
+        """Parameters of the built-in move; for a recorded reference, the start of a rollout in it."""
         if not self.reference:
             return PARAMETERS
         last = round(self._recorded.length - self.duration, 9)
-        return (Parameter("start", "s", 0.0, last, 0.0, "moment of the record at which the rollout begins"),)
+        return (Parameter("start", "s", 0.0, last, 0.0, "time in the record at which the rollout begins"),)
 
     @property
     def cost(self) -> float:
@@ -91,7 +91,7 @@ class EmpsBackend:
 
     @property
     def model_hash(self) -> str:
-        """Hex digest over figures, noise, reference, NumPy's version and this package's source."""
+        """Hex digest over constants, noise, reference, NumPy's version and this package's source."""
         digest = self._recorded.digest if self.reference else ""
         return _digest(world(self.physics, self.added), self.noise, digest)
 
@@ -100,15 +100,15 @@ class EmpsBackend:
         return read_recorded(self.reference)
 
     def effects(self) -> tuple[Effect, ...]:
-        """Return the catalogue of physics that the nominal axis leaves out."""
+        """Return the catalogue of effects that the nominal axis leaves out."""
         return tuple(CATALOGUE.values())
 
     def chosen(self) -> Values:
-        """Return effect → parameter → value of what was set."""
+        """Return effect → parameter → value of the added effects."""
         return as_values(self.added)
 
     def with_effects(self, values: Values) -> Self:
-        """Return the same backend with these effects added: ``{"coulomb": {"force": 20.0}}``.
+        """Return this backend with these effects added: ``{"coulomb": {"force": 20.0}}``.
 
         Raises:
             UsageError: an effect or a parameter is unknown, or a value out of range.
@@ -116,7 +116,7 @@ class EmpsBackend:
         return replace(self, added=choose("emps", CATALOGUE.values(), self.added, values))
 
     def variants(self) -> dict[str, Self]:
-        """Return the same axis, idealised otherwise: a screw, a noise that is as good as ours."""
+        """Return name → this axis with another, equally valid screw or noise."""
         from s2r_emps.variants import variants
 
         return {
@@ -125,7 +125,7 @@ class EmpsBackend:
         }
 
     def with_duration(self, seconds: float) -> Self:
-        """Return the same backend with rollouts of this length, rounded up to a whole tick."""
+        """Return this backend with rollouts of this duration [s], rounded up to a whole tick."""
         return replace(self, duration=seconds)
 
     def rollout(self, params: Mapping[str, float], seed: int) -> Trace:
@@ -139,17 +139,17 @@ class EmpsBackend:
         ticks = round(self.duration * RATE) + 1
         lead = 0
         if self.reference:
-            asked, lead, start = self._recorded.part(values["start"], ticks)
-            on = np.ones(asked.size, dtype=np.bool_)
-            draws = draw(self.noise, seed, asked.size)
+            reference, lead, start = self._recorded.part(values["start"], ticks)
+            on = np.ones(reference.size, dtype=np.bool_)
+            draws = draw(self.noise, seed, reference.size)
         else:
             test = Test(**values)
-            asked, on = move(test, ticks)
+            reference, on = move(test, ticks)
             draws = draw(self.noise, seed, ticks)
-            start = (float(asked[0]) + draws.start, 0.0)
+            start = (float(reference[0]) + draws.start, 0.0)
             physics = replace(physics, mass=physics.mass + test.payload + draws.payload)
-        record = simulate(asked, on, start, physics, draws)
-        columns = (asked, record.q, record.v, record.u, record.force)
+        record = simulate(reference, on, start, physics, draws)
+        columns = (reference, record.q, record.v, record.u, record.force)
         meta: dict[str, Any] = {
             "backend": self.name,
             "model_hash": self.model_hash,
@@ -168,7 +168,7 @@ class EmpsBackend:
     def residuals(self, trace: Trace, params: Mapping[str, float] | None = None) -> Trace:
         """Return the force and the voltage that this model, with its effects, does not explain.
 
-        See :func:`s2r_emps.residuals.residuals`; ``params`` matter by their payload.
+        See :func:`s2r_emps.residuals.residuals`; of ``params`` only the payload is used.
         """
         values = read_test(params or {}, self.parameters)
         physics = world(self.physics, self.added)
@@ -178,7 +178,7 @@ class EmpsBackend:
 
 @cache
 def _digest(physics: Physics, noise: Noise, reference: str) -> str:
-    """Hash the values in use, and the source: a change of a formula changes traces as much as a gain does."""
+    """Hash the values in use and the source, because a changed formula changes traces like a changed gain."""
     digest = hashlib.sha256(f"{physics!r} {noise!r} {reference} numpy {version('numpy')}".encode())
     for path in sorted(Path(__file__).parent.glob("*.py")):
         digest.update(path.read_bytes())

@@ -1,8 +1,7 @@
-"""The catalogue: physics that the nominal axis leaves out.
+"""The catalogue of effects that the nominal axis leaves out.
 
-``apply(physics, **values)`` changes only fields of its own, or multiplies or adds
-to what is there: that makes the order of effects irrelevant. With every value at
-its nominal it returns an equal table.
+``apply(physics, **values)`` changes fields of its own, or multiplies or adds to others, so the order of effects does
+not matter. With all values nominal it returns an equal table.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ from s2r_spec.effects import Choice, settings
 
 @dataclass(frozen=True)
 class PhysicsEffect(Effect):
-    """An effect of this simulator: its catalogue entry, and a function from one table to another."""
+    """An effect of this simulator: its catalogue entry, and its function from one table of constants to another."""
 
     apply: Callable[..., Physics]
 
@@ -94,7 +93,7 @@ _LIST = (
     PhysicsEffect(
         name="viscous",
         family="friction",
-        physics="Grease and seals hold the carriage back in proportion to its speed.",
+        physics="Grease and seals resist the carriage in proportion to its speed.",
         parameters=(
             EffectParameter(
                 "coefficient", "N*s/m", low=0.0, high=800.0, nominal=0.0, prior="half-normal, 150 N*s/m"
@@ -105,7 +104,7 @@ _LIST = (
     PhysicsEffect(
         name="coulomb",
         family="friction",
-        physics="Dry friction of this force acts against any motion, and holds the carriage while it stands.",
+        physics="Dry friction of this force opposes any motion, and holds the carriage at rest.",
         parameters=(
             EffectParameter("force", "N", low=0.0, high=80.0, nominal=0.0, prior="half-normal, 20 N"),
         ),
@@ -114,8 +113,7 @@ _LIST = (
     PhysicsEffect(
         name="stribeck",
         family="friction",
-        physics="Breaking loose takes this much more than sliding: the dry friction falls with the square of "
-        "the speed over a small one.",
+        physics="Static friction exceeds sliding friction by this force; the excess fades as exp(-(v / speed)^2).",
         parameters=(
             EffectParameter("force", "N", low=0.0, high=80.0, nominal=0.0, prior="half-normal, 20 N"),
             EffectParameter(
@@ -127,7 +125,7 @@ _LIST = (
     PhysicsEffect(
         name="quadratic_drag",
         family="friction",
-        physics="The carriage is held back in proportion to the square of its speed, as by a fan or stirred grease.",
+        physics="A drag resists the carriage in proportion to its speed squared, as of a fan or of stirred grease.",
         parameters=(
             EffectParameter(
                 "coefficient",
@@ -143,7 +141,7 @@ _LIST = (
     PhysicsEffect(
         name="load_friction",
         family="friction",
-        physics="The screw rubs in proportion to the force that it transmits.",
+        physics="The friction of the screw grows in proportion to the force that it transmits.",
         parameters=(
             EffectParameter("coefficient", "", low=0.0, high=0.5, nominal=0.0, prior="half-normal, 0.1"),
         ),
@@ -152,7 +150,7 @@ _LIST = (
     PhysicsEffect(
         name="offset",
         family="load",
-        physics="A constant force acts against positive motion: the axis is not level, or the drive has a bias.",
+        physics="A constant force opposes positive motion: the axis is not level, or the drive has a bias.",
         parameters=(EffectParameter("force", "N", low=-60.0, high=60.0, nominal=0.0, prior="normal, 10 N"),),
         apply=_offset,
     ),
@@ -170,7 +168,7 @@ _LIST = (
     PhysicsEffect(
         name="mass",
         family="inertia",
-        physics="The moving mass is larger than the drawing says, the payload counted apart.",
+        physics="The moving mass, without the payload, is larger than in the drawing.",
         parameters=(
             EffectParameter("extra", "kg", low=-30.0, high=60.0, nominal=0.0, prior="normal, 12 kg"),
         ),
@@ -179,7 +177,7 @@ _LIST = (
     PhysicsEffect(
         name="motor_gain",
         family="actuation",
-        physics="The drive makes this part of the force per volt that the manufacturer gives.",
+        physics="The drive's force per volt is this factor times the manufacturer's figure.",
         parameters=(
             EffectParameter(
                 "factor", "", low=0.6, high=1.4, nominal=1.0, prior="normal around 1, standard deviation 0.1"
@@ -190,7 +188,7 @@ _LIST = (
     PhysicsEffect(
         name="force_ripple",
         family="actuation",
-        physics="The magnets of the motor add a force that goes up and down four times a turn.",
+        physics="The magnets of the motor add a force that oscillates four times per turn.",
         parameters=(
             EffectParameter("amplitude", "N", low=0.0, high=60.0, nominal=0.0, prior="half-normal, 12 N"),
             EffectParameter("phase", "rad", low=-3.1416, high=3.1416, nominal=0.0, prior="uniform"),
@@ -209,8 +207,8 @@ _LIST = (
     PhysicsEffect(
         name="supply_sag",
         family="actuation",
-        physics="The supply gives way under load: at full voltage this part of the force is lost, "
-        "in proportion to the voltage below it.",
+        physics="The supply voltage sags under load: at full voltage this share of the force is lost, "
+        "and in proportion to the voltage below it.",
         parameters=(EffectParameter("drop", "", low=0.0, high=0.8, nominal=0.0, prior="half-normal, 0.2"),),
         apply=_supply_sag,
     ),
@@ -246,7 +244,7 @@ _LIST = (
     PhysicsEffect(
         name="encoder_ripple",
         family="sensing",
-        physics="The encoder sits a little off its centre, and errs by this amplitude once a turn of the motor.",
+        physics="The encoder is off its centre: its error has this amplitude and one period per motor turn.",
         parameters=(
             EffectParameter(
                 "amplitude", "m", low=0.0, high=1e-4, nominal=0.0, prior="half-normal, 1.5e-05 m"
@@ -258,7 +256,7 @@ _LIST = (
     PhysicsEffect(
         name="backlash",
         family="transmission",
-        physics="Between two flanks the motor turns without the carriage; the encoder sits on the motor's side.",
+        physics="Between two flanks the motor turns without the carriage; the encoder is on the motor's side.",
         parameters=(
             EffectParameter("half_gap", "m", low=0.0, high=5e-4, nominal=0.0, prior="half-normal, 0.0001 m"),
         ),
@@ -270,7 +268,7 @@ CATALOGUE: dict[str, PhysicsEffect] = {effect.name: effect for effect in _LIST}
 
 
 def world(nominal: Physics, choice: Choice) -> Physics:
-    """Return the axis with these effects on it."""
+    """Return the constants of the axis with these effects."""
     physics = nominal
     for name, values in settings(CATALOGUE.values(), choice).items():
         physics = CATALOGUE[name].apply(physics, **values)

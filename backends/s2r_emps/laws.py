@@ -1,4 +1,4 @@
-"""The forces on the axis over a whole recording, (n,) each; a test holds them to the simulator's own ticks."""
+"""Forces on the axis over a whole recording, (n,) each; a test compares them with the simulator's ticks."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from s2r_emps.physics import LEAD, MIDDLE, STEP, VOLTAGE, Physics
 from s2r_spec.compiled import compiled
 
 TURN = 2 * pi / LEAD
-"""[rad/m]"""
+"""Motor angle per travel of the carriage [rad/m]."""
 RIPPLES = 4
-"""Periods of the motor's force ripple in a turn."""
+"""Periods of the motor's force ripple per turn."""
 STILL = 2e-3
-"""[m/s] below which dry friction holds anything up to itself: there it explains what it can."""
+"""Speed below which dry friction counts as static friction [m/s]: it balances any force up to its own size."""
 
 
 def drive_force(u: FloatArray, q: FloatArray, physics: Physics) -> FloatArray:
-    """Return the motor's force [N] at these voltages [V] and positions [m], delayed, late, sagging, rippled.
+    """Return the motor's force [N] at these voltages [V] and positions [m], with delay, lag, sag and ripple.
 
-    A voltage is held for the tick after its sample: on average it acts half a tick later.
+    A voltage is held for the tick after its sample, so it acts half a tick later on average.
     """
     ticks = np.arange(u.size, dtype=np.float64)
     current = np.interp(ticks - physics.delay / STEP, ticks, u)
@@ -36,17 +36,17 @@ def drive_force(u: FloatArray, q: FloatArray, physics: Physics) -> FloatArray:
 def lacking(
     q: FloatArray, v: FloatArray, speeds_up: FloatArray, force: FloatArray, physics: Physics
 ) -> FloatArray:
-    """Return the force [N] that a motion (m, m/s, m/s²) takes beyond the motor's force [N] and the resistance.
+    """Return the force [N] that a motion (m, m/s, m/s²) needs on top of the motor's force [N] and the resistance.
 
-    Dry friction holds anything up to itself at rest, and explains what it can there.
+    At rest, dry friction balances any force up to its own size.
     """
     p = physics
-    found: FloatArray = _lacking(
+    force_residual: FloatArray = _lacking(
         *(q, v, speeds_up, force),
         *(p.mass, p.viscous, p.drag, p.cable, p.offset),
         *(p.coulomb, p.stribeck, p.stribeck_speed, p.load_friction),
     )
-    return found
+    return force_residual
 
 
 @compiled
@@ -78,18 +78,18 @@ def _lacking(
             left[k] = lacks + (brake if v[k] > 0.0 else -brake)
         elif abs(lacks) <= brake:
             left[k] = 0.0
-        else:  # what was not recorded is not a number, and stays none
+        else:  # a missing sample is NaN, and stays NaN
             left[k] = lacks - brake if lacks > 0.0 else lacks + brake
     return left
 
 
 def encoder_error(q: FloatArray, physics: Physics) -> FloatArray:
-    """Return by how much the encoder reads too much [m] at a position [m]."""
+    """Return the encoder's error [m] at a position [m]."""
     return np.asarray(physics.encoder_ripple * np.sin(TURN * q + physics.encoder_phase))
 
 
 def smoothed(values: FloatArray, time: float, first: float) -> FloatArray:
-    """Return values behind a first-order lag [s] that starts from ``first``."""
+    """Return values filtered by a first-order lag of time constant ``time`` [s] that starts from ``first``."""
     from scipy.signal import lfilter  # here: a rollout needs no scipy
 
     keep = exp(-STEP / time)

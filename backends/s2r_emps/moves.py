@@ -1,4 +1,4 @@
-"""The built-in test: out, a pause, and back, with smooth ramps of speed."""
+"""The built-in test: a move out, a pause, and a move back, with smooth ramps of speed."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from s2r_spec.backend import Parameter
 
 PARAMETERS = (
     Parameter(
-        "stroke", "m", -0.2, 0.2, 0.15, "of the move, about the middle of the axis; below 0: begins backwards"
+        "stroke", "m", -0.2, 0.2, 0.15, "of the move, about the middle of the axis; negative: backwards first"
     ),
-    Parameter("speed", "m/s", 0.01, 0.3, 0.2, "that the move reaches, if it is long enough"),
-    Parameter("accel", "m/s^2", 0.2, 3.0, 1.5, "largest acceleration asked for"),
+    Parameter("speed", "m/s", 0.01, 0.3, 0.2, "largest speed, if the move is long enough to reach it"),
+    Parameter("accel", "m/s^2", 0.2, 3.0, 1.5, "largest acceleration of the reference"),
     Parameter("payload", "kg", 0.0, 60.0, 0.0, "clamped to the carriage"),
     Parameter("pause", "s", 0.0, 2.0, 0.3, "at the far end"),
-    Parameter("coast", "s", 0.0, 0.3, 0.0, "how long the drive is switched off, half-way out"),
+    Parameter("coast", "s", 0.0, 0.3, 0.0, "time with the drive off, half-way out"),
 )
 
 WAIT = 0.1
-"""[s] of rest before the move."""
+"""Rest before the move [s]."""
 
 
 class Test(NamedTuple):
@@ -41,7 +41,7 @@ class Test(NamedTuple):
 
 
 def read_test(params: Mapping[str, float], known: tuple[Parameter, ...] = PARAMETERS) -> dict[str, float]:
-    """Return every parameter's value; what is missing takes its default.
+    """Return the value of every parameter; a missing one takes its default.
 
     Raises:
         UsageError: a name is unknown or a value is out of range.
@@ -50,7 +50,7 @@ def read_test(params: Mapping[str, float], known: tuple[Parameter, ...] = PARAME
 
 
 def move(test: Test, ticks: int) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Return (ticks,) positions asked for [m], and (ticks,) whether the drive is on."""
+    """Return (ticks,) reference positions [m], and (ticks,) whether the drive is on."""
     times = STEP * np.arange(ticks, dtype=np.float64) - WAIT
     way = abs(test.stroke)
     speed = min(test.speed, sqrt(2 * test.accel * way / pi))
@@ -63,12 +63,12 @@ def move(test: Test, ticks: int) -> tuple[FloatArray, NDArray[np.bool_]]:
 
 
 def one_way(way: float, speed: float, accel: float) -> float:
-    """Return how long a move over ``way`` [m] takes [s]; 0 for none."""
+    """Return the duration [s] of a move over ``way`` [m]; 0 for no move."""
     return way / speed + pi * speed / (2 * accel) if way else 0.0
 
 
 def _travel(times: FloatArray, way: float, speed: float, accel: float) -> FloatArray:
-    """Return (n,) of the way gone: the speed rises and falls as half a cosine, whose steepest slope is ``accel``."""
+    """Return (n,) travel [m]; the speed rises and falls as half a cosine, whose steepest slope is ``accel``."""
     if not way:
         return np.zeros_like(times)
     ramp = pi * speed / (2 * accel)

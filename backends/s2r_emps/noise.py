@@ -1,4 +1,4 @@
-"""What differs from run to run, and how much; everything is drawn from the rollout's seed."""
+"""Random variation between rollouts; every number is drawn from the rollout's seed."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Noise:
-    """Standard deviations; normal."""
+    """Standard deviations of normal distributions."""
 
     encoder: float = 1.7e-7
-    """[m] white; second differences of the recorded position of the real axis are 0.41 µm."""
+    """White noise of the encoder [m]; second differences of the real axis's recorded position are 0.41 µm."""
     disturbance: float = 1.0
-    """[N] force on the carriage; about half of what the documented model leaves of the real axis' force."""
+    """Force on the carriage [N]; about half of the force residual of the documented model on the real axis."""
     disturbance_time: float = 0.1
-    """[s] over which that force forgets itself."""
+    """Correlation time of that force [s]."""
     gain: float = 0.002
-    """Share of the force per volt: the motor is not always equally warm."""
+    """Force per volt, as a share of it: the motor's temperature varies."""
     payload: float = 0.1
-    """[kg] of what is clamped to the carriage."""
+    """Mass of the payload [kg]."""
     start: float = 2e-5
-    """[m] of the position in which a move finds the carriage."""
+    """Position of the carriage at the beginning of a move [m]."""
 
     @classmethod
     def off(cls) -> Noise:
-        """Return the table of a rollout in which nothing is random."""
+        """Return the table of a rollout without noise."""
         return cls(encoder=0.0, disturbance=0.0, gain=0.0, payload=0.0, start=0.0)
 
 
@@ -43,10 +43,10 @@ class Draws:
 
     Attributes:
         gain: factor on the force per volt.
-        payload: on top of the test's [kg].
+        payload: mass on top of the test's payload [kg].
         start: displacement at the beginning [m].
         encoder: (ticks,) error of the measured position [m].
-        disturbance: (ticks,) force on the carriage, in its positive direction [N].
+        disturbance: (ticks,) force on the carriage in the positive direction [N].
     """
 
     gain: float
@@ -71,13 +71,13 @@ def draw(noise: Noise, seed: int, ticks: int) -> Draws:
 
 
 def _coloured(white: FloatArray, time: float) -> FloatArray:
-    """Return (n,) of unit variance that forget themselves over ``time`` [s]: an Ornstein-Uhlenbeck process."""
+    """Return (n,) samples of an Ornstein-Uhlenbeck process with unit variance and correlation time ``time`` [s]."""
     keep = exp(-STEP / time)
-    return _remembered(np.ascontiguousarray(white), keep, (1.0 - keep * keep) ** 0.5)
+    return _autoregressive(np.ascontiguousarray(white), keep, (1.0 - keep * keep) ** 0.5)
 
 
 @compiled
-def _remembered(white: FloatArray, keep: float, fresh: float) -> FloatArray:
+def _autoregressive(white: FloatArray, keep: float, fresh: float) -> FloatArray:
     values = np.empty_like(white)
     state = values[0] = white[0]
     for k in range(1, white.size):

@@ -1,4 +1,4 @@
-"""What may follow the colon in the name of the backend, and how a backend is written as a name."""
+"""Read the options after the colon of the backend's name, and write them."""
 
 from __future__ import annotations
 
@@ -10,10 +10,15 @@ _REFERENCE = "reference"
 
 
 def read_options(text: str, reference: str, added: Choice) -> tuple[str, Choice]:
-    """Return reference and effects with a text such as ``reference=DATA_EMPS.mat,coulomb.force=20`` read into them.
+    """Return reference and effects after options such as ``reference=DATA_EMPS.mat,coulomb.force=20``.
+
+    Args:
+        text: the options.
+        reference: the reference so far.
+        added: the effects so far.
 
     Raises:
-        UsageError: a name or a value is unknown; the message lists those that are known.
+        UsageError: an option is unknown, or its value is wrong.
     """
     for word in filter(None, text.split(",")):
         name, _, value = word.partition("=")
@@ -23,12 +28,12 @@ def read_options(text: str, reference: str, added: Choice) -> tuple[str, Choice]
             added = choose("emps", CATALOGUE.values(), added, values)
         else:
             raise UsageError(
-                f"the backend 'emps' has no option {word!r}{did_you_mean(name, [_REFERENCE])}; it has "
-                f"reference=FILE.mat, and every parameter of every effect (coulomb.force=20)"
+                f"the backend 'emps' has no option {word!r}{did_you_mean(name, [_REFERENCE])}; its options are "
+                f"reference=FILE.mat and the parameters of its effects, such as coulomb.force=20"
             )
     return reference, added
 
 
 def write_options(reference: str, added: Choice) -> str:
-    """Return the text that :func:`read_options` would read this from."""
+    """Return the options as text that :func:`read_options` reads."""
     return ",".join(([f"{_REFERENCE}={reference}"] if reference else []) + words(added))

@@ -1,8 +1,7 @@
-"""Everything physical about the axis that a number can change.
+"""Physical constants of the axis.
 
-Figures of the recorded machine: A. Janot, M. Gautier, M. Brunot, "Data set and
-reference models of EMPS", Workshop on Nonlinear System Identification
-Benchmarks, 2019. The nominal axis has no friction at all.
+Figures of the recorded machine: A. Janot, M. Gautier, M. Brunot, "Data set and reference models of EMPS", Workshop on
+Nonlinear System Identification Benchmarks, 2019. The nominal axis has no friction.
 """
 
 from __future__ import annotations
@@ -10,72 +9,72 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 RATE = 1000
-"""[Hz] of the controller, of the samples and of the physics."""
+"""Rate of the controller, of the samples and of the physics [Hz]."""
 STEP = 1.0 / RATE
-"""[s]"""
+"""Duration of a tick [s]."""
 KP = 160.18
-"""[1/s] position gain: speed asked for per position error."""
+"""Position gain: reference speed per position error [1/s]."""
 KV = 243.45
-"""[V*s/m] speed gain: voltage per speed error."""
+"""Speed gain: voltage per speed error [V*s/m]."""
 GAIN = 35.15065188
-"""[N/V] the drive's force per volt, as the manufacturer gives it."""
+"""The drive's force per volt, from the manufacturer [N/V]."""
 VOLTAGE = 10.0
-"""[V] at which the drive saturates."""
+"""Voltage at which the drive saturates [V]."""
 MIDDLE = 0.12
-"""[m] of the axis, whose carriage travels from about 0 to 0.25 m."""
+"""Middle of the axis [m], whose carriage travels from about 0 to 0.25 m."""
 LEAD = 0.02
-"""[m] travel of the carriage per turn of the motor. Our figure: the data set does not give one."""
+"""Travel of the carriage per turn of the motor [m]. Our figure: the data set does not give one."""
 MOTOR_SHARE = 0.3
-"""Of the moving mass, what turns with the motor rather than sliding with the carriage. Our figure."""
+"""Share of the moving mass that turns with the motor instead of sliding with the carriage. Our figure."""
 
 
 @dataclass(frozen=True)
 class Physics:
-    """The table that effects change; its defaults are the nominal simulator.
+    """The constants that effects change; the defaults are those of the nominal simulator.
 
     With position q [m], speed v, the drive's force F and mass M the axis obeys
     M dv/dt = F − viscous v − drag v|v| − cable (q − middle) − offset − dry friction.
     """
 
     mass: float = 95.0
-    """[kg] carriage and motor, as felt at the carriage."""
+    """Mass of carriage and motor, as effective at the carriage [kg]."""
     gain: float = GAIN
-    """[N/V]"""
+    """The drive's force per volt [N/V]."""
     voltage: float = VOLTAGE
-    """[V] at which the drive saturates."""
+    """Voltage at which the drive saturates [V]."""
     viscous: float = 0.0
-    """[N*s/m]"""
+    """Coefficient of viscous friction [N*s/m]."""
     drag: float = 0.0
-    """[N*s^2/m^2]"""
+    """Coefficient of quadratic drag [N*s^2/m^2]."""
     coulomb: float = 0.0
-    """[N] dry friction at any speed."""
+    """Dry friction at any speed [N]."""
     stribeck: float = 0.0
-    """[N] dry friction on top of it at rest, which fades as exp(−(v / stribeck_speed)²)."""
+    """Additional dry friction at rest [N], which fades as exp(−(v / stribeck_speed)²)."""
     stribeck_speed: float = 0.02
-    """[m/s]"""
+    """Speed scale of that fading [m/s]."""
     load_friction: float = 0.0
     """Dry friction per force that the screw transmits."""
     offset: float = 0.0
-    """[N] constant force against positive motion."""
+    """Constant force against positive motion [N]."""
     cable: float = 0.0
-    """[N/m] stiffness of what pulls the carriage towards the middle."""
+    """Stiffness of the cable chain, which pulls the carriage towards the middle [N/m]."""
     ripple: float = 0.0
-    """[N] amplitude of the motor's force over its position, four times a turn."""
+    """Amplitude of the motor's force ripple, with four periods per turn [N]."""
     ripple_phase: float = 0.0
-    """[rad] of it at q = 0."""
+    """Phase of the ripple at q = 0 [rad]."""
     delay: float = 0.0
-    """[s] between the controller's output and the drive."""
+    """Delay between the controller's output and the drive [s]."""
     lag: float = 0.0
-    """[s] time constant of the drive's current."""
+    """Time constant of the drive's current [s]."""
     sag: float = 0.0
-    """Part of the force that is lost at full voltage; in proportion to the voltage below it."""
+    """Share of the force that is lost at full voltage; in proportion to the voltage below it."""
     compliance: float = 0.0
-    """[m/N] by which the motor turns further than the carriage moves, per force between them."""
+    """Travel of the motor relative to the carriage, per force between them [m/N]."""
     half_gap: float = 0.0
-    """[m] by which the carriage can be away from the middle of the play between it and the motor."""
+    """Half of the play between carriage and motor [m]."""
     speed_filter: float = 0.0
-    """[s] time constant with which the drive smooths the speed it feeds back."""
+    """Time constant of the drive's filter for the fed-back speed [s]."""
     encoder_ripple: float = 0.0
-    """[m] amplitude of the encoder's error, once a turn."""
+    """Amplitude of the encoder's error, with one period per turn [m]."""
     encoder_phase: float = 0.0
-    """[rad] of it at q = 0."""
+    """Phase of that error at q = 0 [rad]."""

@@ -1,4 +1,4 @@
-"""What of a recorded motion this model leaves unexplained: one force and one voltage."""
+"""Residuals of a recorded motion: the force and the voltage that the model does not explain."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from s2r_spec.errors import TraceError, one_of
 from s2r_spec.trace import Trace
 
 CUTOFF = 40.0
-"""[Hz] of the filter before two derivatives; the loop's own motion ends at about 20 Hz."""
+"""Cut-off of the filter before two derivatives [Hz]; the loop's own motion ends at about 20 Hz."""
 EDGE = 50
-"""Samples cut off at either end, which the filter cannot know: two periods of its cut-off."""
+"""Samples cut off at either end, where the filter is not valid: two periods of its cut-off."""
 
 
 def residuals(trace: Trace, physics: Physics) -> Trace:
     """Return ``force`` [N], by inverse dynamics, and ``controller`` [V], by the control law.
 
-    ``force`` is what the model's forces lack to explain the motion, positive where
-    the carriage is pushed forwards. ``controller`` is the logged voltage less that
-    of the known law on the logged positions; it is zero where the drive is off.
+    ``force`` is the force that the motion needs on top of the model's forces, positive if it pushes the carriage
+    forwards. ``controller`` is the logged voltage minus that of the control law on the logged positions; it is zero
+    while the drive is off.
 
     Args:
-        trace: with ``q`` and ``u`` for the first, and also ``q_ref`` for the second, at 1 kHz.
+        trace: trace at 1 kHz with ``q`` and ``u`` for the first, and also ``q_ref`` for the second.
         physics: the model, with the test's payload in its mass.
 
     Raises:
@@ -60,12 +60,13 @@ def _force(trace: Trace, physics: Physics) -> FloatArray:
     return lacking(q, v, speeds_up, force, physics)
 
 
-# A diagnosis asks of one trace what each of many effects makes of it, and most leave the motion or the drive as it is.
+# A diagnosis computes the residuals of one trace with many effects, and most effects leave the motion or the drive
+# unchanged.
 
 
 @lru_cache(maxsize=4)
 def _motion(trace: Trace, physics: Physics) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return (n,) position [m], speed [m/s] and acceleration [m/s²], smooth."""
+    """Return (n,) filtered position [m], speed [m/s] and acceleration [m/s²]."""
     seen = trace["q"]
     q = _smooth(seen - encoder_error(seen, physics))
     v = np.gradient(q, 1 / RATE)
@@ -74,7 +75,7 @@ def _motion(trace: Trace, physics: Physics) -> tuple[FloatArray, FloatArray, Flo
 
 @lru_cache(maxsize=4)
 def _driven(trace: Trace, physics: Physics) -> FloatArray:
-    """Return (n,) the motor's force [N], smooth as the motion is."""
+    """Return (n,) the motor's force [N], filtered like the motion."""
     q, _, _ = _motion(trace, _only(physics, _ENCODER))
     return _smooth(drive_force(trace["u"], q, physics))
 
@@ -84,7 +85,7 @@ _DRIVE = _ENCODER | {"gain", "delay", "lag", "sag", "ripple", "ripple_phase"}
 
 
 def _only(physics: Physics, names: frozenset[str]) -> Physics:
-    """Return the nominal axis with these figures of another one: what does not matter tells no two apart."""
+    """Return the nominal axis with these constants of another one, so that the cache ignores the other constants."""
     return Physics(**{name: getattr(physics, name) for name in names})
 
 
@@ -98,11 +99,12 @@ def _controller(trace: Trace, physics: Physics) -> FloatArray:
 
 
 def _smooth(values: FloatArray) -> FloatArray:
-    """Return values behind a Butterworth filter of second order, forth and back, so that nothing is late.
+    """Return values filtered by a second-order Butterworth filter, forwards and backwards, so without phase lag.
 
-    In the frequency domain, with either end turned about its last value: many times as fast as filtering twice.
+    The filter acts in the frequency domain, with odd reflection at both ends, which is many times as fast as two passes
+    in time.
     """
-    from scipy.fft import irfft, next_fast_len, rfft  # here: a rollout needs no scipy
+    from scipy.fft import irfft, next_fast_len, rfft  # here, because a rollout needs no scipy
 
     pad = 3 * EDGE
     before, after = 2 * values[0] - values[pad:0:-1], 2 * values[-1] - values[-2 : -pad - 2 : -1]
@@ -114,6 +116,6 @@ def _smooth(values: FloatArray) -> FloatArray:
 
 @cache
 def _gain(size: int) -> FloatArray:
-    # By the bilinear transform, which has an end at half the rate; squared, for both ways.
+    # By the bilinear transform, which ends at half the sampling rate; squared, for the two passes.
     turn = np.minimum(np.pi * np.arange(size // 2 + 1) / size, 0.499999 * np.pi)
     return np.asarray(1.0 / (1.0 + (np.tan(turn) / np.tan(np.pi * CUTOFF / RATE)) ** 4))

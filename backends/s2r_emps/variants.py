@@ -1,7 +1,6 @@
-"""The same axis, idealised otherwise: what of a trace is the simulator's doing.
+"""Variants of the axis: models that are as valid as the nominal one.
 
-Each is as good a model of an axis with a screw as the nominal one, and nobody's
-cause of a gap. A diagnosis believes no difference that is as large as theirs.
+Their differences from the nominal model are no cause of a gap, and a diagnosis ignores differences of their size.
 """
 
 from __future__ import annotations
@@ -13,11 +12,11 @@ from s2r_emps.noise import Noise
 from s2r_emps.physics import MOTOR_SHARE, Physics
 
 RESONANCE = 150.0
-"""[Hz] of the carriage on its screw, with the motor held; those of machine tools are at 100 to 250 Hz."""
+"""Resonance of the carriage on its screw with the motor locked [Hz]; machine tools have 100 to 250 Hz."""
 
 
 def variants(physics: Physics, noise: Noise) -> dict[str, tuple[Physics, Noise]]:
-    """Return name → physics and noise with one idealisation exchanged for another."""
+    """Return name → physics and noise with one idealisation replaced by another."""
     carriage = (1.0 - MOTOR_SHARE) * physics.mass
     compliance = 1.0 / (carriage * (2.0 * pi * RESONANCE) ** 2)
     return {

@@ -1,8 +1,8 @@
-"""The `turtlebot` backend: drive to a goal, round an obstacle, on wheels that slip.
+"""The `turtlebot` backend: drive to a goal and around an obstacle, on wheels that slip.
 
-Example 1 of Akella, Ubellacker and Ames, and the smallest complete backend: copy
-it to begin your own. From top to bottom: the figures, the controller, the robot,
-and what a backend declares before anything runs. ``effects.py`` adds what can be wrong.
+It is Example 1 of Akella, Ubellacker and Ames, and the smallest complete backend: copy it to begin your own. From top
+to bottom: the constants, the controller, the robot, and the declarations of a backend. ``effects.py`` adds unmodelled
+effects.
 """
 
 from __future__ import annotations
@@ -22,17 +22,17 @@ from s2r_spec.trace import Trace
 
 @dataclass(frozen=True)
 class Figures:
-    """Everything that decides a rollout besides the test and the seed. Lengths in m, times in s."""
+    """The constants of a rollout, besides test and seed. Lengths in m, times in s."""
 
     start: tuple[float, float] = (-0.8, 0.0)
     goal: tuple[float, float] = (0.8, 0.0)
     step: float = 0.02  # control period
     speed: float = 0.4  # cruising speed [m/s]
     reach: float = 0.15  # distance to the goal within which the robot slows down
-    ahead: float = 0.05  # a point this far in front of the axle is steered: it can move in any direction
-    keep: float = 0.3  # distance that this point keeps from the obstacle's centre
-    decay: float = 3.0  # the barrier may shrink by at most this share of itself per second [1/s]
-    swirl: float = 1.0  # share of the cruising speed that goes round the obstacle, close to it
+    ahead: float = 0.05  # distance from the axle to the steered point, which can move in any direction
+    keep: float = 0.3  # distance from the obstacle's centre that the steered point keeps
+    decay: float = 3.0  # fastest relative decrease of the barrier [1/s]
+    swirl: float = 1.0  # speed around the obstacle close to it, as a share of the cruising speed
     slip: float = 0.1  # standard deviation of a wheel speed's relative error, averaged over one second
 
 
@@ -40,18 +40,17 @@ Body = Callable[..., tuple[float, ...]]
 
 
 def ideal(*values: float) -> tuple[float, ...]:
-    """Return what came: a robot that sees where it is, and drives as it is told. See effects.py."""
+    """Return the values unchanged: the robot measures its true pose, and drives as commanded. See effects.py."""
     return values
 
 
 def steer(x: float, y: float, ox: float, oy: float, figures: Figures) -> tuple[float, float]:
-    """Return the velocity [m/s] of the steered point: to the goal, but never too fast at the obstacle.
+    """Return the velocity [m/s] of the steered point: towards the goal, with a barrier around the obstacle.
 
-    The goal attracts, and a swirl leads round the obstacle on the side where the
-    straight way passes it, so that no head-on meeting ends in front of it. The
-    result is the velocity nearest to that which keeps the barrier
-    h = |p − o|² − keep² from falling faster than ḣ = −decay h: a quadratic
-    program with one constraint, solved by projecting on its half-plane.
+    The desired velocity is an attraction to the goal plus a swirl around the obstacle, on the side where the straight
+    path passes it, so that the robot does not stop in front of it. The result is the nearest velocity for which the
+    barrier h = |p − o|² − keep² satisfies ḣ ≥ −decay h. This quadratic program has one constraint, and a projection on
+    its half-plane solves it.
     """
     gx, gy = figures.goal[0] - x, figures.goal[1] - y
     distance = hypot(gx, gy)
@@ -70,8 +69,8 @@ def steer(x: float, y: float, ox: float, oy: float, figures: Figures) -> tuple[f
 def drive(
     ox: float, oy: float, ticks: int, seed: int, figures: Figures, look: Body = ideal, wheels: Body = ideal
 ) -> np.ndarray:
-    """Return (ticks + 1, 5) of x, y, heading, v and w: a unicycle whose two speeds err at every tick."""
-    # White noise: the error of one tick is larger than that of a second, by the square root of their ratio.
+    """Return (ticks + 1, 5) of x, y, heading, v and w, for a unicycle with white noise on both speeds."""
+    # The error in one tick exceeds the mean error over one second by the square root of the ratio of the two times.
     errors = np.random.default_rng(seed).normal(scale=figures.slip / figures.step**0.5, size=(ticks, 2))
     (x, y), heading = figures.start, 0.0
     rows = [(x, y, heading, 0.0, 0.0)]
@@ -80,11 +79,11 @@ def drive(
         c, s = cos(seen_heading), sin(seen_heading)
         ux, uy = steer(seen_x + figures.ahead * c, seen_y + figures.ahead * s, ox, oy, figures)
         v, w = c * ux + s * uy, (c * uy - s * ux) / figures.ahead
-        went, turned = wheels(v, w)
+        speed, rate = wheels(v, w)
         # The two errors of a differential drive: both wheels too fast, or one faster than the other.
-        x += figures.step * went * (1 + forward) * cos(heading)
-        y += figures.step * went * (1 + forward) * sin(heading)
-        heading += figures.step * (turned + turning)
+        x += figures.step * speed * (1 + forward) * cos(heading)
+        y += figures.step * speed * (1 + forward) * sin(heading)
+        heading += figures.step * (rate + turning)
         rows.append((x, y, heading, v, w))
     return np.array(rows)
 
@@ -99,17 +98,17 @@ CHANNELS = (
     Channel("d_obs", "m", "distance to the centre of the obstacle"),
 )
 PARAMETERS = (
-    Parameter("ox", "m", -0.4, 0.4, 0.0, "obstacle's centre, along the way"),
-    Parameter("oy", "m", -1.0, 1.0, 1.0, "obstacle's centre, to the left of it"),
+    Parameter("ox", "m", -0.4, 0.4, 0.0, "obstacle's centre, along the straight path"),
+    Parameter("oy", "m", -1.0, 1.0, 1.0, "obstacle's centre, to the left of the straight path"),
 )
 
 
 @dataclass(frozen=True)
 class TurtlebotBackend:
-    """A robot on two wheels, from (−0.8, 0) to (0.8, 0) m, with an obstacle at (ox, oy).
+    """A two-wheeled robot that drives from (−0.8, 0) to (0.8, 0) m, with an obstacle at (ox, oy).
 
-    It has no body: touching the obstacle changes nothing, and the specification
-    judges the distances. A rollout is a pure function of its parameters and its seed.
+    The model has no collisions: the specification judges the distances. A rollout is a pure function of its parameters
+    and its seed.
     """
 
     duration: float = 8.0
@@ -126,19 +125,23 @@ class TurtlebotBackend:
 
     @property
     def model_hash(self) -> str:
-        """Hash of the figures and of this file."""
+        """Hash of the constants and of this file."""
         return hashlib.sha256(repr(self.figures).encode() + Path(__file__).read_bytes()).hexdigest()
 
     def with_duration(self, seconds: float) -> Self:
-        """Return the same robot with rollouts of this length."""
+        """Return this robot with rollouts of this duration [s]."""
         return replace(self, duration=seconds)
 
     def _body(self) -> tuple[Body, Body]:
-        """Return how this robot looks and drives, fresh for every rollout."""
+        """Return the localisation and the wheels, new for every rollout."""
         return ideal, ideal
 
     def rollout(self, params: Mapping[str, float], seed: int) -> Trace:
-        """Drive once; parameters that are not given have their defaults, and unknown ones are refused."""
+        """Run one test; a missing parameter takes its default.
+
+        Raises:
+            UsageError: a parameter is unknown or out of range.
+        """
         ox, oy = read_test(self.name, self.parameters, params).values()
         step = self.figures.step
         ticks = ceil(self.duration / step - 1e-9)

@@ -1,7 +1,7 @@
-"""The same robot with what can be wrong about it: a catalogue of effects for ``s2r diagnose``.
+"""The turtlebot with a catalogue of unmodelled effects for ``s2r diagnose``.
 
-An effect is a small function that changes what the robot sees, or what its
-wheels make of a command. Each starts afresh in every rollout, so it may remember.
+An effect is a small function that changes the measured pose, or the wheels' response to a command. Every rollout makes
+it anew, so it may have a state.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ _AXLE = 0.16
 
 @dataclass(frozen=True)
 class BodyEffect(Effect):
-    """An effect of this robot; ``make(figures, **values)`` returns a fresh body part.
+    """An effect of this robot; ``make(figures, **values)`` returns its function for one rollout.
 
-    ``order`` is where it acts: 0 on the pose that is seen, from 1 on along the way of
-    a command to the ground. Effects act in this order, whichever was added first.
+    ``order`` is its place in the loop: 0 for the measured pose, and from 1 on the path from a command to the ground.
+    Effects act in this order, in whatever order they were added.
     """
 
     order: int
@@ -44,17 +44,17 @@ def _heading(figures: Figures, angle: float) -> Body:
 
 
 def _latency(figures: Figures, delay: float) -> Body:
-    """Return wheels that are given u(t − delay), and nothing before the first command has arrived.
+    """Return wheels that receive u(t − delay), and stand still before the first command arrives.
 
-    Commands are held for a tick; where two arrive in one, each counts for its share of the tick.
+    A command is held for a tick. If two apply within one tick, the result is their mean, weighted by their times.
     """
-    ticks, part = divmod(delay / figures.step, 1)
-    under_way = deque([(0.0, 0.0)] * (int(ticks) + 1))
+    ticks, share = divmod(delay / figures.step, 1)
+    queue = deque([(0.0, 0.0)] * (int(ticks) + 1))
 
     def body(v: float, w: float) -> tuple[float, float]:
-        under_way.append((v, w))
-        (v1, w1), (v0, w0) = under_way.popleft(), under_way[0]
-        return v0 + part * (v1 - v0), w0 + part * (w1 - w0)
+        queue.append((v, w))
+        (v1, w1), (v0, w0) = queue.popleft(), queue[0]
+        return v0 + share * (v1 - v0), w0 + share * (w1 - w0)
 
     return body
 
@@ -75,8 +75,8 @@ def _lag(figures: Figures, time: float) -> Body:
 def _speed_limit(figures: Figures, speed: float) -> Body:
     def body(v: float, w: float) -> tuple[float, float]:
         fastest = abs(v) + abs(w) * _AXLE / 2
-        part = min(1.0, speed / fastest) if fastest else 1.0
-        return part * v, part * w
+        factor = min(1.0, speed / fastest) if fastest else 1.0
+        return factor * v, factor * w
 
     return body
 
@@ -105,19 +105,19 @@ def _number(
 
 CATALOGUE = (
     BodyEffect(
-        "position_bias", "sensing", "The robot believes that it is this much farther to the left.",
+        "position_bias", "sensing", "The robot's estimate of its position is this much too far to the left.",
         _number("left", "m", -0.2, 0.2, 0.0, "normal, 0.04 m"), 0, _position,
     ),
     BodyEffect(
-        "heading_bias", "sensing", "The robot believes that it points this much farther to the left.",
+        "heading_bias", "sensing", "The robot's estimate of its heading is this much too far to the left.",
         _number("angle", "rad", -0.5, 0.5, 0.0, "normal, 0.1 rad"), 0, _heading,
     ),
     BodyEffect(
-        "latency", "timing", "Commands reach the wheels this much later; until the first one arrives they stand still.",
+        "latency", "timing", "Commands reach the wheels this much later; before the first one the wheels stand still.",
         _number("delay", "s", 0.0, 0.3, 0.0, "half-normal, 0.06 s"), 1, _latency,
     ),
     BodyEffect(
-        "speed_limit", "actuation", "No wheel turns faster than this; both are slowed down alike.",
+        "speed_limit", "actuation", "No wheel turns faster than this; both slow down by the same factor.",
         _number("speed", "m/s", 0.1, 1.0, 1.0, "1 minus half-normal, 0.3 m/s"), 2, _speed_limit,
     ),
     BodyEffect(
@@ -125,39 +125,39 @@ CATALOGUE = (
         _number("time", "s", 0.0, 0.5, 0.0, "half-normal, 0.1 s"), 3, _lag,
     ),
     BodyEffect(
-        "wheel_radius", "geometry", "Both wheels are larger than drawn by this factor, so that it drives faster.",
+        "wheel_radius", "geometry", "Both wheels are larger than drawn by this factor, so the robot drives faster.",
         _number("factor", "", 0.7, 1.3, 1.0, "normal around 1, standard deviation 0.1"), 4, _wheel_radius,
     ),
     BodyEffect(
-        "uneven_wheels", "geometry", "The right wheel goes this part farther, and the left one as much less.",
+        "uneven_wheels", "geometry", "The right wheel travels farther by this share, and the left wheel less by it.",
         _number("share", "", -0.1, 0.1, 0.0, "normal, 0.02"), 5, _uneven_wheels,
     ),
     BodyEffect(
-        "axle_length", "geometry", "The axle is longer than drawn by this factor, so that it turns less.",
+        "axle_length", "geometry", "The axle is longer than in the drawing by this factor, so the robot turns less.",
         _number("factor", "", 0.5, 1.6, 1.0, "normal around 1, standard deviation 0.15"), 6, _axle_length,
     ),
     BodyEffect(
-        "turning_slip", "contact", "The faster it drives, the less it turns: the wheels slide sideways.",
+        "turning_slip", "contact", "The faster the robot drives, the less it turns, because the wheels slide sideways.",
         _number("coefficient", "s/m", 0.0, 4.0, 0.0, "half-normal, 0.8 s/m"), 7, _turning_slip,
     ),
 )  # fmt: skip
 
 
 @dataclass(frozen=True)
-class WearableTurtlebot(TurtlebotBackend):
-    """The turtlebot with effects, none at first; set them with :meth:`with_effects`."""
+class TurtlebotWithEffects(TurtlebotBackend):
+    """The turtlebot with effects, at first none; :meth:`with_effects` adds them."""
 
     added: Choice = ()
 
     def __post_init__(self) -> None:
-        """Say in the name what was added."""
+        """Set the name, with the added effects."""
         object.__setattr__(self, "name", ":".join(filter(None, ("turtlebot", ",".join(words(self.added))))))
 
     @property
     def model_hash(self) -> str:
-        """Hash of the robot without effects, of what was added, and of this file."""
+        """Hash of the robot without effects, of the added effects, and of this file."""
         source = Path(__file__).read_bytes()
-        # By name: an effect's own text has addresses in it, which are others in every process.
+        # By name, because an effect's repr has memory addresses, which differ between processes.
         changes = [(effect.name, values) for effect, values in self._changes()]
         return hashlib.sha256(f"{super().model_hash} {changes!r}".encode() + source).hexdigest()
 
@@ -166,11 +166,11 @@ class WearableTurtlebot(TurtlebotBackend):
         return CATALOGUE
 
     def chosen(self) -> Values:
-        """Return effect → parameter → value of what was set."""
+        """Return effect → parameter → value of the added effects."""
         return as_values(self.added)
 
     def with_effects(self, values: Values) -> Self:
-        """Return the same robot with these effects added: ``{"latency": {"delay": 0.1}}``.
+        """Return this robot with these effects added: ``{"latency": {"delay": 0.1}}``.
 
         Raises:
             UsageError: an effect or a parameter is unknown, or a value out of range.
@@ -178,7 +178,7 @@ class WearableTurtlebot(TurtlebotBackend):
         return replace(self, added=choose("turtlebot", CATALOGUE, self.added, values))
 
     def _changes(self) -> list[tuple[BodyEffect, dict[str, float]]]:
-        """Return the effects that are not nominal, in the order in which they act."""
+        """Return the effects that are not nominal, in the order of their action."""
         chosen = settings(CATALOGUE, self.added)
         nominal = {effect.name: {p.name: p.nominal for p in effect.parameters} for effect in CATALOGUE}
         changed = (e for e in CATALOGUE if chosen.get(e.name, nominal[e.name]) != nominal[e.name])
@@ -191,19 +191,19 @@ class WearableTurtlebot(TurtlebotBackend):
         return _chain(look), _chain(wheels)
 
 
-def turtlebot(options: str = "") -> WearableTurtlebot:
-    """Return what is behind the name ``turtlebot``; ``turtlebot:latency.delay=0.1`` adds an effect.
+def turtlebot(options: str = "") -> TurtlebotWithEffects:
+    """Return the backend ``turtlebot``; ``turtlebot:latency.delay=0.1`` adds an effect.
 
     Raises:
-        UsageError: as :meth:`WearableTurtlebot.with_effects`, or a word that sets no effect.
+        UsageError: as :meth:`TurtlebotWithEffects.with_effects`, or an option sets no effect.
     """
-    robot = WearableTurtlebot()
+    robot = TurtlebotWithEffects()
     for word in filter(None, options.split(",")):
         values = read_word(word)
         if values is None:
             raise UsageError(
-                f"the backend 'turtlebot' has no option {word!r}; "
-                f"it has every parameter of every effect (latency.delay=0.1)"
+                f"the backend 'turtlebot' has no option {word!r}; its options are the parameters of its effects, such "
+                f"as latency.delay=0.1"
             )
         robot = robot.with_effects(values)
     return robot

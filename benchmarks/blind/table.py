@@ -52,37 +52,33 @@ LATEST = (
 )
 """Sets of which is said how often probabilities come true: those of today's weights."""
 RATES = {
-    "single effects: it is the likeliest set": "top-1, single effects",
-    "it is one of the two likeliest answers": "top-2, single effects",
-    "it is the likeliest effect": "most probable member, single",
-    "it is in the set answered": "in the answered set, single",
-    "single effects that move ρ or are isolable at their size: it is the likeliest set": (
-        "that moves ρ or is isolable at its size: first answer right, single"
-    ),
-    "of these, it is the likeliest effect": (
-        "that moves ρ or is isolable at its size: likeliest effects right, single"
-    ),
-    "pairs: they are the likeliest set": "exact pair first",
-    "one of them is the likeliest effect": "one of the pair first",
-    "unknown causes with a material gap: seen as such": "unknown with a material gap detected",
+    "single effects: ranked first": "top-1, single effects",
+    "among the first two answers": "top-2, single effects",
+    "most probable effect": "most probable member, single",
+    "in the set of the answer": "in the answered set, single",
+    "visible single effects: ranked first": "that moves ρ or is isolable at its size: first answer right, single",
+    "visible, most probable effect": "that moves ρ or is isolable at its size: likeliest effects right, single",
+    "pairs: ranked first": "exact pair first",
+    "most probable effect is one of the pair": "one of the pair first",
+    "unknown causes with a material gap: detected": "unknown with a material gap detected",
     "known causes: called *none of these*": "known effects called unknown",
     "nothing wrong: called something else": "null called anything else",
     "answers of 0.9 and more: right": "right where sure",
     "true values of named single effects: in the 90 % interval": "true value in its 90 % interval",
 }
-"""Row → rate; sets from before a rate was asked for have none."""
+"""Row → rate in the scores; older sets lack some of them."""
 GOALS = {
-    "it is one of the two likeliest answers": "97 %; -",
-    "it is in the set answered": "-; 99 %",
-    "single effects that move ρ or are isolable at their size: it is the likeliest set": "92 %; 97 %",
-    "pairs: they are the likeliest set": "75 %; 90 %",
-    "unknown causes with a material gap: seen as such": "90 %; 95 %",
+    "among the first two answers": "97 %; -",
+    "in the set of the answer": "-; 99 %",
+    "visible single effects: ranked first": "92 %; 97 %",
+    "pairs: ranked first": "75 %; 90 %",
+    "unknown causes with a material gap: detected": "90 %; 95 %",
     "known causes: called *none of these*": "5 % at most",
     "nothing wrong: called something else": "2 % at most",
     "answers of 0.9 and more: right": "99 %; -",
-    "material held-out gap of single effects: closed by what is named": "90 %",
+    "single effects: material held-out gap closed": "90 %",
 }
-"""Row → what we want, of the A1 and of the axis."""
+"""Row → goal for the A1 and for the axis."""
 LARGEST = "a1sixteenth"
 """The largest of the A1's sets."""
 EDGES = (0.0, 0.4, 0.6, 0.8, 0.9, 1.0)
@@ -101,7 +97,7 @@ def first(case: dict[str, Any]) -> tuple[frozenset[str], float]:
 
 def reliability() -> str:
     """Return as Markdown how often the likeliest answer is the truth, by the probability that it was given."""
-    rows = [["probability of the likeliest answer", "cases", "mean probability", "right"]]
+    rows = [["probability of the most probable answer", "cases", "mean probability", "right"]]
     cases = [
         case
         for name in LATEST
@@ -115,7 +111,7 @@ def reliability() -> str:
         rows.append(
             [f"{low:g} to {high:g}", str(len(mine)), f"{mean:.2f}", f"{right / max(len(mine), 1):.2f}"]
         )
-    return _markdown(rows)
+    return markdown(rows)
 
 
 def by_size() -> str:
@@ -149,11 +145,13 @@ def by_size() -> str:
         ]
         return [words, *(f"{sum(mine)} of {len(mine)}" for mine in of)]
 
-    rows = [["smallest effect, of its typical size", "single effects", "pairs"]]
+    rows = [["smallest effect, in parts of its typical size", "single effects", "pairs"]]
     for low, high in pairwise(SIZES):
         rows.append(row(f"{low:g} {'and more' if high == SIZES[-1] else f'to {high:g}'}", low, high, False))
-    rows.append(row(f"any: {', '.join(sorted(UNASKED))}, alone or with another", SIZES[0], SIZES[-1], True))
-    return _markdown(rows)
+    rows.append(
+        row(f"any size: {', '.join(sorted(UNASKED))}, alone or with another", SIZES[0], SIZES[-1], True)
+    )
+    return markdown(rows)
 
 
 def answered(cases: list[dict[str, Any]]) -> str:
@@ -187,23 +185,24 @@ def _rows(name: str) -> dict[str, str]:
     return {
         "cases": str(scores["cases"]),
         **{words: _of(scores.get(key)) for words, key in RATES.items()},
-        "single effects: the answer is it, and no other word": answered(cases),
-        "material held-out gap of single effects: closed by what is named": closed(cases, "after"),
+        "single effects: the answer is exactly right": answered(cases),
+        "single effects: material held-out gap closed": closed(cases, "after"),
         "the same, tuned": closed(cases, "tuned"),
     }
 
 
-def _markdown(rows: Sequence[Sequence[str]]) -> str:
+def markdown(rows: Sequence[Sequence[str]]) -> str:
+    """Return rows of cells, the first of them the head, as a table in Markdown."""
     return "\n".join(f"| {' | '.join(row)} |" for row in (rows[0], ["---"] * len(rows[0]), *rows[1:]))
 
 
 def table() -> str:
     """Return the newest sealed set of every machine and the A1's largest beside what we want, as Markdown."""
-    newest = {f"of {machine}": names[-1] for machine, names in SETS.items()}
-    before = {"of the A1, the one before": SETS["the A1"][-2], "of the A1, its largest, older": LARGEST}
+    newest = {machine: names[-1] for machine, names in SETS.items()}
+    before = {"the A1, set before": SETS["the A1"][-2], "the A1, largest set": LARGEST}
     said = [_rows(name) for name in (*newest.values(), *before.values())]
-    head = ["newest sealed set", *newest, *before, "goal (the A1; the axis)"]
-    return _markdown(
+    head = ["newest sealed set", *newest, *before, "goal (A1; axis)"]
+    return markdown(
         [head, *([row, *(one[row] for one in said), GOALS.get(row, "")] for row in said[0])],
     )
 
@@ -215,17 +214,22 @@ def history() -> str:
         for machine, names in SETS.items()
         for number, name in enumerate(names, 1)
     ]
-    return _markdown([["set", *said[0][1]], *([who, *one.values()] for who, one in said)])
+    return markdown([["set", *said[0][1]], *([who, *one.values()] for who, one in said)])
+
+
+def put(page: Path, made: str) -> None:
+    """Write a table over that of the page whose head begins with the same cell."""
+    text = page.read_text(encoding="utf-8")
+    begin = text.index(made.splitlines()[0].split(" | ")[0] + " | ")
+    page.write_text(text[:begin] + made + text[text.index("\n\n", begin) :], encoding="utf-8")
 
 
 def main() -> None:
-    """Print, and write if asked."""
+    """Print the tables, and write them if asked."""
     for page, made in ((PAGE, table()), (PAGE, reliability()), (PAGE, by_size()), (HISTORY, history())):
         print(made, end="\n\n")
         if "--write" in sys.argv:
-            text = page.read_text(encoding="utf-8")
-            begin = text.index(made.splitlines()[0].split(" | ")[0] + " | ")
-            page.write_text(text[:begin] + made + text[text.index("\n\n", begin) :], encoding="utf-8")
+            put(page, made)
 
 
 if __name__ == "__main__":

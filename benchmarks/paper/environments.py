@@ -29,8 +29,10 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from machine import describe
 
 import s2r_spec as s2r
-from s2r_spec.certify.check import check_with, search_for
+from s2r_spec.certify.check import check_with
+from s2r_spec.certify.from_spec import search_for
 from s2r_spec.certify.gap import gap_search, gap_with
+from s2r_spec.certify.options import RunOptions
 from s2r_spec.certify.pairing import Pairing
 from s2r_spec.certify.real_machine import conclude_certify
 from s2r_spec.rollouts.pools import process_pool
@@ -57,26 +59,18 @@ def main() -> int:
     spec = s2r.load_spec(SPEC)
     coarser = parse_spec(spec.text.replace("epsilon = 0.02", f"epsilon = {GAP_EPSILON}"), spec.name)
     assert coarser.certify["walking"].epsilon == GAP_EPSILON
-    pool = process_pool(options.workers)
     places: dict[str, Any] = {}
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        first = search_for(
-            spec, "walking", seed=options.seed, budget=None, mode="rigorous", engine="spectral"
-        )
-        checked = check_with(
-            first, spec, "walking", "sim", folder / "sim", options.seed, pool, None, False, None
-        )
+        run = RunOptions(seed=options.seed, executor=process_pool(options.workers))
+        first = search_for(spec, "walking", run)
+        checked = check_with(first, spec, "walking", "sim", folder / "sim", run)
         print(f"simulation: worst expected ρ in [{checked.lower:+.4f}, {checked.upper:+.4f}]", flush=True)
         for place in options.places:
             start = perf_counter()
             pairing = Pairing.for_spec(coarser, "walking", "sim", f"twin:{place}", None)
-            second = gap_search(
-                coarser, "walking", seed=options.seed, budget=None, mode="rigorous", engine="spectral"
-            )
-            bounded = gap_with(
-                second, coarser, "walking", pairing, folder / place, options.seed, pool, None, False, None
-            )
+            second = gap_search(coarser, "walking", run)
+            bounded = gap_with(second, coarser, "walking", pairing, folder / place, run)
             result = conclude_certify(first, second, checked, bounded)
             places[place] = row(place, second, result) | {"seconds": round(perf_counter() - start, 1)}
             print(sentence(place, places[place]), flush=True)

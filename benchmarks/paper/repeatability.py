@@ -31,7 +31,9 @@ import numpy as np
 from bank import HIGH, LOW, SPEC, Bank, matern52_norm, minimum, noise_norm
 
 import s2r_spec as s2r
-from s2r_spec.certify.check import check_with, search_for
+from s2r_spec.certify.check import check_with
+from s2r_spec.certify.from_spec import search_for
+from s2r_spec.certify.options import RunOptions
 from s2r_spec.certify.search import Search
 from s2r_spec.rollouts.pools import process_pool
 
@@ -140,11 +142,7 @@ def complete(name: str, search: Search, workers: int) -> dict[str, Any]:
             "walking",
             "sim",
             Path(folder) / "run",
-            search.seed,
-            process_pool(workers),
-            None,
-            False,
-            None,
+            RunOptions(seed=search.settings.seed, executor=process_pool(workers)),
         )
     return {
         "name": name,
@@ -228,7 +226,7 @@ def main() -> int:
 
 
 def s2r_search(spec: s2r.Spec, seed: int) -> Search:
-    return search_for(spec, "walking", seed=seed, budget=None, mode="rigorous", engine="spectral")
+    return search_for(spec, "walking", RunOptions(seed=seed))
 
 
 if __name__ == "__main__":

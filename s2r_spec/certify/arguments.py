@@ -1,4 +1,4 @@
-"""What a caller gave, as a search needs it; anything else is one sentence, before anything runs."""
+"""Arguments of Python callers: each is checked before anything runs, and a wrong one gets one sentence."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def as_spec(spec: Any) -> Spec:
     """Return the specification.
 
     Raises:
-        UsageError: it is a path, a text or something else.
+        UsageError: it is a path, a text or another value.
     """
     if isinstance(spec, Spec):
         return spec
@@ -29,7 +29,7 @@ def as_name(backend: Any, what: str = "backend") -> str:
     """Return the name of a backend.
 
     Raises:
-        UsageError: it is a backend itself, or something else that is no name: workers open it by its name.
+        UsageError: it is a backend itself or another value, but every worker opens a backend by its name.
     """
     if isinstance(backend, str):
         return backend
@@ -52,10 +52,10 @@ def as_simulator(backend: Any) -> Backend | str:
 
 
 def as_rollouts(real: Any) -> Any:
-    """Return the real side of a diagnosis: a backend, the name of one, or rollouts.
+    """Return the real machine of a diagnosis: a backend, the name of one, or rollouts.
 
     Raises:
-        UsageError: it is nothing of this.
+        UsageError: it is none of these.
     """
     if isinstance(real, str | Backend | Iterable):
         return real
@@ -77,7 +77,7 @@ def as_folder(folder: Any) -> Path:
 
 
 def require_begun(places: list[Path], run: Path) -> None:
-    """See that there is something to go on with.
+    """Refuse to resume a run that was never begun.
 
     Args:
         places: folders that could hold its journals.
@@ -86,7 +86,7 @@ def require_begun(places: list[Path], run: Path) -> None:
     Raises:
         UsageError: none of them holds one.
     """
-    if not any(map(Journal.found, places)):
+    if not any(map(Journal.exists, places)):
         looked = ", ".join(map(str, places))
         raise UsageError(
             f"no run to resume in {run}: there is no journal in {looked}; begin one without resume"

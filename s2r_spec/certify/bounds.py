@@ -1,7 +1,7 @@
 """Bounds of J over the whole box, for several norm bounds at once, from one event of probability 1 − δ.
 
-The confidence set holds for all times at once, so the tightest bound ever seen
-holds: points and cells keep a running intersection, and a cell's children
+The confidence set holds for all times at once, so that the tightest bound so far
+holds. Points and cells keep a running intersection, and the halves of a cell
 inherit it. Cells are split where they, and not the data, decide the maximum.
 """
 
@@ -17,6 +17,7 @@ from s2r_spec.certify.tiling import Tiling
 FloatArray = NDArray[np.float64]
 
 MOST_POINTS = 50_000
+"""Budget: points after which no cell is split any more."""
 
 
 class Bounds:
@@ -52,16 +53,16 @@ class Bounds:
 
     @property
     def hidden(self) -> FloatArray:
-        """(rungs,) what the cells add to the largest upper bound at a point."""
+        """(rungs,) excess of the maximum over the largest upper bound at a point."""
         return np.asarray(np.maximum(self.maximum - self.upper.max(axis=1), 0))
 
     @property
     def empty(self) -> bool:
-        """Whether bounds of the first row contradict each other: an assumption is false, or luck was as bad as δ."""
+        """Whether bounds of the first row contradict each other; if all assumptions hold this has probability ≤ δ."""
         return bool((self.lower[0] > self.upper[0]).any() or self.best[0] > self.maximum[0])
 
     def add(self, vector: FloatArray) -> int:
-        """Return the index of a (dim,) vector of the box among the points; a new one has its cell's bounds."""
+        """Return the index of a (dim,) vector of the box among the points; a new point gets its cell's bounds."""
         place = self._tiling.add(vector)
         if place == self.upper.shape[1]:
             cell = self._tiling.containing(vector[None])
@@ -70,7 +71,7 @@ class Bounds:
         return place
 
     def tighten(self, data: Conditioned, bound: Bound, tolerance: float) -> None:
-        """Intersect with a new bound, and split cells until they hide at most a share of what is unknown.
+        """Intersect with a new bound, and split cells until they hide at most a share of the interval.
 
         Args:
             data: conditioned on all outcomes so far.
@@ -133,8 +134,8 @@ class Bounds:
 def _evaluate(data: Conditioned, bound: Bound, points: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return (rungs, n) bounds from one fit; NaN in the rows whose norm bound is refuted."""
     moments = data.moments(bound.scales, points)
-    sides = [width[:, None] * moments.std for width in bound.widths]
+    margins = [width[:, None] * moments.std for width in bound.widths]
     return (
-        np.stack([(moments.mean - side).max(axis=0) for side in sides]),
-        np.stack([(moments.mean + side).min(axis=0) for side in sides]),
+        np.stack([(moments.mean - margin).max(axis=0) for margin in margins]),
+        np.stack([(moments.mean + margin).min(axis=0) for margin in margins]),
     )

@@ -1,4 +1,4 @@
-"""The record of a search: an interval, its probability, and everything it assumes."""
+"""The certificate of a search: an interval, its probability, and its assumptions."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from enum import Enum
 from typing import Any
 
 ALL_COUNT = "every rollout that was asked for is counted"
-"""Definition: what a search assumes of its rollouts; a machine's may be void, and then run again."""
+"""Definition: an assumption about the rollouts; those of a machine may be void, and then run again."""
 
 
 class Label(Enum):
-    """What a certificate may be called; the value is what the user reads."""
+    """Status of a certificate; the value is the printed text."""
 
     CERTIFIED = "certified under the stated assumptions"
     BUDGET = "budget exhausted (valid interval)"
@@ -21,7 +21,7 @@ class Label(Enum):
 
     @property
     def bounds(self) -> bool:
-        """Whether the interval is a promise under the stated assumptions."""
+        """Whether the interval holds under the stated assumptions."""
         return self not in (Label.REFUSED, Label.MODEL_BASED)
 
 
@@ -40,22 +40,22 @@ class Certificate:
     """P(lower ≤ J* ≤ upper) ≥ 1 − δ, where J* = max over the box of the expected outcome.
 
     Attributes:
-        lower: max over the grid of the lower confidence bound.
+        lower: largest lower confidence bound at a point.
         upper: J^e, the upper confidence bound of the maximum over the whole box.
         delta: 1 − probability.
-        target: the ε that was asked for.
+        target: the declared ε.
         label: see :class:`Label`.
         reason: why it was refused, else "".
         worst: the point of the largest lower confidence bound.
-        rollouts: outcomes used.
-        iterations: batches told.
-        points: distinct test points.
+        rollouts: number of outcomes.
+        iterations: number of batches.
+        points: number of distinct test points.
         discretisation: B e(h), contained in ``upper``.
         ladder: the interval for B, 2B, 4B, 8B.
         B_low: the smallest RKHS norm compatible with the data.
         log_e_value: natural logarithm of the e-value against R.
         assumptions: each in one sentence; the certificate means nothing without them.
-        settings: what was declared before the data.
+        settings: the declaration, made before the data.
     """
 
     lower: float

@@ -1,8 +1,8 @@
-"""Which of several controllers to take: the one with the best certified worst case.
+"""The choice among controllers: the one with the best certified worst case.
 
-A gain, a controller, a setting of one is a backend. Every candidate is checked by
-itself, with its own δ_i; with probability ≥ 1 − Σ δ_i all intervals hold at once,
-whichever is then chosen, so that choosing after the data costs nothing more.
+Each candidate is a backend: a controller, a gain, or a setting. Every candidate is checked by itself, with its own
+δ_i. With probability ≥ 1 − Σ δ_i all intervals hold at once, whichever candidate is then chosen. So choosing after
+the data costs nothing more.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ class Choice:
     """The candidate of the largest certified lower bound.
 
     Attributes:
-        best: its place among the candidates; None when every certificate was refused.
+        best: its index among the candidates; None when every certificate was refused.
         lower: certified lower bound on its worst expected robustness.
-        regret: the best of all candidates has a worst case that is at most so much better.
-        delta: 1 − probability of all of it.
-        refused: places of candidates whose certificate bounds nothing; nothing is said of them.
+        regret: the best candidate's worst case is better by at most this, in the unit of ρ.
+        delta: 1 − probability of all these statements together.
+        refused: indices of candidates without a certificate; no statement is about them.
     """
 
     best: int | None

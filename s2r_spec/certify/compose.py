@@ -1,16 +1,15 @@
-"""Two searches, one promise: a bound on the real machine from simulation and gap.
+"""A bound on the real machine from two searches: simulation and gap.
 
 Search 1 maximises −ρ̂ over simulated rollouts, search 2 maximises −Δ over paired
-ones, Δ = ρ_real − ρ̂. Both bands hold for all tests at once, so that they may be
+ones, Δ = ρ_real − ρ̂. Both bands hold for all tests at once. They may therefore be
 added test by test, before the worst test is taken:
 
     min_d E ρ_real ≥ min_d [LCB_ρ̂(d) + LCB_Δ(d)]      with probability ≥ 1 − δ₀ − δ₁.
 
-and no larger than min_d [UCB_ρ̂(d) + UCB_Δ(d)], so that a failure can be shown, too.
+It is at most min_d [UCB_ρ̂(d) + UCB_Δ(d)], so that a failure can be shown, too.
 
-The paper adds the worst cases of both (Theorem 2: ρ* ≥ ρ̂ᵉ − eᵉ), which is never
-larger; it is given beside. Its (1−δ₀)(1−δ₁) needs searches that share nothing,
-the sum does not.
+The paper adds the worst cases of both (Theorem 2: ρ* ≥ ρ̂ᵉ − eᵉ). Its bound is never larger, and the result has
+it, too. The paper's probability (1−δ₀)(1−δ₁) needs independent searches; the sum δ₀ + δ₁ does not.
 """
 
 from __future__ import annotations
@@ -28,8 +27,9 @@ from s2r_spec.errors import UsageError
 FloatArray = NDArray[np.float64]
 
 MOST_POINTS = 50_000
-# A cell is split while it hides more than this share of the larger ε of both searches.
+"""Budget: points after which no cell is split any more."""
 TOLERANCE = 0.02
+"""Tolerance: a cell is split while it hides more than this share of the larger ε of both searches."""
 
 
 @dataclass(frozen=True)
@@ -40,10 +40,10 @@ class Composition:
         lower: min_d [LCB_ρ̂(d) + LCB_Δ(d)] over the whole box.
         upper: the smallest UCB_ρ̂(d) + UCB_Δ(d) at a point.
         delta: δ₀ + δ₁.
-        worst: the test where it is smallest.
-        discretisation: what cells may hide, contained in ``lower``.
+        worst: the test of the smallest lower bound.
+        discretisation: largest excess over the corners inside a cell, contained in ``lower``.
         paper_lower: ρ̂ᵉ − eᵉ with eᵉ = max_d |E Δ|, bounded from the same band.
-        gap: (smallest, largest) that E Δ can be anywhere.
+        gap: (smallest, largest) possible E Δ anywhere.
     """
 
     lower: float
@@ -74,7 +74,7 @@ def compose(simulated: Search, gap: Search) -> Composition:
     # Maximising −Δ, so that Δ lies in [−high, −low].
     paper = -simulated.range[1] - max(high, -low)
     return Composition(
-        # Both hold, so that the larger does: cells may cost the sum more than they cost its parts.
+        # Both hold, and so does the larger one: cells may cost the sum more than its parts.
         lower=max(-value, paper),
         upper=float((-simulated.band(points)[0] - gap.band(points)[0]).min()),
         delta=min(1.0, simulated.delta + gap.delta),

@@ -17,7 +17,7 @@ and then, whenever ‖J‖ ≤ B, for every a > 0 and every test z
 
     |J(z) − μ_a(z)| ≤ sqrt(r_n + B²/a − q_a) v_a(z).
 
-Neither the kernel's B nor a enter the event: they may be chosen afterwards.
+Neither B nor a enters the event: both may be chosen afterwards.
 
 Sources: Flynn & Reeb, *Tighter confidence bounds for sequential kernel
 regression* (2024), for mixtures and the dual; Abbasi-Yadkori (2013) for the
@@ -39,7 +39,7 @@ R_TEST_SCALES = np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95])
 
 @dataclass(frozen=True)
 class Evidence:
-    """What a whole sample says about A prior scales."""
+    """Evidence of a sample for A prior scales."""
 
     log_det: FloatArray
     """(A,) L_a, twice the information gain."""

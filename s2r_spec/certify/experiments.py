@@ -1,104 +1,39 @@
-"""Between a search and its rollouts: what is asked for is run, recorded, and only then told."""
+"""Experiments: they answer the queries of a search with outcomes.
+
+Every rollout is written to its journal first. Only then does the search get its outcome.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Literal, Protocol
+from dataclasses import dataclass
+from typing import Literal, NoReturn, Protocol
 
 import numpy as np
 
-from s2r_spec.certify.certificate import Certificate
+from s2r_spec.certify.observers import Observer, OnlyCrashes, Silent
 from s2r_spec.certify.search import Query, Search
 from s2r_spec.errors import BackendError, S2RError
-from s2r_spec.rollouts.attempts import Void
 from s2r_spec.rollouts.journal import Journal, Record
+from s2r_spec.rollouts.machine_journal import Void
 from s2r_spec.rollouts.runner import Done, Task
 from s2r_spec.rollouts.scorer import Scorer
 from s2r_spec.rollouts.seeds import Stream, rollout_seed
 
 UNSCORED = "unscored"
-"""Definition: word of a machine's rollout whose trace the requirement cannot judge."""
-
-
-@dataclass(frozen=True)
-class Phase:
-    """What a search is after.
-
-    Attributes:
-        symbol: of what is bounded, "ρ" or "Δ".
-        unit: of it.
-        backend: whose rollouts are counted.
-        units: of the test parameters.
-        budget: most rollouts, if there is one.
-        attended: the backend is a machine, whose operator is asked at the terminal meanwhile.
-    """
-
-    symbol: str
-    unit: str
-    backend: str
-    units: Mapping[str, str]
-    budget: int | None
-    attended: bool = False
-
-
-class Observer(Protocol):
-    """Is told how a search goes."""
-
-    def begin(self, phase: Phase) -> None:
-        """Say that a search begins."""
-        ...
-
-    def batch(self, queries: list[Query], certificate: Certificate) -> None:
-        """Say that a batch begins; the certificate is of what came before it."""
-        ...
-
-    def rollout(self, record: Record, new: bool = True) -> None:
-        """Say that one rollout is on disk; a resumed run tells again those that are not new."""
-        ...
-
-    def crash(self, record: Record) -> None:
-        """Say that a rollout left no trace: its worker died, or hung and was ended."""
-        ...
-
-
-class Silent:
-    """An observer that says nothing."""
-
-    def begin(self, phase: Phase) -> None:
-        """Do nothing."""
-
-    def batch(self, queries: list[Query], certificate: Certificate) -> None:
-        """Do nothing."""
-
-    def rollout(self, record: Record, new: bool = True) -> None:
-        """Do nothing."""
-
-    def crash(self, record: Record) -> None:
-        """Do nothing."""
-
-
-@dataclass(frozen=True)
-class OnlyCrashes(Silent):
-    """Passes crashes on, and nothing else."""
-
-    observer: Observer
-
-    def crash(self, record: Record) -> None:
-        """Pass it on."""
-        self.observer.crash(record)
+"""Definition: word for a machine's rollout whose trace the requirement cannot evaluate."""
 
 
 class Runs(Protocol):
-    """Runs tasks: a :class:`s2r_spec.rollouts.runner.Runner`, or what attends to a machine."""
+    """Runs tasks: a :class:`s2r_spec.rollouts.runner.Runner`, or a machine with its operator."""
 
     def run(self, tasks: Sequence[Task]) -> Iterator[Done]:
-        """Yield every task's outcome; see there."""
+        """Yield the result of every task."""
         ...
 
 
 class Experiment(Protocol):
-    """Answers queries with outcomes, all of which are on disk by then."""
+    """Answers queries; every outcome is on disk before it is returned."""
 
     def outcomes(self, queries: Sequence[Query], observer: Observer) -> dict[int, list[float]]:
         """Return query index → (replicates,) outcomes."""
@@ -107,13 +42,13 @@ class Experiment(Protocol):
 
 @dataclass(frozen=True)
 class Rollouts:
-    """Rollouts on one scorer; the outcome is −ρ, so that a maximum is the worst case.
+    """Rollouts on one backend. The outcome is −ρ, so that the maximum is the worst case.
 
     Attributes:
-        scorer: what turns a test into ρ.
+        scorer: evaluates ρ of a rollout.
         seed: of the run.
-        journal: where every rollout goes first.
-        runner: of the rollouts.
+        journal: records every rollout.
+        runner: runs the rollouts.
         stream: of seeds.
         each: rollouts per replicate; the outcome is their mean.
     """
@@ -123,13 +58,13 @@ class Rollouts:
     journal: Journal
     runner: Runs
     stream: Stream = Stream.CHECK
-    each: int = field(default=1)
+    each: int = 1
 
     def outcomes(self, queries: Sequence[Query], observer: Observer) -> dict[int, list[float]]:
-        """Run what the journal does not hold yet; see :class:`Experiment`.
+        """Run the rollouts that the journal lacks; see :class:`Experiment`.
 
         Raises:
-            BackendError: a rollout raised, or the journal is of a search that asked for other tests.
+            BackendError: a rollout raised, or the journal is of a search with other tests.
         """
         points = {query.index: query.point for query in queries}
         records: dict[tuple[int, int], Record] = {}
@@ -138,37 +73,18 @@ class Rollouts:
             for replicate in range(query.replicates * self.each):
                 key = query.index, replicate
                 task = self.scorer.task(*key, query.point, rollout_seed(self.seed, *key, self.stream))
-                before = self.journal.get(*key)
+                before = self._recorded(task, query.point)
                 if before is None:
                     tasks.append(task)
-                elif before.params != query.point or before.seed != task.seed:
-                    raise BackendError(
-                        f"rollout {query.index}.{replicate} of {self.journal.folder} was run at {before.params}, now "
-                        f"the search asks for {query.point}: the numerical libraries must have changed in between"
-                    )
                 else:
                     records[key] = before
                     observer.rollout(before, new=False)
         for done in self.runner.run(tasks):
-            key, point = (done.task.query, done.task.replicate), points[done.task.query]
-            try:
-                rho, failure = self.scorer.score(point, done)
-            except S2RError as error:
-                kept = self.journal.keep(key, done.trace)
-                for begun in self.journal.open:  # of a machine, whose rollout has an end, if no outcome
-                    if begun.key == key:
-                        self.journal.void(Void(begun, UNSCORED, str(error), None, done.seconds), done.trace)
-                test = ", ".join(f"{name} = {value:.6g}" for name, value in point.items())
-                raise BackendError(
-                    f"rollout {key[0]}.{key[1]} at {test} cannot be scored: {error}; its trace is kept in {kept}"
-                ) from error
-            record = Record(
-                *key, point, done.task.seed, rho, failure, trace=None, seconds=round(done.seconds, 4)
-            )
-            records[key] = self.journal.append(record, done.trace)
-            observer.rollout(records[key])
+            record = self._record(done, points[done.task.query])
+            records[record.query, record.replicate] = record
+            observer.rollout(record)
             if done.trace is None:
-                observer.crash(records[key])
+                observer.crash(record)
         return {
             query.index: [
                 float(np.mean([-records[query.index, r * self.each + i].rho for i in range(self.each)]))
@@ -177,12 +93,55 @@ class Rollouts:
             for query in queries
         }
 
+    def _recorded(self, task: Task, point: Mapping[str, float]) -> Record | None:
+        """Return the journal's record of a task, None if there is none.
+
+        Raises:
+            BackendError: it is a record of another test or seed.
+        """
+        before = self.journal.get(task.query, task.replicate)
+        if before is not None and (before.params != point or before.seed != task.seed):
+            raise BackendError(
+                f"rollout {task.query}.{task.replicate} of {self.journal.folder} was run at {before.params}, now "
+                f"the search asks for {point}: the numerical libraries must have changed in between"
+            )
+        return before
+
+    def _record(self, done: Done, point: dict[str, float]) -> Record:
+        """Evaluate a rollout and write it to the journal.
+
+        Raises:
+            BackendError: the requirement cannot be evaluated on its trace.
+        """
+        try:
+            rho, failure = self.scorer.score(point, done)
+        except S2RError as error:
+            self._refuse(done, point, error)
+        key = done.task.query, done.task.replicate
+        record = Record(*key, point, done.task.seed, rho, failure, trace=None, seconds=round(done.seconds, 4))
+        return self.journal.append(record, done.trace)
+
+    def _refuse(self, done: Done, point: Mapping[str, float], error: S2RError) -> NoReturn:
+        """Keep the trace of a rollout without ρ, and raise a BackendError that names it."""
+        key = done.task.query, done.task.replicate
+        kept = self.journal.keep(key, done.trace)
+        for attempt in self.journal.open:  # a machine's rollout ends here, without an outcome
+            if attempt.key == key:
+                self.journal.void(Void(attempt, UNSCORED, str(error), None, done.seconds), done.trace)
+        test = ", ".join(f"{name} = {value:.6g}" for name, value in point.items())
+        raise BackendError(
+            f"rollout {key[0]}.{key[1]} at {test} cannot be scored: {error}; its trace is kept in {kept}"
+        ) from error
+
 
 @dataclass(frozen=True)
 class Pairs:
-    """A simulated and a real rollout for each replicate; the outcome is −Δ = ρ_sim − ρ_real.
+    """A simulated and a real rollout for each replicate. The outcome is −Δ = ρ_sim − ρ_real.
 
-    The observer is told of the rollouts of the side that is ``watched``.
+    Attributes:
+        simulated: rollouts of the simulator.
+        real: rollouts of the real machine.
+        watched: the backend whose rollouts the observer receives; of the other one it receives crashes only.
     """
 
     simulated: Experiment
@@ -190,7 +149,7 @@ class Pairs:
     watched: Literal["real", "simulated"] = "real"
 
     def outcomes(self, queries: Sequence[Query], observer: Observer) -> dict[int, list[float]]:
-        """Run both sides, the real one first: what it costs must be recorded whatever the simulator does."""
+        """Run the real machine first: its rollouts are then on disk if the simulator raises."""
         watched = {self.watched: observer}
         others = OnlyCrashes(observer)
         real = self.real.outcomes(queries, watched.get("real", others))
@@ -202,7 +161,7 @@ def run_search(search: Search, experiment: Experiment, observer: Observer | None
     """Run the search to its end.
 
     Raises:
-        BackendError: a rollout raised; all that came before is on disk.
+        BackendError: a rollout raised; every rollout before it is on disk.
     """
     observer = observer or Silent()
     while not search.done:

@@ -1,11 +1,11 @@
-"""How likely is a rollout to fail, at the worst test: a bound on a probability, and with it on a quantile of ρ.
+"""The failure probability at the worst test: a bound on it, and with it on a quantile of ρ.
 
-E ρ may be positive while one rollout in ten fails. Whether ρ falls below a level is a number 0 or 1, and so
-its noise is ½-sub-Gaussian whatever its probability (Hoeffding's lemma): R is proven here, and need not be
-declared. What remains an assumption is that the probability, as a function of the test, has a bounded norm.
+E ρ may be positive while one rollout in ten fails. The indicator of ρ < level is 0 or 1, so that its noise is
+½-sub-Gaussian for every probability (Hoeffding's lemma). R is proven here and need not be declared. One
+assumption remains: the probability, as a function of the test, has a bounded norm.
 
-The rollouts may be those of a search for the worst E ρ: its tests depend on earlier outcomes only, which
-is all that the bound asks of them.
+The rollouts may be those of a search for the worst E ρ. Its tests depend on earlier outcomes only, and the
+bound asks no more of them.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ from s2r_spec.certify.search import Search
 from s2r_spec.errors import UsageError
 from s2r_spec.space import Space
 
-# Of a number in [0, 1].
 R = 0.5
-# It decides how finely the box is divided, and no more.
+"""Definition: sub-Gaussian proxy of a number in [0, 1]."""
 FINEST = 0.02
+"""Tolerance: ε of the search, which only decides how finely the box is divided."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ def bound_failure_probability(
     Args:
         space: the test space.
         tests: (point, (replicates,) values of ρ), every rollout that was run.
-        levels: of ρ; δ is shared equally among them, so that all bounds hold at once.
+        levels: of ρ, in its unit; δ is shared equally among them, so that all bounds hold at once.
         kernel: of the probability as a function of the test.
         B: bound on its norm.
         delta: all bounds together are wrong with at most this probability.

@@ -1,362 +1,140 @@
-"""Search 2: how much worse than simulated can the real machine be.
+"""Search 2: how much worse than simulated the real machine can be.
 
-The gap is sampled signed, Δ(d) = ρ_real − ρ_sim, from independent rollouts of both
-pairing. E|Δ|, which the paper bounds, is not zero even for two identical noisy
-systems (2s/√π for noise of deviation s); it is given beside, as an estimate.
+The gap is signed: Δ(d) = ρ_real − ρ_sim, from independent rollouts of machine and simulator. The paper bounds
+E|Δ|, which is positive even for two identical noisy systems (2s/√π for noise of deviation s). The result has it
+as an estimate.
 """
 
 from __future__ import annotations
 
 import math
-from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
-import numpy as np
-
-from s2r_spec.backend import Operator, is_exclusive
+from s2r_spec.backend import is_exclusive
 from s2r_spec.certify.arguments import as_folder, as_name, as_spec, require_begun
-from s2r_spec.certify.certificate import Certificate
-from s2r_spec.certify.check import (
-    distance,
-    only_requirement,
-    rho_unit,
-    search_for,
-)
-from s2r_spec.certify.experiments import Experiment, Observer, Pairs, Phase, Rollouts, run_search
+from s2r_spec.certify.experiments import Experiment, Pairs, Rollouts, run_search
+from s2r_spec.certify.from_spec import only_requirement, rho_unit, search_for
+from s2r_spec.certify.gap_result import GapResult, conclude_gap
+from s2r_spec.certify.observers import Phase
+from s2r_spec.certify.options import RunKeywords, RunOptions
 from s2r_spec.certify.pairing import SIMULATED_PER_REAL, Pairing
-from s2r_spec.certify.recorded import Recorded, left_open, observe
+from s2r_spec.certify.recorded import Recorded, observe
 from s2r_spec.certify.search import Search
-from s2r_spec.certify.voids import about, assumed, counted, is_machine, with_voids, without_too_many
-from s2r_spec.errors import UsageError
-from s2r_spec.rollouts.attempts import AGAIN
-from s2r_spec.rollouts.attendance import Terms, refuse_terms, terms_of
-from s2r_spec.rollouts.attended import attending
+from s2r_spec.certify.voids import machine_fields
+from s2r_spec.rollouts.attendance import refuse_terms
 from s2r_spec.rollouts.journal import Journal
-from s2r_spec.rollouts.kept import files_of
-from s2r_spec.rollouts.layout import SIDES
-from s2r_spec.rollouts.pools import ExecutorFactory, process_pool
-from s2r_spec.rollouts.runner import Runner
+from s2r_spec.rollouts.layout import SYSTEMS
+from s2r_spec.rollouts.machine_runner import runner_for
 from s2r_spec.rollouts.seeds import Stream
+from s2r_spec.rollouts.spec_files import spec_texts
 from s2r_spec.spec import Spec
 
 
-@dataclass(frozen=True)
-class GapTested:
-    """All pairs at one test point."""
-
-    params: dict[str, float]
-    pairs: int
-    mean: float
-    """Mean Δ."""
-    absolute: float
-    """Mean |Δ|, the paper's quantity; of noise alone it is not 0."""
-
-
-@dataclass(frozen=True)
-class Pair:
-    """A real rollout and the mean ρ of the simulated ones that it is held against."""
-
-    query: int
-    replicate: int
-    params: dict[str, float]
-    real: float
-    simulated: float
-    failure: str | None
-    """Of the real rollout."""
-
-    @property
-    def gap(self) -> float:
-        """Δ = ρ_real − ρ_sim."""
-        return self.real - self.simulated
-
-
-@dataclass(frozen=True)
-class GapResult:
-    """With probability ≥ 1 − δ, E Δ lies in [low, high] at every test, and its minimum in [lower, upper].
-
-    Attributes:
-        requirement: its name in the spec.
-        lower: lower bound of min_d E Δ: how much worse than simulated the real machine can be.
-        upper: upper bound of the same minimum.
-        low: lower bound of E Δ anywhere; equals ``lower``.
-        high: upper bound of E Δ anywhere.
-        unit: of ρ.
-        worst: the tested point nearest to the one that shows the most negative gap.
-        tested: every tested point.
-        lowest: the pair of the most negative Δ.
-        failures: of real rollouts, by word.
-        assumptions: each in one sentence.
-        certificate: of the search, which maximises −Δ.
-        provenance: versions, hashes, seed.
-        folder: where the rollouts lie.
-        seconds: that the rollouts of both sides took, all workers and all resumed processes added up.
-        voids: of a machine, how many of its rollouts were void, by word; None of what is none.
-    """
-
-    requirement: str
-    lower: float
-    upper: float
-    low: float
-    high: float
-    unit: str
-    worst: GapTested
-    tested: tuple[GapTested, ...]
-    lowest: Pair
-    failures: dict[str, int]
-    assumptions: tuple[str, ...]
-    certificate: Certificate
-    provenance: dict[str, Any]
-    folder: Path
-    seconds: float
-    voids: dict[str, int] | None = None
-
-    @property
-    def absolute(self) -> float:
-        """The largest mean |Δ| at a tested point: an estimate for comparison with the paper, no bound."""
-        return max(test.absolute for test in self.tested)
-
-
 def gap_search(
-    spec: Spec,
-    requirement: str,
-    *,
-    seed: int,
-    budget: int | None,
-    mode: str,
-    engine: str,
-    per_real: int = SIMULATED_PER_REAL,
+    spec: Spec, requirement: str, options: RunOptions, per_real: int = SIMULATED_PER_REAL
 ) -> Search:
-    """Build search 2 from the spec's certify line.
+    """Return search 2, which the spec's certify line declares like search 1.
 
-    The noise of Δ has proxy R·sqrt(1 + 1/k), if R is the real machine's too and k
-    (``per_real``) simulated rollouts are averaged; B, ε, δ and the kernel are those of search 1.
+    If R is the real machine's proxy, too, and k = ``per_real`` simulated rollouts are averaged, then the noise of Δ
+    has the proxy R·sqrt(1 + 1/k). B, ε, δ and the kernel are those of search 1.
     """
-    return search_for(
-        spec,
-        requirement,
-        seed=seed,
-        budget=budget,
-        mode=mode,
-        engine=engine,
-        noise=math.sqrt(1 + 1 / per_real),
-    )
+    return search_for(spec, requirement, options, noise=math.sqrt(1 + 1 / per_real))
 
 
 def gap(
-    spec: Spec,
-    simulated: str,
-    real: str,
-    folder: Path | str,
-    *,
-    requirement: str | None = None,
-    seed: int = 0,
-    budget: int | None = None,
-    mode: str = "rigorous",
-    engine: str = "spectral",
-    executor: ExecutorFactory | None = None,
-    timeout: float | None = None,
-    resume: bool = False,
-    observer: Observer | None = None,
-    void: str = AGAIN,
-    operator: Operator | None = None,
+    spec: Spec, simulated: str, real: str, folder: Path | str, **keywords: Unpack[RunKeywords]
 ) -> GapResult:
     """Bound the signed gap between two backends over the spec's test space.
 
     Args:
         spec: with a test space and a certify line.
-        simulated: the backend that stands for the simulator.
-        real: the backend that stands for the real machine: a robot, its logs, a twin. Of logs every
-            recording inside the test space counts once, and the simulator is run at the same tests
-            (or its own logs are read); the search then chooses no test.
-        folder: of the journals and traces of both pairing.
-        requirement: may be left out when the spec has one.
-        seed: of the whole run.
-        budget: most real rollouts; None for as many as the spec's ε takes.
-        mode: of the confidence set.
-        engine: of the Gaussian process.
-        executor: makes the pool; two local processes by default.
-        timeout: see :func:`s2r_spec.certify.check.check`.
-        resume: go on with the run in ``folder``.
-        observer: is told of batches and real rollouts.
-        void: see :func:`s2r_spec.certify.check.check`.
-        operator: see there.
+        simulated: the simulator's backend, by name.
+        real: the real machine's backend, by name: a robot, its logs, a twin. Every recording inside the test space
+            counts once, and the simulator runs at the same tests (or its own logs are read). The search then chooses
+            no test.
+        folder: of the journals and traces of both backends.
+        keywords: see :class:`~s2r_spec.certify.options.RunOptions`; all of them may be left out.
 
     Raises:
-        UsageError: spec, backends and folder do not fit together.
-        BackendError: a rollout raised; all that came before is in the journals.
+        UsageError: spec, backends and folder do not fit together, or there is no run to resume.
+        BackendError: a rollout raised; every rollout before it is in the journals.
     """
+    options = RunOptions(**keywords)
     spec, folder = as_spec(spec), as_folder(folder)
     simulated, real = as_name(simulated, "simulated"), as_name(real, "real")
-    requirement = requirement or only_requirement(spec)
-    if resume:
-        require_begun([folder / side for side in SIDES], folder)
-    pairing = Pairing.for_spec(spec, requirement, simulated, real, budget)
-    search = gap_search(
-        spec, requirement, seed=seed, budget=budget, mode=mode, engine=engine, per_real=pairing.per_real
-    )
-    terms = terms_of(void, operator)
-    return gap_with(
-        search, spec, requirement, pairing, folder, seed, executor, timeout, resume, observer, terms
-    )
+    requirement = options.requirement or only_requirement(spec)
+    if options.resume:
+        require_begun([folder / side for side in SYSTEMS], folder)
+    pairing = Pairing.for_spec(spec, requirement, simulated, real, options.budget)
+    search = gap_search(spec, requirement, options, pairing.per_real)
+    return gap_with(search, spec, requirement, pairing, folder, options)
 
 
 def gap_with(
-    search: Search,
-    spec: Spec,
-    requirement: str,
-    pairing: Pairing,
-    folder: Path,
-    seed: int,
-    executor: ExecutorFactory | None,
-    timeout: float | None,
-    resume: bool,
-    observer: Observer | None,
-    terms: Terms | None = None,
+    search: Search, spec: Spec, requirement: str, pairing: Pairing, folder: Path, options: RunOptions
 ) -> GapResult:
     """Run a search for the gap to its end; see :func:`gap`."""
-    terms = terms or Terms()
-    refuse_terms(pairing.real.backend, terms)
+    terms, machine = options.terms, pairing.real.backend
+    refuse_terms(machine, terms)
     if pairing.recorded is None:
         search.refuse_hopeless()
-    scorers = {"sim": pairing.sim, "real": pairing.real}
     provenance: dict[str, Any] = {
         "s2r": version("s2r"),
         "spec": Path(spec.name).name,
         "spec_hash": spec.hash,
         "requirement": requirement,
-        "seed": seed,
+        "seed": options.seed,
         "simulated_per_real": pairing.per_real,
         "settings": search.certificate().settings,
     }
-    for side, scorer in scorers.items():
-        about_side = {"backend": scorer.name, "model_hash": scorer.backend.model_hash}
-        provenance[side] = about_side | about(scorer.backend, terms.void)
+    for side, scorer in pairing.scorers.items():
+        provenance[side] = {"backend": scorer.name, "model_hash": scorer.backend.model_hash}
+        provenance[side] |= machine_fields(scorer.backend, terms.void)
     if pairing.recorded is not None:
         provenance["recorded"] = list(pairing.notes)
+    journals = _journals(spec, pairing, folder, provenance, options.resume)
+    options.watching.begin(
+        Phase(
+            "Δ",
+            rho_unit(spec, requirement),
+            pairing.real.name if pairing.recorded is None else pairing.sim.name,
+            spec.space.units,
+            search.budget,
+            is_exclusive(machine),
+        )
+    )
+    with (
+        options.runner() as runner,
+        runner_for(runner, machine, journals["real"], terms, search.budget) as attended,
+    ):
+        simulated: Experiment = Rollouts(
+            pairing.sim, options.seed, journals["sim"], runner, Stream.GAP_SIM, SIMULATED_PER_REAL
+        )
+        if pairing.recorded is None:
+            real = Rollouts(pairing.real, options.seed, journals["real"], attended, Stream.GAP_REAL)
+            run_search(search, Pairs(simulated, real), options.watching)
+        else:
+            if pairing.simulated is not None:
+                simulated = Recorded(pairing.simulated, pairing.sim, journals["sim"], SIMULATED_PER_REAL)
+            recorded = Recorded(pairing.recorded, pairing.real, journals["real"])
+            pairs = Pairs(simulated, recorded, watched="simulated")
+            observe(search, pairing.recorded, pairs, options.watching)
+    return conclude_gap(spec, search, journals, provenance, folder)
+
+
+def _journals(
+    spec: Spec, pairing: Pairing, folder: Path, provenance: dict[str, Any], resume: bool
+) -> dict[str, Journal]:
+    """Create or resume a journal for each backend, by the names in ``SYSTEMS``."""
     journals = {}
-    for side, scorer in scorers.items():
+    for side, scorer in pairing.scorers.items():
         header = provenance | {"side": side, "backend": scorer.name, "duration": scorer.backend.duration}
         place = folder / side
         journals[side] = (
             Journal.resume(place, header)
             if resume and Journal.begun(place)
-            else Journal.create(place, header, files_of(spec))
+            else Journal.create(place, header, spec_texts(spec))
         )
-    if observer is not None:
-        unit = rho_unit(spec, requirement)
-        source = pairing.real.name if pairing.recorded is None else pairing.sim.name
-        attended = is_exclusive(pairing.real.backend)
-        observer.begin(Phase("Δ", unit, source, spec.space.units, search.budget, attended))
-    with (
-        Runner(executor or process_pool(2), timeout) as runner,
-        attending(runner, pairing.real.backend, journals["real"], terms, search.budget) as machine,
-    ):
-        simulated: Experiment = Rollouts(
-            scorers["sim"], seed, journals["sim"], runner, Stream.GAP_SIM, SIMULATED_PER_REAL
-        )
-        if pairing.recorded is None:
-            real = Rollouts(scorers["real"], seed, journals["real"], machine, Stream.GAP_REAL)
-            run_search(search, Pairs(simulated, real), observer)
-        else:
-            if pairing.simulated is not None:
-                simulated = Recorded(pairing.simulated, scorers["sim"], journals["sim"], SIMULATED_PER_REAL)
-            recorded = Recorded(pairing.recorded, scorers["real"], journals["real"])
-            observe(search, pairing.recorded, Pairs(simulated, recorded, watched="simulated"), observer)
-    return conclude_gap(spec, search, journals, provenance, folder)
-
-
-def conclude_gap(
-    spec: Spec,
-    search: Search,
-    journals: Mapping[str, Journal],
-    provenance: dict[str, Any],
-    folder: Path,
-) -> GapResult:
-    """Return what a search that was told every pair of the journals (of both ``SIDES``) means."""
-    requirement, real = provenance["requirement"], provenance["real"]["backend"]
-    per_real = provenance["simulated_per_real"]
-    fall = spec.certify[requirement].fall
-    found = pairs_of(journals, per_real)
-    if not found:
-        raise UsageError("no pair of rollouts was run: the budget is smaller than the first batch")
-    tested = _tested(found)
-    certificate = without_too_many(search.certificate(), real, journals["real"])
-    unit = rho_unit(spec, requirement)
-    lowest, highest = search.range
-    assumptions = (
-        *(
-            with_voids(
-                text.replace("the expected outcome", "the expected gap E Δ").replace("one rollout", "one Δ"),
-                provenance["real"],
-            )
-            for text in certificate.assumptions
-        ),
-        f"the real machine's ρ is R-sub-Gaussian with the spec's R, like the simulator's; each Δ is one real rollout "
-        f"minus the mean of {SIMULATED_PER_REAL if per_real > 1 else 'one or two'} simulated ones",
-        f"a rollout that falls or crashes counts as ρ = {fall:g} {unit}".rstrip() + " on both sides",
-    )
-    for side in SIDES:
-        assumptions += assumed(provenance[side]["backend"], provenance[side], journals[side])
-    if "recorded" in provenance:
-        assumptions += (*provenance["recorded"], *left_open(search, "E Δ"))
-    if real.startswith("twin"):
-        assumptions += (f"{real} is a twin: a simulator that stands in for hardware, not hardware",)
-    return GapResult(
-        requirement=requirement,
-        lower=-certificate.upper,
-        upper=-certificate.lower,
-        low=-highest,
-        high=-lowest,
-        unit=unit,
-        worst=min(tested, key=lambda test: distance(spec, test.params, certificate.worst)),
-        tested=tuple(tested),
-        lowest=min(found, key=lambda pair: pair.gap),
-        failures=dict(Counter(pair.failure for pair in found if pair.failure is not None)),
-        assumptions=assumptions,
-        certificate=certificate,
-        provenance=provenance,
-        folder=folder,
-        seconds=sum(record.seconds for journal in journals.values() for record in journal.records()),
-        voids=counted(journals["real"]) if is_machine(provenance["real"]) else None,
-    )
-
-
-def pairs_of(journals: Mapping[str, Journal], per_real: int) -> list[Pair]:
-    """Return the pairs of two journals (of both ``SIDES``) that have all simulated rollouts of theirs."""
-    simulated: dict[tuple[int, int], list[float]] = {}
-    # Not as they came: a mean of the same numbers in another order is another one in its last bit.
-    for record in sorted(journals["sim"].records(), key=lambda record: (record.query, record.replicate)):
-        key = record.query, record.replicate // SIMULATED_PER_REAL
-        simulated.setdefault(key, []).append(record.rho)
-    return [
-        Pair(
-            record.query,
-            record.replicate,
-            record.params,
-            record.rho,
-            float(np.mean(simulated[record.query, record.replicate])),
-            record.failure,
-        )
-        for record in journals["real"].records()
-        if len(simulated.get((record.query, record.replicate), ())) >= per_real
-    ]
-
-
-def _tested(pairs: Sequence[Pair]) -> list[GapTested]:
-    """Group pairs by test point."""
-    groups: dict[tuple[float, ...], list[Pair]] = {}
-    for pair in pairs:
-        groups.setdefault(tuple(pair.params.values()), []).append(pair)
-    return [
-        GapTested(
-            group[0].params,
-            len(group),
-            float(np.mean([pair.gap for pair in group])),
-            float(np.mean([abs(pair.gap) for pair in group])),
-        )
-        for group in groups.values()
-    ]
+    return journals

@@ -1,7 +1,7 @@
 """Kernels: the smoothness that a certificate assumes of the objective.
 
-The covariance functions are GPyTorch's; what is added is the interpolation
-bound that turns bounds at the corners of a cell into one over the cell.
+The covariance functions are GPyTorch's. This module adds the interpolation bound, which turns bounds at the corners
+of a cell into one over the cell.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class _Family:
     slope: float
     """A function changes by at most ‖J‖ · slope · h/ℓ over a side h: sqrt(−k''(0)), in lengthscales."""
     mixture: float
-    """B²/c of the one-scale mixture: how much smaller than the norm ball its prior is."""
+    """B²/c of the one-scale mixture (dimensionless)."""
 
 
 FAMILIES = {
@@ -81,7 +81,7 @@ class Kernel:
 
     @property
     def words(self) -> str:
-        """What functions the kernel admits."""
+        """The class of functions in the kernel's RKHS, in words."""
         return FAMILIES[self.name].words
 
     def lengthscales(self, dim: int) -> FloatArray:
@@ -119,7 +119,7 @@ class Kernel:
         return values.numpy()  # type: ignore[no-any-return]
 
     def hidden(self, sides: FloatArray) -> FloatArray:
-        """Return (…, dim) what each axis of (…, dim) cell sides adds to :meth:`interpolation`."""
+        """Return (…, dim) contributions of each axis of (…, dim) cell sides to :meth:`interpolation`."""
         family = FAMILIES[self.name]
         with np.errstate(over="ignore"):  # a cell of too many lengthscales hides anything: inf
             scaled = (sides / self.lengthscales(sides.shape[-1])) ** family.power

@@ -1,4 +1,4 @@
-"""Which confidence set: what multiplies the posterior standard deviation, and at which prior scales."""
+"""Confidence sets: the multipliers of the posterior standard deviation, and the prior scales."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ FloatArray = NDArray[np.float64]
 
 
 LARGEST = 1e10
+"""Tolerance: largest prior scale times rollouts, in units of R². Beyond it rounding is not small beside a variance."""
 
 
 @dataclass(frozen=True)
@@ -44,8 +45,7 @@ class Mode:
     def bound(self, data: Conditioned, rollouts: int, norms: FloatArray, delta: float) -> Bound:
         """Return the bound from conditioned data for (rungs,) norm bounds, in units of R."""
         radius = self.radius(data, delta)
-        # Any set of dual scales is valid. Beyond this one, rounding of order a·rollouts·1e-16 would
-        # no longer be small beside a posterior variance.
+        # Any set of dual scales is valid. Rounding is of order a·rollouts·1e-16.
         dual = self._dual[self._dual * rollouts <= max(LARGEST, float(self._dual[0]) * rollouts)]
         return Bound(dual, confidence.width(norms, dual, radius, data.evidence(dual).quadratic), radius)
 
@@ -60,7 +60,7 @@ class Mode:
 
 
 class Paper(Mode):
-    """Algorithm 1 of the paper with its β_i as published, and the ridge λ_i = 1 + 2/i that makes it true."""
+    """Algorithm 1 of the paper with its published β_i, and the ridge λ_i = 1 + 2/i with which its proof holds."""
 
     def bound(self, data: Conditioned, rollouts: int, norms: FloatArray, delta: float) -> Bound:
         """Return the bound from conditioned data; see :class:`Mode`."""
@@ -74,7 +74,7 @@ class Paper(Mode):
 
 
 def _rigorous(kernel: Kernel, norms: FloatArray) -> Mode:
-    """Mix five decades below B²: it need not be known how much smaller than B the norm is."""
+    """Mix prior scales from B² down to B²/10⁴: how far the norm is below B need not be known."""
     square = float(norms[0]) ** 2
     return Mode(
         np.geomspace(1.0, 1e-4, 5) * square, np.geomspace(1e-5 * square, 30 * float(norms[-1]) ** 2, 33)

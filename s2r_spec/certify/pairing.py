@@ -1,4 +1,4 @@
-"""The two sides of a gap: who runs, and what was recorded and so cannot be asked for."""
+"""The two backends of a gap: each of them runs, or has recordings at fixed tests."""
 
 from __future__ import annotations
 
@@ -13,20 +13,21 @@ from s2r_spec.errors import UsageError
 from s2r_spec.rollouts.scorer import Scorer
 from s2r_spec.spec import Spec
 
-# Simulated rollouts averaged against each real one: a quarter fewer real rollouts than with one.
 SIMULATED_PER_REAL = 2
+"""Budget: simulated rollouts whose mean is compared with each real one. With two instead of one, a gap takes a quarter
+fewer real rollouts."""
 
 
 @dataclass(frozen=True)
 class Pairing:
-    """Both scorers of a gap, which fit the spec and each other.
+    """Simulator and real machine, checked against the spec and against each other.
 
     Attributes:
-        sim: the simulator's scorer.
-        real: the real machine's.
-        recorded: the tests, if the real side is recordings; else None, and the search chooses them.
+        sim: evaluates the simulator's rollouts.
+        real: evaluates the real machine's rollouts.
+        recorded: the tests of a real machine that has recordings; else None, and the search chooses them.
         simulated: recordings of the simulator at the same tests; None if it runs.
-        per_real: fewest simulated rollouts that are averaged against a real one.
+        per_real: fewest simulated rollouts for a real one; their mean is compared with it.
         notes: what a reader of the certificate must know, each in one sentence.
     """
 
@@ -37,9 +38,14 @@ class Pairing:
     per_real: int = SIMULATED_PER_REAL
     notes: tuple[str, ...] = ()
 
+    @property
+    def scorers(self) -> dict[str, Scorer]:
+        """Both scorers, by the names in :data:`s2r_spec.rollouts.layout.SYSTEMS`."""
+        return {"sim": self.sim, "real": self.real}
+
     @classmethod
     def for_spec(cls, spec: Spec, requirement: str, simulated: str, real: str, budget: int | None) -> Pairing:
-        """Open both backends, and pair what was recorded; nothing runs.
+        """Open both backends, and pair their recordings; nothing runs.
 
         Raises:
             UsageError: spec and backends do not fit together, or the recordings do not make pairs.
@@ -53,7 +59,7 @@ class Pairing:
             if isinstance(sim.backend, HasRecordings):
                 raise UsageError(
                     f"{simulated} has only the tests that were recorded, but {real} is asked for others: "
-                    f"give a simulator that runs as --sim, or recordings as --real, too"
+                    f"give a --sim that runs, or a recorded --real"
                 )
             return cls(sim, machine)
         if budget is not None:
@@ -64,55 +70,57 @@ class Pairing:
             notes = (about, *recorded.notes, *_undeclared(spec, sim.backend, machine.backend))
             return cls(sim, machine, recorded, notes=notes)
         if sim.backend.model_hash == machine.backend.model_hash:
-            raise UsageError(f"{simulated} and {real} are the same recordings: a gap needs both sides apart")
+            raise UsageError(
+                f"{simulated} and {real} are the same recordings: a gap needs two different ones"
+            )
         others = fixed_design(spec, requirement, sim.backend, sim.backend.recordings)
-        left, right, note = _paired(spec, recorded, others)
+        real_tests, sim_tests, note = _paired(spec, recorded, others)
         notes = (about, *recorded.notes, *others.notes, *note)
         fewest = min(
             len(group) // len(real_group)
-            for (_, group), (_, real_group) in zip(right.tests, left.tests, strict=True)
+            for (_, group), (_, real_group) in zip(sim_tests.tests, real_tests.tests, strict=True)
         )
-        return cls(sim, machine, left, right, min(fewest, SIMULATED_PER_REAL), notes)
+        return cls(sim, machine, real_tests, sim_tests, min(fewest, SIMULATED_PER_REAL), notes)
 
 
 def _paired(spec: Spec, real: Design, simulated: Design) -> tuple[Design, Design, list[str]]:
-    """Return both designs at their common tests, every real recording with one or two simulated ones.
+    """Return both designs at their common tests: for every real recording one or two simulated ones.
 
-    The first recordings are taken, so that nothing depends on an outcome.
+    The first recordings of a test are used, so that the choice depends on no outcome.
 
     Raises:
         UsageError: no test was recorded on both sides.
     """
     widths = np.array([axis.width for axis in spec.space.axes])
-    there = np.array([spec.space.vector(point) for point, _ in simulated.tests])
-    left: list[tuple[dict[str, float], tuple[Recording, ...]]] = []
-    right: list[tuple[dict[str, float], tuple[Recording, ...]]] = []
+    points = np.array([spec.space.vector(point) for point, _ in simulated.tests])
+    real_tests: list[tuple[dict[str, float], tuple[Recording, ...]]] = []
+    sim_tests: list[tuple[dict[str, float], tuple[Recording, ...]]] = []
     for point, recordings in real.tests:
-        apart = np.abs((there - spec.space.vector(point)) / widths).max(axis=1)
-        nearest = int(apart.argmin())
-        if apart[nearest] <= ROUNDING:
+        distances = np.abs((points - spec.space.vector(point)) / widths).max(axis=1)
+        nearest = int(distances.argmin())
+        if distances[nearest] <= ROUNDING:
             others = simulated.tests[nearest][1]
             pairs = min(len(recordings), len(others))
-            left.append((point, recordings[:pairs]))
-            right.append((point, others[: SIMULATED_PER_REAL * pairs]))
-    if not left:
+            real_tests.append((point, recordings[:pairs]))
+            sim_tests.append((point, others[: SIMULATED_PER_REAL * pairs]))
+    if not real_tests:
         raise UsageError(
             f"no test of {spec.name} was recorded on both sides: {_few(real)} of the real machine, "
             f"{_few(simulated)} of the simulator"
         )
     notes = []
-    for side, before, after in (("real", real, left), ("simulated", simulated, right)):
+    for side, before, after in (("real", real, real_tests), ("simulated", simulated, sim_tests)):
         unused = sum(len(group) for _, group in before.tests) - sum(len(group) for _, group in after)
         if unused:
             notes.append(
                 f"{unused} {side} recordings have no counterpart at the same test, and are not used; "
                 f"which are used depends on no outcome"
             )
-    return Design(tuple(left), ()), Design(tuple(right), ()), notes
+    return Design(tuple(real_tests), ()), Design(tuple(sim_tests), ()), notes
 
 
 def _few(design: Design) -> str:
-    """Return some tests in words."""
+    """Return the first three tests of a design in words."""
     shown = "; ".join(
         ", ".join(f"{name} = {value:.4g}" for name, value in point.items()) for point, _ in design.tests[:3]
     )
@@ -120,7 +128,7 @@ def _few(design: Design) -> str:
 
 
 def _undeclared(spec: Spec, sim: Backend, machine: Backend) -> Sequence[str]:
-    """Say which parameters were recorded that the simulator has too, but the spec does not give it."""
+    """Return a note for each recorded parameter that the simulator has, too, but the spec does not declare."""
     offered = {parameter.name: parameter for parameter in sim.parameters}
     return [
         f"every recording was made with {recorded.name} = {recorded.default:g} {recorded.unit}".rstrip()

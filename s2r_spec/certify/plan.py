@@ -1,45 +1,46 @@
-"""What can a budget certify, and what can no budget? Before a robot is switched on."""
+"""How many rollouts a certificate takes, and the ε that a budget reaches: simulated before a robot is switched on."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from statistics import NormalDist, median
+from typing import Unpack
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
-from s2r_spec.certify import confidence
 from s2r_spec.certify.certificate import Certificate
-from s2r_spec.certify.coverage import log_rollouts, tests_apart
-from s2r_spec.certify.kernels import Kernel
+from s2r_spec.certify.feasibility import log_rollouts, tests_apart
 from s2r_spec.certify.pairing import SIMULATED_PER_REAL
 from s2r_spec.certify.sample_complexity import minimax, sequential_lower_bound
 from s2r_spec.certify.search import Search
+from s2r_spec.certify.settings import Declared, SearchSettings
 from s2r_spec.errors import UsageError
 from s2r_spec.magnitude import whole
 from s2r_spec.space import Space
 
-FloatArray = NDArray[np.float64]
-
-# Norm of the random functions that stand in for the unknown objective, as shares of B, which is declared
-# with a margin. A flat objective costs most: every test is nearly the worst one, and none can be left out.
 PEAKED, FLAT = 0.3, 0.03
+"""Definition: norms of the random functions that stand in for the unknown objective, as shares of B, which is declared
+with a margin. A flat objective costs most: every test is nearly the worst one, and none can be left out."""
 SECTIONS = 12
+"""Definition: kernel sections in a random function."""
+
+Progress = Callable[[str, int, int], None]
+"""Receives the stage, how many simulated searches are done, and how many there are."""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What is to be expected of a search.
+    """Expected effort of a search.
 
     Attributes:
         floor: rollouts below which no method can make the claim.
         minimax: rollouts for one known point; no search is faster.
         peaked: median rollouts of simulated searches, on functions of norm 0.3 B; None if one gave up.
         flat: the same on functions of norm 0.03 B.
-        reachable: (rollouts, median ε on flat functions) for each budget that was asked for.
-        runs: how many searches were simulated for each number.
+        reachable: (rollouts, median ε on flat functions) for each budget.
+        runs: number of simulated searches for each number.
         gaps: the same as ``reachable`` for the search of a gap, whose budget is of real rollouts.
     """
 
@@ -55,156 +56,111 @@ class Plan:
 def plan(
     space: Space,
     *,
-    kernel: Kernel,
-    B: float,
-    R: float,
-    delta: float,
-    epsilon: float,
-    mode: str = "rigorous",
     budgets: tuple[int, ...] = (),
     real: tuple[int, ...] = (),
     runs: int = 3,
     most: int = 2_000_000,
-    seed: int = 0,
-    progress: Callable[[str, int, int], None] | None = None,
+    progress: Progress | None = None,
+    **declared: Unpack[Declared],
 ) -> Plan:
-    """Simulate the search on random functions of norm 0.3 B and 0.03 B, with Gaussian noise at the proxy.
+    """Simulate the search on random functions of norm 0.3 B and 0.03 B, with Gaussian noise of deviation R.
 
     Args:
         space: the test space.
-        kernel: and every setting that follows: see :class:`Search`.
-        B: bound on the RKHS norm.
-        R: sub-Gaussian proxy.
-        delta: 1 − probability.
-        epsilon: width of the interval that is wanted.
-        mode: of the confidence set.
-        budgets: rollouts for which the reachable ε is wanted.
-        real: real rollouts for which the reachable ε of a gap is wanted.
-        runs: simulated searches; the medians are reported, or None as soon as one of them gives up.
-        most: rollouts after which a search to ε is given up.
-        seed: of the simulation.
-        progress: is told (stage, searches that are done, of) now and then.
+        budgets: numbers of rollouts; the plan gives the reachable ε of each.
+        real: numbers of real rollouts; the plan gives the reachable ε of a gap for each.
+        runs: simulated searches; the plan has the medians, or None as soon as one search gives up.
+        most: rollouts after which a search for ε gives up.
+        progress: receives the number of finished searches now and then.
+        declared: ``kernel``, ``B``, ``R``, ``delta``, ``epsilon``, ``mode`` and ``seed``, see
+            :class:`~s2r_spec.certify.settings.SearchSettings`.
+
+    Raises:
+        UsageError: a setting is out of its range, or no rollouts could give a certificate.
     """
-    # It refuses bad settings; a budget, since too small an ε is an answer of a plan.
-    tried = Search(space, kernel=kernel, B=B, R=R, delta=delta, epsilon=epsilon, mode=mode, budget=most)
-    tried.refuse_hopeless()
+    # With a budget, since too small an ε is an answer of a plan and no error.
+    settings = SearchSettings(space=space, budget=most, **declared)
+    Search.of(settings).refuse_hopeless()
     for budget in (*budgets, *real):
-        if whole("budget", budget, 2 * tried.spread) > most:
+        if whole("budget", budget, 2 * settings.spread) > most:
             raise UsageError(f"budget = {budget:g}; a plan simulates at most {most:,} rollouts")
-    floor = sequential_lower_bound(R, epsilon, delta)
-    tests = tests_apart(space, kernel)
-    beyond = floor > most or log_rollouts(tests, tried.spread, tried.batch) > math.log10(most)
+    simulation = _Simulation(settings, runs, runs * (2 + len(budgets) + len(real)), progress)
+    return Plan(
+        floor=sequential_lower_bound(settings.R, settings.epsilon, settings.delta),
+        minimax=minimax(settings.R, settings.epsilon, settings.delta),
+        peaked=simulation.rollouts(PEAKED),
+        flat=simulation.rollouts(FLAT),
+        reachable=tuple((budget, simulation.reachable(budget, settings.R)) for budget in budgets),
+        runs=runs,
+        gaps=tuple(
+            (budget, simulation.reachable(budget, settings.R * math.sqrt(1 + 1 / SIMULATED_PER_REAL)))
+            for budget in real
+        ),
+    )
 
-    done, of = 0, runs * (2 + len(budgets) + len(real))
 
-    def tell() -> None:
-        if progress is not None:
-            progress("simulated searches", done, of)
+@dataclass
+class _Simulation:
+    """Simulated searches, with a count of those that are done.
 
-    def simulated(run: int, share: float, budget: int, target: float, proxy: float = R) -> Certificate:
-        nonlocal done
-        rng = np.random.default_rng([seed, run])
-        search = Search(
-            space,
-            kernel=kernel,
-            B=B,
-            R=proxy,
-            delta=delta,
-            epsilon=target,
-            mode=mode,
-            seed=run,
-            budget=budget,
-        )
-        centres = rng.uniform(space.lower, space.upper, (SECTIONS, space.dim))
-        weights = rng.normal(size=SECTIONS)
-        weights *= share * B / math.sqrt(weights @ kernel.gram(centres, centres) @ weights)
-        while not search.done:
-            tell()
-            queries = search.ask()
-            points = np.array([space.vector(query.point) for query in queries])
-            for query, mean in zip(queries, kernel.gram(points, centres) @ weights, strict=True):
-                search.tell(query, mean + proxy * rng.normal(size=query.replicates))
-        done += 1
-        tell()
-        return search.certificate()
+    Attributes:
+        settings: the declaration; its budget is the most that a search may take, its seed that of the simulation.
+        runs: searches for each number.
+        total: all of them.
+        progress: receives the count.
+        done: the count.
+    """
 
-    def to_stop(share: float) -> int | None:
+    settings: SearchSettings
+    runs: int
+    total: int
+    progress: Progress | None
+    done: int = 0
+
+    def rollouts(self, share: float) -> int | None:
+        """Return the median rollouts to ε on functions of norm ``share`` · B; None if a search gives up."""
+        settings, most = self.settings, self.settings.budget
+        assert most is not None
+        fewest = sequential_lower_bound(settings.R, settings.epsilon, settings.delta)
+        tests = tests_apart(settings.space, settings.kernel)
+        if fewest > most or log_rollouts(tests, settings.spread, settings.batch) > math.log10(most):
+            return None
         reached: list[int] = []
-        for run in range(runs):
-            certificate = None if beyond else simulated(run, share, most, epsilon)
-            if certificate is None or certificate.epsilon > epsilon:
+        for run in range(self.runs):
+            certificate = self._search(replace(settings, seed=run), share)
+            if certificate.epsilon > settings.epsilon:
                 return None
             reached.append(certificate.rollouts)
         return int(median(reached))
 
-    def reached(budget: int, proxy: float) -> tuple[int, float]:
+    def reachable(self, budget: int, proxy: float) -> float:
+        """Return the median ε after a budget on flat functions, with noise of sub-Gaussian proxy ``proxy``."""
         # The width wanted is 0.3 of the best that Gaussian noise allows: the budget ends the search, not ε.
-        target = min(B, 0.3 * 2 * -NormalDist().inv_cdf(min(delta, 0.3)) * proxy / math.sqrt(budget))
-        return budget, median(simulated(run, FLAT, budget, target, proxy).epsilon for run in range(runs))
-
-    return Plan(
-        floor=floor,
-        minimax=minimax(R, epsilon, delta),
-        peaked=to_stop(PEAKED),
-        flat=to_stop(FLAT),
-        reachable=tuple(reached(budget, R) for budget in budgets),
-        runs=runs,
-        gaps=tuple(reached(budget, R * math.sqrt(1 + 1 / SIMULATED_PER_REAL)) for budget in real),
-    )
-
-
-@dataclass(frozen=True)
-class Pilot:
-    """What replicated outcomes say about R. They must not be used for the certificate again.
-
-    Attributes:
-        rollouts: outcomes read.
-        std: within tests, pooled.
-        refuted: the largest R that the e-test refutes at 1/20; the true proxy is hardly below it.
-        kurtosis: of the residuals; 3 for Gaussian noise.
-        warning: one sentence if the noise looks heavy-tailed, else "".
-    """
-
-    rollouts: int
-    std: float
-    refuted: float
-    kurtosis: float
-    warning: str
-
-
-def read_pilot(groups: list[ArrayLike]) -> Pilot:
-    """Judge the noise from groups of replicated outcomes.
-
-    Raises:
-        UsageError: no test was replicated.
-    """
-    values = [np.asarray(group, dtype=np.float64) for group in groups]
-    values = [group for group in values if len(group) > 1]
-    degrees = sum(len(group) - 1 for group in values)
-    if degrees < 5:
-        raise UsageError(
-            f"the pilot has {degrees} replicates beyond the first of each test; it needs at least 5"
+        quantile = -NormalDist().inv_cdf(min(self.settings.delta, 0.3))
+        target = min(self.settings.B, 0.3 * 2 * quantile * proxy / math.sqrt(budget))
+        searches = (
+            replace(self.settings, R=proxy, epsilon=target, seed=run, budget=budget)
+            for run in range(self.runs)
         )
-    # Scaled, so that a residual from m outcomes has the variance of one outcome.
-    residuals = np.concatenate([(g - g.mean()) * math.sqrt(len(g) / (len(g) - 1)) for g in values])
-    scatter = float(sum(((g - g.mean()) ** 2).sum() for g in values))
-    std = math.sqrt(scatter / degrees)
-    if std == 0:
-        raise UsageError("the pilot's replicates are all equal: there is no noise to judge")
-    low, high = std * 1e-3, std * 10
-    for _ in range(60):
-        middle = math.sqrt(low * high)
-        log_e = confidence.noise_e_value(scatter / middle**2, degrees)
-        low, high = (middle, high) if log_e >= math.log(20) else (low, middle)
-    kurtosis = float(np.mean(residuals**4) / np.mean(residuals**2) ** 2)
-    farthest = float(np.abs(residuals).max() / std)
-    # Four standard errors of a Gaussian sample's kurtosis, and a residual that Gaussian noise shows once in 10⁴ pilots.
-    tail = kurtosis > 3 + 4 * math.sqrt(24 / len(residuals))
-    rare = farthest > NormalDist().inv_cdf(1 - 0.5e-4 / len(residuals))
-    warning = ""
-    if tail or rare:
-        warning = (
-            f"the noise looks heavy-tailed (kurtosis {kurtosis:.1f}, farthest residual {farthest:.1f} standard "
-            f"deviations): a standard deviation is no proxy for it, use a proven range, R = (b − a)/2"
-        )
-    return Pilot(len(residuals), std, low, kurtosis, warning)
+        return median(self._search(settings, FLAT).epsilon for settings in searches)
+
+    def _search(self, settings: SearchSettings, share: float) -> Certificate:
+        """Return the certificate of one search on a random function of norm ``share`` · B."""
+        search, space, kernel = Search.of(settings), settings.space, settings.kernel
+        rng = np.random.default_rng([self.settings.seed, settings.seed])
+        centres = rng.uniform(space.lower, space.upper, (SECTIONS, space.dim))
+        weights = rng.normal(size=SECTIONS)
+        weights *= share * settings.B / math.sqrt(weights @ kernel.gram(centres, centres) @ weights)
+        while not search.done:
+            self._report()
+            queries = search.ask()
+            points = np.array([space.vector(query.point) for query in queries])
+            for query, mean in zip(queries, kernel.gram(points, centres) @ weights, strict=True):
+                search.tell(query, mean + settings.R * rng.normal(size=query.replicates))
+        self.done += 1
+        self._report()
+        return search.certificate()
+
+    def _report(self) -> None:
+        if self.progress is not None:
+            self.progress("simulated searches", self.done, self.total)

@@ -1,7 +1,7 @@
 """Two engines for the same fixed-noise Gaussian-process posteriors.
 
 ``spectral`` is the default: one eigendecomposition serves every prior scale.
-``gpytorch`` runs a GPyTorch ``ExactGP`` for each. A test holds them to each other.
+``gpytorch`` runs a GPyTorch ``ExactGP`` for each. A test compares the two.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from s2r_spec.certify.samples import Samples
 
 FloatArray = NDArray[np.float64]
 
-# Added to the posterior variance, relative to the prior's, so that rounding can only widen a bound.
 VARIANCE_ROUNDING = 1e-12
+"""Tolerance: added to the posterior variance, relative to the prior's, so that rounding can only widen a bound."""
 
 
 class Conditioned(Protocol):

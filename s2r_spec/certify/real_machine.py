@@ -1,37 +1,39 @@
-"""Both searches, and what they promise of the real machine together."""
+"""Search 1 and search 2, and their combined certificate of the real machine."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Unpack
 
-from s2r_spec.backend import Operator
 from s2r_spec.certify.arguments import as_folder, as_name, as_spec, require_begun
 from s2r_spec.certify.certificate import Label
-from s2r_spec.certify.check import CheckResult, Verdict, check_with, only_requirement, search_for
+from s2r_spec.certify.check import check_with
+from s2r_spec.certify.check_result import CheckResult, Verdict
 from s2r_spec.certify.compose import Composition, compose
-from s2r_spec.certify.experiments import Observer
-from s2r_spec.certify.gap import GapResult, gap_search, gap_with
+from s2r_spec.certify.from_spec import only_requirement, search_for
+from s2r_spec.certify.gap import gap_search, gap_with
+from s2r_spec.certify.gap_result import GapResult
+from s2r_spec.certify.options import RunKeywords, RunOptions
 from s2r_spec.certify.pairing import Pairing
 from s2r_spec.certify.search import Search
-from s2r_spec.rollouts.attempts import AGAIN
-from s2r_spec.rollouts.attendance import refuse_terms, terms_of
+from s2r_spec.rollouts.attendance import refuse_terms
 from s2r_spec.rollouts.layout import GAP, SIMULATION
-from s2r_spec.rollouts.pools import ExecutorFactory
+from s2r_spec.rollouts.machine_journal import AGAIN
 from s2r_spec.spec import Spec
 
 
 @dataclass(frozen=True)
 class CertifyResult:
-    """Both searches and what they promise together.
+    """Both searches, and the certificate of the real machine that follows from them.
 
     Attributes:
-        verdict: HOLDS if the composed interval is ≥ 0, VIOLATED if it is < 0, else UNKNOWN.
+        verdict: HOLDS if the combined interval is ≥ 0, VIOLATED if it is < 0, else UNKNOWN.
         reason: one sentence for the verdict.
-        real: the backend that the promise is about.
-        simulated: search 1.
-        gap: search 2; None if search 1 has no certificate, for then no rollout of the real machine is run.
-        composition: the promise about the real machine; None if one of the searches has no certificate.
+        real: the real machine's backend.
+        simulated: result of search 1.
+        gap: result of search 2; None if search 1 has no certificate, for then the real machine runs no rollout.
+        composition: the combined interval; None if one of the searches has no certificate.
     """
 
     verdict: Verdict
@@ -43,54 +45,39 @@ class CertifyResult:
 
 
 def certify(
-    spec: Spec,
-    simulated: str,
-    real: str,
-    folder: Path | str,
-    *,
-    requirement: str | None = None,
-    seed: int = 0,
-    budget: int | None = None,
-    mode: str = "rigorous",
-    engine: str = "spectral",
-    executor: ExecutorFactory | None = None,
-    timeout: float | None = None,
-    resume: bool = False,
-    observer: Observer | None = None,
-    void: str = AGAIN,
-    operator: Operator | None = None,
+    spec: Spec, simulated: str, real: str, folder: Path | str, **keywords: Unpack[RunKeywords]
 ) -> CertifyResult:
-    """Run both searches and compose them into a promise about the real machine; see :func:`gap`.
+    """Run both searches and combine them; the arguments are those of :func:`s2r_spec.certify.gap.gap`.
 
-    ``budget`` bounds the real rollouts; the simulator runs as many as its ε takes. Search 2 does
-    not begin when search 1 was refused: rollouts of the real machine could not mend that.
+    ``budget`` bounds the real rollouts; the simulator runs as many as its ε takes. Search 2 does not begin when
+    search 1 was refused: rollouts of the real machine could not change that.
+
+    Raises:
+        UsageError: spec, backends and folder do not fit together, or there is no run to resume.
+        BackendError: a rollout raised; every rollout before it is in the journals.
     """
+    options = RunOptions(**keywords)
     spec, folder = as_spec(spec), as_folder(folder)
     simulated, real = as_name(simulated, "simulated"), as_name(real, "real")
-    requirement = requirement or only_requirement(spec)
-    if resume:
+    requirement = options.requirement or only_requirement(spec)
+    if options.resume:
         require_begun([folder / SIMULATION], folder)
-    pairing, terms = Pairing.for_spec(spec, requirement, simulated, real, budget), terms_of(void, operator)
-    refuse_terms(pairing.real.backend, terms)
-    first = search_for(spec, requirement, seed=seed, budget=None, mode=mode, engine=engine)
-    second = gap_search(
-        spec, requirement, seed=seed, budget=budget, mode=mode, engine=engine, per_real=pairing.per_real
-    )
+    pairing = Pairing.for_spec(spec, requirement, simulated, real, options.budget)
+    refuse_terms(pairing.real.backend, options.terms)
+    of_simulator = replace(options, budget=None, void=AGAIN, operator=None)
+    first = search_for(spec, requirement, of_simulator)
+    second = gap_search(spec, requirement, options, pairing.per_real)
     if pairing.recorded is None:
         second.refuse_hopeless()
-    checked = check_with(
-        first, spec, requirement, simulated, folder / SIMULATION, seed, executor, timeout, resume, observer
-    )
+    checked = check_with(first, spec, requirement, simulated, folder / SIMULATION, of_simulator)
     if not checked.certificate.label.bounds:
         return refused_in_simulation(checked, real)
-    bounded = gap_with(
-        second, spec, requirement, pairing, folder / GAP, seed, executor, timeout, resume, observer, terms
-    )
+    bounded = gap_with(second, spec, requirement, pairing, folder / GAP, options)
     return conclude_certify(first, second, checked, bounded)
 
 
 def refused_in_simulation(checked: CheckResult, real: str) -> CertifyResult:
-    """Return what there is when search 1 has no certificate."""
+    """Return the result when search 1 has no certificate."""
     reason = f"no certificate for simulation: {checked.certificate.reason}; no rollout of {real} was run"
     return CertifyResult(Verdict.UNKNOWN, reason, real, checked, None, None)
 
@@ -98,7 +85,14 @@ def refused_in_simulation(checked: CheckResult, real: str) -> CertifyResult:
 def conclude_certify(
     first: Search, second: Search, checked: CheckResult, bounded: GapResult
 ) -> CertifyResult:
-    """Return what two searches promise of the real machine, whose results are these."""
+    """Return the certificate of the real machine.
+
+    Args:
+        first: search 1, over simulated rollouts.
+        second: search 2, over the gap.
+        checked: result of search 1.
+        bounded: result of search 2.
+    """
     real = bounded.provenance["real"]["backend"]
     for name, certificate in (("simulation", checked.certificate), ("the gap", bounded.certificate)):
         if not certificate.label.bounds:

@@ -1,4 +1,4 @@
-"""Searches on recordings: the tests were fixed before, so that a search is told them and asks for none."""
+"""Searches on recordings: the tests are a fixed design, and the search asks for none."""
 
 from __future__ import annotations
 
@@ -8,21 +8,22 @@ from dataclasses import dataclass
 import numpy as np
 
 from s2r_spec.backend import Backend, Recording
-from s2r_spec.certify.experiments import Experiment, Observer, Silent
+from s2r_spec.certify.experiments import Experiment
+from s2r_spec.certify.observers import Observer
 from s2r_spec.certify.rounding import wide
 from s2r_spec.certify.search import Query, Search
 from s2r_spec.errors import TraceError, UsageError
+from s2r_spec.rollouts.compatibility import Interface, check_compatibility
 from s2r_spec.rollouts.journal import Journal, Record
-from s2r_spec.rollouts.match import Matched, match
 from s2r_spec.rollouts.recorded import refuse_hidden
 from s2r_spec.rollouts.runner import Done
 from s2r_spec.rollouts.scorer import Scorer
 from s2r_spec.spec import Spec
 
-# A conversion of units may put the end of a range this share of its width outside of it.
 ROUNDING = 1e-9
-# Points for each parameter at which the band is compared with ε, by the number of parameters.
+"""Tolerance: share of a range by which a converted unit may put a value outside of it."""
 FINE = {1: 501, 2: 41, 3: 15}
+"""Budget: points for each parameter at which the band is compared with ε, by the number of parameters."""
 
 
 @dataclass(frozen=True)
@@ -44,12 +45,12 @@ class Design:
 
 
 def fixed_design(spec: Spec, requirement: str, backend: Backend, recordings: Sequence[Recording]) -> Design:
-    """Group the recordings inside the spec's test space by test; which are used depends on no outcome.
+    """Group the recordings inside the spec's test space by test; the choice depends on no outcome.
 
     Raises:
         UsageError: none is inside, or a parameter varies that the spec does not declare.
     """
-    matched = match(spec, requirement, backend)
+    matched = check_compatibility(spec, requirement, backend)
     groups: dict[tuple[float, ...], tuple[dict[str, float], list[Recording]]] = {}
     outside = []
     for recording in recordings:
@@ -84,12 +85,12 @@ def fixed_design(spec: Spec, requirement: str, backend: Backend, recordings: Seq
 
 @dataclass(frozen=True)
 class Recorded:
-    """An experiment whose outcomes were recorded before it was asked for them.
+    """An experiment with recorded outcomes.
 
     Attributes:
         design: test *i* answers query *i*.
-        scorer: what turns a recording into ρ.
-        journal: where every ρ goes first.
+        scorer: evaluates ρ of a recording.
+        journal: records every ρ.
         each: recordings per replicate; the outcome is their mean, and the last one may be of fewer.
     """
 
@@ -99,10 +100,10 @@ class Recorded:
     each: int = 1
 
     def outcomes(self, queries: Sequence[Query], observer: Observer) -> dict[int, list[float]]:
-        """Judge the recordings; see :class:`s2r_spec.certify.experiments.Experiment`.
+        """Evaluate the recordings; see :class:`s2r_spec.certify.experiments.Experiment`.
 
         Raises:
-            TraceError: a recording cannot be judged; the message names its file.
+            TraceError: a recording cannot be evaluated; the message names its file.
         """
         return {query.index: self._outcomes(query, observer) for query in queries}
 
@@ -113,7 +114,7 @@ class Recorded:
             # One for each replicate first, so that none is left without.
             place, replicate = divmod(number, query.replicates)
             key = query.index, replicate * self.each + place
-            # The seed is what makes the backend give this recording again.
+            # With its number as the seed the backend returns this recording again.
             task = self.scorer.task(*key, point, seed=number)
             try:
                 rho, failure = self.scorer.score(point, Done(task, recording.trace, 0.0))
@@ -126,18 +127,18 @@ class Recorded:
         return [float(np.mean(group)) for group in groups]
 
 
-def observe(search: Search, design: Design, experiment: Experiment, observer: Observer | None = None) -> None:
-    """Tell a search the outcomes of all tests of a design at once; it is done then."""
-    outcomes = experiment.outcomes(design.queries, observer or Silent())
+def observe(search: Search, design: Design, experiment: Experiment, observer: Observer) -> None:
+    """Give a search the outcomes of all tests of a design at once; it is then done."""
+    outcomes = experiment.outcomes(design.queries, observer)
     search.observe([(query.point, outcomes[query.index]) for query in design.queries], final=True)
 
 
 def left_open(search: Search, what: str) -> list[str]:
-    """Return what the tests that a search was told cannot certify, each in one sentence.
+    """Return what recorded tests cannot certify, each in one sentence.
 
     Args:
-        search: done.
-        what: it bounds: "E ρ" or "E Δ".
+        search: with all outcomes of the tests.
+        what: its bounded quantity, "E ρ" or "E Δ".
     """
     notes, space = [], search.space
     if not search.degrees:
@@ -159,13 +160,13 @@ def left_open(search: Search, what: str) -> list[str]:
         share = wide(100 * float(np.mean(widths > search.epsilon)), 0)
         notes.append(
             f"the recorded tests leave the band of {what} wider than ε = {search.epsilon:g}{unit} over {share} % of "
-            f"the test space; it is widest at {where}, {wide(widths[widest])}{unit}, "
+            f"the test space. It is widest at {where}, {wide(widths[widest])}{unit}, "
             f"{far[widest]:.2g} lengthscales from the nearest recorded test"
         )
     return notes
 
 
-def _point(spec: Spec, matched: Matched, recording: Recording) -> dict[str, float] | None:
+def _point(spec: Spec, matched: Interface, recording: Recording) -> dict[str, float] | None:
     """Return the test point of a recording, or None if it is outside the spec's test space."""
     found = matched.to_spec(recording.params)
     if found is None:

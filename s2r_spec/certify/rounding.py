@@ -1,4 +1,4 @@
-"""Bounds as text: rounded away from the truth that they bound, so that what is printed holds whenever they do."""
+"""Bounds as text, rounded outward: a printed bound holds whenever the exact one does."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ _DIGITS = 330
 
 
 def down(value: float, places: int = 4) -> str:
-    """Return a lower bound with its sign and so many decimals, rounded down: 0.00417 → "+0.0041"."""
+    """Return a lower bound with its sign and ``places`` decimals, rounded down: 0.00417 → "+0.0041"."""
     return _rounded(value, -places, ROUND_FLOOR)
 
 
 def up(value: float, places: int = 4) -> str:
-    """Return an upper bound with its sign and so many decimals, rounded up: −0.00417 → "-0.0041"."""
+    """Return an upper bound with its sign and ``places`` decimals, rounded up: −0.00417 → "-0.0041"."""
     return _rounded(value, -places, ROUND_CEILING)
 
 
@@ -29,12 +29,12 @@ def wide(width: float, places: int = 4) -> str:
 
 
 def at_most(value: float, digits: int = 3) -> str:
-    """Return an upper bound with so many significant digits, rounded up."""
+    """Return an upper bound with ``digits`` significant digits, rounded up."""
     return _significant(value, digits, ROUND_CEILING)
 
 
 def at_least(value: float, digits: int = 3) -> str:
-    """Return a lower bound with so many significant digits, rounded down."""
+    """Return a lower bound with ``digits`` significant digits, rounded down."""
     return _significant(value, digits, ROUND_FLOOR)
 
 

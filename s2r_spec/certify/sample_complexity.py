@@ -1,4 +1,4 @@
-"""How few rollouts could do, whatever the method."""
+"""Sample complexity: the fewest rollouts that any method needs for an interval of a given width."""
 
 from __future__ import annotations
 
@@ -7,12 +7,11 @@ from statistics import NormalDist
 
 
 def sequential_lower_bound(R: float, epsilon: float, delta: float) -> float:
-    """Return 2(R/ε)² kl(δ, 1−δ): no method, however clever, needs fewer rollouts on average.
+    """Return 2(R/ε)² kl(δ, 1−δ), the fewest rollouts that any method needs on average.
 
-    Any procedure whose interval is at most ε wide and right with probability 1 − δ
-    tells a best value of 0 from one of ε at a known point; with Gaussian noise of
-    standard deviation R that takes this many (Wald). It applies for ε ≤ B, where
-    both are in the class.
+    A method whose interval is at most ε wide, and right with probability 1 − δ, distinguishes a best value of 0 from
+    one of ε at a known point. With Gaussian noise of standard deviation R no test needs fewer rollouts (Wald). The
+    bound applies for ε ≤ B, where both functions are in the class.
     """
     if delta >= 0.5:
         return 0.0
@@ -20,5 +19,5 @@ def sequential_lower_bound(R: float, epsilon: float, delta: float) -> float:
 
 
 def minimax(R: float, epsilon: float, delta: float) -> float:
-    """Return (2 z_{1−δ} R/ε)²: an interval of fixed width ε at one known point, known Gaussian noise."""
+    """Return (2 z_{1−δ} R/ε)², the rollouts for an interval of width ε at one known point with Gaussian noise."""
     return (2 * -NormalDist().inv_cdf(delta) * R / epsilon) ** 2

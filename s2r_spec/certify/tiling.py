@@ -1,7 +1,7 @@
-"""A division of the test space into cells, fine where it matters.
+"""A division of the test space into cells, refined where the bounds need it.
 
-Bounds are computed at corners; what can hide inside a cell is bounded by the
-kernel's interpolation bound for the cell's sides.
+Bounds are computed at corners. The kernel's interpolation bound for the cell's sides limits how far the function
+can rise above them inside the cell.
 """
 
 from __future__ import annotations
@@ -18,9 +18,10 @@ FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
 Lattice = NDArray[np.int64]
 
-# A cell of the first division can be halved this often along each axis.
 DEPTH = 20
+"""Definition: how often a cell of the first division can be halved along each axis."""
 FIRST_POINTS = 1500
+"""Budget: most corners of the first division."""
 
 
 class Roughness(Protocol):
@@ -39,9 +40,9 @@ class Tiling:
     """Cells that cover a box without overlap. Splitting adds points; points are never moved or removed.
 
     Attributes:
-        points: (P, dim) corners of all cells that ever were, and what was added.
+        points: (P, dim) corners of all cells so far, and added points.
         corners: (C, 2^dim) indices into ``points``.
-        error: (C,) what each cell hides, by its roughness; for a kernel, e(h).
+        error: (C,) largest rise above the corners inside each cell; for a kernel, e(h).
     """
 
     def __init__(self, space: Space, roughness: Roughness, error: float) -> None:

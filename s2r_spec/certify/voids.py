@@ -1,8 +1,8 @@
-"""Void rollouts of a machine: what is said of them, and when they are too many.
+"""Void rollouts of a machine: their numbers, the assumption about them, and the limit on their share.
 
-A rollout is void when something else than the robot ended it. It is kept and is no outcome, and the same test runs
-again. The bound counts outcomes only, so it holds if being void says nothing of the outcome that would have come: given
-the test, the two are independent. No data can show that. What the data do show is how often the assumption is needed.
+A rollout is void when something else than the robot ended it. It is kept but is no outcome, and the same test runs
+again. The bound counts outcomes only. So it holds if, given the test, being void is independent of the outcome that the
+rollout would have had. No data can show this independence, but the data show how often it is needed.
 """
 
 from __future__ import annotations
@@ -14,18 +14,18 @@ from typing import Any
 
 from s2r_spec.backend import Backend, assumptions_of, is_exclusive
 from s2r_spec.certify.certificate import ALL_COUNT, Certificate, Label
-from s2r_spec.rollouts.attempts import FALL
 from s2r_spec.rollouts.journal import Journal
+from s2r_spec.rollouts.machine_journal import FALL
 
 MOST_VOID = 1 / 20
-"""Level: part of the rollouts that were begun of which at most may be void (dimensionless). Of outcomes that differ by
-the whole range of ρ such a part can hide that part of the range. Twice as much hides twice as much."""
+"""Level: largest share of all rollouts that may be void (dimensionless). If outcomes differ by the whole range of ρ,
+void rollouts can shift the mean by this share of the range. Twice as much shifts it twice as far."""
 UNFINISHED = "unfinished"
 """Definition: word for a rollout that runs, or in which s2r was killed and that nobody resumed."""
 
 
-def about(backend: Backend, void: str) -> dict[str, Any]:
-    """Return what a journal's header says of a backend besides its name and hash; of a simulator nothing."""
+def machine_fields(backend: Backend, void: str) -> dict[str, Any]:
+    """Return the header fields of a machine besides its name and hash; a simulator has none."""
     found: dict[str, Any] = {}
     if assumptions := assumptions_of(backend):
         found["assumptions"] = list(assumptions)
@@ -35,49 +35,51 @@ def about(backend: Backend, void: str) -> dict[str, Any]:
 
 
 def is_machine(header: Mapping[str, Any]) -> bool:
-    """Return whether a header's backend is a machine, as :func:`about` wrote it."""
+    """Return whether a header's backend is a machine, as :func:`machine_fields` wrote it."""
     return "void" in header
 
 
 def with_voids(assumption: str, header: Mapping[str, Any]) -> str:
-    """Return what a search assumes, with the void rollouts of a header's backend excepted if it is a machine."""
+    """Return an assumption of a search, with void rollouts excepted if the header's backend is a machine."""
     excepted = ALL_COUNT.replace("rollout that was asked for", "rollout that is not void")
     return assumption.replace(ALL_COUNT, excepted) if is_machine(header) else assumption
 
 
-def counted(journal: Journal) -> dict[str, int]:
-    """Return word → how many rollouts were void so."""
+def void_counts(journal: Journal) -> dict[str, int]:
+    """Return word → number of rollouts that were void for this reason."""
     words = Counter(void.word for void in journal.voids)
     words.update(UNFINISHED for _ in journal.open)
     return dict(sorted(words.items()))
 
 
-def listed(counts: Mapping[str, int]) -> str:
+def count_words(counts: Mapping[str, int]) -> str:
     """Return counts in words: "1 × killed, 2 × link"."""
     return ", ".join(f"{count} × {word}" for word, count in sorted(counts.items()))
 
 
-def shown(counts: Mapping[str, int], outcomes: int) -> str:
-    """Return what a report says of void rollouts beside so many outcomes."""
+def void_words(counts: Mapping[str, int], outcomes: int) -> str:
+    """Return the number of void rollouts beside so many outcomes, in words."""
     void = sum(counts.values())
     return (
-        f"{void} of {outcomes + void} rollouts ({listed(counts)})" if void else f"none of {outcomes} rollouts"
+        f"{void} of {outcomes + void} rollouts ({count_words(counts)})"
+        if void
+        else f"none of {outcomes} rollouts"
     )
 
 
-def assumed(backend: str, header: Mapping[str, Any], journal: Journal) -> tuple[str, ...]:
-    """Return what a statement about a backend assumes besides, each in one sentence.
+def machine_assumptions(backend: str, header: Mapping[str, Any], journal: Journal) -> tuple[str, ...]:
+    """Return the assumptions about a backend and its void rollouts, each in one sentence.
 
     Args:
         backend: its name.
-        header: with what :func:`about` wrote.
+        header: with what :func:`machine_fields` wrote.
         journal: of its rollouts.
     """
     own = tuple(header.get("assumptions", ()))
     if not is_machine(header):
         return own
-    counts = counted(journal)
-    part = shown(counts, len(journal))
+    counts = void_counts(journal)
+    part = void_words(counts, len(journal))
     if header["void"] == FALL:
         return (
             *own,
@@ -86,19 +88,19 @@ def assumed(backend: str, header: Mapping[str, Any], journal: Journal) -> tuple[
         )
     return (
         *own,
-        f"whether a rollout of {backend} is void (ended by the link, the operator or a killed process, not by the "
-        f"robot) does not depend on the outcome that it would have had; void and run again: {part}",
+        f"which rollouts of {backend} are void (ended by the link, the operator or a killed process) does not depend "
+        f"on their outcomes; run again: {part}",
     )
 
 
 def without_too_many(certificate: Certificate, backend: str, journal: Journal) -> Certificate:
     """Return a certificate, refused if more than 1 in 20 rollouts were void."""
-    counts = counted(journal)
+    counts = void_counts(journal)
     void = sum(counts.values())
     if void <= MOST_VOID * (len(journal) + void) or certificate.label is Label.REFUSED:
         return certificate
     reason = (
-        f"{shown(counts, len(journal))} of {backend} were void, more than 1 in {1 / MOST_VOID:.0f}: too many to "
-        f"assume that they do not depend on the outcome; mend what ends them and begin a new run"
+        f"{void_words(counts, len(journal))} of {backend} were void, more than 1 in {1 / MOST_VOID:.0f}: too many to "
+        f"assume independence of the outcome; remove the cause and begin again"
     )
     return replace(certificate, label=Label.REFUSED, reason=reason)

@@ -1,4 +1,4 @@
-"""What the commands that set a simulator against a machine share: their options, their run, their report."""
+"""Options, run and report that the commands ``gap`` and ``certify`` share: they compare simulator and machine."""
 
 from __future__ import annotations
 
@@ -36,13 +36,13 @@ from s2r_spec.files import save
 
 @dataclass(frozen=True)
 class Search:
-    """What a command runs, and how it tells.
+    """The search that a command runs, and its reports.
 
     Attributes:
-        run: the search, of the library.
-        report: of the spec and what was found.
-        page: the same of a run on disk, for the page; given its folder and the machine's name.
-        places: folders of journals in that of a run, of which one is there as soon as it has begun.
+        run: the search, a function of the library.
+        report: makes a report from the spec and the result.
+        page: makes the run for the HTML page, from the run's folder and the machine's name.
+        places: folders of journals in a run's folder; one exists as soon as the run has begun.
     """
 
     run: Callable[..., Any]
@@ -84,18 +84,18 @@ def against(prefix: str, help_: str, search: Callable[[], Search]) -> Callable[.
             from s2r_spec.rollouts.layout import with_any
             from s2r_spec.spec import load_spec
 
-            asked = search()
+            chosen = search()
             form = settle(form, as_json, output)
             pageable(page)
             parsed = load_spec(spec)
             name = f"{prefix}{spec.stem}-{sim}-{real}"
             if resume is not None:
-                resume = with_any(resume, asked.places, Journal.found)
+                resume = with_any(resume, chosen.places, Journal.exists)
             simulator, machine = logs([sim, real], nan, time_unit, columns)
             executor, folder, opening = begun(run, resume, name, seed, workers, scheduler, machine)
             try:
                 with Live(console(stderr=True), quiet, opening=opening) as live:
-                    result = asked.run(
+                    result = chosen.run(
                         parsed,
                         simulator,
                         machine,
@@ -112,10 +112,10 @@ def against(prefix: str, help_: str, search: Callable[[], Search]) -> Callable[.
             except KeyboardInterrupt:
                 interrupted(folder)
                 raise
-            report = asked.report(parsed, result)
+            report = chosen.report(parsed, result)
             emit(report, form, output)
             if page is not None:
-                save(page, html.render([asked.page(folder, machine)]))
+                save(page, html.render([chosen.page(folder, machine)]))
             raise typer.Exit(report.exit_code)
 
     command.__doc__ = help_

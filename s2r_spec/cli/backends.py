@@ -1,4 +1,4 @@
-"""``s2r backends``: what is installed."""
+"""``s2r backends``: the installed backends, and the declarations of one."""
 
 from __future__ import annotations
 
@@ -17,20 +17,26 @@ if TYPE_CHECKING:
 
 def backends(
     name: Annotated[
-        str | None, typer.Argument(help="Show this backend's parameters, channels and effects.")
+        str | None,
+        typer.Argument(
+            help="Backend to describe: its parameters, channels and effects. Without a name, all are listed."
+        ),
     ] = None,
     check: Annotated[
         bool,
-        typer.Option("--check", help="Try whether it keeps what a backend promises; exits with 1 if not."),
+        typer.Option(
+            "--check",
+            help="Run the backend and check the rules of the backend protocol. Exit code 1 if it breaks one.",
+        ),
     ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout.")] = False,
 ) -> None:
-    """List the installed backends, or what one of them offers."""
+    """List the installed backends, or describe one of them."""
     with sentences(as_json):
         from s2r_spec import backend as registry
 
         if name is None and check:
-            raise UsageError("say which backend to check: s2r backends NAME --check")
+            raise UsageError("--check needs the name of a backend: s2r backends NAME --check")
         if name is None:
             found = {key: point.value for key, point in registry.installed().items()}
             if as_json:
@@ -43,11 +49,11 @@ def backends(
         exclusive, assumed = registry.is_exclusive(machine), registry.assumptions_of(machine)
         if check and exclusive:
             raise UsageError(
-                f"{name} is a machine: --check would move it to the ends of its ranges; "
-                f"s2r check, gap and certify run it with its operator"
+                f"{name} is a machine: --check would move it to the ends of its ranges. "
+                f"The commands check, gap and certify run it with its operator"
             )
         if check:
-            raise typer.Exit(_tried(machine, as_json))
+            raise typer.Exit(_checked(machine, as_json))
         parameters = [vars(p) for p in machine.parameters]
         channels = [vars(c) for c in machine.channels]
         effects = machine.effects() if isinstance(machine, registry.HasEffects) else ()
@@ -72,18 +78,18 @@ def backends(
             return
         say(f"{machine.name}: rollouts of {machine.duration:g} s, about {machine.cost:g} s each on one core")
         if exclusive:
-            say("a machine: its rollouts run one at a time, each after its operator's word")
+            say("a machine: its rollouts run one at a time, each after its operator's confirmation")
         for sentence in assumed:
-            say(f"assumed: {sentence}")
+            say(f"assumption: {sentence}")
         if options:
-            say(f"options, with commas between them, as in {machine.name}")
+            say(f"options, separated by commas, as in {machine.name}")
         for option in options:
-            given = "must be given" if option.default is None else f"{option.default} if not given"
-            say(f"  {option.name:14} {given}: {option.description}")
+            default = "required" if option.default is None else f"default {option.default}"
+            say(f"  {option.name:14} {default}: {option.description}")
         say("parameters")
         for p in machine.parameters:
             say(
-                f"  {p.name:14} [{p.low:g}, {p.high:g}]{f' {p.unit}' if p.unit else ''}; {p.default:g} if not given: "
+                f"  {p.name:14} [{p.low:g}, {p.high:g}]{f' {p.unit}' if p.unit else ''}; default {p.default:g}: "
                 f"{p.description}"
             )
         say("channels")
@@ -91,25 +97,25 @@ def backends(
             size = f"[{c.width}]" if c.width > 1 else ""
             say(f"  {c.name + size:14} {c.unit or '1'}: {c.description}")
         if effects:
-            say("effects, that `s2r diagnose` looks for")
+            say("effects that `s2r diagnose` can name")
         for effect in effects:
             say(f"  {effect.name} ({effect.family}): {effect.physics}")
             for each in effect.parameters:
                 say(
                     f"    {each.name:12} [{each.low:g}, {each.high:g}]{f' {each.unit}' if each.unit else ''}; "
-                    f"none is {each.nominal:g}; {each.prior}"
+                    f"nominal {each.nominal:g}; {each.prior}"
                 )
 
 
-def _tried(machine: Backend, as_json: bool) -> int:
-    """Print every check of conformance as it is made, and return the exit code."""
+def _checked(machine: Backend, as_json: bool) -> int:
+    """Print the result of each conformance check as soon as it is known, and return the exit code."""
     from s2r_spec.conformance import check_conformance
 
     found = []
     for check in check_conformance(machine):
         found.append(check)
         if not as_json:
-            say(f"{'BROKEN' if check.violations else 'kept  '}  {check.requirement}")
+            say(f"{'BROKEN' if check.violations else 'ok    '}  {check.requirement}")
             for sentence in check.violations + check.remarks:
                 say(f"        {sentence}")
     broken = sum(bool(check.violations) for check in found)
@@ -117,11 +123,11 @@ def _tried(machine: Backend, as_json: bool) -> int:
         records = [{"words": c.requirement, "broken": c.violations, "remarks": c.remarks} for c in found]
         print(json.dumps({"schema": "s2r.promises/1", "name": machine.name, "promises": records}))
     else:
-        say(f"{machine.name} keeps {len(found) - broken} of {len(found)} promises")
+        say(f"{machine.name} keeps {len(found) - broken} of {len(found)} rules")
     return 1 if broken else 0
 
 
 def _record(effect: Effect) -> dict[str, Any]:
-    """Return what the protocol says of an effect; a backend's own may have functions besides."""
+    """Return the fields of an effect that the protocol declares; a backend's own record may have functions, too."""
     parameters = [vars(p) for p in effect.parameters]
     return {"name": effect.name, "family": effect.family, "physics": effect.physics, "parameters": parameters}

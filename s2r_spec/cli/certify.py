@@ -1,4 +1,4 @@
-"""``s2r certify``: what simulation and gap together promise about the real machine."""
+"""``s2r certify``: bound the real machine's worst case by the simulation's bound plus the gap's."""
 
 from __future__ import annotations
 
@@ -15,5 +15,7 @@ def _search() -> Search:
 
 
 certify = against(
-    "", "Certify the worst expected robustness in simulation, bound the gap, and add the two.", _search
+    "",
+    "Certify the worst expected robustness of the real machine: bound the simulation, bound the gap, and add both.",
+    _search,
 )

@@ -40,24 +40,39 @@ from s2r_spec.files import save
 def check(
     spec: SpecFile,
     backend: Annotated[
-        str, typer.Option("--backend", "-b", help="What makes the traces; see `s2r backends`.")
+        str,
+        typer.Option(
+            "--backend",
+            "-b",
+            help="Simulator, machine or folder of logs that gives the traces; see `s2r backends`.",
+        ),
     ] = "sim",
     requirement: Annotated[
         list[str] | None,
-        typer.Option("--requirement", "-r", help="Check only this requirement (may be repeated)."),
+        typer.Option(
+            "--requirement",
+            "-r",
+            help="Requirement to check; may be repeated.",
+            show_default="all with a certify line",
+        ),
     ] = None,
     seed: Seed = 0,
     budget: Annotated[
-        int | None, typer.Option(min=1, help="Most rollouts per requirement; without it, as many as ε takes.")
+        int | None,
+        typer.Option(
+            min=1, help="Most rollouts for each requirement.", show_default="until the interval is ε wide"
+        ),
     ] = None,
     workers: Workers = None,
     scheduler: Scheduler = None,
     timeout: Timeout = None,
     void: Void = "again",
     mode: Annotated[
-        str, typer.Option(help="Confidence set: rigorous, rigorous-simple or paper.")
+        str, typer.Option(help="Method of the bound: rigorous, rigorous-simple or paper.")
     ] = "rigorous",
-    engine: Annotated[str, typer.Option(help="Gaussian process: spectral or gpytorch.")] = "spectral",
+    engine: Annotated[
+        str, typer.Option(help="Implementation of the Gaussian process: spectral or gpytorch.")
+    ] = "spectral",
     nan: Nan = None,
     time_unit: TimeUnit = None,
     columns: Columns = None,
@@ -69,14 +84,16 @@ def check(
     page: Page = None,
     quiet: Quiet = False,
 ) -> None:
-    """Certify the worst expected robustness over the spec's test space, with its probability."""
+    """Certify the worst expected robustness in simulation, over the spec's test space."""
     from s2r_spec.errors import UsageError
 
     with sentences(as_json or form == "json"):
         refuse_without_operator(backend)
-        # Imported here: the help must not wait for numerical libraries.
+        # Imported here, so that the help does not wait for numerical libraries.
         from s2r_spec.certify import check as checking
         from s2r_spec.certify.arguments import require_begun
+        from s2r_spec.certify.from_spec import search_for
+        from s2r_spec.certify.options import RunOptions
         from s2r_spec.cli.progress import Live
         from s2r_spec.report import checked, html
         from s2r_spec.rollouts import layout
@@ -90,19 +107,21 @@ def check(
         if not names:
             raise UsageError(f"{parsed.name} has no certify line, so there is nothing to certify")
         names = list(dict.fromkeys(names))
-        for name in names:  # a wrong one is said before the first one has run
-            checking.search_for(parsed, name, seed=seed, budget=budget, mode=mode, engine=engine)
+        for name in names:  # report a wrong name before anything runs
+            search_for(
+                parsed, name, RunOptions(seed=seed, budget=budget, mode=mode, engine=engine, void=void)
+            )
         (machine,) = logs([backend], nan, time_unit, columns)
         executor, machines = pool(workers, scheduler)
         if takes_turns(machine):
             machines = "one rollout at a time"
         folder = new_or_old(run, resume, f"{spec.stem}-{backend}", seed)
-        there = layout.places(folder, names, _own(folder, names) if resume is not None else None)
+        places = layout.places(folder, names, _own(folder, names) if resume is not None else None)
         if resume is not None:
-            require_begun([*there.values()], folder)
+            require_begun([*places.values()], folder)
         errors = console(stderr=True)
         results = []
-        for name, place in there.items():
+        for name, place in places.items():
             opening = f"{name}: run {place}, seed {seed}, {machines}"
             try:
                 with Live(errors, quiet, opening=opening) as live:
@@ -118,8 +137,8 @@ def check(
                             engine=engine,
                             executor=executor,
                             timeout=seconds(timeout),
-                            # The next requirement of a run that was cut off may not have begun.
-                            resume=resume is not None and Journal.found(place),
+                            # In an interrupted run the next requirement may not have begun.
+                            resume=resume is not None and Journal.exists(place),
                             observer=live,
                             void=void,
                         )
@@ -135,10 +154,10 @@ def check(
 
 
 def _own(folder: Path, names: Sequence[str]) -> str | None:
-    """Return the requirement whose journal lies in a folder itself; None if that is one of a whole run.
+    """Return the requirement whose journal lies directly in a folder; None if the folder is that of a whole run.
 
     Raises:
-        UsageError: it is not of one of the requirements that are checked.
+        UsageError: the journal is not of a requirement in ``names``.
     """
     from s2r_spec.errors import UsageError, one_of
     from s2r_spec.rollouts.journal import Journal
@@ -146,8 +165,8 @@ def _own(folder: Path, names: Sequence[str]) -> str | None:
     header = Journal.header_in(folder)
     own = header.get("requirement")
     if header and (own not in names or "side" in header):
-        of = f"of the requirement {own!r}" if own not in names else "one side of a gap"
+        of = f"of the requirement {own!r}" if own not in names else "a part of a gap"
         raise UsageError(
-            f"the run in {folder} is {of}, and this checks {one_of(names)}; give --run for a new one"
+            f"the run in {folder} is {of}, but this command checks {one_of(names)}; begin a new run with --run"
         )
     return own

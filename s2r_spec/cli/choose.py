@@ -1,4 +1,4 @@
-"""``s2r choose``: which of several checked controllers has the best certified worst case; nothing is run."""
+"""``s2r choose``: the checked controller with the best certified worst case; runs no rollout."""
 
 from __future__ import annotations
 
@@ -15,11 +15,13 @@ from s2r_spec.cli.terminal import say
 def choose(
     runs: Annotated[
         list[Path],
-        typer.Argument(help="Folders of checks of one spec, one a candidate.", show_default=False),
+        typer.Argument(
+            help="Folders of checks of the same spec, one for each candidate.", show_default=False
+        ),
     ],
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout.")] = False,
 ) -> None:
-    """Choose among checked controllers or gains: the one whose worst expected ρ is certified to be largest."""
+    """Choose the controller with the largest certified worst expected ρ, from the folders of finished checks."""
     with sentences(as_json):
         from s2r_spec.certify.choose import choose as pick
         from s2r_spec.certify.rounding import at_most, between, down, wide
@@ -60,12 +62,12 @@ def choose(
             )
             say(f"{mark} {row['backend']!s:32} {bound}, {row['rollouts']} rollouts")
         if choice.best is None:
-            say("no candidate can be chosen: every certificate was refused")
+            say("no choice: every certificate was refused")
             raise typer.Exit(3)
-        least, better = f"{down(choice.lower)}{unit}", f"{wide(choice.regret)}{unit}"
+        least, regret = f"{down(choice.lower)}{unit}", f"{wide(choice.regret)}{unit}"
         say(
-            f"take {rows[choice.best]['backend']}: its worst expected ρ is at least {least}, and no other "
-            f"candidate's is more than {better} better, with probability ≥ 1 − {at_most(choice.delta)}"
+            f"choose {rows[choice.best]['backend']}: its worst expected ρ is at least {least}, and no other "
+            f"candidate's is more than {regret} better, with probability ≥ 1 − {at_most(choice.delta)}"
         )
         if choice.refused:
-            say("nothing is said of the refused ones")
+            say("this does not cover the refused candidates")

@@ -1,4 +1,4 @@
-"""What the commands share: errors to sentences, and where a run lives."""
+"""Parts that the commands share: error messages, pools, and folders of runs."""
 
 from __future__ import annotations
 
@@ -29,24 +29,24 @@ CODES = {"holds": 0, "violated": 1, "unknown": 3}
 COLOURS = {"holds": "bold green", "violated": "bold red", "unknown": "bold yellow"}
 
 _LONGEST_NAME = 150
-"""Letters of a run's folder that say what it is of: a budget, of the 255 bytes that a file's name may have."""
+"""Budget: letters of the spec's and backends' names in the name of a run's folder; a file name has 255 bytes."""
 
-_said = False
+_json_was_printed = False
 _new: list[Path] = []
-"""Folders that this command has made; those that stay empty are taken away at its end."""
+"""Folders that this command has made; empty ones are removed at its end."""
 
 
 def worst(verdicts: Iterable[str]) -> str:
-    """Return the verdict of several together, as the exit codes are ranked: 1 > 3 > 0."""
+    """Return the worst of several verdicts: violated, then unknown, then holds."""
     found = set(verdicts)
     return next(verdict for verdict in ("violated", "unknown", "holds") if verdict in found)
 
 
 @contextmanager
 def sentences(as_json: bool = False) -> Iterator[None]:
-    """Turn s2r's own errors into one sentence on stderr (and one object on stdout), and the exit code.
+    """Print s2r's own errors as one sentence on stderr, or as JSON on stdout, too, and exit with their code.
 
-    What a reader of logs left out is a note on stderr.
+    Warnings about samples that a log reader left out become notes on stderr.
     """
     try:
         with warnings.catch_warnings():
@@ -58,20 +58,20 @@ def sentences(as_json: bool = False) -> Iterator[None]:
     except OSError as error:
         if error.filename is None or error.errno == errno.EPIPE:
             raise
-        # A name that is too long, a folder that may not be read: what a caller of the system was refused.
+        # For example a name that is too long, or a folder without permission.
         _refuse(one_line(f"{error.filename}: {error.strerror}"), UsageError.exit_code, as_json, error)
     finally:
         for folder in _new:
-            with suppress(OSError):  # only an empty one goes: nothing was recorded in it
+            with suppress(OSError):  # rmdir removes an empty folder only: nothing was recorded in it
                 folder.rmdir()
                 folder.parent.rmdir()
         _new.clear()
 
 
 def _refuse(sentence: str, exit_code: int, as_json: bool, cause: Exception) -> NoReturn:
-    # A specification's mistakes are drawn below its sentence.
+    # A specification error has several lines: a sentence, then the mistakes.
     first, line_feed, rest = sentence.partition("\n")
-    if isinstance(cause, StoppedError):  # as was asked: no error
+    if isinstance(cause, StoppedError):  # the operator asked for it: no error
         say(sentence, error=True)
     else:
         print(
@@ -83,7 +83,7 @@ def _refuse(sentence: str, exit_code: int, as_json: bool, cause: Exception) -> N
 
 
 def _noted(shown: Callable[..., None]) -> Callable[..., None]:
-    """Return what shows a warning: a note of a reader as a note, others as ever."""
+    """Return a function that prints a TraceNote as a note, and other warnings as before."""
 
     def show(message: Warning | str, category: type[Warning], *rest: Any, **more: Any) -> None:
         if issubclass(category, TraceNote):
@@ -95,26 +95,26 @@ def _noted(shown: Callable[..., None]) -> Callable[..., None]:
 
 
 def note(sentence: str) -> None:
-    """Say on stderr what changes no answer, but should be known."""
+    """Print a note on stderr: a fact that changes no result but matters to the reader."""
     say(f"note: {sentence}", error=True)
 
 
 def print_error(exit_code: int, sentence: str) -> None:
     """Print an error as the one JSON object on stdout."""
-    global _said
-    _said = True
+    global _json_was_printed
+    _json_was_printed = True
     print(json.dumps({"schema": "s2r.error/1", "exit_code": exit_code, "error": sentence}, allow_nan=False))
 
 
 def answered() -> None:
-    """Say that stdout has its JSON object, in which errors are, too."""
-    global _said
-    _said = True
+    """Record that stdout has its JSON object, which includes the errors."""
+    global _json_was_printed
+    _json_was_printed = True
 
 
 def error_was_printed() -> bool:
     """Return whether this process printed its errors as JSON."""
-    return _said
+    return _json_was_printed
 
 
 def cores() -> int:
@@ -123,7 +123,7 @@ def cores() -> int:
 
 
 def pool(workers: int | None, scheduler: str | None) -> tuple[ExecutorFactory, str]:
-    """Return the factory of the pool that runs the rollouts, and what to call it.
+    """Return the factory of the pool that runs the rollouts, and the pool's name for messages.
 
     Raises:
         UsageError: both are given, or Dask is not installed.
@@ -135,21 +135,21 @@ def pool(workers: int | None, scheduler: str | None) -> tuple[ExecutorFactory, s
         return process_pool(count), f"{count} worker{'s' if count > 1 else ''}"
     if workers is not None:
         raise UsageError(
-            "--workers is for this machine, --scheduler has workers of its own: give one of them"
+            "--workers counts processes of this machine, and a --scheduler has its own workers: give one of them"
         )
     return dask_pool(scheduler), f"scheduler {scheduler}"
 
 
 def refuse_without_operator(name: str) -> None:
-    """Refuse a machine whose operator is at no terminal, before numerical libraries are loaded for seconds.
+    """Refuse a machine without an operator at the terminal, before numerical libraries are loaded.
 
-    What else is wrong with a backend is said where it is used; the search asks again.
+    Other errors of a backend are reported where it is used. The search checks the operator again.
 
     Raises:
-        UsageError: see there.
+        UsageError: the machine needs an operator and stdin is no terminal.
     """
     from s2r_spec.backend import HasAttendance, is_exclusive, load_backend
-    from s2r_spec.rollouts.operator import Terminal, refuse_nobody
+    from s2r_spec.rollouts.operator import Terminal, require_terminal
 
     operator = Terminal()
     if operator.there or name.startswith("log:"):
@@ -160,16 +160,16 @@ def refuse_without_operator(name: str) -> None:
         return
     if not is_exclusive(backend):
         return
-    attended = None
+    attendance = None
     if isinstance(backend, HasAttendance):
-        with suppress(S2RError):  # one that needs the specification first is attended
-            attended = backend.attendance(operator)
-    if not getattr(attended, "unattended", False):
-        refuse_nobody(operator)
+        with suppress(S2RError):  # a backend that needs the specification first has an operator
+            attendance = backend.attendance(operator)
+    if not getattr(attendance, "unattended", False):
+        require_terminal(operator)
 
 
 def seconds(timeout: float | None) -> float | None:
-    """Return the time-out of a rollout as the library takes it."""
+    """Return the time limit of a rollout for the library [s]: 0 on the command line means no limit."""
     return math.inf if timeout == 0 else timeout
 
 
@@ -180,18 +180,18 @@ def new_or_old(run: Path | None, resume: Path | None, name: str, seed: int) -> P
         UsageError: both were given, there is nothing to resume, or the folder cannot be made.
     """
     if run is not None and resume is not None:
-        raise UsageError("--run begins a new run, --resume goes on with an old one: give one of them")
+        raise UsageError("--run begins a new run, and --resume continues one: give one of them")
     if resume is not None and not resume.is_dir():
-        raise UsageError(f"no run to resume at {resume}: there is no such folder")
+        raise UsageError(f"no run to resume at {resume}: the folder does not exist")
     if run is not None and run.exists() and not run.is_dir():
         raise UsageError(f"cannot begin a run in {run}: it is not a folder")
     return resume or run or _new_folder(Path("s2r-runs"), name, seed)
 
 
 def _new_folder(root: Path, name: str, seed: int) -> Path:
-    """Make a folder that was not there: its name has the second, and a number where another process was faster."""
+    """Make a new folder, named by the time to the second; a number is added if the name is taken."""
     stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
-    # Backends are called log:FOLDER; a name of a file has 255 bytes at most.
+    # The name of a backend may be a path, as in log:FOLDER.
     plain = re.sub(r"[^\w.,+=-]", "-", name, flags=re.ASCII)[:_LONGEST_NAME]
     try:
         root.mkdir(parents=True, exist_ok=True)
@@ -215,11 +215,11 @@ def begun(
     scheduler: str | None,
     real: str,
 ) -> tuple[ExecutorFactory, Path, str]:
-    """Return pool and folder of a run against a machine, and what to say of it once its backends are accepted.
+    """Return pool and folder of a run with a machine, and the line to print when it begins.
 
     Raises:
-        UsageError: as :func:`pool` and :func:`new_or_old` say.
-        BackendError: there is no such machine.
+        UsageError: see :func:`pool` and :func:`new_or_old`.
+        BackendError: the machine does not exist.
     """
     executor, machines = pool(workers, scheduler)
     turns = f", one rollout of {real} at a time" if takes_turns(real) else ""
@@ -228,20 +228,20 @@ def begun(
 
 
 def takes_turns(name: str) -> bool:
-    """Return whether the rollouts of a backend run one at a time, whatever the workers; opens nothing.
+    """Return whether the rollouts of a backend run one at a time, for any number of workers; opens nothing.
 
     Raises:
-        BackendError: there is no such backend.
+        BackendError: the backend does not exist.
     """
     from s2r_spec.backend import is_exclusive, load_backend
 
-    # A folder of logs is no machine, and takes long to load.
+    # A folder of logs is no machine, and is slow to load.
     return not name.startswith("log:") and is_exclusive(load_backend(name))
 
 
 def interrupted(folder: Path) -> None:
-    """Say how an interrupted run goes on."""
+    """Print how to continue an interrupted run."""
     if any(path.is_file() for path in folder.rglob("*")):
-        say(f"interrupted; go on with --resume {folder}", error=True)
+        say(f"interrupted; continue with --resume {folder}", error=True)
     else:
-        say("interrupted; nothing was recorded yet", error=True)
+        say("interrupted; nothing was recorded", error=True)

@@ -1,4 +1,4 @@
-"""``s2r diagnose``: where the gap lies, which unmodelled effect causes it, how far it shrinks."""
+"""``s2r diagnose``: where the gap is, which effect causes it, and how far the effect closes it."""
 
 from __future__ import annotations
 
@@ -31,18 +31,30 @@ from s2r_spec.files import save
 from s2r_spec.printable import one_line
 
 REAL, ANSWER = "real", "diagnosis.json"
-"""Folder of the rollouts that a machine was asked for, and the answer, in the folder of a run."""
+"""In the folder of a run: the folder of the real rollouts, and the file of the diagnosis."""
 
-Form = Annotated[str | None, typer.Option("--format", help="text, json or markdown.", show_default="text")]
-Budget = Annotated[int | None, typer.Option(min=6, help="Real rollouts to ask for, or to use at most.")]
+Form = Annotated[
+    str | None,
+    typer.Option("--format", help="Format of the diagnosis: text, json or markdown.", show_default="text"),
+]
+Budget = Annotated[
+    int | None,
+    typer.Option(
+        min=6,
+        help="Most real rollouts to run, or to use from logs.",
+        show_default="30 of a machine, all of a log",
+    ),
+]
 Apply = Annotated[
     Path | None,
-    typer.Option(help="Write the simulator with the named effects to this file, for --sim patched:FILE."),
+    typer.Option(help="File for the simulator with the named effects; use it as --sim patched:FILE."),
 ]
 
 Tuned = Annotated[
     bool,
-    typer.Option("--tuned", help="With --apply: a little of every other effect, too, as the data want it."),
+    typer.Option(
+        "--tuned", help="With --apply: add every other effect, too, with a small size fitted to the data."
+    ),
 ]
 
 
@@ -68,7 +80,7 @@ def diagnose(
     page: Page = None,
     quiet: Quiet = False,
 ) -> None:
-    """Say where the gap lies, which effect of the catalogue causes it, and how far it shrinks."""
+    """Find where the gap is, which effect of the catalogue causes it, and how far that effect closes it."""
     with sentences(as_json or form == "json"):
         from s2r_spec.cli.stages import Stages
         from s2r_spec.diagnose import diagnose as find
@@ -81,7 +93,7 @@ def diagnose(
         form = settle(form, as_json, output, forms)
         pageable(page)
         if tuned and apply is None:
-            raise UsageError("--tuned says what --apply writes; give --apply FILE with it")
+            raise UsageError("--tuned changes what --apply writes; give --apply FILE with it")
         parsed = load_spec(spec)
         name = f"diagnose-{spec.stem}-{sim}-{Path(real).name}"
         (machine,) = logs([real], nan, time_unit, columns)
@@ -120,15 +132,15 @@ def diagnose(
         if page is not None:
             save(page, diagnosed_page.render(found, parsed, real))
         if apply is not None and form != "json":
-            said = (
+            sentence = (
                 f"use it as --sim patched:{apply}" if added else f"{apply} is not written: no effect is named"
             )
-            errors.print(one_line(said), markup=False, soft_wrap=True)
+            errors.print(one_line(sentence), markup=False, soft_wrap=True)
         raise typer.Exit(diagnosed.exit_code(found))
 
 
 def _recorded(folder: Path) -> Path:
-    """Return the folder of a diagnosis that can go on: given is that, or the one of its real rollouts.
+    """Return the folder of a diagnosis to continue, from that folder or from its folder of real rollouts.
 
     Raises:
         UsageError: nothing was recorded there.
@@ -137,6 +149,6 @@ def _recorded(folder: Path) -> Path:
     real = run / REAL
     if not (run / ANSWER).exists() and not (real.is_dir() and any(real.iterdir())):
         raise UsageError(
-            f"no run to resume in {folder}: there is no rollout in {real} and no {ANSWER}; begin one with --run"
+            f"no run to resume in {folder}: there is no rollout in {real} and no {ANSWER}; begin a new run with --run"
         )
     return run

@@ -1,4 +1,4 @@
-"""``s2r fmt``: specifications written one way."""
+"""``s2r fmt``: the formatter of specifications."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from s2r_spec.files import save
 
 
 class Target(StrEnum):
-    """What to write."""
+    """Output of the command."""
 
     stl = "stl"
     latex = "latex"
@@ -24,12 +24,15 @@ class Target(StrEnum):
 def fmt(
     specs: Annotated[list[Path], typer.Argument(help="Specifications, .stl files.", show_default=False)],
     check: Annotated[
-        bool, typer.Option("--check", help="Change nothing; exit with 1 if a file would change.")
+        bool, typer.Option("--check", help="Change no file; exit code 1 if one would change.")
     ] = False,
-    to: Annotated[Target, typer.Option(help="latex: print the formulas instead, as align*.")] = Target.stl,
+    to: Annotated[
+        Target,
+        typer.Option(help="stl: rewrite the files. latex: print the formulas as an align* environment."),
+    ] = Target.stl,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout.")] = False,
 ) -> None:
-    """Rewrite specifications in the one way of writing them; comments stay."""
+    """Format specifications in the standard layout; comments stay."""
     with sentences(as_json):
         from s2r_spec.lang.files import read_text
         from s2r_spec.lang.latex import to_latex
@@ -44,7 +47,7 @@ def fmt(
                 else "\n".join(latex.values())
             )
             return
-        # every file is read and parsed before the first is written
+        # all files are read and parsed before the first one is written
         written = {path: format_text(text, str(path)) for path, text in texts.items()}
         changed = [path for path in specs if written[path] != texts[path]]
         for path in changed:

@@ -1,6 +1,6 @@
-"""``s2r gap``: how far simulator and real machine are apart, with sign and probability.
+"""``s2r gap``: bound the gap between simulator and real machine, with its sign and probability.
 
-A gap has no verdict: 0 says that the interval is as narrow as asked, 3 that it is not.
+A gap has no verdict. Exit code 0 means that its interval is at most ε wide, 3 that it is wider.
 """
 
 from __future__ import annotations
@@ -12,9 +12,13 @@ def _search() -> Search:
     from s2r_spec.certify.gap import gap as bound
     from s2r_spec.report import gapped
     from s2r_spec.report.recompute import recompute_gap
-    from s2r_spec.rollouts.layout import SIDES
+    from s2r_spec.rollouts.layout import SYSTEMS
 
-    return Search(bound, gapped.report, lambda folder, _: recompute_gap(folder), SIDES)
+    return Search(bound, gapped.report, lambda folder, _: recompute_gap(folder), SYSTEMS)
 
 
-gap = against("gap-", "Bound the signed gap Δ = ρ_real − ρ_sim over the spec's test space.", _search)
+gap = against(
+    "gap-",
+    "Bound the signed gap Δ = ρ_real − ρ_sim over the spec's test space. Exit code 3 if the interval is wider than ε.",
+    _search,
+)

@@ -1,4 +1,4 @@
-"""``s2r lint``: what is no mistake in a specification and yet seldom meant."""
+"""``s2r lint``: warnings about legal parts of a specification that are seldom meant."""
 
 from __future__ import annotations
 
@@ -15,11 +15,14 @@ from s2r_spec.files import save
 def lint(
     specs: Annotated[list[Path], typer.Argument(help="Specifications, .stl files.", show_default=False)],
     fix: Annotated[
-        bool, typer.Option("--fix", help="Add the brackets that say what a formula means already.")
+        bool,
+        typer.Option(
+            "--fix", help="Add brackets that show how a formula is read; its meaning does not change."
+        ),
     ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout.")] = False,
 ) -> None:
-    """Point at what others would read differently. Exits with 1 if there is something."""
+    """Report parts of a specification that are easily misread. Exit code 1 if there are any."""
     with sentences(as_json):
         from s2r_spec.lang.files import read_text
         from s2r_spec.lang.lints import fixed

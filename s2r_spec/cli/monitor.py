@@ -1,4 +1,4 @@
-"""``s2r monitor``: ρ of recorded traces, with the reason; or of one that is being recorded."""
+"""``s2r monitor``: ρ of recorded traces, with the reason, or of a trace while it is recorded."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from s2r_spec.cli import terminal
 from s2r_spec.cli.common import CODES, COLOURS, answered, sentences, worst
 from s2r_spec.cli.online import Settings, follow
 from s2r_spec.cli.options import Columns, Nan, TimeUnit, missing
-from s2r_spec.cli.reading import Asked, Recorded, named, read
+from s2r_spec.cli.reading import Recorded, Request, named, read
 from s2r_spec.printable import lines, one_line
 
 if TYPE_CHECKING:
@@ -23,43 +23,62 @@ if TYPE_CHECKING:
 
 
 def monitor(
-    spec: Annotated[Path, typer.Argument(help="The specification, a .stl file.", show_default=False)],
+    spec: Annotated[Path, typer.Argument(help="Specification, an .stl file.", show_default=False)],
     traces: Annotated[
         list[Path],
-        typer.Argument(help="Recorded traces; with --online one, or - for CSV rows.", show_default=False),
+        typer.Argument(
+            help="Files of recorded traces. With --online, one file, or - to read CSV rows from stdin.",
+            show_default=False,
+        ),
     ],
     params: Annotated[
         list[str] | None,
-        typer.Option("--param", "-p", help="A test parameter: vd=0.3, or 'vd=30 cm/s' (may be repeated)."),
+        typer.Option(
+            "--param",
+            "-p",
+            help="Value of a test parameter: vd=0.3 in its declared unit, or 'vd=30 cm/s'. May be repeated.",
+            show_default="as the trace says",
+        ),
     ] = None,
     columns: Columns = None,
     time_unit: TimeUnit = None,
     nan: Nan = None,
     requirement: Annotated[
-        list[str] | None, typer.Option("--requirement", "-r", help="Only this requirement (may be repeated).")
+        list[str] | None,
+        typer.Option(
+            "--requirement", "-r", help="Requirement to evaluate; may be repeated.", show_default="all"
+        ),
     ] = None,
     partial: Annotated[
-        bool, typer.Option("--partial", help="Evaluate a trace that is too short on what there is.")
+        bool,
+        typer.Option("--partial", help="Evaluate a trace that is too short, with windows cut at its end."),
     ] = False,
     online: Annotated[
         bool,
-        typer.Option("--online", help="Sample by sample: say what ρ can still become when that changes."),
+        typer.Option(
+            "--online",
+            help="Follow one trace sample by sample; print the range of possible ρ whenever it changes.",
+        ),
     ] = False,
     period: Annotated[
         float | None,
-        typer.Option(help="With --online: seconds from one sample to the next.", show_default="as they come"),
+        typer.Option(help="With --online: sample period in seconds.", show_default="as the samples come"),
     ] = None,
     ranges: Annotated[
-        bool, typer.Option(help="With --online: signals stay in their declared ranges.")
+        bool, typer.Option(help="With --online: assume that signals stay in their declared ranges.")
     ] = True,
     like: Annotated[
-        str, typer.Option("--profile", help="Read formulas as another tool does: breach, rtamt-dense, …")
+        str,
+        typer.Option(
+            "--profile",
+            help="Conventions of another tool: breach, moonlight, rtamt, rtamt-dense, stlcgpp, stlrom or tidystl.",
+        ),
     ] = "s2r",
     as_json: Annotated[
-        bool, typer.Option("--json", help="Print one JSON object on stdout; with --online one a line.")
+        bool, typer.Option("--json", help="Print one JSON object on stdout; with --online, one on each line.")
     ] = False,
 ) -> None:
-    """Evaluate every requirement on recorded traces: ρ, verdict, and what decides it."""
+    """Evaluate requirements on recorded traces: robustness ρ, verdict, and the instant that decides."""
     with sentences(as_json):
         from s2r_spec.errors import UsageError
         from s2r_spec.logs.mapping import read_map
@@ -70,21 +89,21 @@ def monitor(
         values = parsed.read_params(params or [])
         chosen = tuple(requirement or parsed.requirements)
         for name in chosen:
-            parsed.unit(name)  # a wrong one is said before any file is read
-        asked = Asked(parsed, chosen, values, read_map(columns or []), time_unit, missing(nan))
+            parsed.unit(name)  # report a wrong name before any file is read
+        request = Request(parsed, chosen, values, read_map(columns or []), time_unit, missing(nan))
         conventions = profile(like)
         if online:
             if like != "s2r":
-                raise UsageError("--profile is for recorded traces; --online asks at the samples")
+                raise UsageError("--profile is for recorded traces; --online evaluates at the samples only")
             if len(traces) != 1:
-                raise UsageError("--online follows one trace: give one file, or - for rows that come in")
-            raise typer.Exit(follow(asked, traces[0], Settings(period, ranges, partial, as_json)))
+                raise UsageError("--online follows one trace: give one file, or - for stdin")
+            raise typer.Exit(follow(request, traces[0], Settings(period, ranges, partial, as_json)))
         if period is not None or not ranges:
             raise UsageError("--period and --no-ranges are for --online")
         results: list[dict[str, Any]] = []
         for path in traces:
             try:
-                results.append(_evaluated(asked, path, partial, like, conventions))
+                results.append(_evaluated(request, path, partial, like, conventions))
             except UsageError as error:
                 if len(traces) == 1:
                     raise
@@ -104,9 +123,11 @@ def monitor(
         raise typer.Exit(code)
 
 
-def _evaluated(asked: Asked, path: Path, partial: bool, like: str, conventions: Profile) -> dict[str, Any]:
+def _evaluated(
+    request: Request, path: Path, partial: bool, like: str, conventions: Profile
+) -> dict[str, Any]:
     """Return every requirement of one file as plain data; an error names the file."""
-    recorded = read(asked, path)
+    recorded = read(request, path)
     with named(path):
         return {
             "trace": str(path),
@@ -114,20 +135,21 @@ def _evaluated(asked: Asked, path: Path, partial: bool, like: str, conventions: 
             "from_trace": sorted(recorded.taken),
             "notes": list(recorded.notes),
             "requirements": [
-                _judged(asked, recorded, name, partial, like, conventions) for name in asked.requirements
+                _evaluated_requirement(request, recorded, name, partial, like, conventions)
+                for name in request.requirements
             ],
         }
 
 
-def _judged(
-    asked: Asked, recorded: Recorded, requirement: str, partial: bool, like: str, conventions: Profile
+def _evaluated_requirement(
+    request: Request, recorded: Recorded, requirement: str, partial: bool, like: str, conventions: Profile
 ) -> dict[str, Any]:
-    """Return the explanation of one requirement as plain data, with a verdict and a text."""
+    """Return the explanation of one requirement as plain data, with its verdict and its text."""
     from s2r_spec.robustness.explain import Explanation
 
-    spec, trace, params, nan = asked.spec, recorded.trace, recorded.params, asked.nan
-    # Whoever states the unit of the times knows how far apart the samples are.
-    sparse = asked.time_unit is not None
+    spec, trace, params, nan = request.spec, recorded.trace, recorded.params, request.nan
+    # A user who states the unit of the times knows the sample period.
+    sparse = request.time_unit is not None
     sampling: dict[str, Any] = {}
     lines: list[str] = []
     reason = None
@@ -139,9 +161,12 @@ def _judged(
         sampling = {"period": found.period, "duration": found.duration, "narrowest_window": found.narrowest}
         lines = [_sampled(found), *(f"  note: {note}" for note in found.notes)]
         if not (found.complete[0] or partial or held):
-            looks = spec.shortfall(trace, requirement, params, nan=nan)
+            shortfall = spec.shortfall(trace, requirement, params, nan=nan)
             text = "\n".join(
-                (f"{requirement} unknown: it {looks} (--partial evaluates what there is)", *lines)
+                (
+                    f"{requirement} unknown: it {shortfall} (--partial evaluates the part that is there)",
+                    *lines,
+                )
             )
             return {
                 "requirement": requirement,
@@ -151,9 +176,9 @@ def _judged(
             } | sampling
         why = ""
         if conventions["interpolation"] != "samples":
-            why = f"it is evaluated at every instant, as {like} does: no one sample decides it"
+            why = f"{like} evaluates it at every instant, so no single sample decides it"
         elif not found.complete[0] and held:
-            why = f"it looks past the last sample, which lasts on, as in {like}"
+            why = f"it looks past the last sample, whose value is held as in {like}"
         if why:
             satisfied = found.satisfied
             reason = Explanation(requirement, found.value, found.unit, satisfied, reason=why)
@@ -165,7 +190,7 @@ def _judged(
 
 
 def _sampled(found: Evaluation) -> str:
-    """Return in a line how a trace is sampled: who reads it sees times in a wrong unit."""
+    """Return a line on the sampling of a trace, which shows times in a wrong unit."""
     if found.period is None:
         return "  one sample"
     windows = "" if found.narrowest is None else f", {found.narrowest} samples in the narrowest window"
@@ -176,7 +201,7 @@ def _print(results: list[dict[str, Any]]) -> None:
     console = terminal.console()
     for result in results:
         if "error" in result:
-            continue  # said on stderr
+            continue  # printed on stderr
         taken = ", ".join(f"{name} = {result['params'][name]:g}" for name in result["from_trace"])
         head = Text(one_line(result["trace"]), style="bold")
         console.print(head.append(f", {taken} as recorded", style="not bold") if taken else head)

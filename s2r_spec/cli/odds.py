@@ -1,4 +1,4 @@
-"""``s2r odds``: how likely a rollout of a finished check is to fail, at the worst test; nothing is run."""
+"""``s2r odds``: bound the probability that a rollout fails at the worst test; runs no rollout."""
 
 from __future__ import annotations
 
@@ -14,28 +14,29 @@ from s2r_spec.cli.terminal import say
 
 
 def odds(
-    run: Annotated[
-        Path, typer.Argument(help="Folder of a check, finished or not, as it was named.", show_default=False)
-    ],
+    run: Annotated[Path, typer.Argument(help="Folder of a check, finished or not.", show_default=False)],
     B: Annotated[
         float,
         typer.Option(
             "--B",
-            help="Bound on the norm of the probability as a function of the test. It is 0 if nothing ever fails; "
-            "no data can prove it.",
+            help="Bound on the RKHS norm of the probability as a function of the test. It is 0 if no rollout ever "
+            "fails. No data can prove it.",
             show_default=False,
         ),
     ],
     below: Annotated[
         list[float] | None,
-        typer.Option(help="Bound the probability of ρ below this (may be repeated).", show_default="0"),
+        typer.Option(
+            help="Level of ρ, in its unit: P(ρ < level) is bounded. May be repeated.", show_default="0"
+        ),
     ] = None,
     delta: Annotated[
-        float | None, typer.Option(help="1 − probability, of all bounds together.", show_default="the spec's")
+        float | None,
+        typer.Option(help="Probability that any of the bounds is wrong.", show_default="the spec's"),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout.")] = False,
 ) -> None:
-    """Bound how likely ρ is to fall below a level at the worst test, from the rollouts of a check."""
+    """Bound the probability that ρ is below a level at the worst test, from the rollouts of a check."""
     with sentences(as_json):
         from s2r_spec.certify.failure_probability import bound_failure_probability as bound
         from s2r_spec.certify.rounding import at_least, at_most
@@ -48,7 +49,7 @@ def odds(
             risk = settings.delta if delta is None else delta
             assert settings.kernel is not None  # recompute has searched with both
             assert risk is not None
-            # Of a batch that is not whole, which rollouts are on disk may depend on how they went.
+            # In an unfinished batch, which rollouts are on disk may depend on their outcomes.
             counted = found.records[: len(found.records) - found.waiting]
             results.append(
                 (
@@ -75,18 +76,20 @@ def odds(
             unit = f" {found.result.unit}" if found.result.unit else ""
             say(f"{found.result.requirement}: {levels[0].rollouts} rollouts, with probability ≥ 1 − {risk:g}")
             for one in levels:
-                seen = f"{one.seen} of {one.rollouts} were"
+                observed = f"observed in {one.seen} of {one.rollouts} rollouts"
                 if one.refused:
-                    say(f"  P(ρ < {one.level:g}{unit}): no bound, {seen}; {one.refused}")
+                    say(f"  P(ρ < {one.level:g}{unit}): no bound, {observed}; {one.refused}")
                     continue
-                bounds = f"≤ {at_most(one.upper)} at every test, ≥ {at_least(one.lower)} at one"
-                say(f"  P(ρ < {one.level:g}{unit}) {bounds}; {seen}")
+                bounds = f"≤ {at_most(one.upper)} at every test, ≥ {at_least(one.lower)} at the worst one"
+                say(f"  P(ρ < {one.level:g}{unit}) {bounds}; {observed}")
             say("  This assumes:")
             say(
                 f"   - each of these probabilities, as a function of the test, has norm ≤ B = {B:g} in the RKHS of the "
                 f"check's kernel; no data can prove this"
             )
             say(
-                "   - rollouts are independent given the tests, and the levels were chosen before they were seen"
+                "   - rollouts are independent given the tests, and the levels were chosen before any was seen"
             )
-            say("   - the noise of a yes or no is ½-sub-Gaussian: this is proven (Hoeffding's lemma)")
+            say(
+                "   - the noise of a yes-or-no outcome is ½-sub-Gaussian, which is proven (Hoeffding's lemma)"
+            )

@@ -1,4 +1,4 @@
-"""``s2r monitor --online``: what ρ can still become, sample by sample."""
+"""``s2r monitor --online``: the range of possible ρ, sample by sample."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from rich.text import Text
 
 from s2r_spec.cli.common import CODES, COLOURS, note, worst
-from s2r_spec.cli.reading import Asked, named, parameters, read
+from s2r_spec.cli.reading import Request, named, parameters, read
 from s2r_spec.cli.terminal import console
 from s2r_spec.printable import one_line
 
@@ -27,12 +27,12 @@ Sample = tuple[float, Mapping[str, Any]]
 
 @dataclass(frozen=True)
 class Settings:
-    """How it is followed.
+    """Settings of the online monitor.
 
     Args:
-        period: time from one sample to the next [s]; None to take it from a file, if it has one.
+        period: sample period [s]; None to take it from a file, if it has one.
         ranges: whether signals stay in their declared ranges.
-        partial: whether a trace that ends too early is evaluated on what there is.
+        partial: whether a trace that ends too early is evaluated on its samples.
         as_json: whether to print JSON.
     """
 
@@ -44,15 +44,15 @@ class Settings:
 
 @dataclass(frozen=True)
 class _Input:
-    """Samples as they come, in the units of the input.
+    """A stream of samples, in the units of the input.
 
     Args:
         units: channel → unit.
         meta: of the trace; see :class:`s2r_spec.trace.Trace`.
         samples: (time [s], channel → sample).
-        period: that of the regular grid the samples are known to lie on, or None.
-        params: parameter → value: as given, else as the trace says.
-        notes: what was left out so far, each in a sentence; it grows while samples are read.
+        period: sample period [s] if the samples are known to lie on a regular grid, else None.
+        params: parameter → value: from the command line, else from the trace.
+        notes: a sentence on each thing left out so far; the list grows while samples are read.
     """
 
     units: Mapping[str, str]
@@ -63,36 +63,36 @@ class _Input:
     notes: Sequence[str] = ()
 
 
-def follow(asked: Asked, source: Path, settings: Settings) -> int:
+def follow(request: Request, source: Path, settings: Settings) -> int:
     """Follow a file, or standard input if it is ``-``, to its end; return the exit code.
 
     Prints a line whenever an interval or a verdict changes, and the result at the end.
     """
     if str(source) == "-":
-        return _follow(asked, _rows(asked), settings)
-    given = _file(asked, source)
+        return _follow(request, _rows(request), settings)
+    samples = _file(request, source)
     with named(source):
-        return _follow(asked, given, settings)
+        return _follow(request, samples, settings)
 
 
-def _follow(asked: Asked, given: _Input, settings: Settings) -> int:
-    spec = asked.spec
-    period = given.period if settings.period is None else settings.period
+def _follow(request: Request, source: _Input, settings: Settings) -> int:
+    spec = request.spec
+    period = source.period if settings.period is None else settings.period
     monitors = {
         name: spec.monitor(
-            given.params,
+            source.params,
             name,
             period=period,
             ranges=settings.ranges,
-            nan=asked.nan,
-            sparse=asked.time_unit is not None,
+            nan=request.nan,
+            sparse=request.time_unit is not None,
         )
-        for name in asked.requirements
+        for name in request.requirements
     }
-    scales = _scales(spec, asked.requirements, given.units)
+    scales = _scales(spec, request.requirements, source.units)
     shown: dict[str, RobustInterval] = {}
-    recent: list[float] = []  # the first time and the last two: they say how finely an instant is written
-    for last, sample in given.samples:
+    recent: list[float] = []  # the first time and the last two, which set the precision of printed times
+    for last, sample in source.samples:
         recent = [*recent[:1], *recent[-1:], last]
         for name, monitor in monitors.items():
             (interval,) = monitor.update(last, _converted(sample, scales)).values()
@@ -101,31 +101,33 @@ def _follow(asked: Asked, given: _Input, settings: Settings) -> int:
                 _changed(spec, name, recent, interval, settings.as_json)
     ended: dict[str, RobustInterval] = {}
     for name, monitor in monitors.items():
-        failed = _fallen(spec, name, given.meta)
-        ended |= {name: failed} if failed else monitor.finish(partial=settings.partial)
-    for sentence in given.notes:
+        failure = _fallen(spec, name, source.meta)
+        ended |= {name: failure} if failure else monitor.finish(partial=settings.partial)
+    for sentence in source.notes:
         note(sentence)
-    looks = {name: monitors[name].shortfall(name) for name, one in ended.items() if one.satisfied is None}
-    return _print_end(spec, given.params, settings, ended, looks)
+    shortfalls = {
+        name: monitors[name].shortfall(name) for name, one in ended.items() if one.satisfied is None
+    }
+    return _print_end(spec, source.params, settings, ended, shortfalls)
 
 
-def _rows(asked: Asked) -> _Input:
-    """Read a table from standard input, each row as it is written."""
+def _rows(request: Request) -> _Input:
+    """Read a table from standard input row by row."""
     from s2r_spec.logs.follow import follow as rows_of
-    from s2r_spec.logs.interpret import request
+    from s2r_spec.logs.interpret import request as columns_to_read
 
     if hasattr(sys.stdin, "reconfigure"):
-        sys.stdin.reconfigure(errors="replace")  # bytes that are no text may be in columns that nobody reads
-    rows = rows_of(sys.stdin.readline, request(asked.columns, asked.wanted, asked.time_unit))
-    params, _ = parameters(asked, rows.meta, "the trace")
+        sys.stdin.reconfigure(errors="replace")  # other columns may hold bytes that are not text
+    rows = rows_of(sys.stdin.readline, columns_to_read(request.columns, request.wanted, request.time_unit))
+    params, _ = parameters(request, rows.meta, "the trace")
     return _Input(rows.units, rows.meta, rows.samples, None, params, rows.notes)
 
 
-def _file(asked: Asked, path: Path) -> _Input:
-    """Read a recorded trace, and hand it out sample by sample."""
+def _file(request: Request, path: Path) -> _Input:
+    """Read a recorded trace, and yield it sample by sample."""
     from s2r_spec.robustness.grid import Grid
 
-    recorded = read(asked, path)
+    recorded = read(request, path)
     trace = recorded.trace
     grid = Grid.of(trace.times)
     samples = (
@@ -161,7 +163,7 @@ def _converted(sample: Mapping[str, Any], scales: Mapping[str, tuple[float, floa
 
 
 def _fallen(spec: Spec, requirement: str, meta: Mapping[str, Any]) -> RobustInterval | None:
-    """Return what the spec declares for a trace that ended in a failure, if this one did."""
+    """Return the declared ρ of a failure if the trace ended in one, else None."""
     import numpy as np
 
     from s2r_spec.robustness.online.monitor import RobustInterval
@@ -175,7 +177,7 @@ def _fallen(spec: Spec, requirement: str, meta: Mapping[str, Any]) -> RobustInte
 
 
 def _plain(interval: RobustInterval) -> dict[str, Any]:
-    """Return the interval for JSON, which has no infinity."""
+    """Return the interval for JSON; an infinite end becomes the text "inf" or "-inf"."""
     ends = {"lower": interval.lower, "upper": interval.upper}
     return {"verdict": interval.verdict, "satisfied": interval.satisfied} | {
         key: end if math.isfinite(end) else str(end) for key, end in ends.items()
@@ -185,7 +187,7 @@ def _plain(interval: RobustInterval) -> dict[str, Any]:
 def _changed(spec: Spec, name: str, recent: Sequence[float], interval: RobustInterval, as_json: bool) -> None:
     time = recent[-1]
     if as_json:
-        _say(SCHEMA | {"time": time, "requirement": name, "unit": spec.unit(name)} | _plain(interval))
+        _print_json(SCHEMA | {"time": time, "requirement": name, "unit": spec.unit(name)} | _plain(interval))
     else:
         from s2r_spec.instants import instant
 
@@ -198,7 +200,7 @@ def _print_end(
     params: Mapping[str, float],
     settings: Settings,
     ended: Mapping[str, RobustInterval],
-    looks: Mapping[str, str],
+    shortfalls: Mapping[str, str],
 ) -> int:
     code = CODES[worst(interval.verdict for interval in ended.values())]
     if settings.as_json:
@@ -206,10 +208,10 @@ def _print_end(
             {"requirement": name, "unit": spec.unit(name)} | _plain(one) for name, one in ended.items()
         ]
         about = {"exit_code": code, "spec": spec.name, "hash": spec.hash, "params": dict(params)}
-        _say(SCHEMA | about | {"requirements": results})
+        _print_json(SCHEMA | about | {"requirements": results})
     else:
         for name, interval in ended.items():
-            more = f" ({looks[name]})" if name in looks else ""
+            more = f" ({shortfalls[name]})" if name in shortfalls else ""
             _write(f"{name} {interval.verdict}: {_words(interval, spec.unit(name))}{more}", interval)
     return code
 
@@ -220,7 +222,7 @@ def _words(interval: RobustInterval, unit: str) -> str:
     return f"ρ in [{interval.lower:+.6g}, {interval.upper:+.6g}] {unit}".rstrip()
 
 
-def _say(record: Mapping[str, Any]) -> None:
+def _print_json(record: Mapping[str, Any]) -> None:
     print(json.dumps(record, allow_nan=False), flush=True)
 
 

@@ -1,4 +1,4 @@
-"""Arguments and options that mean the same in every command that runs a search."""
+"""Arguments and options that have the same meaning in every command that runs a search."""
 
 from __future__ import annotations
 
@@ -10,62 +10,73 @@ import typer
 
 from s2r_spec.errors import UsageError
 
-SpecFile = Annotated[Path, typer.Argument(help="The specification, a .stl file.", show_default=False)]
-Simulator = Annotated[str, typer.Option(help="The simulator.")]
+SpecFile = Annotated[Path, typer.Argument(help="Specification, an .stl file.", show_default=False)]
+Simulator = Annotated[str, typer.Option(help="Backend that simulates; see `s2r backends`.")]
 RealMachine = Annotated[
-    str, typer.Option(help="The real machine: a robot, its logs, a twin.", show_default=False)
+    str,
+    typer.Option(
+        help="Backend of the real machine: a robot, its logs as log:FOLDER, or a twin.", show_default=False
+    ),
 ]
-OneRequirement = Annotated[str | None, typer.Option("--requirement", "-r", help="If the spec has several.")]
-Seed = Annotated[int, typer.Option(min=0, help="Fixes the whole run.")]
+OneRequirement = Annotated[
+    str | None,
+    typer.Option("--requirement", "-r", help="Requirement of the spec.", show_default="the only one"),
+]
+Seed = Annotated[int, typer.Option(min=0, help="Seed of all random numbers: the same seed repeats the run.")]
 RealBudget = Annotated[
-    int | None, typer.Option(min=1, help="Most real rollouts; without it, as many as ε takes.")
+    int | None, typer.Option(min=1, help="Most real rollouts.", show_default="until the interval is ε wide")
 ]
 Workers = Annotated[
     int | None,
     typer.Option(
         min=1,
-        help="Parallel rollouts; the numbers do not depend on it.",
-        show_default="the cores of this machine",
+        help="Number of parallel rollouts. It does not change the results.",
+        show_default="one for each core",
     ),
 ]
 Scheduler = Annotated[
     str | None,
     typer.Option(
-        help="Run rollouts on the workers of this Dask scheduler, tcp://HOST:PORT.", show_default=False
+        help="Address of a Dask scheduler, tcp://HOST:PORT, whose workers run the rollouts.",
+        show_default=False,
     ),
 ]
 Timeout = Annotated[
     float | None,
     typer.Option(
         min=0,
-        help="End a rollout that takes longer than so many seconds; it counts as a crash, or is void on a machine. "
-        "0: never.",
-        show_default="60 s and 100 times what the backend declares; never for one that is not repeatable",
+        help="Time limit of a rollout in seconds; 0 for no limit. A rollout that takes longer is ended. It counts as a "
+        "crash in simulation, and is void on a machine.",
+        show_default="60 s plus 100 times the backend's declared cost; no limit if it is not repeatable",
     ),
 ]
 Void = Annotated[
     str,
     typer.Option(
-        help="A machine's rollout that the link, the operator or a killed process ended: again, or fall to count it as "
-        "a fall. One fall among a hundred good rollouts is far from them, and usually refutes R and the certificate.",
+        help="A void rollout of a machine is one that the link, the operator or a killed process ended. With again, "
+        "its test is repeated. With fall, it counts as a fall; a single one usually refutes R and the certificate.",
     ),
 ]
-Run = Annotated[Path | None, typer.Option(help="Folder for the rollouts.", show_default="s2r-runs/…")]
-Resume = Annotated[Path | None, typer.Option(help="Go on with the run in this folder.")]
+Run = Annotated[
+    Path | None, typer.Option(help="Folder for the rollouts.", show_default="a new one in s2r-runs")
+]
+Resume = Annotated[Path | None, typer.Option(help="Folder of a run to continue.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout.")]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing while running.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print no progress.")]
 Nan = Annotated[
     str | None,
     typer.Option(
-        "--nan", help="A missing sample of a log: error, or hold for the one before it.", show_default="error"
+        "--nan",
+        help="Missing samples of a log: error, or hold to repeat the sample before.",
+        show_default="error",
     ),
 ]
 TimeUnit = Annotated[
     str | None,
     typer.Option(
         "--time-unit",
-        help="Unit of a log's times that are plain numbers: s, ms, us, ns, min.",
-        show_default="as the log says, or s",
+        help="Unit of times that a log gives as plain numbers: s, ms, us, ns or min.",
+        show_default="the log's own, or else s",
     ),
 ]
 Columns = Annotated[
@@ -73,17 +84,19 @@ Columns = Annotated[
     typer.Option(
         "--map",
         "-m",
-        help="What a log calls a signal or t: vx=velocity.x, 'q[0]=q_0', t=stamp.sec+stamp.nanosec (repeat).",
+        help="Column of a log for a signal or the time t, such as vx=velocity.x, 'q[0]=q_0' or "
+        "t=stamp.sec+stamp.nanosec. May be repeated.",
+        show_default="the signal's own name",
     ),
 ]
 
 
 READ = ("log:", "manual:")
-"""Definition: how the names of backends begin that read logs."""
+"""Definition: prefixes of the backends that read logs."""
 
 
 def missing(nan: str | None) -> Literal["error", "hold"]:
-    """Return what a missing sample means: "error" or "hold".
+    """Return the value of ``--nan``: "error" or "hold".
 
     Raises:
         UsageError: it is neither.
@@ -92,14 +105,14 @@ def missing(nan: str | None) -> Literal["error", "hold"]:
         return "error"
     if nan == "hold":
         return "hold"
-    raise UsageError(f"--nan is error or hold, not {nan!r}")
+    raise UsageError(f"--nan must be error or hold, not {nan!r}")
 
 
 def logs(names: Sequence[str], nan: str | None, unit: str | None, columns: Sequence[str] | None) -> list[str]:
-    """Return names of backends, those of recordings with the options for logs added.
+    """Return the names of backends; the options for logs are added to those that read logs.
 
     Raises:
-        UsageError: an option for logs is given, and none of them is a log; or its value is none.
+        UsageError: an option for logs is given but no backend reads logs, or its value is invalid.
     """
     from urllib.parse import quote
 
@@ -108,7 +121,7 @@ def logs(names: Sequence[str], nan: str | None, unit: str | None, columns: Seque
     words += [f"map={quote(text, safe='=[]+/:.')}" for text in columns or ()]
     if words and not any(name.startswith(READ) for name in names):
         raise UsageError(
-            "--nan, --time-unit and --map are for recorded traces, and no log:FOLDER or manual:FOLDER is given"
+            "--nan, --time-unit and --map are for recorded traces, but no log:FOLDER or manual:FOLDER is given"
         )
     if not words:
         return list(names)

@@ -1,4 +1,4 @@
-"""Where a report goes, and in which form: the options that every command with a verdict has."""
+"""The options for a report's format and file, which every command with a verdict has."""
 
 from __future__ import annotations
 
@@ -16,37 +16,43 @@ if TYPE_CHECKING:
 
 Format = Annotated[
     str | None,
-    typer.Option("--format", help="text, json, junit, github or markdown.", show_default="text"),
+    typer.Option(
+        "--format", help="Format of the report: text, json, junit, github or markdown.", show_default="text"
+    ),
 ]
 Output = Annotated[
-    Path | None, typer.Option("--output", "-o", help="Write the report here and not to stdout.")
+    Path | None, typer.Option("--output", "-o", help="File for the report.", show_default="stdout")
 ]
 Page = Annotated[
     Path | None,
-    typer.Option("--report", help="Write an HTML page with pictures here, too.", show_default=False),
+    typer.Option(
+        "--report", help="File for an HTML page with pictures, written in addition.", show_default=False
+    ),
 ]
-AsJson = Annotated[bool, typer.Option("--json", help="The same as --format json: one object on stdout.")]
+AsJson = Annotated[
+    bool, typer.Option("--json", help="Print one JSON object on stdout, as --format json does.")
+]
 
 
 def settle(
     chosen: str | None, as_json: bool, output: Path | None, among: Collection[str] | None = None
 ) -> str:
-    """Return the format's name; a wrong one, or a folder that is not there, is said before anything runs.
+    """Return the format's name, and check format and output file before anything runs.
 
     Args:
-        chosen: by ``--format``.
+        chosen: value of ``--format``, or None.
         as_json: whether ``--json`` is given.
-        output: where to write, if not to stdout.
-        among: the formats there are, if not all.
+        output: file for the report; None for stdout.
+        among: the formats of this command; None for all.
 
     Raises:
-        UsageError: no such format, ``--json`` with another one, or nowhere to write to.
+        UsageError: the format is unknown or contradicts ``--json``, or the file cannot be written.
     """
     from s2r_spec.errors import UsageError
     from s2r_spec.report import reporter
 
     if as_json and chosen not in (None, "json"):
-        raise UsageError(f"--json is --format json, but --format {chosen} is given, too: give one of them")
+        raise UsageError(f"--json means --format json, but --format {chosen} is given: give one of them")
     name = "json" if as_json else chosen or "text"
     reporter(name, among)
     writable(output)
@@ -54,10 +60,10 @@ def settle(
 
 
 def pageable(page: Path | None) -> None:
-    """Say before anything runs that a page cannot be made or written.
+    """Check, before anything runs, that an HTML page can be made and written.
 
     Raises:
-        UsageError: a package is missing, or there is nowhere to write to.
+        UsageError: a package is missing, or the file cannot be written.
     """
     from s2r_spec.report import html
 
@@ -67,10 +73,10 @@ def pageable(page: Path | None) -> None:
 
 
 def writable(path: Path | None) -> None:
-    """Say before anything runs that a file cannot be written because of where it is.
+    """Check, before anything runs, that a file can be written there.
 
     Raises:
-        UsageError: it is a folder, or its folder is not there.
+        UsageError: it is a folder, or its folder does not exist.
     """
     from s2r_spec.errors import UsageError
 

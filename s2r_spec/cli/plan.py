@@ -1,4 +1,4 @@
-"""``s2r plan``: what a budget can certify, before anything runs."""
+"""``s2r plan``: the rollouts that a certificate takes, and the ε that a budget reaches, before anything runs."""
 
 from __future__ import annotations
 
@@ -17,44 +17,78 @@ from s2r_spec.cli.terminal import console, say
 
 def plan(
     spec: Annotated[
-        Path | None, typer.Argument(help="Take the settings from this spec's certify line.")
+        Path | None,
+        typer.Argument(help="Specification, an .stl file, whose certify line gives the settings."),
     ] = None,
-    requirement: Annotated[str | None, typer.Option("--requirement", "-r", help="Of the spec.")] = None,
-    R: Annotated[float | None, typer.Option("--R", help="Sub-Gaussian proxy of one rollout's noise.")] = None,
-    eps: Annotated[float | None, typer.Option(help="Width of the interval that is wanted.")] = None,
-    delta: Annotated[float | None, typer.Option(help="1 − probability.")] = None,
-    B: Annotated[float | None, typer.Option("--B", help="Bound on the RKHS norm.")] = None,
-    dim: Annotated[int, typer.Option(min=1, max=4, help="Test parameters, each with a range of 1.")] = 1,
-    kernel: Annotated[str, typer.Option(help="rbf, matern52 or matern32.")] = "matern52",
-    lengthscale: Annotated[float, typer.Option(help="As a share of each range.")] = 0.4,
-    mode: Annotated[str, typer.Option(help="rigorous, rigorous-simple or paper.")] = "rigorous",
+    requirement: Annotated[
+        str | None,
+        typer.Option("--requirement", "-r", help="Requirement of the spec.", show_default="the only one"),
+    ] = None,
+    R: Annotated[
+        float | None,
+        typer.Option(
+            "--R",
+            help="Sub-Gaussian bound on the noise of one rollout, in ρ's unit.",
+            show_default="the spec's",
+        ),
+    ] = None,
+    eps: Annotated[
+        float | None, typer.Option(help="Width ε of the interval, in ρ's unit.", show_default="the spec's")
+    ] = None,
+    delta: Annotated[
+        float | None,
+        typer.Option(help="Probability δ that the interval is wrong.", show_default="the spec's"),
+    ] = None,
+    B: Annotated[
+        float | None,
+        typer.Option("--B", help="Bound on the RKHS norm of E ρ, in ρ's unit.", show_default="the spec's"),
+    ] = None,
+    dim: Annotated[
+        int,
+        typer.Option(
+            min=1, max=4, help="Number of test parameters, each with a range of width 1; without a spec."
+        ),
+    ] = 1,
+    kernel: Annotated[
+        str, typer.Option(help="Kernel if the spec declares none: rbf, matern52 or matern32.")
+    ] = "matern52",
+    lengthscale: Annotated[
+        float, typer.Option(help="Lengthscale of that kernel, as a part of each parameter's range.")
+    ] = 0.4,
+    mode: Annotated[
+        str, typer.Option(help="Method of the bound: rigorous, rigorous-simple or paper.")
+    ] = "rigorous",
     budget: Annotated[
-        list[int] | None, typer.Option(min=8, help="What ε do so many rollouts reach? (may be repeated)")
+        list[int] | None,
+        typer.Option(min=8, help="Number of rollouts; prints the ε that they reach. May be repeated."),
     ] = None,
     backend: Annotated[
-        str | None, typer.Option("--backend", "-b", help="Give times, from its declared cost.")
+        str | None, typer.Option("--backend", "-b", help="Backend whose declared cost gives the times.")
     ] = None,
     time: Annotated[
         str | None,
         typer.Option(
-            help="What ε does so much time of --backend reach? For example 30min.", show_default=False
+            help="Time of --backend, such as 30min; prints the ε that it reaches.", show_default=False
         ),
     ] = None,
     bounds: Annotated[
-        tuple[float, float] | None, typer.Option("--range", help="A proven range of ρ: R is half its width.")
+        tuple[float, float] | None,
+        typer.Option("--range", help="Proven least and greatest ρ; R is half the width."),
     ] = None,
     pilot: Annotated[
-        Path | None, typer.Option(help="Judge R from this run, which must then not be used again.")
+        Path | None,
+        typer.Option(help="Folder of a pilot run from which to judge R. Do not certify with its rollouts."),
     ] = None,
     quiet: Quiet = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout.")] = False,
 ) -> None:
-    """Say how many rollouts a certificate takes, what a budget reaches, and what is impossible."""
+    """Estimate the rollouts that a certificate takes, and the ε that a budget reaches."""
     with sentences(as_json):
         from s2r_spec.backend import is_exclusive, load_backend
         from s2r_spec.certify import plan as planning
-        from s2r_spec.certify.check import only_requirement
+        from s2r_spec.certify.from_spec import only_requirement
         from s2r_spec.certify.kernels import Kernel
+        from s2r_spec.certify.pilot import read_pilot
         from s2r_spec.cli.stages import Stages
         from s2r_spec.errors import UsageError
         from s2r_spec.rollouts.journal import Journal
@@ -66,10 +100,10 @@ def plan(
             groups: dict[int, list[float]] = {}
             for record in Journal.read(_pilot_run(pilot, requirement)).records():
                 groups.setdefault(record.query, []).append(record.rho)
-            noise = planning.read_pilot(list(groups.values()))
+            noise = read_pilot(list(groups.values()))
         if bounds is not None:
             if R is not None or not bounds[0] < bounds[1]:
-                raise UsageError("--range takes the two ends of ρ, the lower one first, in place of --R")
+                raise UsageError("--range takes the least and the greatest ρ, in this order, in place of --R")
             R = (bounds[1] - bounds[0]) / 2
         space = Space.of({f"d{i + 1}": (0.0, 1.0) for i in range(dim)})
         shape = Kernel(kernel, lengthscale)
@@ -82,15 +116,15 @@ def plan(
                 if declared.kernel is not None:
                     shape = Kernel(declared.kernel.name, declared.kernel.lengthscales)
             space = parsed.space
-        wanted = {"--R": R, "--eps": eps, "--delta": delta, "--B": B}
-        lacking = [name for name, value in wanted.items() if value is None]
+        settings = {"--R": R, "--eps": eps, "--delta": delta, "--B": B}
+        missing = [name for name, value in settings.items() if value is None]
         if R is None or eps is None or delta is None or B is None:
             if noise is None:
-                raise UsageError(f"give {', '.join(lacking)}, or a spec whose certify line declares them")
+                raise UsageError(f"give {', '.join(missing)}, or a spec whose certify line declares them")
             _print_pilot(noise, as_json)
             return
         machine = load_backend(backend) if backend is not None else None
-        # A machine runs one rollout after the other; a simulator one on each core.
+        # A machine runs one rollout at a time; a simulator runs one on each core.
         at_once = 1 if is_exclusive(machine) else cores()
         seconds = machine.cost / at_once if machine is not None else None
         afforded = _afforded(time, seconds)
@@ -108,9 +142,9 @@ def plan(
                 progress=stages,
             )
         if as_json:
-            settings = {"schema": "s2r.plan/1", "R": R, "epsilon": eps, "delta": delta, "B": B}
+            summary = {"schema": "s2r.plan/1", "R": R, "epsilon": eps, "delta": delta, "B": B}
             extra = {"seconds_per_rollout": seconds, "pilot": asdict(noise) if noise else None}
-            print(json.dumps(settings | asdict(result) | extra, allow_nan=False))
+            print(json.dumps(summary | asdict(result) | extra, allow_nan=False))
             return
 
         def cost(rollouts: float | None) -> str:
@@ -121,11 +155,16 @@ def plan(
             count = f"{rollouts:.0f}" if rollouts < 1e12 else f"{rollouts:.0e}"
             return f"{count} rollouts{time}"
 
-        say(f"R = {R:g}, ε = {eps:g}, δ = {delta:g}, B = {B:g}, {shape.name} over {space.dim} parameter(s)")
+        plural = "" if space.dim == 1 else "s"
+        say(
+            f"R = {R:g}, ε = {eps:g}, δ = {delta:g}, B = {B:g}, {shape.name} over {space.dim} parameter{plural}"
+        )
         say(f"  impossible below      {cost(result.floor)}, on average, by any method")
-        say(f"  at one known test     {cost(result.minimax)} (fixed width, Gaussian noise of deviation R)")
+        say(
+            f"  at one known test     {cost(result.minimax)} (fixed width, Gaussian noise of standard deviation R)"
+        )
         say(f"  expected, peaked ρ    {cost(result.peaked)} (median of {result.runs} simulated searches)")
-        say(f"  expected, flat ρ      {cost(result.flat)} (every test is nearly the worst: the hardest case)")
+        say(f"  expected, flat ρ      {cost(result.flat)} (the hardest case: every test is nearly the worst)")
         for rollouts, width in result.reachable:
             say(f"  with {rollouts} rollouts: ε = {width:.3g}")
         for rollouts, width in result.gaps:
@@ -137,14 +176,14 @@ def plan(
 
 
 def _afforded(time: str | None, seconds: float | None) -> tuple[int, ...]:
-    """Return how many rollouts a time is enough for; none if no time is given.
+    """Return the number of rollouts that fit in a time; () if no time is given.
 
     Args:
         time: such as "30min"; a number alone is in seconds.
-        seconds: that a rollout takes [s]; None if nobody knows.
+        seconds: duration of a rollout [s]; None without a backend.
 
     Raises:
-        UsageError: it is no time, there is no backend, or it is too short for a search.
+        UsageError: the text is no time, there is no backend, or the time is too short for a search.
     """
     from s2r_spec.errors import UsageError
     from s2r_spec.lang.units import UnknownUnitError, parse_unit
@@ -152,18 +191,18 @@ def _afforded(time: str | None, seconds: float | None) -> tuple[int, ...]:
     if time is None:
         return ()
     if not seconds:
-        raise UsageError("--time needs --backend, and that a rollout of it takes time")
+        raise UsageError("--time needs a --backend that declares its cost")
     found = re.fullmatch(r"\s*([0-9]+(?:\.[0-9]*)?)\s*([a-zA-Z]*)\s*", time)
     try:
         unit, of = parse_unit(found[2] or "s") if found else None, parse_unit("s")
     except UnknownUnitError:
         unit = None
     if found is None or unit is None or not unit.fits(of):
-        raise UsageError(f"--time {time} is no time, for example 30min or 1.5h")
+        raise UsageError(f"--time {time} is not a time; write for example 30min or 1.5h")
     rollouts = int(float(found[1]) * unit.to(of)[0] / seconds + 1e-9)
     if rollouts < 8:
         raise UsageError(
-            f"--time {time} is enough for {rollouts} rollouts of {seconds:.3g} s; a search takes 8 at least"
+            f"--time {time} is enough for {rollouts} rollouts of {seconds:.3g} s; a search takes at least 8"
         )
     return (rollouts,)
 
@@ -172,7 +211,7 @@ def _pilot_run(folder: Path, requirement: str | None) -> Path:
     """Return the folder of the journal in a run's folder.
 
     Raises:
-        UsageError: there is none, or there are those of several requirements.
+        UsageError: the folder has no journal, or those of several requirements.
     """
     from s2r_spec.errors import UsageError, one_of
     from s2r_spec.report.recompute import runs_in
@@ -182,13 +221,13 @@ def _pilot_run(folder: Path, requirement: str | None) -> Path:
         return next(iter(found.values()))
     if requirement not in found:
         raise UsageError(
-            f"{folder} holds runs of {one_of(found)}: say which with --requirement, or give its folder"
+            f"{folder} holds runs of {one_of(found)}: choose one with --requirement, or give its folder"
         )
     return found[requirement]
 
 
 def _print_pilot(noise: object, as_json: bool) -> None:
-    from s2r_spec.certify.plan import Pilot
+    from s2r_spec.certify.pilot import Pilot
 
     assert isinstance(noise, Pilot)
     if as_json:
@@ -198,8 +237,5 @@ def _print_pilot(noise: object, as_json: bool) -> None:
         f"pilot of {noise.rollouts} rollouts: standard deviation {noise.std:.3g}, "
         f"every R below {noise.refuted:.3g} is refuted"
     )
-    say(
-        noise.warning
-        or "  no heavy tail seen; declare R with a margin (three standard deviations is a usual one)"
-    )
-    say("  the pilot chose R: certify with another seed, on rollouts that it has not seen")
+    say(noise.warning or "  no heavy tail seen; declare R with a margin, usually three standard deviations")
+    say("  use this pilot only to choose R; certify with another seed, on new rollouts")

@@ -1,4 +1,4 @@
-"""What a search says while it runs, on stderr: a live view on a terminal, one quiet line a batch elsewhere."""
+"""Progress of a search on stderr: a live view on a terminal, elsewhere one line for each batch."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from rich.table import Table
 from rich.text import Text
 
 from s2r_spec.certify.certificate import Certificate
-from s2r_spec.certify.experiments import Phase
+from s2r_spec.certify.observers import Phase
 from s2r_spec.certify.rounding import between, wide
 from s2r_spec.certify.search import Query
 from s2r_spec.printable import one_line
@@ -29,16 +29,16 @@ _BLOCKS = "▁▂▃▄▅▆▇█"
 
 @dataclass
 class State:
-    """How far a search is.
+    """Progress of a search.
 
     Attributes:
-        phase: what it is after; None before it began.
-        certificate: of the batches so far.
+        phase: the search that runs; None before the first one.
+        certificate: of the finished batches.
         queries: of the batch that runs.
-        rollouts: on disk, those of an earlier process included.
-        here: of them, run by this process.
-        since: when this process began with the first one [s].
-        last: ρ of the latest ones.
+        rollouts: number on disk, including those of an earlier process.
+        here: number of them that this process ran.
+        since: time at which this process began its first one [s].
+        last: ρ of the latest rollouts.
     """
 
     phase: Phase | None = None
@@ -50,18 +50,18 @@ class State:
     last: deque[float] = field(default_factory=lambda: deque(maxlen=_LAST))
 
     def left(self) -> int | None:
-        """Return about how many rollouts are left, or None before anything is known."""
+        """Return an estimate of the rollouts that are left; None before there is one."""
         certificate, phase = self.certificate, self.phase
         if certificate is None or phase is None or not certificate.rollouts:
             return phase.budget if phase is not None else None
         # The width of the interval falls about as one over the square root of the rollouts.
         likely = math.ceil(certificate.rollouts * (certificate.epsilon / certificate.target) ** 2)
-        # The batch that runs is run to its end.
+        # The batch that runs is finished in any case.
         likely = max(likely, certificate.rollouts + sum(query.replicates for query in self.queries))
         return max(0, min(likely, phase.budget or likely) - self.rollouts)
 
     def seconds_left(self, now: float) -> float | None:
-        """Return about how long that takes, at the pace of this process so far."""
+        """Return an estimate of the time left [s], at the pace of this process; None without one."""
         left = self.left()
         if left is None or self.here < 2 or now <= self.since:
             return None
@@ -69,9 +69,9 @@ class State:
 
 
 class Live:
-    """Shows rollouts done and left, the interval against ε, where the search looks, and the last ρ.
+    """Shows the rollouts done and left, the interval and its target width, the next tests, and the last ρ.
 
-    ``opening`` is said when the first search begins: what cannot be run is refused before.
+    ``opening`` is printed when the first search begins, after all errors of its settings.
     """
 
     def __init__(
@@ -97,7 +97,7 @@ class Live:
             self._screen.stop()
 
     def begin(self, phase: Phase) -> None:
-        """Begin with another search; the screen of one that is attended is left to the operator's dialogue."""
+        """Begin another search. If it has an operator, the screen is left to the operator's dialogue."""
         self._state = State(phase=phase, since=self._clock())
         if self._opening and not self._quiet:
             self._console.print(one_line(self._opening), markup=False, soft_wrap=True)
@@ -107,7 +107,7 @@ class Live:
             self._screen = None
 
     def batch(self, queries: list[Query], certificate: Certificate) -> None:
-        """Show the interval so far and where the search looks next."""
+        """Show the interval so far and the next tests."""
         self._state.certificate, self._state.queries = certificate, queries
         if self._screen is None and not self._quiet:
             words = [
@@ -127,16 +127,16 @@ class Live:
             state.since = self._clock()
         state.last.append(record.rho)
         if new and state.phase is not None and state.phase.attended and not self._quiet:
-            ended = "" if record.failure is None else f" ({record.failure})"
+            failure = "" if record.failure is None else f" ({record.failure})"
             words = (
                 f"rollout {record.query}.{record.replicate} at {_test(record.params, state.phase.units)}: "
             )
             self._console.print(
-                one_line(f"{words}ρ = {record.rho:+.4f}{ended}"), markup=False, soft_wrap=True
+                one_line(f"{words}ρ = {record.rho:+.4f}{failure}"), markup=False, soft_wrap=True
             )
 
     def crash(self, record: Record) -> None:
-        """Say at once that a rollout left no trace."""
+        """Print at once that a rollout left no trace."""
         if not self._quiet:
             phase = self._state.phase
             test = _test(record.params, phase.units if phase is not None else {})
@@ -147,7 +147,7 @@ class Live:
             self._console.print(one_line(words), markup=False, soft_wrap=True)
 
     def view(self) -> RenderableType:
-        """Return the picture of this moment."""
+        """Return the live view of the present state."""
         state, now = self._state, self._clock()
         table = Table.grid(padding=(0, 2))
         table.add_column(style="dim", no_wrap=True)
@@ -158,14 +158,14 @@ class Live:
         left = state.left()
         total = None if left is None else state.rollouts + left
         bar = ProgressBar(total=total, completed=state.rollouts, width=24, pulse=total is None)
-        done = Table.grid(padding=(0, 2))
-        done.add_row(
+        progress = Table.grid(padding=(0, 2))
+        progress.add_row(
             bar,
             Text(one_line(f"{state.rollouts} of {state.phase.backend}")),
             *_left(state, now),
             f"{now - state.since:.0f} s so far",
         )
-        table.add_row("rollouts", done)
+        table.add_row("rollouts", progress)
         if state.certificate is not None:
             table.add_row("interval", Text(one_line(_interval(state))))
             table.add_row("next", Text(one_line(_next(state))))
@@ -182,7 +182,7 @@ def _interval(state: State) -> str:
     symbol, unit = (phase.symbol, f" {phase.unit}" if phase.unit else "") if phase is not None else ("ρ", "")
     return (
         f"{symbol} in {between(-certificate.upper, -certificate.lower)}{unit} "
-        f"(ε {wide(certificate.epsilon)} > {certificate.target:g})"
+        f"({wide(certificate.epsilon)} wide, target {certificate.target:g})"
     )
 
 
@@ -195,7 +195,7 @@ def _left(state: State, now: float) -> list[str]:
     left, seconds = state.left(), state.seconds_left(now)
     if left is None:
         return []
-    words = f"about {left} left"
+    words = f"about {left} rollouts left"
     if seconds is not None:
         words += f" ({_duration(seconds)})"
     return [words]
@@ -212,7 +212,7 @@ def _test(params: Mapping[str, float], units: Mapping[str, str]) -> str:
 
 
 def _spark(values: Sequence[float]) -> str:
-    """Return one block a value, as high as it is among them."""
+    """Return one block for each value, its height relative to the least and the greatest."""
     low, high = min(values), max(values)
     steps = len(_BLOCKS) - 1
     return "".join(_BLOCKS[round(steps * (value - low) / ((high - low) or 1.0))] for value in values)

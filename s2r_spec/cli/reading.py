@@ -1,4 +1,4 @@
-"""What the commands that evaluate recorded traces share: which columns they read, and at which parameters."""
+"""Columns and parameters of recorded traces, for the commands that evaluate them."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Asked:
-    """What is asked of recorded traces, and how they are read.
+class Request:
+    """The requirements to evaluate on recorded traces, and how the traces are read.
 
     Args:
         spec: the specification.
-        requirements: those of it to evaluate.
-        params: parameter → value, of those that are given.
-        columns: signal or ``t`` → what the files call it.
-        time_unit: of times that are plain numbers; None if not stated.
-        nan: what a missing sample means.
+        requirements: names of the requirements to evaluate.
+        params: parameter → value from the command line, in the declared unit.
+        columns: signal or ``t`` → column of the files.
+        time_unit: unit of times that are plain numbers; None if not stated.
+        nan: "error" or "hold", for missing samples.
     """
 
     spec: Spec
@@ -41,7 +41,7 @@ class Asked:
 
     @property
     def wanted(self) -> dict[str, int | None]:
-        """Signal → None for a number a sample, the number of components of a vector."""
+        """Signal → number of components of a vector, None for a scalar."""
         names = {name: None for one in self.requirements for name in self.spec.channels(one)}
         signals = [self.spec.signals[name] for name in names]
         return {signal.name: signal.dim if signal.vector else None for signal in signals}
@@ -52,10 +52,10 @@ class Recorded:
     """A trace with the parameters of its test.
 
     Args:
-        trace: as read.
-        params: parameter → value: as given, else as the trace says, where the spec has it.
-        taken: names of those that the trace says.
-        notes: what was left out of the file, and from which date its times count, in sentences.
+        trace: the trace.
+        params: parameter of the spec → value: from the command line, else from the trace.
+        taken: names of the parameters whose values come from the trace.
+        notes: sentences on what was left out of the file, and on the date from which its times count.
     """
 
     trace: Trace
@@ -64,54 +64,56 @@ class Recorded:
     notes: tuple[str, ...]
 
 
-def read(asked: Asked, path: Path) -> Recorded:
-    """Return what a file holds of what is asked; say on stderr what was left out.
+def read(request: Request, path: Path) -> Recorded:
+    """Return the trace of a file; print a note on stderr for each thing left out.
 
     Raises:
-        TraceError: it cannot be read; the message names it.
+        TraceError: the file cannot be read; the message names it.
     """
     from s2r_spec.logs import load
 
-    found = load(path, asked.columns, asked.wanted, time_unit=asked.time_unit)
+    found = load(path, request.columns, request.wanted, time_unit=request.time_unit)
     notes = list(found.notes)
     if found.begins:
-        notes.append(f"times count from the first sample, {found.begins}")
+        notes.append(f"times count from the first sample, at {found.begins}")
     for sentence in notes:
         note(f"{path}: {sentence}")
     with named(path):
-        params, taken = parameters(asked, found.trace.meta, str(path))
+        params, taken = parameters(request, found.trace.meta, str(path))
     return Recorded(found.trace, params, taken, tuple(notes))
 
 
-def parameters(asked: Asked, meta: Mapping[str, Any], source: str) -> tuple[dict[str, float], frozenset[str]]:
-    """Return parameter → value, and the names of those that the trace itself says.
+def parameters(
+    request: Request, meta: Mapping[str, Any], source: str
+) -> tuple[dict[str, float], frozenset[str]]:
+    """Return parameter → value, and the names of the parameters whose values come from the trace.
 
-    A given value is used even where the trace says another one, and that is a note.
+    A value of the command line goes before the trace's; if they differ, a note is printed.
 
     Raises:
-        TraceError: what the trace says of a parameter is no number.
+        TraceError: the trace's value of a parameter is not a number.
     """
     recorded = meta.get("params", {})
     if not isinstance(recorded, Mapping):
         raise TraceError('its meta "params" must map names of parameters to numbers')
-    found = {name: _number(name, recorded[name]) for name in asked.spec.params if name in recorded}
-    for name, value in asked.params.items():
+    found = {name: _number(name, recorded[name]) for name in request.spec.params if name in recorded}
+    for name, value in request.params.items():
         if name in found and not math.isclose(value, found[name], rel_tol=1e-9, abs_tol=1e-12):
             note(
                 f"{source} was recorded with {name} = {found[name]:g}; it is evaluated with {value:g}, as given"
             )
-    return found | asked.params, frozenset(found) - frozenset(asked.params)
+    return found | request.params, frozenset(found) - frozenset(request.params)
 
 
 def _number(name: str, value: Any) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise TraceError(f"it says that {name} = {shortened(repr(value))}, which is no finite number")
+        raise TraceError(f"its parameter {name} = {shortened(repr(value))} is not a finite number")
     return float(value)
 
 
 @contextmanager
 def named(path: Path) -> Iterator[None]:
-    """Name the file in every error of the user's that has not named it."""
+    """Add the file's name to every UsageError that does not have it."""
     try:
         yield
     except UsageError as error:

@@ -1,4 +1,4 @@
-"""``s2r replay``: run one rollout of a run again; of a machine, show what was recorded."""
+"""``s2r replay``: run one rollout of a run again; of a machine, show the recorded one."""
 
 from __future__ import annotations
 
@@ -17,18 +17,21 @@ if TYPE_CHECKING:
 
 def replay(
     rollout: Annotated[
-        str, typer.Argument(help="FOLDER#QUERY.REPLICATE, as `s2r check` prints it.", show_default=False)
+        str,
+        typer.Argument(help="Rollout as `s2r check` prints it, FOLDER#QUERY.REPLICATE.", show_default=False),
     ],
-    save: Annotated[Path | None, typer.Option(help="Write the whole trace here (.npz or .csv).")] = None,
+    save: Annotated[Path | None, typer.Option(help="File for the trace, .npz or .csv.")] = None,
     plot: Annotated[
-        Path | None, typer.Option(help="Plot the signals against what is allowed (.svg, .png or .pdf).")
+        Path | None,
+        typer.Option(help="File for a plot of the signals and their allowed values: .svg, .png or .pdf."),
     ] = None,
     render: Annotated[
-        Path | None, typer.Option(help="Let the backend draw the rollout (sim: .png tiles, .gif video).")
+        Path | None,
+        typer.Option(help="File for a picture by the backend; sim draws .png tiles or a .gif video."),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout.")] = False,
 ) -> None:
-    """Run one recorded rollout again, and say whether ρ is the same; a machine's is shown as it was recorded."""
+    """Run a recorded rollout again and compare ρ. A machine's rollout is only shown."""
     with sentences(as_json):
         from s2r_spec import logs
         from s2r_spec.rollouts.replay import replay as again
@@ -50,11 +53,11 @@ def replay(
             test = ", ".join(f"{name} = {value:.6g}" for name, value in result.params.items())
             say(f"{test}, seed {result.seed}: ρ = {result.rho:+.6f} {result.unit}".rstrip())
             if not result.ran:
-                say(f"as it was recorded: {result.backend.name} is a machine, and nothing was sent to it")
+                say(f"as recorded: {result.backend.name} is a machine, and nothing was sent to it")
             say("the recorded ρ, bit for bit" if result.same else result.difference)
         if save is not None:
             say(f"trace: {save}", error=True)
-        # The plot first: it comes also where pictures cannot be drawn.
+        # The plot comes first, since it does not need the backend's pictures.
         if plot is not None:
             _plot(result, plot)
             say(f"plot: {plot}", error=True)

@@ -1,4 +1,4 @@
-"""``s2r report``: a run on disk as a page, or in any other form; nothing is run."""
+"""``s2r report``: report a run on disk in any format; runs no rollout."""
 
 from __future__ import annotations
 
@@ -22,16 +22,20 @@ NAME = "s2r report"
 def report(
     run: Annotated[
         Path,
-        typer.Argument(help="Folder of a run, finished or not, as its command named it.", show_default=False),
+        typer.Argument(help="Folder of a run, finished or not.", show_default=False),
     ],
     form: Annotated[
         str | None,
-        typer.Option("--format", help="html, text, json, junit, github or markdown.", show_default="html"),
+        typer.Option(
+            "--format",
+            help="Format of the report: html, text, json, junit, github or markdown.",
+            show_default="html",
+        ),
     ] = None,
     output: Output = None,
     as_json: AsJson = False,
 ) -> None:
-    """Compute the certificate of a run again from its rollouts, and report it; a page lands in the run's folder."""
+    """Compute a run's certificate again from its rollouts, and report it; HTML goes to the run's folder."""
     with sentences(as_json or form == "json"):
         from s2r_spec.report import html
         from s2r_spec.report.recompute import Kind, kind

@@ -1,4 +1,4 @@
-"""What a long command says while it runs: its stages, each with how much of it is done."""
+"""Progress of a long command: its stages, and the part of each that is done."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ from rich.progress import (
 from s2r_spec.printable import one_line
 
 EVERY = 60.0
-"""Budget: time [s] after which a stage that goes on says so without a terminal. Half as much, twice the lines."""
+"""Budget: time [s] between two lines on the same stage without a terminal; half as much prints twice the lines."""
 
 
 class Stages:
-    """Called with (stage, done, of); a live bar on a terminal, a line a stage and a minute elsewhere.
+    """Called with (stage, done, of): a live bar on a terminal, elsewhere one line for each stage and each minute.
 
-    ``opening`` is said before the first stage.
+    ``opening`` is printed before the first stage.
     """
 
     def __init__(
         self, console: Console, quiet: bool, clock: Callable[[], float] = monotonic, opening: str = ""
     ) -> None:
         self._opening = opening
-        self._quiet, self._console, self._clock, self._said = quiet, console, clock, 0.0
+        self._quiet, self._console, self._clock, self._printed_at = quiet, console, clock, 0.0
         self._progress = Progress(
             TextColumn("{task.description}", markup=False),
             BarColumn(20),
@@ -57,7 +57,7 @@ class Stages:
         self._progress.stop()
 
     def __call__(self, stage: str, done: int, of: int) -> None:
-        """Show how far a stage is; ``of`` is 0 where nobody knows how much there is, and rollouts are counted."""
+        """Show the progress of a stage: ``done`` of ``of``, or ``done`` rollouts if ``of`` is 0 (unknown)."""
         stage = one_line(stage)
         if self._opening and not self._quiet:
             self._console.print(one_line(self._opening), markup=False, soft_wrap=True)
@@ -65,12 +65,12 @@ class Stages:
         now = self._clock()
         lines = not self._quiet and not self._console.is_terminal
         if stage != self._stage:
-            self._stage, self._said = stage, now
+            self._stage, self._printed_at = stage, now
             self._progress.reset(self._task)
             if lines:
                 self._console.print(f"{stage}: {of}" if of else stage, markup=False, soft_wrap=True)
-        elif lines and now - self._said >= EVERY:
-            self._said = now
+        elif lines and now - self._printed_at >= EVERY:
+            self._printed_at = now
             words = f"{done} of {of}" if of else f"{done} rollouts"
             self._console.print(f"{stage}: {words} so far", markup=False, soft_wrap=True)
         self._progress.update(self._task, description=stage, completed=done, total=of or None)

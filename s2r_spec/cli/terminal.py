@@ -1,7 +1,7 @@
-"""Standard output and error as they are here: what they cannot show is written in other letters.
+"""Standard output and error for any encoding: a character that it lacks is replaced by a readable one.
 
-A verdict must reach a terminal of any encoding with its exit code, and no name that a file or a backend gave
-may command the terminal, or the CI runner that reads the lines.
+A verdict must reach every terminal with its exit code. A name from a file or a backend must not command the
+terminal, or the CI runner that reads the lines.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from rich.console import Console
 from s2r_spec.printable import one_line, without_controls
 
 ERRORS = "s2r.readable"
-"""Name of the error handler that writes other letters for those that an encoding lacks."""
+"""Name of the error handler that replaces characters that an encoding lacks."""
 READABLE = {
     "α": "alpha", "β": "beta", "γ": "gamma", "δ": "delta", "ε": "epsilon", "ζ": "zeta", "η": "eta", "θ": "theta",
     "κ": "kappa", "λ": "lambda", "μ": "mu", "ν": "nu", "ξ": "xi", "π": "pi", "ρ": "rho", "σ": "sigma", "τ": "tau",
@@ -28,14 +28,14 @@ READABLE = {
     "←": "<-", "–": "-", "—": "-", "‘": "'", "’": "'", "“": "'", "”": "'", "…": "...", "½": "1/2", "✓": "ok",
     "✗": "x", "✅": "ok", "❌": "x", "│": "|", "─": "-", "━": "-", "╸": "-", "╺": "-", "•": "*",
 }  # fmt: skip
-"""What a reader takes a letter for. No quotation mark and no backslash: in JSON they would end or change a text."""
+"""Readable replacement of a character. No quotation mark and no backslash: in JSON they would change the text."""
 _CORNERS = re.compile("[\u2500-\u257f]")
 _COMMAND = re.compile(r"(?m)^([ \t]*)::")
 _COLOUR = re.compile(r"(\x1b\[[\d;]*m)")
 
 
 def prepare() -> None:
-    """Make standard output and error take every text."""
+    """Make standard output and error accept every text."""
     codecs.register_error(ERRORS, _in_other_letters)
     sys.stdout, sys.stderr = _prepared(sys.stdout), _prepared(sys.stderr)
 
@@ -46,17 +46,17 @@ def console(*, stderr: bool = False) -> Console:
 
 
 def say(line: object, *, error: bool = False) -> None:
-    """Print one line to standard output or error, whatever names are in it."""
+    """Print one line to standard output or error, safe for any names in it."""
     print(one_line(line), file=sys.stderr if error else sys.stdout)
 
 
 def print_commands(text: str) -> None:
-    """Print lines that are meant as commands to a CI runner."""
+    """Print lines that are commands to a CI runner."""
     print(text, file=getattr(sys.stdout, "unguarded", sys.stdout))
 
 
 def print_json(text: str) -> None:
-    r"""Print JSON that is the same whatever the encoding: what this one lacks as ``\u03c1``."""
+    r"""Print JSON in any encoding: a character that it lacks is written as ``\u03c1``."""
     encoding = getattr(sys.stdout, "encoding", None) or "utf-8"
     try:
         text.encode(encoding)
@@ -66,14 +66,14 @@ def print_json(text: str) -> None:
 
 
 class _Console(Console):
-    """A console to which strings come without control characters."""
+    """A console that escapes the control characters of strings."""
 
     def print(self, *objects: Any, **how: Any) -> None:
         super().print(*(without_controls(one) if isinstance(one, str) else one for one in objects), **how)
 
 
 class _Guarded:
-    """A stream that is no terminal: no control character gets through it, and no line begins a command.
+    """A stream that is no terminal: it escapes control characters and the commands of a CI runner.
 
     Attributes:
         unguarded: the stream itself.
@@ -83,9 +83,9 @@ class _Guarded:
         self.unguarded, self._colours = stream, colours
 
     def write(self, text: str) -> int:
-        """Write a text as it is safe to."""
+        """Write a text with its control characters escaped."""
         parts = _COLOUR.split(text) if self._colours else [text]
-        # Every second part is a colour, which s2r's own help has where a CI runner shows it.
+        # Every second part is a colour code of s2r's own help, which a CI runner can show.
         safe = "".join(part if i % 2 else without_controls(part) for i, part in enumerate(parts))
         self.unguarded.write(_COMMAND.sub(r"\1\\u003a:", safe))
         return len(text)
@@ -104,7 +104,7 @@ def _prepared(stream: Any) -> Any:
         return stream
     if hasattr(stream, "reconfigure"):
         stream.reconfigure(errors=ERRORS)
-    # Where colours are forced a whole live view is: its control characters are s2r's own.
+    # With forced colours the live view is shown, too: its control characters are s2r's own.
     if stream.isatty() or os.environ.get("FORCE_COLOR") or os.environ.get("TTY_COMPATIBLE") == "1":
         return stream
     return _Guarded(stream, bool(os.environ.get("GITHUB_ACTIONS") or os.environ.get("PY_COLORS")))

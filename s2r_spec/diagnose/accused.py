@@ -30,8 +30,8 @@ LACKED = 0.2
 ACCIDENT = 0.02
 """Probability that a machine falls each time at a test, and nothing is wrong with it."""
 ASSUMPTION = (
-    f"that the catalogue lacks what makes the machine fall has a probability of {LACKED:g}, and an accident "
-    f"{ACCIDENT:g}: no data say so; which of the held-out rollouts fell was looked at to find how much of it there is"
+    f"the falls have a cause outside the catalogue with probability {LACKED:g}, and are accidents with "
+    f"{ACCIDENT:g}. These two are assumed, not measured. The size of the cause also uses which held-out rollouts fell"
 )
 
 
@@ -130,10 +130,9 @@ def named_by_falls(
         return found
     far = found.how_far
     shrinks = (
-        "; nothing was held out, so how far the gap shrinks was not measured"
+        "No rollouts were held out, so the reduction of the gap was not measured."
         if far is None
-        else "; the gap of these is no more than a few percent of every effect would make it, so how far it shrinks "
-        "was not measured"
+        else "The other rollouts show no material gap, so the reduction of the gap was not measured."
     )
     if measured is not None:
         closing = [(each, measured(each.patch)) for each in accused]
@@ -144,7 +143,7 @@ def named_by_falls(
         assert far is not None
         assert far.share is not None
         shrinks = (
-            f"; added to the simulator it closes {100 * min(far.share[0], 1.0):.0f} % of the held-out gap"
+            f"Added to the simulator, it closes {100 * min(far.share[0], 1.0):.0f} % of the held-out gap."
         )
     return _named(found, accused, far, shrinks)
 
@@ -157,7 +156,7 @@ def _named(found: Diagnosis, accused: Sequence[Accused], far: HowFar | None, shr
     singles |= {each.culprit.line.effect: share * each.weight / total for each in accused}
     names = tuple(each.culprit.line.effect for each in accused)
     first = accused[0]
-    others = f", or {' or '.join(names[1:])}" if names[1:] else ""
+    others = f" or {' or '.join(names[1:])}" if names[1:] else ""
     which = replace(
         found.which,
         none=ACCIDENT,
@@ -173,8 +172,8 @@ def _named(found: Diagnosis, accused: Sequence[Accused], far: HowFar | None, shr
     return replace(
         found,
         verdict=Verdict.CONFOUNDED if others else Verdict.NAMED,
-        reason=f"{first.culprit}{others}, alone, ends the simulator early where the machine does, and nothing else of "
-        f"the catalogue does that the other rollouts allow{shrinks}",
+        reason=f"The machine falls and the simulator does not. Alone, {first.culprit}{others} makes the simulator fall "
+        f"at the same tests. The other rollouts allow no other such effect. {shrinks}",
         which=which,
         how_far=far,
         patch=first.patch,

@@ -19,7 +19,7 @@ from s2r_spec.diagnose.notes import CUT, READ_AT
 from s2r_spec.diagnose.simulate import Bench, Test, blamed
 from s2r_spec.errors import SamplingError, TraceError, UsageError
 from s2r_spec.lang.units import UnknownUnitError, parse_unit
-from s2r_spec.rollouts.match import match
+from s2r_spec.rollouts.compatibility import check_compatibility
 from s2r_spec.rollouts.recorded import refuse_hidden
 from s2r_spec.rollouts.seeds import Stream, rollout_seed
 from s2r_spec.trace import Trace, between
@@ -60,7 +60,7 @@ def real_rollouts(
     if isinstance(real, str):
         real = load_backend(real)
     if isinstance(real, HasRecordings) and isinstance(real, Backend):
-        matched = match(bench.spec, bench.requirement, real)
+        matched = check_compatibility(bench.spec, bench.requirement, real)
         simulated = {parameter.name for parameter in bench.backend.parameters}
         pairs = [(test, r) for r in real.recordings if (test := matched.to_spec(r.params)) is not None]
         refuse_hidden(bench.spec, real, [recording for _, recording in pairs], simulated)
@@ -75,7 +75,9 @@ def real_rollouts(
         ]
     for test, _, source in given:
         if missing := [name for name in names if name not in test]:
-            raise UsageError(f"{source} does not say its {missing[0]!r}; every test parameter is needed")
+            raise UsageError(
+                f"{source} has no value of {missing[0]!r}; every test parameter of the spec needs one"
+            )
     # A test outside of the space is refused now, and not when all is simulated.
     inside = [(_inside(bench, test, source), trace, source) for test, trace, source in given[:budget]]
     for test, trace, source in inside:
@@ -89,7 +91,7 @@ def real_rollouts(
     ]
     if len(found) < FEWEST:
         raise UsageError(
-            f"{len(found)} real rollouts are too few to tell a cause from scatter; {FEWEST} are the least"
+            f"{len(found)} real rollouts are too few to separate a cause from scatter; at least {FEWEST} are needed"
         )
     return found
 
@@ -105,8 +107,8 @@ def _in_seconds(bench: Bench, test: Test, trace: Trace, source: str) -> None:
         return
     unit = TIMES[min(TIMES, key=lambda known: abs(math.log(times / known)))]
     raise UsageError(
-        f"{source} lasts {trace.duration:.4g} s, {times:.3g} times as long as the simulator's rollouts, and its "
-        f"samples are as much further apart: its times seem to be in {unit}, and must be in s"
+        f"{source} lasts {trace.duration:.4g} s, {times:.3g} times as long as a rollout of the simulator. "
+        f"Its times seem to be in {unit}; convert them to s"
     )
 
 
@@ -176,12 +178,12 @@ def _converted(values: FloatArray, name: str, recorded: str, wanted: str, simula
         there, here = parse_unit(recorded), parse_unit(wanted)
     except UnknownUnitError as error:
         raise UsageError(
-            f"the channel {name!r} is recorded in {recorded!r}, and {error} is no unit that s2r knows"
+            f"the channel {name!r} is recorded in {recorded!r}, and s2r does not know the unit {error}"
         ) from None
     if not here.fits(there):
         raise UsageError(
-            f"the channel {name!r} is recorded in {recorded}, which does not convert to the {wanted} that backend "
-            f"{simulator!r} has; correct the unit in the recording, or leave the channel out"
+            f"the channel {name!r} is recorded in {recorded}, which does not convert to the {wanted} of backend "
+            f"{simulator!r}. Correct the unit in the recording, or leave the channel out"
         )
     factor, offset = there.to(here)
     return values if (factor, offset) == (1.0, 0.0) else factor * values + offset
@@ -218,9 +220,9 @@ def _decided(bench: Bench, test: Mapping[str, float], trace: Trace, source: str)
         why = str(error).partition(";")[0]
         horizon = bench.spec.horizon(bench.requirement)
         if "is NaN" in why:
-            what = f"{why}; fill in the recording what is missing, or leave the rollout out"
+            what = f"{why}; fill in the missing samples, or leave the rollout out"
         elif trace.duration < horizon < math.inf:
-            what = f"{why}; leave it out, or, if the machine fell, say so in the trace's metadata (failure)"
+            what = f"{why}; leave it out, or, if the machine fell, set 'failure' in the trace's metadata"
         else:
             what = str(error)
         raise UsageError(f"{source}: {what}") from None
@@ -249,7 +251,7 @@ def refuse_machine(backend: object) -> None:
     if is_exclusive(backend):
         name = getattr(backend, "name", "this backend")
         raise UsageError(
-            f"{name} is a machine, whose rollouts need its operator: diagnose its recordings, --real log:FOLDER"
+            f"{name} is a machine, and its rollouts need an operator; diagnose its recordings with --real log:FOLDER"
         )
 
 
@@ -286,7 +288,7 @@ def ask(
     refuse_machine(machine)
     if isinstance(machine, HasDuration):
         machine = machine.with_duration(bench.backend.duration)
-    matched = match(bench.spec, bench.requirement, machine)
+    matched = check_compatibility(bench.spec, bench.requirement, machine)
     units = {p.name: p.unit for p in machine.parameters}
     rows = {} if folder is None else _rows(folder / TABLE)
     out: list[Rollout] = []
@@ -327,8 +329,8 @@ def _rows(table: Path) -> dict[str, dict[str, float]]:
                 found[name] = {column.partition(" [")[0]: float(value) for column, value in row.items()}
             except (KeyError, TypeError, ValueError):
                 raise UsageError(
-                    f"{table}:{reader.line_num}: this row is not whole; delete it, and it is written again of the "
-                    f"trace that was kept"
+                    f"{table}:{reader.line_num}: this row is incomplete; delete it, and s2r writes it again from the "
+                    f"kept trace"
                 ) from None
     return found
 
@@ -345,8 +347,8 @@ def _same(kept: Path, recorded: Mapping[str, float] | None, params: Mapping[str,
             for of in (recorded, params)
         )
         raise UsageError(
-            f"{kept} was recorded with {there}, and this plan has {here} in its place; go on with the spec, the "
-            f"budget and the seed of that run, or diagnose what it recorded: --real log:{kept.parent}"
+            f"{kept} was recorded with {there}, but this run plans {here} in its place. Use the spec, budget and "
+            f"seed of the first run, or diagnose its recordings with --real log:{kept.parent}"
         )
 
 

@@ -109,7 +109,7 @@ def _source() -> str:
     of_rho = [
         path for name in ("lang", "robustness") for path in sorted((folder.parent / name).rglob("*.py"))
     ]
-    for path in (*own, *of_rho, folder.parent / "rollouts" / "match.py"):
+    for path in (*own, *of_rho, folder.parent / "rollouts" / "compatibility.py"):
         digest.update(path.read_bytes())
     return digest.hexdigest()
 
@@ -166,7 +166,7 @@ def simulate(
         tell("trying each effect", done, len(catalogue))
         acts[effect.name] = _able(bench, effect, three)
     found = lines(catalogue, acts)
-    tell("asking the equations of motion", 0, 0)
+    tell("evaluating the equations of motion", 0, 0)
     probes, idle = _probes(bench, found, middle, three)
     features = replace(features, probes=probes)
     # What shows in some machines only takes no part in what explains all of them.

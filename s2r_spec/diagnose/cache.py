@@ -50,13 +50,13 @@ class Cache:
             try:
                 return load(path)
             except Exception:  # what a file of unknown content raises has no end: zip, JSON, memory, shapes
-                self.said.append(f"the cache file {path} cannot be read as one, and was made again")
+                self.said.append(f"the cache file {path} was damaged, and was made again")
         made = make()
         try:
             _write(lambda part: save(made, part), path)
         except OSError as error:
             self.said.append(
-                f"{path} could not be written ({error.strerror}): it will be made again next time"
+                f"the cache file {path} could not be written ({error.strerror}), so the next diagnosis makes it again"
             )
         return made
 

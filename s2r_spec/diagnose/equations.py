@@ -216,8 +216,8 @@ class Equations:
         for probe, other in zip(self.probes, others, strict=True):
             if [x.shape for x in other] != [x.shape for x in rest]:
                 raise BackendError(
-                    f"residuals of the backend {self.backend.name!r} with {probe.effect!r} are at other instants than "
-                    f"without; they must be at the same ones, whatever is added"
+                    f"the residuals of backend {self.backend.name!r} with the effect {probe.effect!r} have other "
+                    f"instants than without it; an effect must not change the instants"
                 )
         coordinates = np.array([p.coordinate for p in self.probes])[:, np.newaxis, np.newaxis]
         bares, takens = [], []
@@ -245,7 +245,7 @@ class Equations:
         machine = cast(HasEffects, self.backend).with_effects(values) if values else self.backend
         found = cast(HasResiduals, machine).residuals(trace, params)
         if missing := [name for name in self.units if name not in found.channels]:
-            raise TraceError(f"the residual {missing[0]!r} cannot be computed of this trace")
+            raise TraceError(f"the residual {missing[0]!r} cannot be computed from this trace")
         return found.times, [found[name].reshape(len(found), -1) / unit for name, unit in self.units.items()]
 
 

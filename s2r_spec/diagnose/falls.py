@@ -43,7 +43,7 @@ class Culprit:
 
     def __str__(self) -> str:
         unit = f" {self.line.unit}" if self.line.unit else ""
-        return f"{self.line.name} from {self.line.value(self.coordinate):.3g}{unit} on"
+        return f"{self.line.name} beyond {self.line.value(self.coordinate):.3g}{unit}"
 
 
 @dataclass(frozen=True)
@@ -62,16 +62,16 @@ class Falls:
 
     def __str__(self) -> str:
         if self.nominal:
-            return "the simulator ends early there, too"
+            return "The simulator ends early at these tests, too"
         if not self.culprits:
-            return "no effect of the catalogue, alone, would end the simulator early at these tests, and not at others"
+            return "No single effect of the catalogue ends the simulator early at these tests alone"
         shown = self.culprits[:SHOWN]
         more = len(self.culprits) - len(shown)
         names = " or ".join(map(str, shown)) + (f" (or {more} more)" if more else "")
         few = max(each.others for each in shown)
         return (
-            f"{names}, alone, would end the simulator early there, and at "
-            f"{f'no more than {few}' if few else 'none'} of {self.others} other tests"
+            f"Alone, {names} ends the simulator early at these tests, and at "
+            f"{f'at most {few}' if few else 'none'} of {self.others} other tests"
         )
 
 

@@ -301,7 +301,7 @@ def _block(trace: Trace, block: Block) -> FloatArray:
     x = _columns(trace, block.source)
     if x.shape[1] != block.width:
         raise UsageError(
-            f"channel {block.source!r} has width {x.shape[1]}, not {block.width} as the simulator's"
+            f"channel {block.source!r} has {x.shape[1]} columns, and the simulator's has {block.width}"
         )
     return x if block.minus is None else x - _columns(trace, block.minus)
 

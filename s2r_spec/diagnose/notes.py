@@ -73,52 +73,52 @@ def notes(
     rollouts, count = used.rollouts, len(used.rollouts)
     if idle:
         found.append(
-            f"at the tests of this spec the simulator does the same with and without {', '.join(idle)}: no data can "
-            f"say whether that is there, and it is left out of the catalogue"
+            f"at the tests of this spec, {', '.join(idle)} {'changes' if len(idle) == 1 else 'change'} nothing in the "
+            f"simulator. No data can show {'it' if len(idle) == 1 else 'them'}, so the diagnosis leaves "
+            f"{'it' if len(idle) == 1 else 'them'} out"
         )
     if used.recorded > count:
         found.append(
-            f"only the first {count} of {used.recorded} recorded rollouts were used, as the budget says"
+            f"only the first {count} of {used.recorded} recorded rollouts were used, because of the budget"
         )
     if used.others:
         fixed = ", ".join(bench.matched.fixed)
         found.append(
-            f"{used.others} recorded rollouts were not used: what the spec gives one value ({fixed}) had another there"
+            f"{used.others} recorded rollouts were not used: they have another value of {fixed} than the spec"
         )
     fell = [trace.failure for _, trace in rollouts if trace.failure is not None]
     if fell:
         kinds = ", ".join(sorted({str(failure) for failure in fell}))
         early = f"{len(fell)} of {count} real rollouts ended early ({kinds}{_again(rollouts)})"
         if used.count < count:
-            found.append(f"{early} and {'is' if len(fell) == 1 else 'are'} left out")
+            found.append(f"{early}, and {'is' if len(fell) == 1 else 'are'} left out")
         elif used.begun:
-            found.append(f"{early}: the cause is named from the others, the gap in ρ is that of all")
+            found.append(f"{early}. The others name the cause; the gap in ρ includes all")
         else:
-            found.append(f"{early}: the cause is named from what came before, too, which says little")
+            found.append(f"{early}. The cause also rests on their samples before the end, which say little")
         if why is not None:
-            found[-1] += f"; {why}"
+            found[-1] += f". {why}"
     if alone:
         tests = {key_of(test) for test, _ in rollouts}
         where = " and ".join(
             ", ".join(f"{k} = {v:.4g}" for k, v in test.items()) or "the only test" for test in alone[:SHOWN]
         )
         found.append(
-            f"the simulator itself, with no effect, ends early at {len(alone)} of {len(tests)} tests, where no real "
-            f"rollout does ({where}): the gap in ρ there is that of a fall, and few causes can be told from it; make "
-            f"the simulator stand there first, or ask of a smaller test space"
+            f"without any effect, the simulator ends early at {len(alone)} of {len(tests)} tests where no real rollout "
+            f"does ({where}). There the gap in ρ is the cost of a fall and shows few causes. Make the simulator stand "
+            f"at these tests first, or use a smaller test space"
         )
     longer = [trace.meta[CUT] for _, trace in rollouts if CUT in trace.meta]
     if longer:
         found.append(
-            f"{len(longer)} of {count} real rollouts go on after the simulator's end: only their first "
-            f"{longer[0]:g} s are used"
+            f"{len(longer)} of {count} real rollouts are longer than the simulator's; only their first {longer[0]:g} s "
+            f"are used"
         )
     apart = [trace.meta[READ_AT] for _, trace in rollouts if READ_AT in trace.meta]
     if apart:
         found.append(
-            f"a window of the spec is shorter than the time between two samples of {len(apart)} of {count} real "
-            f"rollouts: these are read every {apart[0]:g} s, as the simulator's, by straight lines, which may change "
-            f"ρ a little"
+            f"a window of the spec is shorter than the sample period of {len(apart)} of {count} real rollouts. They "
+            f"are interpolated linearly at the simulator's period of {apart[0]:g} s, which may change ρ a little"
         )
     lacking = [
         channel.name
@@ -131,21 +131,21 @@ def notes(
     if lacking:
         more = f" and {len(lacking) - SHOWN} more" if len(lacking) > SHOWN else ""
         found.append(
-            f"the real rollouts have no {', '.join(lacking[:SHOWN])}{more}: what shows there alone cannot be told"
-            f"{_unread(bench, rollouts)}"
+            f"the real rollouts have no {', '.join(lacking[:SHOWN])}{more}. An effect that only these would show "
+            f"cannot be found{_unread(bench, rollouts)}"
         )
     found += _gaps(bench, rollouts, lacking)
     found += _without_residuals(bench, rollouts)
     tests = {key_of(test) for test, _ in rollouts}
     if len(tests) == 1 and rollouts[0][0]:
-        found.append("all real rollouts are of one test: of the others nothing was seen")
+        found.append("all real rollouts are of one test, so nothing is known about other tests")
     if not used.held:
         takes, here = f"{least[1]} rollouts of {least[0]} different tests", f"{count} of {len(tests)}"
         if not bench.spec.space.dim:
             # There is one test, and rollouts of it are all there is to hold out.
             takes, here = f"{least[0]} rollouts", f"{count}"
         found.append(
-            f"nothing was held out, so how far the gap shrinks was not measured: that takes {takes}, and here are "
+            f"no rollouts were held out, so the reduction of the gap was not measured: it takes {takes}, and there are "
             f"{here}"
         )
     return tuple(found)
@@ -155,20 +155,23 @@ def hidden_by_one(effect: Effect, far: HowFar) -> str:
     """Return what is said where a gap is not material because of one effect's prior alone."""
     priors = " and ".join(f"{p.name}: {p.prior}" for p in effect.parameters)
     gap, little = (f"{value:.3g} {far.unit}".rstrip() for value in (far.before.mean, far.background))
-    more = f"{far.before.mean / far.floor:.0f} times what" if far.floor > 0.0 else "more than"
+    more = (
+        f"{far.before.mean / far.floor:.0f} times the scatter"
+        if far.floor > 0.0
+        else "larger than the scatter"
+    )
     return (
-        f"the gap of {gap} is {more} scatter makes, and is said not to be "
-        f"material because a few percent of every effect would make {little}, nearly all of which {effect.name} makes "
-        f"alone: is so much of it usual ({priors})? If not, write a smaller prior"
+        f"the gap of {gap} is {more}. It is not called material because a few percent of every effect make {little}, "
+        f"nearly all of it from {effect.name}. Is its prior right ({priors})? If not, write a smaller one"
     )
 
 
 def looked_again(tests: int) -> str:
     """Return what is said where so many tests had been held out that alone show a gap."""
-    which, its = ("a test", "its place") if tests == 1 else (f"{tests} tests", "their places")
+    which, its = ("1 of them was", "its place") if tests == 1 else (f"{tests} of them were", "their places")
     return (
-        f"the gap showed at tests alone that had been held out, and what was found did not close it: {which} of them "
-        f"{'was' if tests == 1 else 'were'} diagnosed with after all, and others held out in {its}"
+        f"only held-out tests showed the gap, and the first answer did not close it. So {which} diagnosed after all, "
+        f"and other tests were held out in {its}"
     )
 
 
@@ -179,8 +182,8 @@ def _again(rollouts: Sequence[Rollout]) -> str:
     if not always:
         return ""
     if len(tests) == 1:
-        return ", every time at one test: no accident"
-    return f", at {len(tests)} tests, at {always} of them every time of several: no accident"
+        return ", every time at one test, so it is no accident"
+    return f", at {len(tests)} tests, and in every repetition at {always} of them, so it is no accident"
 
 
 def _unread(bench: Bench, rollouts: Sequence[Rollout]) -> str:
@@ -188,7 +191,7 @@ def _unread(bench: Bench, rollouts: Sequence[Rollout]) -> str:
     known = {channel.name for channel in bench.backend.channels}
     names = sorted({name for _, trace in rollouts for name in trace.channels} - known)
     more = f" and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
-    return f"; {', '.join(names[:SHOWN])}{more} in them is nothing that the simulator has" if names else ""
+    return f". The simulator has no {', '.join(names[:SHOWN])}{more}: is a name misspelt?" if names else ""
 
 
 def _gaps(bench: Bench, rollouts: Sequence[Rollout], lacking: Sequence[str]) -> list[str]:
@@ -202,13 +205,17 @@ def _gaps(bench: Bench, rollouts: Sequence[Rollout], lacking: Sequence[str]) -> 
         count = sum(name not in trace.channels or not np.isfinite(trace[name]).all() for _, trace in rollouts)
         if count:
             holes.setdefault(count, []).append(name)
-    return [
-        f"{', '.join(names[:SHOWN])}{f' and {len(names) - SHOWN} more' if len(names) > SHOWN else ''} "
-        f"{'is' if len(names) == 1 else 'are'} missing, or no number at times, in {count} of {len(rollouts)} real "
-        f"rollouts: nothing is read from {'it' if len(names) == 1 else 'them'} "
-        f"{'there' if 2 * count < len(rollouts) else 'at all'}"
-        for count, names in holes.items()
-    ]
+    return [_missing(names, count, len(rollouts)) for count, names in holes.items()]
+
+
+def _missing(names: Sequence[str], count: int, rollouts: int) -> str:
+    """Return that so many of the rollouts lack these channels, or have gaps in them."""
+    more = f" and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
+    verbs = ("is missing or has", "is") if len(names) == 1 else ("are missing or have", "are")
+    return (
+        f"{', '.join(names[:SHOWN])}{more} {verbs[0]} gaps in {count} of {rollouts} real rollouts, and {verbs[1]} not "
+        f"used {'there' if 2 * count < rollouts else 'at all'}"
+    )
 
 
 def _without_residuals(bench: Bench, rollouts: Sequence[Rollout]) -> list[str]:
@@ -223,5 +230,6 @@ def _without_residuals(bench: Bench, rollouts: Sequence[Rollout]) -> list[str]:
         except TraceError as error:
             why = str(error)
     return [
-        f"the equations of motion could be asked of no real rollout ({why}): causes are told by the channels alone"
+        f"residuals of the equations of motion cannot be computed for any real rollout ({why}). The answer rests "
+        f"on the channels alone"
     ]

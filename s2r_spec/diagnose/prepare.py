@@ -52,7 +52,7 @@ from s2r_spec.diagnose.training import train
 from s2r_spec.diagnose.view import View
 from s2r_spec.effects import catalogue_of
 from s2r_spec.errors import BackendError
-from s2r_spec.rollouts.match import match
+from s2r_spec.rollouts.compatibility import check_compatibility
 from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
 
@@ -247,7 +247,7 @@ def bench_of(spec: Spec, requirement: str, sim: Backend | str) -> Bench:
     if isinstance(backend, HasDuration) and math.isfinite(horizon) and horizon > 0:
         backend = backend.with_duration(horizon)
     _of_different_names(backend.name, catalogue_of(backend))
-    return Bench(backend, spec, requirement, match(spec, requirement, backend))
+    return Bench(backend, spec, requirement, check_compatibility(spec, requirement, backend))
 
 
 def _of_different_names(backend: str, effects: Sequence[Effect]) -> None:
@@ -264,7 +264,7 @@ def _of_different_names(backend: str, effects: Sequence[Effect]) -> None:
     ]:
         if twice := [name for n, name in enumerate(among) if name in among[:n]]:
             raise BackendError(
-                f"backend {backend!r} has two {what} of the name {twice[0]!r}; give each its own"
+                f"backend {backend!r} has two {what} named {twice[0]!r}; give each its own name"
             )
 
 

@@ -55,7 +55,7 @@ from s2r_spec.diagnose.where.found import where as find_where
 from s2r_spec.documentation import page
 from s2r_spec.effects import catalogue_of
 from s2r_spec.errors import UsageError
-from s2r_spec.rollouts.match import match
+from s2r_spec.rollouts.compatibility import check_compatibility
 from s2r_spec.rollouts.pools import kept_open
 from s2r_spec.rollouts.seeds import Stream, rollout_seed
 from s2r_spec.spec import Spec
@@ -159,7 +159,7 @@ def diagnose(
             # That a machine falls where its simulator does not is a gap, whatever the other rollouts say.
             found = replace(
                 found,
-                reason=f"{found.reason}; {left_out} of {len(rollouts)} ended early, and are not in this",
+                reason=f"{found.reason} This leaves out {left_out} of {len(rollouts)} rollouts, which ended early.",
             )
         found = replace(found, notes=(*lacking, *dict.fromkeys(kept.said)), findings=odd)
         return doubted(found)
@@ -183,7 +183,7 @@ def _recorded(bench: Bench, real: Rollouts | Backend) -> tuple[int, int]:
         return len(real), 0
     if not isinstance(real, HasRecordings):
         return 0, 0
-    matched = match(bench.spec, bench.requirement, real)
+    matched = check_compatibility(bench.spec, bench.requirement, real)
     of_spec = sum(matched.to_spec(each.params) is not None for each in real.recordings)
     return of_spec, len(real.recordings) - of_spec
 
@@ -199,7 +199,7 @@ def _answer(
     moved: bool = False,
 ) -> Diagnosis:
     effects = state.judge.effects
-    weighed = together(state, lambda done, of: tell("simulating sets", done, of))
+    weighed = together(state, lambda done, of: tell("simulating sets of effects", done, of))
     state = replace(state, sets=weighed.sets, temperature=weighed.temperature)
     isolable = isolability(
         state.smooth.surrogate,
@@ -227,7 +227,7 @@ def _answer(
         tuned,
         seed,
         executor,
-        lambda done, of: tell("what is left", done, of),
+        lambda done, of: tell("unexplained motion", done, of),
         None if first_none else fitted.values,
     )
 
@@ -309,10 +309,10 @@ def _answer(
 
 
 ASSUMPTIONS = (
-    "the real rollouts were run as their tests say, and none was left out but those that a note names",
-    "the probabilities weigh evidence and networks by fixed numbers from development twins; how often they come true "
-    f"on sealed twins is in {page('explanation/diagnosis')}",
-    "an effect that the catalogue lacks, but that a member imitates, is named as that member",
+    "the real rollouts were run at the recorded tests, and only those named in a note were left out",
+    "the probabilities combine evidence and networks with fixed weights, chosen on development twins; "
+    f"{page('explanation/diagnosis')} shows how often they come true on sealed twins",
+    "if an effect outside the catalogue looks like one in it, the diagnosis names the one in the catalogue",
 )
 
 

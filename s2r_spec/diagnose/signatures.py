@@ -108,7 +108,7 @@ class Signatures:
         size = np.linalg.norm(rows, axis=1, keepdims=True)
         if not (size > 1e-9).any():
             raise UsageError(
-                "no effect of the catalogue changes anything that these rollouts record: nothing can be told apart"
+                "no effect of the catalogue changes a recorded channel of these rollouts, so no cause can be found"
             )
         rows = rows[size[:, 0] > 1e-9] / np.maximum(size[size[:, 0] > 1e-9], 1.0) ** 0.75
         _, strength, right = np.linalg.svd(rows, full_matrices=False)

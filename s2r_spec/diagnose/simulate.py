@@ -18,7 +18,7 @@ from s2r_spec.diagnose.equations import Instruments
 from s2r_spec.diagnose.features import Features, with_residuals
 from s2r_spec.documentation import page
 from s2r_spec.errors import BackendError, UsageError
-from s2r_spec.rollouts.match import Matched
+from s2r_spec.rollouts.compatibility import Interface
 from s2r_spec.space import key_of
 from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
@@ -55,7 +55,7 @@ class Bench:
     backend: Backend
     spec: Spec
     requirement: str
-    matched: Matched
+    matched: Interface
     features: Features | None = None
     _kept: _Kept = field(default_factory=_Kept, init=False, repr=False, compare=False)
 
@@ -71,8 +71,8 @@ class Bench:
             return self.backend
         if not isinstance(self.backend, HasEffects):
             raise UsageError(
-                f"the backend {self.backend.name!r} declares no effects, so none can be found in its gap; "
-                f"see {page('how-to/effects')}"
+                f"the backend {self.backend.name!r} declares no effects, so no cause can be found; see "
+                f"{page('how-to/effects')}"
             )
         patched: Backend = self.backend.with_effects(values)
         return patched
@@ -185,7 +185,7 @@ def blamed(bench: Bench, values: Values, test: Test, seed: int) -> Iterator[None
     except Exception as error:
         raise BackendError(
             f"backend {bench.backend.name!r} with {dict(values)}, at {dict(test)}, seed {seed}: {error}; "
-            f"a rollout that cannot go on must end with meta['failure'], or the effect's range be narrower "
+            f"end a rollout that cannot continue with meta['failure'], or narrow the effect's range "
             f"({page('how-to/effects')})"
         ) from None
 

@@ -1,4 +1,4 @@
-"""From probabilities and a held-out gap to words: what is named, what cannot be told from it, what may not be there."""
+"""The verdict from probabilities and the held-out gap: which effects are named, not ruled out, or perhaps absent."""
 
 from __future__ import annotations
 
@@ -27,6 +27,8 @@ RIVALS, AS_LIKELY = 3, 0.5
 """Causes that are told of where none is named: so many at most, and so many times as likely as the first at least."""
 IMITATED = 0.1
 """An unknown cause is so much less likely once a patch has closed the held-out gap, or if there is none."""
+LITTLE = "a few percent of every effect"
+"""Definition: the words for the small effects that every machine has; alone they make no material gap."""
 
 
 def decided(
@@ -87,48 +89,72 @@ def reason(
     named: tuple[str, ...],
     left: Sequence[Remainder] = (),
 ) -> str:
-    """Return the answer in one sentence."""
-    words = " and ".join(named)
-    ends = [f"{e.effect}.{e.parameter} stands at the end of its range" for e in which.estimates if e.at_end]
-    fits, explains = ("fits", "explains") if len(named) == 1 else ("fit", "explain")
-    doubt = f", though {' or '.join(which.spare)} may not be there" if which.spare else ""
-    share = far.share[0] if far and far.share else None
-    closes = (
-        ""
-        if share is None
-        else f"; added to the simulator it closes {_part(share)} the held-out gap above scatter"
-    )
+    """Return the answer in a few sentences: whether the gap is material, the cause, how much of the gap it closes."""
     if verdict in (Verdict.NONE, Verdict.SPREAD):
-        seen = (
-            ""
-            if which.ranked[0][0] == ("none",)
-            else f"; the traces do differ, most as with {_likeliest(which)}"
-        )
-        strange = [f"; but {each}, which no effect explains" for each in left[:1] if each.material]
-        seen += "".join(strange)
-        little = "a few percent of every effect of the catalogue"
-        if far is None:
-            return f"the traces are as {little} would make them{seen}; no gap was held out to compare"
-        if verdict is Verdict.SPREAD and far.elsewhere:
-            return f"nothing stands out: the gap is more than {little} would make it, but at no held-out test{seen}"
-        if verdict is Verdict.SPREAD:
-            part = "" if far.tuned_share is None else f" {100 * far.tuned_share[0]:.0f} % of"
-            return f"nothing stands out: {little} close{part} the held-out gap above scatter{seen}"
-        return f"the gap is no more than {little} would make it{seen}"
+        return " ".join([_no_cause(verdict, far), *_traces_differ(which, left)])
+    ends = [f"{e.effect}.{e.parameter} is at the end of its range." for e in which.estimates if e.at_end]
     if verdict is Verdict.UNKNOWN:
-        strange = [f"{each} is left of the motion" for each in left[:1] if each.material]
-        nearest = f"the nearest is {words} ({which.nearest_family}){closes}"
-        return "; ".join(["no effect of the catalogue explains the data", *strange, nearest, *ends])
-    if far is not None and not far.shows:
-        closes = "; the gap in ρ is no more than a few percent of every effect of the catalogue would make it"
-    elif far is not None and far.elsewhere:
-        closes = "; no held-out test shows the gap, so how far it shrinks was not measured"
-    elif far is not None and far.leaves_more:
-        closes += ", and leaves more than a few percent of every effect would make"
-    closes = "".join([closes, *(f"; {end}" for end in ends)])
+        material = ["The gap is material."] if far is not None and far.material else []
+        unexplained = [f"Unexplained: {each}." for each in left[:1] if each.material]
+        nearest = f"The nearest is {_listed(named)} ({which.nearest_family})."
+        cause = " ".join(["No effect of the catalogue explains the data.", *unexplained, nearest])
+        return " ".join([*material, cause, *_closes(far, named), *ends])
+    fits, explains = ("fits", "explains") if len(named) == 1 else ("fit", "explain")
+    doubt = f"; {' or '.join(which.spare)} may be absent" if which.spare else ""
     if verdict is Verdict.CONFOUNDED:
-        return f"{words} {fits} best{doubt}, but these data do not rule out {_others(which, named)}{closes}"
-    return f"{words} {explains} the data best{doubt}{closes}"
+        cause = f"{_listed(named)} {fits} best{doubt}. The data do not rule out {_others(which, named)}."
+    else:
+        cause = f"{_listed(named)} {explains} the data best{doubt}."
+    if far is None:
+        return " ".join([cause, *ends])
+    if not far.shows:
+        return " ".join([f"The gap in ρ is not material: {LITTLE} make as much.", cause, *ends])
+    if far.elsewhere:
+        material, closes = (
+            ["The gap is material, but at no held-out test."],
+            ["So its reduction was not measured."],
+        )
+    else:
+        material, closes = ["The gap is material."], _closes(far, named)
+    if far.leaves_more:
+        closes.append(f"The rest is more than {LITTLE} would leave.")
+    return " ".join([*material, cause, *closes, *ends])
+
+
+def _closes(far: HowFar | None, named: Sequence[str]) -> list[str]:
+    """Return how much of the held-out gap the named effects close."""
+    if far is None or far.share is None:
+        return []
+    subject = "it closes" if len(named) == 1 else "they close"
+    return [f"Added to the simulator, {subject} {_part(far.share[0])} the held-out gap above scatter."]
+
+
+def _no_cause(verdict: Verdict, far: HowFar | None) -> str:
+    """Return that there is no material gap, or no single cause."""
+    if far is None:
+        return f"The traces differ by no more than {LITTLE} would make. No gap was held out to compare."
+    if verdict is Verdict.NONE:
+        return f"The gap is not material: {LITTLE} make as much."
+    if far.elsewhere:
+        return "The gap is material, but at no held-out test. No cause stands out."
+    part = "the" if far.tuned_share is None else f"{100 * far.tuned_share[0]:.0f} % of the"
+    little = f"{LITTLE[0].upper()}{LITTLE[1:]}"
+    return f"The gap is material, but no cause stands out. {little} close {part} held-out gap above scatter."
+
+
+def _traces_differ(which: Which, left: Sequence[Remainder]) -> list[str]:
+    """Return by which causes the traces differ although none is named, and what no effect explains."""
+    seen = (
+        []
+        if which.ranked[0][0] == ("none",)
+        else [f"The traces do differ, most as with {_likeliest(which)}."]
+    )
+    return [*seen, *(f"No effect explains {each}." for each in left[:1] if each.material)]
+
+
+def _listed(names: Sequence[str]) -> str:
+    """Return "a, b and c"."""
+    return " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
 
 
 def _likeliest(which: Which) -> str:
@@ -140,12 +166,16 @@ def _likeliest(which: Which) -> str:
 
 def _others(which: Which, named: tuple[str, ...]) -> str:
     """Return what is not ruled out, in the place of what is named or beside it alone."""
-    its = "its place" if len(named) == 1 else "the place of one"
-    it = "it" if len(named) == 1 else "them"
+    place, it = ("instead of it", "it") if len(named) == 1 else ("instead of one of them", "them")
     instead = [name for name in which.confounded if name in which.instead]
     beside = [name for name in which.confounded if name not in (*named, *instead)]
-    words = [f"{', '.join(instead)} in {its} or beside {it}"] if instead else []
-    return ", nor ".join([*words, *([f"{', '.join(beside)} beside {it}"] if beside else [])])
+    words = [f"{_either(instead)} {place} or beside {it}"] if instead else []
+    return ", nor ".join([*words, *([f"{_either(beside)} beside {it}"] if beside else [])])
+
+
+def _either(names: Sequence[str]) -> str:
+    """Return "a, b or c"."""
+    return " or ".join(filter(None, (", ".join(names[:-1]), names[-1])))
 
 
 def _part(share: float) -> str:

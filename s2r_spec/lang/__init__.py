@@ -1,6 +1,6 @@
-"""The specification language: text in, a checked specification or all of its errors out.
+"""The specification language: from a text to a checked specification, or to a list of all its mistakes.
 
-The way of a specification through this package::
+The stages::
 
     text ──lex──▶ tokens ──parse──▶ syntax tree ──rules, check──▶ Document
          (lexing)        (parsing)   (syntax)      (units, formula)

@@ -1,4 +1,4 @@
-"""Lark's trees to the syntax tree: one function a rule of the grammar, by its name."""
+"""The syntax tree from Lark's parse tree: one method for each rule of the grammar, named after it."""
 
 from __future__ import annotations
 
@@ -21,36 +21,36 @@ def build(source: Source, tree: _Tree) -> syntax.Statement | syntax.Import:
 
 
 class _Builder:
-    """Holds the source while a tree is turned over, bottom up."""
+    """Converts parse trees of one source, bottom up."""
 
     def __init__(self, source: Source) -> None:
         self.source = source
 
     def node(self, tree: _Child) -> Any:
-        """Turn over one subtree; a token becomes a word."""
+        """Convert one subtree; a token becomes a word."""
         if isinstance(tree, Token):
             return self.word(tree)
         make: Callable[[Span, list[_Child]], Any] = getattr(self, f"_{tree.data}")
         return make(span_of(self.source, _end(tree, 0), _end(tree, -1)), tree.children)
 
     def word(self, token: Token) -> syntax.Word:
-        """Return a token's text and place; a unit or a file comes without what is around it."""
+        """Return a token's text and place; a unit without its braces, a file without its quotes."""
         text = token[1:-1].strip() if token.type in ("UNIT", "STRING") else str(token)
         return syntax.Word(span=span_of(self.source, token), text=text)
 
     def number(self, token: Token) -> syntax.Number:
-        """Return a number that stands without a unit."""
+        """Return a number without a unit."""
         return syntax.Number(span=span_of(self.source, token), value=float(token), unit=None)
 
     def maybe(self, children: list[_Child], kind: str) -> Any:
-        """Return the child that is the token or the rule ``kind``, if there is one."""
+        """Return the converted child of the token type or rule ``kind``; None without one."""
         for child in children:
             if (child.type if isinstance(child, Token) else child.data) == kind:
                 return self.node(child)
         return None
 
     def trees(self, children: list[_Child], *but: str) -> tuple[Any, ...]:
-        """Return the children that are not tokens, turned over, except rules in ``but``."""
+        """Return the converted children that are not tokens, except those of the rules in ``but``."""
         return tuple(
             self.node(child) for child in children if isinstance(child, Tree) and child.data not in but
         )
@@ -207,8 +207,8 @@ class _Builder:
         return syntax.Bound(span=span, value=self.node(children[0]), unit=unit)
 
 
-def _end(tree: _Child, side: Literal[0, -1]) -> Token:
-    """Return the first or the last token of a tree; no rule is empty, and no token is left out of one."""
+def _end(tree: _Child, position: Literal[0, -1]) -> Token:
+    """Return the first (0) or last (−1) token of a tree; no rule of the grammar is empty."""
     while isinstance(tree, Tree):
-        tree = tree.children[side]
+        tree = tree.children[position]
     return tree

@@ -1,4 +1,4 @@
-"""A whole specification checked: every rule, every statement, every mistake at once."""
+"""The check of a whole specification, which reports all of its mistakes together."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ _WIDEST = 100_000
 
 
 def check_text(text: str, name: str = "<string>", stored: Mapping[str, str] | None = None) -> Document:
-    """Return the checked specification that a text means.
+    """Return the checked specification of a text.
 
     Args:
         text: the specification.
-        name: what it goes by.
-        stored: name → text of all that it imports; they are read from disk if it is None.
+        name: its name in messages, usually its path.
+        stored: name → text of all files that it imports; None to read them from disk.
 
     Raises:
-        SpecError: with every mistake that the text has.
+        SpecError: the text has mistakes; the error lists all of them.
     """
     parsed, imports = gather(Source.of(text, name), stored)
     if any(found.code == "E22" for found in parsed.diagnostics):
-        raise SpecError(parsed.diagnostics)  # of a text that was not read nothing else is known
+        raise SpecError(parsed.diagnostics)  # the rest of a text that is too long was not read
     checker = _Checker(parsed, imports)
     found = {*parsed.diagnostics, *(mistake for rule in RULES for mistake in rule(parsed)), *checker.run()}
     if found:
@@ -44,7 +44,7 @@ def check_text(text: str, name: str = "<string>", stored: Mapping[str, str] | No
 
 
 class _Checker:
-    """Goes through the statements from top to bottom; each sees what stands above it."""
+    """Checks the statements from top to bottom; each can use the declarations above it."""
 
     def __init__(self, parsed: Parsed, imports: tuple[Source, ...]) -> None:
         self.parsed = parsed
@@ -73,7 +73,7 @@ class _Checker:
                 self.scope.poisoned.add(name)
                 yield from mistake.diagnostics
                 continue
-            if name not in self.scope.declared:  # of two declarations the first holds
+            if name not in self.scope.declared:  # the first of two declarations counts
                 self.scope.declared[name] = declared
                 if isinstance(statement, syntax.Require) and isinstance(declared, Definition):
                     assert isinstance(declared.body, f.Formula)
@@ -81,7 +81,7 @@ class _Checker:
         yield from self._certified()
 
     def _certified(self) -> Iterator[Diagnostic]:
-        """Check the ``certify`` lines; what one requirement is given goes before what all are."""
+        """Check the ``certify`` lines; a requirement's own line overrides the line for all."""
         lines = [line for line in self.parsed.statements if isinstance(line, syntax.Certify)]
         for line in sorted(lines, key=lambda line: line.name is None):
             names = list(self.requirements) if line.name is None else [line.name.text]
@@ -95,7 +95,7 @@ class _Checker:
                     self.certify[name] = settings if own is None else own.over(settings)
 
     def document(self) -> Document:
-        """Return what was declared, once there are no mistakes."""
+        """Return the checked document; valid only if there were no mistakes."""
         found = self.scope.declared
         return Document(
             self.parsed.source,
@@ -123,7 +123,7 @@ class _Checker:
                 if range_ is not None and not math.isfinite(range_[1] - range_[0]):
                     assert statement.range is not None
                     message = f"the range of `{word.text}` is wider than the largest number, 1.8e308"
-                    fail("E09", message, statement.range.span, "write narrower ends")
+                    fail("E09", message, statement.range.span, "make the range narrower")
                 default = None
                 if statement.default is not None:
                     default = quantity(statement.default, scope, unit, f"the default of `{word.text}`")
@@ -136,7 +136,7 @@ class _Checker:
                 self._depth(checked, span)
                 number = constant(checked) if isinstance(checked, f.Value) and checked.width == 1 else None
                 if number is not None and isinstance(checked, f.Value):
-                    # folded once, so that a chain of definitions is not folded over and over
+                    # evaluated once, so that a chain of definitions is not evaluated repeatedly
                     checked = f.Number(span=checked.span, unit=checked.unit, value=number)
                 return Definition(checked, span)
             case syntax.Require(body=body):
@@ -160,11 +160,13 @@ class _Checker:
     def _depth(self, node: f.Node, span: Span) -> None:
         if self._levels(node) > DEEPEST + 20:
             fail(
-                "E19", f"`{span.text}` is nested more than {DEEPEST} levels deep, counting what it uses", span
+                "E19",
+                f"`{span.text}` is nested more than {DEEPEST} levels deep, counting the definitions that it uses",
+                span,
             )
 
     def _levels(self, node: f.Node) -> int:
-        # each statement adds a bounded number of levels, so this recursion is bounded, too
+        # each statement adds a bounded number of levels, so the recursion depth is bounded
         if id(node) not in self.depths:
             self.depths[id(node)] = 1 + max((self._levels(child) for child in f.children(node)), default=0)
         return self.depths[id(node)]

@@ -1,4 +1,4 @@
-"""Numbers that are known before any trace: time bounds, ranges, constants, settings."""
+"""Evaluation of constant expressions: time bounds, ranges, constants, settings."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from s2r_spec.lang import formula as f
 
 
 def constant(value: f.Value) -> float | None:
-    """Return the number that a value always has, or None if it depends on a trace or a parameter.
+    """Return the number of a constant value; None if it depends on a trace or a parameter.
 
-    A number that does not exist (1/0, the root of −1) is nan.
+    An undefined number (1/0, the root of −1) is NaN.
     """
     try:
         result = _constant(value)
@@ -30,7 +30,7 @@ def _constant(value: f.Value) -> float | None:
             operand = _constant(value.operand)
             return None if operand is None else _elementary(value.function, operand)
         case f.Arithmetic():
-            # the first side that varies ends the search: shared parts are not visited over and over
+            # the right operand is visited only if the left one is constant, to save time on shared parts
             left = _constant(value.left)
             right = None if left is None else _constant(value.right)
             return None if left is None or right is None else _arithmetic(value.operator, left, right)

@@ -1,4 +1,4 @@
-"""What a checked specification declares: plain records, in the units that were declared."""
+"""The declarations of a checked specification as records, in their declared units."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Signal:
         dim: number of components; 1 for a plain signal.
         range: (low, high) in the unit, or None.
         vector: whether a dimension was declared, so that the channel is (n, dim).
-        boolean: whether it is a condition by itself; its samples are 0 and 1.
+        boolean: whether it is declared bool: its samples are 0 and 1, and it is a condition.
     """
 
     name: str
@@ -56,7 +56,7 @@ KernelName = Literal["rbf", "matern32", "matern52"]
 
 @dataclass(frozen=True)
 class KernelChoice:
-    """Prior over the test space: a kernel's name and one length scale an axis, in the params' units."""
+    """Kernel of E ρ over the test space: its name, and one lengthscale for each axis, in the parameters' units."""
 
     name: KernelName
     lengthscales: tuple[float, ...]
@@ -64,13 +64,13 @@ class KernelChoice:
 
 @dataclass(frozen=True)
 class CertifySettings:
-    """One ``certify`` line; what is not given is None. Margins are in the unit of ρ.
+    """One ``certify`` line; a setting that is not given is None. epsilon, B, R and fall are in the unit of ρ.
 
     Args:
         delta: probability that the certificate is wrong, in (0, 1).
-        epsilon: distance from the true worst case at which the search may stop, > 0.
-        B: bound on the norm of ρ in the kernel's space, > 0.
-        R: sub-Gaussian proxy of one rollout's noise, > 0; declared, never fitted.
+        epsilon: width of the interval at which the search stops, > 0.
+        B: bound on the norm of E ρ in the RKHS of the kernel, > 0.
+        R: sub-Gaussian bound on the noise of one rollout, > 0; declared, never fitted.
         kernel: see :class:`KernelChoice`.
         fall: ρ of a rollout that failed.
     """
@@ -83,7 +83,7 @@ class CertifySettings:
     fall: float | None = None
 
     def over(self, general: CertifySettings) -> CertifySettings:
-        """Return these settings, and those of ``general`` for what is not given here."""
+        """Return these settings, completed by those of ``general``."""
         given = {key: value for key, value in vars(self).items() if value is not None}
         return replace(general, **given)
 

@@ -1,4 +1,4 @@
-"""What is wrong with a specification: one record a mistake, one exception for all of them."""
+"""The mistakes of a specification: one record for each, and one exception for all."""
 
 from __future__ import annotations
 
@@ -13,45 +13,45 @@ from s2r_spec.printable import lines, one_line
 CODES = {
     "E01": "the text does not follow the grammar",
     "E02": "a name is not declared",
-    "E03": "two units do not go together",
+    "E03": "two units do not match",
     "E04": "a unit is not known",
-    "E05": "a condition stands where a number is needed, or the other way round",
+    "E05": "a condition is used as a number, or a number as a condition",
     "E06": "a time interval is empty, negative or not a time",
-    "E07": "the short name of an operator is taken by a declaration",
+    "E07": "a declaration takes the short name of an operator",
     "E08": "a name is declared twice",
-    "E09": "a range is missing, or is no range",
-    "E10": "nothing is required",
+    "E09": "a range is missing or empty",
+    "E10": "the specification has no requirement",
     "E11": "operators that do not associate are chained",
     "E12": "a certify setting is unknown or given twice",
-    "E13": "a certify setting is outside what it can be",
-    "E14": "a kernel is unknown, or its length scales do not fit the parameters",
+    "E13": "a certify setting is outside its valid range",
+    "E14": "a kernel is unknown, or its lengthscales do not fit the parameters",
     "E15": "a certify line has no requirement of its own",
-    "E16": "a function is unknown, or takes other arguments",
-    "E17": "a vector stands where a number is needed, or an index is outside it",
-    "E18": "a number is needed that is finite and known before any trace",
+    "E16": "a function is unknown, or has the wrong arguments",
+    "E17": "a vector is used as a number, or an index is out of range",
+    "E18": "a number must be constant and finite",
     "E19": "a formula is nested too deeply",
-    "E20": "a unit with an offset is used like one without",
+    "E20": "a unit with an offset, such as degC, is used like one without",
     "E21": "a file cannot be imported",
-    "E22": "a text is too long",
+    "E22": "the text is too long",
 }
 """Stable codes: a code never changes its meaning."""
 
 MOST_SHOWN = 20
-"""Mistakes that a message draws (budget: about three screens); twice as many make it twice as long."""
+"""Budget: mistakes that a message shows, about three screens; twice as many make it twice as long."""
 LONGEST = 400
-"""Letters of a message (budget: four lines of a terminal); twice as many show more of a very long name."""
+"""Budget: letters of a message, four lines of a terminal; twice as many show more of a very long name."""
 
 
 @dataclass(frozen=True)
 class Diagnostic:
-    """One mistake: what it is, where, which declaration it refers to, and what to do.
+    """One mistake: its message, place, related declaration and remedy.
 
     Args:
         code: a key of :data:`CODES`.
         message: one sentence without a full stop.
-        span: where the mistake stands.
-        declared_at: the declaration that the mistake is about, if there is one.
-        fix: what would be right, as an instruction.
+        span: place of the mistake.
+        declared_at: place of the declaration that the mistake is about, if any.
+        fix: the remedy, as an instruction.
     """
 
     code: str
@@ -61,7 +61,7 @@ class Diagnostic:
     fix: str = ""
 
     def __post_init__(self) -> None:
-        """Cut what repeats very long words of a text."""
+        """Shorten a message that quotes a very long text."""
         for name in ("message", "fix"):
             text = getattr(self, name)
             if len(text) > LONGEST:
@@ -94,12 +94,12 @@ class SpecError(UsageError):
         head = f"{count} mistake{'s' if count > 1 else ''} in {name}"
         shown = list(map(str, self.diagnostics[:MOST_SHOWN]))
         if count > MOST_SHOWN:
-            shown.append(f"and {count - MOST_SHOWN} more; mend these first")
+            shown.append(f"and {count - MOST_SHOWN} more; correct these first")
         super().__init__("\n\n".join((one_line(head), *shown)))
 
     def __str__(self) -> str:
         return lines(Exception.__str__(self))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle by the diagnostics: a worker process may be the one that fails."""
+        """Pickle by the diagnostics, since a worker process may raise the error."""
         return SpecError, (self.diagnostics,)

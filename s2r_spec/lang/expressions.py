@@ -1,4 +1,4 @@
-"""Expressions checked: names looked up, conditions told from numbers, units brought together."""
+"""The check of expressions: it resolves names, separates conditions from numbers, and converts units."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ def value(expression: syntax.Expression, scope: Scope) -> f.Value:
     return checked
 
 
-def condition(expression: syntax.Expression, scope: Scope, whose: str) -> f.Formula:
-    """Check an expression that must be a condition; ``whose`` says what needs it."""
+def condition(expression: syntax.Expression, scope: Scope, operator: str) -> f.Formula:
+    """Check an expression that must be a condition; ``operator`` needs it and is named in the message."""
     checked = check(expression, scope)
     if isinstance(checked, f.Value):
         fail(
             "E05",
-            f"`{_short(expression)}` is a number, but {whose} needs a condition",
+            f"`{_short(expression)}` is a number, but {operator} needs a condition",
             expression.span,
             "compare it with something, such as `x >= 0`",
         )
@@ -45,7 +45,7 @@ def check(expression: syntax.Expression, scope: Scope) -> Checked:
     """Check any expression.
 
     Raises:
-        Mistake: it is wrong; the rest of its statement is not looked at.
+        Mistake: it is wrong; the rest of its statement is not checked.
     """
     span = expression.span
     match expression:
@@ -73,7 +73,7 @@ def check(expression: syntax.Expression, scope: Scope) -> Checked:
             try:
                 return _arithmetic(expression, scope)
             except OverflowError:
-                fail("E03", f"the unit of `{_short(expression)}` is beyond what can be converted", span)
+                fail("E03", f"the unit of `{_short(expression)}` is too large or too small to convert", span)
         case syntax.Comparison():
             return _comparison(expression, scope)
         case syntax.Negation():
@@ -83,8 +83,8 @@ def check(expression: syntax.Expression, scope: Scope) -> Checked:
             operands, rho = margins(_conditions(expression.operands, scope, expression.operator))
             return f.Junction(span=span, unit=rho, operator=expression.operator, operands=operands)
         case syntax.Implication():
-            sides = (expression.left, expression.right)
-            (left, right), rho = margins(_conditions(sides, scope, expression.operator))
+            pair = (expression.left, expression.right)
+            (left, right), rho = margins(_conditions(pair, scope, expression.operator))
             return f.Implication(span=span, unit=rho, operator=expression.operator, left=left, right=right)
         case syntax.Temporal():
             return _temporal(expression, scope)
@@ -120,7 +120,7 @@ def _index(expression: syntax.Index, scope: Scope) -> f.Value:
             "E17",
             f"`{name}` is not a vector signal",
             expression.span,
-            "an index is for `signal u[3]`",
+            "declare a vector as in `signal u[3]`",
             found.span,
         )
     if not index.value.is_integer() or not 0 <= index.value < found.dim:
@@ -128,14 +128,14 @@ def _index(expression: syntax.Index, scope: Scope) -> f.Value:
             "E17",
             f"`{name}` has the components {name}[0] to {name}[{found.dim - 1}]",
             index.span,
-            "components are counted from 0",
+            "components are numbered from 0",
             found.span,
         )
     return f.SignalValue(span=expression.span, unit=found.measure, name=name, index=int(index.value))
 
 
 def _arithmetic(expression: syntax.Arithmetic, scope: Scope) -> f.Value:
-    left, right = each(lambda side: value(side, scope), (expression.left, expression.right))
+    left, right = each(lambda operand: value(operand, scope), (expression.left, expression.right))
     symbol, span = expression.operator.text, expression.span
     operator = cast(f.ArithmeticOp, symbol)
     width = alike(left, right, span)
@@ -147,7 +147,7 @@ def _arithmetic(expression: syntax.Arithmetic, scope: Scope) -> f.Value:
     if symbol == "^":
         exponent = constant(right)
         if exponent is None or not abs(exponent) <= 9 or right.unit not in (None, PLAIN):
-            fail("E18", "an exponent is a constant from -9 to 9 without a unit", right.span)
+            fail("E18", "an exponent must be a constant from -9 to 9, without a unit", right.span)
         unit = None if left.unit is None else left.unit.power(exponent)
     elif left.unit is None and right.unit is None:
         unit = None
@@ -163,14 +163,14 @@ def _comparison(expression: syntax.Comparison, scope: Scope) -> f.Formula:
     parts: list[f.Formula] = []
     for k, word in enumerate(expression.operators):
         left, right = operands[k : k + 2]
-        sides, unit = combine([one(left), one(right)], word.span, "compare")
+        converted, unit = combine([one(left), one(right)], word.span, "compare")
         parts.append(
             f.Comparison(
                 span=_link(expression, k),
                 unit=unit.difference if unit else None,
                 operator=cast(f.CompareOp, word.text),
-                left=sides[0],
-                right=sides[1],
+                left=converted[0],
+                right=converted[1],
             )
         )
     if len(parts) == 1:
@@ -180,7 +180,7 @@ def _comparison(expression: syntax.Comparison, scope: Scope) -> f.Formula:
 
 
 def _link(expression: syntax.Comparison, k: int) -> Span:
-    """Return the place of one link of a chain, with the brackets around its sides."""
+    """Return the place of one comparison of a chain, with the brackets around its operands."""
     words, whole = expression.operators, expression.span
     start = words[k - 1].span.end if k else whole.start
     end = words[k + 1].span.start if k + 1 < len(words) else whole.end
@@ -202,13 +202,13 @@ def _within(written: syntax.Interval | None, span: Span, scope: Scope) -> f.Inte
 
 
 def _until(expression: syntax.Until, scope: Scope) -> f.Formula:
-    # a chain of several is reported by rules/chained_until.py
+    # rules/chained_until.py reports a chain of several
     link, span = expression.links[0], expression.span
-    within, sides = both(
+    within, operands = both(
         lambda: _within(link.interval, span, scope),
         lambda: _conditions((expression.left, link.operand), scope, link.operator),
     )
-    (left, right), rho = margins(sides)
+    (left, right), rho = margins(operands)
     return f.Until(span=span, unit=rho, operator=link.operator, interval=within, left=left, right=right)
 
 

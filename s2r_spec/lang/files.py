@@ -15,7 +15,7 @@ def read_text(path: str | Path) -> str:
     """Return the text of a specification's file (UTF-8).
 
     Raises:
-        UsageError: the file cannot be read, is not text, is too long, or is a mesh (``.stl`` means that, too).
+        UsageError: the file cannot be read, is not text, is too long, or is a 3-D mesh, which has the same ending.
     """
     try:
         data, size = _beginning(Path(path))
@@ -24,11 +24,11 @@ def read_text(path: str | Path) -> str:
         raise UsageError(f"cannot read the specification {path}: {reason}") from None
     if _is_mesh(data, size):
         raise UsageError(
-            f"{path} is a 3-D mesh; s2r reads signal temporal logic, which has the same ending, .stl, "
-            f"and is text like `require slow: always (v <= 1 {{m/s}})`"
+            f"{path} is a 3-D mesh. A specification has the same ending, .stl, but is text such as "
+            f"`require slow: always (v <= 1 {{m/s}})`"
         )
     if len(data) > LONGEST:
-        raise UsageError(f"{path} is longer than {LONGEST:,} bytes; this is no specification")
+        raise UsageError(f"{path} is longer than {LONGEST:,} bytes, the limit of a specification")
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -38,7 +38,7 @@ def read_text(path: str | Path) -> str:
 
 
 def _beginning(path: Path) -> tuple[bytes, int]:
-    """Return what a file holds, of a longer one than :data:`LONGEST` the beginning; and its size [bytes].
+    """Return the first :data:`LONGEST` + 1 bytes of a file, and its size [bytes].
 
     Raises:
         OSError: it cannot be read.
@@ -52,7 +52,7 @@ def _beginning(path: Path) -> tuple[bytes, int]:
 
 
 def _is_mesh(data: bytes, size: int) -> bool:
-    """Tell a mesh: binary ones give their size, ASCII ones list facets."""
+    """Return whether a file is a mesh: a binary one states its size, an ASCII one lists facets."""
     binary = len(data) >= 84 and size == 84 + 50 * int.from_bytes(data[80:84], "little")
     head = data[:1000].lower()
     return binary or (head.lstrip().startswith(b"solid") and (b"facet" in head or b"endsolid" in head))

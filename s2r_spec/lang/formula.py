@@ -1,9 +1,8 @@
-"""The checked form of a specification: names resolved, units settled, times in seconds.
+"""The checked form of a specification: names are resolved, units are known, times are in seconds.
 
-A :class:`Value` is a number at each instant, a :class:`Formula` a condition,
-whose robustness is a number at each instant. Every number is in the unit of
-its node; where two units of one dimension meet, a :class:`Convert` or a
-:class:`Rescale` stands between them.
+A :class:`Value` is a number at each instant. A :class:`Formula` is a condition; its robustness is a number at
+each instant. Every number is in the unit of its node. Between two nodes with different units of one dimension
+there is a :class:`Convert` or a :class:`Rescale`.
 """
 
 from __future__ import annotations
@@ -21,12 +20,12 @@ CompareOp = Literal["<", "<=", ">", ">=", "==", "!="]
 ArithmeticOp = Literal["+", "-", "*", "/", "^"]
 
 MIXED = Unit("mixed", (("mixed", 1.0),))
-"""Unit of a robustness that is the least of margins in units that do not go together."""
+"""Unit of a robustness that combines margins of different dimensions."""
 
 
 @dataclass(frozen=True)
 class ParamTime:
-    """A time that a parameter gives: factor · value [s]."""
+    """A time bound that is a parameter: factor · value [s]."""
 
     name: str
     factor: float
@@ -37,11 +36,11 @@ class Interval:
     """A time interval relative to an instant, in seconds; ``high`` may be inf.
 
     Args:
-        low: 0 ≤ low ≤ high; the least of a parameter's range.
-        high: at least ``low``; the greatest of a parameter's range.
+        low: 0 ≤ low ≤ high [s]; for a parameter, the least value of its range.
+        high: [s], at least ``low``; for a parameter, the greatest value of its range.
         low_closed: whether ``low`` itself belongs to it.
         high_closed: whether ``high`` itself belongs to it.
-        span: where it is written, or where the operator is if it has none.
+        span: its place in the text, or that of its operator if it is not written.
         low_param: the parameter that ``low`` is, until a trace is evaluated with its value.
         high_param: the parameter that ``high`` is.
     """
@@ -62,14 +61,14 @@ class Interval:
 
 @dataclass(frozen=True, kw_only=True)
 class Node:
-    """Anything with a place in the text."""
+    """A node with its place in the text."""
 
     span: Span
 
 
 @dataclass(frozen=True, kw_only=True)
 class Value(Node):
-    """A number at each instant, or ``width`` of them; without a unit it takes that of its neighbour."""
+    """A vector of ``width`` numbers at each instant; with unit None it takes the unit of its neighbour."""
 
     unit: Unit | None
     width: int = 1
@@ -147,12 +146,11 @@ class Initial(Value):
 
 @dataclass(frozen=True, kw_only=True)
 class Overshoot(Value):
-    """(signal − reference) · dir, by how much the signal is beyond its reference.
+    """(signal − reference) · dir: the distance of the signal beyond its reference.
 
-    dir is +1 if reference ≥ origin at the trace's first sample, else −1; it is
-    never 0. Without an origin the motion starts from 0: dir is then the sign of
-    the command, which is the paper's "in the event the desired velocity is
-    negative, overshoot is calculated in the opposite direction".
+    dir is +1 if reference ≥ origin at the trace's first sample, else −1; it is never 0. Without an origin the
+    motion starts from 0, and dir is the sign of the command. The paper says: "in the event the desired velocity
+    is negative, overshoot is calculated in the opposite direction".
     """
 
     signal: Value
@@ -162,7 +160,7 @@ class Overshoot(Value):
 
 @dataclass(frozen=True, kw_only=True)
 class Delayed(Value):
-    """The operand ``seconds`` ago: its last sample at or before then, its first one before the trace."""
+    """The operand ``seconds`` ago: its last sample at or before that time, or else its first sample."""
 
     operand: Value
     seconds: float
@@ -170,16 +168,16 @@ class Delayed(Value):
 
 @dataclass(frozen=True, kw_only=True)
 class Derivative(Value):
-    """Difference to the sample before, over the time between them; at the first sample as at the second."""
+    """Backward difference quotient; the first sample has the value of the second."""
 
     operand: Value
 
 
 @dataclass(frozen=True, kw_only=True)
 class Accumulated(Value):
-    """Integral over the last ``seconds``, or mean over them, of straight lines between samples.
+    """Integral or mean over the last ``seconds``, with straight lines between samples.
 
-    Without ``seconds`` (inf) from the first sample on; never from before it.
+    It begins at the first sample at the earliest; ``seconds`` = inf means from the first sample on.
     """
 
     function: Literal["integral", "mean"]
@@ -189,14 +187,14 @@ class Accumulated(Value):
 
 @dataclass(frozen=True, kw_only=True)
 class Duration(Value):
-    """For how long the operand has held at every sample, up to now [s]; 0 where it does not hold."""
+    """Time for which the operand has held without a break, up to now [s]; 0 where it does not hold."""
 
     operand: Formula
 
 
 @dataclass(frozen=True, kw_only=True)
 class Count(Value):
-    """At how many samples of the last ``seconds`` (inf: of all so far) the operand held."""
+    """Number of samples in the last ``seconds`` at which the operand held; inf means all samples so far."""
 
     operand: Formula
     seconds: float
@@ -275,7 +273,7 @@ class Rescale(Formula):
 
 @dataclass(frozen=True, kw_only=True)
 class Temporal(Formula):
-    """always, eventually and their mirror images in the past."""
+    """always, eventually, and their counterparts in the past, historically and once."""
 
     operator: TemporalOp
     interval: Interval
@@ -310,7 +308,7 @@ class Edge(Formula):
 
 @dataclass(frozen=True, kw_only=True)
 class Named(Formula):
-    """A use of a named sub-formula; all uses share one operand."""
+    """A use of a named sub-formula; all uses share the same operand."""
 
     name: str
     operand: Formula
@@ -323,17 +321,17 @@ def _names(kind: Any) -> tuple[str, ...]:
 
 def children(node: Node) -> Iterator[Node]:
     """Yield the nodes directly below, left to right."""
-    kind: Any = type(node)  # mypy takes the class of a dataclass for unhashable
+    kind: Any = type(node)  # mypy believes that the class of a dataclass is unhashable
     for name in _names(kind):
-        held = getattr(node, name)
-        if isinstance(held, Node):
-            yield held
-        elif isinstance(held, tuple):
-            yield from held
+        part = getattr(node, name)
+        if isinstance(part, Node):
+            yield part
+        elif isinstance(part, tuple):
+            yield from part
 
 
 def walk(node: Node) -> Iterator[Node]:
-    """Yield the node and all below it, each shared one once."""
+    """Yield the node and all nodes below it; a shared node is yielded once."""
     seen: set[int] = set()
     stack = [node]
     while stack:

@@ -1,4 +1,4 @@
-"""The built-in functions: how many arguments of which kind, and the unit of the result."""
+"""The built-in functions: number and kind of their arguments, and the unit of the result."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Argument = tuple[syntax.Expression, f.Value | f.Formula]
 
 
 def call(expression: syntax.Call, arguments: Sequence[Argument]) -> f.Value | f.Formula:
-    """Check a call whose arguments are checked already."""
+    """Check a call; its arguments were checked before."""
     name = expression.function.text
     if name not in FUNCTIONS:
         guess = suggestion(name, FUNCTIONS)
@@ -27,7 +27,7 @@ def call(expression: syntax.Call, arguments: Sequence[Argument]) -> f.Value | f.
             "E16",
             f"there is no function `{name}`",
             expression.function.span,
-            guess or f"there are {', '.join(sorted(FUNCTIONS))}",
+            guess or f"the functions are {', '.join(sorted(FUNCTIONS))}",
         )
     make, fewest, most, usage = FUNCTIONS[name]
     if not fewest <= len(arguments) <= most:
@@ -40,7 +40,7 @@ def _numbers(name: str, arguments: Sequence[Argument]) -> list[f.Value]:
     values = []
     for written, argument in arguments:
         if isinstance(argument, f.Formula):
-            _wrong_kind(written, f"`{name}` needs a number, and `{written.span.text}` is a condition")
+            _wrong_kind(written, f"`{name}` needs a number, but `{written.span.text}` is a condition")
         values.append(argument)
     return values
 
@@ -132,8 +132,8 @@ def _count(name: str, span: Span, arguments: Sequence[Argument]) -> f.Value:
 
 def _if(name: str, span: Span, arguments: Sequence[Argument]) -> f.Value:
     condition = _condition(name, arguments[0])
-    sides, unit = combine(_numbers(name, arguments[1:]), span, "choose between")
-    left, right = sides
+    operands, unit = combine(_numbers(name, arguments[1:]), span, "choose between")
+    left, right = operands
     width = alike(left, right, span)
     return f.Choice(span=span, unit=unit, width=width, condition=condition, left=left, right=right)
 
@@ -141,12 +141,12 @@ def _if(name: str, span: Span, arguments: Sequence[Argument]) -> f.Value:
 def _condition(name: str, argument: Argument) -> f.Formula:
     written, operand = argument
     if isinstance(operand, f.Value):
-        _wrong_kind(written, f"`{name}` needs a condition, and `{written.span.text}` is a number")
+        _wrong_kind(written, f"`{name}` needs a condition, but `{written.span.text}` is a number")
     return operand
 
 
 def _seconds(name: str, arguments: Sequence[Argument]) -> float:
-    """Return the time that the last argument is [s]; inf if it is not there."""
+    """Return the time that the last argument gives [s]; inf without it."""
     if not arguments:
         return math.inf
     ((written, _),) = arguments
@@ -154,10 +154,12 @@ def _seconds(name: str, arguments: Sequence[Argument]) -> float:
     unit, number = checked.unit or SECOND, constant(checked)
     if number is None or not math.isfinite(number) or number < 0:
         fail(
-            "E18", f"`{name}` looks back for a constant time, and `{written.span.text}` is none", written.span
+            "E18",
+            f"the time of `{name}` must be a constant from 0 on, but `{written.span.text}` is not",
+            written.span,
         )
     if not unit.fits(SECOND):
-        fail("E06", f"`{name}` looks back for a time, and `{written.span.text}` is in {unit}", written.span)
+        fail("E06", f"`{name}` needs a time, but `{written.span.text}` is in {unit}", written.span)
     return number * unit.factor
 
 
@@ -182,4 +184,4 @@ FUNCTIONS: dict[str, tuple[_Make, int, int, str]] = {
     "count": (_count, 1, 2, "count(rise(x >= 1))` or `count(rise(x >= 1), 1 {s})"),
     "if": (_if, 3, 3, "if(x >= 1, x, y)"),
 }
-"""Name → how it is checked, fewest and most arguments, and how it is written."""
+"""Name → its check, the fewest and the most arguments, and its syntax."""

@@ -18,11 +18,11 @@ FUNCTIONS = (
 
 
 class StlLexer(RegexLexer):
-    """Signal temporal logic as s2r writes it."""
+    """Signal temporal logic in the syntax of s2r."""
 
     name = "s2r signal temporal logic"
     aliases: ClassVar[list[str]] = ["s2r-stl"]
-    filenames: ClassVar[list[str]] = []  # .stl is a mesh format for others
+    filenames: ClassVar[list[str]] = []  # .stl is also the ending of mesh files
     url = "https://github.com/s2r"
 
     tokens: ClassVar[dict[str, list[tuple[object, ...]]]] = {

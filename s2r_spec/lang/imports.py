@@ -1,4 +1,4 @@
-"""A file and all that it imports, as one: declarations of an imported file come first."""
+"""A file merged with all files that it imports: declarations of an imported file come first."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from s2r_spec.lang.parsing import Parsed, parse
 from s2r_spec.lang.source import Source
 
 DEEPEST = 50
-"""Budget: files that import one another in a chain; each takes a part of Python's stack, which ends after 300."""
+"""Budget: longest chain of files that import one another; Python's stack ends after about 300."""
 
 
 def gather(source: Source, stored: Mapping[str, str] | None = None) -> tuple[Parsed, tuple[Source, ...]]:
-    """Return what a source and its imports contain, and the sources that it imports, each once.
+    """Return the statements of a source and of its imports, and the imported sources, each once.
 
-    A file is looked for beside the one that imports it.
+    A path is relative to the file that imports it.
 
     Args:
         source: of the specification.
-        stored: name → text of all that it imports; no file is read then.
+        stored: name → text of all files that it imports; None to read them from disk.
     """
     gathering = _Gathering(stored)
     parsed = gathering.gather(source, (normpath(source.name),))
@@ -32,7 +32,7 @@ def gather(source: Source, stored: Mapping[str, str] | None = None) -> tuple[Par
 
 
 def declared_outside(source: Source) -> frozenset[str]:
-    """Return the names that imported files declare: one of them that is a letter is no operator here."""
+    """Return the names that imported files declare: they are no short names of operators here."""
     _, files = gather(source)
     return frozenset(name for file in files for name in _declared([parse(file)]))
 
@@ -47,7 +47,7 @@ class _Gathering:
         mistakes: list[Diagnostic] = []
         own = parse(source)
         for line in own.imports:
-            # "parts/../a.stl" is "a.stl", or a file that imports itself would never be found out
+            # "parts/../a.stl" is "a.stl"; otherwise a file could import itself unnoticed
             name = normpath(join(dirname(source.name), line.path.text))
             if name in chain:
                 mistakes.append(Diagnostic("E21", f"`{name}` imports itself", line.path.span))
@@ -64,7 +64,7 @@ class _Gathering:
                 self.files[name] = replace(found, source=Source.of(text, name))
                 parts.append(found)
         if own.imports:
-            # now that it is known what they declare: a declared letter is no operator
+            # parsed again with the imported names: a declared letter is no operator
             own = parse(source, frozenset(_declared(self.files.values())))
         parts.append(replace(own, diagnostics=(*own.diagnostics, *mistakes)))
         return Parsed(

@@ -1,4 +1,4 @@
-"""Time intervals checked: seconds, in order, known before any trace."""
+"""The check of time intervals: constant or parametric ends, in order, converted to seconds."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def EVER(span: Span) -> f.Interval:  # noqa: N802  (a constant but for its place
 
 @dataclass(frozen=True)
 class _End:
-    """One end: the least and the greatest time it can be [s], and the parameter that says which."""
+    """One end: its least and greatest time [s], and the parameter that sets it, if any."""
 
     least: float
     greatest: float
@@ -39,8 +39,8 @@ def interval(
     start, end = _end(written.low, scope, value), _end(written.high, scope, value)
     low, high = start.least, end.greatest
     if low < 0 or end.least < 0:
-        past = "for the past there are `historically`, `once` and `since`"
-        fail("E06", f"the interval begins at {low:g} s, before now", written.low.span, past)
+        past = "use `historically`, `once` or `since` for the past"
+        fail("E06", f"the interval begins at {low:g} s, in the past", written.low.span, past)
     if high < low:
         fail(
             "E06",
@@ -50,11 +50,11 @@ def interval(
     if high == low and not (written.low_closed and written.high_closed):
         fail(
             "E06",
-            f"the interval is empty: it leaves {low:g} s, its only instant, out",
+            f"the interval is empty: it excludes {low:g} s, its only instant",
             written.span,
             "write `[a, a]`",
         )
-    # "inf]" is what other tools write; no instant is at infinity
+    # other tools write "inf]"; no instant is at infinity
     high_closed = written.high_closed and not math.isinf(high)
     return f.Interval(low, high, written.low_closed, high_closed, written.span, start.param, end.param)
 
@@ -66,8 +66,10 @@ def _end(bound: syntax.Bound, scope: Scope, value: Callable[[syntax.Expression, 
     if not isinstance(checked, f.ParamValue):
         number = constant(checked)
         if number is None:
-            what = f"a time bound is a constant or a parameter, and `{bound.value.span.text}` is neither"
-            fail("E18", what, bound.value.span)
+            message = (
+                f"a time bound must be a constant or a parameter, but `{bound.value.span.text}` is neither"
+            )
+            fail("E18", message, bound.value.span)
         if not math.isfinite(number):
             fail("E18", f"`{bound.value.span.text}` is not a finite number", bound.value.span)
         seconds = _seconds(bound, checked, number)
@@ -76,7 +78,7 @@ def _end(bound: syntax.Bound, scope: Scope, value: Callable[[syntax.Expression, 
     assert isinstance(param, Param)
     ends = param.range or (param.default, param.default)
     if ends[0] is None or ends[1] is None:
-        raise Mistake  # without a range and a default: reported already
+        raise Mistake  # neither range nor default: reported before
     return _End(
         _seconds(bound, checked, ends[0]),
         _seconds(bound, checked, ends[1]),
@@ -97,11 +99,15 @@ def _seconds(bound: syntax.Bound, checked: f.Value, number: float) -> float:
             )
         if checked.unit not in (None, PLAIN):
             fail("E06", f"the bound has two units, {checked.unit} and {bound.unit.text}", bound.span)
-        # 100 ms is 100/1000, the closest number to a tenth; 100·0.001 is not always
+        # 100/1000 is the closest number to a tenth, and 100·0.001 need not be
         small = _PER_SECOND.get(bound.unit.text)
         return number / small if small else number * _TIMES[bound.unit.text]
     if isinstance(checked, f.ParamValue) and unit == PLAIN:
         return number
     if not unit.fits(SECOND):
-        fail("E06", f"a time bound is a time, and `{bound.value.span.text}` is in {unit}", bound.value.span)
+        fail(
+            "E06",
+            f"a time bound must be a time, but `{bound.value.span.text}` is in {unit}",
+            bound.value.span,
+        )
     return number * unit.factor if unit.factor != 1.0 else number

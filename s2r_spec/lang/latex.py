@@ -1,4 +1,4 @@
-"""Specifications as formulas on paper."""
+"""Specifications as LaTeX formulas."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _COMPARE = {"<=": r"\leq", ">=": r"\geq", "==": "=", "!=": r"\neq", "<": "<", ">
 _LOGIC = {"and": r"\wedge", "or": r"\vee", "->": r"\rightarrow", "<->": r"\leftrightarrow"}
 _OUTER = {"abs": (r"\lvert ", r" \rvert"), "norm": (r"\lVert ", r" \rVert"), "sqrt": (r"\sqrt{", "}")}
 
-# How tightly a node binds; what binds less than its place needs stands in brackets.
+# Precedence of a node; a node of lower precedence than its place needs is put in brackets.
 _LEVEL: dict[type, int] = {
     syntax.Implication: 1, syntax.Junction: 2, syntax.Until: 3, syntax.Negation: 4, syntax.Temporal: 4,
     syntax.Step: 4, syntax.Comparison: 5, syntax.Minus: 7,

@@ -1,10 +1,8 @@
-"""Text to tokens, and tokens to statements.
+"""From text to tokens, and from tokens to statements.
 
-Two things are settled here rather than in the grammar. Short and foreign
-operator names (``G``, ``alw``, ``U`` …, as other tools write them) are
-operators only while no declaration takes the name. And the text is cut at the
-keywords that begin a statement, so that each is parsed by itself and a
-mistake in one hides no other.
+Two rules are applied here and not in the grammar. Short and foreign operator names (``G``, ``alw``, ``U`` …, as
+other tools write them) are operators only if no declaration uses the name. And the text is cut at the keywords
+that begin a statement, so each statement is parsed by itself and a mistake in one does not hide another.
 """
 
 from __future__ import annotations
@@ -33,10 +31,10 @@ _UNTIL = {"U": "until", "S": "since", "R": "release", "W": "unless"}
 _STEP = {"X": "next", "Y": "prev"}
 _TABLES = {"TEMPORAL": _TEMPORAL, "UNTIL": _UNTIL, "STEP": _STEP, "IFF": {"iff": "<->"}}
 MOST_TOKENS = 50_000
-"""Words, numbers and signs of a file, with the spaces between them (budget): reading takes time in proportion,
-and a specification that was ever seen has a few thousand."""
+"""Budget: words, numbers, signs and spaces of a file. Reading takes time in proportion, and large specifications
+have a few thousand."""
 ALIASES = {name: (kind, word) for kind, table in _TABLES.items() for name, word in table.items()}
-"""Other names of operators → (terminal, the name that this language writes)."""
+"""Other name of an operator → (terminal, its name in this language)."""
 
 
 @cache
@@ -52,8 +50,8 @@ class Lexed:
 
     Args:
         statements: each begins with a keyword, except the first if the text does not.
-        stray: single characters that are no part of the language.
-        beyond: the token after the last that is read, if the source is too long.
+        stray: single characters that the language does not have.
+        beyond: the first token that is not read, if the source is too long.
     """
 
     statements: tuple[tuple[Token, ...], ...]
@@ -62,7 +60,7 @@ class Lexed:
 
 
 def span_of(source: Source, first: Token, last: Token | None = None) -> Span:
-    """Return where a token stands, or all from one to another."""
+    """Return the span of a token, or of all tokens from ``first`` to ``last``."""
     last = last or first
     assert first.start_pos is not None
     assert last.end_pos is not None

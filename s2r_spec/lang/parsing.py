@@ -1,4 +1,4 @@
-"""Tokens to syntax trees; what does not parse becomes a diagnostic and a broken statement."""
+"""From tokens to syntax trees; a statement that does not parse becomes a diagnostic and a broken statement."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from s2r_spec.lang.source import Source
 from s2r_spec.lang.unexpected import explain, stray_character
 
 DEEPEST = 100
-"""Nesting that is accepted; beyond it a formula is refused rather than the interpreter's stack risked."""
+"""Budget: levels of nesting; deeper formulas are refused, since they might exhaust the interpreter's stack."""
 
 
 @dataclass(frozen=True)
 class Parsed:
-    """A file after parsing: its statements, those that did not parse, and why."""
+    """A parsed file: its statements, the statements that did not parse, and their mistakes."""
 
     source: Source
     statements: tuple[syntax.Statement, ...]
@@ -35,7 +35,7 @@ def parse(source: Source, declared: Set[str] = frozenset()) -> Parsed:
 
     Args:
         source: the text.
-        declared: names that imported files declare, and that are no operators here either.
+        declared: names that imported files declare; they are no operators here.
     """
     lexed = lex(source, declared)
     if lexed.beyond is not None:
@@ -56,7 +56,7 @@ def parse(source: Source, declared: Set[str] = frozenset()) -> Parsed:
             name = str(tokens[1]) if len(tokens) > 1 and tokens[1].type == "NAME" else ""
             broken.append(syntax.Broken(span=span, keyword=str(tokens[0]), name=name))
             if not any(span.start <= found.span.start <= result.span.start for found in strays):
-                # else it is the stray character, reported already, that breaks the statement
+                # otherwise a stray character, reported before, breaks the statement
                 diagnostics.append(result)
         elif isinstance(result, syntax.Import):
             imports.append(result)
@@ -80,13 +80,13 @@ def _statement(source: Source, tokens: tuple[Token, ...]) -> syntax.Statement | 
             "E19",
             f"this statement is nested {depth} levels deep; {DEEPEST} are allowed",
             span_of(source, tokens[0]).to(span_of(source, tokens[-1])),
-            fix="name parts of it with `let`",
+            fix="define parts of it with `let`",
         )
     return build(source, tree)
 
 
 def _allowed_after(tokens: tuple[Token, ...]) -> set[str]:
-    """Return the terminals that can follow; a failed parser has already reduced too far to say."""
+    """Return the terminals that can follow; a new parser finds them, since the failed one has reduced too far."""
     parser = grammar().parse_interactive()
     for token in tokens:
         parser.feed_token(token)

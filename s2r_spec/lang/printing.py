@@ -1,9 +1,8 @@
-"""Specifications written one way: the formatter.
+"""The formatter of specifications.
 
-It works on tokens, so that nothing is lost: comments and brackets stay, other
-names of operators become this language's, a statement is one line if it fits.
-Declared names stand in one column, and within a block of consecutive lines so
-do definitions and comments. Formatting what is formatted changes nothing.
+It works on tokens, so comments and brackets stay. Other names of operators become this language's. A statement is
+one line if it fits. Declared names are aligned, and so are definitions and comments in a block of consecutive
+lines. Formatting a formatted text changes nothing.
 """
 
 from __future__ import annotations
@@ -29,14 +28,14 @@ _LOOSEST = ("IFF", "IMPLIES", "OR", "AND", "UNTIL")
 
 
 def format_text(text: str, name: str = "<string>") -> str:
-    """Return a specification in the one way of writing it; its meaning is the same.
+    """Return a specification in the standard layout, with the same meaning.
 
     Args:
         text: the specification.
-        name: what it goes by; files that it imports are looked for beside this path.
+        name: its path; imported files are relative to it.
 
     Raises:
-        SpecError: the text does not parse. Mistakes that only a check finds do not matter.
+        SpecError: the text does not parse. Mistakes that only the check finds are not reported.
     """
     source = Source.of(text, name)
     outside = declared_outside(source)
@@ -53,11 +52,11 @@ class _Line:
     """A line of the result before it is aligned.
 
     Args:
-        head: text up to the column that a block shares; "" if there is none.
-        body: the rest of it.
-        comment: at the end of the line.
-        column: where the comment was.
-        kind: keyword of the statement; lines of one kind in a row are a block.
+        head: text before the column that a block aligns; "" without one.
+        body: the rest of the line.
+        comment: the comment at the end of the line.
+        column: column of the comment before formatting, from 0.
+        kind: keyword of the statement; consecutive lines of one kind form a block.
         blank: whether an empty line comes before.
     """
 
@@ -85,7 +84,7 @@ def _lines(source: Source, outside: Set[str], intervals: set[int]) -> Iterator[_
     """Yield every statement and every comment that stands alone, in order."""
     items = [_canonical(tokens) for tokens in lex(source, outside).statements]
     remarks = comments(source)
-    last = 0  # line of the end of what was yielded
+    last = 0  # last line of the text that was yielded
     for number, tokens in enumerate(items):
         start, end = _place(tokens[0])[0], _place(tokens[-1])[1]
         following = items[number + 1] if number + 1 < len(items) else None
@@ -97,7 +96,7 @@ def _lines(source: Source, outside: Set[str], intervals: set[int]) -> Iterator[_
         while remarks and _start(remarks[0]) < _start(tokens[-1]):
             inner.append(remarks.pop(0))
         line = _Line(kind=tokens[0].type, blank=start > last + 1 and last > 0)
-        # a comment after two statements of one line belongs to the second
+        # a comment after two statements on one line belongs to the second
         if remarks and _place(remarks[0])[0] == end and not (following and _place(following[0])[0] == end):
             remark = remarks.pop(0)
             line.comment, line.column = _comment(remark), _column(remark)
@@ -109,7 +108,7 @@ def _lines(source: Source, outside: Set[str], intervals: set[int]) -> Iterator[_
 
 
 def _canonical(tokens: Sequence[Token]) -> list[Token]:
-    """Return tokens of which each is written as this language writes it."""
+    """Return the tokens in the spelling of this language."""
     depth, written = 0, []
     for index, token in enumerate(tokens):
         depth += (token.type in ("LPAR", "LSQB")) - (token.type in ("RPAR", "RSQB"))
@@ -130,7 +129,7 @@ def _start(token: Token) -> int:
 
 
 def _column(token: Token) -> int:
-    """Return the column of a comment, counted from 0; one far to the right is of no use."""
+    """Return the column of a comment, from 0; 0 if it is beyond the line's width."""
     column = (token.column or 1) - 1
     return column if column <= WIDTH else 0
 
@@ -168,7 +167,7 @@ def _statement(tokens: Sequence[Token], line: _Line, intervals: set[int]) -> Ite
 
 
 def _cut(tokens: Sequence[Token]) -> int:
-    """Return how many tokens make the head: up to the colon, or what is declared."""
+    """Return the number of tokens in the head: up to the colon, or up to the declared name."""
     types = [token.type for token in tokens]
     if types[0] in ("LET", "CONST"):
         return next(i for i, kind in enumerate(types) if kind in ("ASSIGN", "EQ"))
@@ -202,7 +201,7 @@ def _broken(tokens: Sequence[Token]) -> Iterator[list[Token]]:
 def _kept(
     tokens: Sequence[Token], inner: Sequence[Token], line: _Line, intervals: set[int]
 ) -> Iterator[_Line]:
-    """Yield a statement with comments between its parts on the lines that it has."""
+    """Yield a statement with comments between its parts, on its original lines."""
     everything = sorted([*tokens, *inner], key=_start)
     for number, group in groupby(everything, key=lambda token: _place(token)[0]):
         parts = list(group)
@@ -261,7 +260,7 @@ def _aligned(lines: list[_Line]) -> Iterator[str]:
 
 
 def _blocks(lines: list[_Line]) -> Iterator[list[_Line]]:
-    """Cut at empty lines and at comments that stand alone."""
+    """Yield the blocks of lines, which end at empty lines and at comments on their own line."""
     block: list[_Line] = []
     for line in lines:
         alone = not (line.head or line.body)

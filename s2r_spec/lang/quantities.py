@@ -1,4 +1,4 @@
-"""Numbers of a declaration or a setting: constant, finite, in the unit that was declared."""
+"""Numbers of a declaration or a setting: constant, finite, and in the declared unit."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from s2r_spec.lang.unify import convert, one
 from s2r_spec.lang.units import Unit
 
 
-def quantity(written: syntax.Expression, scope: Scope, unit: Unit | None, what: str) -> float:
-    """Return a constant in ``unit``; a bare number is in it already.
+def quantity(written: syntax.Expression, scope: Scope, unit: Unit | None, quantity_name: str) -> float:
+    """Return a constant in ``unit``; a number without a unit is taken to be in it.
 
     Args:
         written: the expression.
-        scope: what is declared above it.
-        unit: the unit that is wanted; None if a bare number is.
-        what: what the number is, for the message ("the range of `vd`").
+        scope: the declarations above it.
+        unit: the unit of the result; None for a number without a unit.
+        quantity_name: name of the quantity for the message ("the range of `vd`").
 
     Raises:
         Mistake: it is not constant, not finite, or in a unit that does not fit.
@@ -27,10 +27,10 @@ def quantity(written: syntax.Expression, scope: Scope, unit: Unit | None, what: 
     checked = one(value(written, scope))
     if checked.unit is not None and (unit is None or not checked.unit.fits(unit)):
         wanted = "without a unit" if unit is None else f"in {unit}"
-        fail("E03", f"{what} is {wanted}, not in {checked.unit}", written.span)
+        fail("E03", f"{quantity_name} must be {wanted}, not in {checked.unit}", written.span)
     number = constant(checked if unit is None else convert(checked, unit))
     if number is None:
-        fail("E18", f"{what} is a constant, and `{written.span.text}` is not", written.span)
+        fail("E18", f"{quantity_name} must be a constant, but `{written.span.text}` is not", written.span)
     if not math.isfinite(number):
         fail("E18", f"`{written.span.text}` is not a finite number", written.span)
     return number

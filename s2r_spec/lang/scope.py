@@ -1,4 +1,4 @@
-"""What is declared so far while a specification is checked, and the mistakes found."""
+"""The declarations so far while a specification is checked, and the reporting of mistakes."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ R = TypeVar("R")
 
 
 class Mistake(Exception):  # noqa: N818  (control flow within this package, never seen outside)
-    """Ends the check of one statement; the check of the file goes on."""
+    """Ends the check of one statement; the check of the file continues."""
 
     def __init__(self, *diagnostics: Diagnostic) -> None:
         super().__init__(*diagnostics)
@@ -45,14 +45,14 @@ def each(check: Callable[[T], R], items: Iterable[T]) -> list[R]:
 
 
 def both(first: Callable[[], R], second: Callable[[], T]) -> tuple[R, T]:
-    """Run two checks of different kinds as :func:`each` does."""
+    """Run two checks with results of different types, as :func:`each` does."""
     results: list[R | T] = each(lambda check: check(), cast(list[Callable[[], R | T]], [first, second]))
     return cast(tuple[R, T], tuple(results))
 
 
 @dataclass(frozen=True)
 class Definition:
-    """What a ``const``, ``let`` or ``require`` stands for."""
+    """The meaning of a name that ``const``, ``let`` or ``require`` defines."""
 
     body: Value | Formula
     span: Span
@@ -67,8 +67,8 @@ class Scope:
 
     Args:
         declared: name → declaration.
-        poisoned: names whose own declaration is wrong: their uses are not reported again.
-        later: name → place, for every declaration of the file, to say "move it up".
+        poisoned: names whose own declaration is wrong; their uses are not reported again.
+        later: name → place of every declaration of the file, for the advice to move it up.
     """
 
     declared: dict[str, Declaration] = field(default_factory=dict)
@@ -76,7 +76,7 @@ class Scope:
     later: dict[str, Span] = field(default_factory=dict)
 
     def find(self, name: str, span: Span) -> Declaration:
-        """Return what ``name`` stands for, or fail at ``span``."""
+        """Return the declaration of ``name``, or fail at ``span``."""
         if name in self.declared:
             return self.declared[name]
         if name in self.poisoned:
@@ -90,12 +90,12 @@ class Scope:
                 self.later[name],
             )
         listed = ", ".join(f"`{known}`" for known in list(self.declared)[:8]) or "nothing"
-        fix = suggestion(name, self.declared) or f"declare it; what is declared above is {listed}"
+        fix = suggestion(name, self.declared) or f"declare it; declared above: {listed}"
         fail("E02", f"`{name}` is not declared", span, fix)
 
 
 def unit_of(word: syntax.Word | None) -> Unit:
-    """Return the unit that stands in braces; none is the plain unit."""
+    """Return the unit in braces; the plain unit without one."""
     if word is None:
         return PLAIN
     try:
@@ -103,6 +103,4 @@ def unit_of(word: syntax.Word | None) -> Unit:
     except UnknownUnitError as error:
         part = str(error)
         message = f"`{part}` is not a unit" if part else "a unit is missing"
-        fail(
-            "E04", message, word.span, "units are written like {m/s}, {deg}, {N*m} or {1/s^2}; {} is no unit"
-        )
+        fail("E04", message, word.span, "write a unit like {m/s}, {deg}, {N*m} or {1/s^2}; {} means no unit")

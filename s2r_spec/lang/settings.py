@@ -1,4 +1,4 @@
-"""``certify`` lines checked: keys, what their values can be, and the kernel's length scales."""
+"""The check of ``certify`` lines: keys, ranges of values, and the kernel's lengthscales."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _KEYS = ("delta", "epsilon", "B", "R", "kernel", "fall")
 
 
 def certify_settings(written: syntax.Certify, requirement: f.Formula | None, scope: Scope) -> CertifySettings:
-    """Check one line; without its requirement the units of margins are not checked.
+    """Check one line; without its requirement the units of epsilon, B, R and fall are not checked.
 
     Raises:
         Mistake: with every mistake of the line.
@@ -35,7 +35,7 @@ def certify_settings(written: syntax.Certify, requirement: f.Formula | None, sco
         if key not in _KEYS:
             guess = suggestion(key, _KEYS)
             message = f"`{key}` is not a setting of `certify`"
-            fail("E12", message, setting.key.span, guess or f"there are {', '.join(_KEYS)}")
+            fail("E12", message, setting.key.span, guess or f"the settings are {', '.join(_KEYS)}")
         if key in first:
             fail("E12", f"`{key}` is given twice", setting.key.span, declared_at=first[key].span)
         first[key] = setting.key
@@ -66,30 +66,32 @@ def _number(setting: syntax.Setting, requirement: f.Formula | None, scope: Scope
     if key in ("B", "R", "epsilon") and number <= 0:
         fail("E13", f"`{key}` must be positive, not {number:g}", span)
     if key == "fall" and number >= 0:
-        fail("E13", f"`fall` must be negative, not {number:g}: a rollout that failed satisfies nothing", span)
+        fail(
+            "E13", f"`fall` must be negative, not {number:g}: a failed rollout satisfies no requirement", span
+        )
     if outside := beyond(abs(number)) if number else "":
         fail("E13", f"`{key}` = {number:g} is {outside}", span)
     return number
 
 
 def _kernel(written: syntax.Expression, scope: Scope) -> KernelChoice:
-    usage = "write `matern52(0.2)`, with one length scale or one for each parameter"
+    usage = "write `matern52(0.2)`, with one lengthscale or one for each parameter"
     if not isinstance(written, syntax.Call):
-        fail("E14", f"`{written.span.text}` is not a kernel with its length scales", written.span, usage)
+        fail("E14", f"`{written.span.text}` is not a kernel with lengthscales", written.span, usage)
     name = written.function.text
     if name not in _KERNELS:
         guess = suggestion(name, _KERNELS)
-        known = f"there are {', '.join(sorted(_KERNELS))}"
+        known = f"the kernels are {', '.join(sorted(_KERNELS))}"
         fail("E14", f"there is no kernel `{name}`", written.function.span, guess or known)
     axes = [item for item in scope.declared.values() if isinstance(item, Param) and item.searched]
     scales, count = list(written.arguments), len(written.arguments)
     if not axes:
-        fail("E14", "a kernel needs a test space, and no `param` has a range", written.span)
+        fail("E14", "a kernel needs a test space, but no `param` has a range", written.span)
     if count not in (1, len(axes)):
         names = ", ".join(axis.name for axis in axes)
         fail(
             "E14",
-            f"there are {count} length scales, but the searched parameters are: {names}",
+            f"there are {count} lengthscales for {len(axes)} searched parameter{'s' if len(axes) > 1 else ''}: {names}",
             written.span,
             usage,
         )
@@ -98,11 +100,11 @@ def _kernel(written: syntax.Expression, scope: Scope) -> KernelChoice:
 
 
 def _lengthscale(written: syntax.Expression, axis: Param, scope: Scope) -> float:
-    # a length scale is a difference: one in K fits a parameter in degC
+    # a lengthscale is a difference: one in K fits a parameter in degC
     unit = axis.measure.difference
-    number = quantity(written, scope, None if unit == PLAIN else unit, f"the length scale of `{axis.name}`")
+    number = quantity(written, scope, None if unit == PLAIN else unit, f"the lengthscale of `{axis.name}`")
     if number <= 0:
-        fail("E14", f"a length scale must be positive, not {number:g}", written.span)
+        fail("E14", f"a lengthscale must be positive, not {number:g}", written.span)
     if outside := beyond(number):
-        fail("E14", f"the length scale of `{axis.name}`, {number:g}, is {outside}", written.span)
+        fail("E14", f"the lengthscale of `{axis.name}`, {number:g}, is {outside}", written.span)
     return number

@@ -1,4 +1,4 @@
-"""Where something stands in a specification, and the picture that shows it."""
+"""Places in a specification, and the excerpt that shows one."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ _WIDEST_LINE = 110
 
 @dataclass(frozen=True)
 class Source:
-    """The text of a specification (line feeds only) and the name it goes by."""
+    """The text of a specification, with line feeds only, and its name in messages."""
 
     text: str
     name: str = "<string>"
 
     @classmethod
     def of(cls, text: str, name: str = "<string>") -> Source:
-        """Make a source with every line ending written as a line feed."""
+        """Make a source; every line ending becomes a line feed."""
         return cls(text.replace("\r\n", "\n").replace("\r", "\n"), name)
 
     @cached_property
     def starts(self) -> list[int]:
-        """Where each line begins: found once, for a file may have thousands of mistakes."""
+        """Index of the first character of each line, computed once."""
         return [0, *(place + 1 for place, sign in enumerate(self.text) if sign == "\n")]
 
     def line(self, number: int) -> str:
@@ -45,7 +45,7 @@ class Span:
 
     @property
     def text(self) -> str:
-        """What stands there."""
+        """The characters of the span."""
         return self.source.text[self.start : self.end]
 
     @property
@@ -68,10 +68,9 @@ class Span:
         return Span(self.source, self.start, other.end)
 
     def picture(self, label: str = "") -> str:
-        """Draw the place: name and position, the line, and a caret under each character.
+        """Return an excerpt: name and position, the line, and a caret under each character.
 
-        Of a span over several lines the first line is drawn; a very long line
-        is cut around the caret.
+        For a span over several lines it is the first line. A very long line is cut around the caret.
         """
         line = self.source.line(self.line).replace("\t", " ")
         column = self.column - 1

@@ -1,4 +1,4 @@
-"""The syntax tree: what was written, before anything is checked."""
+"""The syntax tree of a specification, before any check."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ StepOp = Literal["next", "prev"]
 
 @dataclass(frozen=True, kw_only=True)
 class Node:
-    """Anything that stands somewhere."""
+    """A node of the tree, with its place."""
 
     span: Span
 
 
 @dataclass(frozen=True, kw_only=True)
 class Word(Node):
-    """A name, a keyword or an operator as it was written."""
+    """A name, a keyword or an operator, as written."""
 
     text: str
 
@@ -151,7 +151,7 @@ class UntilLink(Node):
 
 @dataclass(frozen=True, kw_only=True)
 class Until(Node):
-    """``φ until[a, b] ψ``; more than one link is written by mistake only."""
+    """``φ until[a, b] ψ``; more than one link is a mistake, which a rule reports."""
 
     left: Expression
     links: tuple[UntilLink, ...]

@@ -1,4 +1,4 @@
-"""What to say when a statement does not parse: words instead of the grammar's terminals."""
+"""Messages for a statement that does not parse, with words in place of the grammar's terminals."""
 
 from __future__ import annotations
 
@@ -20,44 +20,44 @@ _FORMULA = _EXPRESSION | {"NOT", "TEMPORAL", "STEP", "TRUE", "FALSE"}
 _OPERATORS = frozenset(
     {"PLUS", "MINUS", "TIMES", "DIV", "POW", "CMP", "AND", "OR", "IMPLIES", "IFF", "UNTIL"}
 )
-_NAMES = "a name begins with a letter from a to z, and goes on with those, digits and `_`"
+_NAMES = "a name is a letter from a to z, followed by letters, digits and `_`"
 _MEANT = {
     "~": "not", "¬": "not", "∧": "and", "∨": "or", "→": "->", "⇒": "->", "↔": "<->", "⇔": "<->", "≤": "<=", "≥": ">=",
     "≠": "!=", "□": "always", "◻": "always", "◇": "eventually", "◊": "eventually", "⊤": "true", "⊥": "false",
     "∞": "inf", "−": "-", "·": "*", "×": "*",
 }  # fmt: skip
-"""What a sign of a textbook is called here."""
+"""Sign in textbooks → its spelling in this language."""
 _CLOSING = {"LPAR": ("RPAR", ")"), "LSQB": ("RSQB", "]")}
 _KEYWORDS = tuple(word.lower() for word in STATEMENTS)
 _ANY_KEYWORD = "signal, param, const, let, require, certify or import"
 
 
 def stray_character(span: Span) -> Diagnostic:
-    """Explain a character that begins no token."""
+    """Return the diagnostic of a character that begins no token."""
     fix = {
-        "{": "a unit stands in braces on one line, such as {m/s}",
-        "}": "a unit stands in braces on one line, such as {m/s}",
-        "'": "names are written without quotes",
-        '"': "names are written without quotes",
-        ".": f"{_NAMES}; that of a file stands in quotes",
-        ";": "a statement ends where the next one begins; leave the semicolon out",
+        "{": "write a unit in braces, on one line, such as {m/s}",
+        "}": "write a unit in braces, on one line, such as {m/s}",
+        "'": "write names without quotes",
+        '"': "write names without quotes",
+        ".": f"{_NAMES}; write the name of a file in quotes",
+        ";": "remove the semicolon; a statement ends where the next one begins",
     }.get(span.text)
     if fix is None and (span.text == "_" or span.text.isalpha()):
         fix = _NAMES
     if fix is None and span.text in _MEANT:
         fix = f"write `{_MEANT[span.text]}`"
-    fix = fix or "leave it out"
+    fix = fix or "remove it"
     return Diagnostic("E01", f"the character `{span.text}` has no meaning here", span, fix=fix)
 
 
 def explain(source: Source, tokens: Sequence[Token], position: int, allowed: Set[str]) -> Diagnostic:
-    """Explain why token ``position`` (or, past the last, the end) cannot follow those before it.
+    """Return the diagnostic of a token, or of the end, that cannot follow the tokens before it.
 
     Args:
         source: the text.
         tokens: the statement.
-        position: index of the token that does not fit; ``len(tokens)`` for the end.
-        allowed: terminals that would have fitted.
+        position: index of the unexpected token; ``len(tokens)`` for the end.
+        allowed: terminals that could stand there.
     """
     if position == len(tokens):
         return _end(source, tokens, allowed)
@@ -87,7 +87,7 @@ def _end(source: Source, tokens: Sequence[Token], allowed: Set[str]) -> Diagnost
             "E01",
             f"this `{place.text}` is never closed",
             place,
-            fix=f"write `{closing[1]}` after `{last.text}` in line {last.line}, or leave this out",
+            fix=f"write `{closing[1]}` after `{last.text}` in line {last.line}, or remove this",
         )
     after = Span(source, last.end - 1, last.end)
     return Diagnostic("E01", f"the statement ends after `{last.text}`, expected {_expected(allowed)}", after)
@@ -114,9 +114,9 @@ def _expected(allowed: Set[str]) -> str:
         words.append("a number")
         rest -= _EXPRESSION | {"LSQB"}
     if rest & _OPERATORS:
-        # after a complete operand: an operator can follow, and whatever closes or goes on
+        # after a complete operand, an operator or a closing or separating sign can follow
         words.append("an operator")
-        if "COLON" in rest:  # perhaps the first end of an interval, perhaps no interval at all
+        if "COLON" in rest:  # a colon may separate the ends of an interval
             rest -= {"COLON", "NAME"} | ({"COMMA"} if "RPAR" in rest else set())
         rest -= _OPERATORS | {"UNIT", "LPAR", "LSQB"}
     words += [_WORDS[terminal] for terminal in sorted(rest) if terminal in _WORDS]
@@ -135,27 +135,27 @@ def _hint(source: Source, tokens: Sequence[Token], position: int, allowed: Set[s
     if token.type in ("RSQB", "RPAR") and "COMMA" in allowed and "RPAR" not in allowed:
         return "an interval has two ends, such as [0, 0.5 s]"
     if first_on_line and token.type in ("TEMPORAL", "NOT", "STEP"):
-        return "a requirement is written `require name: …`"
+        return "write a requirement as `require name: …`"
     if tokens[0].type == "SIGNAL" and position == 2 and token.type == "COMMA":
         return "declare one signal at a time: `signal x  signal y`"
     if tokens[0].type == "SIGNAL" and position == 2 and token.type == "DIV":
-        return f"{_NAMES}; --map v=a/b says what a channel is called in a file"
+        return f"{_NAMES}; --map v=a/b gives the name of a channel in a file"
     if token == "t" and before.type == "LSQB" and tokens[position - 2].type == "NAME":
-        return f"write `{tokens[position - 2]}`: a signal is taken at the time at which it is asked"
+        return f"write `{tokens[position - 2]}`: a signal is always read at the current time"
     if token == "xor":
         return "write `not (… <-> …)`"
     if token.type == "NAME" and before.type == "NUMBER":
-        return "a unit stands in braces, such as {m/s}"
+        return "write a unit in braces, such as {m/s}"
     if token.type == "EQ" and "CMP" in allowed:
         return "to compare, write `<=`, `>=` or `==`"
     if before.type == "REQUIRE" and token.type != "NUMBER":
         return "a requirement has a name: `require slow: always …`"
     if before.type in STATEMENTS and token.type not in ("NAME", "NUMBER"):
-        return f"`{here.text}` is a word of the language and cannot be a name"
+        return f"`{here.text}` is a keyword and cannot be a name"
     if before.type == "BOOL":
         return "a boolean signal has neither unit nor range"
     if token.type == "UNIT" and tokens[0].type in ("SIGNAL", "PARAM", "CONST"):
-        return "the unit stands right after the name"
+        return "write the unit right after the name"
     return ""
 
 

@@ -1,4 +1,4 @@
-"""Two numbers, or two margins, that meet: brought to one unit, or told apart."""
+"""Conversion of operands to a common unit, or the mistake that they have none."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from s2r_spec.lang.units import PLAIN, Unit
 
 
 def convert(value: f.Value, unit: Unit) -> f.Value:
-    """Return the same quantity in ``unit``, which fits; a bare number takes the unit as it is."""
+    """Return the same quantity in ``unit``, of the same dimension; a number without a unit takes it unchanged."""
     if value.unit is None:
         return replace(value, unit=unit)
     factor, offset = value.unit.to(unit)
@@ -24,15 +24,14 @@ def convert(value: f.Value, unit: Unit) -> f.Value:
 
 
 def combine(values: Sequence[f.Value], at: Span, verb: str) -> tuple[list[f.Value], Unit | None]:
-    """Bring numbers to the unit of the first that has one; return them and the unit of the result.
+    """Convert numbers to the unit of the first one that has a unit; return them and the unit of the result.
 
-    Temperatures with an offset (degC) can be compared; a difference of two is in
-    kelvin, and adding them is refused.
+    Temperatures with an offset (degC) can be compared; their difference is in kelvin, and their sum is refused.
 
     Args:
         values: the numbers.
-        at: where to point if they do not go together.
-        verb: what is done with them, for the message ("compare").
+        at: place of a mistake.
+        verb: the operation, for the message ("compare").
     """
     unit = next((value.unit for value in values if value.unit is not None), None)
     if unit is None:
@@ -51,7 +50,7 @@ def _different(left: f.Value, right: f.Value, at: Span, verb: str) -> None:
     link = "with" if verb == "compare" else "and"
     fix = f"{_measured(left)}, {_measured(right)}"
     if PLAIN in (left.unit, right.unit):
-        fix += "; give its declaration one"
+        fix += "; add a unit to its declaration"
     fail("E03", f"cannot {verb} {left.unit} {link} {right.unit}", at, fix)
 
 
@@ -65,7 +64,7 @@ def _text(value: f.Value) -> str:
 
 
 def margins(formulas: Sequence[f.Formula]) -> tuple[tuple[f.Formula, ...], Unit | None]:
-    """Bring margins of one dimension to one unit; margins of several stay as they are, "mixed"."""
+    """Convert margins of one dimension to one unit; margins of several dimensions stay unchanged, "mixed"."""
     unit = next((formula.unit for formula in formulas if formula.unit is not None), None)
     if unit is None:
         return tuple(formulas), None
@@ -81,11 +80,11 @@ def _rescaled(formula: f.Formula, unit: Unit) -> f.Formula:
 
 
 def without_offset(value: f.Value) -> f.Value:
-    """Return the value, unless its zero is arbitrary, as that of degC is: then fail."""
+    """Return the value; fail if its unit has an arbitrary zero, such as degC."""
     if value.unit is not None and value.unit.offset:
         fail(
             "E20",
-            f"`{_text(value)}` is in {value.unit}, whose zero is arbitrary; compare or subtract it only",
+            f"`{_text(value)}` is in {value.unit}, whose zero is arbitrary; it can only be compared and subtracted",
             value.span,
             "declare it in {K}",
         )
@@ -100,7 +99,7 @@ def alike(left: f.Value, right: f.Value, span: Span) -> int:
 
 
 def one(value: f.Value) -> f.Value:
-    """Return a value that has one component, or fail."""
+    """Return the value; fail if it has more than one component."""
     if value.width != 1:
         text = _text(value)
         fail(

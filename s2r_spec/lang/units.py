@@ -1,9 +1,8 @@
-"""Units: what each one measures, and how its numbers become another unit's.
+"""Units: their dimensions, and the conversion of numbers between them.
 
-Names, prefixes and factors come from pint, looked up one name at a time;
-products, powers and comparisons are done here, on plain numbers, so that a
-checked specification needs pint no more. An angle has no dimension, as in the
-SI: rad/s and 1/s are alike, deg/s is converted.
+Names, prefixes and factors come from pint, looked up one name at a time. Products, powers and comparisons are done
+here on plain numbers, so a checked specification does not need pint. An angle has no dimension, as in the SI: rad/s
+equals 1/s, and deg/s is converted.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ Dimension = tuple[tuple[str, float], ...]
 
 _FACTOR = re.compile(r"\s*([A-Za-zµμΩ°%]+|1)\s*(?:(?:\^|\*\*)\s*(-?\d{1,2}))?\s*")
 _JOINT = re.compile(r"[*·/]|(?=\S)")
-# pint reads Nm as a textile's count per length; on a robot it is a torque
+# pint reads Nm as a unit of yarn; on a robot it is a torque
 _ALSO = {"Nm": (("N", 1), ("m", 1)), "%": (("percent", 1),)}
 
 
@@ -32,7 +31,7 @@ LONGEST = 100
 
 
 class UnknownUnitError(ValueError):
-    """A text is not a unit; ``args[0]`` is the part that is to blame."""
+    """A text is not a unit; ``args[0]`` is the part that is wrong."""
 
 
 @dataclass(frozen=True)
@@ -42,8 +41,8 @@ class Unit:
     Args:
         text: as it is written.
         dimension: ((base dimension, exponent), …), sorted; empty for a plain number.
-        factor: how many base units one is.
-        offset: where its zero lies in base units (degC); 0 for nearly all.
+        factor: size of the unit in base units.
+        offset: its zero in base units, such as 273.15 for degC; 0 for nearly all units.
     """
 
     text: str
@@ -52,19 +51,19 @@ class Unit:
     offset: float = 0.0
 
     def __post_init__(self) -> None:
-        """Refuse what double precision cannot convert.
+        """Refuse a unit that double precision cannot convert.
 
         Raises:
             OverflowError: the factor is too small or too large.
         """
         if not SMALLEST <= self.factor <= LARGEST:
-            raise OverflowError(f"the unit {self.text} is beyond what can be converted")
+            raise OverflowError(f"the unit {self.text} is too large or too small to convert")
 
     def __str__(self) -> str:
         return self.text or "no unit"
 
     def fits(self, other: Unit) -> bool:
-        """Whether both measure the same thing."""
+        """Return whether both units have the same dimension."""
         return self.dimension == other.dimension
 
     def to(self, other: Unit) -> tuple[float, float]:
@@ -75,7 +74,7 @@ class Unit:
 
     @property
     def difference(self) -> Unit:
-        """The unit of a difference of two numbers of this unit: K for degC."""
+        """The unit of a difference of two numbers in this unit: K for degC."""
         return (
             Unit("K" if self.factor == 1.0 else f"delta_{self.text}", self.dimension, self.factor)
             if self.offset
@@ -93,7 +92,7 @@ class Unit:
         )
 
     def over(self, other: Unit) -> Unit:
-        """Return the unit of a quotient; none of two that are the same, as in ``abs(tilt) / lean``."""
+        """Return the unit of a quotient; the plain unit if both are the same, as in ``abs(tilt) / lean``."""
         if not other.text:
             return self
         if (self.dimension, self.factor, self.offset) == (other.dimension, other.factor, 0.0):
@@ -117,13 +116,13 @@ class Unit:
 
 
 PLAIN = Unit("")
-"""The unit of a number that has none."""
+"""The unit of a number without a unit."""
 
 SECOND = Unit("s", (("[time]", 1.0),))
 
 
 def parse_unit(text: str) -> Unit:
-    """Return the unit that a text such as "m/s", "km / h" or "N m" means.
+    """Return the unit of a text such as "m/s", "km / h" or "N m".
 
     Raises:
         UnknownUnitError: a name in it is not a unit.
@@ -172,7 +171,7 @@ def _parts(text: str) -> list[tuple[str, int]]:
 
 @cache
 def _named(name: str) -> Unit:
-    """Look one name up. The factors of pint are to its own base units, which is all that matters here."""
+    """Return the unit of one name from pint; factors refer to pint's base units."""
     if name == "1":
         return PLAIN
     import pint

@@ -1,8 +1,8 @@
-"""Recorded traces: a format a file of this package, chosen by the ending of the file's name.
+"""Recorded traces. Each file format has one module, and the ending of a file's name selects it.
 
-A format only parses. What the columns mean — times, units, gaps, truth values,
-vectors — is decided after it, alike for all: :mod:`s2r_spec.logs.interpret`.
-Nothing is resampled or filled in: what s2r wrote is read back bit for bit.
+A format module only parses. :mod:`s2r_spec.logs.interpret` gives the columns their meaning (times, units, gaps, truth
+values, vectors), in the same way for all formats. Nothing is resampled or filled in, and a trace that s2r wrote is read
+back bit for bit.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from pathlib import Path
 from s2r_spec.errors import TraceError, TraceNote
 from s2r_spec.files import replacing
 from s2r_spec.logs import csv_format, npz_format, parquet_format
-from s2r_spec.logs.interpret import Loaded, loaded, request
-from s2r_spec.logs.mapping import Plan, planned
+from s2r_spec.logs.interpret import Loaded, build_trace, request
+from s2r_spec.logs.mapping import Plan, plan_columns
 from s2r_spec.logs.table import Chooser, Head, Table
 from s2r_spec.trace import Trace
 
@@ -37,28 +37,28 @@ def read(
     *,
     time_unit: str | None = None,
 ) -> Trace:
-    """Return the trace that a file holds.
+    """Read a trace from a file.
 
-    What the reader left out, such as a last row that is cut, is a warning (:class:`TraceNote`).
+    The reader warns (:class:`TraceNote`) of anything that it leaves out, such as an incomplete last row.
 
     Args:
         path: the file.
-        columns: name of a channel → what the file calls it, for those that differ; "t" is the times. A component
-            is written ``"q[1]"``, on either side. ``"sec+nanosec"`` are times in two columns.
-        wanted: channels to read; or name → None for one number a sample, the number of components for a vector.
-            Other columns are not looked at. Without it everything is read that can be.
-        time_unit: of times that are plain numbers and do not say it: "s", "ms", "us", "ns", "min".
+        columns: channel → name of its column, if they differ; "t" stands for the times. ``"q[1]"`` is a component, on
+            either side. ``"sec+nanosec"`` are times in two columns.
+        wanted: channels to read; or channel → None for one number per sample, else the number of components of a
+            vector. Other columns are ignored. Without it, all readable columns are read.
+        time_unit: unit of times that are plain numbers without a unit: "s", "ms", "us", "ns", "min".
 
     Raises:
-        TraceError: the ending is not one of :data:`FORMATS`, the file cannot be read, or what
-            it holds is no trace; the message names the file and, where there is one, the line.
-        UsageError: the unit is none of time.
+        TraceError: the ending is not one of :data:`FORMATS`, the file cannot be read, or it is no trace. The message
+            names the file and, if possible, the line.
+        UsageError: the unit is no unit of time.
     """
-    found = load(path, columns, wanted, time_unit=time_unit)
-    unread = [f"the column {name!r} is left out: {why}" for name, why in found.left_out.items()]
-    for note in (*found.notes, *unread):
+    loaded = load(path, columns, wanted, time_unit=time_unit)
+    left_out = [f"the column {name!r} is left out: {reason}" for name, reason in loaded.left_out.items()]
+    for note in (*loaded.notes, *left_out):
         warnings.warn(f"{path}: {note}", TraceNote, stacklevel=2)
-    return found.trace
+    return loaded.trace
 
 
 def load(
@@ -69,14 +69,14 @@ def load(
     time_unit: str | None = None,
     gather: bool = False,
 ) -> Loaded:
-    """Return the trace that a file holds, with what its user should know; see :func:`read`.
+    """Read a trace from a file, with notes for the user; see :func:`read`.
 
     Args:
         path: the file.
         columns: see :func:`read`.
         wanted: see :func:`read`.
         time_unit: see :func:`read`.
-        gather: where everything is read, make vectors of numbered columns (``q_0``, ``q_1``), too.
+        gather: if all columns are read, whether to make vectors of numbered columns (``q_0``, ``q_1``).
 
     Raises:
         TraceError: see :func:`read`.
@@ -84,16 +84,16 @@ def load(
     """
     path = Path(path)
     parser = _PARSERS[_ending(path)]
-    asked = request(columns, wanted, time_unit, gather)
+    requested = request(columns, wanted, time_unit, gather)
     plans: list[Plan] = []
 
     def choose(heads: tuple[Head, ...]) -> set[int]:
-        plans.append(planned(heads, asked))
+        plans.append(plan_columns(heads, requested))
         return plans[-1].needed
 
     try:
         table = parser(path, choose)
-        return loaded(table, plans[-1], asked)
+        return build_trace(table, plans[-1], requested)
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
         raise TraceError(f"cannot read {path}: {getattr(error, 'strerror', None) or error}") from None
     except TraceError as error:
@@ -104,14 +104,14 @@ def write(trace: Trace, path: str | Path) -> None:
     """Write a trace; an existing file is replaced whole or not at all.
 
     Raises:
-        TraceError: the ending is not one of :data:`FORMATS`, the format cannot hold a name of
-            the trace, or the file cannot be written.
+        TraceError: the ending is not one of :data:`FORMATS`, the format cannot hold a name in the trace, or the file
+            cannot be written.
     """
     path = Path(path)
     writer = _WRITERS[_ending(path)]
     try:
-        with replacing(path) as beside:
-            writer(trace, beside)
+        with replacing(path) as temporary:
+            writer(trace, temporary)
     except OSError as error:
         raise TraceError(f"cannot write {path}: {error.strerror or error}") from None
     except TraceError as error:
@@ -121,7 +121,5 @@ def write(trace: Trace, path: str | Path) -> None:
 def _ending(path: Path) -> str:
     ending = path.suffix.lower()
     if ending not in _PARSERS:
-        raise TraceError(
-            f"{path}: the ending {ending!r} is not a trace format; there are {', '.join(FORMATS)}"
-        )
+        raise TraceError(f"{path}: the ending {ending!r} is no trace format; use one of {', '.join(FORMATS)}")
     return ending

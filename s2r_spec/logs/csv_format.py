@@ -1,8 +1,7 @@
-"""Comma-separated values: a header ``t, vx [m/s], u[0] [V], u[1] [V]``, a row a sample.
+"""Comma-separated values: a header ``t, vx [m/s], u[0] [V], u[1] [V]``, and one row per sample.
 
-A unit follows its name in brackets, after a space; the components of a vector
-are numbered from 0, without one. Lines before the header that begin with ``#``
-are comments, but for ``# s2r {"meta": …}``, which holds what has no column.
+A unit follows its name in brackets after a space. Components of a vector have a number in brackets without a space,
+from 0. Lines before the header that begin with ``#`` are comments, except ``# s2r {"meta": …}`` with the trace's meta.
 """
 
 from __future__ import annotations
@@ -37,22 +36,21 @@ from s2r_spec.trace import Trace
 
 _NOTES = "# s2r "
 LONGEST = 2**22
-"""Budget: letters of one line, 4 million. Twice as many take 0.2 GB more for a line that is all names."""
-csv.field_size_limit(LONGEST)  # a picture as text in a column that nobody reads is no reason to stop
+"""Budget: characters of one line, 4 million. Twice as many take 0.2 GB more for a line of names."""
+csv.field_size_limit(LONGEST)  # a column that is not read may hold a picture as text
 _CELLS = 2**18
-"""Budget: cells that are kept as text, 20 MB of them; the numbers of the rows before are arrays."""
+"""Budget: cells stored as text before they become arrays, 20 MB. Twice as many take twice the memory."""
 
 
 def load(path: Path, choose: Chooser) -> Table:
-    """Return the columns of a file that are asked for.
+    """Read the chosen columns of a file.
 
     Raises:
-        TraceError: this is no comma-separated text with a header, or a row has another length.
-        OSError: it cannot be read.
+        TraceError: the file is no comma-separated text with a header, or a row has another length.
+        OSError: the file cannot be read.
     """
     regular(path)
-    # "utf-8-sig": spreadsheets begin their files with a byte-order mark. Other bytes may be in columns that
-    # nobody reads.
+    # "utf-8-sig": spreadsheets write a byte-order mark. "replace": a column that is not read may hold any bytes.
     with path.open(newline="", encoding="utf-8-sig", errors="replace") as stream:
         text = Text.of(lambda: stream.readline(LONGEST))
         needed = sorted(set(choose(text.heads)))
@@ -64,9 +62,9 @@ class Text:
     """A table that is read row by row.
 
     Attributes:
-        heads: of its columns.
-        meta: of the first line, as in :class:`Trace`.
-        notes: what was left out so far.
+        heads: heads of the columns.
+        meta: meta from the first line, as in :class:`Trace`.
+        notes: notes on rows left out so far.
     """
 
     heads: tuple[Head, ...]
@@ -81,7 +79,7 @@ class Text:
         """Read comments and header.
 
         Args:
-            readline: returns the next line with its end, at most :data:`LONGEST` letters, "" at the end.
+            readline: returns the next line with its line break, at most :data:`LONGEST` characters; "" at the end.
 
         Raises:
             TraceError: there is no header.
@@ -102,9 +100,11 @@ class Text:
         reader = csv.reader(chain([first], lines) if first else lines, strict=True)
         header = _next(reader, lines)
         if not header:
-            raise TraceError("the file is empty; its first line names the columns")
+            raise TraceError("the file is empty; its first line must name the columns")
         if "\0" in "".join(header):
-            raise TraceError("this is not UTF-8 text: there are zeros between its letters; save it as UTF-8")
+            raise TraceError(
+                "this is not UTF-8 text: it has zero bytes between its letters; save it as UTF-8"
+            )
         rows: Iterator[list[str]] = iter(lambda: _next(reader, lines), None)
         above = next(csv.reader([comment.lstrip("# ")]), [])
         if len(above) == len(header) and any(map(_is_number, header)):
@@ -115,18 +115,18 @@ class Text:
         few(len(header))
         if len(header) == 1 and (mark := next((mark for mark in ";\t" if mark in header[0]), None)):
             raise TraceError(
-                f"values are separated by commas here, not by {mark!r}, and numbers have a point"
+                f"line {skipped + 1} separates values by {mark!r}; separate them by commas, and write decimal points"
             )
         return cls(tuple(map(head_of, header)), meta, _lines=lines, _rows=rows, _skipped=skipped)
 
     def rows(self, needed: Sequence[int]) -> Iterator[tuple[int, list[str]]]:
-        """Return (line, cells) of every whole row; one that is cut at the end is a note.
+        """Yield (line, cells) of every complete row; an incomplete last row becomes a note.
 
         Args:
-            needed: columns that are read; a row is whole without the others.
+            needed: columns to read; a row is complete if it has these.
 
         Raises:
-            TraceError: a row has another length than the header, and another one follows.
+            TraceError: a row before the last has another length than the header.
         """
         width = len(self.heads)
         named = max((i for i, head in enumerate(self.heads) if head.name), default=-1) + 1
@@ -155,20 +155,20 @@ class Text:
                 continue
             yield line, row
         if bad is not None:
-            what = "has no line break at its end" if self._lines.cut else "has fewer values than columns"
+            fault = "has no line break at its end" if self._lines.cut else "has fewer values than columns"
             if not self._lines.cut and count > width:
                 raise TraceError(f"line {bad[0]} {bad[1]}")
             self.notes.append(
-                f"the last row, line {bad[0]}, {what}: it may be cut and is not used (if it is whole, complete it)"
+                f"the last row, line {bad[0]}, {fault}: it may be incomplete and is left out; complete it to use it"
             )
 
 
 class _Lines:
-    """Lines of a stream, counted.
+    """The lines of a stream, with line numbers.
 
     Attributes:
-        number: of the last line that was read, from 1.
-        cut: whether that line has no end.
+        number: number of the last line read, from 1.
+        cut: whether that line has no line break.
         torn: whether it ends inside quotes.
     """
 
@@ -191,7 +191,7 @@ class _Lines:
         self.cut = not line.endswith(("\r", "\n"))
         if len(line) >= LONGEST:
             raise TraceError(
-                f"line {self.number} is longer than {LONGEST:,} letters; this is no table of samples"
+                f"line {self.number} has {LONGEST:,} characters or more; the file is no table of samples"
             )
         return line
 
@@ -219,7 +219,7 @@ def _meta(line: str, number: int) -> dict[str, Any]:
 
 
 def head_of(text: str) -> Head:
-    """Return what a cell of the header says: ``u[0] [V]`` is component 0 of u, in V."""
+    """Parse a cell of the header: ``u[0] [V]`` is component 0 of u, in V."""
     name, unit, index = text.strip(), None, None
     at = name.rfind("[")
     if name.endswith("]") and at > 0 and name[at - 1].isspace() and "]" not in name[at:-1]:
@@ -246,7 +246,7 @@ def _table(text: Text, needed: Sequence[int]) -> Table:
     most = max(1, _CELLS // len(needed))
     taken = 0
 
-    def settle() -> None:
+    def to_arrays() -> None:
         nonlocal taken
         for number, texts in waiting.items():
             piece = cells.parsed(texts)
@@ -260,9 +260,9 @@ def _table(text: Text, needed: Sequence[int]) -> Table:
         for number, texts in waiting.items():
             texts.append(row[number])
         if len(lines) % most == 0:
-            settle()
-    settle()
-    columns = {number: _joined(found) for number, found in pieces.items()}
+            to_arrays()
+    to_arrays()
+    columns = {number: _joined(parts) for number, parts in pieces.items()}
 
     def place(sample: int, number: int) -> str:
         return f"line {lines[sample]}, column {number + 1} ({text.heads[number].name})"
@@ -295,11 +295,11 @@ def write(trace: Trace, path: Path) -> None:
             header.append(text)
             arrays.append(values if values.ndim == 1 else values[:, i])
         if not parts:
-            raise TraceError(f"a CSV file cannot hold the channel {quoted(name)}, which has no component")
+            raise TraceError(f"a CSV file cannot hold the channel {quoted(name)}, which has no components")
     with path.open("w", newline="", encoding="utf-8") as stream:
         if trace.meta:
             stream.write(f"{_NOTES}{json.dumps({'meta': dict(trace.meta)})}\n")
         writer = csv.writer(stream, lineterminator="\n")
         writer.writerow(header)
-        # the shortest text of a float64 that reads back as the same number
+        # repr is the shortest text that reads back as the same float64
         writer.writerows([repr(float(x)) for x in row] for row in zip(*arrays, strict=True))

@@ -1,4 +1,4 @@
-"""Dates as text, ISO 8601 and its relatives, to nanoseconds since 1970."""
+"""Convert dates as text (ISO 8601 and similar) to nanoseconds since 1970."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ _DATE = re.compile(
 )
 LIKE = "2024-06-10T06:13:20.5Z"
 LAST = 9e9
-"""Definition: seconds since 1970 up to which nanoseconds are 64-bit numbers, the year 2255."""
+"""Definition: largest time since 1970 [s] whose nanoseconds fit 64 bits, in the year 2255."""
 
 
 def nanoseconds(texts: NDArray[Any], place: Callable[[int], str]) -> NDArray[np.datetime64]:
-    """Return (n,) dates in nanoseconds, UTC where they say their zone.
+    """Return (n,) dates in nanoseconds, in UTC if they state a time zone.
 
     Args:
-        texts: (n,) texts; a date with or without time, fraction and zone.
-        place: number of a sample → where it is.
+        texts: (n,) dates with or without time, fraction and zone.
+        place: sample number → its place in the file.
 
     Raises:
-        TraceError: one is no date, or some say their zone and others do not.
+        TraceError: a text is no date, or only some of the dates state a time zone.
     """
     whole: list[str] = []
     rest = np.zeros(len(texts), dtype=np.int64)
@@ -47,14 +47,14 @@ def nanoseconds(texts: NDArray[Any], place: Callable[[int], str]) -> NDArray[np.
             zoned = zone is not None
         if zoned != (zone is not None):
             raise TraceError(
-                f"{place(sample)} is {text!r}: some of the dates say their time zone and some do not"
+                f"{place(sample)} is {text!r}: only some of the dates state a time zone; state it for all or none"
             )
-    found: NDArray[np.datetime64] = _seconds(whole, texts, place).astype("M8[ns]") + rest.view("m8[ns]")
-    return found
+    dates: NDArray[np.datetime64] = _seconds(whole, texts, place).astype("M8[ns]") + rest.view("m8[ns]")
+    return dates
 
 
 def _offset(zone: str | None) -> int:
-    """Return the nanoseconds that a zone is ahead of UTC."""
+    """Return the offset of a time zone from UTC [ns]."""
     if zone is None or zone in ("Z", "z", "UTC"):
         return 0
     digits = zone[1:].replace(":", "").ljust(4, "0")
@@ -64,24 +64,24 @@ def _offset(zone: str | None) -> int:
 
 def _seconds(whole: list[str], texts: NDArray[Any], place: Callable[[int], str]) -> NDArray[np.datetime64]:
     try:
-        found = np.array(whole, dtype="M8[s]")
+        seconds = np.array(whole, dtype="M8[s]")
     except ValueError:
         for sample, text in enumerate(whole):
             try:
                 np.datetime64(text, "s")
             except ValueError:
                 raise TraceError(
-                    f"{place(sample)} is {texts[sample]!r}, a date that does not exist"
+                    f"{place(sample)} is {texts[sample]!r}, which is no date of the calendar"
                 ) from None
         raise
-    outside = (found < np.datetime64("1678", "s")) | (found > np.datetime64("2262", "s"))
+    outside = (seconds < np.datetime64("1678", "s")) | (seconds > np.datetime64("2262", "s"))
     if outside.any():
         bad = int(np.argmax(outside))
-        raise TraceError(f"{place(bad)} is {texts[bad]!r}; dates are from 1678 to 2261")
-    return found
+        raise TraceError(f"{place(bad)} is {texts[bad]!r}; a date must lie between 1678 and 2261")
+    return seconds
 
 
 def text(date: np.datetime64) -> str:
-    """Return a date as text, without zeros at its end."""
-    found = str(np.datetime_as_string(date))
-    return found.rstrip("0").rstrip(".") if "." in found else found
+    """Return a date as text, without trailing zeros."""
+    written = str(np.datetime_as_string(date))
+    return written.rstrip("0").rstrip(".") if "." in written else written

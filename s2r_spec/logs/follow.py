@@ -1,4 +1,4 @@
-"""A table of comma-separated values that is read while it is written, by the rules of a file."""
+"""Read a table of comma-separated values while a program writes it, by the rules for a file."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ from typing import Any
 from s2r_spec.errors import TraceError
 from s2r_spec.logs import cells, interpret, times
 from s2r_spec.logs.csv_format import LONGEST, Text
-from s2r_spec.logs.mapping import Request, planned
+from s2r_spec.logs.mapping import Request, plan_columns
 from s2r_spec.logs.table import Column, Table
 
 
 @dataclass(frozen=True)
 class Rows:
-    """A table that is read row by row, as it is written.
+    """A table that is read row by row while it is written.
 
     Args:
-        units: channel → unit, for those that have one.
-        meta: what the first line says, as in :class:`s2r_spec.trace.Trace`.
-        samples: (time [s], channel → number, or list of them for a vector).
-        notes: what was left out so far, each in a sentence; it grows while samples are read.
+        units: channel → unit, for channels with a unit.
+        meta: meta from the first line, as in :class:`s2r_spec.trace.Trace`.
+        samples: (time [s], channel → number, or list of numbers for a vector).
+        notes: notes on rows left out so far, one sentence each; grows while samples are read.
     """
 
     units: Mapping[str, str]
@@ -31,17 +31,17 @@ class Rows:
 
 
 def follow(readline: Callable[[int], str], request: Request) -> Rows:
-    """Read the header of a table now, and each row when it is asked for.
+    """Read the header of a table now, and each row on request.
 
     Args:
-        readline: of a text stream: returns the next line, of so many letters at most.
-        request: what to read.
+        readline: method of a text stream; returns the next line with at most the given number of characters.
+        request: the channels to read.
 
     Raises:
-        TraceError: as for a file, also while rows are read.
+        TraceError: as for a file, also during the reading of rows.
     """
     text = Text.of(lambda: readline(LONGEST))
-    plan = planned(text.heads, request)
+    plan = plan_columns(text.heads, request)
     if plan.faults and request.wanted is not None and not text.meta.get("failure"):
         raise TraceError(next(iter(plan.faults.values())))
     needed = sorted(plan.needed)
@@ -72,10 +72,10 @@ def follow(readline: Callable[[int], str], request: Request) -> Rows:
             if first is None:
                 text.notes.extend(stamps.notes)
             first = stamps.first
-            made = interpret.channels(table, plan, 1)
-            if made.faults:
-                raise TraceError(next(iter(made.faults.values())))
-            yield float(stamps.seconds[0]), {name: one[0].tolist() for name, one in made.samples.items()}
+            read = interpret.channels(table, plan, 1)
+            if read.faults:
+                raise TraceError(next(iter(read.faults.values())))
+            yield float(stamps.seconds[0]), {name: one[0].tolist() for name, one in read.samples.items()}
 
     return Rows(units, text.meta, samples(), text.notes)
 

@@ -1,4 +1,4 @@
-"""From the parsed columns of a file to a trace: the same steps whatever the format was."""
+"""Turn the parsed columns of a file into a trace, in the same way for every format."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Loaded:
-    """A trace, and what its user should know of the file.
+    """A trace, with notes on the file for the user.
 
     Args:
-        trace: as read.
-        notes: rows that were left out, and what was decided by names alone, each in a sentence.
-        begins: the date from which the times count, as text; "" if they are as in the file.
-        left_out: column → why it is not in the trace, of those that nobody asked for.
+        trace: the trace.
+        notes: notes on rows left out and on decisions by names alone, one sentence each.
+        begins: the date from which the times count, as text; "" if the times are unchanged.
+        left_out: column that was not requested → why it is not in the trace.
     """
 
     trace: Trace
@@ -35,59 +35,59 @@ class Loaded:
     left_out: Mapping[str, str]
 
 
-def loaded(table: Table, plan: Plan, request: Request) -> Loaded:
-    """Return the trace that a file holds.
+def build_trace(table: Table, plan: Plan, request: Request) -> Loaded:
+    """Return the trace of a parsed file.
 
     Raises:
-        TraceError: the times or a channel that is asked for cannot be used.
+        TraceError: the times or a requested channel are not valid.
     """
     columns = [table.columns[number] for number in plan.times]
     heads = [table.heads[number] for number in plan.times]
     if columns[0].values.shape[:1] == (0,) and not columns[0].fault:
-        raise TraceError("; ".join(["there is no sample in it", *table.notes]))
+        raise TraceError("; ".join(["the file has no samples", *table.notes]))
     stamps = times.read(columns, heads, request.time_unit, lambda k: table.place(k, plan.times[0]))
-    fallen = bool(table.meta.get("failure"))  # its ρ is declared: what it lacks does not matter
-    made = channels(table, plan, stamps.seconds.size)
-    left_out = dict(plan.faults) | made.faults
-    if request.wanted is not None and left_out and not fallen:
+    failed = bool(table.meta.get("failure"))  # its ρ is declared, so it may lack channels
+    read = channels(table, plan, stamps.seconds.size)
+    left_out = dict(plan.faults) | read.faults
+    if request.wanted is not None and left_out and not failed:
         raise TraceError(next(iter(left_out.values())))
-    trace = Trace(stamps.seconds, made.samples, made.units, table.meta)
+    trace = Trace(stamps.seconds, read.samples, read.units, table.meta)
     notes = (*table.notes, *plan.notes, *stamps.notes)
     return Loaded(trace, notes, stamps.begins, left_out if request.wanted is None else {})
 
 
 @dataclass(frozen=True)
-class Made:
-    """Channels of a trace: samples (n,) or (n, k) and units by name, and why others cannot be made."""
+class Channels:
+    """Channels of a trace: name → samples (n,) or (n, k), name → unit, and name → fault of channels left out."""
 
     samples: dict[str, FloatArray]
     units: dict[str, str]
     faults: dict[str, str]
 
 
-def channels(table: Table, plan: Plan, count: int) -> Made:
+def channels(table: Table, plan: Plan, count: int) -> Channels:
     """Return the channels of a plan.
 
     Args:
-        table: with the columns that the plan needs.
-        plan: what makes them.
-        count: number of samples that each must have.
+        table: table with the columns that the plan needs.
+        plan: the columns of each channel.
+        count: number of samples that each channel must have.
     """
-    made = Made({}, {}, {})
+    read = Channels({}, {}, {})
     for channel in plan.channels:
         try:
             samples, unit = _channel(table, channel, count)
         except TraceError as error:
-            made.faults[channel.name] = str(error)
+            read.faults[channel.name] = str(error)
             continue
-        made.samples[channel.name] = _shaped(samples, channel.width)
+        read.samples[channel.name] = _shaped(samples, channel.width)
         if unit is not None:
-            made.units[channel.name] = unit
-    return made
+            read.units[channel.name] = unit
+    return read
 
 
 def _channel(table: Table, channel: Channel, count: int) -> tuple[FloatArray, str | None]:
-    found: list[FloatArray] = []
+    columns: list[FloatArray] = []
     units: list[str | None] = []
     for part in channel.parts:
         head = table.heads[part.number]
@@ -103,19 +103,19 @@ def _channel(table: Table, channel: Channel, count: int) -> tuple[FloatArray, st
         written = head.unit if part.unit is None else part.unit
         if written is not None and len(written) > LONGEST:
             raise TraceError(f"the unit of {name} is {quoted(written)}, which is no unit")
-        found.append(samples)
+        columns.append(samples)
         units.append(_agreed(unit, written, name))
     if any(unit != units[0] for unit in units):
         raise TraceError(f"the components of {quoted(channel.name)} have different units")
-    if len(found) == 1 and not channel.vector:
-        return found[0], units[0]
-    if any(samples.ndim != 1 for samples in found):
-        raise TraceError(f"the components of {quoted(channel.name)} are vectors themselves")
-    return np.stack(found, axis=1), units[0]
+    if len(columns) == 1 and not channel.vector:
+        return columns[0], units[0]
+    if any(samples.ndim != 1 for samples in columns):
+        raise TraceError(f"a component of {quoted(channel.name)} is a vector itself")
+    return np.stack(columns, axis=1), units[0]
 
 
 def _shaped(samples: FloatArray, width: int | None) -> FloatArray:
-    """Return (n, 1) as (n,) where a number a sample is wanted, and the other way round; any other as it is."""
+    """Return (n, 1) samples as (n,) for a scalar channel, and (n,) as (n, 1) for a vector; others unchanged."""
     if width is None and samples.ndim == 2 and samples.shape[1] == 1:
         return samples[:, 0]
     return samples[:, np.newaxis] if width == 1 and samples.ndim == 1 else samples
@@ -131,16 +131,18 @@ class _Place:
     number: int
 
     def __call__(self, sample: int) -> str:
-        """Return where a sample is."""
+        """Return the place of a sample in the file."""
         return self.table.place(sample, self.number)
 
 
 def _agreed(typed: str | None, written: str | None, name: str) -> str | None:
-    """Return the unit of a column: that of its type, which a written one must not contradict."""
+    """Return the unit of a column: the unit of its type, which the written unit must not contradict."""
     if typed is None:
         return written
     if written not in (None, typed):
-        raise TraceError(f"{name} holds durations, and its unit is written as {written!r}; leave it out")
+        raise TraceError(
+            f"{name} holds durations, but its unit is written as {written!r}; leave the unit out"
+        )
     return typed
 
 
@@ -150,10 +152,10 @@ def request(
     time_unit: str | None,
     gather: bool = False,
 ) -> Request:
-    """Return what is to be read; names without a width may be numbers or vectors.
+    """Return a request; names without a width may be numbers or vectors.
 
     Raises:
-        UsageError: the unit is none of time.
+        UsageError: the unit is no unit of time.
     """
     if wanted is not None and not isinstance(wanted, Mapping):
         wanted = dict.fromkeys(wanted, ANY)

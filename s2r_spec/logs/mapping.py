@@ -1,7 +1,7 @@
-"""Which columns of a file make which channels: by their names, by what the spec reads, and by ``--map``.
+"""Map the columns of a file to channels: by their names, by the channels of the spec, and by ``--map``.
 
-A vector is one column of lists, or one column a component: ``q[0]``, ``q_0``, ``q.0``, ``q/0`` or ``q0``, numbered
-from 0 or from 1 without a gap. ``position[3]`` is one component, of either form.
+A vector is one column of lists, or one column per component: ``q[0]``, ``q_0``, ``q.0``, ``q/0`` or ``q0``, numbered
+from 0 or 1 without a gap. ``position[3]`` is one component of either form.
 """
 
 from __future__ import annotations
@@ -17,21 +17,21 @@ from s2r_spec.logs.table import Head, quoted
 from s2r_spec.logs.times import TIME
 
 ANY = -1
-"""A channel of which it is not known whether it is a vector."""
+"""Definition: width of a channel that may be a number or a vector."""
 
-_JOINTS = ("_", ".", "/", ":", "[", "")
-"""Definition: what stands between the name of a vector and the number of a component."""
+_SEPARATORS = ("_", ".", "/", ":", "[", "")
+"""Definition: text between the name of a vector and the number of a component."""
 
 
 @dataclass(frozen=True)
 class Request:
-    """What is to be read.
+    """The channels to read from a file.
 
     Args:
-        columns: channel, or ``t``, or one component ``q[1]`` → what the file calls it.
-        wanted: channel → None for a number a sample, its width for a vector, or :data:`ANY`; None for all there is.
-        time_unit: of times that are plain numbers, where nothing else says it.
-        gather: where all is read, make vectors of numbered columns, too.
+        columns: channel, ``t`` or component ``q[1]`` → name of its column.
+        wanted: channel → None for one number per sample, its width for a vector, or :data:`ANY`; None for all columns.
+        time_unit: unit of times that are plain numbers without a unit.
+        gather: if all columns are read, whether to make vectors of numbered columns.
     """
 
     columns: Mapping[str, str] = field(default_factory=dict)
@@ -42,7 +42,7 @@ class Request:
 
 @dataclass(frozen=True)
 class Part:
-    """A column, or one component of a column of vectors; its unit, where the column's name has it in brackets."""
+    """A column, or one component of a column of vectors; and the unit in brackets in the column's name, if any."""
 
     number: int
     component: int | None = None
@@ -51,7 +51,7 @@ class Part:
 
 @dataclass(frozen=True)
 class Channel:
-    """The parts that make a channel; ``vector`` if it is one even of a single part; the width that is wanted."""
+    """The parts of a channel, whether it is a vector (a single part may be one), and its requested width."""
 
     name: str
     parts: tuple[Part, ...]
@@ -61,13 +61,13 @@ class Channel:
 
 @dataclass(frozen=True)
 class Plan:
-    """What to read from a file.
+    """The columns to read from a file.
 
     Args:
-        times: the column of the times, or that of seconds and that of what is below.
-        channels: in order.
+        times: the column of the times; or the two columns of whole seconds and of fractions.
+        channels: the channels in order.
         faults: channel → why it cannot be made.
-        notes: what was decided by names alone, in sentences.
+        notes: decisions by names alone, one sentence each.
     """
 
     times: tuple[int, ...]
@@ -81,11 +81,11 @@ class Plan:
         return {*self.times, *(part.number for channel in self.channels for part in channel.parts)}
 
 
-def planned(heads: Sequence[Head], request: Request) -> Plan:
-    """Return which columns make the times and the channels.
+def plan_columns(heads: Sequence[Head], request: Request) -> Plan:
+    """Return the columns of the times and of each channel.
 
     Raises:
-        TraceError: there are no times; the message lists what there is.
+        TraceError: there is no column of times; the message lists all columns.
     """
     names = _Names(heads)
     times = names.times(request.columns.get(TIME, TIME))
@@ -103,15 +103,15 @@ def planned(heads: Sequence[Head], request: Request) -> Plan:
 
 
 def _everything(names: _Names, times: tuple[int, ...], columns: Mapping[str, str], gather: bool) -> Plan:
-    """Return every column as a channel, under its own name unless it is mapped."""
+    """Return a plan with every column as a channel, under its own name unless it is mapped."""
     channels, faults = [], {}
-    taken = set(columns.values())
+    mapped_columns = set(columns.values())
     components = {name.partition("[")[0] for name in columns if name.endswith("]") and "[" in name}
     mapped = [*(name for name in columns if not (name.endswith("]") and "[" in name)), *components]
-    found: dict[str, None] = {
+    names_in_file: dict[str, None] = {
         head.name: None for i, head in enumerate(names.heads) if head.name and i not in times
     }
-    own = [name for name in found if name not in taken and name not in columns]
+    own = [name for name in names_in_file if name not in mapped_columns and name not in columns]
     for name in mapped:
         channels.append(names.channel(name, ANY, columns))
     for name in own:
@@ -128,7 +128,7 @@ def _everything(names: _Names, times: tuple[int, ...], columns: Mapping[str, str
 
 
 class _Names:
-    """The heads of a file, by name."""
+    """The heads of a file's columns, by name."""
 
     def __init__(self, heads: Sequence[Head]) -> None:
         self.heads = heads
@@ -141,19 +141,19 @@ class _Names:
 
     @property
     def numbered(self) -> dict[tuple[str, str], dict[int, list[int]]]:
-        """(name of a vector, joint) → number of a component → heads."""
+        """(name of a vector, separator) → number of a component → heads."""
         if self._numbered is None:
             self._numbered = defaultdict(lambda: defaultdict(list))
             for number, head in enumerate(self.heads):
-                for stem, joint, index in _numbered(head):
-                    self._numbered[stem, joint][index].append(number)
+                for stem, separator, index in _numbered(head):
+                    self._numbered[stem, separator][index].append(number)
         return self._numbered
 
     def channel(self, name: str, width: int | None, columns: Mapping[str, str]) -> Channel:
-        """Return what makes a channel.
+        """Return the parts of a channel.
 
         Raises:
-            TraceError: nothing does, or several things do.
+            TraceError: no column makes it, or the choice is ambiguous.
         """
         parts = {
             key: text for key, text in columns.items() if key.startswith(f"{name}[") and key.endswith("]")
@@ -171,82 +171,84 @@ class _Names:
         if width is not None and (group := self._group(text, width)) is not None:
             return Channel(name, group, True)
         hint = ""
-        if width is None and any((text, joint) in self.numbered for joint in _JOINTS):
+        if width is None and any((text, separator) in self.numbered for separator in _SEPARATORS):
             hint = f"; {name!r} is one number: map it to a component, such as --map {name}={text}[0]"
-        raise TraceError(f"the trace has no channel {text!r}{hint}") if hint else self._no(text)
+        raise TraceError(f"the trace has no channel {text!r}{hint}") if hint else self._missing(text)
 
-    def _no(self, text: str) -> TraceError:
-        """Return the error for a name that the file does not have, with those that it has."""
-        there = dict.fromkeys(
+    def _missing(self, text: str) -> TraceError:
+        """Return the error for a name that the file lacks; it lists the file's names."""
+        names = dict.fromkeys(
             head.text for number, head in enumerate(self.heads) if head.name and number not in self.taken
         )
-        return TraceError(f"the trace has no channel {text!r}{suggest(text, there)} it has {one_of(there)}")
+        return TraceError(f"the trace has no channel {text!r}{suggest(text, names)} it has {one_of(names)}")
 
     def own(self, name: str, times: Sequence[int]) -> Channel:
-        """Return the channel that a file itself has under a name."""
+        """Return the channel with exactly this name in the file."""
         return self._exact(name, name, [number for number in self.by_name[name] if number not in times])
 
     def groups(self) -> list[tuple[str, tuple[Part, ...]]]:
-        """Return (name, parts) of every set of two numbered columns or more that is a vector beyond doubt."""
-        stems = defaultdict(list)
-        for stem, joint in self.numbered:
-            if joint != "[":
-                stems[stem].append(joint)
-        found = []
-        for stem, joints in stems.items():
-            parts = [parts for joint in joints if (parts := _complete(self.numbered[stem, joint], 2))]
-            if len(parts) == 1 == len(joints) and stem not in self.by_name:
-                found.append((stem, parts[0]))
-        return found
+        """Return (name, parts) of every unambiguous vector of two or more numbered columns."""
+        separators_of = defaultdict(list)
+        for stem, separator in self.numbered:
+            if separator != "[":
+                separators_of[stem].append(separator)
+        vectors = []
+        for stem, separators in separators_of.items():
+            parts = [
+                parts for separator in separators if (parts := _complete(self.numbered[stem, separator], 2))
+            ]
+            if len(parts) == 1 == len(separators) and stem not in self.by_name:
+                vectors.append((stem, parts[0]))
+        return vectors
 
     def _by_parts(self, name: str, width: int | None, texts: Mapping[str, str]) -> Channel:
-        found: dict[int, Part] = {}
+        parts: dict[int, Part] = {}
         for key, text in texts.items():
             digits = key[len(name) + 1 : -1]
             if not (digits.isascii() and digits.isdigit()):
                 raise TraceError(
-                    f"--map {key}={text}: {digits!r} is not the number of a component, from 0 on"
+                    f"--map {key}={text}: {digits!r} is not the number of a component; numbers begin at 0"
                 )
             exact = [n for n in self.by_name.get(text, []) if self.heads[n].index is None]
             part = Part(exact[0]) if len(exact) == 1 else self._component(text)
             if part is None:
-                raise self._no(text)
-            found[int(digits)] = part
+                raise self._missing(text)
+            parts[int(digits)] = part
         if width is None:
             raise TraceError(
-                f"{name!r} is one number a sample, and --map gives it components: leave out the [ ]"
+                f"{name!r} is one number per sample, but --map gives it components: leave out the [ ]"
             )
-        count = len(found) if width == ANY else width
-        lacking = sorted(set(range(count)) - set(found))
-        if lacking or len(found) != count:
-            wrong = f"{name}[{lacking[0]}] is missing" if lacking else f"there are {len(found)}"
-            raise TraceError(f"{name!r} has components 0 to {count - 1}, of which --map gives each: {wrong}")
-        return Channel(name, tuple(found[i] for i in range(count)), True)
+        count = len(parts) if width == ANY else width
+        lacking = sorted(set(range(count)) - set(parts))
+        if lacking or len(parts) != count:
+            fault = f"{name}[{lacking[0]}] is missing" if lacking else f"there are {len(parts)}"
+            raise TraceError(f"--map must give every component of {name!r}, from 0 to {count - 1}: {fault}")
+        return Channel(name, tuple(parts[i] for i in range(count)), True)
 
     def _exact(self, name: str, text: str, exact: Sequence[int]) -> Channel:
-        """Return the channel of the columns that have just this name."""
+        """Return the channel of the columns with exactly this name."""
         plain = [number for number in exact if self.heads[number].index is None]
         if len(plain) == 1 == len(exact):
             return Channel(name, (Part(plain[0]),), False)
         if plain:
-            raise TraceError(
-                f"{len(exact)} columns are called {quoted(text)}; it cannot be said which one is meant"
-            )
+            raise TraceError(f"{len(exact)} columns are called {quoted(text)}; give them different names")
         parts: dict[int, int] = {}
         for number in exact:
             index = self.heads[number].index
             assert index is not None
             if index in parts:
-                raise TraceError(f"two columns are called {quoted(self.heads[number].text)}")
+                raise TraceError(
+                    f"two columns are called {quoted(self.heads[number].text)}; give them different names"
+                )
             parts[index] = number
         if set(parts) != set(range(len(parts))):
             raise TraceError(
-                f"the components of {quoted(text)} are not numbered {text}[0] to {text}[{len(parts) - 1}]"
+                f"the components of {quoted(text)} must be numbered {text}[0] to {text}[{len(parts) - 1}]"
             )
         return Channel(name, tuple(Part(parts[index]) for index in range(len(parts))), True)
 
     def _component(self, text: str) -> Part | None:
-        """Return what ``position[3]`` means, or None if it is no component of anything."""
+        """Return the component that ``position[3]`` names; None if there is no such component."""
         stem, bracket, rest = text.rpartition("[")
         digits = rest.removesuffix("]")
         if not bracket or rest == digits or not (digits.isascii() and digits.isdigit()):
@@ -255,103 +257,109 @@ class _Names:
         exact = self.by_name.get(stem, [])
         if len(exact) == 1 and self.heads[exact[0]].index is None:
             return Part(exact[0], index)
-        found = [
+        columns = [
             heads[0]
-            for joint in _JOINTS
-            if len(heads := self.numbered.get((stem, joint), {}).get(index, [])) == 1
+            for separator in _SEPARATORS
+            if len(heads := self.numbered.get((stem, separator), {}).get(index, [])) == 1
         ]
-        return Part(found[0]) if len(found) == 1 else None
+        return Part(columns[0]) if len(columns) == 1 else None
 
     def _loose(self, text: str) -> Part | None:
-        """Return the one column that is ``text`` but for a unit in brackets, ``v (m/s)`` or ``v[m/s]``; or None."""
-        found = []
+        """Return the only column whose name is ``text`` and a unit in brackets, ``v (m/s)`` or ``v[m/s]``; or None."""
+        parts = []
         for number, head in enumerate(self.heads):
             if number in self.taken:
                 continue
             if head.unit is not None and text == f"{head.text} [{head.unit}]":
-                found.append(Part(number))
+                parts.append(Part(number))
             unit = time_units.bracketed(head.name) if head.index is None else None
             if unit is not None and unit[0] == text and head.unit is None and _is_unit(unit[1]):
-                found.append(Part(number, None, unit[1]))
-        return found[0] if len(found) == 1 else None
+                parts.append(Part(number, None, unit[1]))
+        return parts[0] if len(parts) == 1 else None
 
     def _group(self, text: str, width: int) -> tuple[Part, ...] | None:
-        """Return the numbered columns that make a vector; None if there are none.
+        """Return the numbered columns of a vector; None if there are none.
 
         Raises:
-            TraceError: there are some, but not one for each component, or in several forms.
+            TraceError: a component has no column or several, or the columns have several forms.
         """
-        joints = [joint for joint in _JOINTS if (text, joint) in self.numbered]
+        separators = [separator for separator in _SEPARATORS if (text, separator) in self.numbered]
         least = 1 if width == ANY else width
-        groups = {joint: parts for joint in joints if (parts := _complete(self.numbered[text, joint], least))}
+        groups = {
+            separator: parts
+            for separator in separators
+            if (parts := _complete(self.numbered[text, separator], least))
+        }
         if width != ANY:
-            groups = {joint: parts for joint, parts in groups.items() if len(parts) == width}
+            groups = {separator: parts for separator, parts in groups.items() if len(parts) == width}
         if len(groups) == 1:
-            ((joint, parts),) = groups.items()
-            if 0 not in self.numbered[text, joint]:
+            ((separator, parts),) = groups.items()
+            if 0 not in self.numbered[text, separator]:
                 first, last = (self.heads[parts[i].number].name for i in (0, -1))
                 self.notes.append(
                     f"the components of {text!r} are read from {quoted(first)} to {quoted(last)}"
                 )
             return parts
-        if not joints:
+        if not separators:
             return None
-        there = one_of(
+        columns = one_of(
             self.heads[number].text
-            for joint in joints
-            for heads in self.numbered[text, joint].values()
+            for separator in separators
+            for heads in self.numbered[text, separator].values()
             for number in heads
         )
-        what = "several forms" if groups else "other numbers than 0 on"
+        fault = "have several forms" if groups else "are not numbered from 0 without a gap"
         count = "" if width == ANY else f" with {width} components"
         raise TraceError(
-            f"the vector {text!r}{count} cannot be made of {there}, which have {what}: "
+            f"the columns {columns} cannot make the vector {text!r}{count}, because they {fault}: "
             f"map each, such as --map '{text}[0]={text}_0'"
         )
 
     def times(self, text: str) -> tuple[int, ...]:
-        """Return the column of the times, or that of the seconds and that of what is below.
+        """Return the column of the times; or the two columns of whole seconds and of fractions.
 
         Raises:
-            TraceError: there is none; the message lists what there is.
+            TraceError: there is none; the message lists all columns.
         """
         exact = [number for number in self.by_name.get(text, []) if self.heads[number].index is None]
         if len(exact) > 1:
-            raise TraceError(f"{len(exact)} columns are called {text!r}; one holds the times")
+            raise TraceError(
+                f"{len(exact)} columns are called {text!r}; only one may hold the times, so rename the others"
+            )
         if exact:
-            self._alone(text)
+            self._refuse_half(text)
             return (exact[0],)
-        pair = self._given_pair(text) or self._pair(text)
+        pair = self._explicit_pair(text) or self._pair(text)
         if pair is not None:
             return pair
         if (loose := self._loose(text)) is not None:
             return (loose.number,)
         names = dict.fromkeys(head.text for head in self.heads if head.name)
-        likely = next((name for name in names if _TIMELY & {*_words(name)}), "time")
+        likely = next((name for name in names if _TIME_WORDS & {*_words(name)}), "time")
         for stem, (whole, below) in self._halves().items():
             likely = stem or f"{self.heads[whole].name}+{self.heads[below].name}"
         raise TraceError(
             f"there is no column {text!r} with the times; there are {one_of(names)}. "
-            f"Another name is mapped like that of a signal, for example --map {TIME}={likely}"
+            f"Map another name, for example --map {TIME}={likely}"
         )
 
-    def _alone(self, text: str) -> None:
-        """Refuse one half of a time whose other half is there, too."""
+    def _refuse_half(self, text: str) -> None:
+        """Refuse one column of a pair of seconds and fractions."""
         for stem, heads in self._halves().items():
             for half in heads:
                 if self.heads[half].name == text and len(heads) == 2:
                     whole, below = (self.heads[number].name for number in heads)
-                    given = stem or f"{whole}+{below}"
+                    pair = stem or f"{whole}+{below}"
                     raise TraceError(
-                        f"{quoted(text)} is one half of the times, {quoted(whole)} and {quoted(below)}: "
-                        f"say --map {TIME}={given}"
+                        f"the times are in two columns, {quoted(whole)} and {quoted(below)}, and {quoted(text)} is "
+                        f"one of them: write --map {TIME}={pair}"
                     )
 
-    def _given_pair(self, text: str) -> tuple[int, int] | None:
+    def _explicit_pair(self, text: str) -> tuple[int, int] | None:
         whole, plus, below = text.partition("+")
         if not plus:
             return None
-        found = []
+        columns = []
         for name in (whole.strip(), below.strip()):
             heads = [number for number in self.by_name.get(name, []) if self.heads[number].index is None]
             if len(heads) != 1:
@@ -359,16 +367,16 @@ class _Names:
                 raise TraceError(
                     f"there is no column {name!r}{suggest(name, names)} there are {one_of(names)}"
                 )
-            found.append(heads[0])
-        return found[0], found[1]
+            columns.append(heads[0])
+        return columns[0], columns[1]
 
     def _pair(self, text: str) -> tuple[int, int] | None:
         """Return the columns ``text.sec`` and ``text.nanosec``, in any of their spellings."""
-        found = self._halves().get(text)
-        return (found[0], found[1]) if found and len(found) == 2 else None
+        halves = self._halves().get(text)
+        return (halves[0], halves[1]) if halves and len(halves) == 2 else None
 
     def _halves(self) -> dict[str, list[int]]:
-        """Return name → the column of whole seconds and that of what is below, where there is one of each."""
+        """Return name → columns of whole seconds and of fractions, if there is one of each."""
         whole: dict[str, list[int]] = defaultdict(list)
         below: dict[str, list[int]] = defaultdict(list)
         for number, head in enumerate(self.heads):
@@ -385,8 +393,8 @@ class _Names:
         }
 
 
-_TIMELY = frozenset(("time", "times", "timestamp", "stamp", "stamps", "clock", "datetime"))
-"""Definition: words in the names of columns that hold times, for a hint."""
+_TIME_WORDS = frozenset(("time", "times", "timestamp", "stamp", "stamps", "clock", "datetime"))
+"""Definition: words in names of columns of times, for a hint in a message."""
 
 
 def _words(name: str) -> Iterable[str]:
@@ -401,25 +409,25 @@ def _is_unit(text: str) -> bool:
 
 
 def _numbered(head: Head) -> Iterable[tuple[str, str, int]]:
-    """Return (name of the vector, joint, number) that the name of a column may mean."""
+    """Return the possible meanings of a column's name: (name of the vector, separator, number)."""
     if head.index is not None:
         return [(head.name, "[", head.index)]
     name = head.name
     if name.endswith("]"):
         stem, _, digits = name[:-1].rpartition("[")
-        joints = ["["] if stem else []
+        separators = ["["] if stem else []
     else:
         stem = name.rstrip("0123456789")
         digits = name[len(stem) :]
-        joints = [joint for joint in _JOINTS if joint and joint != "[" and stem.endswith(joint)] or [""]
-        stem = stem[:-1] if joints != [""] else stem
+        separators = [mark for mark in _SEPARATORS if mark and mark != "[" and stem.endswith(mark)] or [""]
+        stem = stem[:-1] if separators != [""] else stem
     if not stem or not 0 < len(digits) < 7 or not (digits.isascii() and digits.isdigit()):
         return []
-    return [(stem, joint, int(digits)) for joint in joints]
+    return [(stem, separator, int(digits)) for separator in separators]
 
 
 def _complete(numbers: Mapping[int, Sequence[int]], least: int) -> tuple[Part, ...] | None:
-    """Return the components in order if they are numbered from 0 or 1 without a gap, each once."""
+    """Return the components in order if they are numbered from 0 or 1 without a gap, each once; else None."""
     start = min(numbers)
     if start > 1 or len(numbers) < least or any(len(heads) != 1 for heads in numbers.values()):
         return None
@@ -438,8 +446,8 @@ def read_map(texts: Iterable[str]) -> dict[str, str]:
     for text in texts:
         name, _, column = (part.strip() for part in text.partition("="))
         if not name or not column:
-            raise UsageError("--map is written name=column, for example --map vx=velocity.x")
+            raise UsageError(f"--map {text!r} is not name=column; write for example --map vx=velocity.x")
         if names.get(name, column) != column:
-            raise UsageError(f"--map says what {name!r} is called twice: {names[name]!r} and {column!r}")
+            raise UsageError(f"--map maps {name!r} twice, to {names[name]!r} and to {column!r}; map it once")
         names[name] = column
     return names

@@ -1,6 +1,6 @@
-"""NumPy's zip: an array ``t`` [s], one a channel, and ``s2r.json`` with units and meta.
+"""NumPy's zip archive: an array ``t`` [s], one array per channel, and ``s2r.json`` with units and meta.
 
-Arrays are read by their own header, and only those that are asked for. What is inside a file is never unpickled.
+Only the chosen arrays are read, according to their headers. No content of a file is ever unpickled.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _NOTES = "s2r.json"
 _NOTE_LENGTH = 2**24
 """Budget: bytes of ``s2r.json``, 16 million. Twice as many take 0.2 GB more."""
 _HEADER_LENGTH = 10_000
-"""Budget: bytes of an array's header, numpy's own limit; longer ones are slow to parse."""
+"""Budget: bytes of an array's header, numpy's own limit; a longer header is slow to parse."""
 _BROKEN = (
     ValueError,
     EOFError,
@@ -57,11 +57,11 @@ _BROKEN = (
 
 
 def load(path: Path, choose: Chooser) -> Table:
-    """Return the arrays of a file that are asked for.
+    """Read the chosen arrays of a file.
 
     Raises:
-        TraceError: this is no archive, or an array in it is damaged.
-        OSError: it cannot be read.
+        TraceError: the file is no archive, or an array in it is damaged.
+        OSError: the file cannot be read.
     """
     regular(path)
     try:
@@ -70,8 +70,8 @@ def load(path: Path, choose: Chooser) -> Table:
         with zipfile.ZipFile(path) as archive:
             return _table(archive, choose)
     except _BROKEN as error:
-        why = shortened(str(error) or type(error).__name__)
-        raise TraceError(f"this is not an .npz archive of arrays: {why}") from None
+        reason = shortened(str(error) or type(error).__name__)
+        raise TraceError(f"this is not an .npz archive of arrays: {reason}") from None
 
 
 def _table(archive: zipfile.ZipFile, choose: Chooser) -> Table:
@@ -90,7 +90,7 @@ def _table(archive: zipfile.ZipFile, choose: Chooser) -> Table:
 
     unknown = set(units) - set(names)
     if unknown:
-        raise TraceError(f"{_NOTES} gives units of {quoted(min(unknown))}, which is not in the file")
+        raise TraceError(f"{_NOTES} has a unit for {quoted(min(unknown))}, which is no array of the file")
     return Table(heads, columns, meta, place)
 
 
@@ -107,7 +107,11 @@ class _Member:
 
     @classmethod
     def of(cls, archive: zipfile.ZipFile, name: str) -> _Member:
-        """Read it; what its header says must be what the archive has bytes for."""
+        """Read the header of an array, and check that the archive holds enough bytes for it.
+
+        Raises:
+            ValueError: the header is not valid.
+        """
         size = archive.getinfo(name).file_size
         with archive.open(name) as stream:
             version = np.lib.format.read_magic(stream)
@@ -122,16 +126,18 @@ class _Member:
             raise ValueError(f"the shape of {name} is {str(shape)[:40]}")
         fortran = bool(header["fortran_order"])
         if dtype.hasobject:
-            return cls(name, None, shape, fortran, start, "holds Python objects, which are not read")
+            return cls(name, None, shape, fortran, start, "holds Python objects, which s2r does not read")
         if dtype.names is not None or not dtype.itemsize:
             return cls(name, None, shape, fortran, start, "holds records, not numbers")
         if math.prod(shape) * dtype.itemsize > size - start:
-            raise ValueError(f"{name} says that it has the shape {str(shape)[:60]}, and is shorter")
+            raise ValueError(
+                f"the header of {name} states the shape {str(shape)[:60]}, but its data are shorter"
+            )
         return cls(name, dtype, shape, fortran, start)
 
     @property
     def numbers(self) -> int:
-        """How many numbers reading it takes the memory of."""
+        """Memory for the array, in numbers of 8 bytes."""
         if self.dtype is None:
             return 0
         size = TEXT_SIZE if self.dtype.kind in "US" else 1
@@ -142,7 +148,7 @@ def _array(archive: zipfile.ZipFile, member: _Member, dtype: np.dtype[Any]) -> N
     with archive.open(member.name) as stream:
         _skip(stream, member.start)
         data = stream.read(math.prod(member.shape) * dtype.itemsize)
-        stream.read(1)  # the end, where the checksum is compared
+        stream.read(1)  # the archive compares the checksum at the end
     flat = np.frombuffer(data, dtype=dtype)
     return flat.reshape(member.shape, order="F" if member.fortran else "C")
 
@@ -157,9 +163,9 @@ def _column(archive: zipfile.ZipFile, member: _Member) -> Column:
         return Column.without(member.fault)
     values = _array(archive, member, member.dtype)
     if values.ndim == 0:
-        return Column.without("is one value for the whole file, not one a sample")
+        return Column.without("is one value for the whole file, not one per sample")
     if values.ndim > 2:
-        return Column.without(f"has the shape {values.shape}, not one number or one vector a sample")
+        return Column.without(f"has the shape {values.shape}, not one number or one vector per sample")
     if values.dtype.kind == "S":
         values = np.char.decode(values, "utf-8", "replace")
     if values.dtype.kind == "U":
@@ -198,13 +204,13 @@ def write(trace: Trace, path: Path) -> None:
             raise TraceError(f"a channel cannot be called {name!r} in an .npz file")
     notes = json.dumps({"units": dict(trace.units), "meta": dict(trace.meta)})
     arrays = {"t": trace.times, **trace.channels, _NOTES: np.array(notes)}
-    # numpy.savez takes names as keywords, so that a channel called "file" would break it; and a file
-    # that is written once, whole, costs a journal half of what many small writes and seeks do.
+    # numpy.savez takes names as keywords, so a channel called "file" would break it. And one write of the whole file
+    # takes half the time of many small writes and seeks.
     whole = BytesIO()
     with zipfile.ZipFile(whole, "w", zipfile.ZIP_STORED) as archive:
         for name, array in arrays.items():
             one = BytesIO()
             np.lib.format.write_array(one, array, allow_pickle=False)
-            # No time of day: the same trace makes the same file.
+            # Without a time of day, so that the same trace makes the same file.
             archive.writestr(zipfile.ZipInfo(f"{name}.npy"), one.getbuffer())
     path.write_bytes(whole.getbuffer())

@@ -1,8 +1,7 @@
-"""Apache Parquet: a column ``t`` [s], one a channel, vectors as lists of one length; units and meta beside.
+"""Apache Parquet: a column ``t`` [s], and one column per channel, with vectors as lists of equal length.
 
-Needs pyarrow, the extra ``logs``. Units and meta are the text ``s2r`` of the
-file's own metadata; other tools read such a file as a plain table. Fields of a
-structure are columns of their own, ``header.stamp.sec``.
+Needs pyarrow, the extra ``logs``. Units and meta are in the file's metadata under the key ``s2r``; other tools read
+the file as a plain table. A field of a structure is a column of its own, such as ``header.stamp.sec``.
 """
 
 from __future__ import annotations
@@ -31,15 +30,15 @@ from s2r_spec.trace import Trace
 
 _NOTES = b"s2r"
 _ROWS = 8192
-"""Budget: rows that are read at once; twice as many take twice the memory before it is counted."""
+"""Budget: rows of one read; twice as many take twice the memory before it is counted."""
 
 
 def load(path: Path, choose: Chooser) -> Table:
-    """Return the columns of a file that are asked for.
+    """Read the chosen columns of a file.
 
     Raises:
-        TraceError: this is no Parquet file, or it is damaged.
-        OSError: it cannot be read.
+        TraceError: the file is no Parquet file, or is damaged.
+        OSError: the file cannot be read.
     """
     arrow, parquet = _libraries()
     regular(path)
@@ -47,12 +46,10 @@ def load(path: Path, choose: Chooser) -> Table:
         with parquet.ParquetFile(path) as file:
             return _table(arrow, file, choose)
     except (arrow.ArrowException, MemoryError, UnicodeDecodeError) as error:
-        raise TraceError(f"this is not a Parquet file that can be read: {shortened(str(error))}") from None
+        raise TraceError(f"this is not a valid Parquet file: {shortened(str(error))}") from None
     except OSError as error:
-        if error.strerror is None:  # pyarrow's own, of a damaged page
-            raise TraceError(
-                f"this is not a Parquet file that can be read: {shortened(str(error))}"
-            ) from None
+        if error.strerror is None:  # pyarrow's own error, for a damaged page
+            raise TraceError(f"this is not a valid Parquet file: {shortened(str(error))}") from None
         raise
 
 
@@ -68,7 +65,7 @@ def _table(arrow: Any, file: Any, choose: Chooser) -> Table:
     unknown = set(units) - {head.name for head in heads}
     if unknown:
         raise TraceError(
-            f"the metadata 's2r' gives units of {quoted(min(unknown))}, which is not in the file"
+            f"the metadata 's2r' has a unit for {quoted(min(unknown))}, which is no column of the file"
         )
     needed = sorted(set(choose(heads)))
     roots = {leaves[number][1][0] for number in needed}
@@ -83,19 +80,19 @@ def _table(arrow: Any, file: Any, choose: Chooser) -> Table:
 
 def _leaves(arrow: Any, schema: Any) -> list[tuple[str, tuple[str, ...]]]:
     """Return (name, path) of every column, and of every field of a structure."""
-    found: list[tuple[str, tuple[str, ...]]] = []
+    leaves: list[tuple[str, tuple[str, ...]]] = []
 
-    def look(field: Any, path: tuple[str, ...]) -> None:
+    def visit(field: Any, path: tuple[str, ...]) -> None:
         if arrow.types.is_struct(field.type):
             for number in range(field.type.num_fields):
                 inner = field.type.field(number)
-                look(inner, (*path, inner.name))
+                visit(inner, (*path, inner.name))
         else:
-            found.append((".".join(path), path))
+            leaves.append((".".join(path), path))
 
     for field in schema:
-        look(field, (field.name,))
-    return found
+        visit(field, (field.name,))
+    return leaves
 
 
 def _leaf(arrow: Any, table: Any, path: tuple[str, ...]) -> Any:
@@ -108,9 +105,9 @@ def _leaf(arrow: Any, table: Any, path: tuple[str, ...]) -> Any:
 
 
 def _read(arrow: Any, file: Any, roots: list[str]) -> Any:
-    """Return the columns as a table, read in parts, so that one that inflates ends before it takes all memory.
+    """Return the columns as a table, read in parts, so that a compressed bomb is refused before it fills the memory.
 
-    The file's own account of its columns is not asked: where it is damaged, pyarrow ends the process.
+    The sizes in the file's metadata are not used: if they are damaged, pyarrow ends the process.
     """
     affordable(file.metadata.num_rows * len(roots))
     batches, taken = [], 0
@@ -124,7 +121,7 @@ def _read(arrow: Any, file: Any, roots: list[str]) -> Any:
 
 
 def _numbers(column: Any) -> int:
-    """Return how many numbers a column takes the memory of; each text counts as several."""
+    """Return the memory for a column, in numbers of 8 bytes; a text counts as several."""
     texts = "string" in str(column.type)
     return max(len(column) * (TEXT_SIZE if texts else 1), int(column.nbytes) // 8)
 
@@ -144,7 +141,7 @@ def _column(arrow: Any, column: Any) -> Column:
     if types.is_string(kind) or types.is_large_string(kind):
         words = cells.words("" if word is None else word.strip() for word in column.to_pylist())
         return Column(words, cells.missing(words))
-    if types.is_time(kind):  # of the day: a duration since midnight
+    if types.is_time(kind):  # a time of day is a duration since midnight
         column = column.cast(arrow.int64() if kind.bit_width == 64 else arrow.int32())
         values = np.asarray(column.fill_null(0).to_numpy(zero_copy_only=False), dtype=np.int64)
         return Column(values.view(f"m8[{kind.unit}]"), gaps)
@@ -160,7 +157,7 @@ def _column(arrow: Any, column: Any) -> Column:
 
 
 def _vectors(arrow: Any, column: Any) -> Column:
-    """Return (n, k) of lists that have one length; a missing list is NaN."""
+    """Return a column of (n, k) values from lists of equal length; a missing list becomes NaN."""
     lengths = column.value_lengths().fill_null(-1).to_numpy(zero_copy_only=False)
     missing = lengths < 0
     width = set(lengths[~missing].tolist())
@@ -168,7 +165,7 @@ def _vectors(arrow: Any, column: Any) -> Column:
         return Column.without("holds lists of different lengths")
     inner = _column(arrow, column.flatten())
     if inner.fault or inner.texts or inner.values.dtype.kind not in "biuf" or inner.values.ndim != 1:
-        return Column.without("holds lists of what is no number")
+        return Column.without("holds lists of values that are no numbers")
     values = np.full((len(column), width.pop() if width else 0), np.nan)
     flat = inner.values.astype(np.float64)
     if inner.missing is not None:

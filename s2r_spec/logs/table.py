@@ -1,4 +1,4 @@
-"""What a file holds, before anything is decided: columns as found. The one form that every format is parsed to."""
+"""The parsed content of a file, the same for every format: columns in the types that they have in the file."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from numpy.typing import NDArray
 from s2r_spec.errors import TraceError, shortened
 
 MOST_NUMBERS = 2**25
-"""Budget: numbers that are read from one file, 34 million; near it s2r takes 0.8 GB, at twice as many 1.6 GB."""
+"""Budget: numbers read from one file, 34 million, which take 0.8 GB. Twice as many take 1.6 GB."""
 TEXT_SIZE = 8
-"""Definition: a text counts as so many numbers; Python keeps one in 60 bytes and more."""
+"""Definition: memory of a text, in numbers of 8 bytes; Python needs at least 60 bytes for one."""
 MOST_COLUMNS = 100_000
-"""Budget: columns of one file. Twice as many take twice the time to name, 2 s."""
+"""Budget: columns of one file. Twice as many take twice the time to list, 2 s."""
 
 
 @dataclass(frozen=True)
 class Head:
-    """What a file calls a column.
+    """The head of a column.
 
     Args:
-        name: without unit and number.
-        index: number of the component, where the format itself numbers those of a vector (``u[0]`` in CSV).
-        unit: as written; None if none is.
+        name: name without unit and number.
+        index: number of the component, if the format numbers components of a vector (``u[0]`` in CSV); else None.
+        unit: unit as written; None if there is none.
     """
 
     name: str
@@ -37,18 +37,18 @@ class Head:
 
     @property
     def text(self) -> str:
-        """The name with the number of the component."""
+        """Name with the number of the component."""
         return self.name if self.index is None else f"{self.name}[{self.index}]"
 
 
 @dataclass(frozen=True)
 class Column:
-    """Values of a column, in the type they have in the file.
+    """The values of a column, in the type that they have in the file.
 
     Args:
         values: (n,) or (n, k) numbers, booleans, dates (M8), durations (m8), or texts (as objects).
-        missing: (n,) where nothing is written; None if nowhere.
-        fault: why there are no values, after the column's name; "" if there are.
+        missing: (n,) bool: whether each value is missing; None if none is.
+        fault: why the column cannot be read, as text after its name; "" if it can.
     """
 
     values: NDArray[Any]
@@ -57,7 +57,7 @@ class Column:
 
     @classmethod
     def without(cls, fault: str) -> Column:
-        """Return a column that cannot be used, with the reason."""
+        """Return a column that cannot be read, with the reason."""
         return cls(np.zeros(0), fault=fault)
 
     @property
@@ -71,11 +71,11 @@ class Table:
     """The parsed columns of a file.
 
     Args:
-        heads: of all columns.
-        columns: number of a head → its column, for those that were asked for.
-        meta: what the file says of the whole rollout.
-        notes: what the reader left out, each in a sentence.
-        place: (number of a sample, number of a head) → where that is, such as "line 3, column 2 (vx)".
+        heads: heads of all columns.
+        columns: number of a head → its column, for the chosen columns.
+        meta: meta of the trace.
+        notes: notes on rows left out, one sentence each.
+        place: (sample number, head number) → place in the file, such as "line 3, column 2 (vx)".
     """
 
     heads: tuple[Head, ...]
@@ -86,61 +86,65 @@ class Table:
 
 
 Chooser = Callable[[tuple[Head, ...]], Iterable[int]]
-"""Heads of a file → the numbers of those whose columns are to be read."""
+"""Heads of a file → numbers of the columns to read."""
 
 
 def regular(path: Path) -> None:
-    """Refuse what would hang or never end.
+    """Refuse a path that is no regular file, because a read could hang or never end.
 
     Raises:
         OSError: there is no such file.
-        TraceError: it is a pipe, a device or a folder.
+        TraceError: the path is a pipe, a device or a folder.
     """
     mode = path.stat().st_mode
     if stat.S_ISDIR(mode):
         raise TraceError("this is a folder, not a file")
     if not stat.S_ISREG(mode):
-        raise TraceError("this is a pipe or a device, not a file; copy what it gives to a file")
+        raise TraceError("this is a pipe or a device, not a file; copy its data to a file")
 
 
 def affordable(numbers: int) -> None:
-    """Refuse what would take all memory.
+    """Refuse a file that would take too much memory.
 
     Raises:
-        TraceError: more numbers are to be read than :data:`MOST_NUMBERS`.
+        TraceError: it has more numbers than :data:`MOST_NUMBERS`.
     """
     if numbers > MOST_NUMBERS:
         raise TraceError(
-            f"{numbers / 1e6:,.0f} million numbers are to be read, and s2r reads {MOST_NUMBERS / 1e6:.0f} million "
-            f"of one file at most; cut the log, or read fewer columns"
+            f"the file has {numbers / 1e6:,.0f} million numbers, and s2r reads at most {MOST_NUMBERS / 1e6:.0f} "
+            f"million; cut the log, or read fewer columns"
         )
 
 
 def few(columns: int) -> None:
-    """Refuse a file that is nothing but names.
+    """Refuse a file with too many columns.
 
     Raises:
         TraceError: it has more columns than :data:`MOST_COLUMNS`.
     """
     if columns > MOST_COLUMNS:
         raise TraceError(
-            f"there are {columns:,} columns, and s2r reads {MOST_COLUMNS:,} at most; cut the table"
+            f"the file has {columns:,} columns, and s2r reads at most {MOST_COLUMNS:,}; remove some"
         )
 
 
-def described(record: Any, what: str) -> tuple[dict[str, str], dict[str, Any]]:
-    """Return units and meta of what a file of s2r says beside its columns.
+def described(record: Any, source: str) -> tuple[dict[str, str], dict[str, Any]]:
+    """Return units and meta from the record that s2r writes beside the columns.
+
+    Args:
+        record: the parsed record.
+        source: its place in the file, for messages.
 
     Raises:
-        TraceError: it has another form.
+        TraceError: the record has another form.
     """
     if not isinstance(record, dict):
-        raise TraceError(f"{what} is not a JSON object")
+        raise TraceError(f"{source} is not a JSON object")
     units, meta = record.get("units", {}), record.get("meta", {})
     if not isinstance(units, dict) or not all(isinstance(unit, str) for unit in units.values()):
-        raise TraceError(f'{what}: "units" must map names to texts, such as "m/s"')
+        raise TraceError(f'{source}: "units" must map names to texts, such as "m/s"')
     if not isinstance(meta, dict):
-        raise TraceError(f'{what}: "meta" must be a JSON object')
+        raise TraceError(f'{source}: "meta" must be a JSON object')
     return units, meta
 
 

@@ -1,4 +1,4 @@
-"""Units of time stamps, exactly, and the names that say one."""
+"""Exact units of time stamps, and the names of columns that state one."""
 
 from __future__ import annotations
 
@@ -12,23 +12,24 @@ _SIZES = {
     "μs": Fraction(1, 10**6), "ns": Fraction(1, 10**9), "min": Fraction(60), "h": Fraction(3600),
     "sec": Fraction(1), "msec": Fraction(1, 10**3), "usec": Fraction(1, 10**6), "nsec": Fraction(1, 10**9),
 }  # fmt: skip
-"""Definition: units whose size is exact, and needs no library."""
+"""Definition: units with an exact size [s], which need no library."""
 
 SUB = {
     **dict.fromkeys(("ms", "msec", "msecs", "millis", "millisec", "millisecs", "millisecond", "milliseconds"), "ms"),
     **dict.fromkeys(("us", "usec", "usecs", "micros", "microsec", "microsecs", "microsecond", "microseconds"), "us"),
     **dict.fromkeys(("ns", "nsec", "nsecs", "nanos", "nanosec", "nanosecs", "nanosecond", "nanoseconds"), "ns"),
 }  # fmt: skip
-"""Definition: last words of a name that say a unit below the second."""
+"""Definition: last words of a name that state a unit below the second."""
 WHOLE = frozenset(("s", "sec", "secs", "second", "seconds"))
-"""Definition: last words of a name that say seconds."""
+"""Definition: last words of a name that state seconds."""
 
 _EPOCH = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))
-"""Definition: from 1e11 on a stamp is no second since 1970 (the year 5138). In ms it is of 1973, in us 1e14 is."""
+"""Definition: smallest stamp since 1970 in each unit. A stamp of 1e11 s would be in the year 5138; 1e11 ms, 1e14 us and
+1e17 ns are in 1973."""
 
 
 def size(text: str) -> Fraction | None:
-    """Return how long a unit of time is [s]; None if the text is no unit of time."""
+    """Return the size of a unit of time [s]; None if the text is no unit of time."""
     text = text.strip()
     if text in _SIZES:
         return _SIZES[text]
@@ -42,7 +43,7 @@ def size(text: str) -> Fraction | None:
 
 
 def bracketed(name: str) -> tuple[str, str] | None:
-    """Return what stands before brackets at the end of a name, and in them: ``v (m/s)``, ``v[m/s]``; None if none."""
+    """Split ``v (m/s)`` or ``v[m/s]`` into the name and the text in brackets; None without brackets at the end."""
     for opening, closing in ("()", "[]"):
         if name.endswith(closing) and opening in name[1:]:
             at = name.rindex(opening)
@@ -52,23 +53,23 @@ def bracketed(name: str) -> tuple[str, str] | None:
 
 
 def in_brackets(name: str) -> str | None:
-    """Return the unit of time that a name has in brackets at its end, ``time (ns)``; None if none."""
-    found = bracketed(name)
-    return found[1] if found is not None and size(found[1]) is not None else None
+    """Return the unit of time in brackets at the end of a name, ``time (ns)``; None if there is none."""
+    split = bracketed(name)
+    return split[1] if split is not None and size(split[1]) is not None else None
 
 
 def last_word(name: str) -> str:
-    """Return the last word of a name in small letters: "us" of time_us, TimeUS and stamp.us."""
-    found = re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+", name[-100:])
-    return found[-1].lower() if found else ""
+    """Return the last word of a name in lower case: "us" for time_us, TimeUS and stamp.us."""
+    words = re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+", name[-100:])
+    return words[-1].lower() if words else ""
 
 
-def said(name: str) -> str | None:
-    """Return the unit that the name of a column says, or None."""
+def unit_in_name(name: str) -> str | None:
+    """Return the unit that the name of a column states, or None."""
     word = last_word(name)
     return SUB.get(word, "s" if word in WHOLE else None)
 
 
 def looks_like(stamp: float) -> str | None:
-    """Return the unit that a stamp since 1970 must have, as it cannot be seconds; None if it can."""
+    """Return the probable unit of a stamp since 1970 that is too large for seconds; None if it may be in seconds."""
     return next((unit for least, unit in _EPOCH if abs(stamp) >= least), None)

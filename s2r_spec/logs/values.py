@@ -1,4 +1,4 @@
-"""The samples of a channel: the one place where numbers, truth values, durations and gaps are decided."""
+"""Read the samples of a channel from numbers, truth values, durations or texts, with NaN for gaps."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ FloatArray = NDArray[np.float64]
 
 
 def read(column: Column, name: str, place: Callable[[int], str]) -> tuple[FloatArray, str | None]:
-    """Return (n,) or (n, k) samples, NaN where there is none, and their unit where the type says it.
+    """Return (n,) or (n, k) samples, with NaN for missing ones, and the unit if the type states it.
 
-    Truth values are 1 and 0; durations are seconds.
+    Truth values become 1 and 0, and durations seconds.
 
     Args:
-        column: as found.
-        name: of it, in quotes.
-        place: number of a sample → where it is.
+        column: the parsed column.
+        name: name of the column, in quotes.
+        place: sample number → its place in the file.
 
     Raises:
-        TraceError: it holds no numbers.
+        TraceError: the column holds no numbers.
     """
     if column.fault:
         raise TraceError(f"{name} {column.fault}")
@@ -39,26 +39,26 @@ def read(column: Column, name: str, place: Callable[[int], str]) -> tuple[FloatA
         values, unit = stamps.seconds(filled.ravel(), np.timedelta64(0, "s")), "s"
         values = values.reshape(gaps.shape)
         values[gaps] = np.nan
-    found = _texts(column, name, place) if column.texts else np.array(values, dtype=np.float64)
+    samples = _texts(column, name, place) if column.texts else np.array(values, dtype=np.float64)
     if column.missing is not None:
-        found[column.missing] = np.nan
-    return found, unit
+        samples[column.missing] = np.nan
+    return samples, unit
 
 
 def _texts(column: Column, name: str, place: Callable[[int], str]) -> FloatArray:
     if column.values.ndim != 1:
         raise TraceError(f"{name} holds texts, not numbers")
-    found = np.full(len(column.values), np.nan)
-    there = np.flatnonzero(~cells.missing(column.values))
-    known = cells.truths([column.values[sample] for sample in there])
-    if known is not None:
-        found[there] = known
-        return found
-    for sample in there:
+    samples = np.full(len(column.values), np.nan)
+    present = np.flatnonzero(~cells.missing(column.values))
+    truths = cells.truths([column.values[sample] for sample in present])
+    if truths is not None:
+        samples[present] = truths
+        return samples
+    for sample in present:
         try:
-            found[sample] = cells.number(column.values[sample])
+            samples[sample] = cells.number(column.values[sample])
         except ValueError:
             raise TraceError(
                 f"{place(int(sample))} is {shortened(column.values[sample])!r}, not a number"
             ) from None
-    return found
+    return samples

@@ -1,4 +1,4 @@
-"""Reporters: one result record in, one text out. By name, as ``--format`` says."""
+"""Reporters by name, as ``--format`` takes it: each turns a report into one text."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ def reporter(name: str, among: Collection[str] | None = None) -> Callable[[Repor
     """Return a reporter by its name.
 
     Raises:
-        UsageError: there is none of that name, or not among these.
+        UsageError: no reporter has this name, or ``among`` leaves it out.
     """
     offered = REPORTERS if among is None else among
     if name not in offered:
-        raise UsageError(f"no format {name!r}{suggest(name, offered)} there are: {one_of(offered)}")
+        raise UsageError(f"no format {name!r}{suggest(name, offered)} the formats are {one_of(offered)}")
     return REPORTERS[name]

@@ -11,7 +11,7 @@ from s2r_spec.certify.check import Verdict
 from s2r_spec.certify.real_machine import CertifyResult
 from s2r_spec.certify.rounding import between, down, up
 from s2r_spec.report import checked, gapped
-from s2r_spec.report.checked import location, test_words
+from s2r_spec.report.checked import LARGER_B, location, test_words
 from s2r_spec.report.finding import Finding, Report, Section
 from s2r_spec.spec import Spec
 
@@ -19,7 +19,7 @@ SCHEMA = "s2r.certify/1"
 
 
 def report(spec: Spec, result: CertifyResult, command: str = "s2r certify") -> Report:
-    """Return what every reporter renders."""
+    """Return the report of both searches; every reporter renders it."""
     code = result.verdict.exit_code
     record = {"schema": SCHEMA, "exit_code": code} | to_json(result)
     where = {"location": location(spec, result.simulated.requirement)}
@@ -27,7 +27,7 @@ def report(spec: Spec, result: CertifyResult, command: str = "s2r certify") -> R
 
 
 def to_json(result: CertifyResult) -> dict[str, Any]:
-    """Return the record of both searches and the promise as plain JSON values."""
+    """Return the records of both searches and of the composed bound as plain JSON values."""
     return {
         "verdict": result.verdict.value,
         "reason": result.reason,
@@ -39,7 +39,7 @@ def to_json(result: CertifyResult) -> dict[str, Any]:
 
 
 def finding(spec: Spec, result: CertifyResult) -> Finding:
-    """Say the promise in words, with what it is made of."""
+    """Return the bound for the real machine in words, with both of its parts."""
     simulated, gap = result.simulated, result.gap
     source = simulated.provenance
     model = f"{source['backend']} {short(source['model_hash'])}"
@@ -57,11 +57,11 @@ def finding(spec: Spec, result: CertifyResult) -> Finding:
         facts=_facts(spec, result),
         sections=(
             Section("This assumes", _assumptions(result)),
-            Section("How much hangs on B (all rows hold at once)", _ladder(result)),
+            Section(LARGER_B, _ladder(result)),
         ),
         provenance=f"seed {source['seed']}, s2r {source['s2r']}, spec {source['spec_hash'][:12]}, {model}",
         again=(
-            f"lowest Δ ({gap.lowest.gap:+.4f}{unit}), its real side"
+            f"real rollout of the lowest Δ ({gap.lowest.gap:+.4f}{unit})"
             if gap
             else f"lowest ρ ({simulated.lowest.rho:+.4f}{unit})"
         ),
@@ -73,33 +73,33 @@ def finding(spec: Spec, result: CertifyResult) -> Finding:
 
 
 def _headline(result: CertifyResult) -> str:
-    promise = result.composition
-    if promise is None:
-        return f"nothing is promised of {result.real}"
+    composed = result.composition
+    if composed is None:
+        return f"no bound for {result.real}"
     unit = f" {result.simulated.unit}" if result.simulated.unit else ""
     bound = {
-        Verdict.HOLDS: f"≥ {down(promise.lower)}{unit}",
-        Verdict.VIOLATED: f"≤ {up(promise.upper)}{unit}",
-        Verdict.UNKNOWN: f"in {between(promise.lower, promise.upper)}{unit}",
+        Verdict.HOLDS: f"≥ {down(composed.lower)}{unit}",
+        Verdict.VIOLATED: f"≤ {up(composed.upper)}{unit}",
+        Verdict.UNKNOWN: f"in {between(composed.lower, composed.upper)}{unit}",
     }[result.verdict]
-    return f"worst expected ρ of {result.real} {bound}, with probability ≥ 1 − {promise.delta:g}"
+    return f"worst expected ρ of {result.real} {bound}, with probability ≥ 1 − {composed.delta:g}"
 
 
 def _facts(spec: Spec, result: CertifyResult) -> tuple[tuple[str, str], ...]:
-    simulated, gap, promise = result.simulated, result.gap, result.composition
+    simulated, gap, composed = result.simulated, result.gap, result.composition
     unit = f" {simulated.unit}" if simulated.unit else ""
-    bound: tuple[tuple[str, str], ...] = (("worst expected ρ", "nothing is promised of the real machine"),)
-    if promise is not None:
+    bound: tuple[tuple[str, str], ...] = (("worst expected ρ", "no bound for the real machine"),)
+    if composed is not None:
         bound = (
             (
                 "worst expected ρ",
-                f"in {between(promise.lower, promise.upper)}{unit} for {result.real}, "
-                f"with probability ≥ 1 − {promise.delta:g}",
+                f"in {between(composed.lower, composed.upper)}{unit} for {result.real}, "
+                f"with probability ≥ 1 − {composed.delta:g}",
             ),
-            ("worst test", test_words(promise.worst, spec.space.units)),
+            ("worst test", test_words(composed.worst, spec.space.units)),
             (
-                "as the paper adds",
-                f"≥ {down(promise.paper_lower)}{unit} (worst case of each search, wherever it is)",
+                "the paper's sum",
+                f"≥ {down(composed.paper_lower)}{unit} (the worst cases of both searches, added)",
             ),
         )
     return (
@@ -109,12 +109,12 @@ def _facts(spec: Spec, result: CertifyResult) -> tuple[tuple[str, str], ...]:
             f"worst expected ρ in {between(simulated.lower, simulated.upper)}{unit}, "
             f"{simulated.certificate.rollouts} rollouts, {simulated.certificate.label.value}",
         ),
-        *(gapped.facts(gap, spec.space.units) if gap else (("the gap", "was not searched for"),)),
+        *(gapped.facts(gap, spec.space.units) if gap else (("gap", "not searched"),)),
     )
 
 
 def _assumptions(result: CertifyResult) -> tuple[str, ...]:
-    # The last one of the simulation says that the real machine is another search's: this one's.
+    # The simulation's last assumption says that it does not cover the real machine; the gap covers it here.
     both = (*result.simulated.assumptions[:-1], *(result.gap.assumptions if result.gap else ()))
     return tuple(dict.fromkeys(both))
 
@@ -128,7 +128,7 @@ def _ladder(result: CertifyResult) -> tuple[str, ...]:
     rows += [f"the gap, {row}" for row in gapped.ladder(gap)]
     if result.composition is not None:
         rows += [
-            f"both, added as the paper does: if B = {left.B:g}{unit}: ρ ≥ {down(-left.upper - right.upper)}{unit}"
-            for left, right in zip(simulated.certificate.ladder, gap.certificate.ladder, strict=True)
+            f"the paper's sum, if B = {of_sim.B:g}{unit}: ρ ≥ {down(-of_sim.upper - of_gap.upper)}{unit}"
+            for of_sim, of_gap in zip(simulated.certificate.ladder, gap.certificate.ladder, strict=True)
         ]
     return tuple(rows)

@@ -13,15 +13,17 @@ from s2r_spec.backend import short
 from s2r_spec.certify.certificate import Certificate, Label
 from s2r_spec.certify.check import CheckResult, Verdict
 from s2r_spec.certify.rounding import at_least, at_most, between, down, up, wide
-from s2r_spec.certify.voids import shown
+from s2r_spec.certify.voids import void_words
 from s2r_spec.report.finding import Finding, Report, Section
 from s2r_spec.spec import Spec
 
 SCHEMA = "s2r.check/1"
+LARGER_B = "Interval for larger B (all rows hold at once)"
+"""Title of the section that gives the bound for B, 2B, 4B and 8B."""
 
 
 def report(pairs: Sequence[tuple[Spec, CheckResult]], command: str = "s2r check") -> Report:
-    """Return what every reporter renders, from each result and the spec that it is of."""
+    """Return the report of several results, each with its spec; every reporter renders it."""
     # Worst first, as the exit codes are ranked: 1 > 3 > 0.
     code = max((result.verdict.exit_code for _, result in pairs), key=[0, 3, 1].index)
     record = {
@@ -53,7 +55,7 @@ def to_json(result: CheckResult) -> dict[str, Any]:
         "lowest": asdict(result.lowest),
         "failures": result.failures,
         "assumptions": list(result.assumptions),
-        # The search maximises −ρ; its record is kept in its own sign, and says so.
+        # The search maximises −ρ: its record keeps that sign, and "objective" states it.
         "search": {"objective": "-rho"} | certificate.to_json(),
         "provenance": result.provenance,
         "folder": str(result.folder),
@@ -68,18 +70,18 @@ def voids_json(voids: Mapping[str, int] | None) -> dict[str, Any]:
 
 
 def voids_fact(voids: Mapping[str, int] | None, rollouts: int) -> tuple[tuple[str, str], ...]:
-    """Return the row of void rollouts beside so many outcomes, which only a machine has."""
-    return () if voids is None else (("void", shown(voids, rollouts)),)
+    """Return the row of void rollouts, which only a machine has; ``rollouts`` counts those with an outcome."""
+    return () if voids is None else (("void", void_words(voids, rollouts)),)
 
 
 def finding(spec: Spec, result: CheckResult) -> Finding:
-    """Say one result in words."""
+    """Return the finding of one requirement: its bound, facts and assumptions in words."""
     certificate, source = result.certificate, result.provenance
     unit = f" {result.unit}" if result.unit else ""
     failures = ", ".join(f"{count} × {word}" for word, count in sorted(result.failures.items())) or "no falls"
-    odds = odds_words(certificate)
+    probability = probability_words(certificate)
     facts = (
-        ("worst expected ρ", f"in {between(result.lower, result.upper)}{unit}, {odds}"),
+        ("worst expected ρ", f"in {between(result.lower, result.upper)}{unit}, {probability}"),
         (
             "worst test",
             f"{test_words(result.worst.params, spec.space.units)}: mean ρ {result.worst.mean:+.4f}{unit} "
@@ -94,7 +96,7 @@ def finding(spec: Spec, result: CheckResult) -> Finding:
         (
             "label",
             f"{certificate.label.value}; interval {wide(certificate.epsilon)} wide "
-            f"(asked {certificate.target:g}), of which the grid costs {at_most(certificate.discretisation, 2)}",
+            f"(target {certificate.target:g}), including {at_most(certificate.discretisation, 2)} for the grid",
         ),
     )
     return Finding(
@@ -104,11 +106,11 @@ def finding(spec: Spec, result: CheckResult) -> Finding:
         refused=certificate.label is Label.REFUSED,
         about=f"{source['spec']} on backend {source['backend']}",
         reason=result.reason,
-        headline=_headline(result, unit, odds),
+        headline=_headline(result, unit, probability),
         facts=facts,
         sections=(
             Section("This assumes", result.assumptions),
-            Section("How much hangs on B (all rows hold at once)", ladder(result)),
+            Section(LARGER_B, ladder(result)),
         ),
         provenance=(
             f"seed {source['seed']}, s2r {source['s2r']}, spec {source['spec_hash'][:12]}, "
@@ -129,19 +131,19 @@ def test_words(params: Mapping[str, float], units: Mapping[str, str]) -> str:
 
 
 def took(seconds: float) -> str:
-    """Return what the rollouts took, all workers together; nothing for recordings, which were not run."""
+    """Return the time of all rollouts, summed over the workers; "" for recordings, which were not run."""
     return f", {seconds:.{0 if seconds >= 10 else 1}f} s of rollouts" if seconds else ""
 
 
-def odds_words(certificate: Certificate) -> str:
-    """Return how sure a bound is."""
+def probability_words(certificate: Certificate) -> str:
+    """Return the probability of a bound in words."""
     if not certificate.label.bounds:
-        return "which is no certificate"
+        return "not certified"
     return f"with probability ≥ 1 − {certificate.delta:g}"
 
 
 def ladder(result: CheckResult) -> tuple[str, ...]:
-    """Return what would be known if the norm were larger."""
+    """Return the interval for each norm bound B, 2B, 4B and 8B, and what the data refute."""
     unit = f" {result.unit}" if result.unit else ""
     return (
         *(
@@ -153,29 +155,29 @@ def ladder(result: CheckResult) -> tuple[str, ...]:
 
 
 def refuted_words(certificate: Certificate, unit: str) -> str:
-    """Return what the data say against B and R."""
+    """Return which B the data refute, and the e-value against R."""
     e_value = math.exp(min(certificate.log_e_value, 700.0))
     return (
         f"the data refute every B < {at_least(certificate.B_low)} {unit}".rstrip()
-        + f"; R is refuted at an e-value of 1/δ, now {e_value:.3g}"
+        + f"; the e-value against R is {e_value:.3g} (1/δ refutes R)"
     )
 
 
 def replay_line(result: CheckResult) -> str:
-    """Return the command that runs the rollout of the lowest ρ again, fit for a shell."""
+    """Return the shell command that runs the rollout of the lowest ρ again."""
     return f"s2r replay {shlex.quote(str(result.folder))}#{result.lowest.query}.{result.lowest.replicate}"
 
 
-def _headline(result: CheckResult, unit: str, odds: str) -> str:
+def _headline(result: CheckResult, unit: str, probability: str) -> str:
     if result.certificate.label is Label.REFUSED:
         return "no certificate"
     if result.verdict is Verdict.HOLDS:
-        return f"worst expected ρ ≥ {down(result.lower)}{unit}, {odds}"
+        return f"worst expected ρ ≥ {down(result.lower)}{unit}, {probability}"
     if result.verdict is Verdict.VIOLATED:
-        return f"worst expected ρ ≤ {up(result.upper)}{unit}, {odds}"
-    return f"worst expected ρ in {between(result.lower, result.upper)}{unit}, {odds}"
+        return f"worst expected ρ ≤ {up(result.upper)}{unit}, {probability}"
+    return f"worst expected ρ in {between(result.lower, result.upper)}{unit}, {probability}"
 
 
 def location(spec: Spec, requirement: str) -> dict[str, Any]:
-    """Return where a requirement is written."""
+    """Return the file and line of a requirement."""
     return {"file": spec.name, "line": spec.formulas[requirement].span.line}

@@ -1,8 +1,10 @@
-"""A diagnosis as text, as one JSON object, and the words that all of its forms share."""
+"""A diagnosis as text and as one JSON object, and the sentences that every form of it contains."""
 
 from __future__ import annotations
 
 import json
+import math
+from collections.abc import Sequence
 from typing import Any
 
 from rich.markup import escape
@@ -16,6 +18,7 @@ from s2r_spec.printable import one_line
 from s2r_spec.report.checked import test_words
 from s2r_spec.report.figures.robot import said
 from s2r_spec.report.nextstep import next_step
+from s2r_spec.report.quantity import Scale, measured, quantity
 from s2r_spec.spec import Spec
 
 COLOURS = {
@@ -26,26 +29,26 @@ COLOURS = {
     Verdict.UNKNOWN: "bold yellow",
 }
 EXIT = {Verdict.NONE: 0, Verdict.NAMED: 0, Verdict.SPREAD: 3, Verdict.CONFOUNDED: 3, Verdict.UNKNOWN: 3}
-"""A diagnosis has no verdict on the machine: 0 says that a cause (or none) is named, 3 that it is not."""
+"""Exit codes (definition): 0 if a cause, or no material gap, is the answer; 3 if there is no such answer."""
 SHOWN = 5
-"""Ranked causes that are printed."""
+"""Definition: causes that are printed, most probable first."""
 PARTS = 3
-"""Parts of the machine that are told of."""
+"""Definition: parts of the machine that are printed, largest shift first."""
 WORDS = {"none": "no material effect", "unknown": "none of these"}
 
 
 def record(found: Diagnosis, spec: Spec) -> dict[str, Any]:
-    """Return all of it as plain JSON values; see ``schema/diagnosis-1.json``."""
+    """Return the whole diagnosis as plain JSON values; see ``schema/diagnosis-1.json``."""
     return found.to_json() | {"exit_code": exit_code(found), "next": next_step(found, spec)}
 
 
 def exit_code(found: Diagnosis) -> int:
-    """Return 0 where a cause, or none, is named, and the recordings do not seem to be misread; else 3."""
+    """Return 0 if the verdict is a cause or no material gap, and the recordings have no suspected mistake; else 3."""
     return EXIT[Verdict.UNKNOWN] if found.misread else EXIT[found.verdict]
 
 
 def as_json(found: Diagnosis, spec: Spec) -> str:
-    """Return the record as text; no NaN and no infinity ever gets in."""
+    """Return the record as JSON text; NaN and infinity raise ``ValueError``."""
     return json.dumps(record(found, spec), allow_nan=False, indent=2, ensure_ascii=False)
 
 
@@ -55,19 +58,19 @@ def text(found: Diagnosis, spec: Spec) -> str:
 
 
 def markup(found: Diagnosis, spec: Spec) -> str:
-    """Return rich markup: what is wrong with the recordings first, then the answer, then what it stands on."""
+    """Return rich markup: mistakes of the recordings, the answer, then its details."""
     first = "".join(f"{escape(one_line(f'note: {each.text}'))}\n" for each in found.findings)
     headline = f"[{COLOURS[found.verdict]}]{found.verdict.value.upper()}[/]  {escape(one_line(found.reason))}"
     return f"{first}{headline}\n{escape(body(found, spec))}"
 
 
 def body(found: Diagnosis, spec: Spec) -> str:
-    """Return all but the answer and what is said before it, as plain text."""
-    said = {each.text for each in found.findings}
-    notes = [f"  note: {line}" for line in found.notes if line not in said]
-    lines = [*notes, "", *_causes(found.which)]
+    """Return where the gap lies, which effects cause it, how far it shrinks, and what to do next, as plain text."""
+    mistakes = {each.text for each in found.findings}
+    lines = [f"  note: {line}" for line in found.notes if line not in mistakes]
     if found.where is not None:
         lines += ["", *_where(found, found.where, spec)]
+    lines += ["", *_causes(found.which)]
     if found.how_far is not None:
         lines += ["", *_shrinks(found.how_far)]
     lines += ["", f"  next: {next_step(found, spec)}", ""]
@@ -76,7 +79,7 @@ def body(found: Diagnosis, spec: Spec) -> str:
 
 
 def provenance(found: Diagnosis) -> str:
-    """Return what fixes the answer, in one line."""
+    """Return the numbers of rollouts, the seed, the backend and the model hash in one line."""
     p = found.provenance
     return (
         f"{p['rollouts']} real rollouts, {p['held_out']} of them held out, seed {p['seed']}, "
@@ -85,7 +88,7 @@ def provenance(found: Diagnosis) -> str:
 
 
 def cause(names: tuple[str, ...]) -> str:
-    """Return a ranked answer in words."""
+    """Return a set of effects as text: ``friction + delay``."""
     return WORDS.get(names[0], " + ".join(names))
 
 
@@ -93,83 +96,104 @@ def _causes(which: Which) -> list[str]:
     lines = [f"  {'cause':42} probability"]
     lines += [f"  {cause(names):42} {p:.3f}" for names, p in which.ranked[:SHOWN]]
     if which.estimates:
-        lines += ["", "  fitted (90 % interval)"]
+        lines += ["", f"  {'parameter':42} value (90 %)"]
         for e in which.estimates:
-            value = f"{e.value:.4g} {e.unit}".rstrip()
-            lines.append(f"  {f'{e.effect}.{e.parameter}':42} {value}  [{e.low:.4g}, {e.high:.4g}]")
+            lines.append(f"  {f'{e.effect}.{e.parameter}':42} {measured(e.value, e.low, e.high, e.unit)}")
     if words := doubt(which):
         lines += ["", f"  {words}"]
     return lines
 
 
 def doubt(which: Which) -> str:
-    """Return what cannot be told apart, and what of it by no data; nothing if the answer stands alone."""
+    """Return which effects the data do not separate from the answer, and which no data would; "" for none."""
     if not set(which.confounded) > set(which.answer) != set():
         return ""
     if len(which.answer) == 1 and set(which.instead) | set(which.answer) == set(which.confounded):
-        words = f"these data cannot tell apart: {', '.join(which.confounded)}"
+        words = f"these data do not separate {_listed(which.confounded)}"
     else:
-        others = ", ".join(name for name in which.confounded if name not in which.answer)
-        words = f"these data do not rule out: {others}"
+        others = _listed([name for name in which.confounded if name not in which.answer])
+        words = f"these data do not rule out {others}"
     kinds = ", ".join(f"{a} and {b}" for a, b in which.isolability.kinds(which.confounded))
     return (
-        f"{words}; a law a little off makes {kinds} the same in these tests, however many" if kinds else words
+        f"{words}. More of these tests would not separate {kinds}: their laws are too similar"
+        if kinds
+        else words
     )
 
 
+def _listed(names: Sequence[str]) -> str:
+    """Return "a, b and c"."""
+    return " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
+
+
 def where_words(where: Where, spec: Spec) -> tuple[str, ...]:
-    """Return sentences: how large, when, in which channel, by which predicate."""
+    """Return sentences on the worst test: its gap, the time, channel and predicate of most of it."""
     unit = where.pair.unit
-    test = test_words(where.test, spec.space.units) or "there is but one"
-    lines = [f"worst of the tests that were run, {test}: Δρ {where.pair.delta:+.3g} {unit}".rstrip()]
+    test = test_words(where.test, spec.space.units)
+    lines = [
+        f"worst test of those run{f', {test}' if test else ''}: Δρ {_signed(where.pair.delta, unit)}{_rho(where)}"
+    ]
     window = where.window
     if where.pair.delta and window is None:
         part = round(100 * where.pair.ended / where.pair.delta)
         lines.append(
-            f"{part} % of it is in no window of time: {where.pair.reason or 'one trace ends before the other'}"
+            f"{part} % of it comes from the end of a trace: {where.pair.reason or 'one trace ends before the other'}"
         )
     elif where.pair.delta and window is not None:
         part = round(100 * window["delta"] / where.pair.delta)
-        lines.append(f"{part} % of it from {window['begin']:.2f} to {window['end']:.2f} s")
+        lines.append(f"{part} % of it arises from {window['begin']:.2f} to {window['end']:.2f} s")
     credit = {name: float(values.sum()) for name, values in where.pair.credit.items()}
     if credit and window is not None:
         name = max(credit, key=lambda n: abs(credit[n]))
-        lines.append(f"most of it in {name} ({credit[name]:+.3g} {unit})".replace(" )", ")"))
+        lines.append(f"most of it comes from {name} ({_signed(credit[name], unit)})")
     if where.pair.switch is not None:
         lines.append(str(where.pair.switch))
     if where.space is not None:
         place = test_words(where.space.worst, spec.space.units)
-        size, low, high = where.space.largest
-        expected = f"{size:.3g} [{low:.3g}, {high:.3g}] {where.space.unit}".rstrip()
-        lines.append(f"worst of the whole test space is likely {place}: expected |Δρ| {expected}")
+        expected = measured(*where.space.largest, where.space.unit)
+        lines.append(f"worst test of the whole space is probably {place}: expected |Δρ| {expected} at 95 %")
     return tuple(lines)
 
 
+def _signed(value: float, unit: str) -> str:
+    """Return a quantity with its sign: ``−12 µm``."""
+    return f"{'−' if value < 0.0 else '+'}{quantity(abs(value), unit)}"
+
+
+def _rho(where: Where) -> str:
+    """Return ρ of both rollouts at the worst test; "" where it is no margin of one predicate."""
+    pair, switch = where.pair, where.pair.switch
+    if switch is None:
+        return ""
+    simulated, real = switch.simulated.simulated, switch.real.real
+    if not math.isclose(real - simulated, pair.delta, rel_tol=1e-6, abs_tol=1e-12):
+        return ""
+    return (
+        f" (ρ {_signed(simulated, pair.unit)} in simulation, {_signed(real, pair.unit)} on the real machine)"
+    )
+
+
 def body_words(where: Where) -> tuple[str, ...]:
-    """Return sentences: which parts of the machine show what their model does not explain."""
+    """Return one sentence for each part of the machine whose residuals the nominal model does not explain."""
     if where.body is None:
         return (where.no_body,)
     most = where.body.most
     if most is None:
         return (
-            f"no part of the machine does what its model does not explain ({where.body.asked} questions)",
+            f"the nominal model explains the residuals of every part of the machine ({where.body.asked} tests of them)",
         )
-    told = [(part, part.shifts[0]) for part in where.body.shifted[:PARTS]]
+    shown = [(part, part.shifts[0]) for part in where.body.shifted[:PARTS]]
     if most[0] not in where.body.shifted[:PARTS]:
-        told.append(most)  # where the next step looks first
-    return tuple(
-        f"{part.name}: {said(shift)}, which the nominal model does not explain" for part, shift in told
-    )
+        shown.append(most)  # where the next step looks first
+    return tuple(f"{part.name}: {said(shift)}, unexplained by the nominal model" for part, shift in shown)
 
 
 def left_words(found: Diagnosis) -> tuple[str, ...]:
-    """Return sentences: what no effect explains of the motion, and where."""
+    """Return one sentence for each remainder of the motion that no effect explains."""
     if not found.left:
         return ()
-    told = [f"{each}, which no effect explains" for each in found.left if each.material]
-    return tuple(told[:PARTS]) or (
-        "nothing is left of the motion that a simulator with what fits best does not leave, too",
-    )
+    unexplained = [f"{each}, which no effect explains" for each in found.left if each.material]
+    return tuple(unexplained[:PARTS]) or ("the best-fitting simulator explains all of the motion",)
 
 
 def _where(found: Diagnosis, where: Where, spec: Spec) -> list[str]:
@@ -178,14 +202,15 @@ def _where(found: Diagnosis, where: Where, spec: Spec) -> list[str]:
 
 
 def shrink_rows(far: HowFar) -> tuple[tuple[str, str], ...]:
-    """Return (name, text) rows."""
-    rows = [("before", _gap(far.before))]
+    """Return (name, text) rows: the gap before and after, the floor, and the closed part."""
+    scale = _scale(far)
+    rows = [("before", _gap(far.before, scale))]
     if far.after is not None:
-        rows.append(("after", _gap(far.after)))
-    rows.append(("floor", f"{far.floor:.3g} (scatter alone)"))
+        rows.append(("after", _gap(far.after, scale)))
+    rows.append(("floor", f"{scale.number(far.floor, 0.3 * far.floor)} (scatter alone)"))
     for name, part, words in (
-        ("closed", far.share, "of what lies above the floor"),
-        ("tuned", far.tuned_share, "with a little of every other effect as well"),
+        ("closed", far.share, "of the gap above the floor"),
+        ("tuned", far.tuned_share, "with small amounts of every other effect"),
     ):
         if part is not None:
             value, low, high = (round(100 * end) for end in part)
@@ -195,16 +220,20 @@ def shrink_rows(far: HowFar) -> tuple[tuple[str, str], ...]:
 
 
 def gap_title(far: HowFar) -> str:
-    """Return what the rows are of."""
-    unit = f" in {far.unit}" if far.unit else ""
-    return f"gap on {far.rollouts} held-out rollouts, mean |ρ_real − ρ_sim|{unit}"
+    """Return the title of :func:`shrink_rows`, with their unit."""
+    unit = _scale(far).unit
+    return f"gap on {far.rollouts} held-out rollouts, mean |ρ_real − ρ_sim|{f' in {unit}' if unit else ''}"
+
+
+def _scale(far: HowFar) -> Scale:
+    return Scale.of(max(far.before.mean, far.before.worst), far.unit)
 
 
 def _shrinks(far: HowFar) -> list[str]:
     return [f"  {gap_title(far)}", *(f"    {name:6} {words}" for name, words in shrink_rows(far))]
 
 
-def _gap(gap: Gap) -> str:
-    return (
-        f"{gap.mean:.3g} (95 %: {gap.low:.3g} to {gap.high:.3g}), mean Δρ at the worst test {gap.worst:.3g}"
-    )
+def _gap(gap: Gap, scale: Scale) -> str:
+    half = (gap.high - gap.low) / 2
+    mean, low, high, worst = (scale.number(value, half) for value in (gap.mean, gap.low, gap.high, gap.worst))
+    return f"{mean} (95 %: {low} to {high}), {worst} at the worst test"

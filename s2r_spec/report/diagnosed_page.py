@@ -9,6 +9,7 @@ from typing import Any
 
 from s2r_spec.diagnose.diagnosis import Diagnosis, Verdict
 from s2r_spec.diagnose.where.attribution import Part
+from s2r_spec.printable import spelled
 from s2r_spec.report.diagnosed import (
     body_words,
     cause,
@@ -26,6 +27,7 @@ from s2r_spec.report.figures.robot import robot, said
 from s2r_spec.report.figures.shrink import before_and_after, over_space
 from s2r_spec.report.html import fill
 from s2r_spec.report.nextstep import next_step
+from s2r_spec.report.quantity import interval, quantity
 from s2r_spec.spec import Spec
 
 SIGNS = {
@@ -35,15 +37,15 @@ SIGNS = {
     Verdict.CONFOUNDED: ("?", "unknown"),
     Verdict.UNKNOWN: ("?", "unknown"),
 }
-"""Verdict → sign, and the class whose colour it has."""
+"""Definition: verdict → sign, and the style class of its colour."""
 SHOWN = 8
-"""Ranked causes that have a bar."""
+"""Definition: causes that get a bar, most probable first."""
 _LEAST = 0.0005
 
 
 @dataclass(frozen=True)
 class Bar:
-    """A row with a bar; places in percent of the line."""
+    """A row with a bar; positions in percent of the line."""
 
     label: str
     left: float
@@ -57,8 +59,8 @@ def render(found: Diagnosis, spec: Spec, real: str = "") -> str:
 
     Args:
         found: the diagnosis.
-        spec: that it is of.
-        real: what the real machine is called, "twin:lab"; "" for rollouts that have no name.
+        spec: specification of the diagnosed requirement.
+        real: name of the real machine, ``twin:lab``; "" for rollouts without a name.
 
     Raises:
         UsageError: a package is missing.
@@ -67,7 +69,7 @@ def render(found: Diagnosis, spec: Spec, real: str = "") -> str:
     return fill(
         "diagnosis.html",
         found=found,
-        said={each.text for each in found.findings},
+        mistakes={each.text for each in found.findings},
         sign=sign,
         tone=tone,
         about=_about(found, spec, real),
@@ -78,9 +80,10 @@ def render(found: Diagnosis, spec: Spec, real: str = "") -> str:
         confounded=doubt(found.which),
         far=() if found.how_far is None else shrink_rows(found.how_far),
         far_title="" if found.how_far is None else gap_title(found.how_far),
-        far_pictures=_far(found, spec),
+        space=_space(found),
+        held_out=_held_out(found, spec),
         where=() if found.where is None else [w.replace("`", "") for w in where_words(found.where, spec)],
-        told=() if found.where is None else (*body_words(found.where), *left_words(found)),
+        parts=() if found.where is None else (*body_words(found.where), *left_words(found)),
         trace=None if found.where is None else blame(found.where, spec, "trace"),
         formula=() if found.where is None else formula(found.where.pair.parts, found.where.pair.delta),
         formula_unit="" if found.where is None else found.where.pair.unit,
@@ -96,7 +99,7 @@ def render(found: Diagnosis, spec: Spec, real: str = "") -> str:
 
 
 def causes(found: Diagnosis) -> tuple[Bar, ...]:
-    """Return a bar for each of the likeliest answers, and one for all the others together."""
+    """Return a bar for each of the most probable causes, and one for the sum of all others."""
     ranked = found.which.ranked
     shown = [one for one in ranked[:SHOWN] if one[1] >= _LEAST]
     bars = [Bar(cause(names), 0.0, _percent(p), _odds(p)) for names, p in shown]
@@ -109,7 +112,7 @@ def causes(found: Diagnosis) -> tuple[Bar, ...]:
 
 
 def formula(parts: tuple[Part, ...], delta: float) -> tuple[Bar, ...]:
-    """Return a bar for each sub-formula through which some of Δρ went, indented as it is nested."""
+    """Return a bar for the part of Δρ of each sub-formula, indented by its depth."""
     most = max((abs(part.amount) for part in parts), default=0.0)
     bars = []
     for part in parts:
@@ -148,7 +151,7 @@ def _about(found: Diagnosis, spec: Spec, real: str) -> str:
 
 
 def _estimate(e: Any) -> tuple[str, str, str, Bar]:
-    """Return name, value, interval, and the interval on a line that begins and ends where it does, with room."""
+    """Return the name, the value and its interval of a parameter, and the interval as a bar."""
     low, high = min(e.low, e.value, 0.0 if e.low >= 0 else e.low), max(e.high, e.value)
     span = (high - low) or 1.0
     low, high = low - 0.06 * span * (low != 0.0), high + 0.06 * span
@@ -156,18 +159,24 @@ def _estimate(e: Any) -> tuple[str, str, str, Bar]:
     bar = Bar("", place[0], max(place[1] - place[0], 0.5), f"{place[2]}")
     return (
         f"{e.effect}.{e.parameter}",
-        f"{e.value:.4g} {e.unit}".rstrip(),
-        f"[{e.low:.4g}, {e.high:.4g}] {e.unit}".rstrip(),
+        quantity(e.value, e.unit, (e.high - e.low) / 2),
+        interval(e.low, e.high, e.unit),
         bar,
     )
 
 
-def _far(found: Diagnosis, spec: Spec) -> list[Picture]:
+def _space(found: Diagnosis) -> Picture | None:
+    if found.where is None or found.where.space is None:
+        return None
+    return over_space(found.where.space, found.how_far, "space")
+
+
+def _held_out(found: Diagnosis, spec: Spec) -> Picture | None:
+    """Return the gap of each held-out test; None where the picture over one parameter shows it already."""
     space = None if found.where is None else found.where.space
-    pictures = [] if space is None else [over_space(space, found.how_far, "space")]
-    if found.how_far is not None and found.how_far.tests and (space is None or space.space.dim != 1):
-        pictures.append(before_and_after(found.how_far, spec.space.units, "held"))
-    return pictures
+    if found.how_far is None or not found.how_far.tests or (space is not None and space.space.dim == 1):
+        return None
+    return before_and_after(found.how_far, spec.space.units, "held")
 
 
 def _body(found: Diagnosis) -> Picture | None:
@@ -177,25 +186,25 @@ def _body(found: Diagnosis) -> Picture | None:
 
 
 def _shifts(found: Diagnosis) -> list[tuple[str, str, str]]:
-    """Return part, what shifts and when, and how sure that is, for every discovery."""
+    """Return part, residual with size and time, and adjusted p-value of every significant shift."""
     if found.where is None or found.where.body is None:
         return []
     return [
-        (part.name, said(shift), f"p {shift.adjusted:.1g}, adjusted for all questions")
+        (part.name, said(shift), f"p = {shift.adjusted:.1g}, adjusted for all tests")
         for part in found.where.body.shifted
         for shift in part.shifts
     ]
 
 
 def _least(found: Diagnosis) -> list[tuple[str, str, str]]:
-    """Return parameter, nominal value, and the values at which it could be told from every other effect."""
+    """Return parameter, nominal value, and the values at which these tests separate it from every other effect."""
     rows = []
     for one in found.which.isolability.least:
-        unit = f" {one.unit}" if one.unit else ""
-        words = [f"up to {one.below:.3g}{unit}"] if one.below is not None else []
-        words += [f"from {one.above:.3g}{unit} on"] if one.above is not None else []
-        told = " and ".join(words) or "at no size in the bank"
-        rows.append((f"{one.effect}.{one.parameter}", f"{one.nominal:.3g} {one.unit}".rstrip(), told))
+        unit = f" {spelled(one.unit)}" if one.unit else ""
+        words = [f"{one.below:.3g}{unit} or less"] if one.below is not None else []
+        words += [f"{one.above:.3g}{unit} or more"] if one.above is not None else []
+        sizes = " and ".join(words) or "at no size that was tried"
+        rows.append((f"{one.effect}.{one.parameter}", f"{one.nominal:.3g}{unit}", sizes))
     return rows
 
 

@@ -1,7 +1,7 @@
-"""What a reporter needs to know: one finding for each requirement, whichever command found it.
+"""The input of every reporter: one finding for each requirement, from any command.
 
 A command turns its own result record into findings (:mod:`s2r_spec.report.checked` for ``s2r check``,
-``gapped`` and ``certified`` for the other two); every reporter works on findings alone.
+``gapped`` and ``certified`` for the other two). A reporter reads only findings.
 """
 
 from __future__ import annotations
@@ -17,36 +17,36 @@ from s2r_spec.printable import one_line
 
 @dataclass(frozen=True)
 class Section:
-    """A titled list of sentences, each of one line."""
+    """A titled list of sentences, one line each."""
 
     title: str
     lines: tuple[str, ...]
 
     def __post_init__(self) -> None:
-        """See that no name in them breaks a line, or commands a terminal."""
+        """Escape line breaks and control characters in the lines."""
         object.__setattr__(self, "lines", tuple(map(one_line, self.lines)))
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One requirement, in words: every text is one line, in whatever form it is reported.
+    """The result of one requirement as text; every text is one line in every form of report.
 
     Attributes:
         name: of the requirement.
-        verdict: holds, violated or unknown; of a gap, whether it is bounded as closely as was asked.
-        word: for it, to be read first.
-        refused: whether it is unknown because the certificate was refused.
-        about: what was looked at, "a1_velocity.stl on backend sim".
+        verdict: holds, violated or unknown; for a gap, whether the bound is as narrow as requested.
+        word: the verdict in one word, printed first.
+        refused: whether the verdict is unknown because the certificate was refused.
+        about: specification and backend, "a1_velocity.stl on backend sim".
         reason: one sentence for the verdict.
-        headline: the bound in the form that decides, with its probability.
+        headline: the deciding bound with its probability.
         facts: (name, text) rows, the bound first.
-        sections: assumptions and what hangs on them.
-        provenance: what fixes the run: seed, version, hashes.
-        again: what the command ``replay`` runs again.
+        sections: assumptions and their consequences.
+        provenance: seed, version and hashes of the run.
+        again: description of the rollout that ``replay`` runs again.
         replay: the command.
         file: the specification.
-        line: where the requirement is written in it, counted from 1.
-        seconds: of rollouts, those of all workers added up.
+        line: line of the requirement in it, counted from 1.
+        seconds: time of all rollouts [s], summed over workers.
     """
 
     name: str
@@ -66,7 +66,7 @@ class Finding:
     seconds: float
 
     def __post_init__(self) -> None:
-        """See that no name in it breaks a line, or commands a terminal."""
+        """Escape line breaks and control characters in every text."""
         for field in fields(self):
             if isinstance(value := getattr(self, field.name), str):
                 object.__setattr__(self, field.name, one_line(value))
@@ -75,13 +75,13 @@ class Finding:
 
 @dataclass(frozen=True)
 class Report:
-    """What a command found.
+    """The result of a command.
 
     Attributes:
         command: "s2r check".
         findings: in the order of the requirements.
         exit_code: of the command.
-        record: the same as plain JSON values, complete.
+        record: the complete result as plain JSON values.
     """
 
     command: str

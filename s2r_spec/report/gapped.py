@@ -11,11 +11,12 @@ from typing import Any
 from s2r_spec.backend import short
 from s2r_spec.certify.certificate import Label
 from s2r_spec.certify.check import Verdict
-from s2r_spec.certify.gap import GapResult
+from s2r_spec.certify.gap_result import GapResult
 from s2r_spec.certify.rounding import between, down
 from s2r_spec.report.checked import (
+    LARGER_B,
     location,
-    odds_words,
+    probability_words,
     refuted_words,
     test_words,
     took,
@@ -26,18 +27,18 @@ from s2r_spec.report.finding import Finding, Report, Section
 from s2r_spec.spec import Spec
 
 SCHEMA = "s2r.gap/1"
-# A gap is no requirement: it is bounded as closely as was asked for, or it is not.
+# A gap has no verdict of its own: its interval is at most ε wide, or wider.
 WORDS = {
     Label.CERTIFIED: "BOUNDED",
-    Label.BUDGET: "BOUNDED, wider than asked",
-    Label.RUNNING: "BOUNDED, wider than asked",
+    Label.BUDGET: "BOUNDED, wider than ε",
+    Label.RUNNING: "BOUNDED, wider than ε",
     Label.REFUSED: "NO BOUND",
     Label.MODEL_BASED: "NO BOUND",
 }
 
 
 def report(spec: Spec, result: GapResult, command: str = "s2r gap") -> Report:
-    """Return what every reporter renders."""
+    """Return the report of a gap; every reporter renders it."""
     one = finding(spec, result)
     record = {"schema": SCHEMA, "exit_code": one.verdict.exit_code} | to_json(result)
     return Report(
@@ -75,10 +76,10 @@ def to_json(result: GapResult) -> dict[str, Any]:
 
 
 def finding(spec: Spec, result: GapResult) -> Finding:
-    """Say a gap in words."""
+    """Return the finding of a gap: its bound, facts and assumptions in words."""
     certificate, source = result.certificate, result.provenance
     unit = f" {result.unit}" if result.unit else ""
-    bound = f"worst expected Δ ≥ {down(result.lower)}{unit}, {odds_words(certificate)}"
+    bound = f"worst expected Δ ≥ {down(result.lower)}{unit}, {probability_words(certificate)}"
     return Finding(
         name=result.requirement,
         verdict=Verdict.HOLDS if certificate.label is Label.CERTIFIED else Verdict.UNKNOWN,
@@ -90,13 +91,13 @@ def finding(spec: Spec, result: GapResult) -> Finding:
         facts=facts(result, spec.space.units),
         sections=(
             Section("This assumes", result.assumptions),
-            Section("How much hangs on B (all rows hold at once)", ladder(result)),
+            Section(LARGER_B, ladder(result)),
         ),
         provenance=(
             f"seed {source['seed']}, s2r {source['s2r']}, spec {source['spec_hash'][:12]}, "
             f"sim {short(source['sim']['model_hash'])}, real {short(source['real']['model_hash'])}"
         ),
-        again=f"lowest Δ ({result.lowest.gap:+.4f}{unit}), its real side",
+        again=f"real rollout of the lowest Δ ({result.lowest.gap:+.4f}{unit})",
         replay=replay_line(result),
         file=Path(spec.name),
         line=location(spec, result.requirement)["line"],
@@ -105,21 +106,21 @@ def finding(spec: Spec, result: GapResult) -> Finding:
 
 
 def about(result: GapResult) -> str:
-    """Return what was held against what: ``a1_velocity.stl: sim against twin:lab``."""
+    """Return what was compared: ``a1_velocity.stl: sim against twin:lab``."""
     source = result.provenance
     return f"{source['spec']}: {source['sim']['backend']} against {source['real']['backend']}"
 
 
 def facts(result: GapResult, units: Mapping[str, str]) -> tuple[tuple[str, str], ...]:
-    """Return the rows of a gap."""
+    """Return the (name, text) rows of a gap."""
     unit = f" {result.unit}" if result.unit else ""
     certificate = result.certificate
     failures = ", ".join(f"{count} × {word}" for word, count in sorted(result.failures.items())) or "no falls"
     reason = f" ({certificate.reason})" if certificate.reason else ""
-    sure = f", {odds_words(certificate)}; anywhere in {between(result.low, result.high)}"
-    computed = "" if certificate.label.bounds else " was computed, and is no promise"
+    certain = f", {probability_words(certificate)}; anywhere in {between(result.low, result.high)}"
+    computed = "" if certificate.label.bounds else " (not certified)"
     return (
-        ("worst expected Δ", f"in {between(result.lower, result.upper)}{unit}{computed or sure}"),
+        ("worst expected Δ", f"in {between(result.lower, result.upper)}{unit}{computed or certain}"),
         (
             "worst gap at",
             f"{test_words(result.worst.params, units)}: mean Δ {result.worst.mean:+.4f}{unit}, "
@@ -143,7 +144,7 @@ def facts(result: GapResult, units: Mapping[str, str]) -> tuple[tuple[str, str],
 
 
 def ladder(result: GapResult) -> tuple[str, ...]:
-    """Return what would be known if the norm of the gap were larger."""
+    """Return the interval of the gap for each norm bound B, 2B, 4B and 8B, and what the data refute."""
     unit = f" {result.unit}" if result.unit else ""
     return (
         *(
@@ -164,6 +165,6 @@ def _reason(result: GapResult) -> str:
     if not certificate.label.bounds:
         return f"no certificate: {certificate.reason}"
     if certificate.label is Label.CERTIFIED:
-        return "the gap is bounded as closely as was asked for"
+        return "the interval of the gap is at most ε wide"
     real = result.provenance["real"]["backend"]
-    return f"the bound holds, but is wider than asked; more rollouts of {real} narrow it"
+    return f"the bound is valid, but wider than ε; more rollouts of {real} narrow it"

@@ -1,4 +1,4 @@
-"""The result as GitHub workflow commands: each requirement is annotated where it is written."""
+"""The result as GitHub workflow commands, one annotation at the line of each requirement."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def _line(finding: Finding) -> str:
         "title": f"{finding.name} {finding.word}",
     }
     where = ",".join(f"{name}={_property(value)}" for name, value in properties.items())
-    message = f"{finding.reason}: {finding.headline}\nagain: {finding.replay}"
+    message = f"{finding.reason}: {finding.headline}\nreplay: {finding.replay}"
     return f"::{level} {where}::{_data(message)}"
 
 

@@ -1,4 +1,4 @@
-"""The report as one HTML page that opens offline: verdict first, pictures, and all that it rests on."""
+"""The report as one HTML page that opens offline: verdict, pictures, assumptions, provenance."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ PACKAGES = ("jinja2", "matplotlib")
 
 
 def require_packages() -> None:
-    """Say what to install if a page cannot be made here.
+    """Check that the packages of a page are installed.
 
     Raises:
-        UsageError: a package is missing.
+        UsageError: one is missing; the message says what to install.
     """
-    lacking = [name for name in PACKAGES if find_spec(name) is None]
-    if lacking:
+    missing = [name for name in PACKAGES if find_spec(name) is None]
+    if missing:
         raise UsageError(
-            f"an HTML report needs {' and '.join(lacking)}, not installed here; try: pip install 's2r[report]'"
+            f"an HTML report needs {' and '.join(missing)}, not installed here; try: pip install 's2r[report]'"
         )
 
 
@@ -44,7 +44,7 @@ def render(runs: Sequence[Run]) -> str:
 
 
 def fill(template: str, **words: Any) -> str:
-    """Return a template of this package, filled; every word is escaped but what has gone through ``svg``.
+    """Return a template of this package, filled in; all text is escaped except through the filter ``svg``.
 
     Raises:
         UsageError: a package is missing.
@@ -61,6 +61,6 @@ def fill(template: str, **words: Any) -> str:
         lstrip_blocks=True,
     )
     environment.filters["svg"] = Markup
-    # Unlike jinja's own "capitalize" it leaves the rest of the sentence as it is.
+    # Unlike jinja's own "capitalize", it leaves the rest of the sentence unchanged.
     environment.filters["capitalize_first"] = lambda words: words[:1].upper() + words[1:]
     return environment.get_template(template).render(**words)

@@ -12,12 +12,16 @@ SCHEMAS = ("s2r.check/1", "s2r.gap/1", "s2r.certify/1", "s2r.error/1", "s2r/diag
 
 
 def render(report: Report) -> str:
-    """Return the whole record; no NaN and no infinity ever gets in."""
+    """Return the whole record.
+
+    Raises:
+        ValueError: the record holds NaN or an infinity, which JSON has not.
+    """
     return json.dumps(report.record, allow_nan=False, indent=2, ensure_ascii=False)
 
 
 def schema(name: str) -> Any:
-    """Return the JSON Schema of what calls itself ``name``: "s2r.check/1", "s2r.error/1" and so on.
+    """Return the JSON Schema of a record by its ``schema`` field: "s2r.check/1", "s2r.error/1" and so on.
 
     Other schemas that it refers to are bundled in, each under its own ``$id``.
     """

@@ -1,7 +1,6 @@
 """The result as JUnit XML, as GitLab, Jenkins and GitHub's test reporters read it.
 
-A requirement that is violated is a failure; one that stays unknown or whose
-certificate is refused is an error, for nothing was tested to its end.
+A violated requirement is a failure. An unknown one, or one whose certificate was refused, is an error.
 """
 
 from __future__ import annotations
@@ -14,7 +13,7 @@ from s2r_spec.printable import one_line
 from s2r_spec.report import text
 from s2r_spec.report.finding import Finding, Report
 
-# What XML 1.0 cannot hold in any form, and ElementTree lets through.
+# Characters that XML 1.0 forbids and ElementTree does not refuse.
 _FORBIDDEN = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
@@ -55,9 +54,9 @@ def _case(suite: ET.Element, finding: Finding) -> None:
         ET.SubElement(case, "system-out").text = words
         return
     kind = "failure" if finding.verdict is Verdict.VIOLATED else "error"
-    sort = "refused" if finding.refused else finding.verdict.value
+    type_ = "refused" if finding.refused else finding.verdict.value
     message = _legal(f"{finding.reason}: {finding.headline}")
-    ET.SubElement(case, kind, {"type": sort, "message": message}).text = words
+    ET.SubElement(case, kind, {"type": type_, "message": message}).text = words
 
 
 def _legal(words: str) -> str:

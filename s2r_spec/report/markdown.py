@@ -12,7 +12,7 @@ SIGNS = {Verdict.HOLDS: "✅", Verdict.VIOLATED: "❌", Verdict.UNKNOWN: "❓"}
 
 
 def render(report: Report) -> str:
-    """Return a table of verdicts, then what each of them rests on."""
+    """Return a table of verdicts, then the facts and assumptions of each."""
     head = ["| requirement | verdict | bound |", "| --- | --- | --- |"]
     rows = [
         f"| {cell(one.name)} | {SIGNS[one.verdict]} **{cell(one.word)}** | {cell(one.headline)} |"
@@ -28,12 +28,17 @@ def _details(finding: Finding) -> str:
         lines += ["", "<details>", f"<summary>{cell(section.title)}</summary>", ""]
         lines += [f"- {cell(line)}" for line in section.lines]
         lines += ["", "</details>"]
-    lines += ["", f"{cell(finding.provenance)}; {cell(finding.again)} again:", "", *_block(finding.replay)]
+    lines += [
+        "",
+        f"{cell(finding.provenance)}; replay the {cell(finding.again)}:",
+        "",
+        *_block(finding.replay),
+    ]
     return "\n".join(lines)
 
 
 def cell(words: str) -> str:
-    """Return one line in which nothing is markup, neither Markdown nor HTML."""
+    """Return one line in which neither Markdown nor HTML marks anything up."""
     line = one_line(" ".join(words.split())).replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
     return re.sub(r"([\\`*_{}\[\]|~#!$@])", r"\\\1", line)
 

@@ -1,4 +1,4 @@
-"""What to do after a diagnosis, in one sentence."""
+"""The next step after a diagnosis, in one or two sentences."""
 
 from __future__ import annotations
 
@@ -8,29 +8,26 @@ from s2r_spec.report.checked import test_words
 from s2r_spec.spec import Spec
 
 LATE = 0.95
-"""Part of a rollout after which a window ends with it."""
+"""Definition: part of a rollout; a window that ends later than it says nothing about the time of the cause."""
 
 
 def next_step(found: Diagnosis, spec: Spec) -> str:
-    """Return the sentence."""
+    """Return what the user should do next."""
     if found.misread:
         what = " and ".join(found.misread)
-        return (
-            f"First see to {what} in the recordings, as the notes say, and diagnose again. Until then do not rely "
-            f"on the causes."
-        )
+        return f"First check {what} in the recordings (see the notes), and diagnose again. Until then trust no cause."
     which = found.which
     test = "" if which.next_test is None else test_in_words(which.next_test, spec)
     match found.verdict:
         case Verdict.NONE:
-            strange = [str(each) for each in found.left[:1] if each.material]
-            if strange:
+            unexplained = [str(each) for each in found.left[:1] if each.material]
+            if unexplained:
                 return (
-                    f"For this requirement the simulator may stay as it is. If the motion itself matters, look for "
-                    f"the cause of {strange[0]}; the catalogue lacks it ({page('how-to/effects')})."
+                    f"For this requirement, leave the simulator as it is. If the motion itself matters, look for "
+                    f"the cause of {unexplained[0]}; the catalogue lacks it ({page('how-to/effects')})."
                 )
             return (
-                "Leave the simulator as it is for this requirement, and diagnose again when the machine or the "
+                "Leave the simulator as it is for this requirement. Diagnose again after the machine or the "
                 "requirement has changed."
             )
         case Verdict.SPREAD:
@@ -38,7 +35,7 @@ def next_step(found: Diagnosis, spec: Spec) -> str:
                 "Use the simulator with small amounts of all effects (s2r diagnose … --apply FILE --tuned, then "
                 "--sim patched:FILE). Bound the remaining gap with s2r gap on fresh rollouts"
             )
-            return f"{use}; to see whether one cause stands out, {test}." if test else f"{use}."
+            return f"{use}. To see whether one cause stands out, {test}." if test else f"{use}."
         case Verdict.NAMED | Verdict.CONFOUNDED if found.by_falls:
             return (
                 "Add the named cause to the simulator (s2r diagnose … --apply FILE, then --sim patched:FILE). Then run "
@@ -46,56 +43,54 @@ def next_step(found: Diagnosis, spec: Spec) -> str:
             )
         case Verdict.NAMED if found.how_far is not None and not found.how_far.shows:
             return (
-                "For this requirement the simulator may stay as it is. If the motion itself matters, add the named "
+                "For this requirement, leave the simulator as it is. If the motion itself matters, add the named "
                 "cause (s2r diagnose … --apply FILE, then --sim patched:FILE)."
             )
         case Verdict.NAMED:
-            what, tuned = ("what is named", "")
+            cause, tuned = "the named cause", ""
             if found.how_far is not None and found.how_far.better_tuned:
-                what, tuned = ("what is named, with a little of everything else,", " --tuned")
+                cause, tuned = "the named cause and small amounts of all other effects", " --tuned"
             use = (
-                f"Add {what} to the simulator (s2r diagnose … --apply FILE{tuned}, then --sim patched:FILE), and "
-                f"bound the gap that is left with s2r gap on fresh rollouts"
+                f"Add {cause} to the simulator (s2r diagnose … --apply FILE{tuned}, then --sim patched:FILE). "
+                f"Bound the remaining gap with s2r gap on fresh rollouts.{_wider(found)}"
             )
-            use += _wider(found)
-            return f"{use}; to be surer of the name, {test}." if test else f"{use}."
+            return f"{use} To confirm the cause, {test}." if test else use
         case Verdict.CONFOUNDED:
             if test:
-                return f"To tell them apart, {test}."
+                return f"To separate them, {test}."
             return (
-                f"Measure one of {', '.join(which.confounded)} on the machine by itself: no test was found in this "
-                f"test space that distinguishes them."
+                f"Measure one of {', '.join(which.confounded)} directly on the machine: no test in this test space "
+                f"separates them."
             )
         case Verdict.UNKNOWN:
             return (
-                f"Look for a cause that the catalogue lacks{_place(found)}, and write it as an effect "
-                f"({page('how-to/effects')})"
-                f"{_wider(found)}."
+                f"Look for a cause outside the catalogue{_place(found)}. Write it as an effect "
+                f"({page('how-to/effects')}).{_wider(found)}"
             )
 
 
 def test_in_words(test: NextTest, spec: Spec) -> str:
-    """Return what to run: "run vd = 0.3 m/s, hold, which tells a from b by 4.0 σ a rollout"."""
-    # What the protocol changes stands in its own words.
+    """Return the test to run: "run vd = 0.3 m/s, hold, which separates a and b by 4.0 σ per rollout"."""
+    # The protocol names its own parameters.
     own = {name: value for name, value in test.params.items() if name in spec.space.names}
     where = test_words(own, spec.space.units)
     how = f" {test.protocol}" if test.protocol else ""
-    many = f"{test.sigma:.1f} σ a rollout"
-    return f"run {where or 'the test again'}{how}, which tells {' from '.join(test.separates)} by {many}"
+    separates = f"separates {' and '.join(test.separates)} by {test.sigma:.1f} σ per rollout"
+    return f"run {where or 'the test again'}{how}, which {separates}"
 
 
 def _wider(found: Diagnosis) -> str:
-    """Return what to do about values at the end of their ranges."""
+    """Return the advice on values at the end of their ranges; "" if there are none."""
     ends = [f"{e.effect}.{e.parameter}" for e in found.which.estimates if e.at_end]
     return (
-        f"; or widen the range of {' and '.join(ends)}, if the machine could have more of it" if ends else ""
+        f" Or widen the range of {' and '.join(ends)}, if the machine can have larger values." if ends else ""
     )
 
 
 def _place(found: Diagnosis) -> str:
-    """Return where to look: what no effect leaves of the motion, or the part that shifts most, or when."""
+    """Return where to look: at the unexplained motion, the part with the largest shift, or a time."""
     if found.left and found.left[0].material:
-        return f" and that leaves {found.left[0]}"
+        return f" that explains {found.left[0]}"
     where = found.where
     if where is None:
         return ""
@@ -104,9 +99,9 @@ def _place(found: Diagnosis) -> str:
         return f" at the {part.name} ({shift.channel}, {shift.begin:.2f} to {shift.end:.2f} s)"
     window = where.window
     if window is None:
-        return f" before the end: {where.pair.reason}" if where.pair.reason else ""
+        return f" before the end of the trace ({where.pair.reason})" if where.pair.reason else ""
     times = where.pair.times
     if window["end"] - times[0] > LATE * (times[-1] - times[0]):
-        return ""  # that it acts before the end says nothing
-    # ρ is made where a requirement is nearest to its limit, and a loop carries what happened before.
-    return f" that acts before {window['end']:.2f} s, for most of the gap is made from {window['begin']:.2f} s on"
+        return ""  # a cause before the end is every cause
+    # ρ is decided where a requirement is nearest to its limit; feedback carries earlier disturbances there.
+    return f" that acts before {window['end']:.2f} s (most of the gap arises after {window['begin']:.2f} s)"

@@ -10,7 +10,7 @@ from s2r_spec.certify.rounding import between
 
 @dataclass(frozen=True)
 class Bar:
-    """An interval on a number line that has 0 on it; places in percent of the line."""
+    """An interval on a number line that includes 0; positions in percent of the line's length."""
 
     label: str
     words: str
@@ -31,7 +31,7 @@ class Bars:
 
 def bars(intervals: Sequence[tuple[str, float, float]], unit: str) -> tuple[Bar, ...]:
     """Return (label, lower, upper) intervals on one number line."""
-    ends = [0.0, *(end for _, *both in intervals for end in both)]
+    ends = [0.0, *(end for _, *ends_ in intervals for end in ends_)]
     low, high = min(ends), max(ends)
     room = 0.06 * (high - low or 1.0)
     low, high = low - room, high + room

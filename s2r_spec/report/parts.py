@@ -1,4 +1,4 @@
-"""What the page says of one result: words, pictures and number lines, for each command."""
+"""The parts of an HTML page, one for each result: text, pictures and number lines."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from functools import singledispatch
 from typing import Any
 
 from s2r_spec.certify.certificate import Certificate
-from s2r_spec.certify.check import Tested, Verdict, tested
+from s2r_spec.certify.check_result import Tested, Verdict, tested
 from s2r_spec.certify.compose import Composition
-from s2r_spec.certify.gap import Pair
+from s2r_spec.certify.gap_result import Pair
 from s2r_spec.certify.pairing import SIMULATED_PER_REAL
 from s2r_spec.certify.search import Search
 from s2r_spec.report import certified, checked, gapped
@@ -26,13 +26,12 @@ from s2r_spec.rollouts.journal import Record
 
 Run = Recomputed | RecomputedGap | RecomputedCertify
 SIGNS = {Verdict.HOLDS: "✓", Verdict.VIOLATED: "✗", Verdict.UNKNOWN: "?"}
-_SPARED = "Where the search knew that the worst is elsewhere it saved its rollouts, and the band stays wide."
-_HANGS = "How much hangs on B"
+_WIDE = "The search spends few rollouts where the worst case cannot lie, so the band stays wide there."
 
 
 @dataclass(frozen=True)
 class Part:
-    """What the page says of one requirement."""
+    """The part of the page on one requirement."""
 
     command: str
     finding: Finding
@@ -47,7 +46,7 @@ class Part:
 
 @singledispatch
 def part(run: Run, name: str) -> Part:
-    """Return what the page says of a run; ``name`` tells its pictures from those of others."""
+    """Return the part of the page on a run; ``name`` makes the names of its pictures unique."""
     raise TypeError(run)
 
 
@@ -88,7 +87,7 @@ def _gap(run: RecomputedGap, name: str) -> Part:
 
 @part.register
 def _certify(run: RecomputedCertify, name: str) -> Part:
-    result, gap, promise = run.result, run.gap, run.result.composition
+    result, gap, composed = run.result, run.gap, run.result.composition
     simulated, unit = run.simulated.result, run.simulated.result.unit
     bars = [_ladder("worst expected ρ in simulation", simulated.certificate, unit)]
     pictures: list[Picture] = []
@@ -98,9 +97,9 @@ def _certify(run: RecomputedCertify, name: str) -> Part:
         bars.append(_ladder("worst expected Δ", gap.result.certificate, unit))
         settings += _settings(gap.result.provenance, "gap: ")
         note = note or _note(gap.result.certificate, gap.waiting)
-    if gap is not None and promise is not None:
-        bars.insert(0, _makings(run, promise))
-        pictures.append(band(_promised(run, gap, promise), f"{name}-promise"))
+    if gap is not None and composed is not None:
+        bars.insert(0, _summands(run, composed))
+        pictures.append(band(_composed(run, gap, composed), f"{name}-promise"))
     if gap is not None:
         pictures += [*_gap_pictures(gap, f"{name}-gap"), *_worst_pairs(gap, f"{name}-gap")]
     pictures += _check_pictures(run.simulated, f"{name}-simulation")
@@ -138,12 +137,14 @@ def _check_pictures(run: Recomputed, name: str) -> list[Picture]:
         symbol="ρ",
         name="expected robustness",
         unit=result.unit,
-        title=f"Where it is tight over the test space, in {result.provenance['backend']}",
+        title=f"The bound over the test space, in {result.provenance['backend']}",
         dots="means over a test's rollouts",
-        remark=_SPARED,
+        remark=_WIDE,
     )
     history = (*run.history[:-1], result.certificate)
-    closed = interval(history, "worst expected ρ", result.unit, "How the interval closed", f"{name}-interval")
+    closed = interval(
+        history, "worst expected ρ", result.unit, "The interval after each batch", f"{name}-interval"
+    )
     return [band(field, f"{name}-band"), closed]
 
 
@@ -173,26 +174,26 @@ def _gap_pictures(run: RecomputedGap, name: str) -> list[Picture]:
         symbol="Δ",
         name="expected gap",
         unit=result.unit,
-        title="How far simulator and real machine are apart",
+        title="The gap between simulator and real machine",
         dots="means over a test's pairs",
-        remark=f"Below 0 the real machine does worse than simulated. {_SPARED}",
+        remark=f"Below 0 the real machine does worse than the simulator. {_WIDE}",
     )
     history = (*run.history[:-1], result.certificate)
     counted = f"rollouts of {result.provenance['real']['backend']}"
-    title = "How the bound on the gap closed"
+    title = "The bound on the gap after each batch"
     closed = interval(history, "worst expected Δ", result.unit, title, f"{name}-interval", counted)
     return [band(field, f"{name}-band"), closed]
 
 
 def _worst_pairs(run: RecomputedGap, name: str) -> list[Picture]:
-    """Draw the pair of the most negative Δ, both sides inside what the requirement allows."""
+    """Draw the pair of the most negative Δ over the values that the requirement allows."""
     if not run.history:
         return []
     result = run.result
 
-    def side(called: str, records: tuple[Record, ...]) -> Runs:
-        source = result.provenance[called]
-        folder = result.folder / called
+    def runs(role: str, records: tuple[Record, ...]) -> Runs:
+        source = result.provenance[role]
+        folder = result.folder / role
         return Runs(
             run.spec,
             result.requirement,
@@ -204,45 +205,45 @@ def _worst_pairs(run: RecomputedGap, name: str) -> list[Picture]:
         )
 
     lowest = result.lowest
-    real, simulated = side("real", run.real), side("sim", run.simulated)
+    real, simulated = runs("real", run.real), runs("sim", run.simulated)
     record = next(one for one in run.real if (one.query, one.replicate) == (lowest.query, lowest.replicate))
-    against = [
+    matching = [
         one
         for one in run.simulated
         if (one.query, one.replicate // SIMULATED_PER_REAL) == (lowest.query, lowest.replicate)
     ]
-    return [pair_picture(real, record, simulated, against, f"{name}-pair")]
+    return [pair_picture(real, record, simulated, matching, f"{name}-pair")]
 
 
-def _promised(run: RecomputedCertify, gap: RecomputedGap, promise: Composition) -> Field:
-    """Return the sum of both bands: what is promised of the real machine at each test."""
+def _composed(run: RecomputedCertify, gap: RecomputedGap, composed: Composition) -> Field:
+    """Return the sum of both bands: the bound for the real machine at each test."""
     tests = tuple(tested(gap.real))
-    sides = _negative(run.simulated.search), _negative(gap.search)
+    bands = _negative(run.simulated.search), _negative(gap.search)
 
     def bounds(points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        (low, high), (lower, upper) = (side(points) for side in sides)
+        (low, high), (lower, upper) = (band_of(points) for band_of in bands)
         return low + lower, high + upper
 
     return Field(
         space=run.spec.space,
         bounds=bounds,
         tests=tests,
-        mark=promise.worst,
-        height=promise.lower,
+        mark=composed.worst,
+        height=composed.lower,
         pointed="lowest bound",
-        lower=promise.lower,
-        upper=promise.upper,
+        lower=composed.lower,
+        upper=composed.upper,
         symbol="ρ",
         name="expected robustness",
         unit=run.simulated.result.unit,
-        title=f"What is promised of {run.result.real}, test by test",
+        title=f"The bound for {run.result.real} at each test",
         dots="means over a test's real rollouts",
-        remark="The band is that of the simulation and that of the gap, added.",
+        remark="The band is the sum of the simulation's band and the gap's band.",
     )
 
 
 def _negative(search: Search) -> Callable[[FloatArray], tuple[FloatArray, FloatArray]]:
-    """Return bounds of what a search minimises by maximising its negative."""
+    """Return the bounds of f, of which the search maximises −f."""
 
     def bounds(points: FloatArray) -> tuple[FloatArray, FloatArray]:
         lower, upper = search.band(points)
@@ -252,7 +253,7 @@ def _negative(search: Search) -> Callable[[FloatArray], tuple[FloatArray, FloatA
 
 
 def _tested_pairs(pairs: Sequence[Pair]) -> list[Tested]:
-    """Group pairs by test point; a rollout is then a pair, and ρ is Δ."""
+    """Group pairs by test; in the result a rollout means a pair, and ρ means Δ."""
     groups: dict[tuple[float, ...], list[Pair]] = {}
     for pair in pairs:
         groups.setdefault(tuple(pair.params.values()), []).append(pair)
@@ -273,8 +274,8 @@ def _tested_pairs(pairs: Sequence[Pair]) -> list[Tested]:
 
 def _ladder(what: str, certificate: Certificate, unit: str) -> Bars:
     return Bars(
-        f"{_HANGS}: {what}",
-        f"The {what} if the norm is at most so large; all rows hold at once, the red mark is 0.",
+        f"Interval for larger B: {what}",
+        f"The {what} if the norm is at most B. All rows hold at once. The red mark is 0.",
         bars(
             [(f"B = {rung.B:g} {unit}".rstrip(), -rung.upper, -rung.lower) for rung in certificate.ladder],
             unit,
@@ -283,21 +284,21 @@ def _ladder(what: str, certificate: Certificate, unit: str) -> Bars:
     )
 
 
-def _makings(run: RecomputedCertify, promise: Composition) -> Bars:
+def _summands(run: RecomputedCertify, composed: Composition) -> Bars:
     simulated, gap = run.result.simulated, run.result.gap
-    assert gap is not None  # where there is a promise, there is a gap
+    assert gap is not None  # a composed bound has a gap
     rows = [
         ("worst ρ in simulation", simulated.lower, simulated.upper),
-        ("Δ anywhere", gap.low, gap.high),
-        (f"promised of {run.result.real}", promise.lower, promise.upper),
-        ("as the paper adds", promise.paper_lower, promise.upper),
+        ("Δ at any test", gap.low, gap.high),
+        (f"worst ρ of {run.result.real}", composed.lower, composed.upper),
+        ("the paper's sum", composed.paper_lower, composed.upper),
     ]
     return Bars(
         "The parts of the bound",
         "Intervals of expected values; the red mark is 0.",
         bars(rows, simulated.unit),
-        "The first bound adds both bounds test by test. The paper adds the worst cases of both searches, wherever "
-        "they are, and gives a lower end only.",
+        f"The bound for {run.result.real} adds both bounds test by test. The paper adds the worst cases of both "
+        "searches, wherever they lie, and gives a lower end only.",
     )
 
 
@@ -306,11 +307,11 @@ def _makings(run: RecomputedCertify, promise: Composition) -> Bars:
 
 def _note(certificate: Certificate, waiting: int) -> str:
     if not certificate.label.bounds:
-        return "The certificate was refused: no band and no interval on this page is a promise."
+        return "The certificate was refused: no band and no interval on this page is certified."
     if waiting:
         return (
             f"This run is unfinished: {waiting} rollouts of its last batch are on disk and not counted yet. "
-            f"What is shown is valid as it stands."
+            "The bounds on this page are valid."
         )
     return ""
 

@@ -1,4 +1,4 @@
-"""A rollout's signals against what the requirement allows them."""
+"""A plot of a rollout's signals and the values that the requirement allows."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ def plot(tolerances: Tolerances, explanation: Explanation, title: str, path: Pat
     """Draw every signal that the requirement reads, its tubes, and the instant that decides ρ.
 
     Raises:
-        UsageError: another ending, or matplotlib is not installed.
+        UsageError: the file name has another ending, or matplotlib is not installed.
     """
     if path.suffix.lower() not in ENDINGS:
-        raise UsageError(f"{path.name!r}: a plot ends in {one_of(ENDINGS)}")
+        raise UsageError(f"{path.name!r}: the file name of a plot ends in one of {one_of(ENDINGS)}")
     if find_spec("matplotlib") is None:
         raise UsageError(
             "plots need the package 'matplotlib', which is not installed; try: pip install 's2r[pictures]'"
         )
-    # Not pyplot: it keeps figures, and looks for a screen.
+    # Not pyplot, which keeps figures in memory and looks for a screen.
     from matplotlib.figure import Figure
 
     count = max(1, len(tolerances.signals))
@@ -46,8 +46,8 @@ def plot(tolerances: Tolerances, explanation: Explanation, title: str, path: Pat
     )
     # A dollar sign would begin a formula.
     figure.suptitle(f"{title}\n{verdict}\n{why}".replace("$", r"\$"), fontsize="small")
-    with saving(path) as beside:
-        figure.savefig(beside, dpi=150)
+    with saving(path) as temporary:
+        figure.savefig(temporary, dpi=150)
 
 
 def _signal(axis: Any, tolerances: Tolerances, label: str) -> None:
@@ -76,10 +76,10 @@ def _signal(axis: Any, tolerances: Tolerances, label: str) -> None:
 
 
 def _instant(axes: Any, tolerances: Tolerances, explanation: Explanation) -> None:
-    """Mark when ρ is decided, and the signals' values there."""
+    """Mark the instant that decides ρ, and the signals' values there."""
     for axis in axes:
         axis.axvline(explanation.instant, color="C3", linestyle=":", linewidth=1.0)
     labels = list(tolerances.signals)
-    for seen in explanation.signals:
-        if seen.name in labels:
-            axes[labels.index(seen.name)].plot([explanation.instant], [seen.value], "o", color="C3")
+    for observed in explanation.signals:
+        if observed.name in labels:
+            axes[labels.index(observed.name)].plot([explanation.instant], [observed.value], "o", color="C3")

@@ -1,4 +1,4 @@
-"""A result again from its folder alone: the searches are told the journals, nothing is run."""
+"""Recompute a result from its folder: the searches get the journals' outcomes, and nothing is simulated."""
 
 from __future__ import annotations
 
@@ -9,28 +9,31 @@ from pathlib import Path
 from typing import Any
 
 from s2r_spec.certify.certificate import Certificate
-from s2r_spec.certify.check import CheckResult, conclude, of_recordings, search_for
-from s2r_spec.certify.gap import GapResult, Pair, conclude_gap, gap_search, pairs_of
+from s2r_spec.certify.check_result import CheckResult, conclude, of_recordings
+from s2r_spec.certify.from_spec import search_for
+from s2r_spec.certify.gap import gap_search
+from s2r_spec.certify.gap_result import GapResult, Pair, conclude_gap, pairs_of
+from s2r_spec.certify.options import RunOptions
 from s2r_spec.certify.real_machine import CertifyResult, conclude_certify, refused_in_simulation
 from s2r_spec.certify.search import Query, Search
 from s2r_spec.errors import UsageError
 from s2r_spec.rollouts.journal import FILE, Journal, Record
-from s2r_spec.rollouts.kept import load_kept
-from s2r_spec.rollouts.layout import GAP, SIDES, SIMULATION
+from s2r_spec.rollouts.layout import GAP, SIMULATION, SYSTEMS
+from s2r_spec.rollouts.spec_files import load_run_spec
 from s2r_spec.spec import Spec
 
 
 @dataclass(frozen=True)
 class Recomputed:
-    """A check with all that its pictures need.
+    """A check with the data of its figures.
 
     Attributes:
-        spec: as the run keeps it.
-        result: what the check found, or would have found had it ended with its last whole batch.
-        search: that was told every whole batch.
+        spec: the specification that the run kept.
+        result: of the check after its last complete batch.
+        search: after its last complete batch.
         history: the certificate after each batch.
         records: all rollouts on disk.
-        waiting: rollouts of a last batch that is not whole; they are on disk and not counted yet.
+        waiting: number of rollouts on disk in an incomplete last batch; the result does not count them.
     """
 
     spec: Spec
@@ -43,9 +46,9 @@ class Recomputed:
 
 @dataclass(frozen=True)
 class RecomputedGap:
-    """A gap with all that its pictures need; see :class:`Recomputed`.
+    """A gap with the data of its figures; see :class:`Recomputed`.
 
-    ``pairs`` are those that the search was told.
+    ``pairs`` holds the pairs of the complete batches.
     """
 
     spec: Spec
@@ -60,7 +63,7 @@ class RecomputedGap:
 
 @dataclass(frozen=True)
 class RecomputedCertify:
-    """A promise with all that its pictures need; no gap if the simulation was refused."""
+    """A certificate of both steps with the data of its figures; no gap if the simulation's was refused."""
 
     spec: Spec
     result: CertifyResult
@@ -69,7 +72,7 @@ class RecomputedCertify:
 
 
 class Kind(Enum):
-    """What a folder holds; the value is the command that made it."""
+    """The kind of a run's folder; the value is the command that made it."""
 
     CHECK = "s2r check"
     GAP = "s2r gap"
@@ -80,19 +83,19 @@ def kind(folder: Path) -> Kind:
     """Return which command made a run.
 
     Raises:
-        UsageError: no rollout of any run is in the folder.
+        UsageError: the folder holds no run.
     """
-    # A check of requirements that are called so has the same folders.
-    if all(Journal.header_in(folder / side).get("side") == side for side in SIDES):
+    # A check of requirements with these names has the same folders.
+    if all(Journal.header_in(folder / side).get("side") == side for side in SYSTEMS):
         return Kind.GAP
-    if (folder / SIMULATION / FILE).exists() and (folder / GAP / SIDES[1] / FILE).exists():
+    if (folder / SIMULATION / FILE).exists() and (folder / GAP / SYSTEMS[1] / FILE).exists():
         return Kind.CERTIFY
     runs_in(folder)
     return Kind.CHECK
 
 
 def runs_in(folder: Path) -> list[Path]:
-    """Return the folders of the single requirements' checks: this one, or those in it.
+    """Return the folders of the checks of single requirements: this folder, or its subfolders.
 
     Raises:
         UsageError: there is none.
@@ -101,29 +104,29 @@ def runs_in(folder: Path) -> list[Path]:
         return [folder]
     found = sorted(path.parent for path in folder.glob(f"*/{FILE}"))
     if not found:
-        raise UsageError(f"no run in {folder}: there is no {FILE} in it, nor in a folder of it")
+        raise UsageError(f"no run in {folder}: neither it nor a subfolder has a {FILE}")
     return found
 
 
 def recompute(folder: Path) -> Recomputed:
-    """Compute the certificate of a finished or unfinished run again.
+    """Return the result of a finished or unfinished check.
 
     Raises:
-        UsageError: there is no rollout yet, it is a gap's run, the journal is damaged, or this version of s2r (or of
-            the numerical libraries) does not ask for the recorded tests.
+        UsageError: there is no rollout yet, the run is of a gap, the journal is damaged, or this version of s2r (or of
+            the numerical libraries) chooses other tests than the recorded ones.
     """
     journal = Journal.read(folder)
     if "side" in journal.header:
-        raise UsageError(f"{folder} is one side of a gap; give the folder that both sides are in")
+        raise UsageError(f"{folder} is one half of a gap's run; give its parent folder")
     if not len(journal):
         raise UsageError(f"{folder} has no rollouts yet, so there is nothing to report")
-    spec, header = load_kept(journal), journal.header
+    spec, header = load_run_spec(journal), journal.header
     journal.check_traces()
     search, history = _replay(spec, journal)
-    told = search.certificate().rollouts
-    # With what it was told as its budget the search knows that it is over, and so refuses what a check
-    # would have refused; of a run that goes on it says what it would have said had it ended here.
-    search.budget = told
+    counted = search.certificate().rollouts
+    # A closed search is finished, and refuses a certificate exactly if the check would have refused it
+    # at this point.
+    search.close()
     records = journal.records()
     settings = spec.certify[header["requirement"]]
     assert settings.fall is not None  # search_for has looked
@@ -137,16 +140,16 @@ def recompute(folder: Path) -> Recomputed:
     )
     if "recorded" in header:
         result = of_recordings(result, header["recorded"], search)
-    return Recomputed(spec, result, search, tuple(history), tuple(records), len(records) - told)
+    return Recomputed(spec, result, search, tuple(history), tuple(records), len(records) - counted)
 
 
 def recompute_gap(folder: Path) -> RecomputedGap:
-    """Compute the bound of a finished or unfinished gap again; see :func:`recompute`."""
-    journals = {side: Journal.read(folder / side) for side in SIDES}
+    """Return the bound of a finished or unfinished gap; see :func:`recompute`."""
+    journals = {side: Journal.read(folder / side) for side in SYSTEMS}
     header = journals["real"].header
     spec = _of_both(folder, journals)
     per_real = header["simulated_per_real"]
-    search = gap_search(spec, header["requirement"], budget=None, per_real=per_real, **_settings(header))
+    search = gap_search(spec, header["requirement"], _options(header), per_real)
     _same_settings(search, header, folder)
     every = {(pair.query, pair.replicate): pair for pair in pairs_of(journals, per_real)}
     if not every:
@@ -167,7 +170,8 @@ def recompute_gap(folder: Path) -> RecomputedGap:
         history = [search.certificate()]
     else:
         history = _tell(search, outcomes)
-    search.budget = told = search.certificate().rollouts
+    counted = search.certificate().rollouts
+    search.close()
     provenance = {key: value for key, value in header.items() if key not in ("side", "backend", "duration")}
     result = conclude_gap(spec, search, journals, provenance, folder)
     return RecomputedGap(
@@ -178,16 +182,16 @@ def recompute_gap(folder: Path) -> RecomputedGap:
         tuple(every.values()),
         tuple(journals["sim"].records()),
         tuple(journals["real"].records()),
-        len(journals["real"]) - told,
+        len(journals["real"]) - counted,
     )
 
 
 def recompute_certify(folder: Path, real: str | None = None) -> RecomputedCertify:
-    """Compute a promise again; see :func:`recompute`.
+    """Return the certificate of both steps; see :func:`recompute`.
 
     Args:
         folder: of both searches.
-        real: the real machine, for a run whose second search did not begin.
+        real: name of the real machine, for a run whose second search did not begin.
     """
     simulated = recompute(folder / SIMULATION)
     if real is not None and not simulated.result.certificate.label.bounds:
@@ -198,46 +202,42 @@ def recompute_certify(folder: Path, real: str | None = None) -> RecomputedCertif
     first, second = simulated.result.provenance, gap.result.provenance
     for key in ("spec_hash", "requirement", "seed"):
         if first[key] != second[key]:
-            raise UsageError(
-                f"{folder}: the {key} of its simulation is not that of its gap; they are of two runs"
-            )
+            raise UsageError(f"{folder}: simulation and gap differ in {key}, so they belong to two runs")
     if {key: first[key] for key in second["sim"]} != second["sim"]:
         raise UsageError(
-            f"{folder}: its simulation is of {first['backend']}, its gap of {second['sim']['backend']}, or of another "
-            f"model of the same name; they are of two runs"
+            f"{folder}: simulation ({first['backend']}) and gap ({second['sim']['backend']}) used different models, so "
+            f"they belong to two runs"
         )
     result = conclude_certify(simulated.search, gap.search, simulated.result, gap.result)
     return RecomputedCertify(simulated.spec, result, simulated, gap)
 
 
 def _of_both(folder: Path, journals: Mapping[str, Journal]) -> Spec:
-    """Return the specification of both sides of a gap.
+    """Return the specification of both halves of a gap's run.
 
     Raises:
-        UsageError: a side is not what its folder says, or the two are of different runs; files were changed.
+        UsageError: a journal is in the wrong folder, the two are of different runs, or files were changed.
     """
     headers = {side: journal.header for side, journal in journals.items()}
     for side, header in headers.items():
         if header.get("side") != side:
-            raise UsageError(
-                f"{journals[side].path}:1: this is not the journal of the side {side!r} of a gap"
-            )
+            raise UsageError(f"{journals[side].path}:1: this is not the journal of {side!r} in a gap's run")
     own = ("side", "backend", "duration")
     left, right = (
         {key: value for key, value in header.items() if key not in own} for header in headers.values()
     )
     if differ := [key for key in sorted(left.keys() | right.keys()) if left.get(key) != right.get(key)]:
-        raise UsageError(f"{folder}: its sides differ in {differ[0]}; they are of two runs")
-    *_, spec = (load_kept(journal) for journal in journals.values())
+        raise UsageError(f"{folder}: its two journals differ in {differ[0]}, so they belong to two runs")
+    *_, spec = (load_run_spec(journal) for journal in journals.values())
     for journal in journals.values():
         journal.check_traces()
     return spec
 
 
 def _replay(spec: Spec, journal: Journal) -> tuple[Search, list[Certificate]]:
-    """Tell a new search every whole batch of the journal; return it and its certificate after each."""
+    """Return a new search with every complete batch of the journal, and its certificate after each batch."""
     header = journal.header
-    search = search_for(spec, header["requirement"], budget=None, **_settings(header))
+    search = search_for(spec, header["requirement"], _options(header))
     _same_settings(search, header, journal.folder)
     if "recorded" in header:
         search.observe(_recorded(journal), final=True)
@@ -254,7 +254,7 @@ def _replay(spec: Spec, journal: Journal) -> tuple[Search, list[Certificate]]:
 
 
 def _tell(search: Search, outcomes: Callable[[Query], list[float]]) -> list[Certificate]:
-    """Tell a search every batch whose outcomes are all there; return its certificate after each."""
+    """Pass each complete batch of outcomes to a search; return its certificate after each."""
     history: list[Certificate] = []
     while not search.done:
         queries = search.ask()
@@ -267,21 +267,23 @@ def _tell(search: Search, outcomes: Callable[[Query], list[float]]) -> list[Cert
     return history
 
 
-def _settings(header: Mapping[str, Any]) -> dict[str, Any]:
+def _options(header: Mapping[str, Any]) -> RunOptions:
     settings = header["settings"]
-    return {"seed": header["seed"], "mode": settings["mode"], "engine": settings["engine"]}
+    return RunOptions(seed=header["seed"], mode=settings["mode"], engine=settings["engine"])
 
 
 def _same_settings(search: Search, header: Mapping[str, Any], folder: Path) -> None:
     if search.certificate().settings != header["settings"]:
-        raise UsageError(f"{folder} was run by s2r {header['s2r']} with settings that this one lacks")
+        raise UsageError(
+            f"{folder} was run by s2r {header['s2r']} with settings that this version does not have"
+        )
 
 
 def _asked(query: Query, index: int, replicate: int, params: Mapping[str, float], folder: Path) -> None:
     if dict(params) != query.point:
         raise UsageError(
-            f"rollout {index}.{replicate} of {folder} was run at {dict(params)}, now the search asks for "
-            f"{query.point}: the numerical libraries are others than those of the run"
+            f"rollout {index}.{replicate} of {folder} was run at {dict(params)}, but the search now chooses "
+            f"{query.point}: the numerical libraries differ from those of the run"
         )
 
 

@@ -1,4 +1,4 @@
-"""The result as a roboticist reads it in ten seconds."""
+"""The result as text for a terminal."""
 
 from __future__ import annotations
 
@@ -30,5 +30,5 @@ def body(finding: Finding) -> str:
     lines = [f"  {finding.reason}", "", *(f"  {name:17} {text}" for name, text in finding.facts), ""]
     for section in finding.sections:
         lines += [f"  {section.title}:", *(f"   - {line}" for line in section.lines)]
-    lines += ["", f"  {finding.provenance}", f"  {finding.again} again:  {finding.replay}"]
+    lines += ["", f"  {finding.provenance}", f"  replay the {finding.again}:  {finding.replay}"]
     return "\n".join(lines)

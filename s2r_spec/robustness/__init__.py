@@ -1,1 +1,1 @@
-"""Quantitative semantics: how far a trace is from violating, or satisfying, a formula."""
+"""Quantitative semantics of formulas: the margin ρ by which a trace satisfies or violates them."""

@@ -1,4 +1,4 @@
-"""The names that a formula reads, and time bounds that are parameters, given their values."""
+"""The names that a formula reads, and the substitution of parameters in time bounds."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ N = TypeVar("N", bound=f.Node)
 
 @dataclass(frozen=True)
 class Names:
-    """What a formula reads: signals, parameters, and parameters that are time bounds (these are in both)."""
+    """Names in a formula: signals, parameters, and the parameters that are time bounds, which ``params`` has, too."""
 
     signals: frozenset[str]
     params: frozenset[str]
@@ -34,10 +34,10 @@ def names(formula: f.Formula) -> Names:
 
 
 def bound(formula: f.Formula, params: Mapping[str, float]) -> f.Formula:
-    """Return the formula with every time bound a number.
+    """Return the formula with numbers for the parameters in its time bounds.
 
     Raises:
-        UsageError: an interval is negative, or ends before it begins, with these values.
+        UsageError: with these values an interval is negative or empty.
     """
     if not names(formula).times:
         return formula
@@ -49,12 +49,12 @@ def bound(formula: f.Formula, params: Mapping[str, float]) -> f.Formula:
             done[id(node)] = replace(node, **parts)
         return cast(N, done[id(node)])
 
-    def part(held: object) -> object:
-        if isinstance(held, f.Node):
-            return rebuilt(held)
-        if isinstance(held, f.Interval):
-            return _interval(held, params)
-        return tuple(map(part, held)) if isinstance(held, tuple) else held
+    def part(value: object) -> object:
+        if isinstance(value, f.Node):
+            return rebuilt(value)
+        if isinstance(value, f.Interval):
+            return _interval(value, params)
+        return tuple(map(part, value)) if isinstance(value, tuple) else value
 
     return rebuilt(formula)
 
@@ -67,9 +67,9 @@ def _interval(interval: f.Interval, params: Mapping[str, float]) -> f.Interval:
         high = interval.high_param.factor * params[interval.high_param.name]
     closed = interval.low_closed and interval.high_closed
     if not 0 <= low <= high or (low == high and not closed):
-        given = ", ".join(f"{end.name} = {params[end.name]:g}" for end in interval.param_times)
+        values = ", ".join(f"{end.name} = {params[end.name]:g}" for end in interval.param_times)
         raise UsageError(
-            f"with {given} the interval `{interval.span.text}` ({interval.span.place}) "
-            f"goes from {low:g} s to {high:g} s, and has no instant"
+            f"with {values} the interval `{interval.span.text}` ({interval.span.place}) "
+            f"goes from {low:g} s to {high:g} s, so it is empty"
         )
     return replace(interval, low=low, high=high, low_param=None, high_param=None)

@@ -1,9 +1,8 @@
-"""Curves in continuous time: straight between breakpoints, with jumps where they are wanted.
+"""Piecewise linear curves in continuous time, with jumps at breakpoints.
 
-A signal that is held from one sample to the next is such a curve, one that
-goes straight is another; minimum, shift and window infimum of curves are
-curves again. Jumps and open interval ends are exact, because a breakpoint has
-a value of its own besides the limits on either side.
+A signal that holds its last sample is such a curve, and so is one that is linear between samples. The minimum, the
+shift and the window infimum of curves are curves again. Jumps and open interval ends are exact, because a
+breakpoint has its own value besides the limits on its left and right.
 """
 
 from __future__ import annotations
@@ -35,7 +34,7 @@ class Curve:
 
     @classmethod
     def of(cls, times: FloatArray, samples: FloatArray, between: Literal["hold", "linear"]) -> Curve:
-        """Join (n,) samples: each held to the next one, or straight lines."""
+        """Return the curve through (n,) samples: each held until the next one, or joined by straight lines."""
         return cls(times, samples, samples[:-1], samples[:-1] if between == "hold" else samples[1:])
 
     @classmethod
@@ -48,7 +47,7 @@ class Curve:
         return Curve(self.times, -self.at, -self.right, -self.left)
 
     def backward(self) -> Curve:
-        """Return the curve with time running the other way."""
+        """Return the curve with reversed time."""
         return Curve(-self.times[::-1], self.at[::-1], self.left[::-1], self.right[::-1])
 
     def scaled(self, factor: float, offset: float = 0.0) -> Curve:
@@ -56,7 +55,7 @@ class Curve:
         return Curve(self.times, *(factor * part + offset for part in (self.at, self.right, self.left)))
 
     def piece(self, times: FloatArray) -> NDArray[np.intp]:
-        """Return the piece each time lies in or at the start of, −1 before the first."""
+        """Return the index of the piece that contains each time, its start included; −1 before the first."""
         return np.searchsorted(self.times, times, "right") - 1
 
     def along(self, piece: NDArray[np.intp], times: FloatArray) -> FloatArray:
@@ -69,7 +68,7 @@ class Curve:
         return np.where(right == left, right, value)  # also of infinities
 
     def refined(self, times: FloatArray) -> Curve:
-        """Return the same curve with more breakpoints; ``times`` contain its own."""
+        """Return the same curve with breakpoints at ``times``, which include its own."""
         if times.size == self.times.size:
             return self
         starts = self.piece(times[:-1])
@@ -79,7 +78,7 @@ class Curve:
         return Curve(times, at, self.along(starts, times[:-1]), self.along(starts, times[1:]))
 
     def values(self, times: FloatArray, snap: float) -> FloatArray:
-        """Return the values at ``times`` within the curve; a breakpoint closer than ``snap`` is hit."""
+        """Return the values at ``times``; a time within ``snap`` [s] of a breakpoint counts as the breakpoint."""
         near = nearest(self.times, times)
         on = np.abs(self.times[near] - times) <= snap
         if on.all():
@@ -88,7 +87,7 @@ class Curve:
         return np.where(on, self.at[near], self.along(piece, times))
 
     def simplified(self) -> Curve:
-        """Return the same curve without breakpoints where nothing changes."""
+        """Return the same curve without the breakpoints inside constant parts."""
         flat = (self.at[1:-1] == self.left[:-1]) & (self.at[1:-1] == self.right[1:])
         flat &= (self.right[:-1] == self.left[:-1]) & (self.right[1:] == self.left[1:])
         if not flat.any():
@@ -97,12 +96,12 @@ class Curve:
         return Curve(self.times[kept], self.at[kept], self.right[kept[:-1]], self.left[kept[1:]])
 
 
-def nearest(times: FloatArray, wanted: FloatArray) -> NDArray[np.intp]:
-    """Return the index of the time closest to each wanted one."""
-    after = np.clip(np.searchsorted(times, wanted), 1, max(times.size - 1, 1))
+def nearest(times: FloatArray, targets: FloatArray) -> NDArray[np.intp]:
+    """Return the index of the time closest to each target."""
+    after = np.clip(np.searchsorted(times, targets), 1, max(times.size - 1, 1))
     if times.size == 1:
-        return np.zeros(wanted.shape, np.intp)
-    return after - (wanted - times[after - 1] <= times[after] - wanted)
+        return np.zeros(targets.shape, np.intp)
+    return after - (targets - times[after - 1] <= times[after] - targets)
 
 
 def merged(times: FloatArray, more: FloatArray, snap: float) -> FloatArray:
@@ -123,14 +122,14 @@ def aligned(x: Curve, y: Curve, snap: float) -> tuple[Curve, Curve]:
 
 
 def _moved(x: Curve, times: FloatArray) -> Curve:
-    """Return the curve with its breakpoints at ``times``; a piece that has no length left is dropped."""
+    """Return the curve with its breakpoints moved to ``times``; pieces of no length are dropped."""
     long = np.diff(times) > 0
     kept = np.append(True, long)
     return Curve(times[kept], x.at[kept], x.right[long], x.left[long])
 
 
 def crossed(x: Curve, y: Curve, snap: float) -> tuple[Curve, Curve]:
-    """Return aligned curves of which neither crosses the other within a piece."""
+    """Return aligned curves that do not cross within a piece."""
     x, y = aligned(x, y, snap)
     with np.errstate(invalid="ignore"):
         before, after = x.right - y.right, x.left - y.left
@@ -165,7 +164,7 @@ def added(x: Curve, y: Curve, snap: float) -> Curve:
 
 
 def split_at_zero(x: Curve, snap: float) -> Curve:
-    """Return the same curve with a breakpoint wherever it crosses 0; there it is 0, whatever rounding leaves."""
+    """Return the same curve with a breakpoint at each crossing of 0, where its value is exactly 0."""
     with np.errstate(invalid="ignore"):
         opposite = (x.right < 0) != (x.left < 0)
         crossing = np.flatnonzero(opposite & np.isfinite(x.right * x.left) & (x.right * x.left != 0))

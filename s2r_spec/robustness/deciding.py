@@ -1,4 +1,4 @@
-"""From ρ down to the predicate and the sample that decide it."""
+"""Search for the predicate and the sample that decide ρ."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ IntArray = NDArray[np.intp]
 
 @dataclass(frozen=True)
 class Step:
-    """A sub-formula on the way down, and the sample at which it is asked.
+    """A sub-formula on the way down, and the sample at which it is evaluated.
 
     Args:
         node: the sub-formula.
         sample: index of the sample.
         factor: ρ of the requirement is factor · ρ of this node here; negative below a negation.
-        vacuous: whether this is the left side of an implication that is false, so that its right side is not needed.
+        vacuous: whether this is the false left side of an implication, which makes its right side irrelevant.
     """
 
     node: f.Formula
@@ -36,10 +36,9 @@ class Step:
 def descend(root: f.Formula, walk: Walk[FloatArray], clock: Clock) -> Iterator[Step]:
     """Yield the steps from ``root`` at the first sample to the predicate that decides its ρ.
 
-    Of several that decide alike, the one nearest in time, then in the text, is
-    taken. The last step is a :class:`~s2r_spec.lang.formula.Comparison`, or
-    another formula whose ρ is infinite: a truth, or one whose window lies
-    past the end of the trace.
+    If several decide equally, the nearest in time is taken, and then the first in the text. The last step is a
+    :class:`~s2r_spec.lang.formula.Comparison`, or a formula with infinite ρ: a constant, a boolean signal, or an
+    operator whose window lies past the end of the trace.
     """
     step: Step | None = Step(root, 0, 1.0)
     down = _Descent(walk, clock)
@@ -110,7 +109,7 @@ class _Descent:
         return Step(node.left, t, factor) if left >= -right else Step(node.right, t, -factor)
 
     def _until(self, node: f.Until, t: int, factor: float) -> Step | None:
-        # release is the dual of until: the same search on −ρ
+        # release is the dual of until, so the search runs on −ρ
         sign = -1.0 if node.operator == "release" else 1.0
         found = best_witness(node, t, self.walk, self.clock, sign)
         if node.operator == "unless":

@@ -1,4 +1,4 @@
-"""Robustness in continuous time: a condition is asked at every instant between the first and last sample."""
+"""Robustness in continuous time: a condition is evaluated at every instant from the first to the last sample."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Recording:
-    """What a formula is evaluated on in continuous time.
+    """Signals and parameters in continuous time, on which formulas are evaluated.
 
     Args:
         samples: the signals at their samples.
-        between: what a signal does between two samples: "hold" the last value, or
-            go straight ("linear"). A boolean signal is always held.
+        between: value of a signal between two samples: the last sample ("hold"), or linear interpolation
+            ("linear"). A boolean signal is always held.
         snap: times closer than this are the same [s].
     """
 
@@ -42,7 +42,7 @@ class Recording:
 
 
 def snap_of(times: FloatArray) -> float:
-    """Return the distance below which two times [s] differ by rounding only."""
+    """Return the difference [s] below which two times are equal up to rounding."""
     span = float(times[-1] - times[0])
     return 1e-12 * span + 8 * float(np.finfo(np.float64).eps) * float(np.abs(times).max())
 
@@ -144,7 +144,7 @@ class DenseAlgebra:
 
 
 def _signed_limit(limit: FloatArray, other: FloatArray, operator: f.CompareOp) -> FloatArray:
-    """Return (m,) limits with a sign: one of 0 has that of its piece, which is at the ``other`` limit."""
+    """Return (m,) limits with a sign: a limit of 0 gets the sign of its piece, from the ``other`` limit."""
     zero = limit == 0.0
     if not zero.any():
         return limit
@@ -155,10 +155,9 @@ def _signed_limit(limit: FloatArray, other: FloatArray, operator: f.CompareOp) -
 class Values:
     """The numbers that a predicate compares, as curves.
 
-    Sums, differences, multiples, minima, maxima, absolute values and signs of
-    straight lines are exact, with their crossings. Other functions (products,
-    quotients, powers, roots, norms, and those of the past) are computed at the
-    samples and go straight in between.
+    Sums, differences, multiples, minima, maxima, absolute values and signs of straight lines are exact, with their
+    crossings. Other functions (products, quotients, powers, roots, norms, functions of the past) are computed at the
+    samples and interpolated linearly.
     """
 
     recording: Recording
@@ -169,7 +168,7 @@ class Values:
         self.sampled = SampledAlgebra(self.recording.samples).numbers
 
     def __call__(self, node: f.Value) -> Curve:
-        """Return the value of a node with one component; NaN where it has none."""
+        """Return the value of a node with one component; NaN where it is undefined."""
         if id(node) not in self.done:
             self.done[id(node)] = self._value(node)
         return self.done[id(node)]
@@ -177,7 +176,7 @@ class Values:
     def _value(self, node: f.Value) -> Curve:
         recording, snap = self.recording, self.recording.snap
         if recording.between == "hold":
-            return self._joined(node)  # functions of what is held are held
+            return self._joined(node)  # functions of held signals are held
         match node:
             case f.Convert():
                 return self(node.operand).scaled(node.factor, node.offset)
@@ -215,7 +214,7 @@ class Values:
         return bool(self.sampled(node).shape[-1] == 1 < self.recording.times.size)
 
     def _joined(self, node: f.Value) -> Curve:
-        """Return the values at the samples, joined."""
+        """Return the curve through the values at the samples."""
         times = self.recording.times
         samples = np.broadcast_to(self.sampled(node)[0], times.shape)
         return Curve.of(times, samples, self.recording.between)

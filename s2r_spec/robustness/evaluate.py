@@ -1,8 +1,7 @@
-"""Robustness of a checked formula: one walk over its nodes, for any kind of signal.
+"""Robustness of a checked formula: one walk over its nodes, for any representation of signals.
 
-What a signal is, and what minimum, window and until mean for it, is an
-:class:`Algebra`: samples (:mod:`s2r_spec.robustness.sampled`), curves in
-continuous time (:mod:`s2r_spec.robustness.dense`), torch tensors
+An :class:`Algebra` defines the representation and its minimum, window and until operators: samples
+(:mod:`s2r_spec.robustness.sampled`), curves in continuous time (:mod:`s2r_spec.robustness.dense`), torch tensors
 (:mod:`s2r_spec.robustness.tensor`).
 """
 
@@ -19,9 +18,9 @@ Witness = Literal["open", "closed"]
 
 
 class Algebra(Protocol[S]):
-    """The operations on robustness signals that the operators of the language are made of.
+    """The operations on robustness signals from which the language's operators are built.
 
-    ``past`` turns a window around: t − interval instead of t + interval.
+    With ``past`` the window of an instant t is t − interval, else t + interval.
     """
 
     def truth(self, value: bool) -> S:
@@ -76,11 +75,10 @@ class Algebra(Protocol[S]):
 class Walk(Generic[S]):
     """Evaluates the formulas below one root.
 
-    A node that is used in several places is evaluated once; :attr:`done` keeps
-    what was found, for whoever explains it.
+    A node that is used in several places is evaluated once. :attr:`done` keeps the results for explanations.
 
     Args:
-        algebra: what signals are.
+        algebra: representation of the signals.
         until: whether the left side of an until must hold before the witness only
             ("open", as in RTAMT's discrete time) or at the witness, too ("closed", as in Breach).
     """

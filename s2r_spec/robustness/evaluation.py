@@ -1,4 +1,4 @@
-"""One requirement evaluated on one trace: what was asked, and what came out."""
+"""Evaluation of one requirement on one trace: settings and result."""
 
 from __future__ import annotations
 
@@ -28,27 +28,27 @@ BoolArray = NDArray[np.bool_]
 Interpolation = Literal["samples", "hold", "linear"]
 End = Literal["clip", "hold", "nan", "error"]
 MOST_HELD = 10_000_000
-"""How many samples are added at most where a trace goes on as it was last."""
+"""Budget: samples that ``end="hold"`` may add; twice as many take twice the memory."""
 
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """ρ of one requirement along a trace, and how much of it the trace decides.
+    """ρ of one requirement along a trace, and the samples at which the trace is long enough to decide it.
 
     Args:
         requirement: its name.
         unit: of ρ; "" for none, "mixed" for margins that do not compare.
         times: (n,) sample times of the trace [s].
         values: (n,) ρ at each sample.
-        truth: (n,) whether the requirement is true at each sample, as the Boolean semantics have it: what
-            the sign of ρ says, and at ρ = 0 what the comparisons say. False where ρ is NaN.
-        horizon: how long after an instant the requirement looks [s]; inf for the whole rest.
+        truth: (n,) whether the requirement is true at each sample (Boolean semantics): the sign of ρ, and at
+            ρ = 0 the comparisons. False where ρ is NaN.
+        horizon: time after an instant that the requirement looks ahead [s]; inf for the whole rest.
         complete: (n,) whether the trace reaches the horizon of each sample, to within one median period.
         jitter: greatest distance of a sample from the regular grid, in periods; None if there is no grid.
         period: median time from one sample to the next [s]; None for a single sample.
-        narrowest: the least number of samples in the shortest window of positive length that lies within the
-            trace; None without any.
-        notes: what the sample times do to the windows, a sentence each.
+        narrowest: least number of samples in the shortest window of positive length that lies within the trace;
+            None without one.
+        notes: one sentence for each window whose ends lie between samples.
     """
 
     requirement: str
@@ -70,7 +70,7 @@ class Evaluation:
 
     @property
     def duration(self) -> float:
-        """From the first sample to the last [s]."""
+        """Time from the first sample to the last [s]."""
         return float(self.times[-1] - self.times[0])
 
     @property
@@ -80,7 +80,7 @@ class Evaluation:
 
     @property
     def complete_until(self) -> float | None:
-        """The last sample time [s] at which ρ is decided by the trace; None if there is none."""
+        """The last sample time [s] at which the trace decides ρ; None without one."""
         return float(self.times[self.complete][-1]) if self.complete.any() else None
 
     @property
@@ -91,16 +91,16 @@ class Evaluation:
 
 @dataclass(frozen=True)
 class Reading:
-    """What formulas are evaluated on: a trace's samples and parameters, and how they are to be read.
+    """Samples and parameters of a trace, with the settings for the evaluation of formulas.
 
     Args:
         times: (n,) increasing times [s].
         signals: name → (width, n), in the declared unit, free of NaN.
         params: name → (1, 1), in the declared unit.
-        interpolation: "samples", a condition at the samples alone; or at every
-            instant, where signals "hold" the last sample or are "linear" in between.
+        interpolation: "samples" evaluates conditions at the samples only; "hold" and "linear" at every instant,
+            with signals that hold the last sample or are linear between samples.
         until: see :class:`s2r_spec.robustness.evaluate.Walk`.
-        clock: the grid the times lie on, or the times.
+        clock: the regular grid of the times, or the times themselves.
     """
 
     times: FloatArray
@@ -119,12 +119,12 @@ class Reading:
         interpolation: Interpolation,
         until: Witness,
     ) -> Reading:
-        """Find the clock of the times, and return the reading."""
+        """Return the reading with the clock of the times."""
         return cls(times, signals, params, interpolation, until, clock_of(times))
 
     @property
     def grid(self) -> Grid | None:
-        """The regular grid that windows are counted on, if they are."""
+        """The regular grid on which windows count samples; None if they are measured in time."""
         return self.clock if self.interpolation == "samples" and isinstance(self.clock, Grid) else None
 
     @cached_property
@@ -140,7 +140,7 @@ class Reading:
         return snap_of(self.times)
 
     def bound(self, formula: f.Formula) -> f.Formula:
-        """Return the formula with the values of the parameters that are time bounds."""
+        """Return the formula with numbers for the parameters in its time bounds."""
         return bound(formula, {name: float(value.item()) for name, value in self.params.items()})
 
     def walk(self) -> Walk[Any]:
@@ -152,17 +152,17 @@ class Reading:
 
     def signed(self, formula: f.Formula) -> FloatArray:
         """Return (n,): ρ at every sample, never 0: its sign is the verdict (:mod:`s2r_spec.robustness.ties`)."""
-        found = self.walk()(formula)
+        rho = self.walk()(formula)
         if self.interpolation == "samples":
-            return np.asarray(found)
-        values: FloatArray = found.values(self.times - self.times[0], self.snap)
+            return np.asarray(rho)
+        values: FloatArray = rho.values(self.times - self.times[0], self.snap)
         return values
 
     def refuse_short(self, formula: f.Formula) -> None:
-        """Refuse windows that are shorter than the median period, where conditions hold at the samples alone.
+        """Refuse windows shorter than the median period if conditions are evaluated at the samples only.
 
         Raises:
-            SamplingError: there is one.
+            SamplingError: a window is shorter.
         """
         if self.interpolation == "samples":
             refuse_short(narrowest(formula), self.period)
@@ -175,13 +175,13 @@ class Reading:
         return clock.fewest(window.interval, window.past)
 
     def needs(self, formula: f.Formula) -> float:
-        """Return how long after an instant the trace must last for a formula there [s]."""
+        """Return the time after an instant that a trace must last to decide a formula there [s]."""
         return seconds_needed(formula, self.period or 0.0)
 
     def complete(self, formula: f.Formula) -> BoolArray:
-        """Return (n,): where the trace reaches as far as the formula looks, to within one median period.
+        """Return (n,): whether the trace reaches the formula's horizon from each sample, to within one median period.
 
-        The next sample would lie past the horizon. In continuous time the last sample itself must reach it.
+        A further sample would lie past the horizon. In continuous time the last sample itself must reach it.
         """
         n = self.times.size
         if self.period is None:
@@ -193,7 +193,7 @@ class Reading:
         return np.asarray(at + needs <= at[-1] + self.period - snap)
 
     def notes(self, formula: f.Formula) -> tuple[str, ...]:
-        """Return a sentence for each window of which an end lies between two samples of the grid."""
+        """Return a sentence for each end of a window that lies between two samples of the grid."""
         if self.grid is None:
             return ()
         found: dict[str, None] = {}
@@ -204,26 +204,26 @@ class Reading:
                         span = node.interval.span
                         found[
                             f"{end:g} s in `{' '.join(span.text.split())}` ({span.place}) lies between two samples: "
-                            f"the window holds the samples inside, {self.grid.step:.6g} s apart"
+                            f"the window has the samples inside it, {self.grid.step:.6g} s apart"
                         ] = None
         return tuple(found)
 
     def held(self, formula: f.Formula) -> Reading:
-        """Return a reading that goes on for as long as the formula looks, each signal as it was last.
+        """Return a reading extended by the formula's horizon; each signal holds its last sample.
 
         Raises:
-            UsageError: at which times there would be samples is not known.
+            UsageError: the samples lie on no regular grid, or too many would be added.
         """
         needed, last = self.needs(formula), self.times[-1]
         if self.grid and samples_needed(formula, self.grid) > MOST_HELD:
             raise UsageError(
                 f"end='hold' would add {samples_needed(formula, self.grid):.0e} samples, for a requirement that "
-                f"looks {needed:g} s ahead; use interpolation='hold' with it, which adds one"
+                f"looks {needed:g} s ahead; use it with interpolation='hold', which adds one"
             )
         if self.interpolation == "samples" and not self.grid:
             raise UsageError(
-                "end='hold' adds samples, and these are not sampled regularly; "
-                "use interpolation='hold' or 'linear' with it"
+                "end='hold' adds samples, but these times have no regular period; "
+                "use it with interpolation='hold' or 'linear'"
             )
         clock = self.clock
         if self.grid:
@@ -249,15 +249,15 @@ def evaluate(formula: f.Formula, reading: Reading, requirement: str, unit: str, 
             f"{reading.needs(formula):g} s ahead, past the end of the trace at "
             f"{instant(reading.times, float(reading.times[-1]))}"
         )
-    found = (reading.held(formula) if end == "hold" else reading).signed(formula)[:n]
+    rho = (reading.held(formula) if end == "hold" else reading).signed(formula)[:n]
     if end == "nan":
-        found = np.where(complete, found, np.nan)
+        rho = np.where(complete, rho, np.nan)
     return Evaluation(
         requirement=requirement,
         unit=unit,
         times=reading.times,
-        values=plain(found),
-        truth=found > 0,
+        values=plain(rho),
+        truth=rho > 0,
         horizon=horizon(formula),
         complete=complete,
         jitter=reading.clock.jitter if isinstance(reading.clock, Grid) else None,

@@ -1,4 +1,4 @@
-"""Why ρ is what it is: the instant, the sub-formula, the predicate and the numbers that decide it."""
+"""Explanation of ρ: the instant, the sub-formula, the predicate and the numbers that decide it."""
 
 from __future__ import annotations
 
@@ -39,11 +39,11 @@ class Part:
     """A sub-formula on the way from the requirement to the predicate.
 
     Args:
-        text: as it is written.
-        name: what it is called, if it is a use of a named sub-formula.
-        line: where it is written.
-        time: when it is asked [s].
-        rho: its own robustness there.
+        text: its text in the specification.
+        name: its name, if it is a use of a named sub-formula.
+        line: its line, counted from 1.
+        time: instant at which it is evaluated [s].
+        rho: its own robustness at that instant.
     """
 
     text: str
@@ -55,7 +55,7 @@ class Part:
 
 @dataclass(frozen=True)
 class Explanation:
-    """What decides ρ of a requirement at the trace's first time.
+    """The instant and the predicate that decide ρ of a requirement at the trace's first time.
 
     Args:
         requirement: its name.
@@ -63,21 +63,21 @@ class Explanation:
         unit: of ρ.
         satisfied: whether the requirement is true there; at ρ = 0 the comparisons decide.
         parts: from the requirement down to the predicate, each with its own instant.
-        instant: when the predicate is asked [s]; None without a predicate.
-        predicate: its text; "" if ρ rests on none.
-        line: where the predicate, or else the innermost part, is written.
+        instant: time at which the predicate is evaluated [s]; None without a predicate.
+        predicate: its text; "" if no predicate decides ρ.
+        line: line of the predicate, or else of the innermost part.
         margin: of the predicate at the instant, in ``margin_unit``; ρ is factor · margin.
             Where the factor is negative the predicate must not hold.
         margin_unit: unit of the margin.
         factor: 1, or −1 below a negation; times a change of units.
-        sides: what the predicate compares, at the instant.
+        sides: both sides of the predicate, at the instant.
         signals: the signals and parameters in the predicate, at the instant.
-        when: the instant in words, to the sample, after the first one where the times are dates.
+        when: the instant in words, to the precision of the samples; relative to the first one if times are dates.
         rests: the times of ``responsible`` in words.
-        responsible: times [s], from and to, at which the verdict needs this predicate:
-            where it fails, or else where it must hold; below a negation where it holds, or else must not.
+        responsible: (from, to) times [s] at which the verdict depends on this predicate: where it fails, or else
+            where it must hold; below a negation, where it holds, or else where it must not.
         unneeded: the right side of an implication that is true because its left side is false; "" without one.
-        reason: why ρ rests on no predicate; "" if it does.
+        reason: why no predicate decides ρ; "" if one does.
     """
 
     requirement: str
@@ -100,7 +100,7 @@ class Explanation:
     reason: str = ""
 
     def __str__(self) -> str:
-        """Say it in a few lines."""
+        """Return the explanation in a few lines."""
         verdict = "holds" if self.satisfied else "violated"
         head = f"{self.requirement} {verdict}: ρ = {self.rho:+.6g} {self.unit}".rstrip()
         if self.rho == 0:
@@ -111,17 +111,17 @@ class Explanation:
         within = f", in `{named}`" if named else ""
         rests = ", ".join(self.rests[:4])
         more = ", …" if len(self.rests) > 4 else ""
-        wanted = self.factor > 0
+        must_hold = self.factor > 0
         what = {
             (True, True): "must hold", (True, False): "must not hold", (False, True): "fails",
             (False, False): "holds",
-        }[self.satisfied, wanted]  # fmt: skip
+        }[self.satisfied, must_hold]  # fmt: skip
         assert self.margin is not None
-        margin = (self.margin if wanted else -self.margin) + 0.0
+        margin = (self.margin if must_hold else -self.margin) + 0.0
         lines = [
             head,
             f"  decided at t = {self.when} by `{self.predicate}` (line {self.line}{within})"
-            f"{'' if wanted else ', which must not hold'}: margin {margin:+.6g} {self.margin_unit}".rstrip(),
+            f"{'' if must_hold else ', which must not hold'}: margin {margin:+.6g} {self.margin_unit}".rstrip(),
             f"  there {', '.join(map(str, self.signals))}" if self.signals else "  a constant",
             f"  it {what} at {rests}{more}",
         ]
@@ -132,13 +132,13 @@ class Explanation:
         return "\n".join(lines)
 
     def to_json(self) -> dict[str, Any]:
-        """Return plain data that JSON can hold: an infinite ρ is the word "inf" or "-inf"."""
+        """Return plain data for JSON; an infinite ρ becomes the text "inf" or "-inf"."""
         plain: dict[str, Any] = _plain(asdict(self))
         return plain
 
 
 def explain(formula: f.Formula, reading: Reading, requirement: str, unit: str) -> Explanation:
-    """Explain ρ of a formula at the first sample, conditions asked at the samples."""
+    """Explain ρ of a formula at the first sample; conditions are evaluated at the samples."""
     algebra = SampledAlgebra(Samples(reading.clock, reading.signals, reading.params, reading.until))
     walk = Walk(algebra, reading.until)
     signed = float(walk(formula)[0])
@@ -164,14 +164,14 @@ def explain(formula: f.Formula, reading: Reading, requirement: str, unit: str) -
             case f.Flag():
                 what = "is true" if parts[-1].rho > 0 else "is false"
             case _:
-                what = "looks where the trace has no samples, so that it is decided by definition"
+                what = "has no sample in its window, so its value holds by definition"
         when = instant(reading.times, parts[-1].time)
         reason = f"`{parts[-1].text}` (line {parts[-1].line}), at t = {when}, {what}"
         return Explanation(requirement, rho, unit, satisfied, parts, line=parts[-1].line, reason=reason)
     times = responsible(formula, walk, reading.clock).get(
         id(predicate), np.zeros(len(reading.times), dtype=bool)
     )
-    times[sample] = True  # of several reasons for a violated until, ρ may name another one
+    times[sample] = True  # a violated until may have several reasons, and ρ may name another one
     runs = _runs(times, reading.times)
     return Explanation(
         requirement,
@@ -195,7 +195,7 @@ def explain(formula: f.Formula, reading: Reading, requirement: str, unit: str) -
 
 
 def _unneeded(steps: Sequence[Step]) -> str:
-    """Return the right side of the last implication on the way down that is true for its left side."""
+    """Return the right side of the last implication on the way down whose left side is false; "" without one."""
     for above, below in zip(reversed(steps[:-1]), reversed(steps[1:]), strict=True):
         if below.vacuous and isinstance(above.node, f.Implication):
             return _one_line(above.node.right.span.text)
@@ -243,7 +243,7 @@ def _signals(predicate: f.Comparison, algebra: SampledAlgebra, sample: int) -> t
 
 
 def _stretch(times: FloatArray, start: float, end: float) -> str:
-    """Return a stretch of time in words; where stamps are dates, after the first sample."""
+    """Return a period of time in words; if times are dates, relative to the first sample."""
     if start == end:
         return instant(times, start)
     first = 0.0 if times[0] < DATES else float(times[0])

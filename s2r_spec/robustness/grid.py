@@ -1,4 +1,4 @@
-"""Sample times as a regular grid, and time intervals as counts of its samples."""
+"""Sample times on a regular grid, and time intervals in numbers of samples."""
 
 from __future__ import annotations
 
@@ -21,19 +21,20 @@ IntArray = NDArray[np.intp]
 Window = Callable[[FloatArray, int, int | None], FloatArray]
 
 JITTER = 1e-2
-"""Sample times this close to a grid, in periods, are on it."""
+"""Tolerance: distance of a sample time from the grid, in periods, up to which it is on the grid."""
 SNAP = 1e-6
-"""Interval ends this close to a sample, in periods, are on it: 0.3 s is the third sample of 0.1 s."""
+"""Tolerance: distance of an interval's end from a sample, in periods, up to which it is on the sample. So 0.3 s is the
+third sample of 0.1 s."""
 
 
 @dataclass(frozen=True)
 class Grid:
-    """Samples at equal distances.
+    """Samples at a regular period.
 
     Args:
         count: number of samples, ≥ 1.
-        period: distance [s]; None for a single sample.
-        jitter: greatest distance of a sample from its place, in periods.
+        period: time between samples [s]; None for a single sample.
+        jitter: greatest distance of a sample from the grid, in periods.
     """
 
     count: int
@@ -42,10 +43,10 @@ class Grid:
 
     @classmethod
     def of(cls, times: FloatArray) -> Grid | None:
-        """Find the grid of (n,) increasing times [s]; None if a sample is more than 1 % of a period off.
+        """Return the grid of (n,) increasing times [s]; None if a sample is more than 1 % of a period off.
 
-        The period is the simplest fraction that the times allow: files write
-        0.033 for 1/30, and times add up rounding.
+        The period is the simplest fraction that the times allow: files write 0.033 for 1/30, and times accumulate
+        rounding.
         """
         count = times.size
         if count == 1:
@@ -76,7 +77,7 @@ class Grid:
         return float(self.period) if self.period is not None else 0.0
 
     def windows(self, interval: Interval, past: bool) -> tuple[IntArray, IntArray]:
-        """Return (first, last), each (n,): the samples in the window of each one; empty if last < first."""
+        """Return (first, last), each (n,): the samples in the window of each sample; empty if last < first."""
         low, high = self.window(interval)
         here, rest = np.arange(self.count), self.count
         if past:
@@ -114,15 +115,15 @@ class Grid:
         return until(left, right, low, high)
 
     def window(self, interval: Interval) -> tuple[int, int | None]:
-        """Return (low, high): the samples t + low … t + high lie in t + interval; None means all the rest.
+        """Return (low, high): the samples t + low … t + high lie in t + interval; high = None means all the rest.
 
-        Open ends leave the sample on them out. An end between two samples leaves the one outside out.
+        An open end excludes the sample on it. An end between two samples excludes the sample outside.
 
         Raises:
             TraceError: no sample lies in the interval.
         """
         if self.period is None:
-            # a single sample: now is in the interval, or everything in it is past the end
+            # a single sample: the interval contains it, or lies past the end
             return (0, 0) if interval.low == 0 and interval.low_closed else (1, 1)
         nearest, on = self._nearest(interval.low)
         low = nearest + (not interval.low_closed) if on else math.ceil(interval.low / self.step)
@@ -142,7 +143,7 @@ class Grid:
         return math.isfinite(time) and self.period is not None and not self._nearest(time)[1]
 
     def _nearest(self, time: float) -> tuple[int, bool]:
-        """Return the number of periods nearest to ``time`` [s], and whether that sample is there."""
+        """Return the number of periods nearest to ``time`` [s], and whether ``time`` is on that sample."""
         periods = time / self.step
         nearest = round(periods)
         return nearest, abs(periods - nearest) <= SNAP

@@ -1,8 +1,7 @@
-"""Functions of what a signal was: delay, derivative, integral, mean, duration, count.
+"""Functions of a signal's past: delay, derivative, integral, mean, duration, count.
 
-Arrays are (…, n), time last; ``times`` are (n,) [s], strictly increasing, and
-``snap`` says which differences of times are rounding [s]. Nothing looks at
-later samples, so that each can run beside a robot.
+Arrays are (…, n), time last; ``times`` are (n,) [s], strictly increasing. Differences of times below ``snap`` [s] are
+rounding. No function uses later samples, so each can run online.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ def delayed(x: FloatArray, times: FloatArray, seconds: float, snap: float) -> Fl
 
 
 def derivative(x: FloatArray, times: FloatArray) -> FloatArray:
-    """Return (…, n): the slope from the sample before [1/s]; at the first sample that to the second."""
+    """Return (…, n): the backward difference quotient [1/s]; the first sample has the value of the second."""
     if times.size == 1:
         return np.zeros_like(x)
     slopes = np.diff(x, axis=-1) / np.diff(times)
@@ -45,21 +44,21 @@ def integral(x: FloatArray, times: FloatArray, seconds: float) -> FloatArray:
 
 
 def mean(x: FloatArray, times: FloatArray, seconds: float) -> FloatArray:
-    """Return (…, n): the integral over its time; over no time the sample itself."""
+    """Return (…, n): the integral divided by its length; the sample itself at length 0."""
     elapsed = np.minimum(times - times[0], seconds)
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.where(elapsed > 0, integral(x, times, seconds) / elapsed, x)
 
 
 def duration(holds: BoolArray, times: FloatArray) -> FloatArray:
-    """Return (…, n): for how long it has held without a break [s]."""
+    """Return (…, n): the time for which the condition has held without a break [s]."""
     begins = holds & ~np.concatenate((np.zeros_like(holds[..., :1]), holds[..., :-1]), axis=-1)
     since = np.maximum.accumulate(np.where(begins, times, -np.inf), axis=-1)
     return np.where(holds, times - since, 0.0)
 
 
 def count(holds: BoolArray, times: FloatArray, seconds: float, snap: float) -> FloatArray:
-    """Return (…, n): at how many samples in [t − seconds, t] it held."""
+    """Return (…, n): the number of samples in [t − seconds, t] at which the condition held."""
     total = np.cumsum(holds, axis=-1, dtype=np.float64)
     first = np.searchsorted(times, times - seconds - snap, "left")
     before = np.concatenate((np.zeros_like(total[..., :1]), total), axis=-1)[..., first]

@@ -1,4 +1,4 @@
-"""How much of a trace a formula looks at, from an instant on."""
+"""The part of a trace after an instant that a formula depends on."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ Ends = Callable[[f.Interval], tuple[float, float]]
 def horizon(formula: f.Formula) -> float:
     """Return the time after an instant that decides the formula there [s]; inf if it is the whole rest.
 
-    What is evaluated later counts even if it only looks back from there.
+    A sub-formula that is evaluated later counts even if it only looks back.
     """
     return _reach(formula, lambda interval: (interval.low, interval.high), 0.0)
 
 
 def samples_needed(formula: f.Formula, grid: Grid) -> int:
-    """Return how many samples after an instant the formula needs on a grid.
+    """Return the number of samples after an instant that a formula needs on a grid.
 
-    An unbounded window needs its first sample only: it means the rest of the
-    trace, however long. An open end does not need the sample on it.
+    An unbounded window needs its first sample only, since it means the rest of the trace, however long. An open end
+    does not need the sample on it.
     """
     return _samples(formula, grid.period)
 
@@ -43,14 +43,14 @@ def _samples(formula: f.Formula, period: Fraction | None) -> int:
 
 
 def seconds_needed(formula: f.Formula, step: float, slack: float = 0.0) -> float:
-    """Return how long after an instant a trace must last for the formula there [s].
+    """Return the time after an instant that a trace must last to decide a formula there [s].
 
-    As :func:`samples_needed`, in time. An unbounded window needs its begin only.
+    As :func:`samples_needed`, in time. An unbounded window needs its beginning only.
 
     Args:
-        formula: what is evaluated.
+        formula: the formula.
         step: time from one sample to the next, for ``next`` [s].
-        slack: how much earlier than a closed one an open end comes, which needs no sample on it [s].
+        slack: time by which an open end comes before a closed one, since it needs no sample on it [s].
     """
 
     def ends(within: f.Interval) -> tuple[float, float]:
@@ -61,7 +61,7 @@ def seconds_needed(formula: f.Formula, step: float, slack: float = 0.0) -> float
 
 
 def _reach(formula: f.Formula, ends: Ends, step: float) -> float:
-    """Add the interval ends up, outermost to innermost; ``step`` is what `next` counts."""
+    """Return the sum of the interval ends from the outermost operator to the innermost; `next` counts ``step``."""
     known: dict[int, float] = {}
 
     def reach(node: f.Node) -> float:

@@ -1,12 +1,9 @@
 """Window and until operators on samples, by doubling.
 
-Every function takes arrays of shape (…, n), last axis time, any batch axes
-before it, and returns a new array of that shape; no input is changed. There
-is no loop over samples: a window of w samples costs log₂ w passes, each over a
-piece of the trace that stays in the processor's cache. A window that reaches
-past the last sample is cut there; one that lies wholly past it is empty, with
-least value +inf and greatest −inf. NaN spreads to every instant whose window
-contains it.
+Every function takes arrays of shape (…, n), time last, and returns a new array of that shape. There is no loop over
+samples: a window of w samples costs log₂ w passes, each over a piece of the trace that stays in the processor's
+cache. A window that reaches past the last sample is cut there. One that lies wholly past it is empty, with minimum
++inf and maximum −inf. NaN spreads to every instant whose window contains it.
 """
 
 from __future__ import annotations
@@ -20,9 +17,9 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
 
 PIECE = 1 << 16
-"""How many samples are worked on at once: half a megabyte, what a processor's second cache holds."""
+"""Budget: samples in one pass, half a megabyte, the size of a processor's second-level cache."""
 RUN = 1 << 12
-"""The same for an until without an end, where fewer samples take fewer passes."""
+"""Budget: the same for an unbounded until, for which fewer samples take fewer passes."""
 
 
 def shift(x: FloatArray, steps: int, fill: float) -> FloatArray:
@@ -66,7 +63,7 @@ def _window(fold: np.ufunc, empty: float, x: FloatArray, low: int, high: int | N
         piece.read(source, block, low, empty)
         size, m = 1, block.size  # block[t] is the least of `size` samples from t on
         while size < width:
-            # two blocks of one size cover the next one; they may overlap, a minimum does not mind
+            # two blocks of one size cover the next one; they may overlap, since a minimum is idempotent
             step = min(size, width - size)
             size, m = size + step, m - step
             fold(block[:m], block[step : step + m], out=spare[:m])
@@ -80,12 +77,11 @@ def until(left: FloatArray, right: FloatArray, low: int, high: int | None) -> Fl
 
     y[t] = max over t' in t + [low, high] of min(right[t'], min of left[t … t' − 1]).
 
-    The condition that t' = s is the witness, or a later instant is, turns the
-    value v of later witnesses into max(right[s], min(left[s], v)): a clamp. Two
-    clamps in a row are a clamp, (p, q)∘(p', q') = (min(p, p'), max(q, min(p, q'))),
-    so that of a whole window is built by doubling, exactly and for any batch.
-    Blocks may overlap: a witness that counts twice asks no less of ``left`` the
-    second time.
+    Either t' = s is the witness, or a later instant is. With the value v of the later witnesses, this gives
+    max(right[s], min(left[s], v)): a clamp of v. The composition of two clamps is a clamp,
+    (p, q)∘(p', q') = (min(p, p'), max(q, min(p, q'))), so the clamp of a whole window is built by doubling. It is
+    exact, and works for any batch. Blocks may overlap, since a witness that counts twice needs no less of ``left``
+    the second time.
 
     Args:
         left: (…, n) robustness of the condition that holds before the witness.
@@ -116,13 +112,13 @@ def until(left: FloatArray, right: FloatArray, low: int, high: int | None) -> Fl
 
 
 def _until_the_end(left: FloatArray, right: FloatArray, y: FloatArray) -> None:
-    """Write :func:`until` with all the rest for a window into y, (k, n) each, from the last piece on."""
+    """Write the unbounded :func:`until` into y, (k, n) each, from the last piece to the first."""
     after = np.full(len(y), -np.inf)
     for piece in pieces(y.shape, None, [np.empty] * 3, RUN):
         p, q, spare = piece.room
         piece.read(left, p, 0, np.inf)
         piece.read(right, q, 0, -np.inf)
-        # what later pieces offer counts as one more witness
+        # the value of all later pieces counts as one more witness
         piece.view(q)[:, piece.end - piece.start] = after[piece.rows]
         _clamp(p, q, spare, piece.end - piece.start + 1)
         piece.write(q, y)
@@ -130,7 +126,7 @@ def _until_the_end(left: FloatArray, right: FloatArray, y: FloatArray) -> None:
 
 
 def _clamp(p: FloatArray, q: FloatArray, spare: FloatArray, width: int) -> None:
-    """Make q[t] that of the clamp of ``width`` samples from t on, as far as there are as many."""
+    """Set q[t] to the q of the clamp over the ``width`` samples from t on, or over all that are left."""
     size = 1
     while size < width:
         step = min(size, width - size)
@@ -145,9 +141,9 @@ def _clamp(p: FloatArray, q: FloatArray, spare: FloatArray, width: int) -> None:
 
 
 def range_min(x: FloatArray, first: IntArray, last: IntArray) -> FloatArray:
-    """Return y with y[k] = min of x[first[k] … last[k]], for windows of any place and length.
+    """Return y with y[k] = min of x[first[k] … last[k]], for windows of any position and length.
 
-    A sparse table: two blocks of a power of two cover a window.
+    A sparse table: two blocks whose length is a power of two cover a window.
 
     Args:
         x: (…, n) samples.
@@ -171,11 +167,11 @@ def range_min(x: FloatArray, first: IntArray, last: IntArray) -> FloatArray:
 
 
 def range_until(left: FloatArray, right: FloatArray, first: IntArray, last: IntArray) -> FloatArray:
-    """Return :func:`until` for a window of witnesses first[t] … last[t] of its own at every sample t.
+    """Return :func:`until` with its own window of witnesses first[t] … last[t] at every sample t.
 
-    With W the untimed until, y[t] = min(least left before first[t], greatest
-    right in the window, W[first[t]]): if a witness after the window is good,
-    left holds up to it, and any witness in the window is as good as its right.
+    With W the untimed until, y[t] = min(min of left before first[t], max of right in the window, W[first[t]]). The
+    reason: if a witness after the window is good, left holds up to it, so any witness in the window is as good as
+    its right.
 
     Args:
         left: (…, n) robustness of the condition that holds before the witness.

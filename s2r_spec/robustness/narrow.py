@@ -1,4 +1,4 @@
-"""Time windows that a formula looks through, held against the sample times of a trace."""
+"""Check of a formula's time windows against the sample period of a trace."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from s2r_spec.lang.source import Span
 from s2r_spec.robustness.grid import SNAP
 
 SMALLER_UNITS = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-"""A definition: the units of time [s] that loggers write, the largest first."""
+"""Definition: units of time in logs, in seconds, the largest first."""
 
 
 @dataclass(frozen=True)
 class Window:
-    """A window of time with two ends, relative to an instant.
+    """A bounded time window, relative to an instant.
 
     Args:
-        interval: from its nearer end to its farther one [s].
+        interval: distances of its nearer and farther end from the instant [s].
         past: whether it lies before the instant.
-        span: where it is written.
+        span: its place in the text.
     """
 
     interval: f.Interval
@@ -31,12 +31,12 @@ class Window:
 
     @property
     def length(self) -> float:
-        """From its begin to its end [s]."""
+        """Its length [s]."""
         return self.interval.high - self.interval.low
 
 
 def windows(formula: f.Formula) -> Iterator[Window]:
-    """Yield every window of positive, finite length: of operators in time, and of functions of the past."""
+    """Yield every window of positive, finite length, of temporal operators and of functions of the past."""
     for node in f.walk(formula):
         match node:
             case f.Temporal() | f.Until():
@@ -51,28 +51,28 @@ def windows(formula: f.Formula) -> Iterator[Window]:
 
 
 def narrowest(formula: f.Formula) -> Window | None:
-    """Return the shortest of :func:`windows`, None without any."""
+    """Return the shortest of :func:`windows`; None without one."""
     return min(windows(formula), key=lambda window: window.length, default=None)
 
 
-def refuse_short(window: Window | None, period: float | None, whose: str = "the sample period") -> None:
+def refuse_short(window: Window | None, period: float | None, name: str = "the sample period") -> None:
     """Refuse a window that is shorter than the time from one sample to the next.
 
-    It would hold one sample at most: the samples say nothing of the rest of it.
+    It has at most one sample, so the samples do not cover the rest of it.
 
     Args:
         window: the narrowest of a formula; None for none.
         period: median time from one sample to the next [s]; None for a single sample.
-        whose: what the period is called in the sentence.
+        name: name of the period in the message.
 
     Raises:
-        SamplingError: it is shorter; the sentence names the unit that the times are likely in.
+        SamplingError: it is shorter; the message names the likely unit of the times.
     """
     if window is None or period is None or window.length >= period * (1.0 - SNAP):
         return
-    unit = next((name for name, size in SMALLER_UNITS.items() if period * size <= window.length), None)
-    way = f"if the times are in {unit}, give --time-unit {unit}; " if unit else ""
+    unit = next((unit for unit, size in SMALLER_UNITS.items() if period * size <= window.length), None)
+    remedy = f"if the times are in {unit}, give --time-unit {unit}; " if unit else ""
     raise SamplingError(
         f"`{' '.join(window.span.text.split())}` ({window.span.place}) is {window.length:g} s long, shorter than "
-        f"{whose}, {period:.6g} s; {way}interpolation='hold' or 'linear' evaluates between samples"
+        f"{name}, {period:.6g} s; {remedy}interpolation='hold' or 'linear' evaluates between samples"
     )

@@ -41,13 +41,13 @@ class Times(Protocol):
 
 
 class Numbers:
-    """Evaluates values to (…, width, n); what does not vary over time has n = 1.
+    """Evaluates values to (…, width, n); a value that is constant over time has n = 1.
 
     Args:
         signals: name → (…, width, n), in the declared unit.
         params: name → (…, 1, 1), in the declared unit.
         clock: the sample times.
-        conditions: makes what evaluates the conditions in ``if``, ``duration`` and ``count``, to (…, n).
+        conditions: makes the evaluator of the conditions in ``if``, ``duration`` and ``count``, to (…, n).
     """
 
     def __init__(
@@ -60,14 +60,14 @@ class Numbers:
         self.signals = signals
         self.params = params
         self.clock = clock
-        # never the walk that these numbers are part of: a circle of references keeps
-        # samples in memory until the garbage collector runs
+        # never the walk of these numbers: a reference cycle would keep the samples in memory
+        # until the garbage collector runs
         self.conditions = conditions
         self.formula: Callable[[f.Formula], FloatArray] | None = None
         self.done: dict[int, FloatArray] = {}
 
     def __call__(self, node: f.Value) -> FloatArray:
-        """Return (…, width, n) or (…, width, 1); NaN where there is no value."""
+        """Return (…, width, n) or (…, width, 1); NaN where the value is undefined."""
         if id(node) not in self.done:
             self.done[id(node)] = self._value(node)
         return self.done[id(node)]
@@ -82,7 +82,7 @@ class Numbers:
             case f.ParamValue():
                 return self.params[node.name]
             case _:
-                # a result without a value is reported with its predicate, in margin
+                # margin reports an undefined result with its predicate
                 with np.errstate(all="ignore"):
                     return self._computed(node)
 
@@ -138,21 +138,21 @@ class Numbers:
                 raise AssertionError(node)
 
     def _along(self, node: f.Value) -> FloatArray:
-        """Return (…, width, n), also of a number that does not vary."""
+        """Return (…, width, n), also of a constant."""
         values = self(node)
         return np.broadcast_to(values, (*values.shape[:-1], self.clock.count))
 
     def direction(self, node: f.Overshoot) -> FloatArray:
-        """Return (…, 1, 1): +1 or −1, the direction of a motion, settled at the first sample."""
+        """Return (…, 1, 1): +1 or −1, the direction of a motion, which the first sample determines."""
         origin = 0.0 if node.origin is None else self(node.origin)[..., :1]
         return np.where(self(node.reference)[..., :1] >= origin, 1.0, -1.0)
 
 
 def margin(node: f.Comparison, numbers: Numbers, clock: Times) -> FloatArray:
-    """Return (…, n): by how much a comparison holds; never 0, see :mod:`s2r_spec.robustness.ties`.
+    """Return (…, n): the margin of a comparison, never 0; see :mod:`s2r_spec.robustness.ties`.
 
     Raises:
-        TraceError: it has no value at some sample.
+        TraceError: it is undefined at some sample.
     """
     left, right = numbers(node.left)[..., 0, :], numbers(node.right)[..., 0, :]
     with np.errstate(invalid="ignore", over="ignore"):
@@ -176,7 +176,7 @@ def margin(node: f.Comparison, numbers: Numbers, clock: Times) -> FloatArray:
 
 
 def no_value(node: f.Comparison, where: str) -> TraceError:
-    """Return the error of a predicate that has no value."""
+    """Return the error of a predicate that is undefined."""
     return TraceError(
         f"`{node.span.text}` ({node.span.place}) has no value at {where}: a division by zero, "
         f"the root of a negative number, or a difference of infinities"

@@ -1,4 +1,4 @@
-"""What follows from a formula alone is found once, however many traces it is evaluated on."""
+"""A cache for results that depend on a formula alone, for use with many traces."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ R = TypeVar("R")
 Rest = TypeVarTuple("Rest")
 
 
-def once(find: Callable[[T, *Rest], R]) -> Callable[[T, *Rest], R]:
-    """Let a function remember what it last found for an object, for as long as the object lives.
+def once(compute: Callable[[T, *Rest], R]) -> Callable[[T, *Rest], R]:
+    """Cache a function's last result for each object, for as long as the object lives.
 
-    For frozen objects: they are told apart by identity, for to hash a formula is to
-    walk all of it. Further arguments are compared; other ones take the place of the last.
+    The objects must be frozen. They are compared by identity, since the hash of a formula takes a walk over all of it.
+    A call with other further arguments replaces the result.
     """
-    known: dict[int, tuple[weakref.ref[T], tuple[*Rest], R]] = {}
+    results: dict[int, tuple[weakref.ref[T], tuple[*Rest], R]] = {}
 
-    @wraps(find)
-    def found(subject: T, *rest: *Rest) -> R:
+    @wraps(compute)
+    def cached(subject: T, *rest: *Rest) -> R:
         key = id(subject)
-        entry = known.get(key)
+        entry = results.get(key)
         if entry is not None and entry[1] == rest:
             return entry[2]
-        result = find(subject, *rest)
-        known[key] = weakref.ref(subject, lambda _: known.pop(key, None)), rest, result
+        result = compute(subject, *rest)
+        results[key] = weakref.ref(subject, lambda _: results.pop(key, None)), rest, result
         return result
 
-    return found
+    return cached

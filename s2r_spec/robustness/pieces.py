@@ -1,8 +1,7 @@
-"""Parts of a batch of traces that are small enough to stay in the processor's cache.
+"""Parts of a batch of traces that fit into the processor's cache.
 
-Several traces lie in one flat array, each with room after it for the samples
-that its windows reach. An operation on the whole array then mixes neighbours,
-but only in that room, which nobody reads.
+Several traces lie in one flat array, each followed by space for the samples that its windows reach. An operation on
+the whole array mixes neighbours only in that space, which is not read.
 """
 
 from __future__ import annotations
@@ -16,10 +15,10 @@ A = TypeVar("A")  # of numpy or of torch
 
 @dataclass(slots=True)
 class Piece(Generic[A]):
-    """Samples ``start`` to ``end`` of some ``rows`` of a (k, n) batch, and flat arrays to work in.
+    """Samples ``start`` to ``end`` of some ``rows`` of a (k, n) batch, and flat work arrays.
 
-    Each array of ``room`` has ``start`` to ``end`` and the samples ahead for row
-    after row. What it holds is left over from the piece before.
+    Each array of ``room`` has space for ``start`` to ``end`` and for the samples ahead, row after row. Its content is
+    left over from the piece before.
     """
 
     rows: slice
@@ -29,20 +28,20 @@ class Piece(Generic[A]):
     count: int
 
     def view(self, flat: A) -> Any:
-        """Return (rows, end − start + ahead): one of the arrays, row by row."""
+        """Return (rows, end − start + ahead): a view of one work array by rows."""
         array: Any = flat
         return array.reshape(self.count, -1)
 
     def read(self, x: Any, flat: A, low: int, fill: float) -> None:
-        """Copy the samples from ``start + low`` on out of (k, n), with ``fill`` past the end."""
+        """Copy the samples from ``start + low`` on from x (k, n) into ``flat``, with ``fill`` past the end."""
         part = self.view(flat)
         first = self.start + low
-        there = x[self.rows, first : first + part.shape[1]]
-        part[:, : there.shape[1]] = there
-        part[:, there.shape[1] :] = fill
+        samples = x[self.rows, first : first + part.shape[1]]
+        part[:, : samples.shape[1]] = samples
+        part[:, samples.shape[1] :] = fill
 
     def write(self, flat: A, y: Any) -> None:
-        """Copy what stands at ``start`` to ``end`` into (k, n)."""
+        """Copy the results at ``start`` to ``end`` from ``flat`` into y (k, n)."""
         y[self.rows, self.start : self.end] = self.view(flat)[:, : self.end - self.start]
 
 
@@ -53,10 +52,10 @@ def pieces(
 
     Args:
         shape: (k, n).
-        ahead: how many samples after a piece its windows reach; None for one more than
-            the piece has itself, and the last piece first.
-        make: for each array to work in, what makes it of a length.
-        size: about how many samples each of them is to have.
+        ahead: samples after a piece that its windows reach; None for one more than the piece itself has, with
+            the last piece first.
+        make: for each work array, the function that makes one of a given length.
+        size: approximate number of samples in each of them.
     """
     k, n = shape
     length = min(n, size if ahead is None else max(size, 2 * ahead))

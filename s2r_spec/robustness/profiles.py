@@ -1,4 +1,4 @@
-"""The conventions of other tools by name, for who has numbers of one and wants the same from here."""
+"""The conventions of other tools by name, to get the same numbers as they give."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from s2r_spec.robustness.evaluation import End, Interpolation
 
 
 class Profile(TypedDict):
-    """What the same formula means in a tool; the keywords of :meth:`s2r_spec.spec.Spec.evaluate`."""
+    """Conventions of a tool, as keywords of :meth:`s2r_spec.spec.Spec.evaluate`."""
 
     interpolation: Interpolation
     until: Witness
@@ -27,11 +27,11 @@ PROFILES: dict[str, Profile] = {
     "stlrom": {"interpolation": "linear", "until": "closed", "end": "hold"},
     "tidystl": {"interpolation": "samples", "until": "closed", "end": "hold"},
 }
-"""Those of RTAMT, STLRom, stlcgpp and tidystl are held against the tools by benchmarks/language_conventions.py."""
+"""benchmarks/language_conventions.py compares those of RTAMT, STLRom, stlcgpp and tidystl with the tools."""
 
 
 def profile(name: str) -> Profile:
-    """Return the keywords with which a trace is evaluated as a tool does it.
+    """Return the keywords that evaluate a trace with a tool's conventions.
 
     ``spec.evaluate(trace, "walking", **profile("breach"))``
 

@@ -1,4 +1,4 @@
-"""What a formula reads from a trace: samples and parameters, in the declared units."""
+"""Samples and parameters that a formula reads, in the declared units."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from s2r_spec.lang.units import UnknownUnitError, parse_unit
 from s2r_spec.trace import Trace
 
 FloatArray = NDArray[np.float64]
-HOLD = 'nan="hold" (--nan hold) takes the sample before it'
-LEADING = "there is none before it to hold"
+HOLD = 'nan="hold" (--nan hold) repeats the sample before it'
+LEADING = "there is no sample before it to repeat"
 Missing = Literal["error", "hold"]
 
 
@@ -28,9 +28,9 @@ def read_signals(
     """Return name → (dim, n) in the declared unit.
 
     Args:
-        signals: what to read.
-        trace: where from.
-        missing: what a NaN sample means: "error", or "hold" for the last one that is there.
+        signals: the signals to read.
+        trace: the trace.
+        missing: for a NaN sample, "error", or "hold" to repeat the last sample.
 
     Raises:
         TraceError: a channel is missing, has another width, NaN, or a unit that does not fit.
@@ -44,13 +44,13 @@ def _read(signal: Signal, trace: Trace, missing: Missing) -> FloatArray:
     if width != signal.dim or (channel.ndim == 2) != signal.vector:
         declared = f"a vector of {signal.dim}" if signal.vector else "one number"
         found = f"a vector of {width}" if channel.ndim == 2 else "one number"
-        raise TraceError(f"channel {signal.name!r} is {found} a sample, but the spec declares {declared}")
+        raise TraceError(f"channel {signal.name!r} has {found} per sample, but the spec declares {declared}")
     if signal.boolean and not np.isin(channel[~np.isnan(channel)], (0, 1)).all():
         raise TraceError(f"channel {signal.name!r} is declared bool, but its samples are not all 0 or 1")
     samples = channel.T if channel.ndim == 2 else channel[np.newaxis, :]
     if missing == "hold":
         samples = _last_known(samples)
-    if math.isnan(np.minimum.reduce(samples, axis=None)):  # of all of them if of any
+    if math.isnan(np.minimum.reduce(samples, axis=None)):  # NaN if any sample is
         index = int(np.argmax(np.isnan(samples).any(axis=0)))
         raise TraceError(
             f"channel {signal.name!r} is NaN at sample {index}, t = {instant(trace.times, trace.times[index])}; "
@@ -70,7 +70,7 @@ def conversion(signal: Signal, unit: str | None) -> tuple[float, float]:
     """Return (a, b): a sample x in ``unit`` is a·x + b in the declared one; None is the declared one.
 
     Raises:
-        TraceError: it is no unit, or does not fit.
+        TraceError: ``unit`` is not a unit, or has another dimension.
     """
     if unit is None or unit == signal.unit:
         return 1.0, 0.0
@@ -80,7 +80,7 @@ def conversion(signal: Signal, unit: str | None) -> tuple[float, float]:
         raise TraceError(f"channel {signal.name!r} is in {unit!r}, which is not a unit") from None
     if not found.fits(signal.measure):
         raise TraceError(
-            f"channel {signal.name!r} is in {found}, which does not convert to {signal.measure} of the spec"
+            f"channel {signal.name!r} is in {found}, which does not convert to {signal.measure}, the unit in the spec"
         )
     return found.to(signal.measure)
 
@@ -88,7 +88,7 @@ def conversion(signal: Signal, unit: str | None) -> tuple[float, float]:
 def read_params(
     params: Mapping[str, Param], used: Set[str], given: Mapping[str, float]
 ) -> dict[str, FloatArray]:
-    """Return name → (1, 1) of every parameter that is used, from what is given or its default.
+    """Return name → (1, 1) of every parameter in ``used``: its given value, or else its default.
 
     Raises:
         UsageError: a name is unknown or missing, or its value is not a finite number.
@@ -120,7 +120,7 @@ def read_param(params: Mapping[str, Param], text: str) -> tuple[str, float]:
     """
     match = _GIVEN.fullmatch(text)
     if match is None:
-        raise UsageError(f"{text!r} does not give a parameter; write for example vd=0.3 or 'vd=30 cm/s'")
+        raise UsageError(f"{text!r} is not a value of a parameter; write for example vd=0.3 or 'vd=30 cm/s'")
     param, number, unit = _known(params, match["name"]), float(match["number"]), match["unit"]
     if not unit:
         return param.name, number
@@ -129,7 +129,7 @@ def read_param(params: Mapping[str, Param], text: str) -> tuple[str, float]:
     except UnknownUnitError:
         raise UsageError(f"{text!r}: {unit!r} is not a unit") from None
     if not found.fits(param.measure):
-        raise UsageError(f"{text!r}: {param.name!r} is in {param.measure}, to which {unit} does not convert")
+        raise UsageError(f"{text!r}: {unit} does not convert to {param.measure}, the unit of {param.name!r}")
     factor, offset = found.to(param.measure)
     return param.name, factor * number + offset
 

@@ -1,4 +1,4 @@
-"""The samples that a verdict rests on: if a predicate is as it is there, the verdict is as it is."""
+"""The samples on which a verdict depends: it stays the same while the predicates keep their truth values there."""
 
 from __future__ import annotations
 
@@ -17,11 +17,10 @@ BoolArray = NDArray[np.bool_]
 
 
 def responsible(root: f.Formula, walk: Walk[FloatArray], clock: Clock) -> dict[int, BoolArray]:
-    """Return id of predicate → (n,): the samples at which the verdict of ``root`` at sample 0 needs it.
+    """Return id of predicate → (n,): the samples at which the verdict of ``root`` at sample 0 depends on it.
 
-    A violated ``always`` rests on the samples that violate it, one that holds
-    on its whole window; ``eventually`` the other way round. A predicate that
-    does not matter is absent.
+    A violated ``always`` depends on the samples that violate it, and a satisfied one on its whole window;
+    ``eventually`` is the opposite. A predicate that does not matter is absent.
     """
     start = np.zeros(clock.count, dtype=bool)
     start[0] = True
@@ -40,7 +39,7 @@ class _Causes:
         return np.asarray(rho > 0 if holds else rho < 0)
 
     def add(self, node: f.Formula, at: BoolArray, holds: bool) -> None:
-        """Add what makes ``node`` hold (or not) at the samples ``at``, where it does."""
+        """Add the predicates and samples that make ``node`` hold, or not hold, at the samples ``at``."""
         if not at.any():
             return
         match node:
@@ -76,7 +75,7 @@ class _Causes:
                     else:
                         self.add(node.operand, there & self.agrees(node.operand, not wanted), not wanted)
             case _:
-                pass  # a truth rests on nothing
+                pass  # a constant depends on no sample
 
     def _reached(self, at: BoolArray, interval: f.Interval, past: bool) -> BoolArray:
         """Return the samples that lie in the window of any of ``at``."""
@@ -102,23 +101,23 @@ class _Causes:
     def _until(self, node: f.Until, at: BoolArray, holds: bool) -> None:
         dual = node.operator == "release"
         sign = -1.0 if dual else 1.0
-        met = holds != dual  # whether the until that is searched for holds
-        parts = [self._one(node, int(t), sign, met) for t in np.flatnonzero(at)]
+        until_holds = holds != dual  # for release, the until of the negated sides
+        parts = [self._one(node, int(t), sign, until_holds) for t in np.flatnonzero(at)]
         left = reduce(np.logical_or, (part[0] for part in parts))
         right = reduce(np.logical_or, (part[1] for part in parts))
         self.add(node.left, left, holds)
         self.add(node.right, right, holds)
 
-    def _one(self, node: f.Until, t: int, sign: float, met: bool) -> tuple[BoolArray, BoolArray]:
-        """Return the samples at which an until at t needs its left and its right side."""
+    def _one(self, node: f.Until, t: int, sign: float, until_holds: bool) -> tuple[BoolArray, BoolArray]:
+        """Return the samples at which an until at sample t depends on its left and on its right side."""
         left, right = np.zeros((2, self.clock.count), dtype=bool)
         found = best_witness(node, t, self.walk, self.clock, sign)
-        if met and found is not None and (node.operator != "unless" or found.rho > 0):
+        if until_holds and found is not None and (node.operator != "unless" or found.rho > 0):
             left[found.before], right[found.witness] = True, True
             return left, right
         past = node.operator == "since"
         first, last = (int(end[t]) for end in self.clock.windows(node.interval, past))
-        if met:  # an unless without a witness: it stays as it is
+        if until_holds:  # an unless without a witness: its left side holds throughout
             last = int(self.clock.windows(up_to(node.interval), False)[1][t])
             left[t : last + 1] = True
             return left, right

@@ -1,4 +1,4 @@
-"""Robustness on samples: a condition is asked at the samples only.
+"""Robustness on samples: a condition is evaluated at the samples only.
 
 Numbers are arrays of shape (…, width, n), conditions arrays of shape (…, n);
 any batch axes come first, time is last.
@@ -28,7 +28,7 @@ class Clock(Times, Protocol):
     """Sample times and windows on them: :class:`~s2r_spec.robustness.grid.Grid` or ``Ticks``."""
 
     def windows(self, interval: f.Interval, past: bool) -> tuple[IntArray, IntArray]:
-        """Return (first, last), each (n,): the samples in the window of each one; empty if last < first."""
+        """Return (first, last), each (n,): the samples in the window of each sample; empty if last < first."""
         ...
 
     def always(self, x: FloatArray, interval: f.Interval, past: bool) -> FloatArray:
@@ -46,7 +46,7 @@ class Clock(Times, Protocol):
 
 @dataclass(frozen=True)
 class Samples:
-    """What a formula is evaluated on.
+    """Sample times, signals and parameters on which formulas are evaluated.
 
     Args:
         clock: the sample times.
@@ -62,11 +62,11 @@ class Samples:
 
 
 def walk_samples(samples: Samples) -> Walk[FloatArray]:
-    """Return the walk that gives (…, n), the robustness of a formula at every sample.
+    """Return the walk that evaluates a formula to (…, n), its robustness at every sample.
 
     Windows are cut at the ends of the trace (see :mod:`s2r_spec.robustness.kernels`).
     The walk raises TraceError if a time bound does not fit the sample times, or a
-    predicate has no value (0/0, √−1).
+    predicate is undefined (0/0, √−1).
     """
     return Walk(SampledAlgebra(samples), samples.until)
 
@@ -92,7 +92,7 @@ class SampledAlgebra:
         return np.where(self.samples.signals[node.name][..., 0, :] > 0, np.inf, -np.inf)
 
     def margin(self, node: f.Comparison) -> FloatArray:
-        """Return (…, n): by how much the comparison holds."""
+        """Return (…, n): the margin of the comparison."""
         return margin(node, self.numbers, self.samples.clock)
 
     def negative(self, x: FloatArray) -> FloatArray:
@@ -129,5 +129,5 @@ class SampledAlgebra:
 
     def rise(self, x: FloatArray) -> FloatArray:
         """Return min(x, −x one sample before)."""
-        # before the first sample it counts as true already: no edge there
+        # it counts as true before the first sample, so there is no edge at the first one
         return np.minimum(x, np.negative(shift(x, -1, np.inf)))

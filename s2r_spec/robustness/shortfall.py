@@ -1,4 +1,4 @@
-"""How far a formula looks past the end of a trace, in words."""
+"""The time that a trace is too short for a formula, in words."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from s2r_spec.robustness.sampled import SampledAlgebra, Samples
 
 
 def shortfall(formula: f.Formula, reading: Reading) -> str:
-    """Return what follows the name of a requirement that the trace does not decide: "looks 2 s ahead, but …".
+    """Return the end of a sentence on a requirement that the trace does not decide: "looks 2 s ahead, but …".
 
-    The instant that is named is the one that would decide ρ if the trace were all there is.
+    The instant in it would decide ρ if windows were cut at the end of the trace.
     """
     ahead = horizon(formula)
     times = reading.times
-    lasts = f"the trace lasts {times[-1] - times[0]:.6g} s"
+    length = f"the trace lasts {times[-1] - times[0]:.6g} s"
     if len(times) == 1:
-        lasts = "the trace has one sample"
+        length = "the trace has one sample"
     if 0 < ahead < math.inf:
-        return f"looks {ahead:g} s ahead, but {lasts}"
+        return f"looks {ahead:g} s ahead, but {length}"
     if ahead == 0:
-        return f"looks at the next sample, but {lasts}"
+        return f"looks at the next sample, but {length}"
     if len(times) == 1:
-        return f"looks at the whole rest of a trace, but {lasts}"
+        return f"looks at the whole rest of a trace, but {length}"
     algebra = SampledAlgebra(Samples(reading.clock, reading.signals, reading.params, reading.until))
     walk = Walk(algebra, reading.until)
     walk(formula)

@@ -1,8 +1,7 @@
 """Minimum, windows and until on torch tensors, smooth in all their samples.
 
-At a temperature T the least of several numbers is −T·ln Σ exp(−x/T), below the
-exact one by at most T·ln of how many they are. Samples must not count twice,
-as they may in the exact minimum: blocks do not overlap.
+At a temperature T the smooth minimum of N numbers is −T·ln Σ exp(−x/T), which is below the exact minimum by at most
+T·ln N. No sample may count twice, unlike in the exact minimum, so blocks do not overlap.
 """
 
 from __future__ import annotations
@@ -27,12 +26,12 @@ class Smooth:
         self.torch, self.temperature = torch, temperature
 
     def least(self, x: Tensor, y: Tensor, /) -> Tensor:
-        """Return the smooth minimum; the exact one of infinities, whose smooth one has no gradient."""
+        """Return the smooth minimum; with infinities the exact one, since the smooth one has no gradient there."""
         torch, t = self.torch, self.temperature
-        wild = torch.isinf(x) | torch.isinf(y)
-        tame = [torch.where(wild, 0.0, side) for side in (x, y)]
-        smooth = -t * torch.logaddexp(-tame[0] / t, -tame[1] / t)
-        result: Tensor = torch.where(wild, torch.minimum(x, y), smooth)
+        infinite = torch.isinf(x) | torch.isinf(y)
+        finite = [torch.where(infinite, 0.0, operand) for operand in (x, y)]
+        smooth = -t * torch.logaddexp(-finite[0] / t, -finite[1] / t)
+        result: Tensor = torch.where(infinite, torch.minimum(x, y), smooth)
         return result
 
     def window_min(self, x: Tensor, low: int, high: int | None) -> Tensor:
@@ -58,7 +57,7 @@ class Smooth:
         return self.least(p, next_p), -self.least(-q, -self.least(p, next_q))
 
     def _blocks(self, block: Clamp, count: int, join: Join) -> Clamp:
-        """Join ``count`` consecutive samples from each one on, as far as there are any, by doubling."""
+        """Join ``count`` consecutive samples from each one on, or all that are left, by doubling."""
         result: Clamp | None = None
         size, done = 1, 0
         while True:

@@ -38,7 +38,7 @@ def walk_tensors(
     until: Witness = "open",
     temperature: float = 0.0,
 ) -> Walk[Tensor]:
-    """Return the walk that gives (…, n), the robustness of a formula at every sample.
+    """Return the walk that evaluates a formula to (…, n), its robustness at every sample.
 
     Args:
         grid: the sample times.
@@ -55,7 +55,7 @@ def evaluate_tensors(
     channels: Iterable[Signal],
     declared: Mapping[str, Param],
     signals: Mapping[str, Tensor],
-    given: Mapping[str, Tensor],
+    values: Mapping[str, Tensor],
     period: float,
     until: Witness,
     temperature: float,
@@ -71,7 +71,7 @@ def evaluate_tensors(
     read: dict[str, Tensor] = {}
     for channel in channels:
         if channel.name not in signals:
-            raise UsageError(f"there is no signal {channel.name!r}; there are {one_of(signals)}")
+            raise UsageError(f"there is no signal {channel.name!r}; the signals are {one_of(signals)}")
         tensor = signals[channel.name]
         read[channel.name] = tensor if channel.vector else tensor.unsqueeze(-2)
     if not read:
@@ -81,7 +81,7 @@ def evaluate_tensors(
     like = next(iter(read.values()))
     numbers: dict[str, Tensor] = {}
     for name in names(formula).params:
-        number = given.get(name, declared[name].default)
+        number = values.get(name, declared[name].default)
         if number is None:
             raise UsageError(f"the parameter {name!r} has no value: give params={{{name!r}: …}}")
         numbers[name] = torch.as_tensor(number, dtype=like.dtype, device=like.device)[..., None, None]
@@ -139,7 +139,7 @@ class TensorAlgebra:
         return self.torch.where(state, self.truth(True), self.truth(False))
 
     def margin(self, node: f.Comparison) -> Tensor:
-        """Return (…, n): by how much the comparison holds; NaN where it has no value."""
+        """Return (…, n): the margin of the comparison; NaN where it is undefined."""
         left, right = self.value(node.left)[..., 0, :], self.value(node.right)[..., 0, :]
         match node.operator:
             case "<" | "<=":
@@ -161,7 +161,7 @@ class TensorAlgebra:
         return factor * x
 
     def least(self, x: Tensor, y: Tensor) -> Tensor:
-        """Return the smaller of both, smoothly if there is a temperature."""
+        """Return the smaller of both; the smooth minimum with a temperature."""
         return self.windows.least(x, y)
 
     def greatest(self, x: Tensor, y: Tensor) -> Tensor:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class TensorValues:
-    """Evaluates values to (…, width, n); what does not vary over time has n = 1.
+    """Evaluates values to (…, width, n); a value that is constant over time has n = 1.
 
     Args:
         signals: name → (…, width, n), in the declared unit; at least one.
@@ -31,7 +31,7 @@ class TensorValues:
         self.like = next(iter(signals.values()))
 
     def __call__(self, node: f.Value) -> Tensor:
-        """Return (…, width, n), or (…, width, 1) of what does not vary."""
+        """Return (…, width, n), or (…, width, 1) of a constant."""
         torch, value = self.torch, self
         match node:
             case f.Number():
@@ -66,13 +66,13 @@ class TensorValues:
                 return self._norm([value(part) for part in node.operands])
             case _:
                 raise UsageError(
-                    f"`{node.span.text}` ({node.span.place}) has no gradient here yet; evaluate it with numpy"
+                    f"`{node.span.text}` ({node.span.place}) has no gradient; evaluate it with numpy"
                 )
 
     def _norm(self, parts: list[Tensor]) -> Tensor:
         shape = np.broadcast_shapes(*(part[..., :1, :].shape for part in parts))
         rows = [part.expand(*shape[:-2], part.shape[-2], shape[-1]) for part in parts]
-        # not the root of a sum: that has no gradient at 0
+        # not the root of a sum, which has no gradient at 0
         length: Tensor = self.torch.linalg.vector_norm(self.torch.cat(rows, -2), dim=-2, keepdim=True)
         return length
 

@@ -1,11 +1,10 @@
 """Window and until operators on torch tensors, with the exact sub-gradient.
 
-The numbers are those of :mod:`s2r_spec.robustness.kernels`, found in the same
-way. Each is one of the samples that went in; its place is found along with it,
-and the gradient goes there whole (to the earliest of equal ones). A gradient
-that went back through every pass would take ten times as long.
+The numbers and the method are those of :mod:`s2r_spec.robustness.kernels`. Each result is one of the input samples.
+Its index is computed along with it, and the whole gradient goes to that sample (to the earliest of equal ones). A
+gradient through every pass would take ten times as long.
 
-Nothing imports this module before there is a tensor: it needs torch.
+This module needs torch, so it is imported only when there is a tensor.
 """
 
 from __future__ import annotations
@@ -20,9 +19,9 @@ from torch import Tensor  # noqa: TID253
 from s2r_spec.robustness.pieces import pieces
 
 PIECE = 1 << 14
-"""How many samples a processor works on at once: with their places they fill its second cache."""
+"""Budget: samples in one pass on a processor; with their indices they fill its second-level cache."""
 RUN = 1 << 12
-"""The same for windows without an end, where fewer samples take fewer passes."""
+"""Budget: the same for unbounded windows, for which fewer samples take fewer passes."""
 
 INF = float("inf")
 
@@ -44,24 +43,24 @@ def until(left: Tensor, right: Tensor, high: int | None) -> Tensor:
     return _taken(_untils, (left, right), (INF, -INF), 0, high)
 
 
-class Side(NamedTuple):
-    """Flat samples, and the place that each was taken from, if that is asked for."""
+class Selected(NamedTuple):
+    """Flat samples, and the index of the input sample that each was taken from; None without gradients."""
 
     values: Tensor
     places: Tensor | None
 
-    def part(self, first: int, last: int) -> Side:
+    def part(self, first: int, last: int) -> Selected:
         """Return the samples from ``first`` to before ``last``."""
-        return Side(self.values[first:last], None if self.places is None else self.places[first:last])
+        return Selected(self.values[first:last], None if self.places is None else self.places[first:last])
 
 
-Work = Callable[[Sequence[Side], Side, Tensor, int], Side]
+Work = Callable[[Sequence[Selected], Selected, Tensor, int], Selected]
 
 
 def _taken(
     work: Work, sources: Sequence[Tensor], fills: Sequence[float], low: int, high: int | None
 ) -> Tensor:
-    """Return (…, n): what ``work`` takes of the samples of all sources, (…, n) each."""
+    """Return (…, n): the samples that ``work`` selects from all sources, (…, n) each."""
     if torch.is_grad_enabled() and any(source.requires_grad for source in sources):
         taken: Tensor = _Taken.apply(work, fills, low, high, *sources)  # type: ignore[no-untyped-call]
         return taken
@@ -69,7 +68,7 @@ def _taken(
 
 
 class _Taken(torch.autograd.Function):
-    """Samples taken from several sources; each gradient goes where its sample came from."""
+    """Selects samples from several sources; each gradient goes to the selected sample."""
 
     @staticmethod
     def forward(
@@ -84,23 +83,23 @@ class _Taken(torch.autograd.Function):
     def backward(ctx: Any, *grads: Tensor) -> tuple[Tensor | None, ...]:
         (places,), (grad,) = ctx.saved_tensors, grads
         samples = sum(ctx.counts)
-        # the place after all samples is where an empty window takes its infinity
+        # the index after all samples stands for the infinity of an empty window
         into = grad.new_zeros((*grad.shape[:-1], samples + 1)).scatter_add(-1, places.long(), grad)
         return None, None, None, None, *torch.split(into[..., :samples], ctx.counts, -1)
 
 
 def _found(
     work: Work, sources: Sequence[Tensor], fills: Sequence[float], low: int, high: int | None, places: bool
-) -> Side:
-    """Return (…, n) values, and places in the sources one after another, found piece by piece.
+) -> Selected:
+    """Return (…, n) values, and their indices in the concatenated sources, computed piece by piece.
 
     Args:
-        work: makes the result of a piece out of its samples, in the room of these.
+        work: computes the result of a piece from its samples, in place.
         sources: (…, n) each, of one shape.
-        fills: what is past the end of each.
-        low: first sample of a window, counted from now.
+        fills: for each source, the value past its end.
+        low: first sample of a window, relative to the present one.
         high: last one; None for the end.
-        places: whether they are asked for.
+        places: whether to return indices.
     """
     like, n = sources[0], sources[0].shape[-1]
     low, width = min(low, n), None if high is None or high - low >= n - 1 else high - low + 1
@@ -110,43 +109,43 @@ def _found(
     count = len(sources) + 1
     make = [*[reals] * count, flags, *[wholes] * (count if places else 0)]
     rows = [source.reshape(-1, n) for source in sources]
-    result = Side(torch.empty_like(rows[0]), wholes(rows[0].shape) if places else None)
+    result = Selected(torch.empty_like(rows[0]), wholes(rows[0].shape) if places else None)
     numbers = [_numbers(part * n, n, 2 * n + low, count * n - n, like.device) for part in range(count - 1)]
     size = like.numel() if like.device.type != "cpu" else RUN if width is None else PIECE
     for piece in pieces(rows[0].shape, None if width is None else width - 1, make, max(size, 1)):
         values, mask, positions = piece.room[:count], piece.room[count], piece.room[count + 1 :]
-        sides = [Side(real, positions[i] if places else None) for i, real in enumerate(values)]
-        for side, source, fill, number in zip(sides, rows, fills, numbers, strict=False):
-            piece.read(source, side.values, low, fill)
-            if side.places is not None:
-                part = piece.view(side.places)
+        arrays = [Selected(real, positions[i] if places else None) for i, real in enumerate(values)]
+        for array, source, fill, number in zip(arrays, rows, fills, numbers, strict=False):
+            piece.read(source, array.values, low, fill)
+            if array.places is not None:
+                part = piece.view(array.places)
                 part[:] = number[piece.start + low : piece.start + low + part.shape[1]]
         m = piece.end - piece.start
         if width is None and piece.end < n:
-            # what later pieces offer counts as one more sample of the last source
-            for into, known in zip(sides[-2], result, strict=True):
+            # the value of all later pieces counts as one more sample of the last source
+            for into, known in zip(arrays[-2], result, strict=True):
                 if into is not None and known is not None:
                     piece.view(into)[:, m] = known[piece.rows, piece.end]
-        done = work(sides[:-1], sides[-1], mask, m + 1 if width is None else width)
+        done = work(arrays[:-1], arrays[-1], mask, m + 1 if width is None else width)
         for out, known in zip(done, result, strict=True):
             if out is not None:
                 piece.write(out, known)
-    return Side(
+    return Selected(
         result.values.reshape(like.shape),
         result.places.reshape(like.shape) if result.places is not None else None,
     )
 
 
 def _numbers(first: int, n: int, count: int, nowhere: int, device: torch.device) -> Tensor:
-    """Return (count,): the places of n samples, and ``nowhere`` after them."""
+    """Return (count,): the indices of n samples, then ``nowhere``."""
     numbers = torch.full((count,), nowhere, dtype=torch.int32, device=device)
     torch.arange(first, first + n, out=numbers[:n])
     return numbers
 
 
-def _windows(sides: Sequence[Side], spare: Side, mask: Tensor, width: int, least: bool) -> Side:
+def _windows(arrays: Sequence[Selected], spare: Selected, mask: Tensor, width: int, least: bool) -> Selected:
     """Return the least or the greatest of ``width`` samples from each one on."""
-    (block,), size, m = sides, 1, mask.numel()
+    (block,), size, m = arrays, 1, mask.numel()
     while size < width:
         step = min(size, width - size)
         size, m = size + step, m - step
@@ -155,9 +154,9 @@ def _windows(sides: Sequence[Side], spare: Side, mask: Tensor, width: int, least
     return block
 
 
-def _untils(sides: Sequence[Side], spare: Side, mask: Tensor, width: int) -> Side:
+def _untils(arrays: Sequence[Selected], spare: Selected, mask: Tensor, width: int) -> Selected:
     """Return the until over ``width`` witnesses from each sample on, as in ``kernels``."""
-    (p, q), size, m = sides, 1, mask.numel()
+    (p, q), size, m = arrays, 1, mask.numel()
     while size < width:
         step = min(size, width - size)
         size, m = size + step, m - step
@@ -169,7 +168,7 @@ def _untils(sides: Sequence[Side], spare: Side, mask: Tensor, width: int) -> Sid
     return q
 
 
-def _join(one: Side, other: Side, out: Side, mask: Tensor, least: bool) -> None:
+def _join(one: Selected, other: Selected, out: Selected, mask: Tensor, least: bool) -> None:
     """Write the least or the greatest of both into ``out``; of equals, ``one``."""
     if out.places is not None:
         assert one.places is not None

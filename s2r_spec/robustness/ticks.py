@@ -1,4 +1,4 @@
-"""Sample times that lie on no grid: a window is whatever samples lie in it."""
+"""Irregular sample times: a window has the samples whose times lie in it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ IntArray = NDArray[np.intp]
 BoolArray = NDArray[np.bool_]
 
 SNAP = 1e-6
-"""Interval ends this close to a sample, as a part of the shortest step, are on it, and those within rounding."""
+"""Tolerance: distance of an interval's end from a sample, in shortest steps, up to which it is on the sample."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +27,7 @@ class Ticks:
 
     Args:
         times: (n,) times after the first sample [s].
-        snap: how close an interval's end must be to a sample to be on it [s].
+        snap: distance of an interval's end from a sample up to which it is on the sample [s].
     """
 
     times: FloatArray
@@ -56,13 +56,13 @@ class Ticks:
         A window that is empty because it lies past the end of the trace has last < first.
 
         Raises:
-            TraceError: a window lies within the trace, between two samples, and has none.
+            TraceError: a window within the trace lies between two samples.
         """
         first, last, within = self._samples(interval, past)
         if (empty := within & (last < first)).any():
             sample = int(np.argmax(empty))
             raise TraceError(
-                f"no sample lies in `{interval.span.text}` ({interval.span.place}) of sample {sample}, "
+                f"no sample lies in `{interval.span.text}` ({interval.span.place}) relative to sample {sample}, "
                 f"{self.seconds(sample):.9g} s after the first; "
                 f"interpolation='hold' or 'linear' evaluates between samples"
             )
@@ -114,6 +114,6 @@ class Ticks:
 def clock_of(times: FloatArray) -> Grid | Ticks:
     """Return the grid that (n,) increasing times [s] lie on, or the times as they are.
 
-    They must not change, as those of a trace do not: the clock of an array is found once.
+    The array must not change, since its clock is computed once.
     """
     return Grid.of(times) or Ticks.of(times)

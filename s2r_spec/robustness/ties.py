@@ -1,4 +1,4 @@
-"""Robustness with a sign everywhere: what is true or false at a margin of 0.
+"""Robustness with a sign everywhere: the truth of a predicate at a margin of 0.
 
 Data: the margin m of a predicate, in its unit. ``x <= c`` and ``x < c`` have the same margin c − x, and at
 x = c one is true and the other false. STL is sound, ρ > 0 ⇒ true and ρ < 0 ⇒ false (Fainekos and Pappas,
@@ -6,8 +6,8 @@ x = c one is true and the other false. STL is sound, ρ > 0 ⇒ true and ρ < 0 
 
 Model: margins are numbers extended by one infinitesimal, TIE. A margin of 0 is written +TIE where the predicate is
 true and −TIE where it is false; no margin is 0. Minimum, maximum and negation are and, or and not of the signs, so
-the sign of ρ is the Boolean semantics, and |ρ| ≤ TIE is a robustness of 0. Whoever hands ρ out writes it
-:func:`plain`, and says beside it whether ρ > 0.
+the sign of ρ is the Boolean semantics, and |ρ| ≤ TIE is a robustness of 0. A result is given as :func:`plain` ρ,
+with the Boolean ρ > 0 beside it.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ from s2r_spec.lang.formula import CompareOp
 FloatArray = NDArray[np.float64]
 
 TIE = 2.0**-1000
-"""A definition: the size of a robustness of 0, in any unit (9.3e-302).
+"""Definition: the size of a robustness of 0, in any unit (9.3e-302).
 
-Any positive number below every margin that a user can mean would do, such as twice this one; it is far from the
-subnormal numbers, which some libraries flush to 0.
+Any positive number below every realistic margin would do, such as twice this one. It is far from the subnormal
+numbers, which some libraries flush to 0.
 """
 
 
@@ -35,7 +35,7 @@ def tie(operator: CompareOp) -> float:
 
 
 def signed(margin: FloatArray, operator: CompareOp) -> FloatArray:
-    """Return margins of any shape with no 0 among them; the same array where there is none."""
+    """Return margins of any shape with each 0 replaced by ±TIE; the same array if there is no 0."""
     zero = margin == 0.0
     return np.where(zero, tie(operator), margin) if zero.any() else margin
 
@@ -59,7 +59,7 @@ def rescaled_number(rho: float, factor: float) -> float:
 
 
 def plain(rho: FloatArray) -> FloatArray:
-    """Return ρ as people read it, of any shape: 0 where it is."""
+    """Return ρ of any shape with each ±TIE replaced by 0."""
     zero = np.abs(rho) <= TIE
     return np.where(zero, 0.0, rho) if zero.any() else rho
 

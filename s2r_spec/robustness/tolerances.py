@@ -1,4 +1,4 @@
-"""Where a requirement lets a signal be, and when: the bands that a plot draws around a recorded signal."""
+"""The values of a signal that a requirement allows over time: the bands of a plot."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _POINTWISE = (
     f.Initial,
     f.Overshoot,
 )
-"""What depends on the signal at the instant, and at the trace's first sample, alone."""
+"""Nodes that depend only on the present sample and on the trace's first one."""
 _CANDIDATES = 2001
 
 
@@ -37,10 +37,10 @@ class Tube:
 
     Args:
         signal: name of the signal, with its index if it is a vector ("u[0]").
-        predicate: as it is written.
+        predicate: its text.
         start: of the window [s], inclusive.
         end: of the window [s], at most the trace's last time.
-        bands: values allowed, from and to, in the signal's unit; ±inf where the band goes on.
+        bands: (from, to) of the allowed values, in the signal's unit; ±inf where a band is unbounded.
     """
 
     signal: str
@@ -52,13 +52,13 @@ class Tube:
 
 @dataclass(frozen=True, eq=False)
 class Tolerances:
-    """The signals that a requirement reads, in its units, with what it allows them.
+    """The signals that a requirement reads, in its units, with their allowed values.
 
     Args:
         times: (n,) [s].
         signals: label → (n,) samples.
         units: label → unit.
-        levels: label → parameters in the same unit that a predicate sets beside the signal.
+        levels: label → parameters in the same unit that a predicate compares with the signal.
         tubes: of the predicates that must hold throughout a window and look at one signal.
     """
 
@@ -70,7 +70,7 @@ class Tolerances:
 
 
 def tolerances(formula: f.Formula, reading: Reading) -> Tolerances:
-    """Return what a formula, asked at the first sample, allows the signals of a reading."""
+    """Return the values of the signals that a formula allows, evaluated at the first sample."""
     formula = reading.bound(formula)
     signals: dict[str, FloatArray] = {}
     units: dict[str, str] = {}
@@ -133,9 +133,9 @@ def _required(formula: f.Formula, start: float, end: float) -> Iterator[tuple[f.
 def _bands(
     predicate: f.Comparison, signal: f.SignalValue, reading: Reading, levels: Iterable[float]
 ) -> tuple[tuple[float, float], ...]:
-    """Return the values of a signal at which a predicate holds, by trying many of them as if at one instant.
+    """Return the values of a signal at which a predicate holds, by evaluation at many trial values.
 
-    The trial keeps the recorded first sample, for what is measured from there.
+    The recorded first sample is kept, for functions that depend on it.
     """
     row = signal.index or 0
     recorded = reading.signals[signal.name]
@@ -156,9 +156,9 @@ def _bands(
     )
 
 
-def _reach(seen: list[float]) -> tuple[float, float]:
-    """Return centre and half width of the values to try: three times the range of what is in the picture."""
-    low, high = min(seen), max(seen)
+def _reach(values: list[float]) -> tuple[float, float]:
+    """Return centre and half width of the values to try: three times the range of the plotted values."""
+    low, high = min(values), max(values)
     return (low + high) / 2, 1.5 * max(high - low, 0.1 * abs(high), 1e-3)
 
 

@@ -1,9 +1,8 @@
 """Window infimum, until and edges of :class:`~s2r_spec.robustness.curve.Curve`.
 
-Exact: an output is linear between instants at which an end of its window meets
-a breakpoint, but for crossings of at most three lines. The curve is a sequence
-of elements, breakpoint 0, piece 0, breakpoint 1, …: a window covers a run of
-them, and a part of a piece at either end.
+The results are exact. An output is linear between the instants at which an end of its window meets a breakpoint,
+except for crossings of at most three lines. The curve is a sequence of elements, breakpoint 0, piece 0, breakpoint
+1, …. A window covers a run of them, and a part of a piece at either end.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ IntArray = NDArray[np.intp]
 
 
 def infimum(x: Curve, interval: Interval, snap: float) -> Curve:
-    """Return y with y(t) = inf of x on t + interval, cut at the end of the curve; +inf if nothing is left.
+    """Return y with y(t) = inf of x on t + interval, cut at the end of the curve; +inf on an empty window.
 
     Args:
         x: a curve.
@@ -73,7 +72,7 @@ def _line(
 
 
 def _at(x: Curve, elements: FloatArray, interval: Interval, times: FloatArray, snap: float) -> FloatArray:
-    """Return the infimum at single instants, where it matters whether an end belongs to the window."""
+    """Return the infimum at single instants, which depends on whether the window's ends are closed."""
     low, high = _Ends.of(x, times + interval.low, snap), _Ends.of(x, times + interval.high, snap)
     final = elements.size - 1
     first = np.where(low.on, 2 * low.near + (not interval.low_closed), final + 1)
@@ -83,7 +82,7 @@ def _at(x: Curve, elements: FloatArray, interval: Interval, times: FloatArray, s
     result = range_min(elements, first, last)
     if not x.right.size:
         return result
-    # what is left of a piece in which the window begins or ends
+    # the part of a piece in which the window begins or ends
     one = low.inside & high.inside & (low.piece == high.piece)
     for inside, values in (
         (low.inside, x.along(low.piece, low.times)),
@@ -97,7 +96,7 @@ def _at(x: Curve, elements: FloatArray, interval: Interval, times: FloatArray, s
 
 @dataclass(frozen=True, eq=False)
 class _Ends:
-    """Where the ends of windows lie on a curve: on a breakpoint, inside a piece, or past the end."""
+    """Positions of the ends of windows on a curve: on a breakpoint, inside a piece, or past the end."""
 
     times: FloatArray
     near: IntArray
@@ -116,8 +115,8 @@ class _Ends:
 def until(left: Curve, right: Curve, interval: Interval, snap: float) -> Curve:
     """Return y with y(t) = sup over t' in t + interval of min(right(t'), inf of left on [t, t')).
 
-    As in :func:`s2r_spec.robustness.kernels.range_until`: a bounded until is
-    the untimed one, and a good instant of ``right`` in the window.
+    As in :func:`s2r_spec.robustness.kernels.range_until`, a bounded until is the minimum of the untimed until and
+    of the supremum of ``right`` in the window.
     """
     low, high = interval.low, interval.high
     reach = high - low
@@ -135,10 +134,9 @@ def until(left: Curve, right: Curve, interval: Interval, snap: float) -> Curve:
 def _untimed(left: Curve, right: Curve, snap: float, now: bool) -> Curve:
     """Return the until whose witness is any later instant, or ``now``.
 
-    On a piece on which neither curve crosses the other, until is
-    max(q(t), min(p(t), K)), where K is what the rest of the trace offers at the
-    end of the piece. Breakpoint, start and end of a piece are each a clamp, so
-    K comes from the kernel for samples.
+    On a piece without a crossing of the curves, until is max(q(t), min(p(t), K)), where K is the until of the rest of
+    the trace at the end of the piece. Breakpoint, start and end of a piece are each a clamp, so the kernel for samples
+    computes K.
     """
     p, q = crossed(left, right, snap)
     n = p.times.size

@@ -1,4 +1,4 @@
-"""Who attends to a machine, and on what terms: settled before anything is opened."""
+"""The operator of a machine and the policy for its void rollouts, fixed before anything is opened."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ from typing import Any
 
 from s2r_spec.backend import Attended, Backend, Coming, HasAttendance, Operator, is_exclusive
 from s2r_spec.errors import UsageError
-from s2r_spec.rollouts.attempts import AGAIN, FALL
-from s2r_spec.rollouts.operator import Terminal, refuse_nobody
+from s2r_spec.rollouts.machine_journal import AGAIN, FALL
+from s2r_spec.rollouts.operator import Terminal, require_terminal
 from s2r_spec.trace import Trace
 
 
 @dataclass(frozen=True)
 class Terms:
-    """How the rollouts of a machine are attended to; those of a simulator need none of it.
+    """Operator and void policy of a machine; a simulator ignores both.
 
     Attributes:
-        void: what becomes of a void rollout, ``AGAIN`` or ``FALL``; declared before the data.
-        operator: the person that is asked.
+        void: policy for void rollouts, ``AGAIN`` or ``FALL``; declared before the data.
+        operator: the person who answers questions.
     """
 
     void: str = AGAIN
@@ -27,11 +27,11 @@ class Terms:
 
     def __post_init__(self) -> None:
         if self.void not in (AGAIN, FALL):
-            raise UsageError(f"void is {AGAIN} or {FALL}, not {self.void!r}")
+            raise UsageError(f"void must be {AGAIN} or {FALL}, not {self.void!r}")
 
 
 def terms_of(void: Any, operator: Operator | None) -> Terms:
-    """Return terms as a caller gave them; the operator is the person at this process's terminal if None is given."""
+    """Return the terms of a call; without an operator, the person at this process's terminal answers."""
     return Terms(void) if operator is None else Terms(void, operator)
 
 
@@ -39,37 +39,39 @@ def refuse_terms(backend: Backend, terms: Terms) -> None:
     """Refuse terms that do not fit a backend, before anything is opened.
 
     Raises:
-        UsageError: it is a machine whose operator is at no terminal, or no machine, of which nothing can be void.
+        UsageError: the backend is a machine and there is no terminal, or it is no machine and ``void`` is set.
     """
     if is_exclusive(backend):
         attendance_of(backend, terms.operator)
     elif terms.void != AGAIN:
-        raise UsageError(f"void rollouts are a machine's, and {backend.name} is none: leave --void out")
+        raise UsageError(
+            f"--void {terms.void} applies to machines only, and {backend.name} is not one: leave --void out"
+        )
 
 
 def attendance_of(backend: Backend, operator: Operator) -> Attended:
-    """Return who attends to a machine.
+    """Return the attendance of a machine's rollouts.
 
     Raises:
-        UsageError: a person must, and is at no terminal.
+        UsageError: the machine needs a person, and there is no terminal.
     """
     attended = (
         backend.attendance(operator) if isinstance(backend, HasAttendance) else _Plain(backend.name, operator)
     )
     if not getattr(attended, "unattended", False):
-        refuse_nobody(operator)
+        require_terminal(operator)
     return attended
 
 
 @dataclass(frozen=True)
 class _Plain:
-    """Attends to a machine that says nothing of how: its operator lets every rollout begin."""
+    """Attendance of a machine without its own: the operator confirms every rollout."""
 
     name: str
     operator: Operator
 
     def begin(self, coming: Coming) -> None:
-        """Say what is coming."""
+        """Announce the rollouts."""
         many = "an unknown number of" if coming.rollouts is None else f"at most {coming.rollouts}"
         self.operator.say(f"{self.name} is a machine; {many} rollouts are coming, one at a time.")
 

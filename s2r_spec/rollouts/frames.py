@@ -1,7 +1,7 @@
-"""Messages between s2r and a worker: every one carries the number of the call that it belongs to.
+"""Messages between s2r and a worker; each carries the number of its call.
 
-A message is a head (mark, number, length in bytes) and its data. Files are raw, without a buffer of Python's: that
-has a lock, and a fork copies a lock that another thread holds.
+A message is a header (mark, number, length in bytes) and its data. The files are raw, without Python's buffer: a fork
+would copy the buffer's lock while another thread holds it.
 """
 
 from __future__ import annotations
@@ -13,39 +13,39 @@ from typing import IO
 
 _HEAD = struct.Struct(">4sQQ")
 _MARK = b"s2r\x01"
-_AT_ONCE = 1 << 16  # bytes that are read at once: what a pipe of Linux holds
+_CHUNK = 1 << 16  # bytes of one read: the capacity of a pipe on Linux
 
 
 class ForeignBytesError(Exception):
-    """What was read is no message: something else wrote into the pipe."""
+    """The bytes read are no message: something else wrote into the pipe."""
 
 
-def _at_once() -> None:
-    """Wait for nothing: reading and writing block by themselves."""
+def _no_wait() -> None:
+    """Do nothing: a blocking file waits by itself."""
 
 
-def write(file: IO[bytes], number: int, data: bytes, ready: Callable[[], None] = _at_once) -> None:
+def write(file: IO[bytes], number: int, data: bytes, ready: Callable[[], None] = _no_wait) -> None:
     """Write one message.
 
     Args:
-        file: raw, opened for writing.
-        number: of the call.
-        data: any bytes.
-        ready: returns when a file that does not block takes more, or raises.
+        file: raw file, opened for writing.
+        number: number of the call.
+        data: content of the message.
+        ready: returns when a non-blocking file accepts more data, or raises an error.
 
     Raises:
-        BrokenPipeError: nobody reads any more.
-        EOFError: the file was closed here.
+        BrokenPipeError: the reader has closed the pipe.
+        EOFError: this process has closed the file.
     """
     left = memoryview(_HEAD.pack(_MARK, number, len(data)) + data)
     while left:
         try:
             taken = file.write(left)
         except ValueError:
-            raise EOFError from None  # it was closed here meanwhile
+            raise EOFError from None  # another thread has closed the file
         if taken:
             left = left[taken:]
-        else:  # only of a file that does not block
+        else:  # a non-blocking file
             ready()
 
 
@@ -53,20 +53,20 @@ class Reader:
     """Reads messages from a file.
 
     Args:
-        file: raw, opened for reading.
-        ready: returns when a file that does not block has more, or raises.
+        file: raw file, opened for reading.
+        ready: returns when a non-blocking file has data, or raises an error.
     """
 
-    def __init__(self, file: IO[bytes], ready: Callable[[], None] = _at_once) -> None:
+    def __init__(self, file: IO[bytes], ready: Callable[[], None] = _no_wait) -> None:
         self._file, self._ready = file, ready
-        self._held = bytearray()
+        self._buffer = bytearray()
 
     def read(self) -> tuple[int, bytes]:
         """Return number and data of the next message.
 
         Raises:
-            EOFError: nobody writes any more, or the file was closed here.
-            ForeignBytesError: what came is no message.
+            EOFError: the writer or this process has closed the pipe.
+            ForeignBytesError: the bytes are no message.
         """
         mark, number, size = _HEAD.unpack(self._take(_HEAD.size))
         if mark != _MARK:
@@ -74,19 +74,19 @@ class Reader:
         return number, self._take(size)
 
     def _take(self, size: int) -> bytes:
-        while len(self._held) < size:
-            if sys.platform == "win32":  # where a pipe always blocks
+        while len(self._buffer) < size:
+            if sys.platform == "win32":  # a pipe always blocks there
                 self._ready()
             try:
-                part: bytes | None = self._file.read(_AT_ONCE)
-            except ValueError:  # it was closed here meanwhile
+                part: bytes | None = self._file.read(_CHUNK)
+            except ValueError:  # another thread has closed the file
                 raise EOFError from None
             if part is None:
                 self._ready()
             elif part:
-                self._held += part
+                self._buffer += part
             else:
                 raise EOFError
-        taken = bytes(self._held[:size])
-        del self._held[:size]
+        taken = bytes(self._buffer[:size])
+        del self._buffer[:size]
         return taken

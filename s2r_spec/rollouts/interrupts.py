@@ -1,4 +1,4 @@
-"""Ctrl-C as something to wait for, where KeyboardInterrupt would leave a machine in the middle of a motion."""
+"""Ctrl-C as an event to wait for: a KeyboardInterrupt would leave a machine in the middle of a motion."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ from types import FrameType, TracebackType
 from typing import Any, Self
 
 LOOK = 0.1
-"""Budget: how often a wait looks for a Ctrl-C [s]. One that comes just before the wait begins does not end it; twice as
-much notices it later by as much."""
+"""Budget: interval at which a wait looks for a Ctrl-C [s]. A Ctrl-C just before a wait does not end it at once; twice
+as much delays it by as much."""
 
 
 class Interrupts:
-    """Counts Ctrl-C, instead of raising KeyboardInterrupt, where this thread may say so. A context manager.
+    """Counts Ctrl-C instead of raising KeyboardInterrupt, in the main thread. A context manager.
 
     Attributes:
-        count: how often it came.
-        events: True for each; others may put what they wait for beside it.
+        count: number of Ctrl-C so far.
+        events: queue with True for each Ctrl-C; other threads may add False for their own events.
     """
 
     def __init__(self) -> None:
         self.count = 0
-        # Its put may be called in a signal handler while its get waits.
+        # A signal handler may call put() while get() waits.
         self.events: SimpleQueue[bool] = SimpleQueue()
         self._before: Any = None
 
@@ -43,7 +43,7 @@ class Interrupts:
         while True:
             try:
                 return self.events.get(timeout=LOOK)
-            except Empty:  # signals that are pending are handled now
+            except Empty:  # Python handles pending signals now
                 continue
 
     def _came(self, number: int, frame: FrameType | None) -> None:

@@ -1,21 +1,20 @@
-"""The journal of a run: every rollout is on disk before the next is asked for.
+"""The journal of a run: every rollout is on disk before the next one starts.
 
 A run is a folder::
 
-    spec.stl           the specification, as it was read; see kept.py
-    journal.jsonl      line 1: what the run is; then one line per rollout
+    spec.stl           the specification, unchanged; see spec_files.py
+    journal.jsonl      line 1: the header of the run; then one line per rollout
     traces/            <query>.<replicate>.npz, written before its line
-    void/, raw/        of a machine: traces of void rollouts, and what else the backend recorded
+    void/, raw/        machines only: traces of void rollouts, and recordings other than traces
 
-The journal of a machine has more kinds of lines: see attempts.py.
-Each line is flushed to the disk (fsync) before the search sees the outcome.
-A last line that a crash cut short is dropped with a note, and that rollout is
-run again; damage anywhere else is an error that names the line. Each line ends
-with a CRC-32 of itself and all before it, and has the CRC-32 of its trace's
-file, so that a number that was changed, a line that was taken out or a trace
-that was exchanged is noticed, too. They are no signatures: they guard against
-accidents. Journals of schema 1 have no checksums, older ones of schema 2 none
-of traces; they are read as they are.
+The journal of a machine has further kinds of lines; see machine_journal.py.
+
+Each line is flushed to the disk (fsync) before the search uses the outcome. If a crash cut the last line short, a
+note says so, the line is dropped, and its rollout runs again. Damage anywhere else is an error that names the line.
+
+Each line ends with the CRC-32 of itself and all lines before it, and holds the CRC-32 of its trace file. So a changed
+number, a missing line and an exchanged trace are found. The checksums detect accidents; they are no signatures.
+Journals of schema 1 have no checksums, and older ones of schema 2 have none of traces; both can be read.
 """
 
 from __future__ import annotations
@@ -32,10 +31,10 @@ from typing import Any
 from s2r_spec import logs
 from s2r_spec.errors import TraceError
 from s2r_spec.files import onto_disk
-from s2r_spec.rollouts import attempts, lines
-from s2r_spec.rollouts.attempts import Attempts, Begun, Void
+from s2r_spec.rollouts import lines, machine_journal
 from s2r_spec.rollouts.layout import run_of
 from s2r_spec.rollouts.lines import JournalError
+from s2r_spec.rollouts.machine_journal import Attempt, Attempts, Void
 from s2r_spec.trace import Trace
 
 SCHEMA = "s2r.journal/2"
@@ -46,10 +45,10 @@ LOCK = "lock"
 
 @dataclass(frozen=True)
 class Record:
-    """One rollout as the journal keeps it.
+    """One rollout in the journal.
 
-    ``failure`` is a short word when the robot fell or the worker died, else
-    None; ``rho`` is then the value that the spec declares.
+    ``failure`` is a short word if the robot fell or the worker died, else None. With a failure, ``rho`` is the value
+    that the spec declares.
     """
 
     query: int
@@ -63,8 +62,8 @@ class Record:
 
 
 @dataclass(frozen=True)
-class _Kept:
-    """A rollout, the number of its line, and the checksum of its trace's file if it has one."""
+class _Entry:
+    """A rollout, the number of its line, and the checksum of its trace file, if any."""
 
     record: Record
     line: int
@@ -72,53 +71,53 @@ class _Kept:
 
 
 class Journal:
-    """An open journal. Make one with :meth:`create` or :meth:`resume`."""
+    """An open journal, made by :meth:`create`, :meth:`read` or :meth:`resume`."""
 
     def __init__(
         self,
         folder: Path,
         header: Mapping[str, Any],
-        kept: dict[tuple[int, int], _Kept],
+        entries: dict[tuple[int, int], _Entry],
         note: str,
         checksum: int | None,
-        attempted: Attempts | None = None,
+        attempts: Attempts | None = None,
         count: int = 1,
     ) -> None:
         self.folder = folder
         self.header = dict(header)
         self.note = note
-        self._kept = kept
-        self._checksum = checksum  # of all lines so far; None in a journal that has none
-        self._attempts = attempted or Attempts()
+        self._entries = entries
+        self._checksum = checksum  # of all lines so far; None in a journal of schema 1
+        self._attempts = attempts or Attempts()
         self._lines = count
 
     @property
     def path(self) -> Path:
-        """Its file."""
+        """File of the journal."""
         return self.folder / FILE
 
     @classmethod
     def create(cls, folder: Path, header: Mapping[str, Any], texts: Mapping[str, str]) -> Journal:
-        """Begin a run in a folder that has none, with these text files beside the journal.
+        """Begin a run in a folder, with these text files beside the journal.
 
         Raises:
-            JournalError: the folder holds a run already, or cannot be written.
+            JournalError: the folder already holds a run, or cannot be written.
         """
         if cls.begun(folder):
             raise JournalError(
-                f"{folder} holds a run already; go on with --resume {run_of(folder, header)}, or choose another folder"
+                f"{folder} already holds a run; go on with --resume {run_of(folder, header)}, or choose another folder"
             )
         path = folder / FILE
         if path.exists() and not path.is_file():
             raise JournalError(f"cannot write the run to {folder}: {path} is not a file")
         try:
             (folder / "traces").mkdir(parents=True, exist_ok=True)
-            _hold(folder)
+            _lock(folder)
             for name, text in texts.items():
                 (folder / name).parent.mkdir(parents=True, exist_ok=True)
                 (folder / name).write_text(text, encoding="utf-8", newline="")
                 onto_disk(folder / name)
-            # Whole or not at all: a run that was killed while it began is no run.
+            # The file appears whole or not at all, so a kill at this point leaves no run.
             path.unlink(missing_ok=True)
             path.with_suffix(".new").unlink(missing_ok=True)
             line, checksum = lines.written({"schema": SCHEMA} | dict(header), 0)
@@ -138,19 +137,19 @@ class Journal:
                 return False
             with path.open("rb") as file:
                 first = file.readline(lines.LONGEST)
-            # What is longer than any first line was not left by a run that was killed while it began.
+            # A start of a run that was killed cannot leave a line longer than any header.
             return first.endswith(b"\n") or len(first) == lines.LONGEST
         except OSError:
             return False
 
     @staticmethod
-    def found(folder: Path) -> bool:
-        """Return whether a run was begun in the folder, even if it was killed before its journal had a line."""
+    def exists(folder: Path) -> bool:
+        """Return whether a run began in the folder, even if a kill left its journal empty."""
         return (folder / FILE).exists() or (folder / LOCK).exists()
 
     @staticmethod
     def header_in(folder: Path) -> dict[str, Any]:
-        """Return the header of the journal in a folder, of which nothing else is read; empty if none is begun there.
+        """Return the header of the journal in a folder without reading its other lines; empty if there is none.
 
         Raises:
             JournalError: the first line is damaged.
@@ -165,59 +164,61 @@ class Journal:
         """Read a run.
 
         Raises:
-            JournalError: there is none, or a line other than the last is damaged.
+            JournalError: there is no run, or a line other than the last is damaged.
         """
         path = folder / FILE
         try:
-            # A line counts once its newline is on disk; what follows the last newline was cut short.
+            # A line counts once its line feed is on disk; text after the last line feed is an incomplete line.
             texts, rest = lines.read(path)
         except OSError as error:
             raise JournalError(f"no run to resume at {folder}: {error.strerror or error} ({path})") from error
         note = ""
         if rest:
-            note = f"{path}: the last line was cut short; it is dropped, and its rollout will be run again"
+            note = f"{path}: the last line is incomplete; s2r drops it and runs its rollout again"
         parsed = [lines.parse(path, number, text) for number, text in enumerate(texts, 1)]
         if not parsed or parsed[0].get("schema") not in (SCHEMA, UNCHECKED):
-            raise JournalError(f"{path}:1: this is not a journal of schema {SCHEMA}; begin a new run")
+            raise JournalError(
+                f"{path}:1: schema is not {SCHEMA}, so this is no journal of s2r; begin a new run"
+            )
         checksum = None if parsed[0]["schema"] == UNCHECKED else lines.check(path, texts)
-        kept: dict[tuple[int, int], _Kept] = {}
-        attempted = Attempts()
+        entries: dict[tuple[int, int], _Entry] = {}
+        attempts = Attempts()
         for number, line in enumerate(parsed[1:], 2):
             if "kind" in line:
-                attempted.read(path, number, line)
+                attempts.read(path, number, line)
                 continue
             record, trace_sum = _record(path, number, line)
             key = record.query, record.replicate
-            if key in kept:
+            if key in entries:
                 raise JournalError(
-                    f"{path}:{number}: rollout {key[0]}.{key[1]} is there twice; "
-                    f"two processes must have written to this run"
+                    f"{path}:{number}: line {entries[key].line} already holds rollout {key[0]}.{key[1]}, so two "
+                    f"processes wrote to this run; restore it from a copy, or begin a new run"
                 )
-            kept[key] = _Kept(record, number, trace_sum)
-            attempted.end(key)
+            entries[key] = _Entry(record, number, trace_sum)
+            attempts.end(key)
         header = {key: value for key, value in parsed[0].items() if key not in ("schema", "crc32")}
-        return cls(folder, header, kept, note, checksum, attempted, len(parsed))
+        return cls(folder, header, entries, note, checksum, attempts, len(parsed))
 
     @classmethod
     def resume(cls, folder: Path, header: Mapping[str, Any]) -> Journal:
-        """Read a run, cut off a damaged last line, and check that it is the same run.
+        """Read a run, cut off an incomplete last line, and check that the header is the same.
 
         Raises:
-            JournalError: as :meth:`read`; or a field of the header differs, which is named with both values.
+            JournalError: as :meth:`read`; or a field of the header differs. The message gives both values.
         """
         journal = cls.read(folder)
         try:
-            _hold(folder)
+            _lock(folder)
             (folder / "traces").mkdir(exist_ok=True)
         except OSError as error:
             raise JournalError(f"cannot write to {folder}: {error.strerror or error}") from error
-        asked = json.loads(json.dumps(dict(header)))
-        for key in sorted(asked.keys() | journal.header.keys()):
-            recorded, now = journal.header.get(key), asked.get(key)
+        current = json.loads(json.dumps(dict(header)))
+        for key in sorted(current.keys() | journal.header.keys()):
+            recorded, now = journal.header.get(key), current.get(key)
             if recorded != now:
                 raise JournalError(
                     f"{folder} is another run: its {key} is {lines.shown(recorded)}, now it is {lines.shown(now)}; "
-                    f"a certificate cannot mix the two"
+                    f"a certificate cannot mix the two, so begin a new run"
                 )
         if journal.note:
             try:
@@ -230,42 +231,45 @@ class Journal:
         return journal
 
     def __len__(self) -> int:
-        return len(self._kept)
+        return len(self._entries)
 
     def get(self, query: int, replicate: int) -> Record | None:
-        """Return a rollout that was done before, or None."""
-        kept = self._kept.get((query, replicate))
-        return None if kept is None else kept.record
+        """Return a recorded rollout, or None."""
+        entry = self._entries.get((query, replicate))
+        return None if entry is None else entry.record
 
     def records(self) -> list[Record]:
         """Return every rollout, ordered by query and replicate."""
-        return [self._kept[key].record for key in sorted(self._kept)]
+        return [self._entries[key].record for key in sorted(self._entries)]
 
     @property
     def voids(self) -> tuple[Void, ...]:
-        """Every rollout that was void, in the order in which they were recorded."""
+        """Every void rollout, in the order of the journal."""
         return tuple(void for void, _ in self._attempts.voids)
 
     @property
-    def open(self) -> tuple[Begun, ...]:
-        """Rollouts that were begun, and of which the journal says no more: one runs, or s2r was killed in it."""
+    def open(self) -> tuple[Attempt, ...]:
+        """Attempts that began and have no end in the journal: one still runs, or s2r was killed in it."""
         return tuple(self._attempts.open.values())
 
     def place(self, record: Record) -> str:
-        """Return file and line of a rollout, for a sentence."""
-        return f"{self.path}:{self._kept[record.query, record.replicate].line}"
+        """Return file and line of a rollout, for a message."""
+        return f"{self.path}:{self._entries[record.query, record.replicate].line}"
 
     def check_traces(self) -> None:
-        """See that every trace that is there is the one that was recorded.
+        """Check every trace file against its checksum in the journal.
 
-        One that is gone is no lie: ρ is in the journal. Traces of older journals have no checksum.
+        A missing file is no error, because the journal holds ρ. Older journals have no checksums of traces.
 
         Raises:
-            JournalError: a file is another one.
+            JournalError: a file differs from its checksum.
         """
-        found = [(kept.record.trace, kept.trace_sum, self.place(kept.record)) for kept in self._kept.values()]
-        found += [(void.trace, trace_sum, str(self.path)) for void, trace_sum in self._attempts.voids]
-        for trace, trace_sum, place in found:
+        traces = [
+            (entry.record.trace, entry.trace_sum, self.place(entry.record))
+            for entry in self._entries.values()
+        ]
+        traces += [(void.trace, trace_sum, str(self.path)) for void, trace_sum in self._attempts.voids]
+        for trace, trace_sum, place in traces:
             if trace is None or trace_sum is None:
                 continue
             path = self.folder / trace
@@ -275,15 +279,15 @@ class Journal:
                 raise JournalError(f"cannot read {path}: {error.strerror or error}") from error
             if changed:
                 raise JournalError(
-                    f"{path} is not the trace that was recorded: its checksum differs from "
-                    f"{place}; restore both from a copy, or begin a new run"
+                    f"{path} was changed: its checksum differs from the one in {place}; restore both files from a "
+                    f"copy, or begin a new run"
                 )
 
     def keep(self, key: tuple[int, int], trace: Trace | None) -> Path:
-        """Write a trace that cannot be scored beside the journal, and return where.
+        """Write a trace without a ρ beside the journal, and return its path.
 
         Raises:
-            JournalError: it cannot be written.
+            JournalError: the file cannot be written.
         """
         path = self.folder / "unscored" / f"{key[0]:05d}.{key[1]:04d}.npz"
         if trace is not None:
@@ -298,18 +302,18 @@ class Journal:
         """Write the trace, then the line; both are on disk when this returns.
 
         Raises:
-            JournalError: the disk is full or the folder cannot be written; what was recorded before is untouched.
+            JournalError: the disk is full, or the folder cannot be written. Earlier records stay as they are.
         """
         if not math.isfinite(record.rho):
             raise JournalError(
-                f"ρ of rollout {record.query}.{record.replicate} is {record.rho}: it cannot be recorded"
+                f"ρ of rollout {record.query}.{record.replicate} is {record.rho}; it must be a finite number"
             )
         name = _trace_file(record.query, record.replicate)
         if trace is not None:
             record = replace(record, trace=name)
-        what = f"rollout {record.query}.{record.replicate}"
-        trace_sum = self._write(what, vars(record), trace, name)
-        self._kept[record.query, record.replicate] = _Kept(record, self._lines, trace_sum)
+        rollout = f"rollout {record.query}.{record.replicate}"
+        trace_sum = self._write(rollout, vars(record), trace, name)
+        self._entries[record.query, record.replicate] = _Entry(record, self._lines, trace_sum)
         self._attempts.end((record.query, record.replicate))
         return record
 
@@ -319,65 +323,65 @@ class Journal:
         params: Mapping[str, float],
         seed: int,
         answers: Mapping[str, str] | None = None,
-    ) -> Begun:
-        """Write that a machine is about to be given a rollout; see :mod:`s2r_spec.rollouts.attempts`.
+    ) -> Attempt:
+        """Write that a rollout is about to begin on a machine; see :mod:`s2r_spec.rollouts.machine_journal`.
 
         Raises:
             JournalError: as :meth:`append`.
         """
-        begun = self._attempts.next(key, params, seed, answers or {})
-        self._write(f"rollout {key[0]}.{key[1]}", attempts.begun_line(begun))
-        self._attempts.begin(begun)
-        return begun
+        attempt = self._attempts.next(key, params, seed, answers or {})
+        self._write(f"rollout {key[0]}.{key[1]}", machine_journal.begun_line(attempt))
+        self._attempts.begin(attempt)
+        return attempt
 
     def void(self, void: Void, trace: Trace | None) -> Void:
-        """Write that a rollout was void, and what was recorded of it.
+        """Write a void rollout, with its trace if there is one.
 
         Raises:
             JournalError: as :meth:`append`.
         """
-        name = attempts.trace_file(void.begun)
+        name = machine_journal.trace_file(void.rollout)
         void = replace(
             void,
             trace=None if trace is None else name,
-            reason=void.reason[: attempts.LONGEST_REASON],
+            reason=void.reason[: machine_journal.LONGEST_REASON],
             seconds=round(void.seconds, 4),
         )
-        which = f"rollout {void.begun.query}.{void.begun.replicate}"
-        trace_sum = self._write(which, attempts.void_line(void), trace, name)
+        rollout = f"rollout {void.rollout.query}.{void.rollout.replicate}"
+        trace_sum = self._write(rollout, machine_journal.void_line(void), trace, name)
         self._attempts.void(void, trace_sum)
         return void
 
-    def killed(self, begun: Begun, reason: str) -> Void:
-        """Write that s2r was killed during a rollout; a trace that it left without a line is kept as the void one's.
+    def killed(self, attempt: Attempt, reason: str) -> Void:
+        """Write that s2r was killed during an attempt; a trace without a line becomes the trace of the void rollout.
 
         Raises:
             JournalError: as :meth:`append`.
         """
-        left = self.folder / _trace_file(*begun.key)
+        path = self.folder / _trace_file(*attempt.key)
         try:
-            trace = logs.read(left) if left.is_file() else None
+            trace = logs.read(path) if path.is_file() else None
         except TraceError:
-            trace = None  # the kill cut it short
-        return self.void(Void(begun, attempts.KILLED, reason, None, 0.0), trace)
+            trace = None  # the kill left it incomplete
+        return self.void(Void(attempt, machine_journal.KILLED, reason, None, 0.0), trace)
 
-    def not_begun(self, begun: Begun, reason: str) -> None:
-        """Write that a rollout that was to begin never did.
+    def not_begun(self, attempt: Attempt, reason: str) -> None:
+        """Write that an announced rollout never began.
 
         Raises:
             JournalError: as :meth:`append`.
         """
-        which = f"rollout {begun.query}.{begun.replicate}"
-        self._write(which, attempts.not_begun_line(begun, reason))
-        self._attempts.end(begun.key)
+        rollout = f"rollout {attempt.query}.{attempt.replicate}"
+        self._write(rollout, machine_journal.not_begun_line(attempt, reason))
+        self._attempts.end(attempt.key)
 
     def _write(
-        self, what: str, values: Mapping[str, Any], trace: Trace | None = None, name: str = ""
+        self, rollout: str, values: Mapping[str, Any], trace: Trace | None = None, name: str = ""
     ) -> str | None:
         """Write a trace to the file ``name`` of the folder, then a line; return the checksum of the file.
 
         Raises:
-            JournalError: the disk is full or the folder cannot be written; what was recorded before is untouched.
+            JournalError: the disk is full, or the folder cannot be written. Earlier records stay as they are.
         """
         trace_sum = None
         try:
@@ -389,14 +393,14 @@ class Journal:
             line, checksum = lines.written(dict(values) | more, self._checksum)
             if len(line) > lines.LONGEST:
                 raise JournalError(
-                    f"the line of {what} has {len(line)} bytes: its failure or its "
-                    f"parameters are too long to be recorded"
+                    f"the line of {rollout} has {len(line)} bytes, more than {lines.LONGEST}: shorten its failure "
+                    f"or its parameters"
                 )
             _append(self.path, line)
         except OSError as error:
             raise JournalError(
-                f"cannot write to {self.folder}: {error.strerror or error}; what was recorded before is kept, "
-                f"go on with --resume {run_of(self.folder, self.header)}"
+                f"cannot write to {self.folder}: {error.strerror or error}; all earlier rollouts are kept, go on with "
+                f"--resume {run_of(self.folder, self.header)}"
             ) from error
         self._checksum = checksum
         self._lines += 1
@@ -404,25 +408,26 @@ class Journal:
 
 
 def _trace_file(query: int, replicate: int) -> str:
-    """Return where the trace of a rollout lies in its run's folder."""
+    """Return the file for the trace of a rollout, relative to the run's folder."""
     return f"traces/{query:05d}.{replicate:04d}.npz"
 
 
 def _record(path: Path, number: int, line: Mapping[str, Any]) -> tuple[Record, str | None]:
-    """Return a line's rollout, and the checksum of its trace's file if it has one.
+    """Return the rollout of a line, and the checksum of its trace file, if any.
 
     Raises:
-        JournalError: a field is missing, unknown, or not of its type.
+        JournalError: a field is missing, unknown, or of a wrong type.
     """
     values = {key: value for key, value in line.items() if key not in ("crc32", lines.TRACE_SUM)}
     wrong = lines.fault(values, lines.ROLLOUT)
     if not wrong and (unknown := sorted(values.keys() - lines.ROLLOUT.keys())):
-        wrong = f"{unknown[0]!r} is no field of it"
+        wrong = f"{unknown[0]!r} is an unknown field"
     if not wrong and not lines.is_text_or_none(line.get(lines.TRACE_SUM)):
         wrong = f"{lines.TRACE_SUM} must be a text"
     if wrong:
         raise JournalError(
-            f"{path}:{number}: not a rollout record: {wrong}; restore it from a copy, or begin a new run"
+            f"{path}:{number}: not the record of a rollout: {wrong}; restore the journal from a copy, or begin a new "
+            f"run"
         )
     return Record(**values), line.get(lines.TRACE_SUM)
 
@@ -436,21 +441,21 @@ def _sum(path: Path) -> str:
     return f"{checksum:08x}"
 
 
-# Folders that this process writes to, by their locks; the system lets go of them when it ends.
-_held: dict[Path, int] = {}
+# Locked folder → file descriptor of its lock; the system releases the locks when this process ends.
+_locks: dict[Path, int] = {}
 
 
-def _hold(folder: Path) -> None:
-    """Hold a run's folder for this process until it ends: two writers would mix their rollouts.
+def _lock(folder: Path) -> None:
+    """Lock a run's folder until this process ends: two writers would mix their rollouts.
 
     Raises:
-        JournalError: another process holds it.
+        JournalError: another process holds the lock.
     """
     try:
         import fcntl
-    except ImportError:  # not a POSIX system: nothing to hold it with
+    except ImportError:  # not a POSIX system: there is no such lock
         return
-    if folder.resolve() in _held:
+    if folder.resolve() in _locks:
         return
     handle = os.open(folder / LOCK, os.O_CREAT | os.O_RDWR, 0o644)
     try:
@@ -458,9 +463,9 @@ def _hold(folder: Path) -> None:
     except OSError as error:
         os.close(handle)
         raise JournalError(
-            f"{folder} is being written by another process; wait for it, or stop it"
+            f"another process is writing to the run in {folder}; wait for it, or stop it"
         ) from error
-    _held[folder.resolve()] = handle
+    _locks[folder.resolve()] = handle
 
 
 def _append(path: Path, line: bytes) -> None:
@@ -471,16 +476,16 @@ def _append(path: Path, line: bytes) -> None:
             file.flush()
             os.fsync(file.fileno())
         except OSError:
-            os.truncate(path, start)  # a half line on a full disk would join with the next one
+            os.truncate(path, start)  # half a line on a full disk would join the next one
             raise
 
 
 def _write(trace: Trace, path: Path) -> None:
-    """Write a trace, onto the disk.
+    """Write a trace, and flush it to the disk.
 
     Raises:
-        OSError: it cannot be written there.
-        TraceError: the format cannot hold it.
+        OSError: the file cannot be written.
+        TraceError: the format cannot hold the trace.
     """
     try:
         logs.write(trace, path)

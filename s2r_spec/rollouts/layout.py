@@ -1,9 +1,9 @@
-"""Where the journals of a run lie, and which folder ``--resume`` is given.
+"""The folders of a run's journals, and the folder to pass to ``--resume``.
 
 s2r check      RUN/<requirement>
 s2r gap        RUN/sim  RUN/real
 s2r certify    RUN/simulation  RUN/gap/sim  RUN/gap/real
-from Python    the folder that ``check`` and ``check_measure`` were given
+from Python    the argument ``folder`` of ``check`` and ``check_measure``
 """
 
 from __future__ import annotations
@@ -12,18 +12,18 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-SIDES = ("sim", "real")
-"""Folders of the journals of both sides of a gap."""
+SYSTEMS = ("sim", "real")
+"""The two systems of a gap, simulator and machine: folders of their journals, and fields of a journal's header."""
 SIMULATION, GAP = "simulation", "gap"
 """Folders of the two searches of ``s2r certify``."""
 
 
 def run_of(journal: Path, header: Mapping[str, Any]) -> Path:
-    """Return the folder of the run that a journal's folder is part of.
+    """Return the folder of the run that contains a journal.
 
     Args:
-        journal: the folder that the journal is in.
-        header: of the journal.
+        journal: folder of the journal.
+        header: header of the journal.
     """
     if "side" in header:
         run = journal.parent
@@ -33,24 +33,24 @@ def run_of(journal: Path, header: Mapping[str, Any]) -> Path:
 
 
 def with_any(folder: Path, places: Sequence[str], is_run: Callable[[Path], bool]) -> Path:
-    """Return the folder of a whole run, for that or for the folder of one of its journals.
+    """Return the folder of a run, from that folder or from the folder of one of its journals.
 
     Args:
-        folder: that somebody gave.
-        places: where the journals of such a run lie in its folder.
-        is_run: whether a journal is in a folder.
+        folder: either of the two.
+        places: folders of the journals, relative to the run's folder.
+        is_run: returns whether a folder contains a journal.
     """
     up = (folder, *folder.absolute().parents[:2]) if is_run(folder) or folder.name == GAP else (folder,)
     return next((one for one in up if any(is_run(one / place) for place in places)), folder)
 
 
 def places(folder: Path, requirements: Sequence[str], of: str | None) -> dict[str, Path]:
-    """Return requirement → folder of its journal in a check's run.
+    """Return requirement → folder of its journal, for a run of ``s2r check``.
 
     Args:
-        folder: of the run, or of one requirement in it.
-        requirements: those that are checked.
-        of: the requirement whose journal lies in the folder itself; None if there is none.
+        folder: folder of the run, or of one of its requirements.
+        requirements: names of the checked requirements.
+        of: the requirement whose journal lies in ``folder`` itself; None if there is none.
     """
     if of is None:
         return {name: folder / name for name in requirements}

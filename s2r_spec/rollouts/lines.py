@@ -1,4 +1,4 @@
-"""The lines of a journal: read without trust, because a file may be damaged, edited or of something else."""
+"""The lines of a journal. The reader checks everything, because a file may be damaged, edited or of another kind."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ from typing import Any, NoReturn
 from s2r_spec.errors import UsageError
 
 LONGEST = 1 << 20
-"""Bytes of a line at most: a budget of memory, some thousand times what a rollout takes. No longer one is written."""
+"""Budget: bytes of a line, a thousand times the size of a usual one. Twice as many take twice the memory."""
 TRACE_SUM = "trace_crc32"
-"""Definition: the field with the CRC-32 of the file of a line's trace, as hex digits."""
+"""Definition: field with the CRC-32 of the line's trace file, as hex digits."""
 _CHECKED = re.compile(rb'(?P<body>.*), "crc32": "(?P<sum>[0-9a-f]{8})"\}')
-_DAMAGED = "restore it from a copy, or begin a new run"
+_REMEDY = "restore the journal from a copy, or begin a new run"
 
 
 class JournalError(UsageError):
-    """The journal of a run cannot be used: it is missing, damaged, or of another run."""
+    """The journal of a run is missing, damaged, or of another run."""
 
 
 def read(path: Path) -> tuple[list[bytes], bytes]:
-    """Return the whole lines of a file, and what follows the last line feed.
+    """Return the complete lines of a file, and the text after the last line feed.
 
     Raises:
-        OSError: it cannot be read.
-        JournalError: it is no file, or a line is longer than any of a journal.
+        OSError: the file cannot be read.
+        JournalError: the path is no file, or a line is longer than ``LONGEST``.
     """
     if path.exists() and not path.is_file():
         raise JournalError(f"{path} is not a file, so there is no run to resume at {path.parent}")
@@ -38,7 +38,7 @@ def read(path: Path) -> tuple[list[bytes], bytes]:
         while line := file.readline(LONGEST + 1):
             if len(line) > LONGEST:
                 raise JournalError(
-                    f"{path}:{len(whole) + 1}: the line is longer than {LONGEST} bytes; {_DAMAGED}"
+                    f"{path}:{len(whole) + 1}: the line is longer than {LONGEST} bytes; {_REMEDY}"
                 )
             if not line.endswith(b"\n"):
                 return whole, line
@@ -50,21 +50,21 @@ def parse(path: Path, number: int, line: bytes) -> dict[str, Any]:
     """Return the JSON object of a line.
 
     Raises:
-        JournalError: it is none.
+        JournalError: the line is no JSON object.
     """
     try:
         value = json.loads(line, parse_constant=_no_number)
     except RecursionError:
-        raise JournalError(f"{path}:{number}: damaged line (nested too deeply); {_DAMAGED}") from None
+        raise JournalError(f"{path}:{number}: damaged line (nested too deeply); {_REMEDY}") from None
     except ValueError as error:
-        raise JournalError(f"{path}:{number}: damaged line ({error}); {_DAMAGED}") from None
+        raise JournalError(f"{path}:{number}: damaged line ({error}); {_REMEDY}") from None
     if not isinstance(value, dict):
-        raise JournalError(f"{path}:{number}: not an object; {_DAMAGED}")
+        raise JournalError(f"{path}:{number}: the line is no JSON object; {_REMEDY}")
     return value
 
 
 def written(value: Mapping[str, Any], before: int | None) -> tuple[bytes, int | None]:
-    """Return a line and its checksum, from that of the line before; without one if that is None."""
+    """Return a line and its checksum, continued from the checksum ``before``; without a checksum if that is None."""
     body = json.dumps(value, allow_nan=False).encode()[:-1]
     if before is None:
         return body + b"}", None
@@ -76,7 +76,7 @@ def check(path: Path, lines: Sequence[bytes]) -> int:
     """Return the checksum of all lines.
 
     Raises:
-        JournalError: a line is not as it was written.
+        JournalError: a line was changed or removed.
     """
     checksum = 0
     for number, line in enumerate(lines, 1):
@@ -85,33 +85,33 @@ def check(path: Path, lines: Sequence[bytes]) -> int:
             checksum = zlib.crc32(match["body"], checksum)
         if match is None or int(match["sum"], 16) != checksum:
             raise JournalError(
-                f"{path}:{number}: the checksum does not fit: this line was changed after it was written, or one "
-                f"before it was taken out; {_DAMAGED}"
+                f"{path}:{number}: crc32 is wrong: this line was changed after it was written, or a line before it "
+                f"was removed; {_REMEDY}"
             )
     return checksum
 
 
 Test = Callable[[Any], bool]
-"""Whether a value of JSON is what a field holds."""
+"""Returns whether a JSON value is valid for a field."""
 
 
-def fault(values: Mapping[str, Any], wanted: Mapping[str, tuple[Test, str]]) -> str:
-    """Return what is wrong with an object in the first field that is, "" if nothing is.
+def fault(values: Mapping[str, Any], schema: Mapping[str, tuple[Test, str]]) -> str:
+    """Return what is wrong with the first invalid field of an object; "" if all are valid.
 
     Args:
-        values: of the object; fields that are not wanted are left alone.
-        wanted: field → (test, what it must be in words).
+        values: fields of the object; fields outside the schema are ignored.
+        schema: field → (test, description of valid values).
     """
-    for name, (fits, words) in wanted.items():
+    for name, (is_valid, description) in schema.items():
         if name not in values:
             return f"{name} is missing"
-        if not fits(values[name]):
-            return f"{name} must be {words}, not {shown(values[name])}"
+        if not is_valid(values[name]):
+            return f"{name} must be {description}, not {shown(values[name])}"
     return ""
 
 
 def is_number(value: Any) -> bool:
-    """Whether it is a finite number that a float holds."""
+    """Return whether a value is a finite number within the range of a float."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return False
     try:
@@ -121,34 +121,34 @@ def is_number(value: Any) -> bool:
 
 
 def is_count(value: Any) -> bool:
-    """Whether it is a whole number from 0 to 2⁶⁴ − 1, as seeds are."""
+    """Return whether a value is a whole number from 0 to 2⁶⁴ − 1, the range of seeds."""
     return isinstance(value, int) and not isinstance(value, bool) and 0 <= value < 1 << 64
 
 
 def is_length(value: Any) -> bool:
-    """Whether it is a finite number that is not negative."""
+    """Return whether a value is a finite number ≥ 0."""
     return is_number(value) and value >= 0
 
 
 def is_text(value: Any) -> bool:
-    """Whether it is a text."""
+    """Return whether a value is a text."""
     return isinstance(value, str)
 
 
 def is_text_or_none(value: Any) -> bool:
-    """Whether it is a text or null."""
+    """Return whether a value is a text or null."""
     return value is None or isinstance(value, str)
 
 
 def is_trace_name(value: Any) -> bool:
-    """Whether it is null or a file in the run's folder of traces, and so none elsewhere."""
+    """Return whether a value is null or the name of a file in the run's folder ``traces``."""
     return value is None or (
         isinstance(value, str) and bool(re.fullmatch(r"traces/[0-9]{5,}\.[0-9]{4,}\.npz", value))
     )
 
 
 def is_point(value: Any) -> bool:
-    """Whether it gives a finite number for each of its names."""
+    """Return whether a value is an object of finite numbers."""
     return isinstance(value, dict) and all(map(is_number, value.values()))
 
 
@@ -162,17 +162,17 @@ ROLLOUT: Mapping[str, tuple[Test, str]] = {
     "trace": (is_trace_name, "the name of a file in traces/, or null"),
     "seconds": (is_length, "a number that is not negative"),
 }
-"""What a rollout's line holds."""
+"""Fields of a rollout's line."""
 
 
 def _no_number(word: str) -> NoReturn:
-    raise ValueError(f"{word} is no number")
+    raise ValueError(f"{word} is not a finite number")
 
 
 def shown(value: object) -> str:
-    """Return a value as a sentence quotes it: JSON, cut if it is long."""
+    """Return a value as JSON for a message, shortened if it is long."""
     try:
         text = json.dumps(value)
-    except ValueError:  # an integer of thousands of digits
+    except ValueError:  # an integer with thousands of digits
         text = "a number of many digits"
     return text if len(text) <= 60 else text[:57] + "..."

@@ -1,9 +1,9 @@
-"""The person at the terminal: what is said to them, and what they type.
+"""The dialogue with the operator at the terminal.
 
-The dialogue is on the terminal that the process belongs to (``/dev/tty``), else on standard input and error where
-input is one. So it goes on where standard output is a pipe or has the one object of ``--json``. Nothing is taken for
-consent that was not meant as one: letters typed ahead of a question are dropped, Enter alone answers only a question
-that offers it, and where there is no terminal every question is refused at once.
+It uses the terminal of the process (``/dev/tty``), or else standard input and error if input is a terminal. So it
+works while standard output is a pipe or carries the one object of ``--json``. No input counts as consent by accident:
+characters typed before a question are dropped, and Enter alone answers only a question that offers it. Without a
+terminal every question is refused at once.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from s2r_spec.errors import StoppedError, UsageError
 from s2r_spec.printable import lines, one_line
 
 STOP = "q"
-"""Definition: what ends the run at every question."""
+"""Definition: the answer that ends the run at every question."""
 TERMINAL = "/dev/tty"
-_AT_MOST = 4096
-"""Bytes that a line of a terminal has at most (definition: of Linux, N_TTY_BUF_SIZE)."""
+_LONGEST = 4096
+"""Definition: bytes of the longest line of a Linux terminal, N_TTY_BUF_SIZE."""
 
 
 class Terminal:
-    """An operator (:class:`s2r_spec.backend.Operator`) at the terminal of this process; opened when first needed."""
+    """The operator (:class:`s2r_spec.backend.Operator`) at this process's terminal, which is opened at first use."""
 
     def __init__(self) -> None:
         self._streams: tuple[BinaryIO, BinaryIO] | None = None
@@ -37,7 +37,7 @@ class Terminal:
         return self._opened() is not None
 
     def say(self, text: str) -> None:
-        """Show a text; without a terminal it goes to standard error."""
+        """Show a text; without a terminal, on standard error."""
         streams = self._opened()
         if streams is None:
             print(lines(text), file=sys.stderr, flush=True)
@@ -45,7 +45,7 @@ class Terminal:
             self._show(streams[1], lines(text) + "\n")
 
     def type_word(self, question: str, word: str) -> None:
-        """Return when exactly ``word`` was typed.
+        """Wait until the operator types exactly ``word``.
 
         Raises:
             StoppedError: ``q``, the end of input, or Ctrl-C.
@@ -53,10 +53,10 @@ class Terminal:
         """
         self._shown(question)
         while (typed := self._line(f"Type {word} to go on, {STOP} to stop: ")) != word:
-            self.say(f"That was {one_line(typed)!r}, so nothing was done." if typed else "Nothing was done.")
+            self.say(f"You typed {one_line(typed)!r}, so s2r did nothing." if typed else "s2r did nothing.")
 
     def choose(self, question: str, answers: Mapping[str, str]) -> str:
-        """Return the key that was typed, of key → what it means; "" among the keys is Enter alone.
+        """Return the key that the operator types, one of key → meaning; the key "" is Enter alone.
 
         Raises:
             StoppedError: ``q``, the end of input, or Ctrl-C.
@@ -71,13 +71,13 @@ class Terminal:
         return typed
 
     def line(self, question: str) -> str:
-        """Return the line that was typed, without spaces around it.
+        """Return the line that the operator types, without spaces around it.
 
         Raises:
             StoppedError: ``q``, the end of input, or Ctrl-C.
             UsageError: there is no terminal.
         """
-        refuse_nobody(self)
+        require_terminal(self)
         return self._line(question)
 
     def _shown(self, question: str) -> None:
@@ -86,14 +86,14 @@ class Terminal:
         Raises:
             UsageError: there is no terminal.
         """
-        refuse_nobody(self)
+        require_terminal(self)
         self.say(question)
 
     def _line(self, prompt: str) -> str:
-        """Return the next line that is typed after the prompt is shown.
+        """Show a prompt, and return the next line.
 
         Raises:
-            StoppedError: it is ``q``, or there is none.
+            StoppedError: the line is ``q``, or the input has ended.
         """
         streams = self._opened()
         assert streams is not None
@@ -101,11 +101,11 @@ class Terminal:
         try:
             _drop_typed(source)
             self._show(shown, prompt)
-            typed = source.readline(_AT_MOST)
+            typed = source.readline(_LONGEST)
         except KeyboardInterrupt:
             self.say("")
             raise StoppedError("the operator stopped the run with Ctrl-C") from None
-        except OSError:  # the terminal went away
+        except OSError:  # the terminal was closed
             typed = b""
         if not typed:
             raise StoppedError("the operator's input ended, so the run was stopped")
@@ -115,7 +115,7 @@ class Terminal:
         return answer
 
     def _opened(self) -> tuple[BinaryIO, BinaryIO] | None:
-        """Return where lines come from and where texts go; None if no terminal is there."""
+        """Return the streams for input and output; None without a terminal."""
         if self._streams is None:
             with suppress(OSError):
                 terminal = os.open(TERMINAL, os.O_RDWR | getattr(os, "O_NOCTTY", 0))
@@ -123,32 +123,32 @@ class Terminal:
         if self._streams is None:
             with suppress(OSError, ValueError, AttributeError):
                 if os.isatty(sys.stdin.fileno()):
-                    said, shown = os.dup(sys.stdin.fileno()), os.dup(sys.stderr.fileno())
-                    self._streams = io.FileIO(said, "rb"), io.FileIO(shown, "wb")
+                    source, shown = os.dup(sys.stdin.fileno()), os.dup(sys.stderr.fileno())
+                    self._streams = io.FileIO(source, "rb"), io.FileIO(shown, "wb")
         return self._streams
 
     def _show(self, where: BinaryIO, text: str) -> None:
         encoding = getattr(sys.stderr, "encoding", None) or "utf-8"
         instead = getattr(sys.stderr, "errors", None) or "replace"
-        with suppress(OSError):  # it went away: reading will say so
+        with suppress(OSError):  # the terminal was closed; the next read raises the error
             where.write(text.encode(encoding, instead))
 
 
-def refuse_nobody(operator: object) -> None:
-    """Say that a question needs a person at a terminal.
+def require_terminal(operator: object) -> None:
+    """Refuse to ask a question without a terminal.
 
     Raises:
-        UsageError: the operator is a :class:`Terminal`, and there is none.
+        UsageError: the operator is a :class:`Terminal`, and this process has no terminal.
     """
     if not getattr(operator, "there", True):
         raise UsageError(
-            "this machine needs its operator at a terminal, and there is none: run s2r in a terminal, without nohup "
-            "and outside of a scheduler"
+            "this machine needs its operator at a terminal, and this process has none: run s2r in a terminal, without "
+            "nohup or a scheduler"
         )
 
 
 def _drop_typed(source: BinaryIO) -> None:
-    """Drop what was typed before a question was shown: it was no answer to it."""
+    """Drop the characters typed before a question: they cannot answer it."""
     with suppress(ImportError, OSError, ValueError):
         import termios
 

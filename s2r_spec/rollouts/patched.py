@@ -1,8 +1,8 @@
-"""The ``patched`` backend: a simulator with the effects that a diagnosis named, kept as a file.
+"""The ``patched`` backend: a file that names a simulator and the effects to add to it.
 
     {"schema": "s2r/patched/1", "base": "sim", "effects": {"dry_friction": {"torque": 0.5}}}
 
-``s2r diagnose --apply FILE`` writes it, and every command takes ``patched:FILE``.
+``s2r diagnose --apply FILE`` writes the file, and every command accepts ``patched:FILE``.
 """
 
 from __future__ import annotations
@@ -19,7 +19,12 @@ SCHEMA = "s2r/patched/1"
 
 
 def write(path: Path, base: str, effects: Mapping[str, Mapping[str, float]]) -> None:
-    """Write a patched simulator.
+    """Write the file of a simulator with effects.
+
+    Args:
+        path: the file.
+        base: name of the simulator.
+        effects: effect → parameter → value.
 
     Raises:
         UsageError: the file cannot be written.
@@ -32,27 +37,31 @@ def open_patched(path: str = "") -> Backend:
     """Return the simulator that a file describes.
 
     Raises:
-        UsageError: the file is missing or is not one of these, or the simulator lacks an effect.
+        UsageError: the file is missing or has another form, or the simulator lacks an effect.
     """
     if not path:
         raise UsageError(
-            "the patched backend needs a file: --sim patched:FILE, as s2r diagnose --apply wrote it"
+            "the patched backend needs a file: write --sim patched:FILE with a file of s2r diagnose --apply"
         )
     try:
-        read = json.loads(Path(path).read_text(encoding="utf-8"))
+        record = json.loads(Path(path).read_text(encoding="utf-8"))
     except OSError as error:
         raise UsageError(f"cannot read {path}: {error.strerror or error}") from None
     except ValueError as error:
-        raise UsageError(f"{path} is not JSON: {error}") from None
+        raise UsageError(f"{path} is not JSON: {error}; write it with s2r diagnose --apply") from None
     if not (
-        isinstance(read, dict) and read.get("schema") == SCHEMA and isinstance(read.get("effects"), dict)
+        isinstance(record, dict)
+        and record.get("schema") == SCHEMA
+        and isinstance(record.get("effects"), dict)
     ):
         raise UsageError(
             f'{path} is no patched simulator: it needs "schema": "{SCHEMA}", "base" and "effects"'
         )
-    backend = load_backend(str(read.get("base")))
-    if not read["effects"]:
+    backend = load_backend(str(record.get("base")))
+    if not record["effects"]:
         return backend
     if not isinstance(backend, HasEffects):
-        raise UsageError(f"{path}: the backend {backend.name!r} declares no effects")
-    return backend.with_effects(read["effects"])
+        raise UsageError(
+            f'{path}: "base" names {backend.name!r}, which declares no effects; name a simulator that does'
+        )
+    return backend.with_effects(record["effects"])

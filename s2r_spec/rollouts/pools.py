@@ -1,4 +1,4 @@
-"""Pools of workers, here and on other machines: all are `concurrent.futures.Executor`, and no more is asked of one."""
+"""Pools of workers on this computer and on others; each is a `concurrent.futures.Executor`."""
 
 from __future__ import annotations
 
@@ -12,54 +12,57 @@ from typing import Any
 from uuid import uuid4
 
 from s2r_spec.errors import BackendError, S2RError, UsageError
-from s2r_spec.rollouts.child import TimeLimitError, WorkerDiedError, close_children, in_child
+from s2r_spec.rollouts.worker_process import TimeLimitError, WorkerDiedError, call_in_worker, end_workers
 
 ExecutorFactory = Callable[[], Executor]
 
-# How long a scheduler may take to answer, and to have its first worker [s].
 ANSWER = 10.0
+"""Budget: time for a scheduler to answer, and time for its first worker [s]. Twice as much waits twice as long for a
+wrong address."""
 
 
 def process_pool(workers: int) -> ExecutorFactory:
-    """Return a factory of pools of fresh processes on this machine, one thread each."""
+    """Return a factory of pools of new processes on this computer, one thread each."""
     return lambda: ProcessPool(workers)
 
 
 def dask_pool(address: str) -> ExecutorFactory:
-    """Return a factory of pools of the workers of a Dask scheduler, such as ``tcp://10.0.0.5:8786``.
+    """Return a factory of pools on a Dask scheduler, such as ``tcp://10.0.0.5:8786``.
 
     Raises:
-        UsageError: Dask is not installed here, or the address is none.
+        UsageError: Dask is not installed, or the text is no address.
     """
     if find_spec("distributed") is None:
-        raise UsageError("--scheduler needs distributed, not installed here; try: pip install 's2r[dask]'")
+        raise UsageError(
+            "--scheduler needs the package distributed, which is not installed; try: pip install 's2r[dask]'"
+        )
     if "://" not in address:
-        raise UsageError(f"--scheduler {address} is not an address, for example tcp://10.0.0.5:8786")
+        raise UsageError(f"--scheduler {address} is not an address; write for example tcp://10.0.0.5:8786")
     return lambda: DaskPool(address)
 
 
 @contextmanager
 def kept_open(factory: ExecutorFactory | None) -> Iterator[ExecutorFactory | None]:
-    """Lend one pool, made when first asked for, as often as it is asked for; close it at the end."""
+    """Give a factory that always returns the same pool, made at the first call; close the pool at the end."""
     if factory is None:
         yield None
         return
-    made: list[Executor] = []
+    pools: list[Executor] = []
 
-    def lend() -> Executor:
-        if not made:
-            made.append(factory())
-        return _Lent(made[0])
+    def shared() -> Executor:
+        if not pools:
+            pools.append(factory())
+        return _SharedPool(pools[0])
 
     try:
-        yield lend
+        yield shared
     finally:
-        for pool in made:
+        for pool in pools:
             pool.shutdown(cancel_futures=True)
 
 
-class _Lent(Executor):
-    """A pool that stays open when its borrower is done with it."""
+class _SharedPool(Executor):
+    """A pool that ignores ``shutdown``, because other callers still use it."""
 
     def __init__(self, pool: Executor) -> None:
         self._pool = pool
@@ -68,31 +71,31 @@ class _Lent(Executor):
         return self._pool.submit(function, *arguments, **named)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Keep the pool open."""
+        """Do nothing."""
 
 
 class ProcessPool(ThreadPoolExecutor):
-    """Threads with a child process each."""
+    """Threads, each with a worker process."""
 
     def __init__(self, workers: int) -> None:
         super().__init__(workers, thread_name_prefix="s2r")
         self._run = uuid4().hex
 
     def submit(self, function: Callable[..., Any], /, *arguments: Any, **named: Any) -> Future[Any]:
-        """Call a function in a child process."""
-        return super().submit(in_child, self._run, function, *arguments, **named)
+        """Call a function in a worker process."""
+        return super().submit(call_in_worker, self._run, function, *arguments, **named)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """End the children, also those that are at a call, and then the threads."""
-        close_children(self._run)
+        """End the worker processes, even during a call, and then the threads."""
+        end_workers(self._run)
         super().shutdown(wait, cancel_futures=cancel_futures)
 
 
 class DaskPool(Executor):
-    """The workers of a Dask scheduler; every thread of theirs keeps a child process.
+    """The workers of a Dask scheduler; each of their threads has a worker process.
 
-    Not ``Client.get_executor()``: when the scheduler goes away while a result is on its way, its future is never
-    settled (distributed 2026.8), and the run would wait for ever.
+    ``Client.get_executor()`` does not serve: if the scheduler is lost before a result arrives, its future never ends
+    (distributed 2026.8), and the run would wait forever.
     """
 
     def __init__(self, address: str) -> None:
@@ -110,43 +113,44 @@ class DaskPool(Executor):
         self._open: set[Any] = set()
 
     def submit(self, function: Callable[..., Any], /, *arguments: Any, **named: Any) -> Future[Any]:
-        """Call a function in a child process of some worker."""
-        answer: Future[Any] = Future()
-        answer.set_running_or_notify_cancel()
+        """Call a function in a worker process of one of Dask's workers."""
+        future: Future[Any] = Future()
+        future.set_running_or_notify_cancel()
 
-        def hand_over(done: Any) -> None:
+        def copy_result(done: Any) -> None:
             try:
-                answer.set_result(done.result())
+                future.set_result(done.result())
             except BaseException as error:
-                answer.set_exception(self._explained(error))
+                future.set_exception(self._explained(error))
             self._open.discard(done)
 
-        done = self._client.submit(in_child, self._run, function, *arguments, pure=False, **named)
-        self._open.add(done)  # Dask forgets what nobody holds
-        done.add_done_callback(hand_over)
-        return answer
+        remote = self._client.submit(call_in_worker, self._run, function, *arguments, pure=False, **named)
+        self._open.add(remote)  # Dask cancels a future that has no reference
+        remote.add_done_callback(copy_result)
+        return future
 
     def _explained(self, error: BaseException) -> BaseException:
-        """Return an error of Dask's in s2r's words."""
+        """Return the error of s2r that explains an error of Dask."""
         if isinstance(error, self._dask.KilledWorker):
             return WorkerDiedError(str(error))
         if isinstance(error, CancelledError | self._dask.comm.CommClosedError):
             return BackendError(
-                f"the Dask scheduler at {self._address} is gone; what was recorded is kept, go on with --resume"
+                f"the connection to the Dask scheduler at {self._address} was lost; all recorded rollouts are kept, "
+                f"go on with --resume"
             )
         if isinstance(error, S2RError | WorkerDiedError | TimeLimitError):
             return error
         return BackendError(
             f"a worker of {self._address} cannot run rollouts ({type(error).__name__}: {error}); "
-            f"it needs the same s2r, with the same backends, as this machine"
+            f"install the same s2r and the same backends there as here"
         )
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Give the workers back; what they are at is abandoned."""
+        """Release the workers, and abandon their current calls."""
         if self._client.status == "running":
-            with suppress(Exception):  # it may go away at this very moment
+            with suppress(Exception):  # the connection may be lost at this moment
                 self._client.cancel(list(self._open))
-                self._client.run(close_children, self._run)
-        else:  # it would log how its reconnecting was cut short; that the scheduler is gone is said
+                self._client.run(end_workers, self._run)
+        else:  # Dask would log that its reconnection was interrupted; the error above says enough
             logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
         self._client.close()

@@ -1,4 +1,4 @@
-"""Run one recorded rollout again; of a machine, show what was recorded."""
+"""Run one recorded rollout again; for a machine, return its recorded trace."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from s2r_spec.backend import Backend, HasPictures, is_exclusive, short
 from s2r_spec.errors import UsageError
 from s2r_spec.files import saving
 from s2r_spec.rollouts.journal import Journal, Record
-from s2r_spec.rollouts.kept import checked_header, load_kept
 from s2r_spec.rollouts.runner import Done, run_task
 from s2r_spec.rollouts.scorer import Scorer
+from s2r_spec.rollouts.spec_files import checked_header, load_run_spec
 from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
 
 
 @dataclass(frozen=True)
 class Replay:
-    """A rollout run again, beside what the journal says of it; of a machine it is what was recorded."""
+    """A simulated rollout that ran again, or a machine's recorded rollout, beside its record in the journal."""
 
     params: dict[str, float]
     seed: int
@@ -34,57 +34,59 @@ class Replay:
     requirement: str
     backend: Backend
     backend_params: dict[str, float]
-    """The test as the backend takes it: its own names and units."""
+    """The test in the backend's names and units."""
     difference: str
-    """Why ρ may differ from the record; "" when it does not."""
+    """Why ρ may differ from the record; "" if it does not differ."""
     ran: bool = True
-    """False of a machine: nothing was sent to it."""
+    """False for a machine, to which nothing was sent."""
 
     @property
     def same(self) -> bool:
-        """Whether ρ is the recorded one, bit for bit."""
+        """Whether ρ equals the recorded one, bit for bit."""
         return self.rho == self.recorded
 
     def render(self, path: Path) -> None:
-        """Let the backend draw the rollout.
+        """Have the backend draw the rollout.
 
         Raises:
-            UsageError: it has no pictures, or cannot draw them on this machine.
+            UsageError: the backend draws no pictures, or cannot do so on this computer.
         """
         if not self.ran:
             raise UsageError(
-                f"{self.backend.name} is a machine, and would move to be drawn; --plot draws what it did"
+                f"{self.backend.name} is a machine, and rendering would move it; --plot draws the recorded trace"
             )
         if not isinstance(self.backend, HasPictures):
-            raise UsageError(f"the backend {self.backend.name!r} draws no pictures; --plot needs none")
-        with saving(path) as beside:
+            raise UsageError(
+                f"the backend {self.backend.name!r} cannot render a rollout; use --plot, which works for every backend"
+            )
+        with saving(path) as temporary:
             try:
-                self.backend.render(self.backend_params, self.seed, beside)
+                self.backend.render(self.backend_params, self.seed, temporary)
             except UsageError as error:
-                raise UsageError(str(error).replace(beside.name, path.name)) from None
+                raise UsageError(str(error).replace(temporary.name, path.name)) from None
 
 
 def replay(rollout: str) -> Replay:
-    """Run ``FOLDER#QUERY.REPLICATE`` again, or read what a machine recorded of it.
+    """Run the rollout ``FOLDER#QUERY.REPLICATE`` again, or read its trace if a machine ran it.
 
     Raises:
-        UsageError: the text is not of that form, the run has no such rollout, or its files were changed.
+        UsageError: the text has another form, the run has no such rollout, or its files were changed.
     """
     match = re.fullmatch(r"(?s)(?P<folder>.*)#(?P<query>[0-9]{1,20})\.(?P<replicate>[0-9]{1,20})", rollout)
     if match is None:
         raise UsageError(
-            f"{rollout!r} is not FOLDER#QUERY.REPLICATE, for example s2r-runs/night/walking#12.3"
+            f"{rollout!r} is not FOLDER#QUERY.REPLICATE; write for example s2r-runs/night/walking#12.3"
         )
     journal = Journal.read(Path(match["folder"]))
     record = journal.get(int(match["query"]), int(match["replicate"]))
     if record is None:
         key = rollout.rpartition("#")[2]
         raise UsageError(f"{journal.folder} has no rollout {key}; it has {len(journal)} rollouts")
-    spec = load_kept(journal)
+    spec = load_run_spec(journal)
     header, point = checked_header(journal), dict(record.params)
     requirement = header["requirement"]
     scorer = _scorer(spec, header, journal)
-    # All channels this time: whoever replays a rollout wants to look at it.
+    # All channels, because a replay is for looking at the rollout.
     task = replace(scorer.task(record.query, record.replicate, point, record.seed), channels=None)
     ran = not is_exclusive(scorer.backend)
     if ran:
@@ -97,7 +99,7 @@ def replay(rollout: str) -> Replay:
     difference = ""
     if rho != record.rho:
         difference = f"the record says {record.rho:+.6g}"
-        # Both sides of a gap have theirs in the header of each.
+        # Each journal of a gap has both systems in its header.
         recorded = header[header["side"]]["model_hash"] if "side" in header else header["model_hash"]
         if scorer.backend.model_hash != recorded:
             before, now = short(recorded), short(scorer.backend.model_hash)
@@ -119,30 +121,33 @@ def replay(rollout: str) -> Replay:
 
 
 def _recorded(journal: Journal, record: Record) -> Trace:
-    """Return the trace of a machine's rollout, as the run keeps it.
+    """Return the recorded trace of a machine's rollout.
 
     Raises:
-        UsageError: there is none, or it is not the one that was recorded.
+        UsageError: there is no trace, or its file was changed.
     """
     if record.trace is None:
         raise UsageError(f"{journal.place(record)}: this rollout left no trace ({record.failure})")
     journal.check_traces()
     path = journal.folder / record.trace
     if not path.is_file():
-        raise UsageError(f"{path} is gone, and a machine's rollout cannot be run again")
+        raise UsageError(
+            f"{path} is missing, and a machine's rollout cannot run again; restore the file from a copy"
+        )
     return logs.read(path)
 
 
 def _scorer(spec: Spec, header: Mapping[str, Any], journal: Journal) -> Scorer:
-    """Open the backend of a run, with rollouts as long as they were.
+    """Open the backend of a run, with rollouts of the recorded duration.
 
     Raises:
-        UsageError: the journal says that they were longer than any that the backend or the requirement asks for.
+        UsageError: the recorded duration exceeds the one that backend and requirement give now.
     """
     requirement, name, duration = header["requirement"], header["backend"], header["duration"]
     own = Scorer.for_spec(spec, requirement, name)
     if duration > own.backend.duration:
         raise UsageError(
-            f"{journal.path}:1: the rollouts lasted {duration:g} s, those of {name} last {own.backend.duration:g} s now"
+            f"{journal.path}:1: duration is {duration:g} s, but rollouts of {name} now last "
+            f"{own.backend.duration:g} s; install the version of s2r that began the run"
         )
     return own if duration == own.backend.duration else Scorer.for_spec(spec, requirement, name, duration)

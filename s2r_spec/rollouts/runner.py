@@ -1,9 +1,8 @@
-"""Run rollouts on any `concurrent.futures.Executor`, and survive its workers.
+"""Run rollouts on any `concurrent.futures.Executor`, even if its workers die.
 
-In the pools of :mod:`s2r_spec.rollouts.pools` a worker that dies takes only its own rollout
-along. Other pools may fail every rollout in flight with it. So the runner takes a factory,
-makes a new pool, and runs the suspects one at a time: one that breaks its worker three times
-is recorded as a crash, the others are unharmed.
+In the pools of :mod:`s2r_spec.rollouts.pools` a dead worker loses only its own rollout. Other pools may fail all
+running rollouts. So the runner takes a factory of pools: it makes a new pool and repeats these rollouts one at a
+time. A rollout that breaks its worker three times is recorded as a crash.
 """
 
 from __future__ import annotations
@@ -33,19 +32,21 @@ from s2r_spec.backend import (
     short,
 )
 from s2r_spec.errors import BackendError, NotBegunError, S2RError, one_of, suggest
-from s2r_spec.rollouts.child import TimeLimitError, WorkerDiedError
 from s2r_spec.rollouts.pools import ExecutorFactory
 from s2r_spec.rollouts.worker import end_copy, limit
+from s2r_spec.rollouts.worker_process import TimeLimitError, WorkerDiedError
 from s2r_spec.trace import Trace
 
 STRIKES = 3
-# What loading a backend may take on top of a rollout [s]: a cold disk, a licence server.
+"""Budget: workers that a rollout may break before it counts as a crash. Twice as many take twice as long."""
 OPENING = 60.0
+"""Budget: time to load a backend on top of a rollout [s], for a cold disk or a licence server. Twice as much waits
+twice as long for a backend that hangs."""
 
 
 @dataclass(frozen=True)
 class Task:
-    """One rollout to run: its key in the journal, and all a worker needs to know."""
+    """One rollout to run: its key in the journal, and all settings that a worker needs."""
 
     query: int
     replicate: int
@@ -54,22 +55,22 @@ class Task:
     seed: int
     duration: float | None = None
     channels: tuple[str, ...] | None = None
-    """Channels to bring back; None for all of them."""
+    """Channels of the returned trace; None for all."""
     model_hash: str | None = None
-    """What the worker's backend must be; None for any."""
+    """Model hash that the worker's backend must have; None for any."""
     timeout: float = math.inf
-    """A rollout that takes longer is ended [s]."""
+    """Time limit of the rollout [s]."""
     attended: bool = False
-    """Whether its operator has let it begin: a machine runs no other."""
+    """Whether the operator has confirmed the rollout; a machine runs no other."""
     raw: str | None = None
-    """Folder for what a backend records besides the trace; None if it is not kept."""
+    """Folder for recordings other than the trace; None to keep none."""
 
 
 @dataclass(frozen=True)
 class Done:
-    """What came of a task: a trace, or why there is none, as in "crash: the worker died 3 times".
+    """Result of a task: a trace, or the reason why there is none, such as "crash: the worker died 3 times".
 
-    A ``failure`` beside a trace counts, whatever the trace says.
+    A ``failure`` counts even if there is a trace.
     """
 
     task: Task
@@ -92,7 +93,8 @@ def open_backend(name: str, duration: float | None) -> Backend:
         return backend.with_duration(duration)
     if duration > backend.duration:
         raise BackendError(
-            f"the spec looks {duration:g} s ahead, but rollouts of backend {name!r} last {backend.duration:g} s"
+            f"the spec looks {duration:g} s ahead, but rollouts of backend {name!r} last {backend.duration:g} s; "
+            f"shorten the windows of the spec"
         )
     return backend
 
@@ -102,16 +104,15 @@ def run_task(task: Task) -> tuple[Trace, float]:
 
     Raises:
         UsageError: the backend does not declare one of the test's parameters.
-        BackendError: whatever the rollout raised, SystemExit included, in one sentence: the
-            original may not survive the way between processes, and must not end s2r. Also
-            where it returns no trace, or one that lacks a channel.
+        BackendError: the rollout raised any exception, even SystemExit; or it returned no trace, or a trace that
+            lacks a channel. The original exception may not pickle, and must not end s2r.
     """
     limit(task.timeout + OPENING)
-    with _said_of(task, NotBegunError):
+    with _naming(task, NotBegunError):
         backend = _open(task)
         declared = tuple(backend.parameters)
     refuse_unknown(task.backend, declared, task.params)
-    with _said_of(task):
+    with _naming(task):
         if isinstance(backend, SaysWhenItBegins):
             backend = backend.saying(partial(limit, task.timeout))
             limit(task.timeout + OPENING)
@@ -122,13 +123,13 @@ def run_task(task: Task) -> tuple[Trace, float]:
         seconds = perf_counter() - start
     if not isinstance(trace, Trace):
         raise BackendError(
-            f"backend {task.backend!r} returned a {type(trace).__name__} and no Trace {_where(task)}"
+            f"backend {task.backend!r} returned a {type(trace).__name__} instead of a Trace {_where(task)}"
         )
     try:
         json.dumps(dict(trace.meta))
-    except (TypeError, ValueError, RecursionError) as error:  # the last two: it contains itself
+    except (TypeError, ValueError, RecursionError) as error:  # the last two: meta contains itself
         raise BackendError(
-            f"backend {task.backend!r}: the trace's meta cannot be written: {error} {_where(task)}"
+            f"backend {task.backend!r}: the trace's meta cannot be written as JSON: {error} {_where(task)}"
         ) from None
     if task.channels is None:
         return trace, seconds
@@ -142,13 +143,13 @@ def run_task(task: Task) -> tuple[Trace, float]:
 
 
 def prepare(task: Task) -> None:
-    """Open a task's backend in this process, and let it get ready.
+    """Open a task's backend in this process, and prepare it.
 
     Raises:
-        NotBegunError: it cannot.
+        NotBegunError: the backend raised an error.
     """
     limit(task.timeout + OPENING)
-    with _said_of(task, NotBegunError):
+    with _naming(task, NotBegunError):
         backend = _open(task)
         if isinstance(backend, Prepares):
             backend.prepare()
@@ -159,11 +160,11 @@ def _where(task: Task) -> str:
 
 
 @contextmanager
-def _said_of(task: Task, kind: type[BackendError] = BackendError) -> Iterator[None]:
-    """Turn what a backend raises into a sentence that names it, and the rollout."""
+def _naming(task: Task, kind: type[BackendError] = BackendError) -> Iterator[None]:
+    """Turn an exception of a backend into an error that names the backend and the rollout."""
     try:
         yield
-    except NotBegunError as error:  # whoever asked for it names it
+    except NotBegunError as error:  # the caller names the rollout
         raise NotBegunError(str(error)) from None
     except S2RError as error:
         raise kind(f"backend {task.backend!r}: {error} {_where(task)}") from None
@@ -175,40 +176,41 @@ def _said_of(task: Task, kind: type[BackendError] = BackendError) -> Iterator[No
 
 
 def _open(task: Task) -> Backend:
-    """Return a task's backend, and see that it is the one that the run was begun with."""
+    """Return a task's backend; check that its model is the one that the run began with."""
     backend = open_backend(task.backend, task.duration)
     if is_exclusive(backend) and not task.attended:
         raise BackendError(
-            f"backend {task.backend!r} is a machine: its rollouts need its operator, in s2r check, gap or certify;"
+            f"backend {task.backend!r} is a machine, and only s2r check, gap and certify ask its operator; use one of "
+            f"these,"
         )
     if task.raw is not None:
         backend = _keeping(backend, task.raw)
     if task.model_hash is not None and backend.model_hash != task.model_hash:
         raise BackendError(
-            f"the worker on {gethostname()} has another model ({short(backend.model_hash)}) than the run was begun "
-            f"with ({short(task.model_hash)}); install the same versions on both machines;"
+            f"the worker on {gethostname()} has another model ({short(backend.model_hash)}) than the start of the run "
+            f"({short(task.model_hash)}); install the same versions on both machines;"
         )
     return backend
 
 
-_kept: list[tuple[Backend, str, Backend]] = []
+_with_raw: list[tuple[Backend, str, Backend]] = []
 
 
 def _keeping(backend: Backend, folder: str) -> Backend:
-    """Return a backend whose raw recordings go to a folder: the same one for all tasks of a run."""
+    """Return the backend with its raw recordings in a folder; the same object for all tasks of a run."""
     if not isinstance(backend, KeepsRaw):
         return backend
-    if not any(backend is of and folder == where for of, where, _ in _kept):
-        _kept[:] = [(backend, folder, backend.keeping(folder))]
-    return _kept[0][2]
+    if not any(backend is original and folder == raw for original, raw, _ in _with_raw):
+        _with_raw[:] = [(backend, folder, backend.keeping(folder))]
+    return _with_raw[0][2]
 
 
 class Runner:
     """Runs tasks on a pool, and makes a new pool when one breaks. A context manager.
 
     Args:
-        factory: of the pool.
-        timeout: a rollout that takes longer is ended [s], ``inf`` for never; None for what each task says.
+        factory: makes a pool.
+        timeout: time limit of a rollout [s], ``inf`` for none; None for the limit of each task.
     """
 
     def __init__(self, factory: ExecutorFactory, timeout: float | None = None) -> None:
@@ -224,10 +226,10 @@ class Runner:
         self._close()
 
     def run(self, tasks: Sequence[Task]) -> Iterator[Done]:
-        """Yield every task's outcome as it arrives, in no promised order.
+        """Yield the outcome of every task as it arrives, in any order.
 
         Raises:
-            S2RError: a rollout raised. What arrived before was yielded; what is in flight is abandoned.
+            S2RError: a rollout raised it. Earlier outcomes were yielded; running rollouts are abandoned.
         """
         if self.timeout is not None:
             tasks = [replace(task, timeout=self.timeout) for task in tasks]
@@ -276,7 +278,7 @@ class Runner:
                         failed = error
                     else:
                         yield task, Done(task, trace, seconds)
-                if failed is not None:  # only now: what finished beside it is recorded first
+                if failed is not None:  # after the others that have finished, so that they are recorded
                     raise failed
         finally:
             for future in waiting:
@@ -285,13 +287,13 @@ class Runner:
                 self._close()
 
     def _start(self) -> Executor:
-        """Make a pool and see that it works, so that a pool that cannot start is not taken for a crash."""
+        """Make a pool and check that it works, so that a pool that cannot start does not count as a crash."""
         pool = self._factory()
         try:
             pool.submit(os.getpid).result()
         except BrokenExecutor as error:
             pool.shutdown(wait=True)
-            raise BackendError("worker processes cannot start: what they printed above says why") from error
+            raise BackendError("worker processes cannot start; their output above says why") from error
         except BaseException:  # Ctrl-C included
             pool.shutdown(wait=True)
             raise
@@ -299,16 +301,16 @@ class Runner:
 
     def _close(self) -> None:
         if self._pool is not None:
-            # Waits: CPython 3.11's manager thread can crash on a broken pool that is not waited for.
+            # wait=True: without it, CPython 3.11's manager thread can crash on a broken pool.
             self._pool.shutdown(wait=True)
             self._pool = None
 
 
 def _ended(task: Task, error: TimeLimitError) -> Done:
-    """Return what is recorded of a rollout that was ended.
+    """Return the outcome of a rollout that exceeded its time limit.
 
     Raises:
-        BackendError: it was the backend that did not even open, which says nothing of the rollout.
+        BackendError: the backend did not open in time, so the rollout never ran.
     """
     seconds = error.args[0]
     if seconds > task.timeout:

@@ -1,4 +1,4 @@
-"""A measure on a backend: what turns a test into a number."""
+"""A scorer makes the task of a test's rollout, and evaluates a measure, such as ρ, on the trace."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Self
 
 from s2r_spec.backend import Backend, Channel, Needs, NeedsSpec, Parameter
 from s2r_spec.errors import BackendError, S2RError, UsageError
-from s2r_spec.rollouts.match import match
+from s2r_spec.rollouts.compatibility import check_compatibility
 from s2r_spec.rollouts.runner import Done, Task, open_backend
 from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
@@ -19,24 +19,24 @@ Measure = Callable[[Trace, Mapping[str, float]], float]
 
 
 def default_timeout(backend: Backend) -> float:
-    """Return how long a rollout may take [s] when nobody says: a program far more than it declares.
+    """Return the default limit on a rollout's duration [s], far above the backend's declared cost.
 
-    What does not repeat for the same seed may wait for people, as long as they take.
+    A backend that is not deterministic may wait for people, and has no limit.
     """
     return 60.0 + 100.0 * backend.cost if backend.deterministic else math.inf
 
 
 @dataclass(frozen=True)
 class Scorer:
-    """A measure, set up on one backend.
+    """A measure on the rollouts of one backend.
 
     Attributes:
-        name: of the backend, as every worker opens it.
-        backend: the same, in this process.
+        name: of the backend; every worker opens it by this name.
+        backend: the same backend in this process.
         measure: of a trace that did not fail.
-        fall: what a rollout that failed is worth, declared before the data.
-        to_backend: from a test point to the backend's parameters and units.
-        channels: what the measure reads; None for all.
+        fall: value of a rollout that failed, declared before the data.
+        to_backend: converts a test point to the backend's parameters and units.
+        channels: those that the measure reads; None for all.
     """
 
     name: str
@@ -48,7 +48,7 @@ class Scorer:
 
     @classmethod
     def for_spec(cls, spec: Spec, requirement: str, name: str, duration: float | None = None) -> Self:
-        """Open the backend with rollouts as long as the requirement looks ahead, and match the two.
+        """Open the backend with rollouts as long as the requirement's horizon, and check that the two fit.
 
         Raises:
             UsageError: they do not fit together, or no ρ is declared for a fall.
@@ -70,7 +70,7 @@ class Scorer:
         if isinstance(backend, NeedsSpec):
             backend = backend.for_spec(needs_of(spec, requirement, robustness))
             assert isinstance(backend, Backend)
-        matched = match(spec, requirement, backend)
+        matched = check_compatibility(spec, requirement, backend)
         return cls(name, backend, robustness, settings.fall, matched.to_backend, matched.channels)
 
     def task(self, query: int, replicate: int, point: Mapping[str, float], seed: int) -> Task:
@@ -82,8 +82,8 @@ class Scorer:
             params=self.to_backend(point),
             seed=seed,
             duration=self.backend.duration,
-            # A simulator gives the same trace again for the same seed, so only what
-            # the measure reads is kept; what cannot be repeated is kept whole.
+            # A simulator gives the same trace again for the same seed, so that only the channels of the measure are
+            # kept. A trace that cannot be repeated is kept whole.
             channels=self.channels if self.backend.deterministic else None,
             model_hash=self.backend.model_hash,
             timeout=default_timeout(self.backend),
@@ -92,11 +92,10 @@ class Scorer:
     def score(self, point: Mapping[str, float], done: Done) -> tuple[float, str | None]:
         """Return ρ of a rollout, and the word for its failure if it failed.
 
-        A fall or a crash has the value that was declared for it: it is never
-        dropped, and never judged by the trace that it cut short.
+        A fall or a crash has its declared value. It is never dropped, and its incomplete trace is never evaluated.
 
         Raises:
-            S2RError: the measure raised, or gave no finite number.
+            S2RError: the measure raised, or returned no finite number.
         """
         if done.trace is None or done.failure is not None:
             return self.fall, done.failure or "crash"
@@ -112,7 +111,7 @@ class Scorer:
 
 
 def needs_of(spec: Spec, requirement: str, measure: Measure) -> Needs:
-    """Return what a requirement asks of a backend, in the units of the spec."""
+    """Return the channels and parameters that a requirement needs of a backend, in the units of the spec."""
     signals = [spec.signals[name] for name in spec.channels(requirement)]
     parameters = []
     for name, param in spec.params.items():
@@ -129,7 +128,7 @@ def needs_of(spec: Spec, requirement: str, measure: Measure) -> Needs:
 
 
 def _number(value: object) -> float:
-    """Return what a measure gave as a float.
+    """Return the value of a measure as a float.
 
     Raises:
         BackendError: it is no number, or not finite.

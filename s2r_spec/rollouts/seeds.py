@@ -1,4 +1,4 @@
-"""One seed per rollout, from its place in the run and from nothing else."""
+"""One seed per rollout, a function of the run's seed and the rollout's query and replicate alone."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 
 class Stream(IntEnum):
-    """What a rollout is for: rollouts of different streams share no randomness."""
+    """Purpose of a rollout: rollouts of different streams share no randomness."""
 
     CHECK = 0
     GAP_SIM = 1
@@ -18,6 +18,6 @@ class Stream(IntEnum):
 
 
 def rollout_seed(seed: int, query: int, replicate: int, stream: Stream = Stream.CHECK) -> int:
-    """Return the 64-bit seed of one rollout; worker count and order of completion do not enter."""
+    """Return the 64-bit seed of one rollout; it does not depend on the number of workers or on their order."""
     key = (query, replicate) if stream is Stream.CHECK else (int(stream), query, replicate)
     return int(np.random.SeedSequence(seed, spawn_key=key).generate_state(1, np.uint64)[0])

@@ -1,7 +1,7 @@
-"""What runs in a worker's process: it answers one call after another until its parent is gone.
+"""The program of a worker process: it answers one call after another until its parent is gone.
 
-A backend may fork here, spawn, print and read. So the pipes to the parent are no standard streams, are closed in
-what is forked and in what is spawned, and have no buffer whose lock a thread could hold while another one forks.
+A backend may fork, spawn, print and read here. So the pipes to the parent are not standard streams, and forks and
+spawned processes close them. They have no buffer, because a thread could hold its lock while another thread forks.
 """
 
 from __future__ import annotations
@@ -23,31 +23,32 @@ from s2r_spec.errors import BackendError
 from s2r_spec.rollouts import frames
 
 IDLE = 600.0
-"""Budget: a worker that nobody asks for anything for so long ends itself [s]: its client may have been killed. Twice
-as much keeps the memory of such a worker for twice as long."""
+"""Budget: time without a call after which a worker ends itself [s], because its client may have been killed. Twice as
+much keeps the memory of such a worker for twice as long."""
 ALONE = 3.0
-"""Budget: what a call may take when the parent is gone, before the worker kills its group [s]. Longer than the parent
-and the group's guard wait (see ``child.PATIENCE`` and ``group.GRACE``): they are politer."""
+"""Budget: time from the parent's end until the worker kills its group [s]. It is longer than ``PATIENCE`` of
+``worker_process`` and ``GRACE`` of ``process_group``, because those send SIGTERM first. Twice as much lets an orphan
+run for twice as long."""
 
 _answers: IO[bytes] | None = None
 _questions: IO[bytes] | None = None
-_number = 0  # of the call that is running
-_own = 0  # process id of the worker; 0 in a process that is none
+_number = 0  # of the current call
+_own = 0  # process id of the worker; 0 in any other process
 
 
 def limit(seconds: float) -> None:
-    """Allow the call that is running ``seconds`` from now on, which may be ``inf``.
+    """Set the time limit of the current call, from now on [s]; ``inf`` for none.
 
-    Does nothing in a process that is no worker: a thread cannot be ended.
+    Does nothing outside a worker process, because a thread cannot be ended.
     """
     if _answers is not None and os.getpid() == _own:
         frames.write(_answers, _number, pickle.dumps(("limit", seconds)))
 
 
 def end_copy(error: BaseException | None = None) -> None:
-    """End this process if it is a copy of a worker, forked by a rollout, that came back from that rollout.
+    """End this process if it is a fork of the worker that returned from the rollout that forked it.
 
-    It ends as a program would that raised ``error``, or nothing. Its result is nobody's: the worker itself answers.
+    It exits like a program that raised ``error``, or none. Only the worker itself may answer the call.
     """
     if not _own or os.getpid() == _own:
         return
@@ -63,28 +64,28 @@ def end_copy(error: BaseException | None = None) -> None:
 
 
 def serve_forever() -> None:
-    """Answer calls until the parent is gone, or has been silent for long."""
+    """Answer calls until the parent is gone, or has sent none for ``IDLE``."""
     global _answers, _questions, _own, _number
     _own = os.getpid()
     _questions, _answers = (os.fdopen(os.dup(pipe), mode, 0) for pipe, mode in ((0, "rb"), (1, "wb")))
-    # What a backend reads is nothing; what it prints must not get in between the answers: it goes to stderr.
+    # A backend reads an empty standard input. Its output goes to stderr, so that it cannot mix with the answers.
     nothing = os.open(os.devnull, os.O_RDWR)
     os.dup2(nothing, 0)
     try:
         os.dup2(2, 1)
-    except OSError:  # s2r itself was started without one
+    except OSError:  # s2r itself was started without stderr
         os.dup2(nothing, 1)
     os.close(nothing)
     if hasattr(os, "register_at_fork"):
         os.register_at_fork(after_in_child=_forget_parent)
-    # Whoever interrupts: it is the parent who decides what becomes of it.
+    # The parent decides how an interrupt ends a rollout.
     signal.signal(signal.SIGINT, lambda *_: None)
     if (
         sys.platform != "win32"
-    ):  # in the terminal's background: who reads from it gets an error, and is not stopped
+    ):  # in the background of a terminal: a read fails instead of stopping the process
         signal.signal(signal.SIGTTIN, signal.SIG_IGN)
         signal.signal(signal.SIGTTOU, signal.SIG_IGN)
-    atexit.register(_take_along)  # the first: it runs after what the backend has registered
+    atexit.register(_end_group)  # registered first, so it runs after the backend's own handlers
     calls: SimpleQueue[tuple[int, bytes] | None] = SimpleQueue()
     Thread(target=_listen, args=(_questions, calls), daemon=True).start()
     while True:
@@ -96,14 +97,14 @@ def serve_forever() -> None:
             return
         _number, question = call
         with suppress(BrokenPipeError):
-            limit(math.inf)  # says that the call has begun
+            limit(math.inf)  # tells the parent that the call has begun
             answer = _answer(question)
             end_copy()
             frames.write(_answers, _number, answer)
 
 
 def _forget_parent() -> None:
-    """Close the pipes in a copy that was forked: it could keep them open, and write in between."""
+    """Close the pipes in a fork: it could keep them open, or write between two answers."""
     global _answers
     for pipe in (_answers, _questions):
         if pipe is not None:
@@ -113,7 +114,7 @@ def _forget_parent() -> None:
 
 
 def _listen(questions: IO[bytes], calls: SimpleQueue[tuple[int, bytes] | None]) -> None:
-    """Queue what the parent asks; when it is gone, end this process and its group, whatever it is at."""
+    """Queue the parent's calls; when the parent is gone, end this process and its group, even during a call."""
     reader = frames.Reader(questions)
     with suppress(EOFError, OSError, frames.ForeignBytesError):
         while True:
@@ -125,8 +126,8 @@ def _listen(questions: IO[bytes], calls: SimpleQueue[tuple[int, bytes] | None]) 
     os._exit(1)
 
 
-def _take_along() -> None:
-    """Ask what this worker has started to end with it."""
+def _end_group() -> None:
+    """Send SIGTERM to the worker's descendants when the worker exits."""
     if _leads_group():
         signal.signal(signal.SIGTERM, signal.SIG_IGN)
         with suppress(OSError):
@@ -134,16 +135,16 @@ def _take_along() -> None:
 
 
 def _leads_group() -> bool:
-    """Return whether this process is the worker, with a process group of its own."""
+    """Return whether this process is the worker and leads a process group."""
     return hasattr(os, "killpg") and os.getpid() == _own == os.getpgrp()
 
 
 def _answer(question: bytes) -> bytes:
-    """Run a call, and return what came of it, pickled."""
+    """Run a call; return its result or its exception, pickled."""
     try:
         function, arguments = pickle.loads(question)
     except Exception as error:
-        # Also what a worker on another machine lacks.
+        # For instance, a worker on another machine lacks a module.
         return _raised(BackendError(f"a worker cannot run this: {type(error).__name__}: {error}"))
     try:
         return pickle.dumps(("returned", function(*arguments)))
@@ -158,7 +159,7 @@ def _answer(question: bytes) -> bytes:
 def _raised(error: Exception) -> bytes:
     try:
         data = pickle.dumps(("raised", error))
-        pickle.loads(data)  # some errors go in and do not come out
+        pickle.loads(data)  # some errors can be pickled but not unpickled
     except Exception:
         return _raised(BackendError(f"{type(error).__name__}: {error}"))
     return data

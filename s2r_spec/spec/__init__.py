@@ -1,4 +1,4 @@
-"""A specification: what is promised about a trace, over which tests, and how it is to be certified."""
+"""Specifications: requirements on a trace, the test space, and the settings of the certificate."""
 
 from s2r_spec.lang.declarations import CertifySettings, KernelChoice, Param, Signal
 from s2r_spec.lang.diagnostics import Diagnostic, SpecError

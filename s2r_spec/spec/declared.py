@@ -1,4 +1,4 @@
-"""What a specification declares: signals, parameters and the space they span, requirements."""
+"""The declarations of a specification: signals, parameters, the test space, requirements."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ class Declared:
     """A checked specification, before any trace.
 
     Args:
-        name: what it goes by in messages; the path if it was loaded.
-        text: its text, every line ending a line feed.
-        imported: name → text of every file it imports, however deep.
+        name: its name in messages; the path if it was loaded.
+        text: its text, with line feeds as line endings.
+        imported: name → text of every file that it imports, directly or not.
         signals: name → declaration of a channel that a trace must have.
         params: name → declaration of a test parameter.
         formulas: requirement → its checked formula, in declared order.
@@ -39,12 +39,12 @@ class Declared:
 
     @property
     def hash(self) -> str:
-        """SHA-256 of the text and what it imports, as hex digits; line endings do not matter."""
+        """SHA-256 of the text and its imports, as hex digits; independent of line endings."""
         return hash_of(self.text, self.imported.values())
 
     @property
     def requirements(self) -> tuple[str, ...]:
-        """Names of what is required, in declared order."""
+        """Names of the requirements, in declared order."""
         return tuple(self.formulas)
 
     @property
@@ -63,7 +63,7 @@ class Declared:
         return dict(read_param(self.params, text) for text in texts)
 
     def unit(self, requirement: str) -> str:
-        """Return the unit of ρ: "" for none, "mixed" if it is the least of margins that do not compare."""
+        """Return the unit of ρ: "" without one, "mixed" if ρ combines margins of different dimensions."""
         unit = self._formula(requirement).unit
         return "" if unit is None else unit.text
 
@@ -73,11 +73,10 @@ class Declared:
         return tuple(name for name in self.signals if name in used)
 
     def horizon(self, requirement: str | None = None) -> float:
-        """Return how long a trace must be to decide a requirement (or all) at its start [s].
+        """Return the duration that a trace needs to decide a requirement (or all) at its start [s].
 
-        It is inf if an unbounded operator looks at the whole rest of a trace,
-        however long. ``next`` counts as 0: its length is that of a sample. A time
-        bound that is a parameter counts with the greatest value of its range.
+        It is inf if an unbounded operator depends on the whole rest of a trace. ``next`` counts as 0, since its length
+        is one sample period. A parameter as time bound counts with the greatest value of its range.
         """
         return max(horizon(formula) for formula in self._chosen(requirement))
 
@@ -94,5 +93,5 @@ class Declared:
 
 
 def hash_of(text: str, imported: Iterable[str]) -> str:
-    """Return the SHA-256 of a specification's text and of the texts of what it imports, as hex digits."""
+    """Return the SHA-256 of a specification's text and of its imports' texts, as hex digits."""
     return hashlib.sha256("\0".join((text, *imported)).encode()).hexdigest()

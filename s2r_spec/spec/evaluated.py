@@ -1,4 +1,4 @@
-"""A specification asked about a trace: ρ, along it or as it comes, and why."""
+"""Evaluation of a specification on traces: ρ, recorded or online, and its explanation."""
 
 from __future__ import annotations
 
@@ -48,8 +48,8 @@ class Spec(Declared):
         """Return requirement → ρ at the trace's first time, in the unit :meth:`unit`.
 
         ρ > 0: it holds, and keeps holding while every signal changes by less
-        than ρ. ρ < 0: it is violated. ρ = 0: :meth:`satisfied` says which. A trace with a failure (a fall) has
-        the ρ that the ``certify`` line declares for it, whatever its samples are.
+        than ρ. ρ < 0: it is violated. ρ = 0: :meth:`satisfied` tells the two apart. A trace with a failure (a
+        fall) has the ρ that the ``certify`` line declares for it, whatever its samples are.
 
         Args:
             trace: with every channel of :meth:`channels`.
@@ -58,23 +58,23 @@ class Spec(Declared):
             until: see :meth:`evaluate`.
             end: see :meth:`evaluate`; without it a trace that is shorter than the horizon is refused.
             nan: see :meth:`evaluate`.
-            partial: evaluate such a trace on what there is, as ``end="clip"`` does.
-            only: evaluate this requirement alone; the trace needs no more than that one reads.
+            partial: evaluate such a trace with windows cut at its end, as ``end="clip"`` does.
+            only: evaluate this requirement alone; the trace needs only the channels that it reads.
 
         Raises:
             TraceError: a channel is missing, has NaN or an unfit unit, a window is shorter than
                 the time between two samples, or the trace is too short.
-            UsageError: a parameter is missing or unknown, or the trace failed and no value is
-                declared for that.
+            UsageError: a parameter is missing or unknown, or the trace failed and the spec declares no ρ for a
+                failure.
         """
         names = tuple(self.formulas) if only is None else (only,)
         if trace.failure is not None:
             return {name: self._fallen(name, trace.failure) for name in names}
         if end is not None:
-            how: Profile = {"interpolation": interpolation, "until": until, "end": end}
-            return {name: self.evaluate(trace, name, params, nan=nan, **how).value for name in names}
-        found = self._at_start(trace, params, only, interpolation, until, nan, partial)
-        return {name: plain_number(rho) for name, rho in found.items()}
+            conventions: Profile = {"interpolation": interpolation, "until": until, "end": end}
+            return {name: self.evaluate(trace, name, params, nan=nan, **conventions).value for name in names}
+        signed = self._at_start(trace, params, only, interpolation, until, nan, partial)
+        return {name: plain_number(rho) for name, rho in signed.items()}
 
     def satisfied(
         self,
@@ -89,7 +89,7 @@ class Spec(Declared):
     ) -> dict[str, bool]:
         """Return requirement → whether it is true at the trace's first time: the Boolean semantics.
 
-        It is what the sign of ρ says. At ρ = 0 the comparisons decide: x <= c holds at x = c, and x < c does
+        The sign of ρ decides. At ρ = 0 the comparisons decide: x <= c holds at x = c, and x < c does
         not. A trace with a failure satisfies nothing whose declared ``fall`` is not positive.
 
         Args and errors are those of :meth:`robustness`.
@@ -97,8 +97,8 @@ class Spec(Declared):
         names = tuple(self.formulas) if only is None else (only,)
         if trace.failure is not None:
             return {name: self._fallen(name, trace.failure) > 0 for name in names}
-        found = self._at_start(trace, params, only, interpolation, until, nan, partial)
-        return {name: rho > 0 for name, rho in found.items()}
+        signed = self._at_start(trace, params, only, interpolation, until, nan, partial)
+        return {name: rho > 0 for name, rho in signed.items()}
 
     def _at_start(
         self,
@@ -110,7 +110,7 @@ class Spec(Declared):
         nan: Missing,
         partial: bool,
     ) -> dict[str, float]:
-        """Return requirement → ρ at the first time, with a sign."""
+        """Return requirement → ρ at the first time, never 0: its sign is the verdict."""
         reading = self._reading(trace, params, only, interpolation, until, nan)
         result = {}
         for name in tuple(self.formulas) if only is None else (only,):
@@ -132,8 +132,10 @@ class Spec(Declared):
         end: End = "clip",
     ) -> FloatArray:
         """Return (n,): ρ of one requirement at every sample; the values of :meth:`evaluate`."""
-        found = self.evaluate(trace, requirement, params, interpolation=interpolation, until=until, end=end)
-        return found.values
+        evaluation = self.evaluate(
+            trace, requirement, params, interpolation=interpolation, until=until, end=end
+        )
+        return evaluation.values
 
     def evaluate(
         self,
@@ -147,7 +149,7 @@ class Spec(Declared):
         nan: Missing = "error",
         sparse: bool = False,
     ) -> Evaluation:
-        """Return ρ of one requirement along a trace, with what of it the trace decides.
+        """Return ρ of one requirement along a trace, and the samples at which the trace decides it.
 
         A failure of the trace does not change the result: the samples count here.
 
@@ -155,18 +157,17 @@ class Spec(Declared):
             trace: see :meth:`robustness`.
             requirement: one of :attr:`requirements`.
             params: see :meth:`robustness`.
-            interpolation: "samples" asks a condition at the samples alone. "hold" and "linear"
-                ask it at every instant from the first sample to the last, where signals keep
-                the last sample, or go straight to the next one.
+            interpolation: "samples" evaluates a condition at the samples only. "hold" and "linear" evaluate it at
+                every instant from the first sample to the last; between samples, signals hold the last one or
+                are linear.
             until: whether the left side of an until must hold before the witness only
                 ("open", as in RTAMT's discrete time) or at the witness, too ("closed", as in Breach).
-            end: what is past the last sample. "clip" cuts windows there: one wholly past the end
-                is empty, so that ``always`` is +inf and ``eventually`` and ``until`` are −inf.
-                "hold" goes on with the last sample of every signal. "nan" gives NaN wherever a
-                window reaches past the end, "error" refuses to.
-            nan: what a NaN sample is: an "error", or as the one before it ("hold").
-            sparse: evaluate windows that are shorter than the time between two samples, too, on the sample
-                that they hold.
+            end: treatment of the time after the last sample. "clip" cuts windows there; a window wholly past the
+                end is empty, so ``always`` is +inf, and ``eventually`` and ``until`` are −inf. "hold" repeats the
+                last sample of every signal. "nan" gives NaN where a window reaches past the end. "error" raises
+                an error there.
+            nan: for a NaN sample, "error", or "hold" to repeat the sample before.
+            sparse: also evaluate windows shorter than the time between two samples, on the one sample in them.
 
         Raises:
             TraceError: see :meth:`robustness`.
@@ -191,13 +192,13 @@ class Spec(Declared):
     ) -> Tensor:
         """Return (…, n): ρ of one requirement at every sample, for autograd.
 
-        As :meth:`robustness_signal` of regular samples, whose windows are cut at the end.
+        The same values as :meth:`robustness_signal` of regular samples, with windows cut at the end.
 
         Args:
             signals: channel → (…, n), or (…, width, n) of a vector, in the declared unit.
             requirement: one of :attr:`requirements`.
-            params: name → a number or (…) of them, one a batch entry.
-            period: time from one sample to the next [s].
+            params: name → a number, or (…) numbers, one for each batch entry.
+            period: sample period [s].
             until: see :meth:`evaluate`.
             temperature: of a smooth minimum, in the unit of ρ; 0 for the exact one.
         """
@@ -220,24 +221,23 @@ class Spec(Declared):
         ranges: bool = True,
         sparse: bool = False,
     ) -> Monitor:
-        """Return what follows a trace sample by sample: the interval in which ρ at its first time will be.
+        """Return a monitor, which follows a trace sample by sample and bounds ρ at its first time.
 
-        Conditions are asked at the samples. Work and memory do not grow with the trace.
+        Conditions are evaluated at the samples. Work and memory do not grow with the trace.
 
         Args:
             params: see :meth:`robustness`.
-            requirement: the one to follow; without it all.
-            period: time from one sample to the next [s], within 2 %: windows count samples, as in
-                a recorded trace on a regular grid. Without it a window holds the samples that lie in it by
-                time, as in one that is not regular.
+            requirement: the one to follow; None for all.
+            period: sample period [s], within 2 %: windows count samples, as in a recorded trace on a regular
+                grid. Without it windows are measured in time, as in an irregular trace.
             until: see :meth:`evaluate`.
             nan: see :meth:`evaluate`.
-            ranges: whether signals stay in their declared ranges; a sample outside is an error then.
+            ranges: assume that signals stay in their declared ranges; a sample outside is then an error.
             sparse: see :meth:`evaluate`.
 
         Raises:
-            UsageError: an operator over the whole rest of the trace is asked for at more than the
-                first instant, a window is shorter than the period, or see :meth:`robustness`.
+            UsageError: an operator over the whole rest of the trace is needed at more than the first instant, or a
+                window is shorter than the period; also see :meth:`robustness`.
         """
         followed = self._followed(params, requirement, period, until, nan)
         return Monitor(replace(followed, ranges=ranges, sparse=sparse))
@@ -252,12 +252,12 @@ class Spec(Declared):
         nan: Missing = "error",
         sparse: bool = False,
     ) -> RobustnessStream:
-        """Return what computes ρ at every sample of a trace that goes on, each as soon as it is decided.
+        """Return a stream, which computes ρ at every sample of a growing trace as soon as it is decided.
 
-        All it returns is, in order, :meth:`robustness_signal` of the whole trace. A
-        sample costs a constant time on average, whatever the lengths of windows.
+        Its values, in order, are :meth:`robustness_signal` of the whole trace. A sample takes constant time on
+        average, for any length of windows.
 
-        Args and errors are those of :meth:`monitor`; here no operator may look at the whole rest.
+        Args and errors are those of :meth:`monitor`. No operator may depend on the whole rest of the trace.
         """
         return RobustnessStream(
             replace(self._followed(params, requirement, period, until, nan), sparse=sparse)
@@ -274,9 +274,9 @@ class Spec(Declared):
         partial: bool = False,
         sparse: bool = False,
     ) -> Explanation:
-        """Return what decides ρ of a requirement: instant, predicate, signal values, margin, times.
+        """Return the explanation of ρ of a requirement: the deciding instant, predicate, signal values and margin.
 
-        ``print`` of it says it in words. Conditions are asked at the samples.
+        ``print`` shows it in words. Conditions are evaluated at the samples.
 
         Args:
             trace: see :meth:`robustness`.
@@ -307,7 +307,7 @@ class Spec(Declared):
     def tolerances(
         self, trace: Trace, requirement: str, params: Mapping[str, float] | None = None
     ) -> Tolerances:
-        """Return the signals that a requirement reads, with the values that it allows them and when.
+        """Return the signals that a requirement reads, with their allowed values over time.
 
         A failure of the trace does not change the result.
 
@@ -350,8 +350,8 @@ class Spec(Declared):
         _choice("until", until, ("open", "closed"))
         _choice("nan", nan, ("error", "hold"))
         numbers = {name: value.item() for name, value in self._numbers(params, requirement).items()}
-        wanted = self.requirements if requirement is None else (requirement,)
-        formulas = {name: bound(self._formula(name), numbers) for name in wanted}
+        requirements = self.requirements if requirement is None else (requirement,)
+        formulas = {name: bound(self._formula(name), numbers) for name in requirements}
         signals = [self.signals[name] for name in self.channels(requirement)]
         return Followed(formulas, signals, numbers, period, until, nan, ranges=False)
 
@@ -360,7 +360,7 @@ class Spec(Declared):
             return
         raise TraceError(
             f"{requirement!r} {shortfall(formula, reading)}; "
-            f"a longer trace decides it, partial=True evaluates what there is"
+            f"a longer trace decides it; partial=True cuts windows at the end"
         )
 
     def shortfall(
@@ -370,7 +370,7 @@ class Spec(Declared):
         params: Mapping[str, float] | None = None,
         nan: Missing = "error",
     ) -> str:
-        """Return in words how far a requirement looks past the end of a trace that does not decide it.
+        """Return in words how far the horizon of a requirement is past the end of a trace.
 
         Args and errors are those of :meth:`evaluate`.
         """
@@ -381,8 +381,8 @@ class Spec(Declared):
         settings = self.certify.get(requirement)
         if settings is None or settings.fall is None:
             raise UsageError(
-                f"the trace ended with {failure!r}, and {self.name} declares no ρ for that; "
-                f"write for example `certify {requirement}: fall = -1`"
+                f"the trace ended with {failure!r}, but {self.name} declares no ρ for a failure; "
+                f"add for example `certify {requirement}: fall = -1`"
             )
         return settings.fall
 

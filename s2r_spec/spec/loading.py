@@ -10,17 +10,17 @@ from s2r_spec.spec.evaluated import Spec
 
 
 def parse_spec(text: str, name: str = "<string>", *, imports: Mapping[str, str] | None = None) -> Spec:
-    """Return the specification that a text means.
+    """Return the specification of a text.
 
     Args:
         text: the specification.
-        name: what it goes by; files that it imports are looked for beside this path.
-        imports: name → text of every file that it imports, as :attr:`Spec.imported` has them; none is read then.
+        name: its path; imported files are relative to it.
+        imports: name → text of every file that it imports, as in :attr:`Spec.imported`; None to read the files.
 
     Raises:
-        SpecError: with every mistake of the text, drawn with line and caret.
+        SpecError: the text has mistakes; the message shows each with line and caret.
     """
-    # the parser and the units cost half a second to import: only who parses pays
+    # the parser and the units take half a second to import, so they are imported here
     from s2r_spec.lang.checking import check_text
 
     document = check_text(text, name, imports)

@@ -116,7 +116,7 @@ class Lab:
         return (self.folder / FILE).read_bytes()
 
     def voids(self):
-        return [(void.word, void.begun.key) for void in Journal.read(self.folder).voids]
+        return [(void.word, void.rollout.key) for void in Journal.read(self.folder).voids]
 
 
 @pytest.fixture

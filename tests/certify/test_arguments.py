@@ -13,6 +13,7 @@ from s2r_spec.certify.real_machine import certify
 from s2r_spec.errors import BackendError, UsageError
 from s2r_spec.report.recompute import recompute
 from tests.cli.conftest import SPEC
+from tests.errors import naming
 
 pytestmark = pytest.mark.usefixtures("toy")
 
@@ -47,7 +48,7 @@ def test_what_is_no_name_of_a_backend_is_said_by_every_search(spec, tmp_path, gi
         lambda: certify(spec, "toy", given, tmp_path),
         lambda: s2r.check_measure(lambda trace, test: 1.0, "m", given, search(), tmp_path, fall=-1.0),
     ):
-        with pytest.raises(UsageError, match="must be the name of an installed backend"):
+        with pytest.raises(UsageError, match=naming("backend", "name")):
             call()
     assert not list(tmp_path.iterdir())
 
@@ -59,9 +60,9 @@ def test_a_backend_itself_is_answered_with_its_name(spec, tmp_path):
 
 @pytest.mark.parametrize("given", [None, 3, object()])
 def test_a_diagnosis_is_of_a_simulator_and_of_rollouts(spec, given):
-    with pytest.raises(UsageError, match="sim must be a backend or the name of one"):
+    with pytest.raises(UsageError, match=naming("sim")):
         s2r.diagnose(spec, given, "toy")
-    with pytest.raises(UsageError, match="real must be a backend, the name of one"):
+    with pytest.raises(UsageError, match=naming("real")):
         s2r.diagnose(spec, "toy", given)
 
 
@@ -75,7 +76,7 @@ def test_what_is_no_specification_names_load_spec(tmp_path, given):
 
 @pytest.mark.parametrize("given", [None, 3, b"bytes"])
 def test_what_is_no_folder_is_said(spec, given):
-    with pytest.raises(UsageError, match="folder must be a path"):
+    with pytest.raises(UsageError, match=naming("folder")):
         s2r.check(spec, "toy", given)
 
 
@@ -98,7 +99,7 @@ def test_there_is_nothing_to_resume_in_a_folder_without_a_run(spec, tmp_path, ma
         lambda: certify(spec, "toy", "toy:drag", folder, resume=True),
         lambda: s2r.check_measure(lambda t, p: 1.0, "m", "toy", search(), folder, fall=-1.0, resume=True),
     ):
-        with pytest.raises(UsageError, match="no run to resume"):
+        with pytest.raises(UsageError, match=naming(str(folder))):
             call()
     assert not list(tmp_path.rglob("journal.jsonl"))
 
@@ -125,7 +126,7 @@ MEASURES = {
 
 @pytest.mark.parametrize("words", MEASURES)
 def test_a_measure_that_gives_no_number_names_rollout_and_test_and_keeps_the_trace(tmp_path, words):
-    with pytest.raises(BackendError, match=rf"rollout \d\.\d at vd = .*{words}.* kept in") as caught:
+    with pytest.raises(BackendError, match=rf"rollout \d\.\d at vd = .*{words}") as caught:
         s2r.check_measure(MEASURES[words], "m", "toy", search(), tmp_path, fall=-1.0, executor=one_thread)
     assert "\n" not in str(caught.value)
     (kept,) = (tmp_path / "unscored").iterdir()
@@ -143,7 +144,7 @@ def test_a_measure_may_give_any_number(tmp_path, value):
 
 @pytest.mark.parametrize("fall", [float("nan"), "-1", None])
 def test_what_a_failed_rollout_is_worth_is_a_finite_number(tmp_path, fall):
-    with pytest.raises(UsageError, match="fall must be a finite number"):
+    with pytest.raises(UsageError, match=naming("fall")):
         s2r.check_measure(lambda t, p: 1.0, "m", "toy", search(), tmp_path, fall=fall)
 
 
@@ -155,12 +156,12 @@ def test_a_search_is_told_numbers(outcomes):
     query = run.ask()[0]
     with pytest.raises(UsageError, match=f"query {query.index} at"):
         run.tell(query, outcomes)
-    with pytest.raises(UsageError, match="the observed test"):
+    with pytest.raises(UsageError, match=naming("{'vd': 0.1}")):
         search().observe([({"vd": 0.1}, outcomes)])
 
 
 def test_a_search_is_told_of_a_query():
     run = search()
     run.ask()
-    with pytest.raises(UsageError, match="a query that was asked"):
+    with pytest.raises(UsageError, match="query"):
         run.tell(None, [0.1])

@@ -11,6 +11,7 @@ from s2r_spec.certify.search import Search
 from s2r_spec.errors import UsageError
 from s2r_spec.space import Space
 from tests.certify.rkhs import RandomFunction, run
+from tests.errors import naming, states
 
 PLANE = Space.of({"x": (-0.3, 0.3), "y": (0.0, 0.3)}, {"x": "m", "y": "m"})
 LINE = Space.of({"v": (0.0, 2.0)}, {"v": "m/s"})
@@ -34,8 +35,7 @@ def test_a_parameter_that_the_kernel_makes_constant_is_named_before_any_rollout(
     certificate = searched(PLANE, Kernel(name, (0.2, 0.3 * times)), lambda x, y: 0.0).certificate()
     assert certificate.label is Label.REFUSED
     assert certificate.rollouts == 0
-    assert "the lengthscale of y" in certificate.reason
-    assert "epsilon is 0.1" in certificate.reason
+    assert states(certificate.reason, "lengthscale", "y", "epsilon", "0.1")
 
 
 @pytest.mark.parametrize("lengthscale", [1.0, 3.0, (0.2, 1.5), (1.5, 0.2)])
@@ -63,7 +63,7 @@ def test_a_kernel_that_is_longer_and_true_is_certified_after_each_eighth_was_tes
         assert certificate.label is Label.CERTIFIED
         assert certificate.lower <= function(LINE.grid((2001,))).max() <= certificate.upper
         assert (np.histogram(search.tested[:, 0], 8, (0.0, 2.0))[0] > 0).all()
-        assert any("longer than the range of v" in text for text in certificate.assumptions)
+        assert any(states(text, "lengthscale", "v") for text in certificate.assumptions)
 
 
 def test_as_many_rollouts_in_each_eighth_as_tell_zero_from_epsilon():
@@ -113,13 +113,13 @@ def test_a_lengthscale_that_is_far_too_short_is_refused_at_once(space, lengthsca
     certificate = search.certificate()
     assert certificate.label is Label.REFUSED
     assert certificate.rollouts == 0
-    assert f"the lengthscale of {name}" in certificate.reason
+    assert states(certificate.reason, "lengthscale", name)
 
 
 @pytest.mark.parametrize("lengthscale", [1e-5, 500.0])
 def test_a_plan_names_the_lengthscale(lengthscale):
     settings = {"B": 1.5, "R": 0.02, "delta": 1e-3, "epsilon": 0.1}
-    with pytest.raises(UsageError, match="the lengthscale of v"):
+    with pytest.raises(UsageError, match=naming("lengthscale", "v")):
         plan(LINE, kernel=Kernel("rbf", lengthscale), **settings)
 
 
@@ -139,6 +139,6 @@ certify walking: delta = 1e-3, epsilon = 0.05, B = 0.5, R = 0.02, kernel = rbf(2
 
 @pytest.mark.usefixtures("toy")
 def test_a_check_begins_no_run(tmp_path):
-    with pytest.raises(UsageError, match="the lengthscale of vd is 200 m/s, 400 times its range"):
+    with pytest.raises(UsageError, match=naming("lengthscale", "vd", "200 m/s", "400")):
         s2r.check(s2r.parse_spec(SPEC), "toy", tmp_path / "run")
     assert not (tmp_path / "run").exists()

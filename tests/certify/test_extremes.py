@@ -110,7 +110,7 @@ def test_a_setting_of_a_specification_has_a_place(line, place):
         parse_spec(f"signal x\nparam q in [0, 1]\nrequire a: x <= q\ncertify a: {line}\n", "a.stl")
     (mistake,) = caught.value.diagnostics
     assert (mistake.span.line, mistake.span.column) == place
-    assert line.split()[0] in mistake.message or "length scale of `q`" in mistake.message
+    assert line.split()[0] in mistake.message or "lengthscale of `q`" in mistake.message
 
 
 def test_a_range_wider_than_the_largest_number_has_a_place():

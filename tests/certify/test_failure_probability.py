@@ -77,9 +77,9 @@ def test_levels_share_the_risk_and_are_ordered():
 def test_a_norm_that_the_rollouts_contradict_is_refused():
     tests = [({"vd": vd}, [-1.0] * 200) for vd in (-0.2, 0.0, 0.3)]
     found = bound_failure_probability(LINE, tests, [0.0], kernel=KERNEL, B=0.5, delta=0.1)[0]
-    assert "is less than twice the norm that the data already show" in found.refused
+    assert "B = 0.5" in found.refused
 
 
 def test_nothing_is_bounded_by_nothing():
-    with pytest.raises(UsageError, match="needs a level and at least one rollout"):
+    with pytest.raises(UsageError, match="rollout"):
         bound_failure_probability(LINE, [], [0.0], kernel=KERNEL, B=1, delta=0.1)

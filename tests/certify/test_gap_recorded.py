@@ -1,5 +1,6 @@
 """`gap` and `certify` on recordings: what a machine already did, held against its simulator."""
 
+import re
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 
@@ -15,6 +16,7 @@ from s2r_spec.rollouts.journal import Journal
 from s2r_spec.rollouts.replay import replay
 from s2r_spec.rollouts.runner import open_backend
 from tests.certify.logs import record_from
+from tests.errors import naming, states
 
 pytestmark = pytest.mark.usefixtures("toy")
 
@@ -77,9 +79,7 @@ def test_what_the_recorded_tests_leave_open_is_said(tmp_path):
     log = record_from("toy:drag", HALF, tmp_path / "log")
     result = run(gap, tmp_path, "toy", log)
     assert result.certificate.label is Label.BUDGET
-    (said,) = [text for text in result.assumptions if "leave the band of E Δ wider than ε = 0.05" in text]
-    assert "it is widest at vd = 0.3 m/s" in said
-    assert "1 lengthscales from the nearest recorded test" in said
+    assert any(states(text, "ε = 0.05", "vd = 0.3 m/s", "1 lengthscales") for text in result.assumptions)
     delta = expected("toy:drag") - expected("toy")
     assert result.lower < delta.min()  # where nothing was recorded, too
 
@@ -100,7 +100,7 @@ def test_an_undecided_promise_names_the_next_test_to_record(tmp_path):
     log = record_from("toy:drag", HALF, tmp_path / "log")
     result = run(certify, tmp_path, "toy", log)
     assert result.verdict.value == "unknown"
-    assert "a further recorded test, best at vd = 0.3, may decide it" in result.reason
+    assert "vd = 0.3" in result.reason
 
 
 def test_both_sides_may_be_recordings(tmp_path):
@@ -114,8 +114,8 @@ def test_both_sides_may_be_recordings(tmp_path):
     assert result.lower - noise <= delta.min() <= result.upper + noise
     assert result.certificate.rollouts == len(WHOLE)
     assert result.certificate.settings["R"] == pytest.approx(0.02 * np.sqrt(2))
-    assert any("simulated recordings have no counterpart at the same test" in t for t in result.assumptions)
-    assert any("the mean of one or two simulated ones" in text for text in result.assumptions)
+    assert any(re.search(r"\d+ (of \d+ )?simulated recordings", text) for text in result.assumptions)
+    assert any(states(text, "mean", "one or two") for text in result.assumptions)
     for side in ("sim", "real"):
         assert replay(f"{tmp_path / 'run' / side}#3.1").same
     assert replay(f"{tmp_path / 'run' / 'sim'}#0.1").same  # the second simulated one of the first pair
@@ -125,29 +125,21 @@ def test_both_sides_may_be_recordings(tmp_path):
 def test_a_parameter_that_only_the_log_declares_is_said(tmp_path):
     log = record_from("toy:drag", HALF, tmp_path / "log", load=2.0)
     result = run(gap, tmp_path, "toy", log)
-    assert any(
-        "every recording was made with load = 2 kg, which spec.stl does not declare: toy runs with its own, 0 kg"
-        in text
-        for text in result.assumptions
-    )
+    assert any(states(text, "load = 2 kg", "spec.stl", "toy", "0 kg") for text in result.assumptions)
 
 
 def test_what_cannot_be_paired_gets_a_sentence(tmp_path):
     log = record_from("toy:drag", [-0.1, 0.1], tmp_path / "log")
     other = record_from("toy", [0.0, 0.2], tmp_path / "other")
     outside = record_from("toy", [0.4], tmp_path / "outside")
-    with pytest.raises(UsageError, match="a budget does not apply to log:"):
+    with pytest.raises(UsageError, match=naming("budget", "log:")):
         run(gap, tmp_path, "toy", log, budget=40)
-    with pytest.raises(
-        UsageError, match="has only the tests that were recorded, but toy is asked for others"
-    ):
+    with pytest.raises(UsageError, match=naming(log, "toy")):
         run(gap, tmp_path, log, "toy")
-    with pytest.raises(UsageError, match="are the same recordings: a gap needs both sides apart"):
+    with pytest.raises(UsageError, match=naming(log, "same")):
         run(gap, tmp_path, log, log)
-    with pytest.raises(
-        UsageError, match=r"was recorded on both sides: vd = -0.1; vd = 0.1 of the real machine"
-    ):
+    with pytest.raises(UsageError, match=naming("vd = -0.1; vd = 0.1")):
         run(gap, tmp_path, other, log)
-    with pytest.raises(UsageError, match="none of the 1 recordings"):
+    with pytest.raises(UsageError, match=naming("1 recordings")):
         run(certify, tmp_path, "toy", outside)
     assert not (tmp_path / "run").exists()  # nothing was run for them

@@ -3,6 +3,7 @@ import pytest
 
 from s2r_spec.certify.kernels import Kernel
 from s2r_spec.errors import UsageError
+from tests.errors import naming
 
 
 def matern52(r):
@@ -66,18 +67,18 @@ def test_sides_for_an_error_have_it_and_each_axis_an_equal_part(name, dim):
 
 
 @pytest.mark.parametrize(
-    ("name", "lengthscale", "message"),
+    ("name", "lengthscale", "facts"),
     [
-        ("matern", 0.2, "no kernel 'matern'; did you mean 'matern52'? there are matern32, matern52, rbf"),
-        ("rbf", 0.0, "the lengthscale of rbf is 0.0; it must be positive"),
-        ("rbf", (0.2, -1), r"the lengthscale of rbf is \(0.2, -1.0\); it must be positive"),
+        ("matern", 0.2, ["'matern'", "did you mean 'matern52'", "matern32, matern52, rbf"]),
+        ("rbf", 0.0, ["lengthscale", "rbf", "0.0"]),
+        ("rbf", (0.2, -1), ["lengthscale", "rbf", "(0.2, -1.0)"]),
     ],
 )
-def test_a_bad_kernel_is_refused(name, lengthscale, message):
-    with pytest.raises(UsageError, match=message.replace("?", r"\?")):
+def test_a_bad_kernel_is_refused(name, lengthscale, facts):
+    with pytest.raises(UsageError, match=naming(*facts)):
         Kernel(name, lengthscale)
 
 
 def test_one_lengthscale_per_axis_or_one_for_all():
-    with pytest.raises(UsageError, match="rbf has 2 lengthscales, but the test space has 3 parameters"):
+    with pytest.raises(UsageError, match=naming("rbf", "2", "3")):
         Kernel("rbf", (0.1, 0.2)).lengthscales(3)

@@ -10,6 +10,7 @@ from s2r_spec.certify.tiling import Tiling
 from s2r_spec.errors import UsageError
 from s2r_spec.space import Space
 from tests.certify.rkhs import RandomFunction, run
+from tests.errors import naming, states
 
 LINE = Space.of({"vd": (-0.2, 0.3)})
 SQUARE = Space.of({"x": (0.0, 0.5), "y": (-0.5, 0.0)})
@@ -78,9 +79,7 @@ def test_a_final_design_ends_the_search_and_says_what_it_rests_on():
     assert search.ask() == []
     assert certificate.label is Label.BUDGET
     assert (certificate.rollouts, certificate.points) == (3, 2)
-    assert any(
-        "3 outcomes are of tests that were fixed beforehand" in text for text in certificate.assumptions
-    )
+    assert any(states(text, "3 outcomes") for text in certificate.assumptions)
     assert -0.2 <= search.suggestion["vd"] <= 0.3
 
 
@@ -104,22 +103,20 @@ def test_scatter_between_recorded_replicates_refutes_the_proxy():
     search = Search(LINE, **(USUAL | {"R": 0.01}))
     search.observe([({"vd": vd}, 0.05 * rng.normal(size=5)) for vd in (-0.1, 0.0, 0.1)], final=True)
     assert search.certificate().label is Label.REFUSED
-    assert "R = 0.01 is refuted" in search.certificate().reason
+    assert "R = 0.01" in search.certificate().reason
 
 
 def test_bad_designs_get_a_sentence():
     search = Search(LINE, **USUAL)
-    with pytest.raises(UsageError, match=r"vd = 0.4 .* is outside \[-0.2, 0.3\]"):
+    with pytest.raises(UsageError, match=naming("vd = 0.4", "[-0.2, 0.3]")):
         search.observe([({"vd": 0.4}, [1.0])])
-    with pytest.raises(
-        UsageError, match=r"outcome 1 of the observed test \{'vd': 0.0\} is not a finite number"
-    ):
+    with pytest.raises(UsageError, match=naming("outcome 1", "{'vd': 0.0}")):
         search.observe([({"vd": 0.0}, [1.0, float("nan")])])
-    with pytest.raises(UsageError, match=r"have shape \(1, 2\)"):
+    with pytest.raises(UsageError, match=naming("(1, 2)")):
         search.observe([({"vd": 0.0}, [[1.0, 2.0]])])
     assert search.certificate().rollouts == 0
     search.ask()
-    with pytest.raises(UsageError, match="a batch is open"):
+    with pytest.raises(UsageError, match="open"):
         search.observe([({"vd": 0.0}, [1.0])])
 
 

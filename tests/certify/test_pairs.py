@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from s2r_spec.certify.gap import pairs_of
+from s2r_spec.certify.gap_result import pairs_of
 
 
 def record(query, replicate, rho):
@@ -13,7 +13,7 @@ def record(query, replicate, rho):
 
 def test_the_mean_of_simulated_rollouts_is_the_same_in_any_order(monkeypatch):
     rng = np.random.default_rng(0)
-    monkeypatch.setattr("s2r_spec.certify.gap.SIMULATED_PER_REAL", 7)
+    monkeypatch.setattr("s2r_spec.certify.gap_result.SIMULATED_PER_REAL", 7)
     sim = [record(0, k, rho) for k, rho in enumerate(rng.normal(size=7) * 10.0 ** rng.integers(-8, 3, 7))]
     real = SimpleNamespace(records=lambda: [record(0, 0, 0.5)])
     found = set()

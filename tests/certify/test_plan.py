@@ -3,12 +3,14 @@ import pytest
 
 from s2r_spec.certify.certificate import Label
 from s2r_spec.certify.kernels import Kernel
-from s2r_spec.certify.plan import plan, read_pilot
+from s2r_spec.certify.pilot import read_pilot
+from s2r_spec.certify.plan import plan
 from s2r_spec.certify.sample_complexity import minimax, sequential_lower_bound
 from s2r_spec.certify.search import Search
 from s2r_spec.errors import UsageError
 from s2r_spec.space import Space
 from tests.certify.rkhs import RandomFunction, run
+from tests.errors import naming, states
 
 LINE = Space.of({"vd": (-0.2, 0.3)})
 
@@ -62,9 +64,9 @@ class TestPilot:
         assert read_pilot(list((rng.uniform(size=(50, 10)) < 0.01) * 1.0)).warning
 
     def test_too_few_replicates_are_refused(self):
-        with pytest.raises(UsageError, match="2 replicates beyond the first"):
+        with pytest.raises(UsageError, match=r"\b2\b.*replicates"):
             read_pilot([[1.0, 2.0, 3.0]])
-        with pytest.raises(UsageError, match="are all equal"):
+        with pytest.raises(UsageError, match="equal"):
             read_pilot([[1.0] * 10])
 
 
@@ -75,12 +77,12 @@ def test_settings_fitted_on_the_same_data_make_no_certificate():
     run(search, RandomFunction(kernel, LINE, 0.4, rng), 0.02, rng)
     certificate = search.certificate()
     assert certificate.label is Label.MODEL_BASED
-    assert certificate.reason == "R, kernel fitted on the certificate's own data"
+    assert states(certificate.reason, "R, kernel")
 
 
 def test_single_precision_outcomes_are_refused():
     search = Search(LINE, kernel=Kernel("rbf", 0.2), B=1.5, R=0.02, delta=0.1, epsilon=0.1)
-    with pytest.raises(UsageError, match=r"are float32: a certificate needs float64"):
+    with pytest.raises(UsageError, match=naming("float32", "float64")):
         search.tell(search.ask()[0], np.zeros(2, dtype=np.float32))
 
 
@@ -102,5 +104,5 @@ def test_any_measure_can_be_certified_and_resumed(tmp_path):
     assert -first.upper <= 1 - 0.3 + 0.006 <= -first.lower
     again = s2r.check_measure(*words, search(), tmp_path / "run", fall=-1.0, resume=True)
     assert again == first
-    with pytest.raises(UsageError, match=r"its fall is -1\.0, now it is -2\.0"):
+    with pytest.raises(UsageError, match=naming("fall", "-1.0", "-2.0")):
         s2r.check_measure(*words, search(), tmp_path / "run", fall=-2.0, resume=True)

@@ -9,6 +9,7 @@ from s2r_spec.report.recompute import recompute
 from s2r_spec.rollouts.journal import Journal
 from s2r_spec.rollouts.replay import replay
 from s2r_spec.rollouts.runner import open_backend
+from tests.errors import naming, states
 
 SPEC = """\
 signal vx {m/s}
@@ -65,11 +66,8 @@ def test_too_few_recordings_say_what_they_cannot_certify(tmp_path):
     result = check(tmp_path, record(tmp_path / "log", [-0.1, 0.0, 0.05]))
     assert result.certificate.label is s2r.Label.BUDGET
     assert result.verdict.value == "unknown"
-    assert result.reason.startswith(
-        "the interval contains 0 after 3 recorded rollouts; the recorded tests certify no more"
-    )
-    assert "(ε = 0.05 was asked), and a further test would tell most at vd = 0.3" in result.reason
-    assert "no test was recorded twice, so that nothing here could have refuted R" in result.assumptions
+    assert states(result.reason, "3 recorded rollouts", "ε = 0.05", "vd = 0.3")
+    assert any(states(text, "R", "twice") for text in result.assumptions)
 
 
 def test_a_recording_is_replayed_from_the_journal_bit_for_bit_and_a_run_resumed(tmp_path):
@@ -119,20 +117,20 @@ def test_a_fall_has_the_declared_value(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("tests", "changes", "words", "sentence"),
+    ("tests", "changes", "words", "facts"),
     [
-        ([0.0, 0.1], {"r1": {"times": TIMES[:9]}}, {}, r"r1.npz: 'walking' looks 1.5 s ahead, but the trace lasts 0.8"),
-        ([0.5, 0.6], {}, {}, r"none of the 2 recordings .* lies in the test space of spec.stl: vd in \[-0.2, "),
+        ([0.0, 0.1], {"r1": {"times": TIMES[:9]}}, {}, ["r1.npz", "'walking'", "1.5 s", "0.8 s"]),
+        ([0.5, 0.6], {}, {}, ["2 recordings", "spec.stl", "vd in [-0.2, 0.3]"]),
         (
             [(0.0, 1.0), (0.1, 2.0)],
             {"header": "id,vd,load [kg]"},
             {},
-            "varies 'load' from 1 to 2 kg, which spec.stl does not declare: give it a range to sweep, or a value",
+            ["'load'", "1", "2 kg", "spec.stl"],
         ),
-        ([0.0, 0.1], {"header": "id,speed"}, {}, "sweeps the parameter 'vd', which backend .* does not have"),
-        ([0.0, 0.1], {}, {"budget": 20}, "a budget does not apply to log:.*: it has the recordings that it has"),
+        ([0.0, 0.1], {"header": "id,speed"}, {}, ["'vd'", "log:"]),
+        ([0.0, 0.1], {}, {"budget": 20}, ["budget", "log:"]),
     ],
 )  # fmt: skip
-def test_what_cannot_be_used_gets_a_sentence(tmp_path, tests, changes, words, sentence):
-    with pytest.raises(UsageError, match=sentence):
+def test_what_cannot_be_used_gets_a_sentence(tmp_path, tests, changes, words, facts):
+    with pytest.raises(UsageError, match=naming(*facts)):
         check(tmp_path, record(tmp_path / "log", tests, **changes), **words)

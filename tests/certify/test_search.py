@@ -8,6 +8,7 @@ from s2r_spec.certify.search import Query, Search
 from s2r_spec.errors import UsageError
 from s2r_spec.space import Space
 from tests.certify.rkhs import RandomFunction, run
+from tests.errors import naming, states
 
 LINE = Space.of({"vd": (-0.2, 0.3)}, {"vd": "m/s"})
 USUAL = {"kernel": Kernel("rbf", 0.2), "B": 1.5, "R": 0.02, "delta": 0.1, "epsilon": 0.05}
@@ -106,7 +107,7 @@ def test_asking_again_gives_the_queries_that_are_still_open():
     queries = search.ask()
     assert search.ask() == queries
     search.tell(queries[0], [0.0, 0.0])
-    with pytest.raises(UsageError, match="query 0 is not open"):
+    with pytest.raises(UsageError, match=naming("query 0")):
         search.tell(queries[0], [0.0])
 
 
@@ -131,7 +132,7 @@ class TestRefusals:
     def test_a_norm_bound_below_twice_what_the_data_show(self):
         certificate = searched(norm=1.5).certificate()
         assert certificate.label is Label.REFUSED
-        assert "B = 1.5 is less than twice the norm that the data already show" in certificate.reason
+        assert "B = 1.5" in certificate.reason
         assert 0.75 < certificate.B_low <= 1.5
 
     def test_a_norm_bound_that_the_data_refute_ends_the_search(self):
@@ -143,7 +144,7 @@ class TestRefusals:
     def test_a_proxy_that_the_replicates_refute(self):
         certificate = searched(noise=0.1, R=0.02).certificate()
         assert certificate.label is Label.REFUSED
-        assert "R = 0.02 is refuted by the scatter of replicates" in certificate.reason
+        assert states(certificate.reason, "R = 0.02", "replicates")
 
     def test_bounds_that_contradict_each_other(self, monkeypatch):
         """Here the width itself is wrong: what later data say lies outside of what earlier data allowed."""
@@ -161,47 +162,47 @@ class TestRefusals:
             search.tell(query, [0.0] * query.replicates)
         assert search.done
         assert search.certificate().label is Label.REFUSED
-        assert "rollouts are missing: query 0" in search.certificate().reason
+        assert "query 0" in search.certificate().reason
 
 
 @pytest.mark.parametrize(
-    ("changes", "message"),
+    ("changes", "facts"),
     [
-        ({"B": 0}, "B = 0; it must be a positive number"),
-        ({"R": -1}, "R = -1; it must be a positive number"),
-        ({"epsilon": float("nan")}, "epsilon = nan; it must be a positive number"),
-        ({"delta": 1}, "delta = 1; it is a probability"),
-        ({"mode": "magic"}, "no mode 'magic'; there are: "),
-        ({"engine": "magic"}, "no engine 'magic'; there are: gpytorch, spectral"),
-        ({"epsilon": 3}, "epsilon = 3 asks for no more than B = 1.5 says without any rollout"),
-        ({"R": 1e-9}, "R = 1e-09 is too small beside B = 1.5: double precision carries ratios up to 100000"),
-        ({"seed": -1}, "spread = 4 and seed = -1 must be whole numbers"),
-        ({"spread": 0.5}, r"spread = 0\.5 and seed = 0 must be whole numbers"),
-        ({"budget": 2}, "budget = 2; the first batch alone takes 8 rollouts"),
+        ({"B": 0}, ["B = 0"]),
+        ({"R": -1}, ["R = -1"]),
+        ({"epsilon": float("nan")}, ["epsilon = nan"]),
+        ({"delta": 1}, ["delta = 1"]),
+        ({"mode": "magic"}, ["'magic'", "rigorous"]),
+        ({"engine": "magic"}, ["'magic'", "gpytorch, spectral"]),
+        ({"epsilon": 3}, ["epsilon = 3", "B = 1.5"]),
+        ({"R": 1e-9}, ["R = 1e-09", "B = 1.5", "100000"]),
+        ({"seed": -1}, ["seed = -1"]),
+        ({"spread": 0.5}, ["spread = 0.5"]),
+        ({"budget": 2}, ["budget = 2", "8 rollouts"]),
     ],
 )
-def test_a_bad_setting_gets_a_sentence(changes, message):
-    with pytest.raises(UsageError, match=message):
+def test_a_bad_setting_gets_a_sentence(changes, facts):
+    with pytest.raises(UsageError, match=naming(*facts)):
         Search(LINE, **(USUAL | changes))
 
 
 @pytest.mark.parametrize(
-    ("outcomes", "message"),
+    ("outcomes", "facts"),
     [
-        ([float("nan")], "outcome 0 of query 0 at .* is not a finite number; a fall"),
-        ([1.0, 2.0, 3.0], "query 0 asked for 2 outcomes"),
+        ([float("nan")], ["outcome 0", "query 0"]),
+        ([1.0, 2.0, 3.0], ["query 0", "2", "3"]),
     ],
 )
-def test_a_bad_outcome_gets_a_sentence(outcomes, message):
+def test_a_bad_outcome_gets_a_sentence(outcomes, facts):
     search = Search(LINE, **USUAL)
-    with pytest.raises(UsageError, match=message):
+    with pytest.raises(UsageError, match=naming(*facts)):
         search.tell(search.ask()[0], outcomes)
 
 
 def test_an_empty_space_gets_a_sentence():
-    with pytest.raises(UsageError, match="the test space is empty"):
+    with pytest.raises(UsageError, match="test space"):
         Search({}, **USUAL)
-    with pytest.raises(UsageError, match=r"the range of 'vd' is \[1, 1\]"):
+    with pytest.raises(UsageError, match=naming("'vd'", "[1, 1]")):
         Search({"vd": (1, 1)}, **USUAL)
 
 
@@ -221,14 +222,14 @@ def test_two_dimensions():
 def test_the_band_is_known_within_the_space_only():
     search = Search(LINE, **USUAL)
     for outside in ([[-0.3]], [[5.0]], [[0.0, 0.0]]):
-        with pytest.raises(UsageError, match=r"shape \(n, 1\) within the test space only"):
+        with pytest.raises(UsageError, match=naming("(n, 1)", "test space")):
             search.band(outside)
 
 
 def test_a_forged_query_does_not_change_what_was_asked():
     search = Search(LINE, **USUAL)
     asked = search.ask()[0]
-    with pytest.raises(UsageError, match="asked for 2 outcomes, not 50"):
+    with pytest.raises(UsageError, match=naming("2", "50")):
         search.tell(Query(asked.index, asked.point, 50), np.zeros(50))
 
 

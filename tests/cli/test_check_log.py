@@ -4,6 +4,7 @@ import numpy as np
 
 import s2r_spec as s2r_package
 from tests.cli.conftest import FINE, SPEC
+from tests.errors import states
 
 
 def test_a_folder_of_recordings_is_certified_and_a_bad_one_exits_with_2(s2r):
@@ -17,13 +18,13 @@ def test_a_folder_of_recordings_is_certified_and_a_bad_one_exits_with_2(s2r):
     spec = s2r.spec(text=FINE)
     result = s2r.json("check", spec, "-b", "log:night", "--run", "r", code=0)["results"][0]
     assert result["search"]["rollouts"] == 100
-    assert "(ε = 0.05 was asked)" in result["reason"]
+    assert "ε = 0.05" in result["reason"]
     assert s2r.json(*result["replay"].split()[1:], code=0)["same"] is True
     shown = s2r("check", spec, "-b", "log:night", "--budget", 9, code=2).stderr
-    assert "a budget does not apply to log:night" in shown
+    assert states(shown, "budget", "log:night")
     (folder / "7.csv").unlink()
     shown = s2r("check", spec, "-b", "log:night", code=2).stderr
-    assert "night/rollouts.csv, line 9: '7' has no file" in shown
+    assert states(shown, "night/rollouts.csv, line 9", "'7'")
     assert "Traceback" not in shown
 
 
@@ -43,9 +44,6 @@ def test_how_logs_are_read_can_be_said(s2r):
     asked = ("check", spec, "-b", "log:night", "-m", "t=clock", "-m", "vx=speed", "--time-unit", "ms")
     assert "night/0.csv" in s2r(*asked, code=2).stderr
     done = s2r(*asked, "--nan", "hold", "--run", "r", code=0)
-    assert "'mode' is left out" in done.stderr
+    assert "'mode'" in done.stderr
     s2r("report", "r", code=0)
-    assert (
-        "no log:FOLDER or manual:FOLDER is given"
-        in s2r("check", spec, "-b", "toy", "--nan", "hold", code=2).stderr
-    )
+    assert "log:FOLDER" in s2r("check", spec, "-b", "toy", "--nan", "hold", code=2).stderr

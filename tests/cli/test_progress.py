@@ -7,8 +7,8 @@ import pytest
 from rich.console import Console
 
 import s2r_spec as s2r
-from s2r_spec.certify.experiments import Phase
 from s2r_spec.certify.kernels import Kernel
+from s2r_spec.certify.observers import Phase
 from s2r_spec.certify.search import Query
 from s2r_spec.cli.progress import Live
 from s2r_spec.cli.stages import Stages
@@ -63,9 +63,9 @@ def test_the_view_says_what_a_person_in_a_lab_asks(clock):
     words = shown(one.view(), console)
     # The interval is twice as wide as asked, so that four times the rollouts are likely.
     assert "100 of toy" in words
-    assert "about 300 left (2 min)" in words
+    assert "about 300 rollouts left (2 min)" in words
     assert "50 s so far" in words
-    assert "interval ρ in [+0.1000, +0.2000] m/s (ε 0.1000 > 0.05)" in words
+    assert "interval ρ in [+0.1000, +0.2000] m/s (0.1000 wide, target 0.05)" in words
     assert "next vd = 0.3 m/s (12×); vd = -0.1 m/s (3×)" in words
     assert "+0.1990, lowest of the last 24 +0.1760" in words
     assert "▁" in words
@@ -76,31 +76,31 @@ def test_a_budget_bounds_what_is_left(clock):
     one, console = live(clock, terminal=True)
     run(one, clock)
     one._state.phase = replace(PHASE, budget=140)
-    assert "about 40 left (20 s)" in shown(one.view(), console)
+    assert "about 40 rollouts left (20 s)" in shown(one.view(), console)
 
 
 def test_the_batch_that_runs_is_left_also_when_it_is_expected_to_be_the_last(clock):
     one, console = live(clock, terminal=True)
     run(one, clock)
     one._state.certificate = replace(CERTIFICATE, lower=-0.15, upper=-0.0999)
-    assert "about 15 left (8 s)" in shown(one.view(), console)
+    assert "about 15 rollouts left (8 s)" in shown(one.view(), console)
 
 
 def test_what_an_earlier_process_did_tells_no_pace(clock):
     one, console = live(clock, terminal=True)
     run(one, clock, old=90)
-    assert "about 300 left (2 min)" in shown(one.view(), console)
+    assert "about 300 rollouts left (2 min)" in shown(one.view(), console)
     one, console = live(clock, terminal=True)
     run(one, clock, old=100)
-    assert "about 300 left 0 s so far" in shown(one.view(), console)
+    assert "about 300 rollouts left 0 s so far" in shown(one.view(), console)
 
 
 def test_elsewhere_one_line_a_batch(clock):
     one, console = live(clock, terminal=False)
     run(one, clock)
     assert console.file.getvalue() == (
-        "100 rollouts, ρ in [+0.1000, +0.2000] m/s (ε 0.1000 > 0.05), next vd = 0.3 m/s (12×); vd = -0.1 m/s (3×), "
-        "about 300 left (2 min)\n"
+        "100 rollouts, ρ in [+0.1000, +0.2000] m/s (0.1000 wide, target 0.05), "
+        "next vd = 0.3 m/s (12×); vd = -0.1 m/s (3×), about 300 rollouts left (2 min)\n"
     )
 
 
@@ -122,7 +122,7 @@ def test_the_second_search_of_certify_begins_anew(clock):
     run(one, clock)
     one.begin(replace(PHASE, symbol="Δ", backend="toy:drag", budget=40))
     words = shown(one.view(), console)
-    assert "0 of toy:drag about 40 left 0 s so far" in words
+    assert "0 of toy:drag about 40 rollouts left 0 s so far" in words
     assert "last ρ" not in words
 
 

@@ -79,7 +79,7 @@ def test_a_verdict_keeps_its_exit_code_in_a_terminal_that_is_not_utf8(s2r, envir
     )
     assert done.returncode == 1
     assert done.stderr == b""
-    assert b"slow violated: rho = -0.5" in done.stdout
+    assert b"slow violated: rho = -0.5 m/s" in done.stdout
 
 
 def safe(text: str, commands: int = 0) -> bool:
@@ -180,7 +180,7 @@ def test_what_the_command_line_is_given_is_quoted_safely(s2r):
 def test_an_exception_of_a_backend_stays_in_its_line(s2r, monkeypatch):
     monkeypatch.setenv("S2R_TOY_SAYS", HOSTILE)
     done = s2r("check", s2r.spec(), "-b", "toy:raise", "-q", "--budget", 8, code=4)
-    assert "raised ValueError: " in done.stderr
+    assert "ValueError" in done.stderr
     assert safe(done.stderr)
     assert len([line for line in done.stderr.splitlines() if line.startswith("error")]) == 1
 

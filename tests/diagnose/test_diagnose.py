@@ -150,7 +150,7 @@ class Painted(Cart):
 def test_an_effect_that_does_nothing_is_told_and_no_rival(quick):
     spec, runs = s2r.parse_spec(SPEC), rollouts({"coulomb": 1.2}, 11)
     found = s2r.diagnose(spec, Painted(), runs, cache=quick, where=False)
-    assert "with and without paint:" in found.notes[0]
+    assert " paint " in found.notes[0]
     assert found.verdict is Verdict.NAMED
     assert found.which.answer == ("coulomb",)
     assert "paint" not in found.which.singles
@@ -257,11 +257,11 @@ def test_what_no_effect_leaves_of_a_material_gap_is_none_of_these(
     assert found.left == (push,)
     assert (found.verdict is Verdict.UNKNOWN) is (verdict is Verdict.UNKNOWN), found.reason
     if verdict is Verdict.UNKNOWN:
-        assert "+2.5 N of force where v is between 0.3 and 0.4 m/s is left of the motion" in found.reason
+        assert "+2.5 N of force where v is between 0.3 and 0.4 m/s" in found.reason
         assert found.which.unknown >= 0.5
         assert found.patch == {}
     else:
-        assert "is left" not in found.reason
+        assert "2.5 N" not in found.reason
 
 
 def test_effects_that_look_alike_are_known_before_any_real_test(rubbing):
@@ -299,12 +299,12 @@ def test_a_simulator_without_effects_is_told_what_to_do():
     spec = s2r.parse_spec(SPEC)
     bare = Bare()
     object.__setattr__(bare, "effects", lambda: ())
-    with pytest.raises(s2r.S2RError, match="declares no effects"):
+    with pytest.raises(s2r.S2RError, match="no effects"):
         s2r.diagnose(spec, bare, rollouts({}, 1))
 
 
 def test_too_few_rollouts_are_refused(cache):
-    with pytest.raises(s2r.S2RError, match="6 are the least"):
+    with pytest.raises(s2r.S2RError, match="at least 6 "):
         s2r.diagnose(s2r.parse_spec(SPEC), Cart(), rollouts({}, 1, n=4), cache=cache)
 
 
@@ -400,7 +400,7 @@ def test_a_cause_that_takes_more_than_its_range_has_is_none_of_these(quick):
     assert found.how_far.short
     assert not found.how_far.open  # a good half is closed: no other rule says so
     assert found.verdict is Verdict.UNKNOWN
-    assert found.reason.endswith("viscous.coefficient stands at the end of its range")
+    assert "viscous.coefficient is at the end of its range" in found.reason
     assert found.patch == {}
 
 
@@ -442,9 +442,9 @@ def test_a_limit_that_some_tests_reach_is_found_with_its_value(quick):
     assert one[k][0] == tests[hardest]
     again = s2r.diagnose(s2r.parse_spec(SPEC), Limited(), one, cache=quick, where=False)
     assert again.which.ranked[0][0] == ("limit",), again.which.ranked[:4]
-    assert "diagnosed with after all" in again.notes[-1]
+    assert "held-out tests" in again.notes[-1]
     assert again.verdict is Verdict.NAMED
-    assert again.reason.endswith("so how far it shrinks was not measured")
+    assert " closes " not in again.reason
 
 
 @dataclass(frozen=True)
@@ -513,7 +513,7 @@ class Deaf(Cart):
 
 
 def test_a_catalogue_that_changes_nothing_is_told_of(tmp_path):
-    with pytest.raises(UsageError, match="no effect of the catalogue changes anything"):
+    with pytest.raises(UsageError, match="no effect of the catalogue"):
         s2r.diagnose(s2r.parse_spec(SPEC), Deaf(), rollouts({"viscous": 2.0}, 11), cache=tmp_path)
 
 
@@ -551,8 +551,7 @@ def test_no_gap_is_said_to_be_none_beside_a_rollout_that_was_left_out(find, cach
     some[4] = (some[4][0], replace(some[4][1], meta={"failure": "emergency stop"}))
     found = s2r.diagnose(s2r.parse_spec(SPEC), Cart(), some, cache=cache, where=False)
     assert found.verdict is Verdict.NONE, found.reason
-    assert found.reason.endswith("; 1 of 30 ended early, and are not in this")
+    assert "1 of 30 rollouts" in found.reason
     [note] = [note for note in found.notes if "ended early" in note]
-    assert (
-        "is left out; no effect of the catalogue, alone, would end the simulator early at these tests" in note
-    )
+    assert note.startswith("1 of 30 real rollouts ended early")
+    assert "No single effect" in note

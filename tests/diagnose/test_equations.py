@@ -244,7 +244,7 @@ def test_residuals_at_other_instants_with_an_effect_are_told_of():
             return Trace(found.times[5:], channels, found.units, found.meta)
 
     trace = Felt().rollout({"vd": 0.8, "acc": 3.0}, 0)
-    with pytest.raises(BackendError, match=r"with 'delay' are at other instants than without"):
+    with pytest.raises(BackendError, match=r"'delay'.* instants"):
         Equations(Shorter(), PROBES, UNITS).regressed(trace, {})
 
 

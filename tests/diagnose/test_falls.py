@@ -58,7 +58,7 @@ def test_what_ends_the_simulator_early_at_the_same_tests_and_not_at_others_is_to
     assert str(motor[0]) == f"motor.{motor[0].line.parameter} from {least:.3g} on"
     first = found.culprits[0]
     assert abs(first.coordinate) == min(abs(each.coordinate) for each in found.culprits)
-    assert str(found).startswith(f"{first} or ")
+    assert f"{first} or " in str(found)
     assert f"of {found.others} other tests" in str(found)
 
 
@@ -79,7 +79,7 @@ def test_a_simulator_that_ends_early_there_by_itself_is_no_gap():
     found, ended = asked(real, real)
     assert any(ended)
     assert found.nominal
-    assert str(found) == "the simulator ends early there, too"
+    assert not found.culprits
 
 
 def test_a_fall_that_no_effect_makes_has_no_culprit():
@@ -127,5 +127,5 @@ def test_falls_that_the_machine_does_not_have_hide_no_gap(quick):
     assert falls_itself.how_far.floor < 1.5 * stands.how_far.floor
     assert falls_itself.how_far.material
     [note] = falls_itself.notes
-    assert "the simulator itself, with no effect, ends early at" in note
-    assert "where no real rollout does" in note
+    assert "ends early at" in note
+    assert f"of {len(tests)} tests" in note

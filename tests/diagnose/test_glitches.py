@@ -83,5 +83,5 @@ def test_a_glitch_is_a_note_and_what_to_see_to_first(cache):
     spec = s2r.parse_spec(SPEC)
     found = s2r.diagnose(spec, Cart(), many({}, spike), cache=cache, where=False)
     assert found.misread == ("v_meas",)
-    assert "is off by" in found.notes[0]
-    assert next_step(found, spec).startswith("First see to v_meas in the recordings")
+    assert found.notes[0].startswith("v_meas of real rollout ")
+    assert " v_meas " in next_step(found, spec)

@@ -77,10 +77,9 @@ def test_of_a_longer_recording_what_the_simulator_has_is_used():
 def test_that_recordings_are_longer_is_told():
     tests = many(8, 8)
     longer = [(test, cut(trace, Cart().duration / 2)) for test, trace in tests]
-    told = notes(BENCH, Used(longer, 8, False, 3, 8), ENOUGH)
-    assert told == (
-        f"8 of 8 real rollouts go on after the simulator's end: only their first {Cart().duration / 2:g} s are used",
-    )
+    [note] = notes(BENCH, Used(longer, 8, False, 3, 8), ENOUGH)
+    assert note.startswith("8 of 8 real rollouts")
+    assert f" {Cart().duration / 2:g} s " in note
 
 
 def test_what_is_no_number_is_not_there():
@@ -92,12 +91,13 @@ def test_what_is_no_number_is_not_there():
     assert np.isfinite(seen[6:]).all()
 
 
-@pytest.mark.parametrize(("unit", "words"), [("A", "does not convert to the V"), ("volts!", "no unit")])
+@pytest.mark.parametrize(("unit", "words"), [("A", ("in A,", " V ", "'cart'")), ("volts!", ("'volts!'",))])
 def test_a_unit_that_does_not_convert_gets_one_sentence(unit, words):
     trace = recorded(u=(Cart().rollout(TEST, 0)["u"], unit))
-    with pytest.raises(UsageError, match=words) as raised:
+    with pytest.raises(UsageError, match="'u'") as raised:
         as_simulated(trace, Cart())
-    assert "'u'" in str(raised.value)
+    for word in words:
+        assert word in str(raised.value)
 
 
 def test_declared_units_do_not_change_the_diagnosis(cache):
@@ -142,27 +142,28 @@ def test_falls_missing_channels_few_tests_and_a_cut_budget_are_told():
 
     some = [(test, fallen(trace) if i < 4 else trace) for i, (test, trace) in enumerate(many(10, 5, bare))]
     told = notes(BENCH, Used(some, 10, True, 0, 25), ENOUGH)
-    assert told[0] == "only the first 10 of 25 recorded rollouts were used, as the budget says"
-    assert told[1].startswith("4 of 10 real rollouts ended early (fall): the cause is named from the others")
-    assert told[2].startswith("the real rollouts have no v_meas, u:")
-    assert told[3].endswith("that takes 12 rollouts of 9 different tests, and here are 10 of 5")
+    assert "the first 10 of 25 recorded rollouts" in told[0]
+    assert told[1].startswith("4 of 10 real rollouts ended early (fall)")
+    assert told[2].startswith("the real rollouts have no v_meas, u")
+    assert "12 rollouts of 9 different tests" in told[3]
+    assert told[3].endswith("10 of 5")
     one = bench_of(s2r.parse_spec(SPEC.replace("in [1, 4]", "= 2")), "tracking", Cart())
-    assert notes(one, Used(many(12, 9), 12, False, 4, 12, 5), ENOUGH) == (
-        "5 recorded rollouts were not used: what the spec gives one value (acc) had another there",
-    )
+    [others] = notes(one, Used(many(12, 9), 12, False, 4, 12, 5), ENOUGH)
+    assert others.startswith("5 recorded rollouts were not used")
+    assert " acc " in others
     text = SPEC.replace("in [1, 4]", "= 2").replace("in [0.2, 1]", "= 0.5").partition("certify")[0]
     none = bench_of(s2r.parse_spec(text), "tracking", Cart())
     alone = [({}, trace) for _, trace in many(8, 1)]
-    assert notes(none, Used(alone, 8, False, 0, 8), ENOUGH) == (
-        "nothing was held out, so how far the gap shrinks was not measured: that takes 9 rollouts, and here are 8",
-    )
+    [few] = notes(none, Used(alone, 8, False, 0, 8), ENOUGH)
+    assert "9 rollouts" in few
+    assert few.endswith(" 8")
     assert len(split([({}, trace) for _, trace in many(9, 1)], 0)[1]) == 3
     every = [(test, fallen(trace)) for test, trace in some]
-    assert notes(BENCH, Used(every, 10, False, 3, 10), ENOUGH)[0].endswith(
-        "the cause is named from what came before, too, which says little"
+    assert notes(BENCH, Used(every, 10, False, 3, 10), ENOUGH)[0].startswith(
+        "10 of 10 real rollouts ended early"
     )
-    assert notes(BENCH, Used(some[3:], 6, False, 3, 7), ENOUGH)[0] == (
-        "1 of 7 real rollouts ended early (fall) and is left out"
+    assert notes(BENCH, Used(some[3:], 6, False, 3, 7), ENOUGH)[0].startswith(
+        "1 of 7 real rollouts ended early (fall)"
     )
     [one] = notes(BENCH, Used(many(12, 1), 12, False, 4, 12), ENOUGH)
     assert one.startswith("all real rollouts are of one test")
@@ -178,7 +179,8 @@ def test_a_channel_in_a_unit_that_was_not_said_is_told(times, words):
 
     odd = direct(BENCH, many(12, 9, spoilt))
     [one] = notes(BENCH, Used(many(12, 9, spoilt), 12, False, 4, 12), ENOUGH, odd=odd)
-    assert one.startswith(f"v_meas of the real rollouts is {words} the simulator's: is it in m/s?")
+    assert one.startswith(f"v_meas of the real rollouts is {words} ")
+    assert " m/s" in one
 
 
 class Blind(Cart):
@@ -191,16 +193,12 @@ class Blind(Cart):
 def test_that_the_equations_could_not_be_asked_is_told():
     bench = bench_of(s2r.parse_spec(SPEC), "tracking", Blind())
     [one] = notes(bench, Used(many(12, 9), 12, False, 4, 12), ENOUGH)
-    assert one.startswith(
-        "the equations of motion could be asked of no real rollout (the channel 'nothing' is missing)"
-    )
+    assert "(the channel 'nothing' is missing)" in one
 
 
 def test_what_changes_nothing_is_told():
     [one] = notes(BENCH, Used(many(12, 9), 12, False, 4, 12), ENOUGH, ("paint", "name"))
-    assert one.startswith(
-        "at the tests of this spec the simulator does the same with and without paint, name:"
-    )
+    assert "paint, name" in one
 
 
 def test_a_recording_that_ends_too_early_is_named_by_its_file(tmp_path):
@@ -244,7 +242,8 @@ def test_where_a_window_is_shorter_than_the_time_between_samples_the_simulators_
         np.testing.assert_allclose(found.times, trace.times[: len(found)] - trace.times[0], atol=1e-9)
         assert short.rho(found, test) == pytest.approx(short.rho(trace, test), abs=0.02)
     (note,) = notes(short, Used(read, 8, False, 3, 8), ENOUGH)
-    assert "shorter than the time between two samples of 8 of 8 real rollouts" in note
+    assert "8 of 8 real rollouts" in note
+    assert "0.01 s" in note
 
 
 def test_recordings_as_fine_as_the_simulators_are_not_changed():
@@ -283,21 +282,20 @@ def test_a_channel_with_the_other_sign_is_told_and_comes_first(cache):
         return Trace(trace.times, channels, trace.units)
 
     odd = misread(BENCH, many(8, 8, flipped))
-    assert odd == {
-        "u": "u of the real rollouts goes the other way than the simulator's: does it count the same way?"
-    }
+    assert list(odd) == ["u"]
+    assert "sign" in odd["u"]
     assert misread(BENCH, many(8, 8)) == {}
     found = s2r.diagnose(s2r.parse_spec(SPEC), Cart(), many(12, 9, flipped), cache=cache, where=False)
     assert found.misread == ("u",)
     assert found.notes[0].startswith(odd["u"])
-    assert next_step(found, s2r.parse_spec(SPEC)).startswith("First see to u in the recordings")
+    assert " u " in next_step(found, s2r.parse_spec(SPEC))
 
 
 @pytest.mark.parametrize(
     ("times", "words"),
     [
-        (-1.0, "u of the real rollouts goes the other way"),
-        (1e3, "u of the real rollouts is about 1000 times"),
+        (-1.0, "sign"),
+        (1e3, "about 1000 times"),
     ],
 )
 def test_a_cause_that_moves_a_command_hides_neither_its_sign_nor_its_unit(times, words):
@@ -308,8 +306,9 @@ def test_a_cause_that_moves_a_command_hides_neither_its_sign_nor_its_unit(times,
     tests = [{"vd": rng.uniform(0.2, 1), "acc": rng.uniform(1, 4)} for _ in range(8)]
     weak = [(test, real(test, 900 + i, {"motor": 0.7})) for i, test in enumerate(tests)]
     assert misread(BENCH, weak) == {}
-    [told] = misread(BENCH, [(test, spoilt(trace)) for test, trace in weak]).values()
-    assert told.startswith(words)
+    told = misread(BENCH, [(test, spoilt(trace)) for test, trace in weak])
+    assert list(told) == ["u"]
+    assert words in told["u"]
 
 
 @pytest.mark.parametrize("how", ["raises", "falls"])
@@ -332,16 +331,15 @@ def test_a_channel_that_never_moves_is_told():
     def dead(trace):
         return Trace(trace.times, dict(trace.channels) | {"v_meas": 0.0 * trace["v"]}, trace.units)
 
-    [told] = misread(BENCH, many(8, 8, dead)).values()
-    assert told.startswith(
-        "v_meas of the real rollouts never moves, and the simulator's does: was it recorded?"
-    )
+    [finding] = direct(BENCH, many(8, 8, dead))
+    assert (finding.code, finding.channel) == ("still", "v_meas")
+    assert finding.text.startswith("v_meas ")
 
 
 @pytest.mark.parametrize(
     ("every", "words"),
-    [(3, "in 4 of 12 real rollouts: nothing is read from it there"),
-     (1, "in 12 of 12 real rollouts: nothing is read from it at all")],
+    [(3, "in 4 of 12 real rollouts, and is not used there"),
+     (1, "in 12 of 12 real rollouts, and is not used at all")],
 )  # fmt: skip
 def test_a_channel_that_some_rollouts_lack_or_have_gaps_in_is_told(every, words):
     runs = many(12, 9)
@@ -357,15 +355,14 @@ def test_a_channel_that_some_rollouts_lack_or_have_gaps_in_is_told(every, words)
             Trace(trace.times, channels, {n: u for n, u in trace.units.items() if n in channels}),
         )
     [one] = notes(BENCH, Used(runs, 12, False, 4, 12), ENOUGH)
-    assert one == f"u is missing, or no number at times, {words}"
+    assert one.startswith("u is missing")
+    assert one.endswith(words)
 
 
 @pytest.mark.parametrize(
     ("seconds", "words"),
-    [(0.2, "comes 0.2 s after the simulator's: do the recordings begin so much too early?"),
-     (0.03, "comes 0.03 s after the simulator's: do the recordings begin so much too early?"),
-     (-0.3, "comes 0.3 s before the simulator's: do the recordings begin so much too late?")],
-)  # fmt: skip
+    [(0.2, "0.2 s too early"), (0.03, "0.03 s too early"), (-0.3, "0.3 s too late")],
+)
 def test_a_recording_that_begins_at_another_time_is_known_by_a_command(seconds, words):
     """No effect changes the speed that is asked for; where it comes later, the recording began earlier."""
     found = lines(Cart().effects())
@@ -382,16 +379,14 @@ def test_a_recording_that_begins_at_another_time_is_known_by_a_command(seconds, 
 
     told = misread(BENCH, [(test, shifted(trace)) for test, trace in delayed], found)
     assert list(told) == ["v_ref"]
-    assert told["v_ref"] == f"v_ref of the real rollouts, which no effect changes, {words}"
+    assert words in told["v_ref"]
 
 
 def test_times_that_are_no_seconds_get_one_sentence():
     def in_ms(trace):
         return Trace(1e3 * trace.times, dict(trace.channels), trace.units)
 
-    with pytest.raises(
-        UsageError, match=r"real rollout 0 lasts 1990 s, .* seem to be in ms, and must be in s"
-    ):
+    with pytest.raises(UsageError, match=r"real rollout 0 lasts 1990 s, .* in ms\b"):
         real_rollouts(BENCH, many(8, 8, in_ms), None, 0)
 
 
@@ -411,9 +406,9 @@ def test_an_angle_that_is_kept_within_a_turn_is_told():
     wrapped = Trace(
         plain.times, dict(plain.channels) | {"v": (turned + np.pi) % (2 * np.pi) - np.pi}, plain.units
     )
-    assert jumping(angle, [wrapped, goes_on], [(goes_on, wrapped)]).startswith(
-        "v jumps by a turn in 1 of 2 real rollouts, and the simulator's goes on: unwrap it"
-    )
+    words = jumping(angle, [wrapped, goes_on], [(goes_on, wrapped)])
+    assert words.startswith("v jumps")
+    assert "in 1 of 2 real rollouts" in words
     assert jumping(angle, [goes_on], [(goes_on, goes_on)]) == ""
     assert jumping(angle, [wrapped], [(wrapped, wrapped)]) == ""  # of both it does
     assert jumping(replace(angle, unit="m/s"), [wrapped], [(goes_on, wrapped)]) == ""
@@ -423,19 +418,18 @@ def test_one_rollout_in_another_unit_is_told_with_its_number():
     runs = many(8, 8)
     test, trace = runs[6]
     runs[6] = (test, Trace(trace.times, dict(trace.channels) | {"u": 1e3 * trace["u"]}, trace.units))
-    assert misread(BENCH, runs) == {
-        "u": "u of real rollout 6 (vd = 0.8, acc = 2) is about 1000 times the simulator's, and not so in the "
-        "others: is it in V there? If not, convert it, or leave the rollout out"
-    }
+    [finding] = direct(BENCH, runs)
+    assert (finding.code, finding.channel) == ("unit of one", "u")
+    for words in ("u of real rollout 6 (vd = 0.8, acc = 2)", "1000 times", " V "):
+        assert words in finding.text
 
 
 def test_one_recording_of_two_tests_is_told_and_one_of_a_test_that_was_run_twice_is_not():
     runs = many(8, 8)
     copied = [*runs[:7], (runs[7][0], runs[2][1])]
     told = misread(BENCH, copied)["the tests"]
-    assert told.startswith(
-        "real rollout 7 (vd = 0.9, acc = 2) is real rollout 2 (vd = 0.4, acc = 2), sample for sample"
-    )
+    assert told.startswith("real rollout 7 (vd = 0.9, acc = 2) ")
+    assert "real rollout 2 (vd = 0.4, acc = 2)" in told
     assert misread(BENCH, [*runs, runs[2]]) == {}
 
     class Bare(Cart):  # a simulator to which these tests are one
@@ -453,10 +447,8 @@ def test_a_channel_of_another_name_is_told_beside_the_one_that_lacks():
         return Trace(trace.times, channels, {n: u for n, u in trace.units.items() if n in channels})
 
     [one] = notes(BENCH, Used(many(12, 9, renamed), 12, False, 4, 12), ENOUGH)
-    assert one == (
-        "the real rollouts have no v_meas: what shows there alone cannot be told; V_meas in them is nothing that the "
-        "simulator has"
-    )
+    assert one.startswith("the real rollouts have no v_meas.")
+    assert " V_meas" in one
 
 
 def test_a_name_that_stands_for_two_effects_gets_one_sentence():
@@ -464,7 +456,7 @@ def test_a_name_that_stands_for_two_effects_gets_one_sentence():
         def effects(self):
             return (*super().effects(), super().effects()[0])
 
-    with pytest.raises(BackendError, match="has two effects of the name 'viscous'; give each its own"):
+    with pytest.raises(BackendError, match=r"two effects .*'viscous'"):
         bench_of(s2r.parse_spec(SPEC), "tracking", Twice())
 
 
@@ -484,7 +476,7 @@ def test_a_parameter_that_varies_and_that_the_spec_does_not_know_gets_one_senten
         real_rollouts(bench_of(of_one, "tracking", Cart()), f"log:{tmp_path}", None, 0)
     # Of what is left out, for the spec keeps to another value, nothing is asked.
     of_one = s2r.parse_spec(SPEC.replace("acc {m/s^2} in [1, 4]", "acc {m/s^2} = 2"))
-    with pytest.raises(UsageError, match="1 real rollouts are too few"):
+    with pytest.raises(UsageError, match=r"^1 real rollouts"):
         real_rollouts(bench_of(of_one, "tracking", Cart()), f"log:{tmp_path}", None, 0)
 
 
@@ -604,7 +596,7 @@ def test_a_test_that_ends_early_every_time_is_told_to_be_no_accident():
     first = runs[0][0]
     again = [(t, replace(r, meta=dict(r.meta) | {"failure": "fall"}) if t == first else r) for t, r in runs]
     [told] = [n for n in notes(BENCH, Used(again, 12, True, 0, 12), ENOUGH) if "ended early" in n]
-    assert "(fall, every time at one test: no accident)" in told
+    assert "(fall, every time at one test" in told
 
 
 def test_a_prior_that_makes_every_gap_a_little_of_everything_is_told():
@@ -623,9 +615,13 @@ def test_a_prior_that_makes_every_gap_a_little_of_everything_is_told():
     far = how_far(np.ones(9), np.zeros(9), None, np.ones(9), tests, 0.05, 3.0, 3, "m")
     assert not far.material
     [payload] = [effect for effect in Cart().effects() if effect.name == "payload"]
-    assert hidden_by_one(payload, far) == (
-        f"the gap of 1 m is {1.0 / far.floor:.0f} times what scatter makes, and is said not to be material because a "
-        f"few percent of every effect would make 3 m, nearly all of which payload makes alone: is so much of it usual "
-        f"(mass: half-normal, 0.7 kg)? If not, write a smaller prior"
-    )
-    assert "is more than scatter makes" in hidden_by_one(payload, replace(far, floor=0.0))
+    words = hidden_by_one(payload, far)
+    for figure in (
+        "gap of 1 m ",
+        f" {1.0 / far.floor:.0f} times",
+        " 3 m",
+        "payload",
+        "(mass: half-normal, 0.7 kg)",
+    ):
+        assert figure in words
+    assert " times" not in hidden_by_one(payload, replace(far, floor=0.0))

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,11 +11,10 @@ from s2r_emps import EmpsBackend
 from s2r_spec.backend import Channel
 from s2r_spec.diagnose.axes import lines
 from s2r_spec.diagnose.equations import Probe
-from s2r_spec.diagnose.evidence import ALLOWED
 from s2r_spec.diagnose.features import Features
 from s2r_spec.diagnose.prepare import bench_of
 from s2r_spec.diagnose.remainder import Remainder, channels, motion
-from s2r_spec.diagnose.remainder.cells import FEWEST_ROLLOUTS, PARTS, WINDOWS
+from s2r_spec.diagnose.remainder.cells import FEWEST_ROLLOUTS
 from s2r_spec.diagnose.remainder.find import columns, parts, remainders
 from s2r_spec.trace import Trace, thinned
 
@@ -234,23 +232,3 @@ def test_of_a_channel_the_first_window_is_told_that_is_itself_more_than_what_is_
     # One that is less hides no larger one, nor does one that is less than half as much.
     assert channels.begin(windows, np.array([0.2, 0.8, 1.5, 0.1])).tolist() == [0.2, 0.8, 1.5, 0.0]
     assert channels.begin(windows, np.array([0.2, 1.4, 3.0, 0.1])).tolist() == [0.2, 1.4, 3.0, 0.0]
-
-
-def test_the_page_says_what_is_allowed_for():
-    page = " ".join(Path("docs/explanation/diagnosis-method.md").read_text().split())
-    assert f"({WINDOWS} windows of time, and {PARTS} parts of each channel of the same width)" in page
-    assert (channels.LAWS, channels.ALLOWED) == (0.3, 0.1)
-    assert "laws that are off by three tenths of what the tuned simulator does otherwise" in page
-    assert (
-        f"a tenth of what every typical effect does to the column, {100 * channels.NOTHING:.0f} % of" in page
-    )
-    assert (channels.TAIL, channels.BESIDE) == (0.2, 0.5)
-    assert (
-        "the largest of many columns is large by chance: 1 + ⅕ ln(columns) times all that. Where the equations are "
-        "asked, too, it counts half."
-    ) in page
-    assert (motion.LAWS, motion.OWN, motion.NOTHING, motion.TAIL) == (0.2, 0.5, 1.0, 0.5)
-    assert (
-        f"off by a fifth of what they explain; allowed for are {100 * ALLOWED:.0f} % of every typical effect"
-        in page
-    )

@@ -76,10 +76,8 @@ WHICH = Which(0.1, 0.7, {"a": 0.2}, {}, (), (), (), "friction", None, None)
 def test_what_is_left_of_the_motion_says_why_none_of_these():
     left = Remainder("force", 0, "", "q", 0.1, 0.12, 25.0, "N", "m", 1.4)
     words = reason(Verdict.UNKNOWN, WHICH, None, A, (left,))
-    assert words == (
-        "no effect of the catalogue explains the data; +25 N of force where q is between 0.1 and 0.12 m is left "
-        "of the motion; the nearest is a (friction)"
-    )
+    assert "+25 N of force where q is between 0.1 and 0.12 m" in words
+    assert "a (friction)" in words
     assert "force" not in reason(Verdict.UNKNOWN, WHICH, None, A, (replace(left, surplus=0.9),))
 
 
@@ -92,25 +90,23 @@ def test_what_is_not_ruled_out_is_beside_what_is_named_or_in_its_place_as_the_se
         confounded=("a", "b", "c"),
     )
     assert both.instead == C
-    assert reason(Verdict.CONFOUNDED, both, None, A) == (
-        "a fits best, but these data do not rule out c in its place or beside it, nor b beside it"
-    )
+    assert "c instead of it or beside it, nor b beside it" in reason(Verdict.CONFOUNDED, both, None, A)
     beside = replace(both, confounded=("a", "b"))
-    assert reason(Verdict.CONFOUNDED, beside, None, A).endswith("do not rule out b beside it")
+    assert "instead" not in reason(Verdict.CONFOUNDED, beside, None, A)
+    assert "b beside it" in reason(Verdict.CONFOUNDED, beside, None, A)
     two = replace(
         both, several={("a", "b"): 0.5, ("b", "c"): 0.2}, answer=("a", "b"), confounded=("a", "b", "c")
     )
-    assert reason(Verdict.CONFOUNDED, two, None, ("a", "b")).endswith("c in the place of one or beside them")
+    assert "c instead of one of them or beside them" in reason(Verdict.CONFOUNDED, two, None, ("a", "b"))
 
 
 def test_where_no_cause_is_named_those_nearly_as_likely_and_what_is_left_are_told():
     which = replace(WHICH, none=0.1, unknown=0.0, singles={"a": 0.46, "b": 0.42, "c": 0.02})
     left = Remainder("x", 0, "", "", 0.5, 0.6, 0.1, "m", "s", 1.4, recorded=True)
     words = reason(Verdict.NONE, which, None, A, (left,))
-    assert (
-        "most as with a or b; but a difference of +0.1 m in x between 0.5 and 0.6 s, which no effect" in words
-    )
-    assert "but" not in reason(Verdict.NONE, which, None, A, (replace(left, surplus=0.9),))
+    assert "a or b" in words
+    assert "a difference of +0.1 m in x between 0.5 and 0.6 s" in words
+    assert "0.1 m" not in reason(Verdict.NONE, which, None, A, (replace(left, surplus=0.9),))
 
 
 def test_a_value_at_the_end_of_its_range_and_what_a_little_of_everything_would_not_leave_are_said():
@@ -118,11 +114,11 @@ def test_a_value_at_the_end_of_its_range_and_what_a_little_of_everything_would_n
     far = how_far(np.ones(9), np.zeros(9), np.full(9, 0.5), np.ones(9), tests, 0.01, 0.1, 3, "m")
     at_end = replace(WHICH, estimates=(Estimate("a", "mass", 500.0, 300.0, 500.0, "kg", at_end=True),))
     words = reason(Verdict.NAMED, at_end, far, A)
-    assert words == (
-        "a explains the data best; added to the simulator it closes 50 % of the held-out gap above scatter, and leaves "
-        "more than a few percent of every effect would make; a.mass stands at the end of its range"
-    )
-    assert reason(Verdict.UNKNOWN, at_end, far, A).endswith("; a.mass stands at the end of its range")
+    assert words.startswith("The gap is material. a explains")
+    assert "closes 50 % of the held-out gap" in words
+    assert "more than a few percent of every effect" in words
+    for verdict in (Verdict.NAMED, Verdict.UNKNOWN):
+        assert "a.mass is at the end of its range" in reason(verdict, at_end, far, A)
     assert "more than" not in reason(Verdict.NAMED, WHICH, replace(far, after=far.tuned), A)
 
 
@@ -131,8 +127,7 @@ def test_a_gap_that_the_held_out_tests_do_not_show_is_not_said_to_be_none():
     seen = gap(np.array([1e-4] * 20 + [0.5]), np.arange(21))
     far = how_far(quiet, np.zeros(9), None, quiet, tests, 1e-3, 0.0, 3, "m", seen=seen)
     words = reason(Verdict.SPREAD, WHICH, far, A)
-    assert words.startswith("nothing stands out: the gap is more than a few percent of every effect")
-    assert "at no held-out test" in words
+    assert words.startswith("The gap is material, but at no held-out test.")
 
 
 def test_an_effect_without_which_the_others_are_nearly_as_likely_may_not_be_there():

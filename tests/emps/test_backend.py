@@ -12,6 +12,7 @@ from s2r_emps.noise import Noise
 from s2r_emps.physics import GAIN, KP, KV, Physics
 from s2r_spec.backend import Backend, HasDuration, HasEffects, HasResiduals
 from s2r_spec.errors import UsageError
+from tests.errors import naming
 
 ROOT = Path(__file__).parents[2]
 AXIS = EmpsBackend()
@@ -95,17 +96,17 @@ def test_without_friction_a_coasting_carriage_keeps_its_speed():
 
 
 @pytest.mark.parametrize(
-    ("params", "message"),
+    ("params", "facts"),
     [
-        ({"speed": 3.0}, r"speed = 3 m/s is outside what the backend can do: \[0.01, 0.3\] m/s"),
+        ({"speed": 3.0}, ["speed = 3 m/s", "[0.01, 0.3] m/s"]),
         (
             {"sped": 0.1},
-            r"the backend 'emps' has no parameter 'sped'; did you mean 'speed'\?; it has accel, coast",
+            ["'emps'", "'sped'", "did you mean 'speed'", "accel, coast"],
         ),
     ],
 )
-def test_a_bad_test_gets_a_sentence(params, message):
-    with pytest.raises(UsageError, match=message):
+def test_a_bad_test_gets_a_sentence(params, facts):
+    with pytest.raises(UsageError, match=naming(*facts)):
         AXIS.rollout(params, seed=0)
 
 

@@ -13,6 +13,7 @@ from s2r_emps.noise import Noise, draw
 from s2r_emps.physics import STEP, Physics
 from s2r_spec.errors import TraceError, UsageError
 from s2r_spec.trace import Trace
+from tests.errors import naming
 
 AXIS = EmpsBackend(duration=1.0)
 QUIET = EmpsBackend(noise=Noise.off())
@@ -88,24 +89,24 @@ def test_adding_one_by_one_is_adding_at_once_and_is_in_name_and_meta():
 
 
 @pytest.mark.parametrize(
-    ("options", "message"),
+    ("options", "facts"),
     [
         ("coulomb.force=much", r"'coulomb.force=much': 'much' is not a number; write effect.parameter=value"),
         (
             "coulom.force=1",
-            r"the backend 'emps' has no effect 'coulom'; did you mean 'coulomb'\?; it has backlash",
+            ["'emps'", "'coulom'", "did you mean 'coulomb'", "backlash"],
         ),
-        ("coulomb.torque=1", r"the effect 'coulomb' has no parameter 'torque'; it has force"),
-        ("coulomb.force=100", r"coulomb: force = 100 N is out of range: \[0, 80\] N"),
-        ("motor_gain.factor=nan", r"motor_gain: factor = nan is out of range"),
+        ("coulomb.torque=1", ["'coulomb'", "'torque'", "force"]),
+        ("coulomb.force=100", ["coulomb", "force = 100 N", "[0, 80] N"]),
+        ("motor_gain.factor=nan", ["motor_gain", "factor = nan"]),
         (
             "refrence=a.mat",
-            r"has no option 'refrence=a.mat'; did you mean 'reference'\?; it has reference=FILE.mat",
+            ["'refrence=a.mat'", "did you mean 'reference'", "reference=FILE.mat"],
         ),
     ],
 )
-def test_a_bad_option_is_refused_with_the_valid_ones(options, message):
-    with pytest.raises(UsageError, match=message):
+def test_a_bad_option_is_refused_with_the_valid_ones(options, facts):
+    with pytest.raises(UsageError, match=naming(*facts)):
         EmpsBackend(options)
 
 
@@ -155,9 +156,9 @@ def test_a_voltage_that_the_controller_did_not_ask_for_is_a_residual_of_the_cont
 def test_residuals_say_what_they_need():
     trace = QUIET.rollout({}, 0)
     assert "controller" not in QUIET.residuals(trace.only(["q", "u"])).channels
-    with pytest.raises(TraceError, match=r"residuals need q and u .* but the trace has q, q_ref"):
+    with pytest.raises(TraceError, match=naming("q", "u", "q, q_ref")):
         QUIET.residuals(trace.only(["q", "q_ref"]))
-    with pytest.raises(TraceError, match="more than 150 samples, 1 ms apart"):
+    with pytest.raises(TraceError, match=naming("150 samples", "1 ms")):
         QUIET.with_duration(0.1).residuals(QUIET.with_duration(0.1).rollout({}, 0))
 
 

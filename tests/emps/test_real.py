@@ -46,4 +46,4 @@ def test_the_recordings_become_folders_that_the_log_backend_and_the_spec_read(tm
 def test_missing_data_gets_a_sentence(tmp_path):
     done = run("--data", tmp_path, "--out", tmp_path / "out")
     assert done.returncode == 1
-    assert "the data set is at nonlinearbenchmark.org" in done.stderr
+    assert "nonlinearbenchmark.org" in done.stderr

@@ -74,14 +74,16 @@ def test_every_code_is_tried() -> None:
 
 def test_the_picture() -> None:
     text = "signal x\nrequire it: always x > 0 and x < 1"
-    assert str(lint(text, "a.stl")[0]) == (
-        "warning[L01]: `always` ends before `and` here; in MoonLight it would reach further\n"
-        " --> a.stl:2:13\n"
-        "  |\n"
-        "2 | require it: always x > 0 and x < 1\n"
-        "  |             ^^^^^^^^^^^^\n"
-        "  = put it in brackets"
-    )
+    head, *picture, fix = str(lint(text, "a.stl")[0]).split("\n")
+    assert head.startswith("warning[L01]: ")
+    assert "`always`" in head
+    assert picture == [
+        " --> a.stl:2:13",
+        "  |",
+        "2 | require it: always x > 0 and x < 1",
+        "  |             ^^^^^^^^^^^^",
+    ]
+    assert fix.startswith("  = ")
 
 
 def test_two_edits_at_one_place() -> None:

@@ -9,6 +9,7 @@ from s2r_spec import logs
 from s2r_spec.errors import TraceError
 from s2r_spec.logs.follow import follow
 from s2r_spec.logs.interpret import request
+from tests.errors import naming
 
 
 def both(path: Path, text: str, **asked) -> tuple[list[float], list, list[str]]:
@@ -68,11 +69,11 @@ def test_a_last_row_is_whole_if_only_what_nobody_reads_is_cut(tmp_path):
 
 
 def test_a_row_that_is_short_in_the_middle_is_a_mistake(tmp_path):
-    with pytest.raises(TraceError, match="line 3 has 1 values, but there are 2 columns"):
+    with pytest.raises(TraceError, match=naming("line 3", "1", "2")):
         both(tmp_path / "a.csv", "t,v\n0,5\n1\n2,6\n", wanted=["v"])
     rows = follow(io.StringIO("t,v\n0,5\n1\n2,6\n").readline, request(None, ["v"], None))
     assert next(rows.samples) == (0, {"v": 5})
-    with pytest.raises(TraceError, match="line 3 has 1 values"):
+    with pytest.raises(TraceError, match=naming("line 3", "1", "2")):
         next(rows.samples)
 
 

@@ -12,6 +12,7 @@ from s2r_spec import logs
 from s2r_spec.errors import TraceError, UsageError
 from s2r_spec.logs.table import MOST_COLUMNS, MOST_NUMBERS
 from s2r_spec.spec import load_spec
+from tests.errors import naming
 from tests.logs import fuzz, tables
 
 
@@ -41,21 +42,21 @@ def test_what_is_no_file(tmp_path, ending, kind):
         path.symlink_to("/dev/zero")
     else:
         path.mkdir()
-    with pytest.raises(UsageError, match=r"pipe or a device|folder|[Dd]irectory"):
+    with pytest.raises(UsageError, match=str(path)):
         load_spec(path) if ending == ".stl" else logs.read(path)
 
 
 def test_a_spec_that_imports_what_never_ends(tmp_path):
     path = tmp_path / "a.stl"
     path.write_text('import "/dev/zero"\nsignal v\nrequire a: always v > 0\n')
-    with pytest.raises(UsageError, match="pipe or a device"):
+    with pytest.raises(UsageError, match=naming(f"{path}:1:8", "/dev/zero")):
         load_spec(path)
     path.write_bytes(b"# " + b"x" * 2**19)
-    with pytest.raises(UsageError, match="longer than"):
+    with pytest.raises(UsageError, match=str(path)):
         load_spec(path)
     for number in range(60):
         (tmp_path / f"{number}.stl").write_text(f'import "{number + 1}.stl"\nsignal v{number}\n')
-    with pytest.raises(UsageError, match="chain of more than 50 files"):
+    with pytest.raises(UsageError, match=naming("E21", "50")):
         load_spec(tmp_path / "0.stl")
 
 
@@ -71,7 +72,7 @@ def test_an_array_that_inflates_stops_only_who_reads_it(tmp_path):
                 stream.write(bytes(2**22))
     assert path.stat().st_size < 2e6
     assert logs.read(path, wanted=["v"])["v"].tolist() == [0, 1, 2]
-    with pytest.raises(TraceError, match="million numbers"):
+    with pytest.raises(TraceError, match=naming(str(path), f"{MOST_NUMBERS / 1e6:.0f} million")):
         logs.read(path, wanted=["v", "big"])
 
 
@@ -113,7 +114,7 @@ def test_a_table_of_parquet_that_inflates_or_is_damaged(tmp_path):
     with parquet.ParquetWriter(path, arrow.schema([("t", arrow.float64())])) as file:
         for _ in range(groups):
             file.write_table(arrow.table({"t": same}))
-    with pytest.raises(TraceError, match="million numbers"):
+    with pytest.raises(TraceError, match=naming(str(path), f"{MOST_NUMBERS / 1e6:.0f} million")):
         logs.read(path)
     parquet.write_table(arrow.table({"t": [0.0, 1.0], "v": [1.0, 2.0]}), path)
     whole = path.read_bytes()
@@ -144,11 +145,11 @@ def test_long_heads_cost_no_more_than_their_length(tmp_path, text):
 def test_a_table_that_is_nothing_but_names_or_one_line(tmp_path):
     path = tmp_path / "a.csv"
     path.write_text("," * MOST_COLUMNS + "\n")
-    with pytest.raises(TraceError, match="columns"):
+    with pytest.raises(TraceError, match=naming(str(path), "columns")):
         logs.read(path)
     with path.open("wb") as stream:
         stream.truncate(2**33)
-    with pytest.raises(TraceError, match="line 1 is longer than"):
+    with pytest.raises(TraceError, match=naming(str(path), "line 1")):
         logs.read(path)
 
 

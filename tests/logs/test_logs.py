@@ -1,3 +1,4 @@
+import re
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from hypothesis.extra.numpy import arrays
 from s2r_spec import logs
 from s2r_spec.errors import TraceError
 from s2r_spec.trace import Trace
+from tests.errors import naming
 from tests.examples import examples
 from tests.logs import tables
 
@@ -76,42 +78,41 @@ def test_a_foreign_npz(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "facts"),
     [
         ("", ["empty", "first line"]),
         ("# a comment\n\n", ["empty"]),
-        ("time,v\n0,1\n", ["no column 't'", "time, v", "--map t=time"]),
-        ("t,t,v\n0,1,2\n", ["2 columns are called 't'"]),
+        ("time,v\n0,1\n", ["'t'", "time, v", "--map t=time"]),
+        ("t,t,v\n0,1,2\n", ["2 columns", "'t'"]),
         ("t;v\n0;1,5\n", ["';'"]),
         ("t,v\n0,1_000\n", ["line 2, column 2 (v)", "'1_000'"]),
         ("t [m],v\n1,2\n", ["'m'", "t [ms]"]),
-        ("t,v\n0,1\n1\n2,2\n", ["line 3", "1 values", "2 columns"]),
-        ("t,v\n0,1\n1,2,3\n", ["line 3", "3 values", "2 columns"]),
+        ("t,v\n0,1\n1\n2,2\n", ["line 3", "1", "2"]),
+        ("t,v\n0,1\n1,2,3\n", ["line 3", "3", "2"]),
         ("t,v\n0,1\n1,x\n", ["line 3, column 2 (v)", "'x'"]),
         ('# s2r {"meta": {}}\n# more\nt,v\n0,1\n1,x\n', ["line 5, column 2 (v)", "'x'"]),
         ("t,v\n0,1\n,2\n", ["line 3, column 1 (t)", "no time"]),
-        ("t,v,v\n0,1,2\n", ["2 columns are called 'v'"]),
-        ("t,v[0],v[2]\n0,1,2\n", ["v[0] to v[1]"]),
-        ("t,v[0] [m],v[1] [s]\n0,1,2\n", ["'v'", "different units"]),
-        ("t,w\n0,1\n", ["no channel 'v'", "it has w"]),
+        ("t,v,v\n0,1,2\n", ["2 columns", "'v'"]),
+        ("t,v[0],v[2]\n0,1,2\n", ["v[0]", "v[1]"]),
+        ("t,v[0] [m],v[1] [s]\n0,1,2\n", ["'v'", "units"]),
+        ("t,w\n0,1\n", ["'v'", "w"]),
         ("t,v\n", ["no sample"]),
-        ("t,v\n1,0\n0,0\n", ["sample 1 is at 0 s after 1 s"]),
+        ("t,v\n1,0\n0,0\n", ["sample 1", "0 s", "1 s"]),
         ("# s2r {}\nt,v\n1,1\n", ["line 1", "meta"]),
         ('# s2r {"meta": 3}\nt,v\n1,1\n', ["line 1", "meta"]),
         ("# s2r " + "[" * 99999 + "\nt,v\n1,1\n", ["line 1", "meta"]),
-        ('t,v\n0,"1\n', ["comma-separated", "unexpected end"]),
+        ('t,v\n0,"1\n', ["comma-separated"]),
         ("t\0,v\n0,1\n", ["UTF-8"]),
-        ("t,v,v [" + "m*" * 90 + "m]\n0,1,2\n", ["2 columns are called 'v'"]),
-        ("t,v [" + "m*" * 90 + "m]\n0,1\n", ["no unit"]),
+        ("t,v,v [" + "m*" * 90 + "m]\n0,1,2\n", ["2 columns", "'v'"]),
+        ("t,v [" + "m*" * 90 + "m]\n0,1\n", ["'v'", "unit"]),
     ],
 )
-def test_a_bad_csv_names_the_place(tmp_path: Path, text: str, words: list[str]) -> None:
+def test_a_bad_csv_names_the_place(tmp_path: Path, text: str, facts: list[str]) -> None:
     path = tmp_path / "bad.csv"
     path.write_text(text, encoding="utf-8")
-    with pytest.raises(TraceError) as caught:
+    with pytest.raises(TraceError, match=naming(str(path), *facts)) as caught:
         logs.read(path, wanted=["v"])
-    for word in (str(path), *words):
-        assert word in str(caught.value)
+    assert caught.value.exit_code == 2
     assert len(str(caught.value)) < 400 + len(str(path))
 
 
@@ -121,32 +122,32 @@ def test_the_times_may_have_another_name(tmp_path: Path, ending: str) -> None:
     trace = logs.read(path, {"t": "time", "x": "v"})
     assert trace.times.tolist() == [0, 0.5]
     assert {name: values.tolist() for name, values in trace.channels.items()} == {"t": [9, 9], "x": [1, 2]}
-    with pytest.raises(TraceError, match="no column 'stamp' with the times; there are t, time, v"):
+    with pytest.raises(TraceError, match=naming("'stamp'", "t, time, v")):
         logs.read(path, {"t": "stamp"})
 
 
 def test_a_bad_npz_says_so(tmp_path: Path) -> None:
     path = tmp_path / "bad.npz"
     path.write_bytes(b"not a zip")
-    with pytest.raises(TraceError, match=r"not an \.npz archive"):
+    with pytest.raises(TraceError, match=naming(str(path), ".npz")):
         logs.read(path)
     np.savez(path, v=[1])
-    with pytest.raises(TraceError, match="there is no column 't'"):
+    with pytest.raises(TraceError, match=naming(str(path), "'t'", "v")):
         logs.read(path)
     np.savez(path, t=[0], v=np.array([{}], dtype=object))
-    with pytest.raises(TraceError, match="'v' holds Python objects"):
+    with pytest.raises(TraceError, match=naming("'v'", "objects")):
         logs.read(path, wanted=["v"])
 
 
 def test_bad_names(tmp_path: Path) -> None:
-    with pytest.raises(TraceError, match=r"'\.parquetx' is not a trace format; there are \.csv, \.npz"):
+    with pytest.raises(TraceError, match=naming("'.parquetx'", ".csv", ".npz")):
         logs.read(tmp_path / "a.parquetx")
-    with pytest.raises(TraceError, match="No such file"):
+    with pytest.raises(TraceError, match=naming("none.csv", "No such file")):
         logs.read(tmp_path / "none.csv")
     for name in ("t", "u[0]", ""):
-        with pytest.raises(TraceError, match="cannot hold a channel"):
+        with pytest.raises(TraceError, match=re.escape(repr(name))):
             logs.write(Trace([0], {name: [1]}), tmp_path / "a.csv")
-    with pytest.raises(TraceError, match="cannot be called 't'"):
+    with pytest.raises(TraceError, match=naming("'t'", ".npz")):
         logs.write(Trace([0], {"t": [1]}), tmp_path / "a.npz")
-    with pytest.raises(TraceError, match="cannot write"):
+    with pytest.raises(TraceError, match=naming(str(tmp_path / "no" / "a.npz"), "No such file")):
         logs.write(Trace([0], {}), tmp_path / "no" / "a.npz")

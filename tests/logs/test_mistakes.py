@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from s2r_spec import logs
 from s2r_spec.errors import TraceError, TraceNote, UsageError
+from tests.errors import naming
 from tests.logs import tables
 
 V = [0.5, 1.5, 2.5, 3.5]
@@ -44,7 +45,7 @@ def test_typed_times_keep_their_unit(path, unit, kind):
 
 def test_nanoseconds_since_1970_lose_nothing(path):
     tables.write(path, t=COUNTS, v=V)
-    with pytest.raises(TraceError, match=r"look like ns: give --time-unit ns"):
+    with pytest.raises(TraceError, match=r"--time-unit ns\b"):
         logs.read(path)
     assert logs.read(path, time_unit="ns").times.tolist() == EXACT
     # the user says that they are seconds: so be it
@@ -55,7 +56,7 @@ def test_nanoseconds_since_1970_lose_nothing(path):
 @pytest.mark.parametrize(("stamp", "unit"), [(1.7e12, "ms"), (1.7e15, "us"), (1.7e18, "ns")])
 def test_what_cannot_be_seconds_names_the_likely_unit(path, stamp, unit):
     tables.write(path, stamp=[stamp, stamp * (1 + 1e-9)], v=V[:2])
-    with pytest.raises(TraceError, match=f"--time-unit {unit} "):
+    with pytest.raises(TraceError, match=naming(f"--time-unit {unit}")):
         logs.read(path, {"t": "stamp"})
 
 
@@ -78,12 +79,12 @@ def test_the_unit_that_a_name_or_the_user_says(path, name, unit, scale):
 def test_units_of_time_that_do_not_fit(path):
     tables.written(path, {"time (ms)": [0, 1, 2, 3], "v": V})
     assert logs.read(path, {"t": "time"}, time_unit="ms").times.tolist() == [0, 0.001, 0.002, 0.003]
-    with pytest.raises(TraceError, match="in ms, but us is stated"):
+    with pytest.raises(TraceError, match=naming("ms", "us")):
         logs.read(path, {"t": "time"}, time_unit="us")
-    with pytest.raises(UsageError, match="'m' is no unit of time"):
+    with pytest.raises(UsageError, match="'m'"):
         logs.read(path, {"t": "time"}, time_unit="m")
     tables.write(path, t=COUNTS.astype("M8[ns]"), v=V)
-    with pytest.raises(TraceError, match="are dates, which say their unit"):
+    with pytest.raises(TraceError, match=naming("dates", "'ns'")):
         logs.read(path, time_unit="ns")
 
 
@@ -105,18 +106,18 @@ def test_dates_as_text(path, texts):
 
 
 @pytest.mark.parametrize(
-    ("texts", "words"),
+    ("texts", "facts"),
     [
-        (["2024-06-10T06:13:20Z", "2024-06-10T06:13:21"], "zone"),
-        (["2024-06-31T06:13:20", "2024-07-01T06:13:21"], "does not exist"),
-        (["10 June", "11 June"], "neither a number nor a date"),
-        (["1066-10-14", "1066-10-15"], "1678"),
-        (["2024-06-10T06:13:20Z", None], "no time"),
+        (["2024-06-10T06:13:20Z", "2024-06-10T06:13:21"], ["zone"]),
+        (["2024-06-31T06:13:20", "2024-07-01T06:13:21"], ["2024-06-31T06:13:20"]),
+        (["10 June", "11 June"], ["10 June"]),
+        (["1066-10-14", "1066-10-15"], ["1066-10-14", "1678"]),
+        (["2024-06-10T06:13:20Z", None], ["no time"]),
     ],
 )
-def test_dates_that_are_none(path, texts, words):
+def test_dates_that_are_none(path, texts, facts):
     tables.write(path, stamp=texts, v=V[:2])
-    with pytest.raises(TraceError, match=words):
+    with pytest.raises(TraceError, match=naming("stamp", *facts)):
         logs.read(path, {"t": "stamp"}, ["v"])
 
 
@@ -125,18 +126,18 @@ def test_seconds_and_nanoseconds_in_two_columns(path, names):
     tables.written(path, {names[0]: COUNTS // 10**9, names[1]: COUNTS % 10**9, "v": V})
     assert logs.read(path, {"t": "h.stamp"}, ["v"]).times.tolist() == EXACT
     assert logs.read(path, {"t": f"{names[0]}+{names[1]}"}, ["v"]).times.tolist() == EXACT
-    with pytest.raises(TraceError, match=r"one half of the times.*--map t=h\.stamp"):
+    with pytest.raises(TraceError, match=naming(f"'{names[0]}'", "--map t=h.stamp")):
         logs.read(path, {"t": names[0]}, ["v"])
 
 
 def test_halves_of_times_that_are_none(path):
     tables.write(path, sec=[1, 2], nsec=[0, 10**9], v=V[:2])
-    with pytest.raises(TraceError, match="'nsec' is 1000000000 at sample 1"):
+    with pytest.raises(TraceError, match=naming("nsec", "1000000000", "sample 1")):
         logs.read(path, {"t": "sec+nsec"})
     tables.write(path, sec=[1, 2.5], nsec=[0, 1], v=V[:2])
-    with pytest.raises(TraceError, match="'sec' does not hold whole numbers"):
+    with pytest.raises(TraceError, match=naming("'sec'", "whole")):
         logs.read(path, {"t": "sec+nsec"})
-    with pytest.raises(TraceError, match="no column 'usec'"):
+    with pytest.raises(TraceError, match="'usec'"):
         logs.read(path, {"t": "sec+usec"})
 
 
@@ -145,13 +146,13 @@ def test_columns_that_nobody_reads(path):
     columns |= {"never": [None] * 4} if path.suffix == ".parquet" else {}
     tables.written(path, columns | {"t": [0, 1, 2, 3], "v": V})
     assert list(logs.read(path, wanted=["v"]).channels) == ["v"]
-    with pytest.warns(TraceNote, match="'mode' is left out.*'walk'"):
+    with pytest.warns(TraceNote, match=naming("'mode'", "'walk'")):
         everything = logs.read(path)
     assert {"v", "gap"} <= set(everything.channels)
     assert "mode" not in everything.channels
-    with pytest.raises(TraceError, match="'walk', not a number"):
+    with pytest.raises(TraceError, match=naming("mode", "'walk'")):
         logs.read(path, wanted=["v", "mode"])
-    with pytest.raises(TraceError, match=r"no channel 'speed'; it has .*gap, mode, .*v"):
+    with pytest.raises(TraceError, match=naming("'speed'", "gap", "mode", "v")):
         logs.read(path, wanted=["speed"])
 
 
@@ -168,7 +169,7 @@ def test_truth_values_with_a_gap_or_among_numbers(path):
     tables.write(path, t=[0, 1, 2], flag=["yes", None, "no"])
     assert str(logs.read(path)["flag"].tolist()) == "[1.0, nan, 0.0]"
     tables.write(path, t=[0, 1, 2], flag=["yes", "0.3", "no"])
-    with pytest.raises(TraceError, match="is 'yes', not a number"):
+    with pytest.raises(TraceError, match=naming("flag", "'yes'")):
         logs.read(path, wanted=["flag"])
     tables.write(path, t=[0, 1, 2], flag=np.array([True, False, True]))
     assert logs.read(path, wanted=["flag"])["flag"].tolist() == [1, 0, 1]
@@ -178,7 +179,7 @@ def test_gaps_are_nan_and_inf_is_a_number(path):
     tables.write(path, t=[0, 1, 2], v=[None, 2.0, float("-inf")])
     assert str(logs.read(path, wanted=["v"])["v"].tolist()) == "[nan, 2.0, -inf]"
     tables.write(path, t=[0, None, 2], v=V[:3])
-    with pytest.raises(TraceError, match="no time in it"):
+    with pytest.raises(TraceError, match=naming("t", "no time")):
         logs.read(path, wanted=["v"])
 
 
@@ -208,30 +209,30 @@ def test_a_column_of_vectors_has_components(path):
 
 def test_numbered_from_one_is_said(path):
     tables.written(path, {"t": [0, 1, 2, 3], **{f"q{k + 1}": Q[:, k] for k in range(3)}})
-    with pytest.warns(TraceNote, match="from 'q1' to 'q3'"):
+    with pytest.warns(TraceNote, match=naming("'q1'", "'q3'")):
         assert logs.read(path, wanted={"q": 3})["q"].tolist() == Q.tolist()
 
 
 @pytest.mark.parametrize(
-    ("names", "wanted", "words"),
+    ("names", "wanted", "facts"),
     [
-        (["q_0", "q_2"], {"q": 2}, "q_0, q_2"),
-        (["q_0", "q_1"], {"q": 3}, "with 3 components"),
-        (["q_0", "q_1", "q.0", "q.1"], {"q": 2}, "several forms"),
-        (["q_0", "q_1"], {"q": None}, r"'q' is one number: map it to a component"),
+        (["q_0", "q_2"], {"q": 2}, ["q_0", "q_2"]),
+        (["q_0", "q_1"], {"q": 3}, ["'q'", "3"]),
+        (["q_0", "q_1", "q.0", "q.1"], {"q": 2}, ["'q'", "several"]),
+        (["q_0", "q_1"], {"q": None}, ["'q'", "one number"]),
     ],
 )
-def test_vectors_that_cannot_be_made(path, names, wanted, words):
+def test_vectors_that_cannot_be_made(path, names, wanted, facts):
     tables.written(path, {"t": [0, 1, 2, 3], **dict.fromkeys(names, V)})
-    with pytest.raises(TraceError, match=words):
+    with pytest.raises(TraceError, match=naming(*facts)):
         logs.read(path, wanted=wanted)
 
 
 def test_a_map_that_gives_too_few_components(path):
     tables.write(path, t=[0, 1, 2, 3], a=V, b=V)
-    with pytest.raises(TraceError, match=r"q\[1\] is missing"):
+    with pytest.raises(TraceError, match=naming("q[1]")):
         logs.read(path, {"q[0]": "a", "q[2]": "b"}, {"q": 3})
-    with pytest.raises(TraceError, match="'x' is not the number of a component"):
+    with pytest.raises(TraceError, match="'x'"):
         logs.read(path, {"q[x]": "a"}, {"q": 1})
 
 
@@ -241,8 +242,8 @@ def test_other_lengths_and_shapes_stop_only_who_reads_them(tmp_path):
         path, t=[0, 1], v=[1, 2], rate=50.0, name="run 7", short=[1], cube=np.zeros((2, 2, 2)), z=[1j, 2]
     )
     assert logs.read(path, wanted=["v"])["v"].tolist() == [1, 2]
-    for name, words in {"rate": "one value", "short": "1 samples", "cube": "shape", "z": "complex"}.items():
-        with pytest.raises(TraceError, match=words):
+    for name in ("rate", "short", "cube", "z"):
+        with pytest.raises(TraceError, match=f"'{name}'"):
             logs.read(path, wanted=[name])
 
 
@@ -263,7 +264,7 @@ def test_fields_of_structures_and_other_types_of_parquet(tmp_path):
     assert str(trace["flag"].tolist()) == "[1.0, 0.0, nan, 1.0]"
     assert logs.read(path, {"t": "zoned"}, ["q"]).times.tolist() == [0, 0.02, 0.04, 0.06]
     assert logs.read(path, {"t": "clock"}, ["q"]).times.tolist() == [0, 0.5, 1, 1.5]
-    with pytest.raises(TraceError, match="type binary"):
+    with pytest.raises(TraceError, match=naming("'raw'", "binary")):
         logs.read(path, {"t": "clock"}, ["raw"])
 
 
@@ -273,7 +274,7 @@ def test_a_channel_of_durations_is_in_seconds(tmp_path):
     trace = logs.read(path, wanted=["delay"])
     assert trace["delay"].tolist() == [0.005, 0.007]
     assert trace.units["delay"] == "s"
-    with pytest.raises(TraceError, match="'day' holds dates"):
+    with pytest.raises(TraceError, match=naming("'day'", "dates")):
         logs.read(path, wanted=["day"])
 
 
@@ -289,7 +290,7 @@ def test_vectors_of_one_component_are_numbers_and_the_other_way_round(path):
 
 def test_a_number_that_no_float_holds_is_no_number(path):
     tables.write(path, t=[0, 1], v=["1", "1e999"])
-    with pytest.raises(TraceError, match="is '1e999', not a number"):
+    with pytest.raises(TraceError, match=naming("v", "'1e999'")):
         logs.read(path, wanted=["v"])
 
 
@@ -298,7 +299,7 @@ def test_a_unit_in_other_brackets_is_a_unit(path, name):
     tables.written(path, {"t[ms]": [0, 1], name: [5, 6], "w (raw)": [1, 2]})
     trace = logs.read(path, wanted=["v"])
     assert (trace["v"].tolist(), trace.times.tolist(), trace.units["v"]) == ([5, 6], [0, 0.001], "cm/s")
-    with pytest.raises(TraceError, match="no channel 'w'"):
+    with pytest.raises(TraceError, match="'w'"):
         logs.read(path, wanted=["w"])
 
 

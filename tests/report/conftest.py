@@ -15,7 +15,7 @@ from s2r_spec.certify.real_machine import certify as certify_both
 from s2r_spec.report.recompute import Recomputed, recompute
 from s2r_spec.rollouts import runner
 from s2r_spec.rollouts.journal import Journal, Record
-from s2r_spec.rollouts.kept import SPEC_FILE
+from s2r_spec.rollouts.spec_files import SPEC_FILE
 from tests.conftest import PLUGIN
 
 SPEC = """\
@@ -117,11 +117,12 @@ def refused(check):
 
 def invented(folder: Path, text: str, budget: int) -> Recomputed:
     """Return a run whose ρ is a bowl plus noise, whatever its parameters mean; no rollout left a trace."""
-    from s2r_spec.certify.check import search_for
+    from s2r_spec.certify.from_spec import search_for
+    from s2r_spec.certify.options import RunOptions
 
     spec = s2r.parse_spec(text)
     name = spec.requirements[0]
-    search = search_for(spec, name, seed=0, budget=budget, mode="rigorous", engine="spectral")
+    search = search_for(spec, name, RunOptions(budget=budget))
     header = {
         "s2r": "0", "spec": "invented.stl", "spec_hash": spec.hash, "requirement": name, "backend": "none",
         "model_hash": "0" * 64, "duration": 1.0, "seed": 0, "settings": search.certificate().settings,

@@ -26,6 +26,7 @@ from s2r_spec.report.diagnosed_markdown import markdown
 from s2r_spec.report.figures.robot import is_quadruped, robot
 from s2r_spec.report.nextstep import next_step
 from s2r_spec.trace import Trace
+from tests.errors import states
 from tests.report.test_html import Page
 
 NASTY = '<script>alert("x")</script> & $x$ | `d` 漢字🤖 ' + "long" * 200
@@ -175,33 +176,37 @@ def test_the_answer_comes_first_and_everything_is_there(shown):
     for said in (
         "friction explains the data best",
         "cart against twin:lab, 20 real rollouts, 10 of them held out",
-        "What to do next. Add what is named to the simulator",
-        "run vd = 0.5 m/s with gait = 2, which tells friction from delay by 4.0 σ a rollout",
+        "What to do next.",
+        "vd = 0.5 m/s with gait = 2",
+        "4.0 σ",
         "70.0 %",
-        "1.5 N",
-        "[1.1, 2.2] N",
-        "of what lies above the floor",
+        "1.5 N 1.1 to 2.2 N",
         "abs(x) <= 0.5",
-        "FR calf: torque −1.25 N*m from 0.25 to 0.75 s",
+        "FR calf: torque −1.25 N·m from 0.25 to 0.75 s",
         "FR foot: speed (rms) ±0.2 rad/s",
         "This assumes the real rollouts were run as their tests say",
-        "friction.force 0 N from 0.432 N on",
-        "delay.time 0 s at no size in the bank",
-        "payload.mass 5 kg up to 4.25 kg and from 6 kg on",
+        "friction.force 0 N 0.432 N or more",
+        "delay.time 0 s",
+        "payload.mass 5 kg 4.25 kg or less and 6 kg or more",
         "judge: single 0.9",
     ):
         assert said in words, said
+    # Whether it matters, where, which, how far.
+    titles = ("NAMED: friction", "The gap over the test space", "Which effects ", "How far the gap shrinks")
+    places = [words.index(title) for title in titles]
+    assert places == sorted(places)
 
 
 @pytest.mark.parametrize(
-    ("dim", "pictures"),
+    ("dim", "starts"),
     [(0, ["|Δρ| of 1 held-out"]), (2, ["Map of the expected Δρ over vd and load", "|Δρ| of 10 held-out"]),
      (3, ["Δρ along vd, load, slope", "|Δρ| of 10 held-out"])],
 )  # fmt: skip
-def test_the_gap_is_drawn_over_any_test_space(dim, pictures):
+def test_the_gap_is_drawn_over_any_test_space(dim, starts):
     page = Page(diagnosed_page.render(*diagnosis(dim)))
-    for k, start in enumerate(pictures):
-        assert page.pictures[k].startswith(start)
+    for start in starts:
+        assert sum(alt.startswith(start) for alt in page.pictures) == 1
+    assert page.pictures[-1].startswith(starts[-1])
     assert "the backend computes no residuals" in page.text
 
 
@@ -211,26 +216,24 @@ QUIET = replace(PUSH, column=2, along="u", low=-np.inf, surplus=0.6)
 
 def test_what_no_effect_leaves_is_said_in_every_form():
     found, spec = diagnosis(1, left=(PUSH, QUIET))
-    words = "-3.25 N*m of torque at FR calf between 0.5 and 0.6 s, which no effect explains"
-    assert words in diagnosed.text(found, spec)
+    words = "−3.25 N·m of torque at FR calf between 0.5 and 0.6 s"
+    assert diagnosed.text(found, spec).count(words) == 1
     assert words in Page(diagnosed_page.render(found, spec)).text
-    assert words.replace("N*m", r"N\*m") in markdown(found, spec)
-    assert diagnosed.text(found, spec).count("no effect explains") == 1
+    assert words in markdown(found, spec)
+    assert "where u is below" not in diagnosed.text(found, spec)
     written = json.loads(diagnosed.as_json(found, spec))
     jsonschema.validate(written, jsonform.schema("s2r/diagnosis/1"))
     assert [each["low"] for each in written["left"]] == [0.5, None]
     still, _ = diagnosis(1, left=(QUIET,))
-    assert "nothing is left of the motion that" in diagnosed.text(still, spec)
     silent, _ = diagnosis(1)
-    assert "left of the motion" not in diagnosed.text(silent, spec)
+    assert len(diagnosed.left_words(still)) == 1
+    assert diagnosed.left_words(silent) == ()
 
 
 def test_over_one_parameter_held_out_tests_stand_on_the_curve(shown):
     page = Page(shown)
-    assert page.pictures[0].startswith("Δρ over vd from 0 to 1 m/s")
-    assert page.pictures[0].endswith("10 held-out tests")
-    for said in ("held out: before", "held out: after"):
-        assert said in page.text
+    assert states(page.pictures[0], "Δρ", "vd", "0", "1 m/s", "10 held-out tests")
+    assert states(page.text, "before", "after")
 
 
 def test_four_legs_are_drawn_and_any_other_machine_is_rows(one, shown):
@@ -243,31 +246,31 @@ def test_four_legs_are_drawn_and_any_other_machine_is_rows(one, shown):
     picture = robot(other, "rows")
     assert ">trunk<" not in picture.svg
     assert ">wheels<" in picture.svg
-    assert picture.alt.startswith("2 of 2 parts show")
+    assert picture.alt.startswith("2 of 2 parts")
 
 
 def test_what_no_data_tell_apart_is_said_to_be_so():
     found, spec = diagnosis(0, Verdict.CONFOUNDED)
-    assert diagnosed.doubt(found.which) == "these data cannot tell apart: friction, delay"
+    assert "friction and delay" in diagnosed.doubt(found.which)
     differs = 1.0 - np.eye(3)
     differs[0, 1] = 0.2  # one way is enough
     differs[1, 2] = 0.1  # payload is not in doubt
     isolable = replace(found.which.isolability, differs=differs)
     assert isolable.kinds(EFFECTS) == (("friction", "delay"), ("delay", "payload"))
     alike = replace(found, which=replace(found.which, isolability=isolable))
-    words = (
-        "cannot tell apart: friction, delay; a law a little off makes friction and delay the same in these tests, "
-        "however many"
-    )
-    assert f"these data {words}" in diagnosed.text(alike, spec)
+    words = diagnosed.doubt(alike.which)
+    assert words.count("friction and delay") == 2
+    assert "payload" not in words
+    assert words in diagnosed.text(alike, spec)
     for shown in (markdown(alike, spec), Page(diagnosed_page.render(alike, spec)).text):
-        assert f"These data {words}." in shown
+        assert f"{words[1:]}." in shown
     assert diagnosed.doubt(replace(found.which, answer=())) == ""
     beside = replace(found.which, answer=("friction", "delay"), confounded=("friction", "delay", "payload"))
-    assert diagnosed.doubt(beside) == "these data do not rule out: payload"
+    assert diagnosed.doubt(beside).endswith(" payload")
     only_beside = {"friction": 0.7, "delay": 0.0, "payload": 0.0}
     one = replace(found.which, singles=only_beside, several={("friction", "delay"): 0.2})
-    assert diagnosed.doubt(one) == "these data do not rule out: delay"
+    assert diagnosed.doubt(one).endswith(" delay")
+    assert "friction" not in diagnosed.doubt(one)
 
 
 def test_recordings_that_look_misread_are_not_a_success():
@@ -276,7 +279,7 @@ def test_recordings_that_look_misread_are_not_a_success():
     odd = replace(found, findings=(Finding("unit", "u", "u is in mV"),))
     assert diagnosed.exit_code(odd) == 3
     assert diagnosed.record(odd, spec)["exit_code"] == 3
-    assert next_step(odd, spec).startswith("First see to u")
+    assert " u " in next_step(odd, spec)
 
 
 @pytest.mark.parametrize(
@@ -288,9 +291,11 @@ def test_no_cause_is_named_that_a_mistake_of_the_recordings_explains_as_well(sam
     odd = doubted(replace(found, findings=(late,), notes=(late.text, "another note"), patch={"friction": {}}))
     assert (odd.verdict, odd.which.answer, diagnosed.exit_code(odd)) == (verdict, answer, 3)
     assert bool(odd.patch) is same
-    assert "a wrong clock would do the same" in odd.reason
+    assert "a wrong clock" in odd.reason
     said = diagnosed.text(odd, spec)
-    assert said.startswith(f"note: {late.text}\n{verdict.value.upper()}")
+    note, head = said.splitlines()[:2]
+    assert late.text in note
+    assert head.startswith(verdict.value.upper())
     assert said.count(late.text) == markdown(odd, spec).count(late.text) == 1
     assert Page(diagnosed_page.render(odd, spec)).text.count("by one clock?") == 1
     assert diagnosed.record(odd, spec)["findings"] == [
@@ -308,28 +313,23 @@ def test_a_mistake_in_one_rollout_takes_no_cause_away():
 def test_confounded_pairs_are_marked():
     page = Page(diagnosed_page.render(*diagnosis(0, Verdict.CONFOUNDED, near=1.0)))
     assert any("less than 3, or of one kind: friction and delay" in alt for alt in page.pictures)
-    assert "These data cannot tell apart: friction, delay." in page.text
-    assert "To tell them apart, run the test again with gait = 2" in page.text
+    assert "run the test again with gait = 2" in page.text
 
 
 @pytest.mark.parametrize(
-    ("verdict", "code", "start"),
+    ("verdict", "code", "step"),
     [
-        (Verdict.NONE, 0, "Leave the simulator as it is"),
-        (Verdict.SPREAD, 3, "Use the simulator with small amounts of all effects"),
-        (Verdict.NAMED, 0, "Add what is named"),
-        (Verdict.CONFOUNDED, 3, "To tell them apart"),
-        (
-            Verdict.UNKNOWN,
-            3,
-            "Look for a cause that the catalogue lacks at the wheels (torque, 0.25 to 0.75 s)",
-        ),
+        (Verdict.NONE, 0, "Diagnose again"),
+        (Verdict.SPREAD, 3, "--apply FILE --tuned"),
+        (Verdict.NAMED, 0, "--apply FILE, then --sim patched:FILE"),
+        (Verdict.CONFOUNDED, 3, "run vd = 0.5 m/s with gait = 2"),
+        (Verdict.UNKNOWN, 3, "at the wheels (torque, 0.25 to 0.75 s)"),
     ],
 )
-def test_every_verdict_says_what_to_do_next(verdict, code, start):
+def test_every_verdict_says_what_to_do_next(verdict, code, step):
     found, spec = diagnosis(1, verdict, body=body_of(["wheels", "encoder"]))
     record = json.loads(diagnosed.as_json(found, spec))
-    assert record["next"].startswith(start)
+    assert step in record["next"]
     assert record["exit_code"] == code
     assert record["next"].endswith(".")
     assert record["next"] in diagnosed.text(found, spec)
@@ -338,15 +338,14 @@ def test_every_verdict_says_what_to_do_next(verdict, code, start):
 def test_the_next_step_says_where_a_range_is_too_narrow_and_where_the_rest_helps():
     found, spec = diagnosis(1, Verdict.UNKNOWN)
     narrow = replace(found.which, estimates=(Estimate("friction", "force", 9.0, 8.0, 9.0, "N", at_end=True),))
-    words = next_step(replace(found, which=narrow), spec)
-    assert words.endswith("; or widen the range of friction.force, if the machine could have more of it.")
+    assert "range of friction.force" in next_step(replace(found, which=narrow), spec)
     named, _ = diagnosis(1)
     assert "--tuned" not in next_step(named, spec)
-    assert "widen" not in next_step(named, spec)
+    assert "range of" not in next_step(named, spec)
     ended = replace(named.which, estimates=narrow.estimates)
-    assert "; or widen the range of friction.force" in next_step(replace(named, which=ended), spec)
+    assert "range of friction.force" in next_step(replace(named, which=ended), spec)
     better = replace(named.how_far, share=(0.5, 0.4, 0.6), tuned_share=(0.9, 0.8, 1.0))
-    assert "--apply FILE --tuned, then" in next_step(replace(named, how_far=better), spec)
+    assert "--apply FILE --tuned" in next_step(replace(named, how_far=better), spec)
     assert json.loads(diagnosed.as_json(replace(found, which=narrow), spec))["which"]["parameters"][
         "friction"
     ]["force"]["at_end"]
@@ -358,7 +357,7 @@ def test_where_to_look_is_the_part_that_shifts_most_and_not_the_clearest():
     other = Shift("wrench", 0, "rms", "N", 0.0, 2.0, 9.0, 9.0, 10.0, 1e-9, 1e-6)
     parts = [BodyPart("RR thigh", (small,)), BodyPart("FL calf", (large,)), BodyPart("base", (other,))]
     unknown, spec = diagnosis(1, Verdict.UNKNOWN, body=Body(tuple(parts), 10, 2.0, 100))
-    assert "catalogue lacks at the FL calf (torque, 0.50 to 1.00 s)" in next_step(unknown, spec)
+    assert "at the FL calf (torque, 0.50 to 1.00 s)" in next_step(unknown, spec)
     assert [line.split(":")[0] for line in diagnosed.body_words(unknown.where)] == [
         "RR thigh",
         "FL calf",
@@ -410,16 +409,14 @@ def test_the_schema_notices_a_damaged_object(one, damage):
 def test_without_where_or_held_out_tests_the_page_says_so():
     found, spec = diagnosis(0)
     page = Page(diagnosed_page.render(replace(found, where=None, how_far=None), spec))
-    assert "No real rollouts were left over to measure it on" in page.text
+    assert "No real rollouts were held out" in page.text
     assert len(page.pictures) == 1
 
 
 def test_the_text_names_the_worst_of_all_tests_beside_that_of_those_that_were_run():
     _, place = where_of(2)
     spec = spec_of(2)
-    assert diagnosed.where_words(place, spec)[-1] == (
-        "worst of the whole test space is likely vd = 0 m/s, load = 0 kg: expected |Δρ| 0.05 [0.04, 0.06] m"
-    )
+    assert "vd = 0 m/s, load = 0 kg: expected |Δρ| 0.050 ± 0.010 m" in diagnosed.where_words(place, spec)[-1]
     nowhere = diagnosed.where_words(replace(place, space=None), spec)
     assert nowhere == diagnosed.where_words(place, spec)[:-1]
 
@@ -434,15 +431,34 @@ def test_a_gap_that_a_fall_makes_is_in_no_window():
     assert fallen.window is None
     lines = diagnosed.where_words(fallen, spec_of(2))
     part = round(100 * pair.ended / pair.delta)
-    assert f"{part} % of it is in no window of time: the real rollout ended with 'fall'" in lines
-    assert not any(" s" in line and " % of it from" in line for line in lines)
+    (ended,) = [line for line in lines if "the real rollout ended with 'fall'" in line]
+    assert ended.startswith(f"{part} % of it")
+    assert not any(" to " in line and line.endswith(" s") for line in lines)
 
 
 def test_small_gaps_are_not_rounded_to_nothing(one):
     found, spec = one
     tiny = replace(found.how_far.before, mean=1.5e-5, low=1.4e-5, high=1.6e-5, worst=2e-5)
     shown = diagnosed.text(replace(found, how_far=replace(found.how_far, before=tiny)), spec)
-    assert "before 1.5e-05 (95 %: 1.4e-05 to 1.6e-05)" in shown
+    assert "before 15.0 (95 %: 14.0 to 16.0), 20.0 at the worst test" in shown
+    assert "|ρ_real − ρ_sim| in µm" in shown
+
+
+def test_rho_at_the_worst_test_is_given_where_one_predicate_decides_it():
+    spec = s2r.parse_spec(
+        f"signal x {{m}}\n{SPACES[1]}\nrequire near: always[0, 1 s] (abs(x) <= 0.5)\n", "a.stl"
+    )
+    rng = np.random.default_rng(1)
+    real, simulated = rollout(rng, 0.5), rollout(rng, 0.1)
+    rhos = [spec.robustness(trace, {"vd": 0.5})["near"] for trace in (real, simulated)]
+    found = where(spec, "near", [{"vd": 0.5}], [(real, rhos[0])], [(simulated, rhos[1])])
+    first = diagnosed.where_words(found, spec)[0]
+    assert f"{rhos[1]:+.3g} m in simulation" in first
+    assert f"{rhos[0]:+.3g} m on the real machine".replace("-", "−") in first
+    assert (
+        "in simulation"
+        not in diagnosed.where_words(replace(found, pair=replace(found.pair, delta=9.0)), spec)[0]
+    )
 
 
 def test_names_are_text_whatever_they_are(one):
@@ -471,10 +487,10 @@ def test_names_are_text_whatever_they_are(one):
 
 def test_markdown_has_the_answer_tables_and_no_markup_of_others(one):
     shown = markdown(*one)
-    assert shown.startswith("### s2r diagnose\n\n**NAMED**: friction explains the data best")
+    assert shown.startswith("### s2r diagnose\n\n**NAMED**: ")
     assert "| friction | 0.700 |" in shown
-    assert "| friction.force | 1.5 N |" in shown
-    assert "- FR calf: torque −1.25 N\\*m" in shown
+    assert "| friction.force | 1.5 N | 1.1 to 2.2 N |" in shown
+    assert "- FR calf: torque −1.25 N·m" in shown
     assert "<summary>This assumes</summary>" in shown
 
 

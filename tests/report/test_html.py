@@ -10,6 +10,7 @@ from s2r_spec.errors import UsageError
 from s2r_spec.report import html
 from s2r_spec.report.recompute import recompute, runs_in
 from tests.conftest import rewrite
+from tests.errors import naming, states
 from tests.report.conftest import invented
 
 VOID = {"meta", "br", "hr", "img", "link", "input"}
@@ -87,13 +88,11 @@ def test_the_page_is_whole_small_offline_and_the_same_again(runs):
 
 def test_the_verdict_and_the_bound_come_first(runs):
     holds, violated, undecided, refused = (Page(html.render([run])).text for run in runs)
-    assert re.search(r"^.{0,120}✓ HOLDS worst expected ρ ≥ \+0\.\d+ m/s, with probability ≥ 1 − 0.001", holds)
-    assert re.search(r"^.{0,120}✗ VIOLATED worst expected ρ ≤ -0\.\d+ m/s, with probability", violated)
-    assert re.search(r"^.{0,120}\? UNKNOWN worst expected ρ in \[-0\.\d+, \+0\.\d+\] m/s", undecided)
-    assert re.search(r"^.{0,120}\? UNKNOWN \(refused\) no certificate no certificate: R = 0.001 is", refused)
-    assert "with probability" not in refused
-    assert "no band and no interval on this page is a promise" in refused
-    assert "This assumes the expected robustness" in holds
+    assert re.search(r"^.{0,120}✓ HOLDS .{0,40}ρ ≥ \+0\.\d+ m/s.{0,40}1 − 0.001", holds)
+    assert re.search(r"^.{0,120}✗ VIOLATED .{0,40}ρ ≤ -0\.\d+ m/s.{0,40}1 − 0.001", violated)
+    assert re.search(r"^.{0,120}\? UNKNOWN .{0,40}\[-0\.\d+, \+0\.\d+\] m/s", undecided)
+    assert re.search(r"^.{0,120}\? UNKNOWN \(refused\) .{0,80}R = 0.001", refused)
+    assert "1 − 0.001" not in refused
     assert "B = 4 m/s [" in holds
     assert "s2r replay " in holds
     assert "spec_hash" in holds
@@ -102,10 +101,8 @@ def test_the_verdict_and_the_bound_come_first(runs):
 def test_the_critical_instant_is_told(runs):
     record = runs[1].result.lowest
     reason = runs[1].spec.explain(logs.read(runs[1].result.folder / record.trace), "walking", record.params)
-    assert (
-        f"Decided at t = {reason.instant:g} s by abs(vx - vd) <= -0.05 {{m/s}}"
-        in Page(html.render(runs[1:2])).text
-    )
+    text = Page(html.render(runs[1:2])).text
+    assert re.search(rf"t = {reason.instant:g} s.{{0,20}}abs\(vx - vd\) <= -0\.05 \{{m/s\}}", text)
 
 
 def test_a_run_that_was_cut_off_is_reported_as_far_as_it_is_whole(undecided, tmp_path):
@@ -117,24 +114,26 @@ def test_a_run_that_was_cut_off_is_reported_as_far_as_it_is_whole(undecided, tmp
     run = recompute(folder)
     assert 0 < run.waiting < 8
     assert run.history[-1].rollouts + run.waiting == len(lines) - 4
-    assert f"unfinished: {run.waiting} rollouts" in html.render([run])
+    assert states(html.render([run]), f"{run.waiting} rollouts")
     journal.write_text("".join(lines[:4]))
     assert not (run := recompute(folder)).history
     assert "UNKNOWN" in Page(html.render([run])).text
     journal.write_text(lines[0])
-    with pytest.raises(UsageError, match="has no rollouts yet"):
+    with pytest.raises(UsageError, match=naming(str(folder))):
         recompute(folder)
 
 
 def test_traces_that_are_gone_are_done_without(undecided, tmp_path):
     shutil.copytree(undecided[1].folder, tmp_path / "walking", ignore=shutil.ignore_patterns("*.npz"))
-    assert "its trace is not on disk" in html.from_runs([tmp_path / "walking"])
+    shown, gone = (Page(html.from_runs([run])) for run in (undecided[1].folder, tmp_path / "walking"))
+    assert len(gone.pictures) < len(shown.pictures)
+    assert "trace" in gone.text
 
 
 def test_a_rollout_at_another_test_is_not_told(undecided, tmp_path):
     shutil.copytree(undecided[1].folder, tmp_path / "walking")
     rewrite(tmp_path / "walking", lambda line: line | ({"params": {"vd": 0.123}} if "params" in line else {}))
-    with pytest.raises(UsageError, match="the numerical libraries are others"):
+    with pytest.raises(UsageError, match=naming(str(tmp_path / "walking"), "0.123")):
         recompute(tmp_path / "walking")
 
 
@@ -145,7 +144,7 @@ def test_more_parameters_are_maps_and_slices(tmp_path, text, title):
     run = invented(tmp_path / "r", text, budget=60)
     page = Page(html.render([run]))
     assert title in page.pictures[0]
-    assert "crash: the worker died" in page.text
+    assert "crash" in page.text
     assert html.render([run]) == html.render([run])
 
 
@@ -164,11 +163,11 @@ def test_where_runs_are(holds, tmp_path):
     folder = holds[1].folder
     assert runs_in(folder) == [folder]
     assert runs_in(folder.parent) == [folder]
-    with pytest.raises(UsageError, match=r"no run in .*: there is no journal\.jsonl"):
+    with pytest.raises(UsageError, match=naming(str(tmp_path), "journal.jsonl")):
         runs_in(tmp_path)
 
 
 def test_without_the_extra_one_sentence_says_what_to_install(monkeypatch):
     monkeypatch.setattr(html, "PACKAGES", ("jinja2", "matplotlib_that_nobody_has"))
-    with pytest.raises(UsageError, match=r"needs matplotlib_that_nobody_has.*pip install 's2r\[report\]'"):
+    with pytest.raises(UsageError, match=naming("matplotlib_that_nobody_has", "pip install 's2r[report]'")):
         html.require_packages()

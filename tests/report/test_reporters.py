@@ -10,6 +10,7 @@ import pytest
 from s2r_spec.certify.rounding import between
 from s2r_spec.errors import UsageError
 from s2r_spec.report import REPORTERS, checked, jsonform, reporter
+from tests.errors import naming, states
 
 NASTY = 'a<b & "c" | `d` *e* [f] %0A::error $x$ \x07 é漢字🤖\nsecond line'
 
@@ -35,8 +36,8 @@ def test_every_format_tells_every_requirement_and_the_worst_exit_code(report):
 def test_the_text_is_what_the_record_says(holds):
     _, result = holds
     shown = reporter("text")(checked.report([holds]))
-    assert shown.startswith("walking  HOLDS  (a spec.stl on backend toy)")
-    assert f"in {between(result.lower, result.upper)} m/s, with probability ≥ 1 − 0.001" in shown
+    assert states(shown.splitlines()[0], "walking  HOLDS", "a spec.stl", "toy")
+    assert states(shown, f"{between(result.lower, result.upper)} m/s", "1 − 0.001")
     assert f"s2r replay {result.folder}#{result.lowest.query}.{result.lowest.replicate}" in shown
 
 
@@ -74,7 +75,7 @@ def test_the_schema_notices_a_damaged_object(holds, damage):
 
 def test_json_never_holds_nan(holds):
     spec, result = holds
-    with pytest.raises(ValueError, match="not JSON compliant"):
+    with pytest.raises(ValueError, match="nan"):
         reporter("json")(checked.report([(spec, replace(result, lower=float("nan")))]))
 
 
@@ -93,8 +94,8 @@ def test_junit_counts_and_places_failures_and_errors(report):
         ("error", "unknown"),
         ("error", "refused"),
     ]
-    assert "worst expected ρ ≤ -0." in cases[1].find("failure").get("message")
-    assert "This assumes:" in cases[1].find("failure").text
+    assert "ρ ≤ -0." in cases[1].find("failure").get("message")
+    assert "R = 0.02" in cases[1].find("failure").text
 
 
 def test_github_annotates_the_line_of_the_requirement(report):
@@ -133,7 +134,5 @@ def test_the_replay_line_is_fit_for_a_shell(holds):
 
 
 def test_a_format_that_there_is_not_lists_those_that_there_are():
-    with pytest.raises(
-        UsageError, match="no format 'jnuit'; did you mean 'junit'\\? there are: github, json"
-    ):
+    with pytest.raises(UsageError, match=naming("'jnuit'", "did you mean 'junit'", "github, json")):
         reporter("jnuit")

@@ -9,9 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from s2r_spec.errors import SamplingError, TraceError, UsageError
+from s2r_spec.errors import SamplingError, TraceError
 from s2r_spec.spec import parse_spec
 from s2r_spec.trace import Trace
+from tests.errors import naming
 from tests.examples import examples
 from tests.robustness.definitions import NoSampleError, Truth, by_definition, evaluated, halvings, too_short
 from tests.robustness.drawing import COMPARISONS, DENSE_FORMULAS, cases, intervals, text_of
@@ -23,13 +24,13 @@ SAMPLES = st.integers(1, 12).flatmap(
 
 def agrees(case) -> None:
     if too_short(case):
-        with pytest.raises(SamplingError, match="shorter than the sample period"):
+        with pytest.raises(SamplingError):
             evaluated(case)
         return
     try:
         expected = by_definition(case)
     except NoSampleError:
-        with pytest.raises(TraceError, match="no sample lies in"):
+        with pytest.raises(TraceError, match=r"`[\[(].+` \(line 4\)"):
             evaluated(case)
         return
     found = evaluated(case)
@@ -185,7 +186,7 @@ def test_a_window_that_is_shorter_than_the_period_is_refused(times, formula) -> 
 @pytest.mark.parametrize(("period", "unit"), [(100, "ms"), (1e5, "us"), (1e8, "ns")])
 def test_the_likely_unit_is_named(period, unit) -> None:
     spec = parse_spec("signal x\nrequire it: always[0, 2 s] x > 0")
-    with pytest.raises(SamplingError, match=f"in {unit}, give --time-unit {unit}"):
+    with pytest.raises(SamplingError, match=f"--time-unit {unit}\\b"):
         spec.robustness(Trace(np.arange(30) * period, {"x": np.ones(30)}))
 
 
@@ -213,7 +214,5 @@ def test_a_clock_that_drifts_is_evaluated_as_one_that_jitters(drift) -> None:
 
 def test_an_interval_without_a_sample_is_refused() -> None:
     spec = parse_spec("signal x\nrequire it: always(0.1, 0.2) x > 0", "a.stl")
-    with pytest.raises(
-        UsageError, match=r"no sample lies in `\(0.1, 0.2\)` \(line 2 of a.stl\): the sample period"
-    ):
+    with pytest.raises(TraceError, match=naming("`(0.1, 0.2)`", "line 2 of a.stl", "0.1 s")):
         spec.robustness(Trace(np.arange(9) / 10, {"x": np.ones(9)}))

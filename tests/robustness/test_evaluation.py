@@ -10,6 +10,7 @@ import pytest
 from s2r_spec.errors import TraceError, UsageError
 from s2r_spec.spec import Spec, parse_spec
 from s2r_spec.trace import Trace
+from tests.errors import naming
 
 NEAR = "signal x\nrequire it: always[0.5, 1] (x > 0)"
 RAMP = Trace(np.arange(4) * 0.5, {"x": [1, 2, 3, 4]})
@@ -42,14 +43,14 @@ def test_policies_at_the_end_of_a_trace(interpolation) -> None:
     assert values("clip") == [2, 3, 4, math.inf]
     assert values("hold") == [2, 3, 4, 4]
     np.testing.assert_array_equal(values("nan"), [2, 3, math.nan, math.nan])
-    with pytest.raises(TraceError, match="'it' at t = 1 s looks 1 s ahead, past the end"):
+    with pytest.raises(TraceError, match=naming("'it'", "t = 1 s", "1 s ahead")):
         values("error")
 
 
 def test_a_missing_sample_may_be_the_one_before() -> None:
     gap = Trace([0, 1, 2, 3], {"x": [1, math.nan, math.nan, 4]})
     assert spec("x > 0").evaluate(gap, "it", nan="hold").values.tolist() == [1, 1, 1, 4]
-    with pytest.raises(TraceError, match="channel 'x' is NaN at sample 0"):
+    with pytest.raises(TraceError, match=naming("'x'", "NaN", "sample 0")):
         spec("x > 0").evaluate(Trace([0, 1], {"x": [math.nan, 1]}), "it", nan="hold")
 
 
@@ -63,13 +64,11 @@ def test_jitter_below_a_percent_is_recorded_and_more_is_no_grid() -> None:
 
 def test_a_window_between_two_samples_is_refused() -> None:
     sparse = Trace([0, 1, 5, 6], {"x": [1, 2, 3, 4]})
-    with pytest.raises(TraceError) as caught:
+    with pytest.raises(
+        TraceError, match=naming("`[1, 2]`", "line 3 of a.stl", "sample 1", "1 s", "interpolation")
+    ):
         spec("always[1, 2] x > 0").evaluate(sparse, "it")
-    assert str(caught.value) == (
-        "no sample lies in `[1, 2]` (line 3 of a.stl) of sample 1, 1 s after the first; "
-        "interpolation='hold' or 'linear' evaluates between samples"
-    )
-    with pytest.raises(UsageError, match="end='hold' adds samples, and these are not sampled regularly"):
+    with pytest.raises(UsageError, match=naming("end='hold'")):
         spec("always[0, 2] x > 0").evaluate(sparse, "it", end="hold")
     assert spec("always[1, 2] x > 0").evaluate(sparse, "it", interpolation="hold").values.tolist() == [
         2, 2, 4, math.inf]  # fmt: skip
@@ -102,16 +101,15 @@ def test_between_two_samples(formula: str, samples: float, hold: float, linear: 
 
 
 def test_continuous_time_has_no_next_sample() -> None:
-    with pytest.raises(UsageError) as caught:
+    with pytest.raises(
+        UsageError, match=naming("`next x > 0`", "line 3 of a.stl", "interpolation='samples'")
+    ):
         spec("next x > 0").evaluate(CROSSING, "it", interpolation="linear")
-    assert str(caught.value) == (
-        "`next x > 0` (line 3 of a.stl) counts samples: `next` needs interpolation='samples'"
-    )
 
 
 @pytest.mark.parametrize("interpolation", ["hold", "linear"])
 def test_a_predicate_without_a_value_in_continuous_time(interpolation) -> None:
-    with pytest.raises(TraceError, match=r"`sqrt\(x - 1\) >= 0` .* has no value at 0 s after the first"):
+    with pytest.raises(TraceError, match=naming("`sqrt(x - 1) >= 0`", "line 3 of a.stl", "0 s")):
         spec("always sqrt(x - 1) >= 0").evaluate(CROSSING, "it", interpolation=interpolation)
 
 
@@ -125,17 +123,13 @@ def test_one_sample_is_a_trace(interpolation) -> None:
 
 def test_an_end_that_would_be_held_for_too_long_is_refused() -> None:
     it = spec("always[0, 1e9] x > 0")
-    with pytest.raises(UsageError) as caught:
+    with pytest.raises(UsageError, match=naming("end='hold'", "2e+09", "1e+09 s", "interpolation='hold'")):
         it.evaluate(RAMP, "it", end="hold")
-    assert str(caught.value) == (
-        "end='hold' would add 2e+09 samples, for a requirement that looks 1e+09 s ahead; "
-        "use interpolation='hold' with it, which adds one"
-    )
     assert it.evaluate(RAMP, "it", end="hold", interpolation="hold").values.tolist() == [1, 2, 3, 4]
 
 
 def test_one_sample_has_no_next() -> None:
-    with pytest.raises(TraceError, match="the trace has one sample"):
+    with pytest.raises(TraceError, match=naming("'it'", "next sample", "one sample")):
         spec("next x > 0").robustness(Trace([0], {"x": [1]}))
 
 

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from s2r_spec.errors import TraceError
 from s2r_spec.spec import parse_spec
 from s2r_spec.trace import Trace
+from tests.errors import naming, states
 
 
 def ago(times, t, seconds):
@@ -104,10 +105,10 @@ def test_a_boolean_signal_is_a_condition(interpolation) -> None:
 
 def test_a_boolean_signal_is_0_or_1_and_explains_itself() -> None:
     spec = parse_spec("signal c bool require it: always c", "a.stl")
-    with pytest.raises(TraceError, match="channel 'c' is declared bool, but its samples are not all 0 or 1"):
+    with pytest.raises(TraceError, match=naming("'c'", "bool", "0", "1")):
         spec.robustness(Trace([0, 1], {"c": [0, 0.5]}))
-    assert str(spec.explain(STEPS, "it")) == (
-        "it violated: ρ = -inf\n  because `c` (line 1), at t = 0 s, is false"
+    assert states(
+        str(spec.explain(STEPS, "it")), "it violated", "ρ = -inf", "`c`", "line 1", "t = 0 s", "false"
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 from fractions import Fraction
 from unittest.mock import patch
@@ -16,6 +17,7 @@ from s2r_spec.errors import SamplingError, TraceError, UsageError
 from s2r_spec.robustness.online import points
 from s2r_spec.spec import parse_spec
 from s2r_spec.trace import Trace
+from tests.errors import naming
 from tests.examples import examples
 from tests.robustness.definitions import NoSampleError, Truth, by_definition, reach, sample_reach
 from tests.robustness.drawing import Case, cases, text_of
@@ -63,7 +65,7 @@ def opened(case: Case, opens):
         return opens({"p": case.param}, period=period(case), until=case.until, sparse=True)
     except UsageError as error:
         refusal = str(error)
-    assert "looks at the whole rest of the trace" in refusal
+    assert re.search(r"`.+` \(line \d", refusal)
     assert unbounded(case.formula)
     return None
 
@@ -82,7 +84,7 @@ def test_a_stream_is_the_robustness_signal(case: Case) -> None:
     except TraceError as error:
         refusal = str(error)
     if rho is None:
-        assert "no sample lies in" in refusal
+        assert re.search(r"`[\[(].+` \(line \d", refusal)
         return
     assert not refusal
     assert [time for time, _ in pairs] == [time for time, _ in samples(case)]
@@ -152,7 +154,7 @@ def test_how_long_a_trace_must_be(period, formula: str, count: int, verdict: str
     trace = Trace(np.arange(count) / 10, {"x": np.ones(count)})
     assert spec.evaluate(trace, "it").complete[0] == (verdict == "holds")
     if verdict == "unknown":
-        with pytest.raises(TraceError, match="but the trace"):
+        with pytest.raises(TraceError, match=naming("'it'")):
             spec.satisfied(trace)
 
 
@@ -312,45 +314,28 @@ def test_the_whole_rest_is_asked_for_at_the_first_instant() -> None:
 )
 def test_what_has_no_bound_is_named(formula: str, named: str) -> None:
     spec = parse_spec(f"signal x\nrequire it: {formula}", "a.stl")
-    with pytest.raises(UsageError) as caught:
+    with pytest.raises(UsageError, match=naming(f"`{named}`", "line 2 of a.stl", "time bound")):
         spec.monitor()
-    assert str(caught.value) == (
-        f"`{named}` (line 2 of a.stl) looks at the whole rest of the trace from every instant, "
-        f"which no monitor with bounded memory can; give it a time bound"
-    )
 
 
 BAD = [
-    ((0.1, {"y": 1.0}), "the sample has no channel 'x'; it has y"),
-    ((0.1, {"x": "fast"}), "channel 'x' is 'fast', but the spec declares one number a sample"),
-    ((0.1, {"x": [1.0, 2.0]}), "channel 'x' is [1.0, 2.0], but the spec declares one number a sample"),
-    (
-        (0.1, {"x": math.nan}),
-        "channel 'x' is NaN at sample 1; a missing sample has no robustness: "
-        'nan="hold" (--nan hold) takes the sample before it',
-    ),
-    ((math.inf, {"x": 0.0}), "time stamp 1 is inf; every time must be a finite number of seconds"),
-    ((0.0, {"x": 0.0}), "times must increase strictly, but sample 1 is at 0 s after 0 s"),
-    (
-        (0.1, {"x": 3.0}),
-        "channel 'x' is 3 at sample 1, outside its declared range [-2, 2], which the interval relied on; "
-        "widen the range, or do without (ranges=False, --no-ranges)",
-    ),
-    (
-        (0.2, {"x": 0.0}),
-        "sample 1 at 0.2 s comes 0.2 s after the one before, but the period is 0.1 s; "
-        "without a period, windows hold samples by time",
-    ),
+    ((0.1, {"y": 1.0}), ["'x'", "y"]),
+    ((0.1, {"x": "fast"}), ["'x'", "'fast'"]),
+    ((0.1, {"x": [1.0, 2.0]}), ["'x'", "[1.0, 2.0]"]),
+    ((0.1, {"x": math.nan}), ["'x'", "NaN", "sample 1", "--nan hold"]),
+    ((math.inf, {"x": 0.0}), ["1", "inf"]),
+    ((0.0, {"x": 0.0}), ["sample 1", "0 s"]),
+    ((0.1, {"x": 3.0}), ["'x'", "3", "sample 1", "[-2, 2]", "--no-ranges"]),
+    ((0.2, {"x": 0.0}), ["sample 1", "0.2 s", "0.1 s"]),
 ]
 
 
-@pytest.mark.parametrize(("given", "sentence"), BAD)
-def test_a_sample_that_cannot_be_used_is_not_taken(given, sentence: str) -> None:
+@pytest.mark.parametrize(("given", "facts"), BAD)
+def test_a_sample_that_cannot_be_used_is_not_taken(given, facts: list[str]) -> None:
     monitor = parse_spec("signal x in [-2, 2] require it: always[0, 0.1] x > 0").monitor(period=0.1)
     before = monitor.update(0, {"x": 1.0})
-    with pytest.raises(TraceError) as caught:
+    with pytest.raises(TraceError, match=naming(*facts)):
         monitor.update(*given)
-    assert str(caught.value) == sentence
     assert monitor.intervals == before
     assert monitor.update(0.1, {"x": 2.0})["it"].lower == 1
 
@@ -359,9 +344,7 @@ def test_what_has_no_value_ends_the_trace() -> None:
     monitor = parse_spec("signal x\nrequire it: always[0, 1] x / x > 0", "a.stl").monitor()
     monitor.update(0, {"x": 1})
     for time in (0.5, 0.6):
-        with pytest.raises(
-            TraceError, match=r"`x / x > 0` \(line 2 of a.stl\) has no value at sample 1, 0.5 s"
-        ):
+        with pytest.raises(TraceError, match=naming("`x / x > 0`", "line 2 of a.stl", "sample 1", "0.5 s")):
             monitor.update(time, {"x": 0})
 
 
@@ -374,13 +357,13 @@ def test_a_missing_sample_is_held_if_asked_for() -> None:
 
 def test_after_the_end_nothing_is_taken() -> None:
     monitor = parse_spec("signal x require it: always[0, 1] x > 0").monitor()
-    with pytest.raises(TraceError, match="there is no sample"):
+    with pytest.raises(TraceError, match="no sample"):
         monitor.finish()
     monitor.update(0, {"x": 1})
     assert not monitor.finish()["it"].decided
-    with pytest.raises(UsageError, match="the trace was finished"):
+    with pytest.raises(UsageError, match="finished"):
         monitor.update(1, {"x": 1})
-    with pytest.raises(UsageError, match=r"period=-1 is not a positive number of seconds"):
+    with pytest.raises(UsageError, match="period=-1"):
         parse_spec("signal x require it: x > 0").monitor(period=-1)
 
 

@@ -21,6 +21,7 @@ from s2r_spec.rollouts.replay import replay
 from s2r_spec.rollouts.runner import Runner, Task, run_task
 from tests.cli.conftest import FINE
 from tests.conftest import rewrite
+from tests.errors import naming, states
 
 
 @dataclass
@@ -103,7 +104,7 @@ def test_what_the_operator_answers_is_kept_with_the_rollout(robot, spec, tmp_pat
     assert [line["answers"] for line in begun] == [{"battery": "full"}] * 9
     journal = Journal.read(tmp_path / "r")
     (void,) = journal.voids
-    assert void.begun.answers == {"battery": "full"}
+    assert void.rollout.answers == {"battery": "full"}
     for kept in (void.trace, journal.get(0, 0).trace):
         assert logs.read(tmp_path / "r" / kept).meta["answers"] == {"battery": "full"}
     s2r.check(spec, "robot:auto", tmp_path / "auto", budget=8)
@@ -114,7 +115,7 @@ def test_what_the_operator_answers_is_kept_with_the_rollout(robot, spec, tmp_pat
 def test_answers_that_are_no_texts_are_no_line_of_a_journal(robot, spec, tmp_path, answers):
     s2r.check(spec, "robot", tmp_path / "r", budget=8, operator=Operator())
     rewrite(tmp_path / "r", lambda line: line | ({"answers": answers} if "answers" in line else {}))
-    with pytest.raises(JournalError, match="answers must be"):
+    with pytest.raises(JournalError, match=naming(f"{FILE}:2", "answers")):
         Journal.read(tmp_path / "r")
 
 
@@ -124,12 +125,12 @@ def test_a_void_rollout_is_kept_and_its_test_runs_again(robot, spec, tmp_path, h
     result = s2r.check(spec, f"robot:{habit}", tmp_path / "r", budget=40, operator=operator)
     assert result.voids == {word: 1}
     assert result.certificate.label.bounds
-    assert any(word in text and "1 of " in text for text in result.assumptions)
+    assert any(states(text, word, "1 of 41") for text in result.assumptions)
     assert "the robot's clock is right" in result.assumptions
     ran = [line.split()[1:3] for line in robot("rollout")]
     assert ran[2] == ran[3]  # the same test and seed
     (void,) = Journal.read(tmp_path / "r").voids
-    assert (void.begun.key, void.begun.attempt, void.word) == ((1, 0), 1, word)
+    assert (void.rollout.key, void.rollout.attempt, void.word) == ((1, 0), 1, word)
     assert kinds(tmp_path / "r")[4:8] == ["begun", "void", "begun", "outcome"]
     assert lines(tmp_path / "r")[7]["attempt"] == 2
     if word == "link":
@@ -153,7 +154,7 @@ def test_what_the_robot_ended_counts_whatever_else_came(robot, spec, tmp_path):
 def test_more_than_one_void_in_twenty_refuses_the_certificate(robot, spec, tmp_path):
     result = s2r.check(spec, "robot:link=3", tmp_path / "r", budget=8, operator=Operator())
     assert result.certificate.label is Label.REFUSED
-    assert "1 in 20" in result.reason
+    assert states(result.reason, "1", "20")
     assert result.verdict.exit_code == 3
     assert recompute(tmp_path / "r").result.certificate.label is Label.REFUSED
 
@@ -165,7 +166,7 @@ def test_counted_as_falls_voids_are_outcomes_and_one_refutes_the_proxy(robot, sp
     assert counted.lowest.rho == -0.5
     assert kinds(tmp_path / "r").count("void") == 0
     assert counted.certificate.label is Label.REFUSED
-    assert "R = 0.02 is refuted" in counted.reason
+    assert "R = 0.02" in counted.reason
     again = s2r.check(spec, "robot:auto,link=3", tmp_path / "s", budget=100)
     assert again.certificate.label.bounds
     # Declared before the data: a run does not change its mind.
@@ -178,7 +179,7 @@ def test_trouble_before_the_start_is_no_rollout_and_is_tried_again(robot, spec, 
     result = s2r.check(spec, "robot:shy=2,refuse", tmp_path / "r", budget=8, operator=operator)
     assert result.voids == {}
     assert kinds(tmp_path / "r")[:5] == ["begun", "outcome", "begun", "not begun", "begun"]
-    assert sum("did not begin" in text for text in operator.said) == 2
+    assert sum("not begin" in text for text in operator.said) == 2
     assert len(robot("rollout")) == 9
 
 
@@ -192,7 +193,7 @@ def test_where_nobody_is_asked_trouble_before_the_start_ends_the_run_and_it_goes
 
 
 def test_where_nobody_is_asked_a_machine_that_is_out_of_order_is_left_alone(robot, spec, tmp_path):
-    with pytest.raises(BackendError, match=r"3 attempts at rollout 0\.1 .*no state.*--resume"):
+    with pytest.raises(BackendError, match=naming("3", "rollout 0.1", "no state", "--resume")):
         s2r.check(spec, "robot:auto,link=2+3+4", tmp_path / "r", budget=8)
     assert len(Journal.read(tmp_path / "r").voids) == 3
     assert len(robot("rollout")) == 4
@@ -208,8 +209,7 @@ def test_an_error_of_the_backend_ends_the_run_and_the_rollout_is_void(robot, spe
 def test_a_machine_s_certificate_does_not_say_that_void_rollouts_are_counted(robot, spec, tmp_path):
     for backend, machine in (("robot:auto", True), ("toy", False)):
         result = s2r.check(spec, backend, tmp_path / backend.partition(":")[0], budget=8)
-        (counted,) = (text for text in result.assumptions if text.endswith("is counted"))
-        assert ("not void" in counted) == machine
+        assert any("not void" in text for text in result.assumptions) == machine
 
 
 def test_a_rollout_that_takes_too_long_is_ended_and_void(robot, spec, tmp_path):
@@ -300,7 +300,7 @@ def test_a_machine_that_names_no_attendance_waits_for_enter_before_each_rollout(
     result = s2r.check(spec, "plain-robot", tmp_path / "r", budget=8, operator=operator)
     assert result.certificate.rollouts == 8
     assert sum("next test" in text for text in operator.said) == 8
-    assert "at most 8 rollouts" in operator.said[0]
+    assert states(operator.said[0], "8 rollouts")
     with pytest.raises(UsageError, match="terminal"):
         s2r.check(spec, "plain-robot", tmp_path / "n", budget=8, operator=Operator(there=False))
 
@@ -318,7 +318,7 @@ def test_any_measure_of_a_machine_is_certified_alike(robot, tmp_path):
         fall=-0.5,
     )
     assert certificate.label is Label.REFUSED
-    assert "1 in 20" in certificate.reason
+    assert states(certificate.reason, "1", "20")
     assert "the robot's clock is right" in certificate.assumptions
 
 
@@ -342,7 +342,7 @@ def test_a_replay_shows_what_was_recorded_and_sends_nothing(robot, spec, tmp_pat
     with pytest.raises(UsageError, match="machine"):
         found.render(tmp_path / "x.png")
     (tmp_path / "walking" / "traces" / "00000.0000.npz").unlink()
-    with pytest.raises(UsageError, match="is gone"):
+    with pytest.raises(UsageError, match=naming("00000.0000.npz")):
         replay(f"{tmp_path / 'walking'}#0.0")
     assert robot() == before
 
@@ -366,7 +366,7 @@ def test_a_line_that_is_none_is_named(robot, spec, tmp_path, change):
         tmp_path / "r",
         lambda line: line | change if {key: line.get(key) for key in first} == first else line,
     )
-    with pytest.raises(JournalError, match=r"journal\.jsonl:2: not a line of a machine's journal"):
+    with pytest.raises(JournalError, match=naming(f"{FILE}:2")):
         Journal.read(tmp_path / "r")
 
 
@@ -375,5 +375,5 @@ def test_a_void_trace_that_was_exchanged_is_noticed(robot, spec, tmp_path):
     journal = Journal.read(tmp_path / "r")
     (void,) = journal.voids
     (tmp_path / "r" / void.trace).write_bytes(b"another")
-    with pytest.raises(JournalError, match="not the trace that was recorded"):
+    with pytest.raises(JournalError, match=naming(void.trace)):
         journal.check_traces()

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from s2r_spec.errors import BackendError
-from s2r_spec.rollouts import child
+from s2r_spec.rollouts import worker_process
 from s2r_spec.rollouts.pools import ProcessPool, process_pool
 from s2r_spec.rollouts.runner import Runner, Task, run_task
 from s2r_spec.rollouts.seeds import rollout_seed
@@ -67,8 +67,8 @@ def test_a_worker_that_is_stopped_is_ended(noted, monkeypatch):
         first = pool.submit(os.getpid).result()
         os.kill(first, signal.SIGSTOP)
         with monkeypatch.context() as patch:
-            patch.setattr(child, "BEGINNING", 0.3)
-            with pytest.raises(child.WorkerDiedError):
+            patch.setattr(worker_process, "BEGINNING", 0.3)
+            with pytest.raises(worker_process.WorkerDiedError):
                 pool.submit(len, bytes(10**6)).result()
         assert not lives(first)
         assert pool.submit(abs, -1).result() == 1

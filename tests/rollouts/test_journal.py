@@ -6,6 +6,7 @@ import pytest
 from s2r_spec import logs
 from s2r_spec.rollouts.journal import FILE, Journal, JournalError, Record
 from s2r_spec.trace import Trace
+from tests.errors import naming
 
 HEADER = {"spec_hash": "aa", "seed": 0, "settings": {"B": 1.5, "lengthscales": (0.2,)}}
 
@@ -35,7 +36,7 @@ def test_a_journal_comes_back_as_it_was_written(journal):
 
 
 def test_a_second_run_in_the_same_folder_is_refused(journal):
-    with pytest.raises(JournalError, match="holds a run already; go on with --resume"):
+    with pytest.raises(JournalError, match=naming(str(journal.folder), "--resume")):
         Journal.create(journal.folder, HEADER, {})
 
 
@@ -57,7 +58,7 @@ def test_damage_in_the_middle_names_the_line(journal):
     lines = path.read_bytes().splitlines(keepends=True)
     lines[2] = lines[2][:20] + b"\n"
     path.write_bytes(b"".join(lines))
-    with pytest.raises(JournalError, match=r"journal.jsonl:3: damaged line"):
+    with pytest.raises(JournalError, match=naming("journal.jsonl:3")):
         Journal.resume(journal.folder, HEADER)
 
 
@@ -70,9 +71,7 @@ def test_a_number_that_was_edited_names_its_line(journal):
     assert b'"rho": 0.03333333333333333,' in lines[2]
     lines[2] = lines[2].replace(b'"rho": 0.03333333333333333,', b'"rho": 0.13333333333333333,')
     (journal.folder / FILE).write_bytes(b"".join(lines))
-    with pytest.raises(
-        JournalError, match=r"journal.jsonl:3: the checksum does not fit: this line was changed"
-    ):
+    with pytest.raises(JournalError, match=naming("journal.jsonl:3", "checksum")):
         Journal.read(journal.folder)
 
 
@@ -88,7 +87,7 @@ def test_every_changed_byte_of_a_line_is_noticed(journal):
 def test_a_line_that_was_taken_out_is_missed(journal):
     lines = lines_of(journal)
     (journal.folder / FILE).write_bytes(b"".join(lines[:2] + lines[3:]))
-    with pytest.raises(JournalError, match=r"journal.jsonl:3: .* or one before it was taken out"):
+    with pytest.raises(JournalError, match=naming("journal.jsonl:3", "checksum")):
         Journal.resume(journal.folder, HEADER)
 
 
@@ -107,30 +106,28 @@ def test_a_journal_from_before_checksums_is_read_and_gone_on_with(journal):
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    ("change", "facts"),
     [
-        ({"seed": 1}, "its seed is 0, now it is 1"),
-        ({"spec_hash": "bb"}, 'its spec_hash is "aa", now it is "bb"'),
-        ({"more": 1}, "its more is null, now it is 1"),
+        ({"seed": 1}, ["seed", "0", "1"]),
+        ({"spec_hash": "bb"}, ["spec_hash", '"aa"', '"bb"']),
+        ({"more": 1}, ["more", "null", "1"]),
     ],
 )
-def test_another_run_is_refused_by_the_field_that_differs(journal, change, message):
-    with pytest.raises(JournalError, match=message):
+def test_another_run_is_refused_by_the_field_that_differs(journal, change, facts):
+    with pytest.raises(JournalError, match=naming(*facts)):
         Journal.resume(journal.folder, HEADER | change)
 
 
 def test_what_is_no_journal_is_refused(tmp_path):
-    with pytest.raises(JournalError, match="no run to resume at"):
+    with pytest.raises(JournalError, match=naming(str(tmp_path))):
         Journal.read(tmp_path)
     (tmp_path / FILE).write_text(json.dumps({"schema": "other/1"}) + "\n")
-    with pytest.raises(
-        JournalError, match=r"journal\.jsonl:1: this is not a journal of schema s2r.journal/2"
-    ):
+    with pytest.raises(JournalError, match=naming("journal.jsonl:1", "s2r.journal/2")):
         Journal.read(tmp_path)
 
 
 def test_a_value_that_is_no_number_is_never_recorded(journal):
-    with pytest.raises(JournalError, match=r"ρ of rollout 5.0 is inf"):
+    with pytest.raises(JournalError, match=naming("rollout 5.0", "inf")):
         journal.append(record(5, rho=float("inf")), None)
     assert len(Journal.read(journal.folder)) == 3
 
@@ -140,7 +137,7 @@ def test_a_full_disk_loses_nothing(journal, monkeypatch):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("s2r_spec.rollouts.journal.os.fsync", full)
-    with pytest.raises(JournalError, match="No space left on device; what was recorded before is kept"):
+    with pytest.raises(JournalError, match="No space left on device"):
         journal.append(record(5), None)
     monkeypatch.undo()
     assert len(Journal.resume(journal.folder, HEADER)) == 3
@@ -152,6 +149,6 @@ def test_a_disk_that_is_full_before_the_trace_is_written_says_how_to_go_on(journ
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("zipfile.ZipFile", full)
-    with pytest.raises(JournalError, match="No space left on device; what was recorded before is kept"):
+    with pytest.raises(JournalError, match="No space left on device"):
         journal.append(record(5), Trace([0.0, 1.0], {"vx": [0.0, 0.0]}))
     assert len(Journal.read(journal.folder)) == 3

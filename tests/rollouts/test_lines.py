@@ -69,7 +69,7 @@ def test_a_rollout_of_wrong_types_names_its_line(run, field, value):
 @pytest.mark.parametrize("field", ["query", "params", "rho", "seconds", "failure"])
 def test_a_rollout_that_lacks_a_field_names_it(run, field):
     rewrite(run, lambda line: {key: value for key, value in line.items() if key != field})
-    refused(run, f"{field} is missing")
+    refused(run, field)
 
 
 @pytest.mark.parametrize(
@@ -93,7 +93,7 @@ def test_a_header_of_wrong_types_is_refused(run, field, value):
 )
 def test_a_header_that_lacks_a_field_names_it(run, field):
     rewrite(run, lambda line: {key: value for key, value in line.items() if key != field})
-    refused(run, f"{FILE}:1" if field != "seed" else "seed is missing")
+    refused(run, f"{FILE}:1" if field != "seed" else "seed")
 
 
 @pytest.mark.parametrize(
@@ -119,7 +119,7 @@ def test_bytes_that_are_no_text_name_their_line(run):
 
 def test_rollouts_that_lasted_longer_than_any_are_not_run_again(run):
     rewrite(run, lambda line: line | {"duration": 1e300} if "settings" in line else line)
-    with pytest.raises(UsageError, match="lasted 1e"):
+    with pytest.raises(UsageError, match=r"1e\+300"):
         replay(f"{run}#0.0")
 
 

@@ -12,12 +12,13 @@ import pytest
 
 from s2r_spec.backend import load_backend
 from s2r_spec.errors import BackendError, UsageError
-from s2r_spec.rollouts import child, pools, runner
+from s2r_spec.rollouts import pools, runner, worker_process
 from s2r_spec.rollouts.pools import dask_pool, process_pool
 from s2r_spec.rollouts.runner import Runner, Task, run_task
 from s2r_spec.rollouts.scorer import default_timeout
 from s2r_spec.rollouts.seeds import rollout_seed
 from tests.conftest import PLUGIN
+from tests.errors import naming, states
 from tests.processes import lives
 
 pytestmark = pytest.mark.usefixtures("toy")
@@ -46,7 +47,7 @@ def cluster():
 def engine(request):
     """A factory of pools, and what tells the process ids of its workers."""
     if request.param == "processes":
-        return process_pool(2), lambda: [one.pid for one in child._children]
+        return process_pool(2), lambda: [one.pid for one in worker_process._workers]
     cluster = request.getfixturevalue("cluster")
     return dask_pool(cluster.scheduler_address), lambda: [
         nanny.process.pid for nanny in cluster.workers.values()
@@ -131,23 +132,21 @@ def test_a_worker_that_is_killed_loses_nothing(engine):
 
 def test_a_rollout_that_raises_arrives_as_a_sentence(engine):
     with pytest.raises(
-        BackendError, match=r"'toy:raise' raised ValueError: the gyroscope .* at \{'vd': 0.1\}, seed"
+        BackendError, match=naming("'toy:raise'", "ValueError", "gyroscope", "{'vd': 0.1}", "seed")
     ):
         outcomes(engine[0], tasks("toy:raise", [0.1]))
 
 
 def test_another_model_on_the_worker_is_refused(engine):
     jobs = [replace(task, model_hash="toy-0") for task in tasks("toy", HARMLESS)]
-    with pytest.raises(
-        BackendError, match=r"has another model \(toy-1\) than the run was begun with \(toy-0\)"
-    ):
+    with pytest.raises(BackendError, match=naming("toy-0", "toy-1")):
         outcomes(engine[0], jobs)
 
 
 def test_a_backend_that_does_not_open_is_no_rollout():
     task = tasks("toy", [0.1], timeout=0.5)[0]
-    pool = Stub(child.TimeLimitError(60.5))
-    with pytest.raises(BackendError, match=r"backend 'toy' did not open within 60\.5 s"):
+    pool = Stub(worker_process.TimeLimitError(60.5))
+    with pytest.raises(BackendError, match=naming("'toy'", "60.5 s")):
         outcomes(lambda: pool, [task])
 
 
@@ -156,7 +155,7 @@ def test_a_pool_of_somebody_elses_works_too(monkeypatch):
     monkeypatch.setattr(runner, "STRIKES", 1)
     jobs = tasks("toy:die", [0.1, 0.3])
     found = outcomes(lambda: ProcessPoolExecutor(1, mp_context=get_context("spawn")), jobs)
-    assert found[1].failure == "crash: the worker died 1 times"
+    assert states(found[1].failure, "crash", "1")
     assert numbers(found) == here(jobs[:1])
 
 
@@ -164,7 +163,7 @@ def test_leaving_early_ends_what_is_running():
     with Runner(process_pool(2)) as runner:
         for _ in runner.run(tasks("toy:hang", [0.1, 0.3, 0.3])):
             break
-    assert not child._children
+    assert not worker_process._workers
 
 
 class Lost:
@@ -179,13 +178,11 @@ def test_one_child_after_another_thing():
     try:
         assert pool.submit(os.write, 1, b"printed by a worker\n").result() == 20
         assert pool.submit(print, "again, and not between the answers").result() is None
-        with pytest.raises(
-            BackendError, match="cannot run this: ModuleNotFoundError: No module named 'a_package"
-        ):
+        with pytest.raises(BackendError, match=naming("ModuleNotFoundError", "'a_package_that_nobody_has'")):
             pool.submit(print, Lost()).result()
-        with pytest.raises(BackendError, match="UnknownBackendError: no backend 'tay'"):
+        with pytest.raises(BackendError, match=naming("UnknownBackendError", "'tay'", "toy")):
             pool.submit(load_backend, "tay").result()
-        with pytest.raises(child.WorkerDiedError):
+        with pytest.raises(worker_process.WorkerDiedError):
             pool.submit(os._exit, 1).result()
         assert pool.submit(abs, -1).result() == 1
     finally:
@@ -195,15 +192,15 @@ def test_one_child_after_another_thing():
 def test_a_scheduler_that_is_not_there(monkeypatch):
     pytest.importorskip("distributed", reason="the extra [dask] is not installed")
     monkeypatch.setattr(pools, "ANSWER", 0.3)
-    with pytest.raises(BackendError, match="no Dask scheduler answers at tcp://"):
+    with pytest.raises(BackendError, match=naming("tcp://127.0.0.1:1")):
         dask_pool("tcp://127.0.0.1:1")()
-    with pytest.raises(UsageError, match="somewhere is not an address, for example tcp://"):
+    with pytest.raises(UsageError, match=naming("somewhere", "tcp://")):
         dask_pool("somewhere")
 
 
 def test_without_the_extra_one_sentence_says_what_to_install(monkeypatch):
     monkeypatch.setattr(pools, "find_spec", lambda name: None)
-    with pytest.raises(UsageError, match=r"--scheduler needs distributed.*pip install 's2r\[dask\]'"):
+    with pytest.raises(UsageError, match=naming("--scheduler", "distributed", "pip install 's2r[dask]'")):
         dask_pool("tcp://127.0.0.1:1")
 
 
@@ -221,7 +218,7 @@ def test_a_scheduler_that_goes_away(cluster, monkeypatch):
         answers = one.run(tasks("toy:slow", HARMLESS * 50))
         next(answers)
         cluster.close()
-        with pytest.raises(BackendError, match=f"the Dask scheduler at {address} is gone"):
+        with pytest.raises(BackendError, match=naming(address)):
             list(answers)
 
 

@@ -17,6 +17,7 @@ from s2r_sim.rollout import simulator
 from s2r_sim.settings import Settings
 from s2r_spec.backend import Backend, HasDuration, load_backend
 from s2r_spec.errors import UsageError
+from tests.errors import naming
 
 SHORT = SimBackend(duration=0.3)
 
@@ -122,13 +123,13 @@ def test_without_noise_every_seed_is_the_same():
 
 @pytest.mark.parametrize("bad", [{"vd": 0.51}, {"vd": float("nan")}])
 def test_a_value_out_of_range_is_refused_with_the_range(bad):
-    with pytest.raises(UsageError, match=r"vd = .* is outside what the backend can do: \[-0.5, 0.5\] m/s"):
+    with pytest.raises(UsageError, match=naming("vd = ", "[-0.5, 0.5] m/s")):
         SHORT.rollout(bad, seed=0)
 
 
 def test_an_unknown_parameter_is_refused_with_the_known_ones():
     known = "friction, payload, push, push_time, push_towards, slope, vd, vy, wz"
-    with pytest.raises(UsageError, match=rf"no parameter 'vdd'; did you mean 'vd'\?; it has {known}"):
+    with pytest.raises(UsageError, match=naming("'vdd'", "did you mean 'vd'", known)):
         SHORT.rollout({"vdd": 0.1}, seed=0)
 
 

@@ -14,6 +14,7 @@ from s2r_sim.robot.figures import A1
 from s2r_spec.backend import HasEffects
 from s2r_spec.effects import choose
 from s2r_spec.errors import UsageError
+from tests.errors import naming
 
 SHORT = SimBackend(duration=0.2)
 QUIET = SimBackend(duration=2.0, noise=Noise.off())
@@ -108,19 +109,19 @@ def test_effects_are_in_the_meta():
 
 
 @pytest.mark.parametrize(
-    ("values", "message"),
+    ("values", "facts"),
     [
         (
             {"latncy": {}},
-            r"no effect 'latncy'; did you mean 'latency'\?; it has armature, .*, viscous_friction",
+            ["'latncy'", "did you mean 'latency'", "armature", "viscous_friction"],
         ),
-        ({"payload": {"m": 1.0}}, r"'payload' has no parameter 'm'.*; it has mass, x, y"),
-        ({"latency": {"delay": 1.0}}, r"latency: delay = 1 s is out of range: \[0, 0.03\] s"),
-        ({"slope": {"angle": float("nan")}}, r"slope: angle = nan deg is out of range"),
+        ({"payload": {"m": 1.0}}, ["'payload'", "'m'", "mass, x, y"]),
+        ({"latency": {"delay": 1.0}}, ["latency", "delay = 1 s", "[0, 0.03] s"]),
+        ({"slope": {"angle": float("nan")}}, ["slope", "angle = nan deg"]),
     ],
 )
-def test_a_bad_effect_is_refused_with_the_valid_ones(values, message):
-    with pytest.raises(UsageError, match=message):
+def test_a_bad_effect_is_refused_with_the_valid_ones(values, facts):
+    with pytest.raises(UsageError, match=naming(*facts)):
         SHORT.with_effects(values)
 
 

@@ -7,6 +7,7 @@ import pytest
 
 from s2r_sim import SimBackend, pictures
 from s2r_spec.errors import UsageError
+from tests.errors import naming
 
 SHORT = SimBackend(duration=0.5)
 
@@ -31,9 +32,7 @@ def test_tiles_and_video_are_drawn(tmp_path):
 
 
 def test_another_ending_is_refused_with_the_known_ones(tmp_path):
-    with pytest.raises(
-        UsageError, match=r"'walk.mp4': a picture ends in .jpg, .png \(tiles\) or .gif, .webp"
-    ):
+    with pytest.raises(UsageError, match=naming("'walk.mp4'", ".jpg, .png", ".gif, .webp")):
         SHORT.render({}, 0, tmp_path / "walk.mp4")
 
 
@@ -44,12 +43,12 @@ def test_without_opengl_a_sentence_says_what_to_install(tmp_path, monkeypatch):
         raise ImportError(name)
 
     monkeypatch.setattr(pictures, "import_module", absent)
-    with pytest.raises(UsageError, match="neither EGL nor OSMesa works on this machine"):
+    with pytest.raises(UsageError, match=naming("EGL", "OSMesa")):
         SHORT.render({}, 0, tmp_path / "gait.png")
 
 
 def test_without_pillow_a_sentence_says_what_to_install(tmp_path, monkeypatch):
     find = importlib.util.find_spec
     monkeypatch.setattr(pictures, "find_spec", lambda name: None if name == "PIL" else find(name))
-    with pytest.raises(UsageError, match="need the package 'pillow'"):
+    with pytest.raises(UsageError, match=naming("'pillow'")):
         SHORT.render({}, 0, tmp_path / "gait.png")

@@ -26,6 +26,7 @@ from s2r_sim.robot.figures import LEGS
 from s2r_spec.backend import HasResiduals
 from s2r_spec.errors import TraceError
 from s2r_spec.trace import Trace
+from tests.errors import naming
 
 SIM = SimBackend(duration=0.8)
 # Two to five times what a nominal rollout shows at vd = 0.3 m/s, mean absolute value over time and columns, in the
@@ -331,12 +332,10 @@ def test_what_cannot_be_computed_is_left_out_and_nothing_at_all_is_said():
     assert SIM.residuals(trace.only(["vx", "vy", "vx_est", "vy_est"])).channels.keys() == {
         "velocity_estimate"
     }
-    with pytest.raises(
-        TraceError, match=r"no residual can be computed from the channels vx; .* needed for '"
-    ):
+    with pytest.raises(TraceError, match=naming("vx", "tau_est")):
         SIM.residuals(trace.only(["vx"]))
     short = Trace(trace.times[:5], {name: values[:5] for name, values in trace.channels.items()})
-    with pytest.raises(TraceError, match=r"residuals need \d+ samples or more, and the trace has 5"):
+    with pytest.raises(TraceError, match=r"\d+ samples.*\b5\b"):
         SIM.residuals(short)
 
 

@@ -7,6 +7,7 @@ from s2r_sim.effects import CATALOGUE
 from s2r_sim.twins import PLACES
 from s2r_spec.backend import Backend, HasDuration, load_backend
 from s2r_spec.errors import UsageError
+from tests.errors import naming
 
 
 @pytest.mark.parametrize("place", PLACES)
@@ -36,7 +37,7 @@ def test_a_twin_keeps_its_place_when_it_is_made_longer_and_takes_options():
 
 @pytest.mark.parametrize("text", ["", "beach"])
 def test_an_unknown_place_is_refused_with_the_known_ones(text):
-    with pytest.raises(UsageError, match=rf"no twin of a place '{text}'.*; there is grass, lab, ramp, sand"):
+    with pytest.raises(UsageError, match=naming(f"'{text}'", "grass, lab, ramp, sand")):
         TwinBackend(text)
 
 
@@ -74,14 +75,14 @@ def test_effects_may_be_given_in_the_name():
 
 
 @pytest.mark.parametrize(
-    ("text", "message"),
+    ("text", "facts"),
     [
-        ("feedbak=truth", r"no option 'feedbak'; did you mean 'feedback'\?; it has feedback, form"),
-        ("latency.dely=0.1", r"'latency' has no parameter 'dely'; did you mean 'delay'\?; it has delay"),
-        ("latency.delay=soon", r"'latency.delay=soon': 'soon' is not a number"),
-        ("feedback=guess", r"feedback = 'guess' is not one of estimate, truth"),
+        ("feedbak=truth", ["'feedbak'", "did you mean 'feedback'", "form"]),
+        ("latency.dely=0.1", ["'latency'", "'dely'", "did you mean 'delay'"]),
+        ("latency.delay=soon", ["latency.delay=soon", "'soon'"]),
+        ("feedback=guess", ["feedback", "'guess'", "estimate, truth"]),
     ],
 )
-def test_a_bad_option_is_refused_with_the_valid_ones(text, message):
-    with pytest.raises(UsageError, match=message):
+def test_a_bad_option_is_refused_with_the_valid_ones(text, facts):
+    with pytest.raises(UsageError, match=naming(*facts)):
         SimBackend(text)

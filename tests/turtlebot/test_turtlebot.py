@@ -7,6 +7,7 @@ import pytest
 import s2r_spec as s2r
 from s2r_spec.errors import UsageError
 from s2r_turtlebot import Figures, TurtlebotBackend, steer
+from tests.errors import naming
 
 ROOT = Path(__file__).parents[2]
 SPEC = ROOT / "specs" / "turtlebot.stl"
@@ -74,7 +75,7 @@ def test_a_shorter_rollout_is_the_beginning_of_a_longer_one_and_another_model_ha
 
 
 def test_an_obstacle_outside_the_range_gets_a_sentence():
-    with pytest.raises(UsageError, match=r"ox = 0.5 m is outside what the backend can do: \[-0.4, 0.4\] m"):
+    with pytest.raises(UsageError, match=naming("ox = 0.5 m", "[-0.4, 0.4] m")):
         ROBOT.rollout({"ox": 0.5}, seed=0)
 
 

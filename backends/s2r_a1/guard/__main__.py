@@ -1,10 +1,10 @@
 """The guard's commands: ``python -m s2r_a1.guard status|lie|damp|stop [--host HOST] [--port PORT]``.
 
-They speak with a guard that lives, through its control socket, and never with a robot. ``run`` is how
-:mod:`s2r_a1.guard.start` begins one; it is not for people.
+They send requests to a running guard over its control socket, and never reach a robot directly. ``run`` is for
+:mod:`s2r_a1.guard.start`, which starts a guard, and not for people.
 
-Signals of the process that ``run`` makes: SIGINT and SIGHUP do nothing; SIGTERM lets the robot lie down if it stands,
-and ends the guard then. SIGKILL cannot be caught: commands stop, and the robot's firmware decides what happens.
+Signals to the process of ``run``: SIGINT and SIGHUP do nothing; SIGTERM makes a standing robot lie down, and then ends
+the guard. SIGKILL cannot be caught: commands stop, and the robot's firmware decides.
 """
 
 from __future__ import annotations
@@ -24,52 +24,52 @@ from s2r_a1.guard.start import Robot
 from s2r_spec.errors import BackendError, S2RError, UsageError
 
 PRIORITY = 20
-"""A level: of the real-time scheduler (1 to 99), if the system lets the guard have it; above what has none."""
+"""A level: real-time priority (1 to 99), if the system allows it; above all processes without one."""
 SWITCH = 0.0005
-"""A budget [s]: how long another thread of the guard may hold it up; Python's own value is 5 ms, two rounds."""
+"""A budget [s]: longest delay by another thread of the guard; Python's own value is 5 ms, more than two rounds."""
 ENDING = 15.0
-"""A budget [s]: how long ``stop`` waits for the guard's end; a stop from a walk takes 6 s."""
+"""A budget [s]: time that ``stop`` waits for the guard's end; a stop from a walk takes 6 s."""
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run a command and return its exit code; errors are one sentence on standard error."""
+    """Run a command and return its exit code; an error is one sentence on standard error."""
     parser = argparse.ArgumentParser(
-        prog="python -m s2r_a1.guard", description="Speak with the guard of a robot."
+        prog="python -m s2r_a1.guard", description="Send a request to the guard of a robot."
     )
     commands = parser.add_subparsers(dest="do", required=True)
     for name, text in _COMMANDS.items():
         command = commands.add_parser(name, help=text, description=text)
-        command.add_argument("--host", help="the robot's address; not needed where one guard lives")
-        command.add_argument("--port", type=int, default=8007, help="its port (8007)")
+        command.add_argument("--host", help="the robot's address; not needed if only one guard runs")
+        command.add_argument("--port", type=int, default=8007, help="the robot's UDP port (8007)")
         if name == "status":
-            command.add_argument("--json", action="store_true", help="print one object")
-    _add_run(commands.add_parser("run", description="Begin a guard; s2r does this."))
-    given = parser.parse_args(arguments)
+            command.add_argument("--json", action="store_true", help="print one JSON object")
+    _add_run(commands.add_parser("run", description="Start a guard; s2r does this itself."))
+    options = parser.parse_args(arguments)
     try:
-        return _run(given) if given.do == "run" else _speak(given)
+        return _run(options) if options.do == "run" else _send(options)
     except S2RError as error:
         print(f"error: {error}", file=sys.stderr)
         return error.exit_code
 
 
 _COMMANDS = {
-    "status": "Print what the guard does, and why.",
-    "lie": "Let the robot come to a stand and lie down.",
-    "damp": "Damp the robot at once; only a reset leaves that.",
-    "stop": "Let the robot lie down if it stands, and end the guard.",
+    "status": "Print the state of the guard, and the reason for it.",
+    "lie": "Make the robot come to a stand and lie down.",
+    "damp": "Damp the robot at once; only a reset ends the damping.",
+    "stop": "Make the robot lie down if it stands, and end the guard.",
 }
 
 
-def _speak(given: argparse.Namespace) -> int:
-    """Make a request of a living guard."""
-    connection = Connection(_found(given.host, given.port))
+def _send(options: argparse.Namespace) -> int:
+    """Send a request to a running guard."""
+    connection = Connection(_found(options.host, options.port))
     try:
-        reply = connection.request(given.do)
-        if given.do == "status":
-            print(json.dumps(reply) if given.json else _lines_of(reply))
+        reply = connection.request(options.do)
+        if options.do == "status":
+            print(json.dumps(reply) if options.json else _lines_of(reply))
         else:
-            print(f"{given.do}: the robot is in {reply['state']}")
-        if given.do == "stop":
+            print(f"{options.do}: the robot is in {reply['state']}")
+        if options.do == "stop":
             _await_end(connection)
     finally:
         connection.close()
@@ -77,27 +77,29 @@ def _speak(given: argparse.Namespace) -> int:
 
 
 def _found(host: str | None, port: int) -> Any:
-    """Return the control socket of the guard of a robot, or of the only one.
+    """Return the control socket of a robot's guard, or of the only running guard.
 
     Raises:
-        BackendError: none lives.
-        UsageError: several live, and none is named.
+        BackendError: no guard runs.
+        UsageError: several guards run, and ``host`` is None.
     """
     if host:
-        found = place(host, port)
-        if not _lives(found.control.stem):
-            raise BackendError(f"no guard of {host}:{port} lives; a run with a1:host={host} starts one")
-        return found.control
-    living = [path for path in sorted(folder().glob("*.sock")) if _lives(path.stem)]
-    if not living:
-        raise BackendError("no guard lives; a run with a1:host=… starts one")
-    if len(living) > 1:
-        names = ", ".join(path.stem.replace("_", ":") for path in living)
-        raise UsageError(f"{len(living)} guards live, of {names}; name one by --host and --port")
-    return living[0]
+        files = place(host, port)
+        if not _runs(files.control.stem):
+            raise BackendError(
+                f"no guard of {host}:{port} is running; start one by a run with a1:host={host}"
+            )
+        return files.control
+    running = [path for path in sorted(folder().glob("*.sock")) if _runs(path.stem)]
+    if not running:
+        raise BackendError("no guard is running; start one by a run with a1:host=…")
+    if len(running) > 1:
+        names = ", ".join(path.stem.replace("_", ":") for path in running)
+        raise UsageError(f"{len(running)} guards are running, for {names}; name one by --host and --port")
+    return running[0]
 
 
-def _lives(stem: str) -> bool:
+def _runs(stem: str) -> bool:
     host, _, port = stem.rpartition("_")
     lock = hold(place(host, int(port)))
     if lock is not None:
@@ -109,7 +111,7 @@ def _await_end(connection: Connection) -> None:
     """Wait until the guard ends.
 
     Raises:
-        BackendError: it does not.
+        BackendError: it does not end in time.
     """
     end = time.monotonic() + ENDING
     while time.monotonic() < end:
@@ -119,11 +121,11 @@ def _await_end(connection: Connection) -> None:
         except ControlError:
             return
         time.sleep(0.02)
-    raise BackendError("the guard has not ended yet; look at its status")
+    raise BackendError("the guard has not ended yet; check it by: python -m s2r_a1.guard status")
 
 
 def _lines_of(status: dict[str, Any]) -> str:
-    """Return a status in lines for a person."""
+    """Return a status as text for a person."""
     kind = "a twin" if status["twin"] else "a robot"
     since = f" since {status['since']:.1f} s" if status["since"] is not None else ""
     lines = [
@@ -157,7 +159,7 @@ def _add_run(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(given: argparse.Namespace) -> int:
-    """Begin a guard in a process of its own, which says through the descriptor ``ready`` that it listens."""
+    """Start a guard in a process of its own, which reports through the descriptor ``ready`` that it listens."""
     if os.fork():
         os._exit(0)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -177,16 +179,16 @@ def _run(given: argparse.Namespace) -> int:
 
 
 def _begun(given: argparse.Namespace) -> Any:
-    """Return a guard that holds the robot's lock and listens; None where another one does."""
+    """Return a guard that holds the robot's lock and listens; None if another guard does."""
     from s2r_a1.guard.desk import answer
     from s2r_a1.guard.loop import Guard
 
-    found = place(given.host, given.port)
-    if hold(found) is None:  # until this process ends
+    files = place(given.host, given.port)
+    if hold(files) is None:  # the lock lasts until this process ends
         return None
-    claim(found)
+    claim(files)
     robot = Robot(given.host, given.port, given.layout, given.clock, given.local, given.module)
-    guard = Guard(robot, Listener(found.control), answer, given.idle)
+    guard = Guard(robot, Listener(files.control), answer, given.idle)
 
     def terminated(number: int, frame: Any) -> None:
         guard.terminated = True
@@ -194,7 +196,7 @@ def _begun(given: argparse.Namespace) -> Any:
     signal.signal(signal.SIGTERM, terminated)
     sys.setswitchinterval(SWITCH)
     if given.clock == "real":
-        # A right that most users do not have; without it the guard is late more often, and counts it.
+        # Most users lack this permission; without it the guard has more late rounds, and counts them.
         with contextlib.suppress(OSError):
             policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
             os.sched_setscheduler(0, policy, os.sched_param(PRIORITY))

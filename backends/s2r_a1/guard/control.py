@@ -1,15 +1,15 @@
-"""Speaks with a guard over its control socket: one JSON object a line, one reply for each request.
+"""The control socket of a guard: one JSON object per line, one reply per request.
 
 Requests are ``{"do": NAME, …}``; the reply is ``{"ok": true, "state": "STAND", …}`` or
-``{"ok": false, "error": "one sentence", "state": …}``. Between them events come without being asked for:
+``{"ok": false, "error": "one sentence", "state": …}``. Events arrive between them without a request:
 
     {"event": "state", "state": "DAMPING", "word": "fall", "reason": "the base is tilted by 0.52 rad …", "round": 4711}
     {"event": "wanted", "state": "STAND" or "RESTING", "word": "operator", "reason": …, "round": …}
     {"event": "warning", "reason": …, "round": …}
 
-``word`` is one of the words of :mod:`s2r_a1.guard.limits`, or null where nothing is wrong. ``wanted`` asks a client
-to come to a stop and to request ``halt``; after ``RAMP`` the guard halts by itself. An event leaves before the state
-packet of the round after it is passed on.
+``word`` is one of the words of :mod:`s2r_a1.guard.limits`, or null if nothing is wrong. ``wanted`` tells a client to
+stop and to request ``halt``; after ``RAMP`` the guard halts by itself. An event is sent before the state packet of the
+next round.
 
 Requests, and who may make them:
 
@@ -21,9 +21,9 @@ Requests, and who may make them:
     leave: a robot that stands is held by the guard, until another client comes   the client
     connect, arm, reset                                                      an operator
 
-``connect``, ``arm`` and ``reset`` are answered once their conditions are met, or refused after about two seconds.
-A client that was attached when the robot was damped must connect anew before it may stand or walk again: so a
-program that was stopped and wakes later cannot move the robot.
+``connect``, ``arm`` and ``reset`` are answered when their conditions are met, or refused after about two seconds. A
+client that was attached when the robot was damped must connect again before the robot may stand or walk, so that a
+stopped program that continues later cannot move the robot.
 """
 
 from __future__ import annotations
@@ -49,39 +49,39 @@ ROLES: dict[str, frozenset[Role | None]] = {
     **dict.fromkeys(("stand", "walk", "record", "stop_recording", "leave"), frozenset({"client"})),
     **dict.fromkeys(("connect", "arm", "reset"), frozenset({"operator"})),
 }
-"""A definition: who may make which request; None is a connection that has not said hello."""
+"""A definition: request → roles that may make it; None is a connection before its hello."""
 
 LONGEST = 65536
-"""A budget: bytes of a request, and of what waits to be read by a party; a party beyond it is closed."""
+"""A budget: bytes of a request, and of unread replies of a party; a party beyond it is closed."""
 MANY = 16
-"""A budget: requests of a party in one read; one that sends more without waiting for replies is closed. Answering takes
-0.1 ms each, and may not hold up a round."""
+"""A budget: requests of a party in one read; a party that sends more without waiting for replies is closed. An answer
+takes 0.1 ms, and must not delay a round."""
 PARTIES = 32
-"""A budget: connections at a time; more are closed at once. ``select`` takes descriptors up to 1023."""
+"""A budget: simultaneous connections; further ones are closed at once. ``select`` accepts descriptors up to 1023."""
 PATIENCE = 30.0
-"""A budget [s]: how long a reply may take; ``connect`` takes up to five, and more on a busy machine."""
+"""A budget [s]: time for a reply; ``connect`` takes up to five seconds, and more on a busy machine."""
 
 
 class ControlError(BackendError):
-    """The guard does not answer any more."""
+    """The guard no longer answers."""
 
 
 class RefusedError(BackendError):
-    """The guard refused a request; the sentence says why."""
+    """The guard refused a request; the message says why."""
 
 
 class Connection:
     """A party's end of the control socket; for one thread.
 
     Attributes:
-        events: those that came and were not taken yet, oldest first.
+        events: received events that were not taken yet, oldest first.
     """
 
     def __init__(self, path: Path) -> None:
         """Connect to the guard that listens at a path.
 
         Raises:
-            ControlError: none does.
+            ControlError: no guard listens there.
         """
         self.events: deque[dict[str, Any]] = deque()
         self._buffer = b""
@@ -91,7 +91,7 @@ class Connection:
             self._socket.connect(str(path))
         except OSError as error:
             self._socket.close()
-            raise ControlError(f"no guard listens at {path}: {error.strerror}") from None
+            raise ControlError(f"no guard listens at {path}: {error.strerror}; start one by a run") from None
         self._socket.setblocking(False)
 
     def request(self, do: str, /, **fields: Any) -> dict[str, Any]:
@@ -107,12 +107,12 @@ class Connection:
             left = end - time.monotonic()
             if left <= 0 or not select.select([self], [], [], left)[0]:
                 raise ControlError(
-                    f"the guard has not answered {do!r} for {PATIENCE:g} s; end it and start anew"
+                    f"the guard has not answered {do!r} for {PATIENCE:g} s; end it, and run the command again"
                 )
             try:
                 self._receive()
             except ControlError:
-                if not self._replies:  # the last reply may come with the end
+                if not self._replies:  # the last reply may arrive together with the end
                     raise
         reply = self._replies.popleft()
         if not reply["ok"]:
@@ -120,7 +120,7 @@ class Connection:
         return reply
 
     def take(self) -> Iterator[dict[str, Any]]:
-        """Yield the events that have come, oldest first, without waiting.
+        """Yield the received events, oldest first, without waiting.
 
         Raises:
             ControlError: the guard ended; only after the last event.
@@ -136,11 +136,11 @@ class Connection:
             raise ended
 
     def fileno(self) -> int:
-        """Return what ``select`` waits for."""
+        """Return the descriptor for ``select``."""
         return self._socket.fileno()
 
     def close(self) -> None:
-        """Leave the guard; where a client does so while the robot stands or walks, the robot is damped."""
+        """Disconnect; if a client does so while the robot stands or walks, the robot is damped."""
         self._socket.close()
 
     def _send(self, data: bytes) -> None:
@@ -154,7 +154,7 @@ class Connection:
             raise ControlError("the guard has ended") from None
 
     def _receive(self) -> None:
-        """Take in what has come."""
+        """Read all received data."""
         while True:
             try:
                 data = self._socket.recv(LONGEST)
@@ -171,18 +171,18 @@ class Connection:
 
 
 class Request(NamedTuple):
-    """What a party asks for: the name of the request, and all its fields."""
+    """A request: its name, and its other fields."""
 
     do: str
     fields: dict[str, Any]
 
 
 class Party:
-    """A connection as the guard sees it.
+    """The guard's end of a connection.
 
     Attributes:
-        role: as its hello said; None before.
-        pid: of its process, as its hello said.
+        role: role from its hello; None before.
+        pid: process id from its hello.
         spent: whether it was the client when the robot was damped.
         open: whether it can still be written to.
     """
@@ -198,7 +198,7 @@ class Party:
         self._out = b""
 
     def requests(self) -> list[Request | str]:
-        """Return the whole requests that have come, a sentence instead of one that cannot be read."""
+        """Return the received requests; a message in place of each request that cannot be read."""
         try:
             data = self._socket.recv(LONGEST)
         except BlockingIOError:
@@ -212,12 +212,12 @@ class Party:
         return [_request(line) for line in lines[:MANY]]
 
     def send(self, message: dict[str, Any]) -> None:
-        """Send a message as far as the party takes it; never wait. One that reads nothing for long is closed."""
+        """Send a message without waiting; a party with too much unread data is closed."""
         self._out += json.dumps(message).encode() + b"\n"
         self.flush()
 
     def flush(self) -> None:
-        """Send what waits."""
+        """Send waiting data."""
         try:
             while self._out:
                 self._out = self._out[self._socket.send(self._out) :]
@@ -228,7 +228,7 @@ class Party:
             self.open = False
 
     def fileno(self) -> int:
-        """Return what ``select`` waits for."""
+        """Return the descriptor for ``select``."""
         return self._socket.fileno()
 
     def close(self) -> None:
@@ -238,20 +238,20 @@ class Party:
 
 
 def _request(line: bytes) -> Request | str:
-    """Return the request that a line holds, or a sentence."""
+    """Return the request in a line, or a message if it is not valid."""
     try:
         message = json.loads(line)
     except (ValueError, RecursionError):
         message = None
     if not isinstance(message, dict) or not isinstance(message.get("do"), str):
-        return 'a request is one JSON object on a line, with "do" and its fields'
+        return 'a request must be one JSON object on a line, with "do" and its fields'
     if message["do"] not in ROLES:
-        return f"there is no request {message['do'][:40]!r}; name one of {', '.join(sorted(ROLES))}"
+        return f"there is no request {message['do'][:40]!r}; use one of {', '.join(sorted(ROLES))}"
     return Request(message.pop("do"), message)
 
 
 def _listening(path: Path) -> socket.socket:
-    """Return a socket that listens at a path; whatever lies there is replaced."""
+    """Return a socket that listens at a path; an existing file is replaced."""
     path.unlink(missing_ok=True)
     listening = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     try:
@@ -273,22 +273,22 @@ class Listener:
     """
 
     def __init__(self, path: Path) -> None:
-        """Listen at a path; whatever lies there is replaced, since the caller holds the robot's lock."""
+        """Listen at a path; an existing file is replaced, because the caller holds the robot's lock."""
         self.parties: list[Party] = []
         self._path = path
         self._socket = _listening(path)
 
     def renew(self) -> None:
-        """Listen anew if somebody has taken the socket's file away: a guard must stay within reach."""
+        """Listen again if the socket's file was deleted, so that the guard can be reached."""
         if self._path.exists():
             return
-        with contextlib.suppress(OSError):  # its folder is away, too; connections that are open go on
+        with contextlib.suppress(OSError):  # the folder was deleted, too; open connections go on
             fresh = _listening(self._path)
             self._socket.close()
             self._socket = fresh
 
     def fileno(self) -> int:
-        """Return what ``select`` waits for."""
+        """Return the descriptor for ``select``."""
         return self._socket.fileno()
 
     def filenos(self) -> list[int]:
@@ -296,11 +296,11 @@ class Listener:
         return [self.fileno(), *(party.fileno() for party in self.parties)]
 
     def take(self, ready: set[int]) -> list[tuple[Party, Request | str]]:
-        """Return the requests of those whose descriptor is ready; a new connection is taken in.
+        """Return the requests of the parties whose descriptor is ready; accept a new connection.
 
-        Parties whose connection has ended stay in ``parties``, not ``open``, until :meth:`ended` returns them.
+        A party whose connection has ended stays in ``parties``, not ``open``, until :meth:`ended` returns it.
         """
-        found: list[tuple[Party, Request | str]] = []
+        requests: list[tuple[Party, Request | str]] = []
         if self.fileno() in ready:
             with contextlib.suppress(OSError):
                 connection = self._socket.accept()[0]
@@ -310,11 +310,11 @@ class Listener:
                     connection.close()
         for party in self.parties:
             if party.fileno() in ready:
-                found += [(party, request) for request in party.requests()]
-        return found
+                requests += [(party, request) for request in party.requests()]
+        return requests
 
     def ended(self) -> list[Party]:
-        """Return the parties whose connection has ended, closed and taken out."""
+        """Close and remove the parties whose connection has ended, and return them."""
         ended = [party for party in self.parties if not party.open]
         if ended:
             self.parties = [party for party in self.parties if party.open]
@@ -323,13 +323,13 @@ class Listener:
         return ended
 
     def publish(self, event: dict[str, Any]) -> None:
-        """Send an event to every party that has said hello."""
+        """Send an event to every party with a role."""
         for party in self.parties:
             if party.role is not None:
                 party.send(event)
 
     def close(self) -> None:
-        """Close all connections, and take the socket's file away."""
+        """Close all connections, and remove the socket's file."""
         for party in self.parties:
             party.close()
         self._socket.close()

@@ -1,4 +1,4 @@
-"""Answers the requests of a guard's parties; the table is in :mod:`s2r_a1.guard.control`."""
+"""Answer the requests to a guard; :mod:`s2r_a1.guard.control` lists them."""
 
 from __future__ import annotations
 
@@ -20,24 +20,24 @@ from s2r_a1.guard.states import ROWS, State
 Reply = dict[str, Any] | Deferred
 
 PATIENCE = 750
-"""A budget [rounds]: how long a request waits for the robot to fulfil its conditions: 1.5 s, of which measuring the
-robot's clock takes 0.5 s. Twice as many make a robot that is not there known later."""
+"""A budget [rounds]: time for the robot to fulfil the conditions of a request: 1.5 s, with 0.5 s for measuring the
+robot's clock. Twice as many report a missing robot later."""
 LONGEST = 300
-"""A budget: letters of a reason."""
+"""A budget: characters of a reason."""
 JUDGED = frozenset({"a1"})
-"""A definition: layouts of the robots whose figures :mod:`s2r_a1.guard.limits` has; others are never armed."""
+"""A definition: layouts of robots with limits in :mod:`s2r_a1.guard.limits`; other robots are never armed."""
 
 
 def answer(guard: Guard, party: Party, request: Request) -> Reply:
-    """Return the reply to a request, or say when there is one.
+    """Return the reply to a request, now or later.
 
     Raises:
-        RefusedError: the sentence says why not.
-        LinkError: the robot cannot be reached from here.
+        RefusedError: the guard refuses; the message says why.
+        LinkError: the robot cannot be reached.
     """
     if party.role not in ROLES[request.do]:
         needed = " or ".join(sorted(role for role in ROLES[request.do] if role))
-        raise RefusedError(f"{request.do} is for the {needed}; say hello as one first")
+        raise RefusedError(f"{request.do} needs the role {needed}; send hello with that role first")
     if request.do in states.BEGINNINGS or request.do in _MOTIONS:
         return _motion(guard, party, request)
     return _ANSWERS[request.do](guard, party, request.fields)
@@ -46,16 +46,14 @@ def answer(guard: Guard, party: Party, request: Request) -> Reply:
 def _motion(guard: Guard, party: Party, request: Request) -> Reply:
     if request.do in states.BEGINNINGS:
         if guard.client is None or guard.client.party is not party:
-            raise RefusedError("this program does not move the robot any more; connect anew")
+            raise RefusedError("this program is no longer the client of the robot; connect again")
         if party.spent:
-            raise RefusedError("this program was moving the robot when it was damped; connect anew")
+            raise RefusedError("this program was the client when the robot was damped; connect again")
         if guard.ending:
             raise RefusedError("the guard is about to end; start a new one")
-        # Consents are of whoever attends: what is left of an earlier run must not move the robot under them.
+        # Consent comes from the present operator, so a client of an earlier run must not move the robot.
         if not guard.attended:
-            raise RefusedError(
-                "nobody attends to the robot; an operator attaches first, as s2r check, gap and certify do"
-            )
+            raise RefusedError("no operator is attached; attach one first, as s2r check, gap and certify do")
     reason = request.fields.get("reason")
     reason = " ".join(reason.split())[:LONGEST] if isinstance(reason, str) else None
     machine, refusal = states.request(guard.machine, request.do, party.role, reason, guard.limits)
@@ -70,28 +68,28 @@ def _motion(guard: Guard, party: Party, request: Request) -> Reply:
 def _hello(guard: Guard, party: Party, fields: dict[str, Any]) -> Reply:
     role, pid, port = fields.get("role"), fields.get("pid"), fields.get("port")
     if role not in ("client", "operator"):
-        raise RefusedError('a hello has the role "client" or "operator"')
+        raise RefusedError('hello needs "role": "client" or "operator"')
     if party.role:
-        raise RefusedError(f"this connection has said hello as {party.role}")
+        raise RefusedError(f"this connection already has the role {party.role}; open another one")
     pid = pid if isinstance(pid, int) else None
     if role == "operator":
         party.role, party.pid = role, pid
         return status(guard)
     if not isinstance(port, int) or not 0 < port < 65536:
-        raise RefusedError("a client's hello has the port that it listens at, 1 to 65535")
+        raise RefusedError('a client\'s hello needs "port", its UDP port from 1 to 65535')
 
     def poll() -> dict[str, Any] | None:
         if guard.link is None:
-            raise RefusedError("the robot is not connected; an operator connects it first")
+            raise RefusedError("the robot is not connected; an operator must connect it first")
         client = guard.client
         if client and client.party.open and not client.party.spent:
             raise RefusedError(f"another program moves the robot (process {client.party.pid}); end it first")
         if client and client.party.open:
-            guard.release()  # it was damped, and can move nothing; it may be one that was stopped for good
+            guard.release()  # after damping it cannot move the robot; it may be a stopped process
         elif client:
             guard.leave(client.party)
         if guard.lockstep and guard.moving():
-            return None  # else it would depend on the machine's load which state it sees first
+            return None  # otherwise its first state would depend on the computer's load
         own = guard.attach(party, port)
         party.role, party.pid = role, pid
         return {**status(guard), "port": own}
@@ -131,7 +129,7 @@ def _arm(guard: Guard, party: Party, fields: dict[str, Any]) -> Reply:
         and guard.link
         and memory.now - memory.fresh >= guard.limits.silence
     ):
-        guard.link.forget()  # a robot that was switched off and on has a clock that begins anew
+        guard.link.forget()  # the clock of a robot that was switched off and on starts again
     until = guard.rounds + PATIENCE
 
     def poll() -> dict[str, Any] | None:
@@ -149,12 +147,10 @@ def _arm(guard: Guard, party: Party, fields: dict[str, Any]) -> Reply:
 
 def _reset(guard: Guard, party: Party, fields: dict[str, Any]) -> Reply:
     if guard.machine.state is not State.DAMPING:
-        raise RefusedError(
-            f"the robot is in {guard.machine.state}, and not damped; there is nothing to reset"
-        )
+        raise RefusedError(f"the robot is in {guard.machine.state}, not damped; reset only a damped robot")
 
     def poll() -> dict[str, Any] | None:
-        if guard.machine.state is not State.DAMPING:  # another operator was quicker
+        if guard.machine.state is not State.DAMPING:  # another operator has reset it
             return {}
         if guard.now - guard.machine.since < states.SINKING:
             return None
@@ -167,9 +163,9 @@ def _reset(guard: Guard, party: Party, fields: dict[str, Any]) -> Reply:
 def _record(guard: Guard, party: Party, fields: dict[str, Any]) -> Reply:
     path, header = fields.get("path"), fields.get("header", {})
     if not isinstance(path, str) or not Path(path).is_absolute():
-        raise RefusedError("a recording has a path that begins at the root")
+        raise RefusedError('record needs "path", an absolute path')
     if not isinstance(header, dict):
-        raise RefusedError("the header of a recording is an object")
+        raise RefusedError('record needs "header", an object')
     robot = guard.robot
     own = {
         "host": robot.host,
@@ -187,7 +183,7 @@ def _record(guard: Guard, party: Party, fields: dict[str, Any]) -> Reply:
         log = guard.record(path, {**header, **own})
     except (ValueError, RecursionError):
         raise RefusedError(
-            "the path or the header of a recording has letters, or depths, that no file has"
+            "the path or the header of the recording cannot be written: use plain characters and less nesting"
         ) from None
 
     def poll() -> dict[str, Any] | None:
@@ -204,7 +200,7 @@ def _record(guard: Guard, party: Party, fields: dict[str, Any]) -> Reply:
 def _stop_recording(guard: Guard, party: Party, fields: dict[str, Any]) -> Reply:
     log = guard.finish_recording()
     if log is None:
-        raise RefusedError("nothing is being recorded")
+        raise RefusedError("there is no recording to stop; request record first")
 
     def poll() -> dict[str, Any] | None:
         if not log.done:
@@ -230,7 +226,7 @@ def _stop(guard: Guard, party: Party, fields: dict[str, Any]) -> Reply:
 
 
 def status(guard: Guard) -> dict[str, Any]:
-    """Return all that there is to know of a guard."""
+    """Return the complete status of a guard."""
     machine, reading = guard.machine, guard.machine.memory.reading
     counters = asdict(guard.link.counters) if guard.link else {}
     followed = machine.followed
@@ -265,29 +261,31 @@ def status(guard: Guard) -> dict[str, Any]:
 
 
 def unready(guard: Guard) -> str | None:
-    """Return a sentence about why a robot must not be armed now, or None."""
+    """Return the reason why a robot must not be armed now, or None."""
     if guard.robot.layout not in JUDGED:
         return unjudged(guard)
     return states.unready(guard.machine, guard.conditions(), guard.limits)
 
 
 def unjudged(guard: Guard) -> str:
-    """Return the sentence about a robot of which the guard has no limits."""
-    return f"the {guard.layout.name} can be read, not moved: the guard knows the limits of an A1 only"
+    """Return the reason for refusing a robot without limits."""
+    return (
+        f"the guard can read a {guard.layout.name} but not move it, because it has the limits of an A1 only"
+    )
 
 
 def _battery(guard: Guard) -> int | None:
-    """Return the charge [%] that a Go1 says; an A1 says none."""
-    if guard.robot.layout != "go1" or guard.robot.module or not guard.packet:  # a module says none
+    """Return the charge that a Go1 reports [%]; None for an A1, which reports none."""
+    if guard.robot.layout != "go1" or guard.robot.module or not guard.packet:  # a module reports none
         return None
     return int(np.frombuffer(guard.packet, guard.layout.state)["battery"][0, 3])
 
 
 def silent(guard: Guard) -> str:
-    """Return a sentence about a robot that has not answered."""
+    """Return the message about a robot that has not answered."""
     where = f"{guard.robot.host}:{guard.robot.port}"
     if guard.link and guard.link.counters.corrupt:
-        return f"what answers at {where} sends no packets of the {guard.layout.name}; name its layout, or its address"
+        return f"{where} answers, but sends no packets of the {guard.layout.name}; check its layout and its address"
     if guard.loopback:
         clock = " --clock lockstep" if guard.lockstep else ""
         return (
@@ -298,13 +296,15 @@ def silent(guard: Guard) -> str:
 
 
 def clockless(guard: Guard) -> str:
-    """Return a sentence about a robot whose clock has no known unit."""
+    """Return the message about a robot whose clock has no known unit."""
     assert guard.link is not None
     refusal = guard.link.refusal or ""
     if not guard.loopback:
         return refusal
     seen, _, _ = refusal.partition(";")
-    return f"{seen}; where this machine is too busy for a twin in real time, use clock=lockstep on both sides"
+    return (
+        f"{seen}; if this machine is too busy for a twin in real time, use clock=lockstep for guard and twin"
+    )
 
 
 _MOTIONS = frozenset({"halt", "lie", "damp"})

@@ -1,8 +1,8 @@
-"""Computes where the feet are, and from it how high the base stands, for single numbers.
+"""Compute the positions of the feet and the height of the base, in plain Python numbers.
 
-Data: joint angles q and the attitude of the base as a unit quaternion (w, x, y, z). The guard has kinematics of its
-own, since it must not load a simulator; ``tests/a1/test_limits.py`` holds it against ``s2r_sim``'s. Legs in the order
-FR, FL, RR, RL; axes x forward, y left, z up; m and rad.
+Data: joint angles q and the attitude of the base as a unit quaternion (w, x, y, z). The guard has its own kinematics
+because it must not load a simulator; ``tests/a1/test_limits.py`` compares them with those of ``s2r_sim``. Legs in the
+order FR, FL, RR, RL; axes x forward, y left, z up; m and rad.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ class Legs:
     """Lengths [m] of a quadruped's legs. Source of the defaults: the A1's URDF, as in ``s2r_sim.robot.figures``.
 
     Attributes:
-        hip_x, hip_y: of the hip joints from the middle of the base.
-        thigh_y: from the hip joint out to the thigh joint.
-        thigh, calf: between joints, and from the knee to the middle of the foot's ball.
-        foot: radius of the foot's ball.
+        hip_x, hip_y: position of the hip joints from the middle of the base.
+        thigh_y: distance of the thigh joint outwards from the hip joint.
+        thigh, calf: from thigh joint to knee, and from the knee to the centre of the foot.
+        foot: radius of the spherical foot.
     """
 
     hip_x: float = 0.1805
@@ -37,7 +37,7 @@ SIDES = ((1, -1), (1, 1), (-1, -1), (-1, 1))
 
 
 def feet(legs: Legs, q: Sequence[float]) -> Iterator[tuple[float, float, float]]:
-    """Yield the middles of the four feet's balls in base axes [m], from twelve joint angles [rad]."""
+    """Yield the centres of the four feet in base axes [m], from twelve joint angles [rad]."""
     for leg, (front, left) in enumerate(SIDES):
         hip, thigh, calf = q[3 * leg], q[3 * leg + 1], q[3 * leg + 2]
         x = -legs.thigh * sin(thigh) - legs.calf * sin(thigh + calf)
@@ -48,7 +48,7 @@ def feet(legs: Legs, q: Sequence[float]) -> Iterator[tuple[float, float, float]]
 
 
 def heights(legs: Legs, q: Sequence[float], quaternion: Sequence[float]) -> Iterator[float]:
-    """Yield the height [m] of the base over a level ground through each foot; the largest is through the lowest."""
+    """Yield the height [m] of the base above a level ground through each foot; it is largest for the lowest foot."""
     w, a, b, c = quaternion
     up = (2.0 * (a * c - w * b), 2.0 * (b * c + w * a), 1.0 - 2.0 * (a * a + b * b))
     for x, y, z in feet(legs, q):
@@ -56,9 +56,9 @@ def heights(legs: Legs, q: Sequence[float], quaternion: Sequence[float]) -> Iter
 
 
 def standing(legs: Legs, height: float) -> tuple[float, float, float]:
-    """Return hip, thigh and calf angle [rad] of a stand with the base at this height [m], feet below the hips.
+    """Return hip, thigh and calf angle [rad] of a stand with the base at this height [m] and the feet below the hips.
 
-    For thighs and calves of one length.
+    Thigh and calf must have equal lengths.
     """
     thigh = acos((height - legs.foot) / (legs.thigh + legs.calf))
     return 0.0, thigh, -2.0 * thigh

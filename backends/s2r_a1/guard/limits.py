@@ -1,11 +1,10 @@
-"""Judges whether a robot may go on: every figure in one table, and one pure function for each limit.
+"""Judge whether a robot may go on: all constants in one table, and one pure function for each limit.
 
-Data: the newest reading of the robot, and counts that the state machine keeps (:class:`Seen`). A check returns a
-sentence about what is wrong, or None. Which checks hold in which state is said by ``states.ROWS``; every check has a
-word, which says what a rollout that it ended was ended by.
+Data: the newest reading of the robot, and counts of the state machine (:class:`Seen`). A check returns the reason for a
+stop, or None. ``states.ROWS`` lists the checks of each state. The word of a check names the cause of a stopped rollout.
 
-Words of the robot, which count as outcomes: fall, joint, torque, power, heat, motor. Words of everything else, which
-make a rollout void: link, client, operator, disk.
+Words of the robot, which count as outcomes: fall, joint, torque, power, heat, motor. Words of other causes, which make
+a rollout void: link, client, operator, disk.
 """
 
 from __future__ import annotations
@@ -32,9 +31,9 @@ RobotWord = Literal["fall", "joint", "torque", "power", "heat", "motor"]
 VoidWord = Literal["link", "client", "operator", "disk"]
 Word = Literal[RobotWord, VoidWord]
 ROBOT_WORDS: frozenset[str] = frozenset(get_args(RobotWord))
-"""A definition: words of a rollout that the robot itself ended; it counts with the spec's value of a fall."""
+"""A definition: words of a rollout that the robot itself ended; it counts with the spec's value for a fall."""
 VOID_WORDS: frozenset[str] = frozenset(get_args(VoidWord))
-"""A definition: words of a rollout that says nothing about the robot; it is kept, and run again."""
+"""A definition: words of a rollout that another cause ended; it is kept, and its test runs again."""
 
 MS = 1_000_000
 """A definition: nanoseconds of a millisecond; all times of the guard are whole nanoseconds."""
@@ -48,7 +47,7 @@ JOINTS = tuple(f"{side} {part}" for side in ("FR", "FL", "RR", "RL") for part in
 
 
 class Figure(NamedTuple):
-    """What is known of a figure: its unit, where it comes from, and what happens when it doubles."""
+    """The unit and the source of a constant, and the effect of doubling it."""
 
     unit: str
     source: str
@@ -57,7 +56,7 @@ class Figure(NamedTuple):
 
 @dataclass(frozen=True)
 class Limits:
-    """Every figure that the guard judges by, for the A1; all are levels but the first three, which define the robot.
+    """Every constant of the guard's checks, for the A1; all are levels except the first three, which define the robot.
 
     The annotation of each field is its :class:`Figure`.
     Sources by their short names: SDK = unitree_legged_sdk, FE = fast_and_efficient, WP = walk_in_the_park,
@@ -189,17 +188,17 @@ class Limits:
 
     @cached_property
     def kept(self) -> tuple[FloatArray, FloatArray]:
-        """(12,) middle [rad] and inverse half width of what joints keep to that stand or walk."""
+        """(12,) middle [rad] and inverse half width of the allowed joint angles in a stand or a walk."""
         return self._narrowed(self.margin)
 
     @cached_property
     def possible(self) -> tuple[FloatArray, FloatArray]:
-        """(12,) middle [rad] and inverse half width of the angles that a joint can have."""
+        """(12,) middle [rad] and inverse half width of the possible joint angles."""
         return self._narrowed(-self.wild_angle)
 
     @cached_property
     def ordered(self) -> tuple[FloatArray, FloatArray]:
-        """(60,) least and largest numbers of orders that need not be clipped."""
+        """(60,) smallest and largest numbers of commands that need no clipping."""
         (low, high), one = self.span, np.ones(MOTORS)
         least = (low, -self.speed * one, 0.0 * one, 0.0 * one, -self.torque * one)
         most = (high, self.speed * one, self.kp * one, self.kd * one, self.torque * one)
@@ -207,12 +206,12 @@ class Limits:
 
     @cached_property
     def lean(self) -> float:
-        """Largest x and y of the attitude of a base that tilts about both, and is still upright."""
+        """Largest quaternion components x and y of a base that tilts about both axes within the limit."""
         return sin(self.tilt / 2.0) / sqrt(2.0)
 
     @cached_property
     def upright(self) -> float:
-        """Least cosine of the angle between the base's z axis and the vertical."""
+        """Smallest allowed cosine of the angle between the base's z axis and the vertical."""
         return cos(self.tilt)
 
     @property
@@ -226,25 +225,25 @@ class Limits:
 
 
 LIMITS = Limits()
-"""The A1's."""
+"""Limits of the A1."""
 
 _ALL_CLOSED = np.full(MOTORS, CLOSED_LOOP, dtype=np.int64).tobytes()
 _NO_ERROR = np.zeros(MOTORS, dtype=np.int64).tobytes()
 
 
 class Seen(NamedTuple):
-    """What a check looks at.
+    """The quantities that the checks judge.
 
     Attributes:
-        reading: the newest good one.
-        desired: (12,) angles that the guard's own motion asks for [rad]; None in a client's.
-        link: since the newest good reading [ns].
-        bad: readings in a row that cannot be.
-        client: since the client's newest orders [ns]; 0 where none is due.
-        late: by which this round of the guard itself came after the last [ns].
+        reading: newest valid reading.
+        desired: (12,) reference angles of the guard's own motion [rad]; None during a client's motion.
+        link: time since the newest valid reading [ns].
+        bad: number of impossible readings in a row.
+        client: time since the client's newest commands [ns]; 0 if none are due.
+        late: time between the last two rounds of the guard [ns].
         power: the count of :func:`powered`.
-        strong: (12,) readings in a row with more than the largest torque.
-        strained: (12,) rounds in a row with more than the torque of a warning.
+        strong: (12,) number of readings in a row above the torque limit.
+        strained: (12,) number of rounds in a row above the torque of a warning.
     """
 
     reading: Reading
@@ -262,11 +261,11 @@ class Check(NamedTuple):
     """One limit.
 
     Attributes:
-        name: of the row in the table of limits.
-        word: what a rollout that it ends is said to have ended by.
-        find: returns a sentence about what is wrong, or None.
-        measures: whether it looks at the reading; such a check waits where this round brought none.
-        covered: whether it finds nothing wrong in a reading that is :func:`calm`.
+        name: name in the table of limits.
+        word: cause of the end of a rollout that it stops.
+        find: returns the reason for a stop, or None.
+        measures: whether it judges the reading; such a check waits in a round without one.
+        covered: whether it passes every reading that is :func:`calm`.
     """
 
     name: str
@@ -277,9 +276,9 @@ class Check(NamedTuple):
 
 
 def calm(limits: Limits, reading: Reading) -> bool:
-    """Return whether a reading is possible, and so far from every limit that no covered check finds anything.
+    """Return whether a reading is possible, and so far from every limit that it passes all covered checks.
 
-    Nearly all readings of a walk are; one look then stands for six checks.
+    Nearly all readings of a walk are calm, so one test replaces six checks.
     """
     numbers: Iterator[list[float]] = (field.tolist() for field in reading[:7])
     (w, x, y, z), gyro, force, q, dq, tau, temperature = numbers
@@ -300,44 +299,46 @@ def calm(limits: Limits, reading: Reading) -> bool:
 
 
 def impossible(limits: Limits, reading: Reading) -> str | None:
-    """Return a sentence if a reading cannot be true of a robot that is whole; NaN cannot."""
+    """Return the reason why a reading is impossible for an intact robot, or None; NaN is impossible."""
     w, x, y, z = reading.quaternion.tolist()
     norm = w * w + x * x + y * y + z * z
     if not abs(norm - 1.0) <= 2.0 * limits.norm:
         return f"the attitude's quaternion has the norm {norm**0.5:.3g}, not 1"
     gyro, force = reading.gyro.tolist(), reading.accelerometer.tolist()
     if not max(map(abs, gyro)) <= limits.wild_turn or not isfinite(sum(gyro)):
-        return f"the gyro says {max(map(abs, gyro)):.3g} rad/s, which is beyond its range"
+        return f"the gyroscope reports {max(map(abs, gyro)):.3g} rad/s, which is beyond its range"
     if not isfinite(sum(force)):
-        return "the accelerometer says a number that is not finite"
+        return "the accelerometer reports a number that is not finite"
     middle, inverse = limits.possible
     off = np.abs((reading.q - middle) * inverse)
     if not off.max() <= 1.0:
         joint = _worst(off)
-        return f"the {JOINTS[joint]} is said to be at {reading.q[joint]:.3g} rad, where it cannot be"
+        return f"the encoder of the {JOINTS[joint]} reports {reading.q[joint]:.3g} rad, an impossible angle"
     if not np.abs(reading.dq).max() <= limits.wild_speed:
         joint = _worst(np.abs(reading.dq))
-        return f"the {JOINTS[joint]} is said to turn at {reading.dq[joint]:.3g} rad/s, which it cannot"
+        return (
+            f"the encoder of the {JOINTS[joint]} reports {reading.dq[joint]:.3g} rad/s, an impossible speed"
+        )
     return None
 
 
 def power(reading: Reading) -> float:
-    """Return Σ |dq · tau| of all motors [W], as the vendor's protection has it."""
+    """Return Σ |dq · tau| of all motors [W], as in the vendor's protection."""
     watts: list[float] = list(map(mul, reading.dq.tolist(), reading.tau.tolist()))
     return sum(map(abs, watts))
 
 
 def powered(limits: Limits, count: int, watts: float) -> int:
-    """Return the vendor's count of power after one more reading: up by one beyond the level's power, else down.
+    """Return the vendor's count of power after one more reading: up by one above the level's power, else down by one.
 
-    Source: ``Safety.PowerProtect`` of the vendor's compiled library, seen: level 1 to 10 is 100 to 1000 W, and other
-    levels are the nearest of these.
+    Source: observed behaviour of ``Safety.PowerProtect`` in the vendor's compiled library: levels 1 to 10 are 100 to
+    1000 W, and other levels are the nearest of these.
     """
     return count + 1 if watts > limits.watts else max(count - 1, 0)
 
 
 def allowed(limits: Limits, command: Command) -> bool:
-    """Return whether a client's command may be passed on as it came: :func:`clipped` would change nothing in it."""
+    """Return whether a client's command may be passed on unchanged: :func:`clipped` would change nothing in it."""
     q = command.q
     for place, (low, high) in enumerate(zip(limits.lowest, limits.highest, strict=True)):
         angles = q[place::3]
@@ -355,10 +356,10 @@ def allowed(limits: Limits, command: Command) -> bool:
 
 
 def clipped(limits: Limits, orders: Orders) -> tuple[Orders, int] | None:
-    """Return a client's orders within the limits, and how many of their numbers were beyond.
+    """Return a client's commands within the limits, and the number of clipped values.
 
-    None where they may not be used at all: a number is not finite, or a gain is negative. A speed beyond the joints'
-    is none: the motor's kd is 0 then, as with the vendor's ``VelStopF``.
+    None if a number is not finite or a gain is negative. A speed beyond the joint's limit switches the speed loop off:
+    the motor's kd is 0, as with the vendor's ``VelStopF``.
     """
     flat = np.concatenate(orders)
     least, most = limits.ordered
@@ -375,7 +376,7 @@ def clipped(limits: Limits, orders: Orders) -> tuple[Orders, int] | None:
         kd=np.where(fast, 0.0, np.minimum(orders.kd, limits.kd)),
         tau=np.clip(orders.tau, -limits.torque, limits.torque),
     )
-    # Where a gain is 0, its angle or speed does not act, and programs leave there what they like.
+    # With a gain of 0 the angle or speed has no effect, and programs may leave any number there.
     beyond = (
         (within.q != orders.q) & (orders.kp > 0.0),
         within.kp != orders.kp,
@@ -386,38 +387,36 @@ def clipped(limits: Limits, orders: Orders) -> tuple[Orders, int] | None:
 
 
 def _worst(values: FloatArray) -> int:
-    """Return where the largest value is; a NaN is larger than all."""
+    """Return the index of the largest value; NaN counts as the largest."""
     return int(np.argmax(values))
 
 
 def _link(limits: Limits, seen: Seen) -> str | None:
     if seen.link >= limits.silence:
-        return f"no new state has come from the robot for {seen.link / MS:.0f} ms"
+        return f"the robot has sent no new state for {seen.link / MS:.0f} ms"
     return None
 
 
 def _absent(limits: Limits, seen: Seen) -> str | None:
     if seen.link >= limits.absence:
-        return f"no new state has come from the robot for {seen.link / SECOND:.1f} s"
+        return f"the robot has sent no new state for {seen.link / SECOND:.1f} s"
     return None
 
 
 def _numbers(limits: Limits, seen: Seen) -> str | None:
-    return "two states in a row had numbers that cannot be" if seen.bad >= 2 else None
+    return "two states in a row had impossible numbers" if seen.bad >= 2 else None
 
 
 def _client(limits: Limits, seen: Seen) -> str | None:
     if seen.client >= limits.silence:
-        return (
-            f"no orders that can be used have come from the program that walks for {seen.client / MS:.0f} ms"
-        )
+        return f"the program that moves the robot has sent no valid command for {seen.client / MS:.0f} ms"
     return None
 
 
 def _held_up(limits: Limits, seen: Seen) -> str | None:
     if seen.late >= limits.silence:
         return (
-            f"the guard itself was held up for {seen.late / MS:.0f} ms; let nothing else run on its machine"
+            f"the guard itself was delayed by {seen.late / MS:.0f} ms; run no other programs on its machine"
         )
     return None
 
@@ -432,7 +431,7 @@ def _motor(limits: Limits, seen: Seen) -> str | None:
     # Bytes compare in a tenth of the time that arrays take.
     if mode.tobytes() != _ALL_CLOSED:
         joint = int(np.argmax(mode != CLOSED_LOOP))
-        return f"the motor of the {JOINTS[joint]} is in mode {mode[joint]}, not in {CLOSED_LOOP}, and follows no orders"
+        return f"the motor of the {JOINTS[joint]} is in mode {mode[joint]}, not {CLOSED_LOOP}, and follows no commands"
     if error.tobytes() != _NO_ERROR:
         joint = int(np.argmax(error != 0))
         return f"the motor of the {JOINTS[joint]} reports error {error[joint]}"
@@ -451,7 +450,7 @@ def _above(limit: float, temperature: FloatArray) -> str | None:
     if temperature.max() < limit:
         return None
     joint = int(np.argmax(temperature))
-    return f"the motor of the {JOINTS[joint]} has {temperature[joint]:.0f} °C; the limit is {limit:.0f} °C"
+    return f"the motor of the {JOINTS[joint]} is at {temperature[joint]:.0f} °C; the limit is {limit:.0f} °C"
 
 
 def _torque(limits: Limits, seen: Seen) -> str | None:
@@ -459,7 +458,7 @@ def _torque(limits: Limits, seen: Seen) -> str | None:
         return None
     joint = int(np.argmax(seen.strong))
     return (
-        f"the {JOINTS[joint]} makes {seen.reading.tau[joint]:.1f} N·m, more than ±{limits.torque:g} N·m, "
+        f"the torque of the {JOINTS[joint]} is {seen.reading.tau[joint]:.1f} N·m, beyond ±{limits.torque:g} N·m, "
         f"in {limits.torque_rounds} states in a row"
     )
 
@@ -468,9 +467,7 @@ def _strain(limits: Limits, seen: Seen) -> str | None:
     if seen.strained.max() * ROUND < limits.strain_time:
         return None
     joint = int(np.argmax(seen.strained))
-    return (
-        f"the {JOINTS[joint]} has made more than {limits.strain:g} N·m for {limits.strain_time / SECOND:g} s"
-    )
+    return f"the torque of the {JOINTS[joint]} has exceeded {limits.strain:g} N·m for {limits.strain_time / SECOND:g} s"
 
 
 def _power(limits: Limits, seen: Seen) -> str | None:
@@ -499,7 +496,7 @@ def _deviation(limits: Limits, seen: Seen) -> str | None:
     joint = _worst(off)
     return (
         f"the {JOINTS[joint]} is {off[joint]:.2f} rad from where it should be; "
-        "something holds it, or its motor is weak"
+        "check what holds it, and whether its motor is weak"
     )
 
 

@@ -1,12 +1,12 @@
-"""Turns the rounds of a guard: what came in, a step of the state machine, what goes out.
+"""The rounds of a guard: inputs, a step of the state machine, outputs.
 
-In real time a round begins every 2 ms by the machine's monotonic clock. States are passed on to the client as they
-come; its newest orders are taken when the round begins, and the command leaves at once.
+In real time a round begins every 2 ms by the computer's monotonic clock. States are passed on to the client as they
+arrive. A round begins with the client's newest commands, and sends its own command at once.
 
-In lock step nobody looks at a clock. A round sends the command, waits for the robot's datagram, passes it on, waits
-for the client's, and makes one step. What a client requests between a state and its answer acts in that round, so
-that a run is repeated bit for bit. Without a client, rounds go on only while the robot moves, or a request waits for
-them. Requests are served in all waits.
+In lock step no clock is read. A round sends the command, waits for the robot's datagram, passes it on, waits for the
+client's, and makes one step. A client's request between a state and its answer acts in that round, so a run repeats
+bit for bit. Without a client, rounds go on only while the robot moves or a request waits for them. Every wait serves
+requests.
 """
 
 from __future__ import annotations
@@ -32,32 +32,33 @@ from s2r_a1.rawlog import RawLogError, RawLogWriter
 from s2r_a1.wire import LAYOUTS, Command, Orders
 
 SINKING = {State.DAMPING: 3 * SECOND, State.RESTING: SECOND}
-"""A budget [ns]: how long a robot that was let go is looked after, until it lies. Twice as long delays the end."""
+"""A budget [ns]: time of damping until a robot lies. Twice as long delays the guard's end."""
 LOOKED = 0.2
-"""A budget [s]: how long an idle guard waits before it looks whether it is to end."""
+"""A budget [s]: interval at which an idle guard checks whether it must end."""
 UNANSWERED = 1.0
-"""A budget [s]: how long a client in lock step is waited for that may move nothing any more. One that was stopped for
-good would hold up the damping of the robot; twice as long does so for longer."""
+"""A budget [s]: wait in lock step for a client that may no longer move the robot. A stopped client would delay the
+damping of the robot; twice as long delays it for longer."""
 GREETED = 10.0
-"""A budget [s]: how much longer a new guard waits for who started it. Twice as long leaves a useless one for longer."""
+"""A budget [s]: extra time that a new guard waits for the program that started it. Twice as long keeps a useless guard
+for longer."""
 MUTE = 3.0
-"""A budget [s]: how long the first answer of a twin in lock step may take. Twice as long reveals a wrong one later."""
+"""A budget [s]: time for the first answer of a twin in lock step. Twice as long reveals a wrong twin later."""
 RENEWED = 500
-"""A budget [rounds]: how often a guard looks whether its control socket is still there; each look takes 10 µs."""
+"""A budget [rounds]: interval between two checks of the control socket; each takes 10 µs."""
 POLLED = 0.005
-"""A budget [s]: how often a request that waits for the disk is looked at."""
+"""A budget [s]: interval between two checks of a request that waits for the disk."""
 
 AT_REST = frozenset({State.OFF, State.LINKED, State.ARMED, State.RESTING})
-"""A definition: states in which nothing holds the robot up, and a guard may end."""
+"""A definition: states in which the robot lies or hangs without support of its motors, so a guard may end."""
 
 
 class Deferred(NamedTuple):
-    """A request that is answered later.
+    """A request with a later reply.
 
     Attributes:
-        party: who waits.
+        party: connection that waits for the reply.
         poll: returns the reply, or None while it must wait; raises RefusedError.
-        rounds: whether it waits for rounds, and not for the disk.
+        rounds: whether it waits for rounds (True) or for the disk (False).
     """
 
     party: Party
@@ -67,7 +68,7 @@ class Deferred(NamedTuple):
 
 @dataclass
 class Client:
-    """The program that moves the robot: its connection, and its leg of the wire."""
+    """The program that moves the robot: its control connection and its packet connection."""
 
     party: Party
     address: Address
@@ -79,21 +80,21 @@ Answer = Callable[["Guard", Party, Request], dict[str, Any] | Deferred]
 
 
 class Guard:
-    """One robot's guard.
+    """The guard of one robot.
 
     Attributes:
-        robot: its address.
-        machine: the state, a value.
-        link: to the robot; None before the first consent.
-        client: who moves the robot.
-        log: the recording that is being written.
-        rounds: so far.
-        late: rounds that began more than a round late.
-        event: the last that was published.
-        packet: the last good state, as it came.
-        ending: whether the guard is to end as soon as the robot lies.
-        terminated: set by a signal's handler; the next wait sees to it.
-        answer: replies to a request, or says when; raises RefusedError.
+        robot: address and settings of the robot.
+        machine: complete state of the state machine, a value.
+        link: link to the robot; None before the first consent.
+        client: program that moves the robot; None if there is none.
+        log: current recording; None if there is none.
+        rounds: number of rounds so far.
+        late: number of rounds that began more than one round late.
+        event: last published event.
+        packet: packet of the last valid state.
+        ending: whether the guard ends as soon as the robot lies.
+        terminated: set by the signal handler, and handled in the next wait.
+        answer: returns the reply to a request, now or later; raises RefusedError.
     """
 
     def __init__(self, robot: Robot, listener: Listener, answer: Answer, idle: float = 60.0) -> None:
@@ -121,7 +122,7 @@ class Guard:
         self._due = 0
         self._alone = time.monotonic() + GREETED
 
-    # What the requests act on.
+    # Methods for requests.
 
     @property
     def now(self) -> int:
@@ -129,7 +130,7 @@ class Guard:
         return self.rounds * ROUND if self.lockstep else time.monotonic_ns()
 
     def become(self, machine: Machine) -> None:
-        """Take a new state of the machine, and publish what has changed."""
+        """Set the state of the machine, and publish its changes."""
         before, self.machine = self.machine, machine
         if machine is before:
             return
@@ -152,7 +153,7 @@ class Guard:
         """Open the link to the robot.
 
         Raises:
-            LinkError: the local port is taken, no network leads to the robot, or the vendor's module is no such one.
+            LinkError: the local port is in use, no network leads to the robot, or the vendor's module is not valid.
         """
         if self.link is None:
             self.link = self._opened()
@@ -167,10 +168,8 @@ class Guard:
             self._socket = opened(peer, lockstep=self.lockstep, port=robot.local)
             return UdpLink(self._socket, self.layout)
         if self.lockstep:
-            raise LinkError(
-                "the vendor's module runs in real time only; leave it out, or leave out lock step"
-            )
-        from s2r_a1 import vendor  # loads a program of others, which only who names it wants
+            raise LinkError("the vendor's module runs in real time only; leave out module or clock=lockstep")
+        from s2r_a1 import vendor  # imported only if the user names a third-party module
 
         return vendor.opened(robot.module, self.layout, peer, robot.local)
 
@@ -180,7 +179,7 @@ class Guard:
         self._close_link()
 
     def reset(self) -> None:
-        """Take the operator's word that a damped robot lies."""
+        """Reset after the operator's statement that a damped robot lies."""
         self.become(states.reset(self.machine, self.now))
         if self._socket and self._socket.gone:
             self._close_link()
@@ -189,7 +188,7 @@ class Guard:
             self.link.forget()
 
     def conditions(self) -> Conditions:
-        """Return what the link says of the robot."""
+        """Return the conditions of the link for arming."""
         if self.link is None:
             return Conditions(False, None, self.loopback)
         return Conditions(self.link.unit is not None, self.link.refusal, self.loopback)
@@ -198,7 +197,7 @@ class Guard:
         """Make a party the client, and return the guard's UDP port for it.
 
         Raises:
-            LinkError: its port cannot be spoken to.
+            LinkError: its port cannot be reached.
         """
         address = ("127.0.0.1", port)
         socket = opened(address, lockstep=self.lockstep)
@@ -207,14 +206,14 @@ class Guard:
 
     @property
     def attended(self) -> bool:
-        """Whether an operator is attached, who can stop the robot."""
+        """Whether an operator is attached and can stop the robot."""
         return any(party.role == "operator" and party.open for party in self.listener.parties)
 
     def leave(self, party: Party) -> None:
-        """Forget a party whose connection has ended; a robot that its client held up is damped.
+        """Remove a party whose connection has ended, and act on it.
 
-        So is one that a client moves when the last operator has gone: nobody could stop it any more. One that stands
-        after its client took leave lies down when nobody is attached any more.
+        A standing robot is damped if its client disconnects, and a moving one if the last operator does, because nobody
+        could stop it. A robot that stands without a client lies down when nobody is attached.
         """
         if self.client and self.client.party is party:
             self.release()
@@ -222,29 +221,29 @@ class Guard:
         elif self.client and party.role == "operator" and not self.attended:
             self.become(states.left(self.machine, self.now, "operator"))
         elif not self.client and not self.listener.parties:
-            reason = "nobody is attached to the guard any more"
+            reason = "no program is attached to the guard"
             self.become(states.stopped(self.machine, True, "operator", reason))
 
     def release(self) -> None:
-        """Have no client; the robot goes on as it does."""
+        """Remove the client; the robot's state does not change."""
         if self.client:
             self.client.socket.close()
             self.client = None
 
     def forget_orders(self) -> None:
-        """Leave aside what the client has sent so far: a new motion begins."""
+        """Discard the client's earlier commands at the beginning of a new motion."""
         if self.client and not self.lockstep:
             self.client.side.receive()
 
     def record(self, path: str, header: dict[str, Any]) -> RawLogWriter:
-        """Begin a recording of all packets from and to the robot; one that runs is finished."""
+        """Begin a recording of all packets from and to the robot; finish the current one."""
         if self.log:
             self.log.finish()
         self.log = RawLogWriter(path, header)
         return self.log
 
     def finish_recording(self) -> RawLogWriter | None:
-        """Ask for the end of the recording, and return it."""
+        """Request the end of the recording, and return it."""
         log, self.log = self.log, None
         if log:
             log.finish()
@@ -253,7 +252,7 @@ class Guard:
     # The loop.
 
     def run(self) -> None:
-        """Turn rounds and serve requests until the guard is to end."""
+        """Run rounds and serve requests until the guard ends."""
         gc.collect()
         gc.freeze()
         gc.disable()
@@ -267,7 +266,7 @@ class Guard:
             self.close()
 
     def _give_up(self) -> None:
-        """Damp the robot until it lies, after an error of the guard itself that nobody foresaw."""
+        """Damp the robot until it lies, after an unexpected error of the guard itself."""
         if self.link is None or self.machine.state in (State.OFF, State.LINKED):
             return
         for _ in range(SINKING[State.DAMPING] // ROUND):
@@ -278,7 +277,7 @@ class Guard:
                 time.sleep(ROUND / SECOND)
 
     def turn(self) -> None:
-        """Turn one round, or serve requests for a while where no rounds go on."""
+        """Run one round, or serve requests for a while if no rounds go on."""
         if self._turning():
             self._round()
         else:
@@ -286,10 +285,10 @@ class Guard:
             self.listener.renew()
 
     def close(self) -> None:
-        """Free the sockets, and finish a recording."""
+        """Close the sockets, and finish a recording."""
         log = self.finish_recording()
         if log:
-            with contextlib.suppress(RawLogError):  # what could be written is there, in whole blocks
+            with contextlib.suppress(RawLogError):  # all complete blocks that fit are on the disk
                 log.close(10.0)
         if self.client:
             self.client.socket.close()
@@ -298,12 +297,12 @@ class Guard:
         self.listener.close()
 
     def stop(self, reason: str) -> None:
-        """Let the robot lie down if it stands, and end then."""
+        """Make a standing robot lie down, and then end."""
         self.ending = True
         self.become(states.stopped(self.machine, True, "operator", reason))
 
     def _ended(self) -> bool:
-        """Return whether the guard has nothing left to do."""
+        """Return whether the guard may end now."""
         machine = self.machine
         if self.ending and machine.state in (*AT_REST, State.DAMPING) and not self._sinking():
             return True
@@ -312,9 +311,9 @@ class Guard:
         return time.monotonic() - self._alone >= self._idle
 
     def _orphaned(self) -> bool:
-        """Return whether the robot was a twin that has ended, and was damped before: nobody is to be looked after.
+        """Return whether the robot was a damped twin that has ended.
 
-        A real robot is damped for as long as nobody resets it.
+        A real robot stays damped until an operator resets it.
         """
         damped = self.machine.state is State.DAMPING and not self._sinking()
         return damped and self.loopback and is_free((self.robot.host, self.robot.port))
@@ -328,12 +327,12 @@ class Guard:
         return self.moving()
 
     def moving(self) -> bool:
-        """Return whether the robot moves by itself, so that rounds must go on though nobody looks."""
+        """Return whether the robot moves without a client, so that rounds must go on."""
         machine = self.machine
         return ROWS[machine.state].moves or machine.wanted is not None or self._sinking()
 
     def _sinking(self) -> bool:
-        """Return whether a robot that was let go may still be on its way down."""
+        """Return whether a damped robot may still be sinking."""
         return self.now - self.machine.since < SINKING.get(self.machine.state, 0)
 
     def _round(self) -> None:
@@ -356,7 +355,7 @@ class Guard:
             self.link.write(self._orders)
 
     def _real_time(self) -> Inputs:
-        """Wait until the round is due; return what it brings."""
+        """Wait until the round is due; return its inputs."""
         now = time.monotonic_ns()
         if not self._due or now - self._due > 2 * ROUND:
             self.late += self._due > 0
@@ -382,7 +381,7 @@ class Guard:
         link, socket = self.link, self._socket
         assert link is not None
         assert socket is not None
-        # One that never answers does not understand us; one that has answered is waited for.
+        # A peer that never answers uses another protocol; for one that has answered there is no time limit.
         peer = (self.robot.host, self.robot.port)
         self._await(socket, peer, None if link.counters.received else MUTE)
         arrival = self._read(link)
@@ -396,9 +395,9 @@ class Guard:
     def _await(
         self, socket: Socket, peer: Address, seconds: float | None = None, client: Client | None = None
     ) -> None:
-        """Serve requests until a datagram waits at a socket.
+        """Serve requests until a datagram arrives at a socket.
 
-        Nothing may ever come: then its peer is gone, as it is after so many seconds, if any.
+        Without one the peer counts as gone if its port is free, or after ``seconds`` if that is given.
         """
         began = time.monotonic()
         while not socket.gone and (client is None or self.client is client):
@@ -413,7 +412,7 @@ class Guard:
             socket.gone = (seconds is not None and silent >= seconds) or (silent >= LOOKED and is_free(peer))
 
     def _read(self, link: Link) -> Arrival:
-        """Return what came; a good reading is passed on to the client."""
+        """Return the arrived states; pass a valid one on to the client."""
         arrival = states.arrived(self.limits, link.read(), link.fault)
         if arrival.reading is not None:
             self.packet = link.packet
@@ -422,12 +421,12 @@ class Guard:
         return arrival
 
     def _ordered(self, client: Client | None, arrival: Arrival) -> Inputs:
-        """Return what a round brings, with the client's newest orders."""
+        """Return the inputs of a round, with the client's newest commands."""
         inputs = Inputs(0, arrival)
         if client is None:
             return inputs
         if not ROWS[self.machine.state].client or client.party.spent:
-            client.socket.receive()  # nobody follows it; not even decoded
+            client.socket.receive()  # discarded without decoding
             return inputs
         counters = client.side.counters
         before = counters.corrupt + counters.numbers
@@ -439,7 +438,7 @@ class Guard:
             self.log.append(self.now, direction, data)
 
     def _look_at_log(self, log: RawLogWriter) -> None:
-        """Let the robot lie down if the disk takes no more, and end a recording that nobody ends."""
+        """Make the robot lie down if the disk fails, and end the recording of a client that has left."""
         if log.failure and not self.machine.wanted:
             self.become(states.stopped(self.machine, True, "disk", log.failure, now_=True))
         if self.client is None and not self.moving() and not ROWS[self.machine.state].stands:
@@ -448,13 +447,13 @@ class Guard:
     # Requests.
 
     def _ready(self, files: list[int], seconds: float) -> set[int]:
-        """Return the descriptors that can be read, after at most so many seconds."""
+        """Return the descriptors that can be read, after at most this time [s]."""
         if self._pending:
             seconds = min(seconds, POLLED)
         return set(select.select([*files, *self.listener.filenos()], [], [], seconds)[0])
 
     def _serve(self, ready: set[int]) -> None:
-        """Answer the requests that have come, and those that can be answered now."""
+        """Answer new requests, and waiting ones whose reply is ready."""
         if ready:
             for party, request in self.listener.take(ready):
                 self._reply(party, partial(self._answered, party, request))
@@ -468,7 +467,7 @@ class Guard:
             self.stop("the guard was asked to end")
 
     def _answer_later(self, rounds: bool) -> None:
-        """Answer the requests that waited for rounds, or for the disk, if they can be answered now."""
+        """Answer requests that waited for rounds, or for the disk, if their reply is ready."""
         waiting, self._pending = self._pending, []
         for deferred in waiting:
             if deferred.rounds is not rounds:
@@ -482,16 +481,16 @@ class Guard:
         return self.answer(self, party, request)
 
     def _reply(self, party: Party, answered: Callable[[], dict[str, Any] | Deferred]) -> None:
-        """Send the reply to a request, or keep it for later."""
+        """Send the reply to a request, or keep the request for later."""
         try:
-            found = answered()
+            reply = answered()
         except (RefusedError, LinkError) as error:
             party.send({"ok": False, "error": str(error), "state": self.machine.state})
             return
-        if isinstance(found, Deferred):
-            self._pending.append(found)
+        if isinstance(reply, Deferred):
+            self._pending.append(reply)
         else:
-            party.send({"ok": True, "state": self.machine.state, **found})
+            party.send({"ok": True, "state": self.machine.state, **reply})
 
     def _publish(self, event: str, **fields: Any) -> None:
         self.event = {"event": event, **fields, "round": self.rounds}
@@ -506,7 +505,7 @@ class Guard:
 
 
 def _newest(before: Arrival, after: Arrival) -> Arrival:
-    """Return what two reads of a round have brought: the newest good reading, or whether a bad one came."""
+    """Combine two reads of a round: the newest valid reading, or whether an impossible one arrived."""
     if after.reading is not None:
         return after
     return before if before.reading is not None else after._replace(bad=before.bad or after.bad)
@@ -518,9 +517,9 @@ def _polled(deferred: Deferred) -> dict[str, Any] | Deferred:
 
 
 def is_free(address: Address) -> bool:
-    """Return whether no process of this machine holds a UDP port.
+    """Return whether no process of this computer uses a UDP port.
 
-    A process that was killed after a datagram had reached it leaves no other trace.
+    This is the only sign of a process that was killed after it received a datagram.
     """
     with socketlib.socket(socketlib.AF_INET, socketlib.SOCK_DGRAM) as probe:
         try:

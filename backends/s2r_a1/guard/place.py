@@ -1,8 +1,8 @@
-"""Finds the files of a robot's guard: one lock and one control socket for each address of a robot.
+"""The files of a robot's guard: one lock and one control socket for each address of a robot.
 
-They lie in ``$S2R_A1_RUN``, else ``$XDG_RUNTIME_DIR/s2r-a1``, else ``/tmp/s2r-a1-<uid>``, a folder of the user alone.
-The lock is one of the kernel's (``flock``): it ends with the process that holds it, however that ends, so that a
-stale lock cannot exist. A socket file without a lock is a remnant, which the next guard replaces.
+They are in ``$S2R_A1_RUN``, else ``$XDG_RUNTIME_DIR/s2r-a1``, else ``/tmp/s2r-a1-<uid>``, a private folder of the user.
+The kernel holds the lock (``flock``) and releases it at any end of the process, so a stale lock cannot exist. A socket
+file without a lock is left over, and the next guard replaces it.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from typing import Literal
 from s2r_spec.errors import BackendError, UsageError
 
 LONGEST = 100
-"""A definition: letters of a socket's path; the kernel takes 107, and cuts no longer one."""
+"""A definition: characters of a socket's path; the kernel accepts 107, and refuses a longer path."""
 
 
 Clock = Literal["real", "lockstep"]
@@ -27,15 +27,15 @@ Clock = Literal["real", "lockstep"]
 
 @dataclass(frozen=True)
 class Robot:
-    """Which robot, and how its guard speaks with it.
+    """A robot, and its guard's connection to it.
 
     Attributes:
-        host: of the robot's motion controller, or of a twin.
+        host: address of the robot's motion controller, or of a twin.
         port: its UDP port.
-        layout: of its packets, "a1" or "go1".
-        clock: "real", or "lockstep" with a twin on this machine.
-        local: UDP port from which the guard speaks; 0 takes any.
-        module: the vendor's Python module, through which the guard speaks; empty for the wire of its own.
+        layout: layout of its packets, "a1" or "go1".
+        clock: "real", or "lockstep" with a twin on this computer.
+        local: UDP port of the guard; 0 for any.
+        module: the vendor's Python module for the connection; "" for the built-in wire protocol.
     """
 
     host: str
@@ -51,9 +51,9 @@ class Place:
     """The files of the guard of one robot.
 
     Attributes:
-        lock: held by the guard while it lives.
-        control: its socket, for requests.
-        words: what it wrote to its standard error.
+        lock: lock that the guard holds while it runs.
+        control: socket for requests.
+        words: standard error of the guard.
     """
 
     lock: Path
@@ -62,10 +62,10 @@ class Place:
 
 
 def folder() -> Path:
-    """Return the folder of the guards' files, made if it is not there, readable by its user alone.
+    """Return the folder of the guards' files, which only its user can read; make it if needed.
 
     Raises:
-        UsageError: it belongs to somebody else, or cannot be made.
+        UsageError: the folder belongs to another user, or cannot be made.
     """
     named = os.environ.get("S2R_A1_RUN")
     runtime = os.environ.get("XDG_RUNTIME_DIR")
@@ -74,10 +74,10 @@ def folder() -> Path:
     )
     try:
         path.mkdir(mode=0o700, parents=named is not None, exist_ok=True)
-        found = path.lstat()
-        if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid():
-            raise UsageError(f"{path} must be a folder of your own; name another one in S2R_A1_RUN")
-        if found.st_mode & 0o077:
+        status = path.lstat()
+        if not stat.S_ISDIR(status.st_mode) or status.st_uid != os.getuid():
+            raise UsageError(f"{path} must be a folder that you own; name another one in S2R_A1_RUN")
+        if status.st_mode & 0o077:
             path.chmod(0o700)
     except OSError as error:
         raise UsageError(
@@ -87,26 +87,26 @@ def folder() -> Path:
 
 
 def place(host: str, port: int) -> Place:
-    """Return the files of the guard of the robot at this address; names are looked up first.
+    """Return the files of the guard of the robot at this address; a host name is looked up.
 
     Raises:
         UsageError: the folder cannot be used, or its path is too long for a socket.
-        BackendError: the name of the host is unknown.
+        BackendError: the host name is unknown.
     """
     try:
         address = socket.gethostbyname(host)
     except (OSError, UnicodeError):
         raise BackendError(
-            f"no host {host!r} is known; name the robot's address, as 192.168.123.10"
+            f"the host {host!r} is unknown; write the robot's address, such as 192.168.123.10"
         ) from None
     stem = folder() / f"{address}_{port}"
     if len(str(stem)) + len(".sock") > LONGEST:
-        raise UsageError(f"{stem.parent} is too long a path for a socket; name a shorter one in S2R_A1_RUN")
+        raise UsageError(f"the path {stem.parent} is too long for a socket; name a shorter one in S2R_A1_RUN")
     return Place(*(stem.with_name(stem.name + end) for end in (".lock", ".sock", ".words")))
 
 
 def hold(place: Place) -> int | None:
-    """Take the lock of a robot, until the returned descriptor is closed; None where a guard has it."""
+    """Take the lock of a robot until the returned descriptor is closed; None if a guard holds it."""
     held = os.open(place.lock, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
     try:
         fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -117,13 +117,13 @@ def hold(place: Place) -> int | None:
 
 
 def claim(place: Place) -> None:
-    """Take the name of a robot on this machine, until this process ends.
+    """Claim a robot for this process on this computer, by an abstract socket name (Linux only).
 
-    A lock's file can be deleted, and another shell may look in another folder; this name has no file (Linux only).
-    Two guards of one robot would fight over its motors.
+    A lock file can be deleted, and another shell may use another folder; an abstract name has no file. Two guards of
+    one robot would both command its motors.
 
     Raises:
-        BackendError: another guard has it.
+        BackendError: another guard has claimed the robot.
     """
     if sys.platform != "linux":
         return
@@ -133,7 +133,7 @@ def claim(place: Place) -> None:
     except OSError:
         name.close()
         raise BackendError(
-            f"another guard on this machine holds the robot at {place.lock.stem.replace('_', ':')}, by another user "
+            f"another guard on this machine uses the robot at {place.lock.stem.replace('_', ':')}, by another user "
             "or with another S2R_A1_RUN; end it first"
         ) from None
     name.detach()

@@ -1,6 +1,6 @@
-"""Starts the guard of a robot in a process of its own, or attaches to the one that lives.
+"""Start the guard of a robot in a process of its own, or attach to a running one.
 
-The guard gets a session of its own, so that a Ctrl-C at the terminal does not reach it, and outlives who started it.
+The guard has its own session, so Ctrl-C at the terminal does not reach it. It outlives the process that started it.
 """
 
 from __future__ import annotations
@@ -19,24 +19,24 @@ from s2r_spec.errors import BackendError, UsageError
 __all__ = ["Robot", "attach", "start"]
 
 PATIENCE = 20.0
-"""A budget [s]: how long a guard may take to begin; it needs about 0.3 s on a quiet machine."""
+"""A budget [s]: time for a guard to start; it needs about 0.3 s on an idle machine. Twice as much waits longer."""
 
 
 def attach(robot: Robot, role: Role | None = None, **hello: Any) -> tuple[Connection, dict[str, Any]] | None:
-    """Return a connection to the living guard of a robot, and its answer to hello; None where no guard lives.
+    """Return a connection to the running guard of a robot, and its reply to hello; None if no guard runs.
 
     Args:
-        robot: whose guard.
-        role: to say hello as; None asks for the status instead.
-        hello: more of the hello: ``port``, the client's UDP port.
+        robot: the robot.
+        role: role for the hello; None to request the status instead.
+        hello: further fields of the hello: ``port``, the client's UDP port.
 
     Raises:
-        UsageError: the guard speaks another layout or through another module, or keeps another clock.
-        RefusedError: it refused the hello: there is another client.
+        UsageError: the guard has another layout, module or clock.
+        RefusedError: the guard refused the hello, because it has another client.
     """
-    found = place(robot.host, robot.port)
+    files = place(robot.host, robot.port)
     try:
-        connection = Connection(found.control)
+        connection = Connection(files.control)
     except ControlError:
         return None
     try:
@@ -54,55 +54,55 @@ def attach(robot: Robot, role: Role | None = None, **hello: Any) -> tuple[Connec
     except (UsageError, RefusedError):
         connection.close()
         raise
-    except ControlError:  # it ended in this moment
+    except ControlError:  # the guard ended at this moment
         connection.close()
         return None
     return connection, answer
 
 
 def start(robot: Robot, idle: float = 60.0) -> tuple[Connection, dict[str, Any]]:
-    """Return an operator's connection to the guard of a robot, started if none lives, and its answer to hello.
+    """Return an operator's connection to the guard of a robot, and its reply to hello; start a guard if none runs.
 
-    Starting sends nothing to the robot; that takes the request ``connect``.
+    A start sends nothing to the robot; only the request ``connect`` does.
 
     Args:
-        robot: whose guard.
-        idle: seconds that a guard lives with nobody attached while the robot lies.
+        robot: the robot.
+        idle: time that a guard runs without connections while the robot lies [s].
 
     Raises:
-        UsageError: a living guard speaks another layout or through another module, or keeps another clock.
-        BackendError: it cannot begin; the sentence is its own.
+        UsageError: a running guard has another layout, module or clock.
+        BackendError: the guard cannot start; the message is its own.
     """
     end = time.monotonic() + PATIENCE
-    sentence: str | None = None
+    failure: str | None = None
     while time.monotonic() < end:
         if attached := attach(robot, "operator"):
             return attached
-        found = place(robot.host, robot.port)
-        if not _held(found):
-            sentence = _begin(robot, found, idle)
-            if sentence is not None:
-                raise BackendError(sentence)
+        files = place(robot.host, robot.port)
+        if not _is_locked(files):
+            failure = _begin(robot, files, idle)
+            if failure is not None:
+                raise BackendError(failure)
         else:
-            time.sleep(0.02)  # one is beginning, or ending
+            time.sleep(0.02)  # a guard is starting or ending
     raise BackendError(
         f"the guard of {robot.host}:{robot.port} does not answer; see {place(robot.host, robot.port).words}"
     )
 
 
-def _held(found: Place) -> bool:
+def _is_locked(files: Place) -> bool:
     """Return whether a guard holds the robot's lock."""
-    lock = hold(found)
+    lock = hold(files)
     if lock is None:
         return True
     os.close(lock)
     return False
 
 
-def _begin(robot: Robot, found: Place, idle: float) -> str | None:
-    """Start a guard, and wait until it listens or ends; return its sentence if it could not begin.
+def _begin(robot: Robot, files: Place, idle: float) -> str | None:
+    """Start a guard, and wait until it listens or ends; return its message if it could not start.
 
-    Another guard that was quicker is none: the caller attaches to that one.
+    If another guard started at the same time, return None; the caller attaches to that one.
     """
     ready, theirs = os.pipe()
     command = [
@@ -111,11 +111,11 @@ def _begin(robot: Robot, found: Place, idle: float) -> str | None:
         "--module", robot.module, "--idle", str(idle), "--ready", str(theirs),
     ]  # fmt: skip
     try:
-        with open(found.words, "wb") as words:
-            # It forks, and its first process ends at once: so the guard is nobody's child, and leaves no zombie.
+        with open(files.words, "wb") as words:
+            # The first process forks and ends at once, so the guard has no parent here and leaves no zombie.
             subprocess.run(
                 command,
-                # Its sums are of twelve numbers; threads for them would only wake at a bad time.
+                # Its arrays have twelve numbers; threads would only delay its rounds.
                 env={**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
@@ -135,19 +135,19 @@ def _begin(robot: Robot, found: Place, idle: float) -> str | None:
         return None
     if answer.startswith("error: "):
         return answer.removeprefix("error: ")
-    return None if answer == "held" else f"the guard ended before it listened; see {found.words}"
+    return None if answer == "held" else f"the guard ended during its start; see {files.words}"
 
 
 def _read(ready: int, seconds: float) -> str:
-    """Return what a new guard says of itself: "ready", "held", "error: …", or "" if it ended without a word."""
+    """Return the message of a new guard: "ready", "held", "error: …", or "" if it ended without one."""
     end = time.monotonic() + seconds
-    said = b""
-    while not said.endswith(b"\n"):
+    message = b""
+    while not message.endswith(b"\n"):
         left = end - time.monotonic()
         if left <= 0 or not select.select([ready], [], [], left)[0]:
             break
         data = os.read(ready, 4096)
         if not data:
             break
-        said += data
-    return said.decode(errors="replace").strip()
+        message += data
+    return message.decode(errors="replace").strip()

@@ -1,17 +1,17 @@
-"""Decides what a robot is sent, and when it must be damped: a state machine of pure functions.
+"""The guard's state machine, in pure functions: it decides the robot's commands, and when the robot must be damped.
 
-Data of a round: the newest reading, a client's orders, requests. State: a :class:`Machine`, a value. A round is
-:func:`step`: machine and inputs lead to the next machine and the orders to send. Requests are :func:`request`.
+Data of a round: the newest reading, a client's commands, requests. State: a :class:`Machine`, a value. :func:`step`
+maps machine and inputs of a round to the next machine and the commands to send. :func:`request` handles requests.
 
     OFF → (connect) LINKED → (arm) ARMED → (stand) STANDING_UP → STAND → (walk) WALK → (halt) STAND
     STAND → (lie) LYING_DOWN → RESTING → (stand) STANDING_UP …
     from ARMED on, by any limit of the state: DAMPING → (reset) LINKED
 
-OFF sends nothing. LINKED and ARMED send neither gain nor torque. DAMPING is latched: nothing but an operator's
-``reset`` leaves it, and then the robot must be armed anew. What holds in a state is a row of :data:`ROWS`: another
-motion of a client is another member of :class:`State`, a row, and the request in :data:`BEGINNINGS` that leads to it.
+OFF sends nothing. LINKED and ARMED send no gains and no torques. DAMPING is latched: only an operator's ``reset`` ends
+it, and then the robot must be armed again. Each state has a row in :data:`ROWS`. A new motion of a client needs a
+member of :class:`State`, a row, and its request in :data:`BEGINNINGS`.
 
-Times are whole nanoseconds of the guard's clock, which in lock step counts rounds.
+Times are whole nanoseconds of the guard's clock, which counts rounds in lock step.
 """
 
 from __future__ import annotations
@@ -34,14 +34,14 @@ from s2r_a1.wire import MOTORS, Command, Orders, Reading
 FloatArray = NDArray[np.float64]
 
 RAMP = 1500 * limit.MS
-"""A budget [ns]: how long a client may take to come to a stop when it is asked to; then the guard halts. Twice as long
-lets a robot walk on for so long after Ctrl-C."""
+"""A budget [ns]: time for a client to stop on request; then the guard halts. Twice as long lets a robot walk on for
+twice as long after Ctrl-C."""
 SINKING = 1000 * limit.MS
-"""A budget [ns]: how long a robot is damped at least, so that a reset does not drop it. Twice as long delays resets."""
+"""A budget [ns]: shortest time of damping, so that a reset does not drop the robot. Twice as long delays resets."""
 
 
 class State(StrEnum):
-    """What the guard does with the robot."""
+    """The states of the guard."""
 
     OFF = "OFF"
     LINKED = "LINKED"
@@ -55,18 +55,18 @@ class State(StrEnum):
 
 
 class Memory(NamedTuple):
-    """What the rounds so far have left.
+    """The memory of past rounds.
 
     Attributes:
-        now: of the last round.
-        reading: the newest good one.
-        fresh: when it came.
-        bad: readings in a row that cannot be.
-        power: the vendor's count.
-        strong: (12,) readings in a row with more than the largest torque.
-        strained: (12,) the same with more than the torque of a warning.
-        pose: (12,) angles [rad] from which no joint has moved away.
-        still: since when.
+        now: time of the last round.
+        reading: newest valid reading.
+        fresh: time of its arrival.
+        bad: number of impossible readings in a row.
+        power: the vendor's count of power.
+        strong: (12,) number of readings in a row above the torque limit.
+        strained: (12,) number of readings in a row above the torque of a warning.
+        pose: (12,) angles [rad] from which no joint has moved.
+        still: time since which no joint has moved.
     """
 
     now: int = 0
@@ -81,15 +81,15 @@ class Memory(NamedTuple):
 
 
 class Followed(NamedTuple):
-    """A client's orders.
+    """The commands of a client.
 
     Attributes:
-        orders: the newest that could be used, within the limits; None before the first.
-        at: when they came; before the first, when the client's motion began.
-        dropped: packets since then that could not be used.
-        clipped: numbers of all its orders that were beyond a limit.
-        unusable: packets that could not be used, in all.
-        excused: whether its silence has begun anew since the newest orders, because the robot's states were late.
+        orders: newest valid commands, within the limits; None before the first.
+        at: time of their arrival; before the first, the beginning of the client's motion.
+        dropped: packets since then that were not valid.
+        clipped: numbers in all its commands that were beyond a limit.
+        unusable: packets that were not valid, in total.
+        excused: whether its silence was restarted since the newest commands, because the robot's states were late.
     """
 
     orders: Orders | Command | None = None
@@ -101,7 +101,7 @@ class Followed(NamedTuple):
 
 
 class Wanted(NamedTuple):
-    """A stop that was asked for while a client moves the robot: STAND, or RESTING by way of it."""
+    """A requested stop while a client moves the robot: STAND, or RESTING after STAND."""
 
     state: State
     since: int
@@ -110,17 +110,17 @@ class Wanted(NamedTuple):
 
 
 class Machine(NamedTuple):
-    """The state of a guard, a value.
+    """The complete state of a guard, a value.
 
     Attributes:
-        state: what it does.
-        since: when it began to.
+        state: state of the state machine.
+        since: time of its beginning.
         word: what made the robot stop, else None.
-        reason: the same in a sentence.
-        motion: the guard's own, or the one that a client's followed.
-        wanted: a stop that is coming.
-        warnings: sentences that hold now, by the check's name.
-        remote: when a remote control was last on; None if none was when the robot was armed.
+        reason: the same as a sentence.
+        motion: the guard's own motion, or its last one before a client's.
+        wanted: requested stop.
+        warnings: active warnings, (name of the check, sentence).
+        remote: time at which a remote control was last on; None if none was on when the robot was armed.
     """
 
     state: State = State.OFF
@@ -136,11 +136,11 @@ class Machine(NamedTuple):
 
 
 class Arrival(NamedTuple):
-    """What the link has brought, as :func:`arrived` judges it.
+    """The states that arrived in a round, as :func:`arrived` judges them.
 
     Attributes:
-        reading: the newest state, if a good one came.
-        bad: whether one came with numbers that cannot be, and no good one.
+        reading: newest valid reading; None if there is none.
+        bad: whether an impossible reading arrived, and no valid one.
         calm: whether the reading is far from every limit.
     """
 
@@ -150,13 +150,13 @@ class Arrival(NamedTuple):
 
 
 class Inputs(NamedTuple):
-    """What a round brings.
+    """The inputs of a round.
 
     Attributes:
-        now: the time.
-        arrival: of the robot's states.
-        orders: the client's, if any came that can be decoded.
-        dropped: packets of the client that cannot be.
+        now: time of the round.
+        arrival: arrived states of the robot.
+        orders: the client's commands; None if none could be decoded.
+        dropped: number of the client's packets that could not be decoded.
     """
 
     now: int
@@ -166,23 +166,23 @@ class Inputs(NamedTuple):
 
 
 class Step(NamedTuple):
-    """What a round leads to; orders are None where nothing may be sent."""
+    """The result of a round; orders are None if nothing may be sent."""
 
     machine: Machine
     orders: Orders | Command | None
 
 
 class Row(NamedTuple):
-    """What holds in a state.
+    """The rules of a state.
 
     Attributes:
-        checks: its limits, in the order of which word counts; any of them leads to DAMPING.
-        orders: what is sent.
-        then: the state after the guard's own motion has ended.
-        client: whether a client's orders move the robot.
-        stands: whether a client that leaves, leaves the robot damped.
-        moves: whether the robot may move by itself: rounds go on even if nobody looks.
-        warnings: what is said and stops nothing.
+        checks: limits, in order of precedence of their words; each leads to DAMPING.
+        orders: returns the commands to send.
+        then: state after the end of the guard's own motion.
+        client: whether a client's commands move the robot.
+        stands: whether the robot is damped when its client leaves.
+        moves: whether the robot may move without a client, so that rounds go on.
+        warnings: checks that only warn.
     """
 
     checks: tuple[Check, ...]
@@ -212,7 +212,7 @@ def _own(machine: Machine, now: int, limits: Limits) -> Orders:
 
 
 def _followed(machine: Machine, now: int, limits: Limits) -> Orders | Command:
-    """Return the client's orders; without their torques where they, or what they rest on, are old."""
+    """Return the client's commands; without their torques if they or the robot's states are old."""
     orders, at, dropped = machine.followed[:3]
     if orders is None:
         return _own(machine, now, limits)
@@ -225,8 +225,8 @@ def _decoded(orders: Orders | Command) -> Orders:
     return orders.orders() if isinstance(orders, Command) else orders
 
 
-# After a pause of the guard itself, what it sees is what the pause did: the robot's own rule has acted meanwhile.
-# Else a robot that falls, and a link that breaks, in one round: that it fell counts.
+# The guard's own pause comes first, because the robot's own rule for silence has acted during it. A fall comes before
+# a broken link in the same round.
 _ROBOT = (limit.HELD_UP, limit.TILT, limit.MOTOR, limit.HEAT, limit.TORQUE, limit.POWER)
 _VOID = (limit.LINK, limit.NUMBERS, limit.BUTTON)
 _LIES = (limit.MOTOR, limit.ABSENT, limit.NUMBERS, limit.BUTTON)
@@ -261,16 +261,16 @@ BEGINNINGS: dict[str, tuple[frozenset[State], State]] = {
     "stand": (frozenset({State.ARMED, State.RESTING}), State.STANDING_UP),
     "walk": (frozenset({State.STAND}), State.WALK),
 }
-"""A definition: the state that a client's request leads to, and from which ones."""
+"""A definition: request of a client → the states in which it is allowed, and the state that it leads to."""
 
 
 def arrived(limits: Limits, reading: Reading | None, fault: str | None) -> Arrival:
-    """Return what came in a round.
+    """Judge the reading of a round.
 
     Args:
-        limits: what is possible.
-        reading: from the link.
-        fault: of the link, where it has no reading.
+        limits: limits of possible readings.
+        reading: reading of the link; None if there is none.
+        fault: fault of the link if there is no reading.
     """
     if reading is None:
         return Arrival(bad=fault == "number")
@@ -280,7 +280,7 @@ def arrived(limits: Limits, reading: Reading | None, fault: str | None) -> Arriv
 
 
 def step(machine: Machine, inputs: Inputs, limits: Limits) -> Step:
-    """Return what a round leads to."""
+    """Return the next machine and the commands of a round."""
     row = ROWS[machine.state]
     now, late = inputs.now, inputs.now - machine.memory.now
     memory = _remembered(machine, inputs, limits)
@@ -304,7 +304,7 @@ def step(machine: Machine, inputs: Inputs, limits: Limits) -> Step:
 
 
 def damped(machine: Machine, now: int, word: Word, reason: str) -> Machine:
-    """Return the machine in DAMPING; in a state from which no gain may follow, as it was."""
+    """Return the machine in DAMPING; unchanged in a state that may send no gains."""
     if machine.state in (State.OFF, State.LINKED, State.DAMPING):
         return machine
     return machine._replace(
@@ -313,24 +313,24 @@ def damped(machine: Machine, now: int, word: Word, reason: str) -> Machine:
 
 
 def left(machine: Machine, now: int, role: Role = "client") -> Machine:
-    """Return the machine after its client, or its last operator, has gone without a word.
+    """Return the machine after its client or its last operator has disconnected.
 
-    A robot that stands is damped, unless it is to lie down: nobody steers it any more, or nobody can stop it.
+    A robot that stands is damped, unless it is about to lie down, because nobody controls or can stop it.
     """
     lying = machine.state is State.STAND and machine.wanted and machine.wanted.state is State.RESTING
     if ROWS[machine.state].stands and not lying:
         who = "the program that moves the robot" if role == "client" else "the operator's program"
-        return damped(machine, now, role, f"{who} has gone")
+        return damped(machine, now, role, f"{who} has disconnected")
     return machine
 
 
 class Conditions(NamedTuple):
-    """What the link says that a robot must fulfil before it is armed.
+    """Conditions of the link for arming a robot.
 
     Attributes:
         unit: whether the unit of the robot's clock is known.
-        refusal: a sentence if it has none.
-        loopback: whether it is a twin on this machine, which needs no remote control.
+        refusal: a message if the clock has no known unit.
+        loopback: whether the robot is a twin on this computer, which needs no remote control.
     """
 
     unit: bool
@@ -339,17 +339,17 @@ class Conditions(NamedTuple):
 
 
 def unready(machine: Machine, conditions: Conditions, limits: Limits) -> str | None:
-    """Return a sentence about why a robot must not be armed, or None."""
+    """Return the reason why a robot must not be armed, or None."""
     memory = machine.memory
     reading = memory.reading
     if reading is None or memory.now - memory.fresh >= limits.silence:
-        return "no state comes from the robot; check that it is on, its address, and the cable"
+        return "the robot sends no states; check that it is on, its address, and the cable"
     if memory.bad:
-        return "the robot's states have numbers that cannot be; switch it off and on"
+        return "the robot's states have impossible numbers; switch it off and on"
     if conditions.refusal:
         return conditions.refusal
     if not conditions.unit:
-        return "the robot's clock is still being measured; ask again in a second"
+        return "the guard is still measuring the robot's clock; try again in a second"
     seen = _seen(machine, memory.now, 0)
     for check in (limit.MOTOR, limit.WARMTH, limit.BUTTON):
         if sentence := check.find(limits, seen):
@@ -365,19 +365,19 @@ def unready(machine: Machine, conditions: Conditions, limits: Limits) -> str | N
 
 
 def connected(machine: Machine, now: int) -> Machine:
-    """Return the machine after the operator's first consent: packets without gains may go out."""
+    """Return the machine after the operator's first consent: packets without gains may be sent."""
     if machine.state is not State.OFF:
         return machine
     return Machine(State.LINKED, now, memory=Memory(now=now))
 
 
 def disconnected(machine: Machine, now: int) -> Machine:
-    """Return the machine that sends nothing any more, after a connection that found no robot."""
+    """Return the machine that sends nothing, after a connection that found no robot."""
     return Machine(State.OFF, now, memory=Memory(now=now)) if machine.state is State.LINKED else machine
 
 
 def armed(machine: Machine, now: int) -> Machine:
-    """Return the machine after the operator's second consent; the caller has asked :func:`unready`."""
+    """Return the machine after the operator's second consent; the caller has checked :func:`unready`."""
     if machine.state is not State.LINKED:
         return machine
     reading = machine.memory.reading
@@ -388,7 +388,7 @@ def armed(machine: Machine, now: int) -> Machine:
 
 
 def reset(machine: Machine, now: int) -> Machine:
-    """Return the machine after the operator's word that a damped robot lies; it must be armed anew."""
+    """Return the machine after the operator's statement that a damped robot lies; it must be armed again."""
     if machine.state is not State.DAMPING:
         return machine
     return Machine(State.LINKED, now, memory=Memory(now=now))
@@ -397,10 +397,10 @@ def reset(machine: Machine, now: int) -> Machine:
 def request(
     machine: Machine, do: str, role: Role | None, reason: str | None, limits: Limits
 ) -> tuple[Machine, str | None]:
-    """Return the machine after a request for a motion, and a sentence if it is refused.
+    """Return the machine after a request for a motion, and a message if it is refused.
 
-    Requests are those of :data:`BEGINNINGS`, and halt, lie and damp. One that asks for what is so already changes
-    nothing and is not refused.
+    Requests are those of :data:`BEGINNINGS`, and halt, lie and damp. A request for the present state changes nothing
+    and is not refused.
     """
     now = machine.memory.now
     if do in BEGINNINGS:
@@ -411,21 +411,21 @@ def request(
         sentence = reason or f"{who} asked for it"
         return damped(machine, now, word or "client", sentence), None
     if machine.state is State.DAMPING:
-        return machine, f"the robot is damped ({machine.reason}); only an operator's reset leaves that"
+        return machine, f"the robot is damped ({machine.reason}); only an operator's reset ends that"
     return stopped(machine, do == "lie", word, word and (reason or f"{who} asked the robot to {do}")), None
 
 
 def stopped(
     machine: Machine, lie: bool, word: Word | None, reason: str | None, *, now_: bool = False
 ) -> Machine:
-    """Return the machine that brings the robot to a stand, or further down to rest.
+    """Return the machine that brings the robot to a stand, or to rest.
 
     Args:
-        machine: in any state; where the robot lies, nothing changes.
-        lie: whether it lies down then.
-        word: why, where it is not the client's own will.
-        reason: the same in a sentence.
-        now_: whether a client has no time to come to a stop.
+        machine: in any state; nothing changes if the robot lies.
+        lie: whether the robot then lies down.
+        word: cause of the stop; None if the client requested it.
+        reason: the same as a sentence.
+        now_: whether to stop at once, without time for the client.
     """
     now = machine.memory.now
     if ROWS[machine.state].client:
@@ -459,7 +459,7 @@ def _begun(machine: Machine, do: str, limits: Limits) -> tuple[Machine, str | No
     memory, now = machine.memory, machine.memory.now
     reading = memory.reading
     if reading is None or now - memory.fresh >= limits.bridged:
-        return machine, "no new state comes from the robot; wait, or check the cable"
+        return machine, "the robot sends no new state; wait, or check the cable"
     if machine.remote is not None and (lost := remote.lost(now - machine.remote)):
         return machine, lost
     seen = _seen(machine._replace(motion=None), now, 0)._replace(client=0)
@@ -468,7 +468,7 @@ def _begun(machine: Machine, do: str, limits: Limits) -> tuple[Machine, str | No
             return machine, sentence
     begun = machine._replace(state=state, since=now, word=None, reason=None)
     if ROWS[state].client:
-        # The stand goes on until the client's first orders.
+        # The stand continues until the client's first commands.
         kept = machine.followed
         return begun._replace(followed=Followed(None, now, 0, kept.clipped, kept.unusable)), None
     return begun._replace(motion=moves.standing_up(reading.q, now)), None
@@ -491,14 +491,14 @@ def _halted(machine: Machine, end: State, word: Word | None, reason: str | None)
 
 
 def _lying(machine: Machine, now: int) -> Machine:
-    """Return the machine in LYING_DOWN, from where the joints are held."""
+    """Return the machine in LYING_DOWN, from the present reference angles."""
     assert machine.motion is not None
     q, _ = moves.desired(machine.motion, now)
     return machine._replace(state=State.LYING_DOWN, since=now, motion=moves.lying_down(q, now), wanted=None)
 
 
 def _proceeded(machine: Machine, row: Row, now: int) -> Machine:
-    """Return the machine after what happens by itself: the end of a motion, and of a client's time to stop."""
+    """Return the machine after the end of a motion, or of a client's time to stop."""
     wanted = machine.wanted
     if row.client:
         if wanted and now - wanted.since >= RAMP:
@@ -513,7 +513,7 @@ def _proceeded(machine: Machine, row: Row, now: int) -> Machine:
 
 
 def _watched(machine: Machine, now: int) -> Machine:
-    """Return the machine after a look at the remote: without one nobody can stop the robot by hand, so it lies down."""
+    """Return the machine after a check of the remote: without it nobody can stop the robot, so the robot lies down."""
     reading = machine.memory.reading
     if machine.remote is None or reading is None:
         return machine
@@ -537,7 +537,7 @@ def _remembered(machine: Machine, inputs: Inputs, limits: Limits) -> Memory:
         strong = np.where(tau > limits.torque, memory.strong + 1, 0)
         strained = np.where(tau > limits.strain, memory.strained + 1, 0)
     pose, still = memory.pose, memory.still
-    # Only what LINKED leads to asks whether the robot is still.
+    # Only arming, from LINKED, needs to know whether the robot is still.
     if machine.state is State.LINKED and (
         pose is None or np.abs(reading.q - pose).max() > limits.still * limits.still_time / limit.SECOND
     ):
@@ -559,7 +559,7 @@ _NEVER = np.zeros(MOTORS, dtype=np.int64)
 
 
 def _obeyed(machine: Machine, inputs: Inputs, limits: Limits) -> Followed:
-    """Return what a client has ordered after a round."""
+    """Return the client's commands after a round."""
     followed = machine.followed
     dropped = inputs.dropped
     if isinstance(inputs.orders, Command) and limit.allowed(limits, inputs.orders):
@@ -574,13 +574,13 @@ def _obeyed(machine: Machine, inputs: Inputs, limits: Limits) -> Followed:
         followed = followed._replace(dropped=followed.dropped + dropped, unusable=followed.unusable + dropped)
     bridged = inputs.arrival.reading is not None and inputs.now - machine.memory.fresh >= limits.bridged
     if bridged and not followed.excused:
-        # It has had no state to answer. Its silence counts anew, but once: states that go on being late excuse nobody.
+        # The client had no state to answer, so its silence restarts, but only once.
         followed = followed._replace(at=inputs.now, excused=True)
     return followed
 
 
 def _seen(machine: Machine, now: int, late: int) -> Seen:
-    """Return what the checks look at."""
+    """Return the quantities that the checks judge."""
     memory = machine.memory
     assert memory.reading is not None
     row = ROWS[machine.state]
@@ -599,11 +599,11 @@ def _seen(machine: Machine, now: int, late: int) -> Seen:
 
 
 def _rounds(silence: int) -> int:
-    """Return a silence in whole rounds [ns]: rounds begin some µs early or late, and ten of them are 20 ms."""
+    """Return a silence rounded to whole rounds [ns], because rounds begin some µs early or late."""
     return (silence + limit.ROUND // 2) // limit.ROUND * limit.ROUND
 
 
 def _warned(machine: Machine, checks: list[Check], seen: Seen, limits: Limits) -> Machine:
-    """Return the machine with the warnings that hold, of those that may."""
-    found = tuple((check.name, sentence) for check in checks if (sentence := check.find(limits, seen)))
-    return machine._replace(warnings=found) if found or machine.warnings else machine
+    """Return the machine with the active warnings of these checks."""
+    warnings = tuple((check.name, sentence) for check in checks if (sentence := check.find(limits, seen)))
+    return machine._replace(warnings=warnings) if warnings or machine.warnings else machine

@@ -1,4 +1,4 @@
-"""A stand-in for the robot behind its own wire: bytes in, bytes out; in a process of its own or in a test."""
+"""A twin of the robot behind its wire protocol: bytes in, bytes out; in a separate process or in a test."""
 
 from s2r_a1.twin.injects import Inject, read_inject
 from s2r_a1.twin.places import PLACES

@@ -1,4 +1,4 @@
-"""``python -m s2r_a1.twin``: a stand-in for the robot in a process of its own."""
+"""``python -m s2r_a1.twin``: run a twin of the robot in a separate process."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from s2r_spec.errors import BackendError, S2RError
 
 
 def main(arguments: list[str]) -> int:
-    """Serve until a signal comes; return the exit status."""
+    """Serve until a signal arrives; return the exit status."""
     try:
         _serve(read_options(arguments), arguments)
     except S2RError as error:
         print(f"error: {error}", file=sys.stderr)
         return error.exit_code
-    except KeyboardInterrupt:  # before the twin listened
+    except KeyboardInterrupt:  # before the twin listens
         return 130
     return 0
 

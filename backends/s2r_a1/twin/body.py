@@ -1,4 +1,4 @@
-"""The robot of a twin: the plant, its sensors and the heat of its motors, one round of 2 ms at a time."""
+"""The simulated robot of a twin: plant, sensors and motor temperatures, in rounds of 2 ms."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ _BLOCK = 500
 """A budget: rounds whose noise is drawn at once. The numbers do not depend on it."""
 
 
-class Felt(NamedTuple):
-    """What the sensors of the robot say after a round, as :class:`s2r_a1.wire.Reading` has it."""
+class SensorValues(NamedTuple):
+    """Sensor values after a round, in the form of :class:`s2r_a1.wire.Reading`."""
 
     quaternion: FloatArray
     gyro: FloatArray
@@ -42,7 +42,7 @@ class Felt(NamedTuple):
 
 
 class Body:
-    """The plant of `s2r_sim` with knees that lie on the ground, and the noise of its sensors from a seed."""
+    """The plant of `s2r_sim` with contacts at the knees, and sensor noise from a seed."""
 
     def __init__(self, physics: Physics, seed: int, noise: Noise, start: Saved | None = None) -> None:
         self._plant = Plant(A1, physics, knees=True)
@@ -57,15 +57,15 @@ class Body:
         return self._plant.truth()
 
     def save(self) -> Saved:
-        """Return the state of the plant, without that of sensors and heat."""
+        """Return the state of the plant, without sensors and temperatures."""
         return self._plant.save()
 
-    def step(self, orders: Orders, push: FloatArray | None = None) -> Felt:
-        """Let the motors act by these orders for a round, under a (3,) force on the base [N]."""
+    def step(self, orders: Orders, push: FloatArray | None = None) -> SensorValues:
+        """Simulate one round with these motor commands, under a (3,) force on the base [N]."""
         self._plant.step(MotorCommand(*orders), -inf, push)
-        return self._felt()
+        return self._measured()
 
-    def _felt(self) -> Felt:
+    def _measured(self) -> SensorValues:
         plant, truth = self._plant, self._plant.truth()
         noise, noise_of_force = self._errors.next()
         own = self._sensors.disturbed(truth, plant.play, noise)
@@ -75,9 +75,9 @@ class Body:
         torque = plant.torque
         self.temperature = warmed(self.temperature, torque, 1.0 / RATE)
         x, y, z, w = rotation.quaternion(*own.rpy.tolist())
-        # The unit of the robot's foot sensors is not known; here one count is a newton along the world's z.
+        # The unit of the robot's foot sensors is unknown; here one count is one newton along the world's z.
         feet = plant.foot_forces.reshape(4, 3)[:, 2]
-        return Felt(
+        return SensorValues(
             np.array([w, x, y, z]),
             own.omega,
             np.array(force),
@@ -90,7 +90,7 @@ class Body:
 
 
 class _Errors:
-    """The noise of round after round."""
+    """The noise of successive rounds."""
 
     def __init__(self, noise: Noise, seed: int) -> None:
         self._noise = noise

@@ -1,7 +1,7 @@
-"""What the motors of a twin do with the commands that arrive, and without them.
+"""The motors' response to commands, and to their absence, in a twin.
 
-Nobody has published what an A1 does when commands stop: sources speak of a brake, of free joints and of damping.
-A twin does one of the three, once no valid command came for more than 30 ms, and obeys the next one again.
+The behaviour of an A1 without commands is not published: sources mention a brake, free joints and damping. A twin does
+one of the three after more than 30 ms without a valid command, and follows the next command again.
 """
 
 from __future__ import annotations
@@ -19,28 +19,28 @@ IntArray = NDArray[np.int64]
 Silence = Literal["brake", "free", "damp"]
 
 PATIENCE = 15
-"""A level: rounds of 2 ms without a valid command, after which the motors are on their own: 30 ms, the vendor's
-"safe frequency" of 33 Hz. Twice as many let a robot without commands go on for 60 ms."""
+"""A level: rounds of 2 ms without a valid command before the rule for silence applies: 30 ms, the vendor's "safe
+frequency" of 33 Hz. Twice as many let a robot without commands go on for 60 ms."""
 _ZERO = np.zeros(MOTORS)
 _DAMPING = 3.0
-"""A level: [N·m·s/rad] of the rule ``damp``, as the vendor's own passive state has it."""
+"""A level [N·m·s/rad]: speed gain of the rule ``damp``, as in the vendor's own passive state."""
 _STIFFNESS, _BRAKE = np.tile([60.0, 40.0, 80.0], 4), np.tile([5.0, 4.0, 7.0], 4)
-"""Levels: [N·m/rad] and [N·m·s/rad] of the rule ``brake``, which holds the angles of that moment; as the vendor's
-own stand. A real brake may be weaker; this one differs most from the other two rules."""
+"""Levels [N·m/rad] and [N·m·s/rad]: gains of the rule ``brake``, which holds the present angles; as in the vendor's own
+stand. A real brake may be weaker; this one differs most from the other two rules."""
 
 
 class Command(NamedTuple):
-    """A command that arrived: what the motors are to do, and their modes (12,)."""
+    """A received command: motor commands, and modes (12,) of the motors."""
 
     orders: Orders
     mode: IntArray
 
 
 def read_command(data: bytes, layout: Layout) -> Command:
-    """Return the command that a packet carries.
+    """Return the command in a packet.
 
     Raises:
-        WireError: the packet must not be used.
+        WireError: the packet is not valid.
     """
     orders = unpack_orders(data, layout)
     motors = np.frombuffer(data, layout.command).reshape(())["motors"][:MOTORS]
@@ -48,37 +48,37 @@ def read_command(data: bytes, layout: Layout) -> Command:
 
 
 class Firmware:
-    """Keeps the last command, from its arrival over its way to the motors to the silence after it.
+    """Delays commands on their way to the motors, and applies the rule for silence.
 
     Attributes:
-        mode: (12,) modes that the motors report: those of the last command that arrived.
+        mode: (12,) modes that the motors report: those of the last received command.
     """
 
     def __init__(self, delay: int, rule: Silence) -> None:
         self.mode = np.full(MOTORS, CLOSED_LOOP, dtype=np.int64)
         self._delay, self._rule = delay, rule
-        self._under_way: deque[tuple[int, Orders]] = deque()
+        self._queue: deque[tuple[int, Orders]] = deque()
         self._orders = Orders(_ZERO, _ZERO, _ZERO, _ZERO, _ZERO)
         self._last = 0
-        self._alone = False
+        self._silent = False
 
     def take(self, round_: int, command: Command) -> None:
-        """Note that a command arrived in this round."""
+        """Accept a command that arrives in this round."""
         self.mode = command.mode
         self._last = round_
-        self._under_way.append((round_ + self._delay, command.orders))
+        self._queue.append((round_ + self._delay, command.orders))
 
     def orders(self, round_: int, q: FloatArray) -> Orders:
-        """Return what the motors do in this round, at (12,) joint angles [rad]."""
-        while self._under_way and self._under_way[0][0] <= round_:
-            self._orders, self._alone = self._under_way.popleft()[1], False
-        if round_ - self._last > PATIENCE and not self._alone:
-            self._orders, self._alone = _alone(self._rule, q), True
+        """Return the motors' commands in this round, at (12,) joint angles [rad]."""
+        while self._queue and self._queue[0][0] <= round_:
+            self._orders, self._silent = self._queue.popleft()[1], False
+        if round_ - self._last > PATIENCE and not self._silent:
+            self._orders, self._silent = _without_commands(self._rule, q), True
         return self._orders
 
 
-def _alone(rule: Silence, q: FloatArray) -> Orders:
-    """Return what motors at (12,) angles do from the moment on at which commands stopped."""
+def _without_commands(rule: Silence, q: FloatArray) -> Orders:
+    """Return the motors' commands after silence, for motors at (12,) angles [rad] when it began."""
     if rule == "brake":
         return Orders(q, _ZERO, _STIFFNESS, _BRAKE, _ZERO)
     damping = _DAMPING if rule == "damp" else 0.0

@@ -1,10 +1,10 @@
-"""How warm the motors get: first order, towards a temperature that grows with the square of the torque.
+"""Motor temperatures: a first-order model whose equilibrium grows with the square of the torque.
 
     dT/dt = (T_ambient + c τ² − T) / time constant
 
-All constants are levels of this twin, not figures of the robot; published is only that its motors stop themselves
-within 5 to 7 min of walking with 3 kg (arXiv 2605.27046). ``RISE`` is small on purpose: a twin that walks for an hour
-in lock step, where no time passes at rest, stays below the 50 °C at which no test begins. Heat is an inject.
+All constants are levels of this twin, not figures of the robot. It is only published that the robot's motors stop
+themselves within 5 to 7 min of walking with 3 kg (arXiv 2605.27046). ``RISE`` is deliberately small: a twin that walks
+for an hour in lock step, without rests, stays below 50 °C, above which no test begins. Hot motors are an inject.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 
 AMBIENT = 25.0
-"""A level: [°C] of all motors at the beginning."""
+"""A level [°C]: initial temperature of all motors."""
 RISE = 0.1
-"""A level: [K/(N·m)²] at which a motor ends above ambient. In the trot of `s2r_sim` the mean τ² of a calf is 60 (N·m)²,
-which ends at +6 K; twice as much, at +12 K."""
+"""A level [K/(N·m)²]: equilibrium temperature rise per squared torque. In the trot of `s2r_sim` the mean τ² of a calf
+is 60 (N·m)², which gives +6 K; twice as much gives +12 K."""
 TIME_CONSTANT = 300.0
-"""A level: [s]."""
+"""A level [s]: time constant of the temperature."""
 
 
 def warmed(temperature: FloatArray, torque: FloatArray, seconds: float) -> FloatArray:
-    """Return (12,) temperatures [°C] after so much time at (12,) torques [N·m]."""
+    """Return (12,) temperatures [°C] after a time [s] at (12,) torques [N·m]."""
     return temperature + (AMBIENT + RISE * torque**2 - temperature) * (seconds / TIME_CONSTANT)

@@ -1,10 +1,10 @@
-"""Faults that a twin can be given: how they are written, and in which rounds they act.
+"""Faults for a twin: their notation, and the rounds in which they act.
 
     KIND[=VALUE][@ROUND[-[ROUND]]]      nan=gyro@100-101    loss=0.01    heat=3:65@500-    silence@200-210
 
-A round is 2 ms; round 0 is that of the first command. ``@100`` is that round alone, ``@100-`` it and all after it,
-no ``@`` every round. A value for motors may begin with the number of one, 0…11 in the order of the wire, or with
-``hip``, ``thigh``, ``calf`` or ``all``: ``joint=calf:-2.6``.
+A round is 2 ms; round 0 is that of the first command. ``@100`` is this round alone, ``@100-`` this round and all later
+ones; without ``@`` the fault acts in every round. A value for motors may begin with the number of a motor (0…11 in the
+order of the wire), or with ``hip``, ``thigh``, ``calf`` or ``all``: ``joint=calf:-2.6``.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from s2r_a1.wire import MOTORS
 from s2r_spec.errors import UsageError, did_you_mean, one_of
 
 NUMBERS = ("quaternion", "gyro", "accelerometer", "q", "dq")
-"""A definition: the parts of a state that the inject ``nan`` can name."""
+"""A definition: the parts of a state for the inject ``nan``."""
 
 GROUPS: dict[str, tuple[int, ...]] = {
     "all": tuple(range(MOTORS)),
     **{name: tuple(range(place, MOTORS, 3)) for place, name in enumerate(("hip", "thigh", "calf"))},
 }
-"""A definition: motors that can be named together."""
+"""A definition: names for groups of motors."""
 REMOTE_OFF = "off"
-"""A definition: the value of the inject ``button`` for a remote that is switched off."""
+"""A definition: value of the inject ``button`` for a remote that is switched off."""
 
 
 class Part(NamedTuple):
@@ -56,13 +56,13 @@ class Inject:
 
     @property
     def number(self) -> float:
-        """The value, of a kind whose value is a number."""
+        """The value, for a kind whose value is a number."""
         assert isinstance(self.value, float)
         return self.value
 
     @property
     def part(self) -> Part:
-        """The value, of a kind whose value is a number for some motors."""
+        """The value, for a kind whose value is a number for some motors."""
         assert isinstance(self.value, Part)
         return self.value
 
@@ -71,7 +71,7 @@ Injects = tuple[Inject, ...]
 
 
 class Kind(NamedTuple):
-    """One kind of fault: its value if none is written, how one is read, and what it does."""
+    """One kind of fault: its default value, the parser of its value, and its effect."""
 
     default: Value
     read: Callable[[str], Value]
@@ -84,30 +84,32 @@ def acting(injects: Iterable[Inject], round_: int, *kinds: str) -> Iterator[Inje
 
 
 def read_inject(text: str) -> Inject:
-    """Return the fault that a text stands for.
+    """Read a fault.
 
     Raises:
-        UsageError: its kind, value or rounds cannot be used.
+        UsageError: its kind, value or rounds are not valid.
     """
     written, at, rounds = text.partition("@")
     name, equals, value = written.partition("=")
     if name not in KINDS:
-        raise UsageError(f"there is no inject {name!r}{did_you_mean(name, KINDS)}; there is {one_of(KINDS)}")
+        raise UsageError(
+            f"there is no inject {name!r}{did_you_mean(name, KINDS)}; use one of {one_of(KINDS)}"
+        )
     kind = KINDS[name]
     try:
-        found = kind.read(value) if equals else kind.default
+        parsed = kind.read(value) if equals else kind.default
     except ValueError as error:
         raise UsageError(f"the inject {text!r}: {error}; {name} {kind.does}") from None
     first, last = _rounds(text, rounds) if at else (0, inf)
-    return Inject(name, found, first, last)
+    return Inject(name, parsed, first, last)
 
 
 def _rounds(text: str, rounds: str) -> tuple[int, float]:
-    found = re.fullmatch(r"(\d{1,12})(-(\d{1,12})?)?", rounds, re.ASCII)
-    if not found:
+    match = re.fullmatch(r"(\d{1,12})(-(\d{1,12})?)?", rounds, re.ASCII)
+    if not match:
         raise UsageError(f"the inject {text!r} has no rounds after @; write @100, @100-200 or @100-")
-    first = int(found[1])
-    last = first if not found[2] else int(found[3]) if found[3] else inf
+    first = int(match[1])
+    last = first if not match[2] else int(match[3]) if match[3] else inf
     if last < first:
         raise UsageError(f"the inject {text!r} ends before it begins; write the smaller round first")
     return first, last
@@ -131,7 +133,7 @@ def _part(low: float, high: float) -> Callable[[str], Part]:
         if who in GROUPS:
             return Part(GROUPS[who], number(value))
         if colon and not (who.isascii() and who.isdigit() and int(who) < MOTORS):
-            raise ValueError(f"{who!r} is no motor; write 0…{MOTORS - 1}, or one of {one_of(GROUPS)}")
+            raise ValueError(f"{who!r} is not a motor; write 0…{MOTORS - 1}, or one of {one_of(GROUPS)}")
         return Part((int(who or 0),), number(value))
 
     return read
@@ -147,7 +149,7 @@ def _word(*words: str) -> Callable[[str], str]:
 
 
 def _nothing(text: str) -> None:
-    raise ValueError(f"it takes no value, and {text!r} is one")
+    raise ValueError(f"it takes no value; leave out ={text}")
 
 
 def _buttons(text: str) -> str:
@@ -164,13 +166,13 @@ KINDS: dict[str, Kind] = {
     "delay": Kind(5.0, _number(0, 1000), "holds states back for a number of rounds"),
     "duplicate": Kind(1.0, _probability, "delivers states once more a round later, after that round's own"),
     "reorder": Kind(1.0, _probability, "delivers states a round late, after that round's own"),
-    "corrupt": Kind(1.0, _probability, "turns over one bit of a state, with a probability per packet"),
-    "short": Kind(1.0, _probability, "cuts states off, with a probability per packet"),
+    "corrupt": Kind(1.0, _probability, "flips one bit of a state, with a probability per packet"),
+    "short": Kind(1.0, _probability, "truncates states, with a probability per packet"),
     "silence": Kind(None, _nothing, "sends no state"),
-    "stuck_tick": Kind(None, _nothing, "lets the tick stand still"),
-    "back_tick": Kind(100.0, _number(-1e6, 1e6), "sets the tick back by a number of ms, ahead by a negative one"),
+    "stuck_tick": Kind(None, _nothing, "stops the tick"),
+    "back_tick": Kind(100.0, _number(-1e6, 1e6), "sets the tick back by a number of ms; negative numbers set it ahead"),
     "tick_unit": Kind("us", _word("ms", "us"), "counts the tick in ms or us from then on"),
-    "nan": Kind("q", _word(*NUMBERS), f"makes one of {one_of(NUMBERS)} no number"),
+    "nan": Kind("q", _word(*NUMBERS), f"makes one of {one_of(NUMBERS)} NaN"),
     "quaternion": Kind(2.0, _number(-1e6, 1e6), "multiplies the quaternion by a number"),
     "gyro": Kind(100.0, _number(-1e6, 1e6), "reports a roll rate in rad/s"),
     "tilt": Kind(0.6, _number(-3.2, 3.2), "adds to the reported roll, in rad"),
@@ -178,9 +180,9 @@ KINDS: dict[str, Kind] = {
     "speed": Kind(Part((0,), 20.0), _part(-1e6, 1e6), "reports a speed of a motor, in rad/s"),
     "torque": Kind(Part((0,), 40.0), _part(-127, 127), "reports a torque of a motor, in N·m"),
     "heat": Kind(Part((0,), 65.0), _part(-128, 127), "reports a temperature of a motor, in °C"),
-    "mode": Kind(Part((0,), 0.0), _part(0, 255), "lets a motor go limp and report this mode"),
+    "mode": Kind(Part((0,), 0.0), _part(0, 255), "makes a motor go limp and report this mode"),
     "error": Kind(Part((0,), 4.0), _part(0, 2**32 - 1), "reports an error word of a motor"),
     "button": Kind("R2", _buttons, "holds down buttons of the remote, as L2+B, or switches it off"),
     "push": Kind(100.0, _number(-1000, 1000), "pushes the trunk to the left, in N"),
 }  # fmt: skip
-"""A definition: all faults. Most change what is reported, or what arrives; ``mode`` and ``push`` act on the robot."""
+"""A definition: all faults. Most change reported values or the network; ``mode`` and ``push`` act on the robot."""

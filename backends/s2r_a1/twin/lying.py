@@ -1,4 +1,4 @@
-"""How a twin begins: lying on its belly, legs folded beside it, motors off."""
+"""The initial state of a twin: lying on its belly, with folded legs and motors off."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from s2r_sim.robot.signals import MotorCommand
 FloatArray = NDArray[np.float64]
 
 HIP, THIGH, CALF = 0.5, 1.35, -2.69
-"""A definition: [rad] of a folded leg, hip outwards. Calves are at their limit, as on a robot that lies; the hip is
-out so far that knees and feet touch the ground beside a trunk that lies on it. A first guess: what it settles to is
-where the twin begins."""
+"""A definition: angles of a folded leg [rad], with the hip outwards. The calves are at their limit, as on a robot that
+lies. The hip is out so far that knees and feet touch the ground beside the trunk. The robot settles from these angles,
+and the twin begins in the settled pose."""
 _ABOVE = 0.08
-"""A tolerance: [m] of the base above the ground before it settles; it lies at 0.057 m, half the trunk's height."""
+"""A tolerance [m]: height of the base before it settles; it lies at 0.057 m, half the trunk's height."""
 _HELD, _DAMPED, _LIMP = 0.3, 0.7, 3.0
-"""Budgets: [s] for which the legs are held, braked and left alone; twice as long changes the pose by 0.02 rad."""
+"""Budgets [s]: times of holding, braking and releasing the legs; twice as long changes the pose by 0.02 rad."""
 _RELEASED = np.zeros(12)
 
 

@@ -1,7 +1,7 @@
 """Motion capture of a twin: its true pose at 200 Hz, on a clock of its own.
 
-A line is JSON: ``{"t", "x", "y", "z", "qw", "qx", "qy", "qz"}``, time [s], position of the base origin [m] and
-attitude, all in the world. ``t`` differs from the robot's clock by a constant that only the seed decides.
+A line is JSON: ``{"t", "x", "y", "z", "qw", "qx", "qy", "qz"}``, with time [s], position of the base origin [m] and
+attitude in the world frame. ``t`` differs from the robot's clock by a constant that depends on the seed only.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from s2r_sim.robot.signals import State
 FloatArray = NDArray[np.float64]
 
 FREQUENCY = 200
-"""A definition: poses a second."""
+"""A definition: poses per second."""
 _KEYS = ("t", "x", "y", "z", "qw", "qx", "qy", "qz")
 _OFFSET = 1000.0
-"""A level: [s] by which the clocks differ at most, evenly drawn."""
+"""A level [s]: largest difference of the clocks, drawn from a uniform distribution."""
 
 
 class Mocap:
-    """Turns true states, one a round, into lines; between two rounds the pose is interpolated."""
+    """Turns true states, one per round, into lines of poses, which are interpolated between two rounds."""
 
     def __init__(self, seed: int) -> None:
         self._offset = float(np.random.default_rng([seed, 5]).uniform(-_OFFSET, _OFFSET))
@@ -40,14 +40,14 @@ class Mocap:
         if pose[3:] @ before[3:] < 0.0:  # q and −q are the same attitude
             pose[3:] *= -1.0
         self._before = pose
-        found = []
-        # In units of 1 / (RATE · FREQUENCY) seconds everything is a whole number.
+        lines = []
+        # In units of 1 / (RATE · FREQUENCY) seconds all times are whole numbers.
         end = (round_ + 1) * FREQUENCY
         while self._sent * RATE <= end:
             part = 1.0 - (end - self._sent * RATE) / FREQUENCY
-            found.append(self._line(self._sent / FREQUENCY, before + part * (pose - before)))
+            lines.append(self._line(self._sent / FREQUENCY, before + part * (pose - before)))
             self._sent += 1
-        return found
+        return lines
 
     def _line(self, seconds: float, pose: FloatArray) -> bytes:
         pose[3:] /= np.linalg.norm(pose[3:])

@@ -1,4 +1,4 @@
-"""The way of states from a twin to whoever steers it: what loses, delays, repeats or damages them."""
+"""The network between a twin and its guard, which loses, delays, repeats or damages packets."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from s2r_a1.twin.injects import Injects, acting
 
 
 class Network:
-    """Carries one datagram a round, under the faults of a way; without them all arrive at once and in order."""
+    """Carries one datagram per round, with faults; without faults all arrive at once and in order."""
 
     def __init__(self, seed: int) -> None:
         self._random = np.random.default_rng([seed, 4])
@@ -20,7 +20,7 @@ class Network:
         return not self._happens(round_, injects, "deaf")
 
     def carry(self, round_: int, injects: Injects, data: bytes) -> list[bytes]:
-        """Return what arrives in a round in which these bytes are sent, the last one to arrive last."""
+        """Send these bytes in a round, and return the datagrams that arrive in it, in order of arrival."""
         behind, self._behind = self._behind, []
         delay = sum(int(inject.number) for inject in acting(injects, round_, "delay"))
         if not any(acting(injects, round_, "silence")) and not self._happens(round_, injects, "loss"):
@@ -31,20 +31,20 @@ class Network:
             if not overtaken:
                 self._held.append((round_ + delay, data))
         arrived = []
-        # A queue, in which nothing overtakes: what was held back arrives at once when the delay ends.
+        # A queue without overtaking: all delayed datagrams arrive when the delay ends.
         while self._held and (self._held[0][0] <= round_ or delay == 0):
             arrived.append(self._held.pop(0)[1])
         return arrived + behind
 
     def _happens(self, round_: int, injects: Injects, kind: str) -> bool:
-        """Draw, for every fault of this kind, whether it strikes; all are drawn, whatever the first one says."""
-        struck = [self._random.random() < inject.number for inject in acting(injects, round_, kind)]
-        return any(struck)
+        """Draw for every fault of this kind whether it occurs; all are drawn, even if the first one occurs."""
+        occurs = [self._random.random() < inject.number for inject in acting(injects, round_, kind)]
+        return any(occurs)
 
     def _damaged(self, round_: int, injects: Injects, data: bytes) -> bytes:
         if self._happens(round_, injects, "corrupt"):
             bits = bytearray(data)
-            # Of the words that the checksum covers, without the head and the last bytes.
+            # In the words that the checksum covers, without the head and the last bytes.
             bits[int(self._random.integers(4, len(data) // 4 * 4 - 4))] ^= 1 << int(self._random.integers(8))
             data = bytes(bits)
         if self._happens(round_, injects, "short"):

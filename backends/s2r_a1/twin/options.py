@@ -22,19 +22,19 @@ from s2r_spec.errors import UsageError
 Clock = Literal["real", "lockstep"]
 
 _MOST_DELAY = 10
-"""A budget: rounds from a command's arrival to the motors, 20 ms; more than anybody assumes of an A1."""
+"""A budget: rounds from a command's arrival to the motors, 20 ms, longer than any published estimate for an A1."""
 
 
 @dataclass(frozen=True)
 class Options:
-    """What a twin in a process of its own does.
+    """Options of a twin in a separate process.
 
     Attributes:
-        twin: what it is.
-        address: where it listens, on this machine only; port 0 takes any that is free.
-        clock: whether rounds pass with the machine's clock or with the datagrams that come.
-        mocap: port of this machine to which it sends its true pose, or None.
-        record: file for every packet that it received and sent, or None.
+        twin: settings of the twin.
+        address: address at which it listens, on this computer only; port 0 is any free one.
+        clock: whether rounds follow the computer's clock or the received datagrams.
+        mocap: port of this computer to which it sends its true pose, or None.
+        record: file for all received and sent packets, or None.
     """
 
     twin: TwinSettings
@@ -45,56 +45,73 @@ class Options:
 
 
 class _Parser(argparse.ArgumentParser):
-    """Raises what is wrong with a command line, as one sentence."""
+    """A parser that raises a UsageError for a wrong command line."""
 
     def error(self, message: str) -> NoReturn:
         raise UsageError(f"{message}; see {self.prog} --help")
 
 
 def read_options(arguments: list[str]) -> Options:
-    """Return what a command line asks for.
+    """Read a command line.
 
     Raises:
-        UsageError: an option cannot be used.
+        UsageError: an option is not valid.
     """
-    found = _parser().parse_args(arguments)
-    physics(found.place)
+    options = _parser().parse_args(arguments)
+    physics(options.place)
     twin = TwinSettings(
-        place=found.place,
-        layout=LAYOUTS[found.layout],
-        seed=found.seed,
-        delay=found.delay,
-        noise=found.noise == "on",
-        silence=found.silence,
-        tick_unit=found.tick,
-        injects=tuple(read_inject(text) for text in found.inject),
-        start=read_start(found.start) if found.start else None,
+        place=options.place,
+        layout=LAYOUTS[options.layout],
+        seed=options.seed,
+        delay=options.delay,
+        noise=options.noise == "on",
+        silence=options.silence,
+        tick_unit=options.tick,
+        injects=tuple(read_inject(text) for text in options.inject),
+        start=read_start(options.start) if options.start else None,
     )
-    return Options(twin, (_loopback(found.host), found.port), found.clock, found.mocap, found.record)
+    return Options(
+        twin, (_loopback(options.host), options.port), options.clock, options.mocap, options.record
+    )
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = _Parser(
         prog="python -m s2r_a1.twin",
-        description="Stand in for an A1: a simulated robot behind the robot's own wire, on this machine only.",
+        description="Run a twin of an A1: a simulated robot behind the robot's wire protocol, on this machine only.",
         epilog="Injects: " + "; ".join(f"{name} {kind.does}" for name, kind in KINDS.items()) + ". "
         "Each may have =VALUE and @ROUND, @FIRST-LAST or @FIRST-, in rounds of 2 ms from the first command on.",
         allow_abbrev=False,
     )
     add = parser.add_argument
-    add("--place", default="lab", help=f"where it is: {', '.join(PLACES)}; lab by default")
+    add("--place", default="lab", help=f"environment of the twin: {', '.join(PLACES)}; lab by default")
     add("--host", default="127.0.0.1", help="address of this machine; 127.0.0.1 by default")
-    add("--port", type=_within(0, 65535), default=8007, help="UDP port, 8007 by default; 0 takes a free one")
+    add("--port", type=_within(0, 65535), default=8007, help="UDP port, 8007 by default; 0 for any free one")
     add("--clock", choices=get_args(Clock), default="real", help="real, or lockstep: one state per command")
-    add("--layout", choices=sorted(LAYOUTS), default="a1", help="of the packets; a1 by default")
-    add("--seed", type=_within(0, 2**63 - 1), default=0, help="of everything that is random; 0 by default")
-    add("--delay", type=_within(0, _MOST_DELAY), default=1, help="rounds of 2 ms to the motors; 1 by default")
-    add("--noise", choices=("on", "off"), default="on", help="of the sensors; on by default")
+    add("--layout", choices=sorted(LAYOUTS), default="a1", help="layout of the packets; a1 by default")
+    add("--seed", type=_within(0, 2**63 - 1), default=0, help="seed of all random numbers; 0 by default")
+    add(
+        "--delay",
+        type=_within(0, _MOST_DELAY),
+        default=1,
+        help="delay of commands in rounds of 2 ms; 1 by default",
+    )
+    add("--noise", choices=("on", "off"), default="on", help="sensor noise; on by default")
     add("--tick", choices=get_args(TickUnit), default="ms", help="unit of the robot's clock; ms by default")
-    add("--mocap", type=_within(1, 65535), metavar="PORT", help="send the true pose there, as lines of JSON")
-    add("--silence", choices=get_args(Silence), default="damp", help="what the motors do when commands stop")
-    add("--inject", action="append", default=[], metavar="FAULT", help="a fault; may be given several times")
-    add("--record", type=Path, metavar="FILE", help="write every packet, both ways, to a new file")
+    add(
+        "--mocap",
+        type=_within(1, 65535),
+        metavar="PORT",
+        help="send the true pose to this port, as lines of JSON",
+    )
+    add(
+        "--silence",
+        choices=get_args(Silence),
+        default="damp",
+        help="the motors' behaviour when commands stop",
+    )
+    add("--inject", action="append", default=[], metavar="FAULT", help="a fault; repeat for several faults")
+    add("--record", type=Path, metavar="FILE", help="write all packets, in both directions, to a new file")
     add("--start", type=Path, metavar="FILE", help="begin from a saved state of the plant, not lying")
     return parser
 
@@ -104,7 +121,7 @@ def _within(low: int, high: int) -> Callable[[str], int]:
         try:
             value = int(text)
         except ValueError:
-            raise argparse.ArgumentTypeError(f"{text!r} is no whole number") from None
+            raise argparse.ArgumentTypeError(f"{text!r} is not a whole number") from None
         if not low <= value <= high:
             raise argparse.ArgumentTypeError(f"{value} is not within {low}…{high}")
         return value

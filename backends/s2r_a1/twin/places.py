@@ -1,4 +1,4 @@
-"""Where a twin of the robot can be: the places of the backend `twin`, and one without any effect."""
+"""The environments of a robot's twin: those of the backend `twin`, and one without effects."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ from s2r_spec.effects import choose
 from s2r_spec.errors import UsageError, did_you_mean, one_of
 
 NOMINAL = "nominal"
-"""A definition: the place whose plant is that of the backend `sim`."""
+"""A definition: the environment with the plant of the backend `sim`."""
 PLACES = (NOMINAL, *_TWINS)
 
 
 def physics(place: str) -> Physics:
-    """Return the world at a place.
+    """Return the physics of an environment.
 
     Raises:
-        UsageError: there is no such place.
+        UsageError: there is no such environment.
     """
     if place not in PLACES:
         raise UsageError(
-            f"there is no twin of a place {place!r}{did_you_mean(place, PLACES)}; there is {one_of(PLACES)}"
+            f"there is no twin of a place {place!r}{did_you_mean(place, PLACES)}; use one of {one_of(PLACES)}"
         )
     return (
         Physics()

@@ -1,4 +1,4 @@
-"""What a twin reports instead of what its sensors say: the faults in the bytes of a state."""
+"""Faults in the reported state of a twin."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from s2r_sim.robot import rotation
 
 
 def tick(round_: int, start: int, unit: TickUnit, injects: Injects) -> int:
-    """Return the tick of a round's state, which begins at ``start`` [ms] and follows the robot's clock of 2 ms a round.
+    """Return the tick of a round's state: ``start`` [ms] plus 2 ms per round, in ``unit``.
 
-    Faults that act: it stands still, was set back, or counts in another unit.
+    Faults can stop it, set it back, or change its unit.
     """
     for stuck in acting(injects, round_, "stuck_tick"):
         round_ = min(round_, stuck.first - 1)
@@ -29,16 +29,16 @@ def tick(round_: int, start: int, unit: TickUnit, injects: Injects) -> int:
 
 
 def distorted(reading: Reading, round_: int, injects: Injects) -> Reading:
-    """Return the reading with the faults of this round in it."""
+    """Return the reading with the faults of this round."""
     for inject in acting(injects, round_, *_REPORTS):
         reading = _REPORTS[inject.kind](reading, inject)
     return reading
 
 
 def packed(reading: Reading, layout: Layout) -> bytes:
-    """Return the packet of a state, with the roll, pitch and yaw [rad] that its quaternion says.
+    """Return the packet of a state, with roll, pitch and yaw [rad] computed from its quaternion.
 
-    :class:`Reading` has no such angles: the quaternion says the same, and nothing here reads them. Others may.
+    :class:`Reading` has no such angles, because s2r reads the quaternion; other programs may read the angles.
     """
     data = bytearray(pack_reading(reading, layout))
     np.frombuffer(data, layout.state)["rpy"][0] = rotation.rpy_from_wxyz(*reading.quaternion.tolist())

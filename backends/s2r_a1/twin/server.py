@@ -1,7 +1,7 @@
-"""Puts a twin behind a UDP socket of this machine, in real time or in lock step.
+"""Serve a twin on a UDP socket of this computer, in real time or in lock step.
 
-Whoever sent the last valid command is the peer: states go there, and other senders are ignored until they send one.
-In lock step every datagram of the peer is a round, answered by one datagram; an empty one stands for nothing.
+The sender of the last valid command is the peer: states go there, and other senders are ignored until they send one. In
+lock step every datagram of the peer is a round and is answered by one datagram; an empty one means no packet.
 """
 
 from __future__ import annotations
@@ -22,20 +22,20 @@ from s2r_a1.twin.twin import Twin
 from s2r_spec.errors import BackendError
 
 BEHIND = 0.1
-"""A tolerance [s]: rounds that are late by less are made up for; after more, the twin's time has stood still."""
+"""A tolerance [s]: delay that the twin catches up with; after a longer delay its time has stood still."""
 _NANOSECONDS = round(PERIOD * 1e9)
 
 Tap = Callable[[int, int, bytes], None]
-"""What sees every datagram: time of the twin [ns], direction, bytes."""
+"""Receives every datagram: time of the twin [ns], direction, bytes."""
 
 
 class Server:
-    """A twin, and the sockets that it speaks through.
+    """A twin and its sockets.
 
     Attributes:
-        port: on which it listens.
+        port: UDP port of the twin.
 
-    ``tap`` sees every datagram that came, whoever sent it, and every one that went; in lock step also empty ones.
+    ``tap`` receives every datagram in both directions, from any sender, and in lock step also empty ones.
     """
 
     def __init__(
@@ -44,7 +44,7 @@ class Server:
         """Open the port.
 
         Raises:
-            BackendError: it is not to be had.
+            BackendError: the port cannot be opened.
         """
         self._twin, self._mocap, self._tap = twin, mocap, tap
         self._peer: Address | None = None
@@ -55,7 +55,7 @@ class Server:
             self._socket.close()
             raise BackendError(
                 f"the UDP port {address[1]} cannot be opened: {error.strerror}; "
-                "end the program that holds it, or name another with --port"
+                "end the program that uses it, or name another with --port"
             ) from None
         self._socket.setblocking(False)
         self._woken, self._waker = socket.socketpair()
@@ -74,7 +74,7 @@ class Server:
 
     @contextlib.contextmanager
     def until_signalled(self) -> Iterator[None]:
-        """Let SIGTERM and SIGINT end the serving, within the block, and not the process."""
+        """Within the block, SIGTERM and SIGINT end the serving instead of the process."""
         before = {one: signal.signal(one, lambda *_: None) for one in (signal.SIGTERM, signal.SIGINT)}
         woken_before = signal.set_wakeup_fd(self._waker.fileno())
         try:
@@ -89,16 +89,16 @@ class Server:
         self._waker.send(b"\0")
 
     def serve_in_lock_step(self) -> None:
-        """Answer datagrams until a signal comes."""
+        """Answer datagrams until a signal arrives."""
         while self._wait(None):
             for data in self._received(1):
                 answers = self._round([data])
                 if self._twin.begun:
-                    # As much as a link that drains its socket would keep of several.
+                    # A link that drains its socket would keep the last of several.
                     self._send(answers[-1] if answers else b"")
 
     def serve_in_real_time(self) -> None:
-        """Let a round pass every 2 ms until a signal comes, from the first command on."""
+        """Simulate a round every 2 ms from the first command on, until a signal arrives."""
         while not self._twin.begun:
             if not self._wait(None):
                 return
@@ -120,7 +120,7 @@ class Server:
         return answers
 
     def _rest_until(self, due: float) -> bool:
-        """Wait for the time; return False if a signal came."""
+        """Wait until a time; return False if a signal arrived."""
         while True:
             left = due - time.monotonic()
             if select.select([self._woken], [], [], max(0.0, left))[0]:
@@ -129,11 +129,11 @@ class Server:
                 return True
 
     def _wait(self, seconds: float | None) -> bool:
-        """Wait for a datagram; return False if a signal came."""
+        """Wait for a datagram; return False if a signal arrived."""
         return self._woken not in select.select([self._socket, self._woken], [], [], seconds)[0]
 
     def _received(self, most: int) -> list[bytes]:
-        """Return the datagrams that wait, of the peer or of whoever takes its place by a valid command."""
+        """Return the waiting datagrams of the peer, or of a sender that becomes the peer by a valid command."""
         received = []
         for _ in range(most):
             try:
@@ -150,7 +150,7 @@ class Server:
     def _send(self, data: bytes) -> None:
         assert self._peer
         self._note(FROM_ROBOT, data)
-        with contextlib.suppress(OSError):  # a network that takes no more loses packets
+        with contextlib.suppress(OSError):  # a full network loses packets
             self._socket.sendto(data, self._peer)
 
     def _note(self, direction: int, data: bytes) -> None:
@@ -160,7 +160,7 @@ class Server:
 
 @contextlib.contextmanager
 def _no_pauses() -> Iterator[None]:
-    """Collect no garbage in the block: a pause for it is a late round, and rounds make none."""
+    """Disable garbage collection in the block: its pauses would delay rounds, and rounds make no garbage."""
     enabled = gc.isenabled()
     gc.collect()
     gc.freeze()

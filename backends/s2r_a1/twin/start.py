@@ -1,6 +1,6 @@
-"""A plant's state in a file, from which `sim` and a twin can begin alike.
+"""A plant's state in a file, as a common start for `sim` and a twin.
 
-The file is numpy's .npz: ``world`` MuJoCo's state, ``pending`` (n, 3, 12) motor laws under way, ``play`` and
+The file is a numpy .npz: ``world``, MuJoCo's state; ``pending`` (n, 3, 12), delayed motor laws; ``play`` and
 ``play_speed`` (12,) of the rotors. See :class:`s2r_sim.plant.plant.Saved`.
 """
 
@@ -25,16 +25,16 @@ def write_start(path: Path, saved: Saved) -> None:
 
 
 def read_start(path: Path) -> Saved:
-    """Return the state that :func:`write_start` wrote.
+    """Read a state that :func:`write_start` wrote.
 
     Raises:
-        UsageError: the file cannot be read, or holds something else.
+        UsageError: the file cannot be read, or has other content.
     """
     try:
         with np.load(path, allow_pickle=False) as file:
             world, pending, play, speed = (file[name] for name in ("world", "pending", "play", "play_speed"))
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
-        raise UsageError(f"{path} is no state of a plant to start from: {error}") from None
+        raise UsageError(f"{path} is not the saved state of a plant: {error}") from None
     if world.ndim != 1 or pending.shape[1:] != (3, 12) or play.shape != (12,) or speed.shape != (12,):
-        raise UsageError(f"{path} is no state of a plant to start from: its arrays have other shapes")
+        raise UsageError(f"{path} is not the saved state of a plant: its arrays have other shapes")
     return Saved(world, MotorState(tuple(Law(*law) for law in pending), play, speed))

@@ -1,10 +1,10 @@
-"""A stand-in for the robot, as bytes see it: commands in, states out, one round of 2 ms after another.
+"""A twin of the robot at the level of packets: commands in, states out, in rounds of 2 ms.
 
-A twin is a pure function of its settings and of the bytes that came in: it reads no clock, opens nothing and draws all
-chance from its seed.
+A twin is a pure function of its settings and of the received bytes: it reads no clock, opens nothing and draws all
+random numbers from its seed.
 
     twin = Twin(TwinSettings(place="lab"))
-    states = twin.round([command])      # datagrams that arrived in this round -> datagrams that arrive at the sender
+    states = twin.round([command])      # datagrams received in this round -> datagrams that reach the sender
 """
 
 from __future__ import annotations
@@ -34,23 +34,23 @@ from s2r_sim.robot.signals import State
 FloatArray = NDArray[np.float64]
 
 LEAST_TICK, MOST_TICK = 10_000, 1_000_000
-"""A level: [ms] between which the robot's clock stands at the first command, by the seed: nobody must count on 0."""
+"""Levels [ms]: range of the robot's clock at the first command, drawn from the seed, because it need not start at 0."""
 
 
 @dataclass(frozen=True)
 class TwinSettings:
-    """What a twin is made from.
+    """Settings of a twin.
 
     Attributes:
-        place: one of :data:`s2r_a1.twin.places.PLACES`.
-        layout: of the packets.
-        seed: of noise, of faults with a probability, and of where clocks begin.
-        delay: rounds from the arrival of a command to the motors; a delay of the place comes on top.
+        place: environment, one of :data:`s2r_a1.twin.places.PLACES`.
+        layout: layout of the packets.
+        seed: seed of noise, random faults and initial clocks.
+        delay: rounds from the arrival of a command to the motors, on top of the environment's own delay.
         noise: whether the sensors are noisy.
-        silence: what the motors do when commands stop.
-        tick_unit: of the tick in a state.
+        silence: the motors' behaviour when commands stop.
+        tick_unit: unit of the tick in a state.
         injects: faults.
-        start: state of the plant at the first command; without it the robot lies on its belly.
+        start: state of the plant at the first command; None for a robot that lies on its belly.
     """
 
     place: str = "lab"
@@ -66,7 +66,7 @@ class TwinSettings:
 
 @dataclass
 class Counts:
-    """Packets that came to a twin: used, refused by what was wrong with them, and lost on their way to it."""
+    """Counts of packets sent to a twin: used, superseded in their round, lost, and refused by fault."""
 
     used: int = 0
     superseded: int = 0
@@ -78,10 +78,10 @@ class Twin:
     """The A1's plant of `s2r_sim` behind the A1's wire.
 
     Attributes:
-        settings: what it was made from.
-        injects: faults, at first those of the settings; whoever holds the twin may replace them between rounds.
-        rounds: that have passed; none before the first valid command.
-        counts: of the packets that came.
+        settings: its settings.
+        injects: faults, at first those of the settings; they may be replaced between rounds.
+        rounds: number of rounds so far; 0 before the first valid command.
+        counts: counts of received packets.
     """
 
     def __init__(self, settings: TwinSettings) -> None:
@@ -99,24 +99,24 @@ class Twin:
 
     @property
     def begun(self) -> bool:
-        """Whether a valid command has come: before it, a twin says nothing, and no time passes."""
+        """Whether a valid command has arrived; before it a twin sends nothing, and no time passes."""
         return self.counts.used > 0
 
     @property
     def temperature(self) -> FloatArray:
-        """(12,) true temperatures of the motors [°C]; a state has whole degrees."""
+        """(12,) true temperatures of the motors [°C]; a state reports whole degrees."""
         return self._body.temperature
 
     def truth(self) -> State:
-        """Return the true state of the robot, which no packet says."""
+        """Return the true state of the robot, which no packet contains."""
         return self._body.truth()
 
     def saved(self) -> Saved:
-        """Return the state of the plant, from which it and another twin can go on; no sensor and no heat is in it."""
+        """Return the state of the plant, without sensors and temperatures, as a start for this or another twin."""
         return self._body.save()
 
     def save(self, path: Path) -> None:
-        """Write the state of the plant to a file to start from; see :mod:`s2r_a1.twin.start`."""
+        """Write the state of the plant to a file; see :mod:`s2r_a1.twin.start`."""
         write_start(path, self.saved())
 
     def accepts(self, data: bytes) -> bool:
@@ -128,10 +128,10 @@ class Twin:
         return True
 
     def round(self, arrived: Sequence[bytes]) -> list[bytes]:
-        """Return the states that reach the sender in this round, the last to arrive last.
+        """Return the states that reach the sender in this round, in order of arrival.
 
-        ``arrived`` are the datagrams that came to the robot in it; the newest that is valid counts, an empty one
-        says that nothing came.
+        ``arrived`` are the datagrams that reach the robot in this round; the newest valid one counts, and an empty one
+        means no packet.
         """
         newest = self._newest([data for data in arrived if data])
         if newest:
@@ -144,7 +144,7 @@ class Twin:
         return arriving
 
     def mocap(self) -> list[bytes]:
-        """Return the lines of motion capture since the last call; call it after every round, or never."""
+        """Return the lines of motion capture since the last call; call this after every round, or never."""
         return self._mocap.lines(self.rounds - 1, self.truth()) if self.begun else []
 
     def _newest(self, arrived: Sequence[bytes]) -> Command | None:
@@ -165,31 +165,31 @@ class Twin:
         return newest
 
     def _step(self) -> bytes:
-        """Let a round pass; return the state at its end."""
+        """Simulate a round; return the packet of its state."""
         settings, injects, round_ = self.settings, self.injects, self.rounds
         orders = self._firmware.orders(round_, self.truth().q)
         push = np.zeros(3)
         for pushed in acting(injects, round_, "push"):
             push[1] += pushed.number
-        felt = self._body.step(_limp(orders, injects, round_), push)
+        sensors = self._body.step(_limp(orders, injects, round_), push)
         reading = Reading(
-            felt.quaternion,
-            felt.gyro,
-            felt.accelerometer,
-            felt.q,
-            felt.dq,
-            felt.tau,
-            felt.temperature,
+            sensors.quaternion,
+            sensors.gyro,
+            sensors.accelerometer,
+            sensors.q,
+            sensors.dq,
+            sensors.tau,
+            sensors.temperature,
             self._firmware.mode,
             tick(round_, self._start_tick, settings.tick_unit, injects),
             remote.packed(),
-            foot_force=felt.foot_force,
+            foot_force=sensors.foot_force,
         )
         return packed(distorted(reading, round_, injects), settings.layout)
 
 
 def _limp(orders: Orders, injects: Injects, round_: int) -> Orders:
-    """Return the orders without those for motors that have dropped out."""
+    """Return the motor commands without those for motors that have dropped out."""
     for dropped in acting(injects, round_, "mode"):
         works = np.ones_like(orders.tau)
         works[list(dropped.part.motors)] = 0.0

@@ -31,9 +31,9 @@ def other_begin(name: str, pairs: Sequence[Pair]) -> str:
         return ""
     when = float(np.median(by))
     return (
-        f"{name} of the real rollouts, which no effect changes, comes {abs(when):.3g} s "
-        f"{'after' if when > 0.0 else 'before'} the simulator's: do the recordings begin so much "
-        f"{'too early' if when > 0.0 else 'too late'}?"
+        f"{name} of the real rollouts is {abs(when):.3g} s {'later' if when > 0.0 else 'earlier'} than the "
+        f"simulator's, and no effect changes it. Do the recordings begin {abs(when):.3g} s too "
+        f"{'early' if when > 0.0 else 'late'}?"
     )
 
 

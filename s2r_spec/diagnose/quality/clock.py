@@ -41,7 +41,7 @@ def clock(c: Comparison) -> list[Suspect]:
     step = float(np.median([np.median(np.diff(trace.times)) for trace in c.traces]))
     rate, was = 1.0 / step, best / step
     text = (
-        f"everything in the real rollouts goes {1.0 / best:.3g} times as fast as in the simulator, commands included: "
-        f"was a sample taken every {step / best:.3g} s ({was:.3g} Hz), and stamped every {step:.3g} s ({rate:.3g} Hz)?"
+        f"all channels of the real rollouts, commands included, run {1.0 / best:.3g} times as fast as the simulator's. "
+        f"Were samples taken at {was:.3g} Hz stamped at {rate:.3g} Hz?"
     )
     return [Suspect(Finding("clock", "the clock", text, "a wrong clock"), values, None, there)]

@@ -23,7 +23,7 @@ def copied(bench: Bench, rollouts: Sequence[Rollout]) -> str:
             alike = _bytes(bench.run({}, before, 0)) == _bytes(bench.run({}, test, 0))
         if alike:
             return ""
-        return f"{called(number, test)} is {called(first, before)}, sample for sample: which of the tests was it?"
+        return f"{called(number, test)} equals {called(first, before)} in every sample. Which test was it?"
     return ""
 
 

@@ -18,15 +18,15 @@ def doubted(found: Diagnosis) -> Diagnosis:
         return found
     names, what = " and ".join(found.which.answer), rivals[0].imitates
     if found.verdict in (Verdict.NONE, Verdict.SPREAD):
-        said = found.reason.partition(";")[0]
-        reason = f"{said}, in the recordings as they are; {what} explains how they differ: see to the recordings first"
+        gap = found.reason.partition(". ")[0].rstrip(".")
+        reason = f"{gap}. But {what} would explain how the recordings differ: check them first."
         return replace(found, reason=reason)
     if all(each.same for each in rivals):
-        reason = f"{names} explains the data, and {what} would do the same: see to the recordings first"
+        reason = f"{names} explains the data, and {what} would do the same: check the recordings first."
         return replace(found, verdict=Verdict.CONFOUNDED, reason=reason)
     reason = (
-        f"{names} fits best of the catalogue, but {what} would do the same, and explains more: see to the recordings "
-        f"first"
+        f"Of the catalogue, {names} fits best, but {what} would do the same and explains more: check the recordings "
+        f"first."
     )
     which = replace(found.which, answer=(), confounded=(), spare=(), next_test=None)
     return replace(found, verdict=Verdict.UNKNOWN, reason=reason, which=which, patch={})

@@ -24,6 +24,6 @@ def exchanged(c: Comparison) -> list[Suspect]:
     if not moved:
         return []
     words = listed([c.columns[k].name for k in moved])
-    under = ", ".join(f"{c.columns[k].name} stands under {c.columns[order[k]].name}" for k in moved[:4])
-    text = f"{words} of the real rollouts seem exchanged: {under}. If so, mend their names in the recordings"
+    under = ", ".join(f"{c.columns[k].name} is named {c.columns[order[k]].name}" for k in moved[:4])
+    text = f"{words} of the real rollouts seem exchanged: {under}. If so, correct the names in the recordings"
     return [Suspect(Finding("exchanged", words, text, "an exchange of channels"), c.recorded[..., order])]

@@ -67,12 +67,12 @@ def turned(c: Comparison) -> list[Suspect]:
         a = min((float(x) for x in near), key=lambda x: c.misfit(undone(x, pair, offset)))
         step /= 4
     words = listed([*(c.columns[k].name for k in pair), *(channels(c)[k] for k in sorted(offset))])
-    more = f", and {named(c, offset)} is off by that from the first sample on" if offset else ""
+    more = f". {named(c, offset)} is off by the same angle from the first sample on" if offset else ""
     text = (
-        f"{c.columns[pair[0]].name} and {c.columns[pair[1]].name} of the real rollouts are turned by {a:.2g} rad "
-        f"against the simulator's{more}: are they in the same frame? If not, turn them back in the recordings"
+        f"{c.columns[pair[0]].name} and {c.columns[pair[1]].name} of the real rollouts are rotated by {a:.2g} rad "
+        f"against the simulator's{more}. Are they in the same frame? If not, rotate them back in the recordings"
     )
-    return [Suspect(Finding("frame", words, text, "a turned frame"), undone(a, pair, offset))]
+    return [Suspect(Finding("frame", words, text, "a rotated frame"), undone(a, pair, offset))]
 
 
 def offset(c: Comparison) -> list[Suspect]:
@@ -92,8 +92,8 @@ def offset(c: Comparison) -> list[Suspect]:
         for k in np.flatnonzero(off & mask(c, group))[:4]
     )
     text = (
-        f"the real rollouts have a constant offset against the simulator from the first sample on ({each}): is zero "
-        f"at the same place? If not, take it off in the recordings"
+        f"the real rollouts have a constant offset against the simulator from the first sample on ({each}). Do both "
+        f"use the same zero? If not, subtract the offset in the recordings"
     )
     return [
         Suspect(

@@ -52,9 +52,9 @@ def hold(bench: Bench, rollouts: Sequence[Rollout]) -> tuple[list[Finding], list
     names, seconds = list(held), float(np.median(list(held.values())))
     one = len(names) == 1
     text = (
-        f"{listed(names)} of the real rollouts {'keeps' if one else 'keep'} each value for {seconds:.2g} s, and the "
-        f"simulator's {'moves' if one else 'move'} all the time: were the samples held between slower ones? If so, "
-        f"record {'it' if one else 'them'} as often as the rest"
+        f"{listed(names)} of the real rollouts {'keeps' if one else 'keep'} each value for {seconds:.2g} s, while the "
+        f"simulator's {'changes' if one else 'change'} at every sample. Was the last value repeated between slower "
+        f"samples? If so, record {'it' if one else 'them'} as often as the rest"
     )
     straight = [(test, _straight(trace, names)) for test, trace in rollouts]
     return [Finding("hold", listed(names), text)], straight

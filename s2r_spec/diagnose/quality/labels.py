@@ -62,7 +62,7 @@ def others(
     rows = [test for test, _ in rollouts]
     places = [next(k for k, (_, trace) in enumerate(rollouts) if trace is mine) for mine in c.traces]
     wanted: list[tuple[str, str, list[Test]]] = []
-    for step, words in ((1, "the one after"), (-1, "the one before")):
+    for step, words in ((1, "the next one"), (-1, "the one before")):
         wanted.append(("row", words, [rows[min(max(k + step, 0), len(rows) - 1)] for k in places]))
     for name in bench.spec.space.names:
         mirrored: list[Test] = [{**test, name: -test[name] or 0.0} for test in c.tests]
@@ -122,21 +122,20 @@ def labels(c: Comparison, other: Sequence[Other]) -> list[Suspect]:
             k = min(range(len(options)), key=lambda k: _gain(c, options[k], counts[k]))
             count = int((parts[k] & one.known).sum())
             text = (
-                f"recordings do not begin where their tests say{begins(c, parts[k])}: {count} of {n} that were "
-                f"compared fit the test of {one.words} better than their own. Is a line of the table of tests doubled "
-                f"or missing?"
+                f"{count} of {n} compared recordings fit the test of {one.words} better than their own"
+                f"{begins(c, parts[k])}. Is a line of the table of tests doubled or missing?"
             )
             found.append(_suspect(c, options[k], text, "a shifted table of tests", counts[k]))
         elif one.kind == "sign":
             text = (
-                f"the real rollouts fit tests with the other sign of {one.words} better than their own"
-                f"{begins(c)}: does {one.words} count the same way in the table of tests?"
+                f"the real rollouts fit tests with the opposite sign of {one.words} better than their own"
+                f"{begins(c)}. Has {one.words} the same sign convention in the table of tests?"
             )
-            found.append(_suspect(c, whole, text, f"the other sign of {one.words}"))
+            found.append(_suspect(c, whole, text, f"the opposite sign of {one.words}"))
         else:
             text = (
-                f"the real rollouts fit tests with {one.words} exchanged better than their own{begins(c)}: mend the "
-                f"table of tests if so"
+                f"the real rollouts fit tests with {one.words} exchanged better than their own{begins(c)}. If they are "
+                f"exchanged, correct the table of tests"
             )
             found.append(_suspect(c, whole, text, f"{one.words} exchanged"))
     return [*found, *_assigned(c)]
@@ -154,8 +153,8 @@ def _assigned(c: Comparison) -> list[Suspect]:
         return []
     count = int(moved.sum())
     text = (
-        f"recordings do not begin where their tests say{begins(c, moved)}: {count} of {len(order)} that were compared "
-        f"fit the test of another one better than their own. Are lines of the table of tests exchanged?"
+        f"{count} of {len(order)} compared recordings fit the test of another recording better than their own"
+        f"{begins(c, moved)}. Are lines of the table of tests exchanged?"
     )
     there = c.elsewhere(c.nominal[order], c.scatter[order], moved)
     return [_suspect(c, there, text, "an exchange of tests")]
@@ -185,4 +184,4 @@ def begins(c: Comparison, which: NDArray[np.bool_] | None = None) -> str:
         return ""
     column = c.columns[k]
     much = f"{float(first[:, k].max()):.2g} {column.unit}".rstrip()
-    return f" ({column.name} at the first sample is off by up to {much})"
+    return f" (the first sample of {column.name} is off by up to {much})"

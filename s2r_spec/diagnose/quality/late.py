@@ -29,8 +29,8 @@ def late(c: Comparison) -> list[Suspect]:
     when = "late" if by > 0.0 else "early"
     if not rest:
         text = (
-            f"everything in the real rollouts comes {abs(by):.2g} s {'after' if by > 0.0 else 'before'} the "
-            f"simulator's: do the recordings begin so much too {'early' if by > 0.0 else 'late'}? "
+            f"all channels of the real rollouts are {abs(by):.2g} s {'later' if by > 0.0 else 'earlier'} than the "
+            f"simulator's. Do the recordings begin {abs(by):.2g} s too {'early' if by > 0.0 else 'late'}? "
         )
         return [
             Suspect(
@@ -40,16 +40,16 @@ def late(c: Comparison) -> list[Suspect]:
     if len(group) > len(rest):
         # It is the few that are said to be wrong; late poses are early commands.
         text = (
-            f"{named(c, group)} come {abs(by):.2g} s {when} against {named(c, rest)}, from the first sample on: were "
-            f"they stamped by one clock? "
+            f"{named(c, group)} are {abs(by):.2g} s {when} against {named(c, rest)} from the first sample on. "
+            f"Does one clock stamp all of them? "
         )
     else:
         text = (
-            f"{named(c, group)} {'comes' if len(group) == 1 else 'come'} {abs(by):.2g} s {when} against the other "
-            f"channels, from the first sample on: were they stamped by one clock? "
+            f"{named(c, group)} {'is' if len(group) == 1 else 'are'} {abs(by):.2g} s {when} against the other channels "
+            f"from the first sample on. Does one clock stamp all of them? "
         )
     return [Suspect(Finding("late", named(c, group), text + SHIFT, "a wrong clock"), values)]
 
 
-CUT = "If so, set the times so that each begins with its test"
-SHIFT = "If not, shift their times by so much"
+CUT = "If so, shift the times so that each recording begins with its test"
+SHIFT = "If not, shift their times by this delay"

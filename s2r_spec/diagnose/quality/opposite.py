@@ -22,4 +22,4 @@ def other_sign(channel: Channel, pairs: Sequence[Pair]) -> str:
         return ""
     if max(correlation(simulated, real, name) for simulated, real in pairs) >= OPPOSITE:
         return ""
-    return f"{name} of the real rollouts goes the other way than the simulator's: does it count the same way?"
+    return f"{name} of the real rollouts has the opposite sign of the simulator's. Do both use one sign convention?"

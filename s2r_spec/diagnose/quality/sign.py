@@ -11,9 +11,9 @@ def sign(c: Comparison) -> list[Suspect]:
     """Return the channels whose other sign explains most."""
     _, group, _ = search(c, [1.0], lambda _: -c.recorded)
     words = named(c, group)
-    does, it = ("goes", "does it count") if len(group) == 1 else ("go", "do they count")
+    has, it = ("has", "it") if len(group) == 1 else ("have", "them")
     text = (
-        f"{words} of the real rollouts {does} the other way than the simulator's: {it} the same way? If not, give "
-        f"{'it' if len(group) == 1 else 'them'} the other sign"
+        f"{words} of the real rollouts {has} the opposite sign of the simulator's. Do both use one sign convention? If "
+        f"not, change the sign of {it} in the recordings"
     )
-    return [Suspect(Finding("sign", words, text, "the other sign"), undo(c, -c.recorded, group))]
+    return [Suspect(Finding("sign", words, text, "the opposite sign"), undo(c, -c.recorded, group))]

@@ -35,9 +35,9 @@ def spike(name: str, having: Sequence[tuple[int, Test, Trace]], unit: str) -> st
         return ""
     number, test, trace = having[where[0]]
     return (
-        f"{name} of {called(number, test)} is off by {worst:.3g}{f' {unit}' if unit else ''} for a sample at "
-        f"{trace.times[where[1]]:.4g} s, and is not so in the others: is that the recording? If so, mend the sample, "
-        f"or leave the rollout out"
+        f"{name} of {called(number, test)} is off by {worst:.3g}{f' {unit}' if unit else ''} for one sample at "
+        f"{trace.times[where[1]]:.4g} s, and in no other rollout. Is it an error of the recording? If so, correct the "
+        f"sample, or leave the rollout out"
     )
 
 

@@ -13,10 +13,7 @@ def still(name: str, pairs: Sequence[Pair]) -> str:
     """Return what to say of a channel that was perhaps not recorded; "" for nothing."""
     if not _still(name, pairs):
         return ""
-    return (
-        f"{name} of the real rollouts never moves, and the simulator's does: was it recorded? If not, "
-        f"leave it out"
-    )
+    return f"{name} of the real rollouts never changes, and the simulator's does. Was it recorded? If not, leave it out"
 
 
 def _still(name: str, pairs: Sequence[Pair]) -> bool:

@@ -43,8 +43,8 @@ def stopped(bench: Bench, name: str, having: Sequence[tuple[int, Test, Trace]]) 
         return ""
     begin = float(trace.times[0])
     return (
-        f"{name} of {called(number, test)} keeps one value from {begin + since:.4g} to {begin + until:.4g} s, where "
-        f"the simulator's moves: was it recorded all the time? If not, leave the rollout out"
+        f"{name} of {called(number, test)} keeps one value from {begin + since:.4g} to {begin + until:.4g} s, while "
+        f"the simulator's changes. Was it recorded all the time? If not, leave the rollout out"
     )
 
 

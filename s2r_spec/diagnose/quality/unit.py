@@ -40,8 +40,8 @@ def other_unit(channel: Channel, pairs: Sequence[Pair]) -> str:
     if not words:
         return ""
     return (
-        f"{name} of the real rollouts is about {words} the simulator's: is it in {channel.unit}? If not, say its unit "
-        f"in the recording"
+        f"{name} of the real rollouts is about {words} the simulator's. Is it in {channel.unit}? If not, write its "
+        f"unit in the recording"
     )
 
 
@@ -64,8 +64,8 @@ def other_unit_of_one(bench: Bench, channel: Channel, rollouts: Sequence[Rollout
     if not words:
         return ""
     return (
-        f"{name} of {called(number, test)} is about {words} the simulator's, and not so in the others: is it "
-        f"in {channel.unit} there? If not, convert it, or leave the rollout out"
+        f"{name} of {called(number, test)} is about {words} the simulator's, and in no other rollout. Is it in "
+        f"{channel.unit} there? If not, convert it, or leave the rollout out"
     )
 
 

@@ -23,8 +23,8 @@ def wrapped(channel: Channel, real: Sequence[Trace], pairs: Sequence[Pair]) -> s
     if not count or any(_jumps(simulated, channel.name, turn) for simulated, _ in pairs):
         return ""
     return (
-        f"{channel.name} jumps by a turn in {count} of {len(real)} real rollouts, and the simulator's goes on: "
-        f"unwrap it in the recordings, as numpy.unwrap does"
+        f"{channel.name} jumps by a full turn in {count} of {len(real)} real rollouts, and the simulator's does not. "
+        f"Unwrap it in the recordings, as numpy.unwrap does"
     )
 
 

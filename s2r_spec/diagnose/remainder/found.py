@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from s2r_spec.printable import spelled
+
 
 @dataclass(frozen=True)
 class Remainder:
@@ -45,17 +47,17 @@ class Remainder:
 
     def __str__(self) -> str:
         """Return it in words."""
-        what = f"{self.size:+.3g} {self.unit}".strip()
+        what = f"{self.size:+.3g} {spelled(self.unit)}".strip().replace("-", "−")
         what = f"a difference of {what} in {self.quantity}" if self.recorded else f"{what} of {self.quantity}"
         what += f" at {self.part}" if self.part else ""
         low, high = _apart(self.low, self.high)
-        ends = f"{low} and {high} {self.along_unit}".strip()
+        ends = f"{low} and {high} {spelled(self.along_unit)}".strip()
         if not self.along:
             return f"{what} between {ends}"
         if np.isinf(self.low):
-            return f"{what} where {self.along} is below {self.high:.3g} {self.along_unit}".strip()
+            return f"{what} where {self.along} is below {self.high:.3g} {spelled(self.along_unit)}".strip()
         if np.isinf(self.high):
-            return f"{what} where {self.along} is above {self.low:.3g} {self.along_unit}".strip()
+            return f"{what} where {self.along} is above {self.low:.3g} {spelled(self.along_unit)}".strip()
         return f"{what} where {self.along} is between {ends}"
 
     def to_json(self) -> dict[str, Any]:

@@ -139,5 +139,5 @@ def _reason(real: Trace, simulated: Trace, last: float) -> str:
             return f"the {side} rollout ended with {trace.failure!r} at {trace.duration:g} s"
     if abs(real.duration - simulated.duration) > SAME:
         side = "real" if real.duration < simulated.duration else "simulated"
-        return f"the {side} trace ends at {last:g} s, before the other"
+        return f"the {side} trace ends at {last:g} s, before the other one"
     return ""

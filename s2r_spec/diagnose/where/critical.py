@@ -67,8 +67,11 @@ class Switch:
 
     def __str__(self) -> str:
         if self.switches:
-            return f"the critical predicate switches from {self.simulated} to {self.real}"
-        return f"the critical predicate is {self.simulated} in simulation and {self.real} on the real machine"
+            return f"the critical predicate is {self.simulated} in simulation, but {self.real} on the real machine"
+        if f"{self.simulated}" == f"{self.real}":
+            return f"the critical predicate is {self.simulated} in both"
+        later = f"at {self.real.time:.3g} s on the real machine"
+        return f"the critical predicate is {self.simulated} in simulation and {later}"
 
     def to_json(self) -> dict[str, Any]:
         """Return plain data for JSON."""

@@ -24,7 +24,7 @@ from s2r_spec.space import key_of
 from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
 
-NOT_ASKED = "no simulator was at hand that could say what its own model leaves unexplained"
+NOT_ASKED = "no simulator with residuals was given, so the gap cannot be traced to parts of the machine"
 WINDOWS = 6
 """Equal windows of time over which Δρ is summed."""
 
@@ -159,9 +159,9 @@ def body_of(
         other.append(three[1:])
         at.append(test)
     if len(own) < FEWEST:
-        few = f"residuals could be computed of {len(own)} real rollouts, and {FEWEST} are the least"
+        few = f"residuals exist for only {len(own)} real rollouts, and at least {FEWEST} are needed"
         return None, f"{few}: {said}" if said else few
     found = body(unit_box(bench.spec.space, at), own, other, bench.backend.duration)
     if not found.asked:
-        return None, f"no residual is known of {FEWEST} real rollouts in any window of time"
+        return None, f"in no window of time do {FEWEST} real rollouts have residuals"
     return found, ""

@@ -158,7 +158,7 @@ def grid_of(space: Space) -> FloatArray:
     """
     if space.dim not in _COUNTS:
         raise UsageError(
-            f"where the gap lies can be said over one to four test parameters, and the spec has {space.dim}"
+            f"the place of the gap in the test space needs one to four parameters, and the spec has {space.dim}"
         )
     return space.grid(_COUNTS[space.dim])
 
@@ -183,7 +183,9 @@ def in_space(
         UsageError: there is no test, or the space has no or more than four parameters.
     """
     if not tests:
-        raise UsageError("where the gap lies needs one real rollout at least, and there is none")
+        raise UsageError(
+            "the place of the gap in the test space needs at least one real rollout, and there is none"
+        )
     grid = grid_of(space)
     at = np.array([space.vector(test.params) for test in tests])
     generator = np.random.default_rng(seed)
@@ -256,12 +258,12 @@ def _notes(space: Space, tests: tuple[GapAt, ...]) -> tuple[str, ...]:
     notes = []
     if 3 * seen.replicated(tests) < len(tests):
         notes.append(
-            f"{seen.replicated(tests)} of {len(tests)} tests have three real rollouts or more; with a third of "
-            f"them, noise and the shape of the gap can be told apart better"
+            f"{seen.replicated(tests)} of {len(tests)} tests have three or more real rollouts; repeat a third of the "
+            f"tests to separate noise from the shape of the gap"
         )
     if len(tests) < 2 * space.dim + 1:
         notes.append(
-            f"the gap was measured at {len(tests)} place{'s' * (len(tests) != 1)} of a test space with {space.dim} "
-            f"parameter{'s' * (space.dim != 1)}: elsewhere it is a guess"
+            f"the gap was measured at {len(tests)} test{'s' * (len(tests) != 1)} of a space with {space.dim} "
+            f"parameter{'s' * (space.dim != 1)}; elsewhere it is a guess"
         )
     return tuple(notes)

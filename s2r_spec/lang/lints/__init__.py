@@ -1,8 +1,7 @@
-"""What is no mistake and yet seldom meant: one lint a function, by subject.
+"""Warnings about legal text that is seldom meant: one function for each lint, grouped by subject.
 
-A lint says what a text means here, what others read in it, and how to write
-it so that nobody has to ask; where that is a matter of brackets, it brings the
-edit along.
+A lint states the meaning of a text in s2r, its meaning in other tools, and an unambiguous way to write it.
+If brackets are enough, the lint has the edit.
 """
 
 from __future__ import annotations
@@ -29,10 +28,10 @@ LINTS: tuple[Callable[[Parsed, Document], Iterator[Finding]], ...] = (
 
 
 def lint(text: str, name: str = "<string>") -> tuple[Finding, ...]:
-    """Return what is worth a second look in a specification, in the order of the text.
+    """Return the findings of all lints in a specification, in the order of the text.
 
     Raises:
-        SpecError: the text is no specification.
+        SpecError: the text has mistakes.
     """
     document = check_text(text, name)
     source = Source.of(text, name)
@@ -42,7 +41,7 @@ def lint(text: str, name: str = "<string>") -> tuple[Finding, ...]:
 
 
 def fixed(text: str, findings: Iterable[Finding]) -> str:
-    """Return the text with every edit that the findings bring; its meaning stays the same."""
+    """Return the text with every edit of the findings; its meaning stays the same."""
     text = Source.of(text).text
     edits = sorted((edit for finding in findings for edit in finding.edits), reverse=True)
     for place, inserted in edits:

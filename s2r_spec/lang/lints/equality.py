@@ -16,7 +16,9 @@ def equality(parsed: Parsed, document: Document) -> Iterator[Finding]:
         if isinstance(node, syntax.Comparison):
             for k, word in enumerate(node.operators):
                 if word.text == "==":
-                    left, right = (" ".join(side.span.text.split()) for side in node.operands[k : k + 2])
+                    left, right = (
+                        " ".join(operand.span.text.split()) for operand in node.operands[k : k + 2]
+                    )
                     message = "the robustness of `==` is never positive"
                     yield Finding(
                         "L04", message, word.span, f"give a tolerance: `abs({left} - {right}) <= tolerance`"

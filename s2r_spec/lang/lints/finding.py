@@ -1,4 +1,4 @@
-"""What a lint finds, and how lints look at a file."""
+"""The record of a lint, and the walk over a file that all lints use."""
 
 from __future__ import annotations
 
@@ -10,28 +10,28 @@ from s2r_spec.lang.parsing import Parsed
 from s2r_spec.lang.source import Span
 
 CODES = {
-    "L01": "an operator in time is followed by and, or, ->: tools differ in how far it reaches",
+    "L01": "a temporal operator stands before and, or or ->; tools differ in its scope",
     "L02": "and and or are mixed without brackets",
     "L03": "implications are chained without brackets",
     "L04": "the robustness of == is never positive",
     "L05": "a bound is multiplied by a sign that can be 0",
     "L06": "a declaration is not used",
-    "L07": "a condition always or never holds, because a signal has a range",
-    "L08": "a length scale is longer than the range of its parameter",
+    "L07": "a condition always or never holds in the declared range of a signal",
+    "L08": "a lengthscale is longer than the range of its parameter",
 }
 """Stable codes: a code never changes its meaning."""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One place worth a second look.
+    """One warning.
 
     Args:
         code: a key of :data:`CODES`.
         message: one sentence without a full stop.
         span: the place.
         fix: what to write instead.
-        edits: (position, text to insert) that make it so without changing the meaning.
+        edits: (position, text to insert), which do not change the meaning.
     """
 
     code: str

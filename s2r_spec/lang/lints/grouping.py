@@ -1,4 +1,4 @@
-"""Operators that bind as declared here and differently elsewhere: brackets settle it."""
+"""Operators whose grouping differs between tools; brackets make it explicit."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ def temporal_reach(parsed: Parsed, document: Document) -> Iterator[Finding]:
         for operand in node.operands[:-1] if isinstance(node, syntax.Junction) else (node.left,):
             if isinstance(operand, syntax.Temporal) and not bracketed(operand) and _open(operand):
                 message = (
-                    f"`{operand.operator}` ends before `{word}` here; in MoonLight it would reach further"
+                    f"the scope of `{operand.operator}` ends before `{word}`; in MoonLight it goes further"
                 )
                 yield Finding("L01", message, operand.span, "put it in brackets", brackets(operand))
 
 
 def _open(node: syntax.Temporal) -> bool:
-    """Whether no bracket shows where an operator, or those right after it, ends."""
+    """Return whether no bracket shows the end of a temporal operator or of the operators right after it."""
     inner: syntax.Expression = node
     while isinstance(inner, syntax.Temporal | syntax.Step | syntax.Negation):
         inner = inner.operand
@@ -54,5 +54,5 @@ def chained_implication(parsed: Parsed, document: Document) -> Iterator[Finding]
         if isinstance(node, syntax.Implication) and node.operator == "->":
             right = node.right
             if isinstance(right, syntax.Implication) and right.operator == "->" and not bracketed(right):
-                message = "`->` groups to the right here; in RTAMT to the left"
+                message = "`->` groups to the right in s2r, and to the left in RTAMT"
                 yield Finding("L03", message, right.span, "put it in brackets", brackets(right))

@@ -1,4 +1,4 @@
-"""Length scales that are longer than the range that they are for: seldom meant, often in another unit."""
+"""Lengthscales longer than the range of their parameter: often a number in another unit."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _PREFIXES = ("c", "m", "u")
 
 
 def long_lengthscale(parsed: Parsed, document: Document) -> Iterator[Finding]:
-    """``matern52(150 {m})`` for a parameter in [-0.3, 0.3] m says that the parameter changes next to nothing."""
+    """``matern52(150 {m})`` for a parameter in [-0.3, 0.3] m means that the parameter has almost no influence."""
     axes = [param for param in document.params.values() if param.searched]
     for statement in nodes(parsed):
         if not isinstance(statement, syntax.Certify):
@@ -33,7 +33,7 @@ def long_lengthscale(parsed: Parsed, document: Document) -> Iterator[Finding]:
             low, high = axis.range or (length, length)
             if length > high - low > 0:
                 message = (
-                    f"the length scale of `{axis.name}`, {_with_unit(length, axis.unit)}, is "
+                    f"the lengthscale of `{axis.name}`, {_with_unit(length, axis.unit)}, is "
                     f"{length / (high - low):.3g} times its range"
                 )
                 yield Finding("L08", message, place.span, _fix(length, axis, high - low))
@@ -44,11 +44,11 @@ def _fix(length: float, axis: Param, width: float) -> str:
         converted = length * unit.to(axis.measure)[0]
         if width / 100 <= converted <= width:
             return f"if {length:g} {unit.text} is meant, write `{length:g} {{{unit.text}}}`"
-    return "a length scale is how far apart two tests must be for their outcomes to differ"
+    return "a lengthscale is the distance between two tests over which E ρ is still related"
 
 
 def _alternatives(unit: Unit) -> Iterator[Unit]:
-    """Yield units of the same kind that a number may have been in."""
+    """Yield units of the same dimension that may have been meant."""
     if unit == PLAIN:
         return
     for text in (_TURNED.get(unit.text, ""), *(prefix + unit.text for prefix in _PREFIXES)):

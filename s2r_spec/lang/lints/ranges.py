@@ -1,4 +1,4 @@
-"""Conditions that the declared range of a signal settles."""
+"""Conditions that always or never hold in the declared range of a signal."""
 
 from __future__ import annotations
 
@@ -24,18 +24,20 @@ def settled_by_range(parsed: Parsed, document: Document) -> Iterator[Finding]:
 
 
 def _settled(node: f.Comparison, document: Document) -> Iterator[Finding]:
-    for side, other, operator in (
+    for operand, other, operator in (
         (node.left, node.right, node.operator),
         (node.right, node.left, _MIRRORED[node.operator]),
     ):
         bound = constant(other)
-        range_ = document.signals[side.name].range if isinstance(side, f.SignalValue) else None
-        if bound is None or range_ is None or not isinstance(side, f.SignalValue):
+        range_ = document.signals[operand.name].range if isinstance(operand, f.SignalValue) else None
+        if bound is None or range_ is None or not isinstance(operand, f.SignalValue):
             continue
         low, high = range_ if operator[0] == "<" else (-range_[1], -range_[0])
         limit = bound if operator[0] == "<" else -bound
         if high <= limit or low > limit:
             holds = "always" if high <= limit else "never"
             text = " ".join(node.span.text.split())
-            message = f"`{text}` {holds} holds: `{side.name}` is declared in [{range_[0]:g}, {range_[1]:g}]"
+            message = (
+                f"`{text}` {holds} holds: `{operand.name}` is declared in [{range_[0]:g}, {range_[1]:g}]"
+            )
             yield Finding("L07", message, node.span, "change the bound, or the range")

@@ -14,20 +14,20 @@ def vanishing_sign(parsed: Parsed, document: Document) -> Iterator[Finding]:
     """``sign(vd) * (v - vd) <= tol`` says nothing at vd = 0."""
     for node in nodes(parsed):
         if isinstance(node, syntax.Arithmetic) and node.operator.text == "*":
-            for side in (node.left, node.right):
+            for operand in (node.left, node.right):
                 if (
-                    isinstance(side, syntax.Call)
-                    and side.function.text == "sign"
-                    and _can_vanish(side, document)
+                    isinstance(operand, syntax.Call)
+                    and operand.function.text == "sign"
+                    and _can_vanish(operand, document)
                 ):
-                    argument = " ".join(side.span.text.split()).removeprefix("sign(").removesuffix(")")
-                    message = f"where `{argument}` is 0, so is its sign, and the product bounds nothing"
-                    fix = f"`overshoot(x, {argument.strip()})` has a direction that is never 0"
-                    yield Finding("L05", message, side.span, fix)
+                    argument = " ".join(operand.span.text.split()).removeprefix("sign(").removesuffix(")")
+                    message = f"where `{argument}` is 0, its sign is 0, too, and the product bounds nothing"
+                    fix = f"use `overshoot(x, {argument.strip()})`, whose direction is never 0"
+                    yield Finding("L05", message, operand.span, fix)
 
 
 def _can_vanish(call: syntax.Call, document: Document) -> bool:
-    """Whether 0 may be the argument, as far as the range of a parameter tells."""
+    """Return whether the argument may be 0, judged by a parameter's range."""
     (argument,) = call.arguments
     param = document.params.get(argument.name) if isinstance(argument, syntax.Name) else None
     return param is None or param.range is None or param.range[0] <= 0 <= param.range[1]

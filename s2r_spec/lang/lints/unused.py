@@ -11,7 +11,7 @@ from s2r_spec.lang.parsing import Parsed
 
 
 def unused(parsed: Parsed, document: Document) -> Iterator[Finding]:
-    """A trace need not have an unused signal. A searched parameter is used by what makes the traces."""
+    """A trace need not have an unused signal. A searched parameter is used by the backend."""
     used = {node.name for node in nodes(parsed) if isinstance(node, syntax.Name)}
     used |= {node.name.text for node in nodes(parsed) if isinstance(node, syntax.Index)}
     for statement in parsed.statements:
@@ -21,4 +21,4 @@ def unused(parsed: Parsed, document: Document) -> Iterator[Finding]:
             if param is not None and param.searched:
                 continue
             if word.text not in used:
-                yield Finding("L06", f"`{word.text}` is not used", word.span, "leave it out")
+                yield Finding("L06", f"`{word.text}` is not used", word.span, "remove it")

@@ -1,8 +1,7 @@
-"""Checks of what stands in a file as a whole, one rule a module.
+"""Checks of a parsed file as a whole, one module for each rule.
 
-A rule takes a parsed file and yields every place that breaks it. What needs
-names and units looked up is checked with the expressions instead
-(:mod:`s2r_spec.lang.checking`).
+A rule takes a parsed file and yields every place that breaks it. Checks that need names and units are made with the
+expressions (:mod:`s2r_spec.lang.checking`).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A ``certify`` line belongs to one requirement, or to all; each has one such line."""
+"""A ``certify`` line is for one requirement or for all, and there is only one of each."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from s2r_spec.lang.parsing import Parsed
 
 
 def certify_targets(parsed: Parsed) -> Iterator[Diagnostic]:
-    """Report lines for a requirement that is not there, and second lines for one that is."""
+    """Report lines for an unknown requirement, and second lines for a known one."""
     required = [item.name.text for item in parsed.statements if isinstance(item, syntax.Require)]
     unparsed = {broken.name for broken in parsed.broken}
     first: dict[str, syntax.Word] = {}
@@ -21,7 +21,7 @@ def certify_targets(parsed: Parsed) -> Iterator[Diagnostic]:
         word = item.name
         if word is None:
             if general is not None:
-                message = "there is a certify line for every requirement already"
+                message = "there already is a certify line for all requirements"
                 yield Diagnostic("E15", message, item.span, general.span, "put all settings in one line")
             general = general or item
             continue
@@ -32,6 +32,6 @@ def certify_targets(parsed: Parsed) -> Iterator[Diagnostic]:
             fix = guess or f"write `require {word.text}: …` first"
             yield Diagnostic("E15", f"there is no requirement `{word.text}`", word.span, fix=fix)
         elif word.text in first:
-            message = f"`{word.text}` has a certify line already"
+            message = f"`{word.text}` already has a certify line"
             yield Diagnostic("E15", message, word.span, first[word.text].span, "put all settings in one line")
         first.setdefault(word.text, word)

@@ -1,4 +1,4 @@
-"""``until`` does not associate: in ``a until b until c`` nobody agrees on the meaning."""
+"""``until`` does not associate: ``a until b until c`` has no agreed meaning."""
 
 from __future__ import annotations
 
@@ -20,6 +20,6 @@ def chained_until(parsed: Parsed) -> Iterator[Diagnostic]:
             yield Diagnostic(
                 "E11", f"`{second.text}` after `{first}` could be read in two ways", second, fix=fix
             )
-        for held in vars(node).values():
-            parts = held if isinstance(held, tuple) else (held,)
+        for value in vars(node).values():
+            parts = value if isinstance(value, tuple) else (value,)
             stack += [part for part in parts if isinstance(part, syntax.Node)]

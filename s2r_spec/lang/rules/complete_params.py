@@ -10,7 +10,7 @@ from s2r_spec.lang.parsing import Parsed
 
 
 def complete_params(parsed: Parsed) -> Iterator[Diagnostic]:
-    """Report every ``param`` that could take any value at all."""
+    """Report every ``param`` without a range and a default."""
     for item in parsed.statements:
         if isinstance(item, syntax.Param) and item.range is None and item.default is None:
             unit = "" if item.unit is None else f" {{{item.unit.text}}}"

@@ -1,4 +1,4 @@
-"""A specification requires something."""
+"""A specification has at least one requirement."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from s2r_spec.lang.source import Span
 
 
 def some_requirement(parsed: Parsed) -> Iterator[Diagnostic]:
-    """Report a file without any ``require``, unless one is there that did not parse."""
+    """Report a file without a ``require`` line, unless a statement did not parse."""
     if any(isinstance(item, syntax.Require) for item in parsed.statements) or parsed.broken:
         return
     end = len(parsed.source.text.rstrip())
     place = Span(parsed.source, max(0, end - 1), end)
     fix = "add a line such as `require slow: always (v <= 1 {m/s})`"
-    yield Diagnostic("E10", "this specification requires nothing", place, fix=fix)
+    yield Diagnostic("E10", "this specification has no requirement", place, fix=fix)

@@ -10,7 +10,7 @@ from s2r_spec.lang.parsing import Parsed
 
 
 def unique_names(parsed: Parsed) -> Iterator[Diagnostic]:
-    """Report every declaration of a name but the first; signals, lets and requirements share one space."""
+    """Report every second declaration of a name; signals, parameters, lets and requirements share one namespace."""
     first: dict[str, syntax.Word] = {}
     for item in parsed.statements:
         if isinstance(item, syntax.Certify):

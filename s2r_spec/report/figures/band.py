@@ -1,4 +1,4 @@
-"""The band over the test space: where an expected value lies, at all tests at once, and the rollouts that say so."""
+"""The band over the test space: simultaneous bounds of an expected value, with the rollouts behind them."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.certify.check import Tested
+from s2r_spec.certify.check_result import Tested
 from s2r_spec.certify.rounding import down, up
 from s2r_spec.report.figures.canvas import (
     BAND,
@@ -36,7 +36,7 @@ _MOST_SLICES = 6
 
 @dataclass(frozen=True)
 class Slice:
-    """The band along one axis, the other parameters as they are at the mark."""
+    """The band along one axis; the other parameters have their values at the mark."""
 
     axis: Axis
     at: FloatArray
@@ -45,7 +45,7 @@ class Slice:
 
 
 def band(field: Field, name: str) -> Picture:
-    """Draw the band: along the one parameter, as two maps over two, as slices through the mark over more."""
+    """Draw the band: a curve over one parameter, two maps over two, slices through the mark over more."""
     match field.space.dim:
         case 1:
             return _along(field, name)
@@ -130,7 +130,7 @@ def _paint_slice(axes: Axes, field: Field, cut: Slice, tests: Sequence[Tested]) 
 
 
 def _fit(axes: Axes, field: Field, cut: Slice, tests: Sequence[Tested]) -> None:
-    """Show 0, every rollout and the whole lower bound; a wide upper bound may run out of the picture."""
+    """Set limits that show 0, every rollout and the whole lower bound; a wide upper bound may be cut off."""
     bottom = min(0.0, field.height, float(cut.lower.min()), *(test.lowest for test in tests))
     top = max(
         0.0,

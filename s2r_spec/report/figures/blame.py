@@ -1,4 +1,4 @@
-"""Δρ of one pair of rollouts, over the trace: both traces inside what the requirement allows, and what adds to Δρ."""
+"""Δρ of one pair of rollouts over time: both traces, the values allowed, and each sample's part of Δρ."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ VISIBLE = 0.1
 
 
 def blame(where: Where, spec: Spec, name: str) -> Picture:
-    """Draw the worst of the tests that were run: its signals, and when they make the gap."""
+    """Draw the worst test that was run: its signals, and the part of the gap at each time."""
     pair = where.pair
     panels = _panels(where, spec)
     edges = np.linspace(pair.times[0], pair.times[-1], _BARS + 1)
@@ -47,7 +47,7 @@ def blame(where: Where, spec: Spec, name: str) -> Picture:
         colours = [BAD if value < 0 else GOOD for value in amount]
         last.bar(edges[:-1], amount, np.diff(edges), align="edge", color=colours, alpha=0.8, lw=0)
         last.axhline(0, color=INK, lw=0.8)
-        last.set_ylabel(with_unit("adds to Δρ", pair.unit))
+        last.set_ylabel(with_unit("part of Δρ", pair.unit))
         last.set_xlabel("time [s]")
         lines = [
             rows[0].plot([], [], color=INK, lw=1.6, label="real")[0],
@@ -58,7 +58,7 @@ def blame(where: Where, spec: Spec, name: str) -> Picture:
 
     test = test_words(where.test, spec.space.units)
     at, within = (f" at {test}", f" ({test})") if test else ("", "")
-    alt = f"A real and a simulated rollout{at}, Δρ = {pair.delta:+.4g} {pair.unit}, and what each instant adds to it"
+    alt = f"A real and a simulated rollout{at}, Δρ = {pair.delta:+.4g} {pair.unit}, and what each instant contributes"
     caption = (
         f"The worst of the tests that were run{within}: Δρ = {pair.delta:+.3g} {pair.unit}. The "
         "requirement forbids the red area. Bars below are the contributions of the samples at that time to Δρ, and "
@@ -75,10 +75,10 @@ def blame(where: Where, spec: Spec, name: str) -> Picture:
 
 
 def _panels(where: Where, spec: Spec) -> list[Panel]:
-    """One for each of the channels that matter most."""
+    """Return one panel for each of the channels that contribute most."""
     pair = where.pair
     real, simulated = labelled(pair.real), labelled(pair.simulated)
-    # What is the same on both sides is drawn last: nothing of Δρ can come from it.
+    # A channel that is equal in both rollouts comes last: it contributes nothing to Δρ.
     size = {name: float(np.abs(values).sum()) for name, values in pair.credit.items()}
     chosen = sorted(size, key=lambda name: -size[name])[:_MOST_PANELS]
     chosen = [name for name in chosen if size[name] > 0] or chosen[:1]
@@ -86,9 +86,9 @@ def _panels(where: Where, spec: Spec) -> list[Panel]:
     panels = []
     for label in chosen:
         own, other = real[label].astype(float), simulated[label].astype(float)
-        apart = float(np.abs(own - other).max())
-        if 0 < apart < VISIBLE * float(np.ptp(own)):
-            allowed = _limits(where, spec, trace, label, other, apart)
+        difference = float(np.abs(own - other).max())
+        if 0 < difference < VISIBLE * float(np.ptp(own)):
+            allowed = _limits(where, spec, trace, label, other, difference)
             name, own, other = f"{label} − simulated", own - other, np.zeros(other.size)
         else:
             allowed, name = _limits(where, spec, trace, label, None, 0.0), label
@@ -98,9 +98,12 @@ def _panels(where: Where, spec: Spec) -> list[Panel]:
 
 
 def _limits(
-    where: Where, spec: Spec, trace: Trace | None, label: str, around: FloatArray | None, apart: float
+    where: Where, spec: Spec, trace: Trace | None, label: str, around: FloatArray | None, difference: float
 ) -> tuple[Margins, ...]:
-    """Return what the requirement allows a signal, or its difference from ``around``, traces being ``apart``."""
+    """Return the values that the requirement allows a signal, or its difference from ``around``.
+
+    ``difference`` is the greatest distance of the two traces, in the signal's unit.
+    """
     if trace is None:
         return ()
     signal, _, index = label.partition("[")
@@ -112,18 +115,18 @@ def _limits(
         found = []
         for must in held(spec.formulas[where.pair.requirement]):
             if reads(must.predicate, signal, column):
-                ask = partial(margins, spec, trace, where.test, must, signal, column, around=around)
-                here = ask(np.zeros(1))
+                margins_at = partial(margins, spec, trace, where.test, must, signal, column, around=around)
+                here = margins_at(np.zeros(1))
                 if here is not None:
-                    reach = 2.5 * max(apart, float(np.abs(here.margins).max()))
-                    found.append(ask(np.linspace(-reach, reach, _VALUES)))
+                    reach = 2.5 * max(difference, float(np.abs(here.margins).max()))
+                    found.append(margins_at(np.linspace(-reach, reach, _VALUES)))
         return tuple(one for one in found if one is not None)
     except S2RError:
-        return ()  # a predicate that cannot be asked of invented values: a picture can do without
+        return ()  # a predicate that has no value there: the picture is drawn without it
 
 
 def _trace(pair: Attribution, spec: Spec) -> Trace | None:
-    """The real rollout again, as far as both go, in the spec's units."""
+    """Return the real rollout in the spec's units, up to the end of the shorter trace."""
     channels = {
         name: (rows[0] if len(rows) == 1 else rows.T).astype(float) for name, rows in pair.real.items()
     }

@@ -1,7 +1,7 @@
-"""From a matplotlib figure to SVG in a page: its colours are the page's, its text is text.
+"""A matplotlib figure as SVG for a page, with the page's colours and with text as text.
 
-Colours are drawn as tokens, hex numbers that no colour map contains, and
-become CSS variables, so that one picture suits a light page, a dark one and paper.
+Colours are drawn as tokens, hex numbers that no colour map contains, and then replaced by CSS variables.
+One picture therefore suits a light page, a dark page and paper.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ _WIDEST_NAME = 40
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure with its words: a title, a caption to read it by, and what it shows for who cannot see it."""
+    """A figure with a title, a caption, and a text alternative for readers who cannot see it."""
 
     title: str
     caption: str
@@ -68,11 +68,11 @@ class Picture:
 
 
 def draw(name: str, alt: str, size: tuple[float, float], paint: Callable[[Figure], None]) -> str:
-    """Return a figure as SVG that can stand in a page beside others.
+    """Return a figure as SVG for a page with other figures.
 
     Args:
-        name: of the figure, different from every other one's of the page.
-        alt: what it shows, for who cannot see it.
+        name: of the figure, unique in the page.
+        alt: its text alternative.
         size: width and height [inch].
         paint: draws on an empty figure.
     """
@@ -81,7 +81,7 @@ def draw(name: str, alt: str, size: tuple[float, float], paint: Callable[[Figure
 
     file = StringIO()
     with mpl.rc_context(_STYLE | {"svg.hashsalt": name}), warnings.catch_warnings():
-        # The reader's browser has the letters that the measuring font lacks.
+        # The reader's browser has glyphs that the font for measuring lacks.
         warnings.filterwarnings("ignore", "Glyph .* missing from font", UserWarning)
         figure = Figure(figsize=size, layout="constrained")
         paint(figure)
@@ -100,7 +100,7 @@ def with_unit(name: str, unit: str) -> str:
 
 
 def shade_violation(axes: Axes) -> None:
-    """Mark ρ < 0, without changing what is in view."""
+    """Shade ρ < 0 without changing the limits of the axes."""
     low, high = axes.get_ylim()
     if low < 0:
         axes.axhspan(low, min(0.0, high), color=BAD, alpha=0.08, lw=0)

@@ -1,4 +1,4 @@
-"""What a picture of a band is drawn from, whatever the band bounds: ρ in simulation, the gap, or the promise."""
+"""The data of a band picture: bounds of ρ in simulation, of the gap, or of ρ on the machine."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.certify.check import Tested
+from s2r_spec.certify.check_result import Tested
 from s2r_spec.space import Space
 
 FloatArray = NDArray[np.float64]
@@ -21,12 +21,12 @@ class Field:
     Attributes:
         space: the test space.
         bounds: from (n, dim) points to its (n,) lower and upper bounds, which hold at all points at once.
-        tests: what was tried.
-        mark: a test to point at, the others being cut through it.
-        height: where to point at [unit].
-        pointed: what is there, "worst test".
-        lower: bound of the worst expected value.
-        upper: bound of the same.
+        tests: the tests that were run.
+        mark: the test to mark; slices go through it.
+        height: value at the mark [unit].
+        pointed: name of the mark, "worst test".
+        lower: lower bound of the worst expected value [unit].
+        upper: upper bound of the same [unit].
         symbol: "ρ" or "Δ".
         name: "expected robustness".
         unit: of the value.

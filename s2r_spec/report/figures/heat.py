@@ -1,4 +1,4 @@
-"""The band over two test parameters: one map of its lower side, one of its upper side."""
+"""The band over two test parameters: one map of its lower bound, one of its upper bound."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ _SIDE = 61
 
 
 def heat(field: Field, name: str) -> Picture:
-    """Draw both sides of the band on one scale, white at 0."""
+    """Draw both bounds on one colour scale, white at 0."""
     across, up = field.space.axes
     lower, upper = field.bounds(field.space.grid((_SIDE, _SIDE)))
-    sides = {
+    maps = {
         f"at least (lower bound of E {field.symbol})": lower.reshape(_SIDE, _SIDE).T,
         f"at most (upper bound of E {field.symbol})": upper.reshape(_SIDE, _SIDE).T,
     }
     tests, mark = field.tests, field.mark
-    # Where nothing was tried the bounds are as wide as ±B; the scale is that of what was seen.
+    # Far from any test the bounds are about ±B, so the colour scale comes from the tests.
     scale = max(abs(field.lower), abs(field.upper), *(abs(test.mean) for test in tests)) or 1.0
     pixel = across.width / (_SIDE - 1) / 2, up.width / (_SIDE - 1) / 2
     extent = (across.low - pixel[0], across.high + pixel[0], up.low - pixel[1], up.high + pixel[1])
 
     def paint(figure: Figure) -> None:
         both = figure.subplots(1, 2, sharex=True, sharey=True)
-        for axes, (title, values) in zip(both, sides.items(), strict=True):
+        for axes, (title, values) in zip(both, maps.items(), strict=True):
             image = axes.imshow(
                 values,
                 origin="lower",

@@ -1,4 +1,4 @@
-"""How the certified interval closed: its two ends against the rollouts."""
+"""The two ends of the certified interval against the number of rollouts."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from s2r_spec.report.figures.canvas import BAND, INK, Picture, draw, shade_viola
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# Before data the interval is [−B, B]; drawn to scale it would flatten all that comes after.
+# Before data the interval is [−B, B]. Drawn to scale, it would flatten the rest of the picture.
 _MARGIN = 2.5
 
 
@@ -23,11 +23,11 @@ def interval(
 
     Args:
         history: certificates of a search that maximises the negative, the last one as it ended.
-        what: is bounded: "worst expected ρ".
+        what: the quantity, "worst expected ρ".
         unit: of it.
         title: of the picture.
         name: of the figure in the page.
-        counted: what the rollouts are called.
+        counted: label of the horizontal axis.
     """
     last = history[-1]
     rollouts = [entry.rollouts for entry in history]
@@ -52,9 +52,9 @@ def interval(
         f"The interval of the {what} against {counted}: after {rollouts[-1]} it is "
         f"{between(lower[-1], upper[-1])} {unit}".rstrip()
     )
-    valid = ", valid at every moment" if last.label.bounds else ""
+    valid = ", valid at any time" if last.label.bounds else ""
     caption = (
-        f"Lower and upper end after each batch{valid}; it ended {wide(last.epsilon)} wide, "
-        f"{last.target:g} was asked for."
+        f"Lower and upper end after each batch{valid}. The final width is {wide(last.epsilon)}; "
+        f"the target was {last.target:g}."
     )
     return Picture(title, caption, alt, draw(name, alt, (7.2, 2.6), paint))

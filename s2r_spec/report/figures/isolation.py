@@ -14,11 +14,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _NUMBERS = 12
-"""Effects up to which every cell has its number written in it."""
+"""Most effects for which each cell shows its number."""
 
 
 def order(found: Isolability) -> list[int]:
-    """Return the effects with those that are confounded beside each other, in catalogue order otherwise."""
+    """Return the effects in catalogue order, but with confounded ones side by side."""
     placed: list[int] = []
     for k in range(len(found.effects)):
         waiting = [k]
@@ -89,18 +89,18 @@ def isolation(found: Isolability, answer: Collection[str], name: str) -> Picture
     words = ", ".join(f"{a} and {b}" for a, b in near[:6]) + (
         f" and {len(near) - 6} more" if len(near) > 6 else ""
     )
-    alt = f"Map of how many standard deviations any two of {count} effects are apart at these tests; " + (
+    alt = f"Map of the distance of any two of {count} effects at these tests, in standard deviations; " + (
         f"less than {APART:g}, or of one kind: {words}" if near else f"all are {APART:g} or more apart"
     )
     caption = (
-        "Before any real test: how far each effect, at its typical size, is from the nearest that another can imitate. "
+        "Before any real test: the distance of each effect, at its typical size, from the closest response of another. "
         + (
-            f"Red frames: less than {APART:g} σ, or so much of one kind that a law a fifth off makes one the other: "
-            f"these tests may not tell them apart ({words})."
+            f"Red frames mark pairs less than {APART:g} σ apart, and pairs of one kind, which a model error of a fifth "
+            f"can confuse. These tests may not tell them apart: {words}."
             if near
-            else f"Every two are at least {APART:g} σ apart: these tests can tell all effects of the catalogue apart."
+            else f"All pairs are at least {APART:g} σ apart, so these tests can tell all effects apart."
         )
-        + (" Bold is the answer." if answer else "")
+        + (" Bold effects are the answer." if answer else "")
     )
     side = min(1.4 + 0.28 * count, 6.4) if count <= 20 else 7.0
     picture = draw(name, alt, (7.2, side), paint)

@@ -1,4 +1,4 @@
-"""Which parts of the machine shift: on a top view of a quadruped, and as rows over time for any machine."""
+"""The parts of the machine that shift: on a top view of a quadruped, and as rows over time for any machine."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from s2r_spec.diagnose.where.body import Body, Shift
+from s2r_spec.printable import spelled
 from s2r_spec.report.figures.canvas import BAND, INK, MUTED, RULE, Picture, draw, shorten
 
 if TYPE_CHECKING:
@@ -19,7 +20,7 @@ _TRUNK = ("base", "trunk", "torso", "body")
 
 
 def strengths(body: Body) -> dict[str, float]:
-    """Return part → 0 to 1 by its largest shift, 0 for none; a doubling counts the same anywhere."""
+    """Return part → strength of colour, 0 to 1, on a logarithmic scale of its largest shift; 0 for none."""
     import math
 
     largest = {part.name: max((s.sigma for s in part.shifts), default=0.0) for part in body.parts}
@@ -53,12 +54,12 @@ def robot(body: Body, name: str) -> Picture:
 
     many = f"{len(body.shifted)} of {len(body.parts)} parts"
     words = "; ".join(f"{part}: {said(shift)}" for part, shift in rows[:4])
-    alt = f"{many} show what their model does not explain" + (f": {words}" if words else "")
+    alt = f"{many} have residuals that the model does not explain" + (f": {words}" if words else "")
     caption = (
         "Residuals are the part of a recorded motion that the simulator's equations do not explain. They are "
         "compared with those of nominal rollouts at the same tests. Darker colours are larger, relative to the "
-        f"scatter between runs. Of {body.asked} tests (residuals times windows of time), those are shown that are "
-        f"significant at a false-discovery rate of {100 * body.level:g} %."
+        f"scatter between runs. The picture shows the shifts that are significant at a false-discovery rate of "
+        f"{100 * body.level:g} %, out of {body.asked} comparisons (residuals times time windows)."
     )
     left = sum(bool(part.shifts) for part in body.parts) - len(rows)
     if left > 0:
@@ -72,7 +73,7 @@ def said(shift: Shift) -> str:
     steady = abs(shift.mean) > 0.5 * shift.size
     sign = f"{shift.mean:+.3g}" if steady else f"±{shift.size:.3g}"
     kind = " (rms)" if shift.kind == "rms" else ""
-    words = f"{shift.channel}{kind} {sign} {shift.unit}".rstrip().replace("-", "−")
+    words = f"{shift.channel}{kind} {sign} {spelled(shift.unit)}".rstrip().replace("-", "−")
     return f"{words} from {shift.begin:.2f} to {shift.end:.2f} s"
 
 
@@ -98,11 +99,11 @@ def _timeline(
     axes.set_xlabel("time [s]")
     axes.grid(axis="y", visible=False)
     if not rows:
-        axes.text(duration / 2, 0, "no part shows anything", ha="center", va="center", color=MUTED)
+        axes.text(duration / 2, 0, "no part shifts", ha="center", va="center", color=MUTED)
 
 
 def _quadruped(axes: Axes, strong: Mapping[str, float]) -> None:
-    """A top view, the front to the right: each leg's joints side by side, from the trunk outwards, then its foot."""
+    """Draw a top view, the front to the right: each leg's joints from the trunk outwards, then its foot."""
     from matplotlib.patches import Circle, FancyBboxPatch
 
     def box(

@@ -44,7 +44,7 @@ def over_space(space: InSpace, far: HowFar | None, name: str) -> Picture:
 
 
 def before_and_after(far: HowFar, units: dict[str, str], name: str) -> Picture:
-    """Draw |Δρ| of each held-out test before and after the patch, largest first."""
+    """Draw |Δρ| of each held-out test before and after the named effects are added, largest first."""
     tests = sorted(far.tests, key=lambda test: -abs(test.before))[:_MOST_TESTS]
     rows = np.arange(len(tests))[::-1]
 
@@ -53,7 +53,7 @@ def before_and_after(far: HowFar, units: dict[str, str], name: str) -> Picture:
     def paint(figure: Figure) -> None:
         axes = figure.add_subplot()
         limit = far.floor + far.background
-        axes.axvspan(0, limit, color=MUTED, alpha=0.15, lw=0, label="scatter and a little of every effect")
+        axes.axvspan(0, limit, color=MUTED, alpha=0.15, lw=0, label="scatter and background effects")
         before = [abs(test.before) for test in tests]
         if far.after is not None:
             after = [abs(test.after or 0.0) for test in tests]
@@ -72,12 +72,12 @@ def before_and_after(far: HowFar, units: dict[str, str], name: str) -> Picture:
     alt = f"|Δρ| of {len(tests)} held-out tests: mean {far.before.mean:.4g} {far.unit} before"
     if far.after is not None:
         alt += f", {far.after.mean:.4g} {far.unit} after the named effects were added"
-    said = ", ".join(with_unit(n, units.get(n, "")) for n in tests[0].params)
-    said = f" ({said})" if said else ""
+    params = ", ".join(with_unit(n, units.get(n, "")) for n in tests[0].params)
+    params = f" ({params})" if params else ""
     caption = (
-        f"Each row is a test{said} that was held out. The ring is the gap between the real rollouts and the "
-        "unchanged simulator, the dot the gap with the named effects added. Grey is the gap due to scatter and a "
-        "few percent of every effect."
+        f"Each row is a held-out test{params}. The ring is the gap between the real rollouts and the unchanged "
+        "simulator; the dot is the gap with the named effects added. Grey is the gap due to scatter and to a few "
+        "percent of every effect."
     )
     left = len(far.tests) - len(tests)
     if left:
@@ -88,7 +88,7 @@ def before_and_after(far: HowFar, units: dict[str, str], name: str) -> Picture:
 
 def _short(test: HeldOut) -> str:
     words = ", ".join(f"{value:.3g}" for value in test.params.values())
-    return shorten(words or "the one test") + (f" (×{test.rollouts})" if test.rollouts > 1 else "")
+    return shorten(words or "the only test") + (f" (×{test.rollouts})" if test.rollouts > 1 else "")
 
 
 def _curve(space: InSpace, held: Sequence[HeldOut], name: str) -> Picture:
@@ -128,15 +128,15 @@ def _curve(space: InSpace, held: Sequence[HeldOut], name: str) -> Picture:
 
 
 def _band(axes: Axes, space: InSpace, axis: int) -> None:
-    """The expected Δρ along an axis through the worst test."""
+    """Draw the expected Δρ along an axis through the worst test."""
     on = space.along(axis)
     at = space.grid[on, axis]
     band = space.signed
     axes.fill_between(at, band.lower[on], band.upper[on], color=BAND, alpha=0.22, lw=0, label="E Δρ, 95 %")
     axes.plot(at, band.mean[on], color=BAND, lw=2)
     if space.tolerance:
-        for side in (-1, 1):
-            axes.axhline(side * space.tolerance, color=MUTED, lw=0.8, ls=(0, (4, 3)))
+        for sign in (-1, 1):
+            axes.axhline(sign * space.tolerance, color=MUTED, lw=0.8, ls=(0, (4, 3)))
     axes.axhline(0, color=INK, lw=0.8)
 
 
@@ -163,7 +163,7 @@ def _slices(space: InSpace, name: str) -> Picture:
     worst = ", ".join(f"{n} = {v:.4g}" for n, v in space.worst.items())
     alt = f"Δρ along {', '.join(names)}, each through the worst test, {worst}; {len(space.tests)} tests"
     caption = _caption(space, False) + (
-        " Each slice goes through the worst test (dashed red); tests are drawn in every slice, also those beside it."
+        " Each slice goes through the worst test (dashed red). Every slice shows all tests, also those off the slice."
     )
     title = "The gap over the test space: slices through the worst test"
     return Picture(title, caption, alt, draw(name, alt, (7.2, 2.7 * rows), paint))
@@ -212,11 +212,11 @@ def _maps(space: InSpace, held: Sequence[HeldOut], name: str) -> Picture:
         f"{test_words(space.worst, space.space.units)}"
     )
     if after:
-        alt += f"; beside it what is left at {len(after)} held-out tests"
+        alt += f"; beside it the gap with the named effects added, at {len(after)} held-out tests"
     caption = (
         _caption(space, False)
-        + " The triangle is the probably worst test"
-        + ("; on the right, in the same colours, what the named effects leave." if after else ".")
+        + " The triangle is the most probable worst test"
+        + ("; on the right, in the same colours, the gap with the named effects added." if after else ".")
     )
     return Picture("The gap over the test space", caption, alt, draw(name, alt, (7.2, 3.4), paint))
 
@@ -231,5 +231,5 @@ def _caption(space: InSpace, held: bool) -> str:
     if held:
         words += " Rings are gaps at held-out tests; dots are the gaps with the named effects added."
     if space.tolerance and space.space.dim != 2:
-        words += " Dashed lines: twice what scatter alone makes."
+        words += " Dashed lines mark twice the gap due to scatter alone."
     return words

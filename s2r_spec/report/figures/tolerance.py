@@ -1,4 +1,4 @@
-"""Which values of a signal a requirement allows, at each time: what a trace is drawn inside of."""
+"""The values of a signal that a requirement allows at each time, for pictures of a trace."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _MOST_SAMPLES = 240
 
 @dataclass(frozen=True)
 class Held:
-    """A predicate that has to hold from ``start`` to ``end`` [s] after the trace's first time."""
+    """A predicate that must hold from ``start`` to ``end`` [s] after the trace's first time."""
 
     predicate: f.Comparison
     start: float
@@ -58,7 +58,7 @@ def held(formula: f.Formula, start: float = 0.0, end: float = 0.0) -> Iterator[H
 
 
 def reads(predicate: f.Comparison, channel: str, component: int | None) -> bool:
-    """Return whether a predicate looks at (a component of) a channel, now and not at its first sample only."""
+    """Return whether a predicate reads a channel, or a component of it, at the present instant."""
     nodes = list(f.walk(predicate))
     if any(isinstance(node, f.Initial) for node in nodes):
         return False  # one value cannot stand for the first sample and for the present one
@@ -78,7 +78,7 @@ def margins(
     values: FloatArray,
     around: FloatArray | None = None,
 ) -> Margins | None:
-    """Return what a predicate would say of other values of a channel; None if the trace ends before it is asked.
+    """Return a predicate's margins for other values of a channel; None if the trace ends before its window.
 
     With ``around`` (samples of the trace,) the values are differences from these.
     """
@@ -101,7 +101,7 @@ def margins(
 def _with(
     trace: Trace, kept: NDArray[np.intp], channel: str, component: int | None, value: FloatArray
 ) -> Trace:
-    """Return some samples of a trace with one channel, or one component of it, at other values."""
+    """Return some samples of a trace, with other values of one channel or of one component of it."""
     channels = {name: np.array(samples[kept]) for name, samples in trace.channels.items()}
     if component is None:
         channels[channel][:] = value

@@ -1,4 +1,4 @@
-"""The worst rollouts: the signals that the requirement reads, inside what it allows."""
+"""Pictures of the worst rollouts: the signals that the requirement reads, and the values that it allows."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _VALUES = 121
 
 @dataclass(frozen=True)
 class Runs:
-    """The rollouts of one journal, and what they are judged by.
+    """The rollouts of one journal, with their spec and requirement.
 
     Attributes:
         spec: as the run keeps it.
@@ -43,8 +43,8 @@ class Runs:
         unit: of ρ.
         folder: of the journal.
         records: every rollout in it.
-        called: what made them: "sim", "twin:lab".
-        model_hash: of it, at that time.
+        called: name of their backend: "sim", "twin:lab".
+        model_hash: of the backend when it ran.
     """
 
     spec: Spec
@@ -84,16 +84,16 @@ def trace_picture(runs: Runs, record: Record, name: str) -> Picture:
 
 
 def pair_picture(
-    real: Runs, record: Record, simulated: Runs, against: Sequence[Record], name: str
+    real: Runs, record: Record, simulated: Runs, matching: Sequence[Record], name: str
 ) -> Picture:
-    """Draw a real rollout, and the simulated ones that it was held against beside it."""
+    """Draw a real rollout, and beside it the simulated ones that it was compared with."""
     test = test_words(record.params, real.spec.space.units)
-    mean = float(np.mean([other.rho for other in against]))
+    mean = float(np.mean([other.rho for other in matching]))
     title = (
         f"Pair {record.query}.{record.replicate} at {test}: ρ = {_number(mean, real.unit)} in {simulated.called}, "
         f"{_number(record.rho, real.unit)} in {real.called}, Δ = {_number(record.rho - mean, real.unit)}"
     )
-    beside = [found for other in against if (found := read_trace(simulated, other)) is not None]
+    beside = [found for other in matching if (found := read_trace(simulated, other)) is not None]
     return _picture(real, record, title, tuple(beside), name, simulated.called)
 
 
@@ -136,12 +136,12 @@ def read_trace(runs: Runs, record: Record) -> Trace | None:
         if record.trace is not None:
             return logs.read(runs.folder / record.trace)
         if record.failure is None and runs.called.startswith("log:"):
-            # A recording is not copied into the run; it is drawn if it is where it was, and what it was.
+            # A recording is not copied into the run: it is drawn if its file is unchanged.
             scorer = Scorer.for_spec(runs.spec, runs.requirement, runs.called)
             task = scorer.task(record.query, record.replicate, record.params, record.seed)
             return run_task(replace(task, model_hash=runs.model_hash))[0]
     except S2RError:
-        pass  # somebody tidied up: a report can do without
+        pass  # the file is gone: the report is made without the picture
     return None
 
 
@@ -207,12 +207,12 @@ def limits(
     column: int | None,
     own: FloatArray,
 ) -> tuple[Margins, ...]:
-    """Return what the requirement says of other values of a signal, or of one component of it.
+    """Return the requirement's margins for other values of a signal, or of one component of it.
 
     Args:
         spec: the specification.
         requirement: one of its requirements.
-        trace: around which the values are.
+        trace: the recorded trace; the values lie around its samples.
         params: the test.
         name: of the signal.
         column: of it; None for a scalar one.
@@ -230,7 +230,7 @@ def limits(
 
 
 def paint_panel(axes: Axes, panel: Panel, reason: Explanation | None) -> None:
-    """Draw one signal inside what is allowed; with a reason, also what decides ρ."""
+    """Draw one signal and its forbidden values; with a reason, also the instant that decides ρ."""
     edges: list[float] = []
     for limit in panel.limits:
         forbidden = limit.margins < 0
@@ -253,10 +253,10 @@ def paint_panel(axes: Axes, panel: Panel, reason: Explanation | None) -> None:
         at = float(np.interp(reason.instant, panel.times, panel.samples))
         axes.plot(reason.instant, at, "o", color="none", mec=BAD, mew=2, ms=9)
     drawn = (panel.samples, *(samples for _, samples in (*panel.others, *panel.beside)))
-    seen = [
+    shown = [
         *edges,
         *(float(end(samples)) for samples in drawn for end in (np.min, np.max)),
     ]
-    room = 0.15 * (max(seen) - min(seen) or 1.0)
-    axes.set_ylim(min(seen) - room, max(seen) + room)
+    room = 0.15 * (max(shown) - min(shown) or 1.0)
+    axes.set_ylim(min(shown) - room, max(shown) + room)
     axes.set_ylabel(panel.label)

@@ -1,1 +1,1 @@
-"""Robustness while a trace is being recorded: bounded work for a sample, bounded memory."""
+"""Robustness while a trace is recorded, with bounded work for each sample and bounded memory."""

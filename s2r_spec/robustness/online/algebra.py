@@ -1,4 +1,4 @@
-"""From a formula to the terms that follow it: one more algebra for the walk over its nodes."""
+"""The algebra that turns a formula into terms, which compute its robustness sample by sample."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class OnlineAlgebra:
     Args:
         clock: of the trace.
         signals: name → a tape for each component.
-        ranges: name → what a signal's samples lie in, for those of which that is known.
+        ranges: name → range of a signal's samples, for signals with a known one.
         params: name → value.
         roots: the formulas.
         until: see :class:`s2r_spec.robustness.evaluate.Walk`.
@@ -47,13 +47,13 @@ class OnlineAlgebra:
         self.params = params
         self.walk = Walk[Term](self, until)
         self.values = Values(clock, signals, params, roots, self._followed)
-        self.terms: list[Term] = []  # what a term is made of comes before it
+        self.terms: list[Term] = []  # the operands of a term come before it
         self.predicates: list[tuple[Leaf, f.Comparison]] = []
         timed = (node for root in roots for node in f.walk(root) if isinstance(node, f.Temporal | f.Until))
         self.places = {id(node.interval.span): node.span for node in timed}
 
     def foresee(self) -> None:
-        """Compute what every term can become, from what is known of the signals by now."""
+        """Compute the range of every term, from the known ranges of the signals."""
         spans = Spans(self.ranges, self.params, self.values.settled)
         for leaf, node in self.predicates:
             low, high = spans.margin(node)
@@ -76,7 +76,7 @@ class OnlineAlgebra:
         return leaf
 
     def truth(self, value: bool) -> Term:
-        """See :class:`s2r_spec.robustness.evaluate.Algebra`, as for all below."""
+        """See :class:`s2r_spec.robustness.evaluate.Algebra`, also for the methods below."""
         rho = math.inf if value else -math.inf
         return self._leaf(lambda k: rho, Number(()), (rho, rho))
 
@@ -88,7 +88,7 @@ class OnlineAlgebra:
         )
 
     def margin(self, node: f.Comparison) -> Term:
-        """Return by how much the comparison holds."""
+        """Return the margin of the comparison."""
         left, right = self.values(node.left), self.values(node.right)
         (x,), (y,) = left.parts, right.parts
         difference: Component = (

@@ -1,4 +1,4 @@
-"""The time of a trace that goes on: where its samples are, and which lie in a window."""
+"""The sample times of a growing trace, and the samples in a window."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ IntArray = NDArray[np.intp]
 
 
 class Stream(Protocol):
-    """Something that settles more of its values as samples come."""
+    """A sequence of values that becomes known as samples come."""
 
     def advance(self) -> None:
-        """Settle whatever the samples so far decide."""
+        """Compute all values that the samples so far determine."""
         ...
 
 
@@ -38,7 +38,7 @@ class Reach:
         high: its end; inf for the rest of the trace.
         low_closed: whether a sample at its start lies in it.
         high_closed: whether a sample at its end lies in it.
-        interval: what was written.
+        interval: the interval in the specification.
     """
 
     low: float
@@ -48,17 +48,17 @@ class Reach:
     interval: Interval
 
     def before(self, position: float, at: float, snap: float) -> bool:
-        """Whether a position lies before the window of the instant ``at``."""
+        """Return whether a position lies before the window of the instant ``at``."""
         start = at + self.low
         return position < start - snap if self.low_closed else position <= start + snap
 
     def after(self, position: float, at: float, snap: float) -> bool:
-        """Whether a position lies after the window of the instant ``at``."""
+        """Return whether a position lies after the window of the instant ``at``."""
         stop = at + self.high
         return position > stop + snap if self.high_closed else position >= stop - snap
 
     def samples(self, positions: FloatArray, at: FloatArray, snap: float) -> tuple[IntArray, IntArray]:
-        """Return (first, last), each (m,): which of (n,) positions lie in the window of each of (m,) instants.
+        """Return (first, last), each (m,): the indices of (n,) positions in the window of each of (m,) instants.
 
         The window is empty where last < first.
         """
@@ -77,14 +77,14 @@ class Reach:
 
 
 class Clock:
-    """Sample times so far, as positions on an axis on which windows are measured.
+    """Sample times so far, as positions on the axis on which windows are measured.
 
-    With a period an instant's position is its number, and windows count samples, as
-    on a :class:`~s2r_spec.robustness.grid.Grid`; without one it is the time since the
-    first sample [s], as on :class:`~s2r_spec.robustness.ticks.Ticks`.
+    With a period an instant's position is its index, and windows count samples, as on a
+    :class:`~s2r_spec.robustness.grid.Grid`. Without one it is the time since the first sample [s], as on
+    :class:`~s2r_spec.robustness.ticks.Ticks`.
 
     Args:
-        period: time from one sample to the next [s], or None.
+        period: sample period [s], or None.
 
     Raises:
         UsageError: the period is not positive.
@@ -93,13 +93,13 @@ class Clock:
     def __init__(self, period: float | None) -> None:
         if period is not None and not (period > 0 and math.isfinite(period)):
             raise UsageError(f"period={period} is not a positive number of seconds")
-        # 0.1 is meant as 1/10, as in the times of a recorded trace
+        # 0.1 means 1/10, as in the times of a recorded trace
         self.period = None if period is None else Fraction(period).limit_denominator(10**9)
         self.step = 0.0 if self.period is None else float(self.period)
         self.positions = Tape()
         self.now = -1  # the last instant seen
         self.latest = 0.0  # its position
-        self.round = 0  # how often anything changed
+        self.round = 0  # number of changes so far
         self.ended = False
         self.start = self.time = 0.0
         self.shortest, self.longest = math.inf, 0.0
@@ -107,7 +107,7 @@ class Clock:
         self.streams: list[Stream] = []
 
     def tick(self, time: float) -> None:
-        """Take the time of the next sample [s].
+        """Add the time of the next sample [s].
 
         Raises:
             TraceError: it is not finite, not after the last one, or not a period after it.
@@ -133,7 +133,7 @@ class Clock:
         self.positions.append(self.latest)
 
     def finish(self) -> None:
-        """There is no other sample."""
+        """End the trace: no further sample comes."""
         self.ended = True
         self.round += 1
 
@@ -148,7 +148,7 @@ class Clock:
         if self.period is not None and abs(step - self.step) > 2 * grid.JITTER * self.step:
             raise TraceError(
                 f"sample {self.now + 1} at {self._when(time)} comes {step:g} s after the one before, but the period is "
-                f"{self.step:g} s; without a period, windows hold samples by time"
+                f"{self.step:g} s; without a period, windows are measured in time"
             )
         self.shortest, self.longest = min(self.shortest, step), max(self.longest, step)
 
@@ -181,11 +181,11 @@ class Clock:
         return Reach(low, high, *closed, interval)
 
     def closed(self, reach: Reach, at: float) -> bool:
-        """Whether no sample to come can lie in the window of the instant at this position."""
+        """Return whether no later sample can lie in the window of the instant at this position."""
         return self.ended or self.latest >= at + reach.high - self.snap
 
     def check_empty(self, reach: Reach, k: int, at: float) -> None:
-        """Let the window of an instant be empty only if it reaches past an end of the trace.
+        """Check that the empty window of an instant reaches past an end of the trace.
 
         Raises:
             TraceError: it lies within the trace, between two samples.
@@ -194,6 +194,6 @@ class Clock:
             return
         span = reach.interval.span
         raise TraceError(
-            f"no sample lies in `{span.text}` ({span.place}) of sample {k}, "
+            f"no sample lies in `{span.text}` ({span.place}) relative to sample {k}, "
             f"{self.seconds(k):.9g} s after the first"
         )

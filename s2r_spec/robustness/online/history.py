@@ -1,7 +1,6 @@
-"""Functions of what a signal was, as samples come; see :mod:`s2r_spec.robustness.history`.
+"""Functions of a signal's past, computed online; see :mod:`s2r_spec.robustness.history`.
 
-Each stream computes one number an instant, in constant time on average, and keeps
-what its window needs.
+Each stream computes one number for each instant, in constant time on average, and keeps the samples of its window.
 """
 
 from __future__ import annotations
@@ -16,10 +15,10 @@ from s2r_spec.robustness.online.tape import Reader, Sliding, Source, Tape
 
 
 class Operand(Protocol):
-    """A number that a function is of."""
+    """The operand of a function."""
 
     def end(self, clock: Clock) -> int:
-        """Return how many instants have their value."""
+        """Return the number of instants with a known value."""
         ...
 
     def keep(self, reader: Reader) -> None:
@@ -31,24 +30,24 @@ class Held(Source, Protocol):
     """The robustness of a condition."""
 
     def value(self, k: int) -> float:
-        """Return ρ at an instant that has its value."""
+        """Return ρ at an instant with a known value."""
         ...
 
 
 class Recorded:
-    """A number at each instant, on a tape."""
+    """A number at each instant, stored on a tape."""
 
     def __init__(self, clock: Clock) -> None:
         self.clock = clock
         self.tape = Tape()
 
     def advance(self) -> None:
-        """Compute whatever the samples so far decide."""
+        """Compute all values that the samples so far determine."""
         for k in range(self.tape.end, self.ready()):
             self.tape.append(self.compute(k))
 
     def ready(self) -> int:
-        """Return how many instants can be computed."""
+        """Return the number of instants that can be computed."""
         raise AssertionError
 
     def compute(self, k: int) -> float:
@@ -67,7 +66,7 @@ class Delayed(Recorded):
         clock.positions.keep(lambda: self.shown)
 
     def ready(self) -> int:
-        """As many as the operand has, so that this is known when all of it is."""
+        """Return as many instants as the operand has, so that both end together."""
         return self.operand.end(self.clock)
 
     def compute(self, k: int) -> float:
@@ -79,7 +78,7 @@ class Delayed(Recorded):
 
 
 class Derivative(Recorded):
-    """The slope from the sample before [1/s]; at the first sample that to the second."""
+    """Backward difference quotient [1/s]; the first sample has the value of the second."""
 
     def __init__(self, clock: Clock, part: Callable[[int], float], operand: Operand) -> None:
         super().__init__(clock)
@@ -91,7 +90,7 @@ class Derivative(Recorded):
         return self.tape.end - 1
 
     def ready(self) -> int:
-        """The first instant waits for the second one."""
+        """Return the number of instants; the first one needs the second sample."""
         end = self.operand.end(self.clock)
         return end if end > 1 or self.clock.ended else 0
 
@@ -112,7 +111,7 @@ class Accumulated(Recorded):
     ) -> None:
         super().__init__(clock)
         self.part, self.operand, self.seconds, self.mean = part, operand, seconds, mean
-        # a running total less what leaves it would add rounding up for ever
+        # a running total with subtraction would accumulate rounding
         self.areas = Sliding[float](add, 0.0, forgets=math.isfinite(seconds))
         self.samples = Tape()
         self.oldest = 0
@@ -124,7 +123,7 @@ class Accumulated(Recorded):
         return min(self.oldest, self.tape.end - 1) if math.isfinite(self.seconds) else self.tape.end - 1
 
     def ready(self) -> int:
-        """As many as the operand has."""
+        """Return as many instants as the operand has."""
         return self.operand.end(self.clock)
 
     def compute(self, k: int) -> float:
@@ -160,7 +159,7 @@ class Accumulated(Recorded):
 
 
 class Duration(Recorded):
-    """For how long a condition has held at every sample [s]."""
+    """Time for which a condition has held at every sample [s]."""
 
     def __init__(self, clock: Clock, condition: Held) -> None:
         super().__init__(clock)
@@ -170,7 +169,7 @@ class Duration(Recorded):
         clock.positions.keep(lambda: self.tape.end)
 
     def ready(self) -> int:
-        """As many as the condition has."""
+        """Return as many instants as the condition has."""
         return self.condition.end
 
     def compute(self, k: int) -> float:
@@ -185,7 +184,7 @@ class Duration(Recorded):
 
 
 class Count(Recorded):
-    """At how many samples of the last ``seconds`` a condition held."""
+    """Number of samples in the last ``seconds`` at which a condition held."""
 
     def __init__(self, clock: Clock, condition: Held, seconds: float) -> None:
         super().__init__(clock)
@@ -198,7 +197,7 @@ class Count(Recorded):
         return self.first if math.isfinite(self.seconds) else self.tape.end
 
     def ready(self) -> int:
-        """As many as the condition has."""
+        """Return as many instants as the condition has."""
         return self.condition.end
 
     def compute(self, k: int) -> float:

@@ -1,4 +1,4 @@
-"""A trace followed sample by sample."""
+"""Monitors that follow a trace sample by sample."""
 
 from __future__ import annotations
 
@@ -27,16 +27,16 @@ Verdict = Literal["holds", "violated", "unknown"]
 
 @dataclass(frozen=True)
 class Followed:
-    """What is followed, and how it is read.
+    """The requirements to follow, and the settings of the samples.
 
     Args:
-        formulas: requirement → its formula, time bounds that are parameters given their values.
-        signals: what they read.
-        params: parameter → its value, for those that they use.
-        period: time from one sample to the next [s]; None if samples come at any time.
+        formulas: requirement → its formula, with numbers for the parameters in time bounds.
+        signals: the signals that they read.
+        params: parameter → value, for the parameters that they use.
+        period: sample period [s]; None if samples come at any time.
         until: see :class:`s2r_spec.robustness.evaluate.Walk`.
-        nan: what a NaN sample is: an "error", or as the one before it ("hold").
-        ranges: whether samples are known to lie in the declared ranges.
+        nan: for a NaN sample, "error", or "hold" to repeat the sample before.
+        ranges: whether samples lie in the declared ranges.
         sparse: whether windows may be shorter than the time between two samples.
     """
 
@@ -52,15 +52,15 @@ class Followed:
 
 @dataclass(frozen=True)
 class RobustInterval:
-    """What ρ can still become, in the unit of ρ: it ends in [lower, upper].
+    """The possible values of ρ, in the unit of ρ: the final ρ lies in [lower, upper].
 
     ``lower == upper`` is ρ itself.
 
     Args:
-        lower: end of the interval.
-        upper: end of the interval.
-        satisfied: whether the requirement is true, whatever comes; None where that is open. At ρ = 0 the
-            comparisons decide it.
+        lower: lower bound.
+        upper: upper bound.
+        satisfied: whether the requirement is true for every continuation of the trace; None while this is open.
+            At ρ = 0 the comparisons decide.
     """
 
     lower: float
@@ -69,7 +69,7 @@ class RobustInterval:
 
     @classmethod
     def of(cls, lower: float, upper: float) -> RobustInterval:
-        """Return the interval of a robustness with a sign; see :mod:`s2r_spec.robustness.ties`."""
+        """Return the interval of robustness bounds with signs; see :mod:`s2r_spec.robustness.ties`."""
         satisfied = True if lower > 0 else False if upper < 0 else None
         return cls(plain_number(lower), plain_number(upper), satisfied)
 
@@ -80,45 +80,45 @@ class RobustInterval:
 
     @property
     def bounded(self) -> bool:
-        """Whether anything is known of ρ."""
+        """Whether one of the bounds is finite or known."""
         return (self.lower, self.upper) != (-math.inf, math.inf)
 
     @property
     def verdict(self) -> Verdict:
-        """Whether the requirement "holds" or is "violated" whatever comes, or that is "unknown"."""
+        """The verdict for every continuation of the trace; "unknown" while it is open."""
         return "unknown" if self.satisfied is None else "holds" if self.satisfied else "violated"
 
 
 class _Recorder:
-    """Takes samples in, and lets everything that was built on them settle."""
+    """Takes samples, and updates all values that depend on them."""
 
-    def __init__(self, what: Followed) -> None:
-        self.what = what
-        self.clock = Clock(what.period)
-        self.tapes = {signal.name: [Tape() for _ in range(signal.dim)] for signal in what.signals}
-        ranges = {s.name: s.range for s in what.signals if s.range is not None} if what.ranges else {}
+    def __init__(self, followed: Followed) -> None:
+        self.followed = followed
+        self.clock = Clock(followed.period)
+        self.tapes = {signal.name: [Tape() for _ in range(signal.dim)] for signal in followed.signals}
+        ranges = {s.name: s.range for s in followed.signals if s.range is not None} if followed.ranges else {}
         self.algebra = OnlineAlgebra(
-            self.clock, self.tapes, ranges, what.params, tuple(what.formulas.values()), what.until
+            self.clock, self.tapes, ranges, followed.params, tuple(followed.formulas.values()), followed.until
         )
-        found = [narrowest(formula) for formula in what.formulas.values()]
+        windows = [narrowest(formula) for formula in followed.formulas.values()]
         self.narrowest = min(
-            (window for window in found if window is not None), key=lambda w: w.length, default=None
+            (window for window in windows if window is not None), key=lambda w: w.length, default=None
         )
         self._refuse_short()
-        self.terms = {name: self.algebra.walk(formula) for name, formula in what.formulas.items()}
+        self.terms = {name: self.algebra.walk(formula) for name, formula in followed.formulas.items()}
         self.broken: TraceError | None = None
 
     def take(self, time: float, sample: Mapping[str, Any]) -> None:
         """Take the next sample.
 
         Raises:
-            TraceError: it cannot be used, and then nothing was changed; or the trace so far
-                has no robustness, and then nothing more can be taken.
+            TraceError: the sample is invalid and was not taken; or the trace so far has no robustness, and no
+                further sample can be taken.
         """
         self._check_open()
-        numbers = [self._read(signal, sample) for signal in self.what.signals]
+        numbers = [self._read(signal, sample) for signal in self.followed.signals]
         self.clock.tick(float(time))
-        for signal, components in zip(self.what.signals, numbers, strict=True):
+        for signal, components in zip(self.followed.signals, numbers, strict=True):
             for tape, number in zip(self.tapes[signal.name], components, strict=True):
                 tape.append(number)
         self._settle()
@@ -126,10 +126,10 @@ class _Recorder:
             self.algebra.foresee()
 
     def finish(self) -> None:
-        """Take it that there is no other sample."""
+        """End the trace: no further sample comes."""
         self._check_open()
         if self.clock.now < 0:
-            raise TraceError("there is no sample; a trace has one at least")
+            raise TraceError("there is no sample; a trace needs at least one")
         self.clock.finish()
         self._settle()
 
@@ -140,9 +140,9 @@ class _Recorder:
             raise UsageError("the trace was finished; a new one needs a new monitor")
 
     def _refuse_short(self) -> None:
-        """Refuse windows that are shorter than the time from one sample to the next, as soon as that is known."""
+        """Refuse windows shorter than the sample period, as soon as the period is known."""
         clock = self.clock
-        if self.narrowest is None or self.what.sparse:
+        if self.narrowest is None or self.followed.sparse:
             return
         if clock.period is not None:
             refuse_short(self.narrowest, clock.step)
@@ -171,33 +171,33 @@ class _Recorder:
         if len(numbers) != signal.dim:
             declared = f"{signal.dim} numbers" if signal.vector else "one number"
             raise TraceError(
-                f"channel {name!r} is {sample[name]!r}, but the spec declares {declared} a sample"
+                f"channel {name!r} is {sample[name]!r}, but the spec declares {declared} per sample"
             )
         where = f"sample {self.clock.now + 1}"
         if any(x != x for x in numbers):
-            if self.what.nan == "error" or self.clock.now < 0:
-                way = HOLD if self.what.nan == "error" else LEADING
+            if self.followed.nan == "error" or self.clock.now < 0:
+                remedy = HOLD if self.followed.nan == "error" else LEADING
                 raise TraceError(
-                    f"channel {name!r} is NaN at {where}; a missing sample has no robustness: {way}"
+                    f"channel {name!r} is NaN at {where}; a missing sample has no robustness: {remedy}"
                 )
             last = [tape.value(self.clock.now) for tape in self.tapes[name]]
             numbers = [old if new != new else new for new, old in zip(numbers, last, strict=True)]
         if signal.boolean and numbers[0] not in (0, 1):
             raise TraceError(f"channel {name!r} is declared bool, but it is {numbers[0]:g} at {where}")
-        if self.what.ranges and signal.range is not None:
+        if self.followed.ranges and signal.range is not None:
             low, high = signal.range
             for x in numbers:
                 if not low <= x <= high:
                     raise TraceError(
                         f"channel {name!r} is {x:g} at {where}, outside its declared range [{low:g}, {high:g}], "
-                        f"which the interval relied on; widen the range, or do without (ranges=False, --no-ranges)"
+                        f"which the interval assumed; widen the range, or ignore it (ranges=False, --no-ranges)"
                     )
         return numbers
 
     def complete(self, formula: f.Formula) -> bool:
-        """Whether the samples so far reach as far as a formula looks at the first instant, to within a period.
+        """Return whether the samples so far reach a formula's horizon from the first instant, to within a period.
 
-        Without a period, to within the shortest time between two samples: the median would need all of them.
+        Without a period, it is to within the shortest time between two samples: the median would need all of them.
         """
         clock = self.clock
         if clock.now < 1:
@@ -208,7 +208,7 @@ class _Recorder:
         return reached + step - snap >= seconds_needed(formula, step, slack=2 * snap)
 
     def shortfall(self, formula: f.Formula) -> str:
-        """Return in words how far a formula looks past the samples so far."""
+        """Return in words how far the horizon of a formula is past the samples so far."""
         ahead, clock = horizon(formula), self.clock
         if clock.now < 1:
             return "it looks further, but the trace has one sample"
@@ -222,11 +222,11 @@ class Monitor:
     """The robust interval of requirements at the first time of a trace; see :meth:`s2r_spec.spec.Spec.monitor`.
 
     The interval is that of Deshmukh et al., "Robust online monitoring of signal temporal
-    logic", 2017: every predicate at an instant to come lies anywhere its signals can be.
+    logic", 2017: every predicate at a later instant takes any value that its signals allow.
     """
 
-    def __init__(self, what: Followed) -> None:
-        self._recorder = _Recorder(what)
+    def __init__(self, followed: Followed) -> None:
+        self._recorder = _Recorder(followed)
         points = Points()
         self._points: dict[str, Point] = {
             name: points(term, 0) for name, term in self._recorder.terms.items()
@@ -237,25 +237,25 @@ class Monitor:
 
     @property
     def intervals(self) -> dict[str, RobustInterval]:
-        """Requirement → what its ρ at the first time can still become."""
+        """Requirement → the possible values of its ρ at the first time."""
         return dict(self._now)
 
     @property
     def decided(self) -> bool:
-        """Whether every ρ is known: no other sample changes anything."""
+        """Whether every ρ is known, so that further samples change nothing."""
         return all(interval.decided for interval in self._now.values())
 
     def update(self, time: float, sample: Mapping[str, Any]) -> dict[str, RobustInterval]:
-        """Take one more sample, and return requirement → what ρ at the first time can still become.
+        """Take one more sample, and return requirement → the possible values of ρ at the first time.
 
         Args:
-            time: of the sample [s], after that of the one before.
+            time: of the sample [s], later than that of the sample before.
             sample: signal → its value in the declared unit, a sequence for a vector.
 
         Raises:
             TraceError: the sample cannot be used (a missing channel, NaN, a time that does not
                 increase, a value outside its declared range) and was not taken; or a predicate
-                or a window has no value, which ends the trace.
+                or a window is undefined, which ends the trace.
         """
         self._recorder.take(time, sample)
         return self._refresh()
@@ -263,13 +263,12 @@ class Monitor:
     def finish(self, *, partial: bool = False) -> dict[str, RobustInterval]:
         """End the trace here, and return requirement → ρ at the first time.
 
-        An operator over the whole rest of the trace has seen it then. A requirement
-        whose bounded windows are not complete keeps its interval, unless ``partial``
-        evaluates it on what there is.
+        An operator over the whole rest of the trace is then decided. A requirement with an incomplete bounded window
+        keeps its interval. With ``partial`` it is evaluated with windows cut at the end.
         """
         recorder = self._recorder
         open_ = set() if partial else {
-            name for name, formula in recorder.what.formulas.items() if not recorder.complete(formula)
+            name for name, formula in recorder.followed.formulas.items() if not recorder.complete(formula)
         }  # fmt: skip
         before = self.intervals
         recorder.finish()
@@ -278,8 +277,8 @@ class Monitor:
         return self.intervals
 
     def shortfall(self, requirement: str) -> str:
-        """Return in words how far an undecided requirement looks past the samples so far."""
-        return self._recorder.shortfall(self._recorder.what.formulas[requirement])
+        """Return in words how far the horizon of an undecided requirement is past the samples so far."""
+        return self._recorder.shortfall(self._recorder.followed.formulas[requirement])
 
     def _refresh(self) -> dict[str, RobustInterval]:
         for name, point in self._points.items():
@@ -289,10 +288,10 @@ class Monitor:
 
 
 class RobustnessStream:
-    """ρ of requirements at every sample, as late as their horizon; see :meth:`Spec.robustness_stream`."""
+    """ρ of requirements at every sample, delayed by their horizon; see :meth:`Spec.robustness_stream`."""
 
-    def __init__(self, what: Followed) -> None:
-        self._recorder = _Recorder(what)
+    def __init__(self, followed: Followed) -> None:
+        self._recorder = _Recorder(followed)
         self._sent = dict.fromkeys(self._recorder.terms, 0)
         self._times = Tape()
         self._times.keep(lambda: min(self._sent.values()))
@@ -304,7 +303,7 @@ class RobustnessStream:
         term.keep(lambda: self._sent[name])
 
     def update(self, time: float, sample: Mapping[str, Any]) -> dict[str, list[tuple[float, float]]]:
-        """Take one more sample, and return requirement → [(time [s], ρ), …] of the instants it settles.
+        """Take one more sample, and return requirement → [(time [s], ρ), …] of the instants that it decides.
 
         Args and errors are those of :meth:`Monitor.update`.
         """
@@ -313,7 +312,7 @@ class RobustnessStream:
         return self._settled()
 
     def finish(self) -> dict[str, list[tuple[float, float]]]:
-        """End the trace here, and return ρ at the instants that are left, windows cut at the end."""
+        """End the trace here, and return ρ at the remaining instants, with windows cut at the end."""
         self._recorder.finish()
         return self._settled()
 

@@ -1,9 +1,8 @@
 """Robustness at one instant, as an interval that only shrinks.
 
-Where a formula asks for an operator at the first instant only, nothing has to be
-settled for later ones: the least so far is enough, however long the window is.
-What is in the window and not settled yet is looked at with the bounds of
-:meth:`~s2r_spec.robustness.online.terms.Term.bound`.
+If a formula needs an operator at the first instant only, nothing has to be computed for later instants: the minimum
+so far is enough, however long the window is. Instants in the window whose values are not known yet enter with the
+bounds of :meth:`~s2r_spec.robustness.online.terms.Term.bound`.
 """
 
 from __future__ import annotations
@@ -21,17 +20,17 @@ from s2r_spec.robustness.online.timed import Always, Clamp, Timed, Until, follow
 from s2r_spec.robustness.ties import rescaled_number
 
 OFTEN = 1024
-"""So many unsettled instants are looked at for every sample; h of them only for every (h / OFTEN)-th one."""
+"""Budget: undecided instants that are updated at each sample; h of them are updated at every (h / OFTEN)-th one."""
 
 
 class Points:
-    """Makes the points of terms, each once."""
+    """Makes the points of terms; each point is made once."""
 
     def __init__(self) -> None:
         self.done: dict[tuple[int, int], Point] = {}
 
     def __call__(self, term: Term, k: int) -> Point:
-        """Return ρ at one instant; to be asked for before the first sample."""
+        """Return the point of a term at instant k; call it before the first sample."""
         key = (id(term), k)
         if key not in self.done:
             self.done[key] = self._point(term, k)
@@ -40,29 +39,33 @@ class Points:
     def _point(self, term: Term, k: int) -> Point:
         match term:
             case Scaled():
-                return Multiple(term.clock, self(term.operand, k), term.factor)
+                return ScaledAt(term.clock, self(term.operand, k), term.factor)
             case Negative():
-                return Opposite(term.clock, self(term.operand, k))
+                return NegativeAt(term.clock, self(term.operand, k))
             case Least():
-                return Smaller(term.clock, self(term.left, k), self(term.right, k))
+                return LeastAt(term.clock, self(term.left, k), self(term.right, k))
             case Step():
                 near = k + term.shift
-                return Never(term.clock) if near < 0 else Beside(term.clock, self(term.operand, near), near)
+                return (
+                    MinusInfinity(term.clock)
+                    if near < 0
+                    else StepAt(term.clock, self(term.operand, near), near)
+                )
             case Rise():
                 if k == 0:
-                    return Never(term.clock)
-                before = Opposite(term.clock, self(term.operand, k - 1))
-                return Smaller(term.clock, self(term.operand, k), before)
+                    return MinusInfinity(term.clock)
+                before = NegativeAt(term.clock, self(term.operand, k - 1))
+                return LeastAt(term.clock, self(term.operand, k), before)
             case Always(past=False):
                 return AlwaysAt(term, k)
             case Until(past=False):
                 return UntilAt(term, k)
             case _:
-                return Settling(term, k)
+                return FollowedAt(term, k)
 
 
 class Point(ABC):
-    """ρ of a formula at one instant: in [lower, upper], whatever is still to come."""
+    """ρ of a formula at one instant: in [lower, upper] for every continuation of the trace."""
 
     def __init__(self, clock: Clock) -> None:
         self.clock = clock
@@ -71,13 +74,13 @@ class Point(ABC):
         self._round = -1
 
     def refresh(self) -> None:
-        """Take the samples so far into account."""
+        """Update the bounds with the samples so far."""
         if self.settled or self._round == self.clock.round:
             return
         self._round = self.clock.round
         (low, high), self.settled = self.found()
         if not self.settled:
-            # what was true before still is, also if not everything was looked at again
+            # earlier bounds stay valid, also if not every instant was updated
             low, high = max(self.lower, low), min(self.upper, high)
         self.lower, self.upper = low, high
 
@@ -86,7 +89,7 @@ class Point(ABC):
         """Return bounds, and whether they are final."""
 
 
-class Never(Point):
+class MinusInfinity(Point):
     """−inf."""
 
     def found(self) -> tuple[Span, bool]:
@@ -94,8 +97,8 @@ class Never(Point):
         return (-math.inf, -math.inf), True
 
 
-class Beside(Point):
-    """The operand at the sample beside; −inf if the trace has none."""
+class StepAt(Point):
+    """The operand at the neighbouring sample; −inf if the trace has none."""
 
     def __init__(self, clock: Clock, operand: Point, k: int) -> None:
         super().__init__(clock)
@@ -103,15 +106,15 @@ class Beside(Point):
 
     def found(self) -> tuple[Span, bool]:
         """See :class:`Point`."""
-        there = self.k <= self.clock.now
-        if self.clock.ended and not there:
+        exists = self.k <= self.clock.now
+        if self.clock.ended and not exists:
             return (-math.inf, -math.inf), True
         self.operand.refresh()
-        return (self.operand.lower, self.operand.upper), self.operand.settled and there
+        return (self.operand.lower, self.operand.upper), self.operand.settled and exists
 
 
-class Settling(Point):
-    """A term that is followed."""
+class FollowedAt(Point):
+    """The value of a followed term at one instant."""
 
     def __init__(self, term: Term, k: int) -> None:
         super().__init__(term.clock)
@@ -130,7 +133,7 @@ class Settling(Point):
         return (float(term.bound(k, k, LOWER)[0]), float(term.bound(k, k, UPPER)[0])), False
 
 
-class Opposite(Point):
+class NegativeAt(Point):
     """−x."""
 
     def __init__(self, clock: Clock, operand: Point) -> None:
@@ -143,7 +146,7 @@ class Opposite(Point):
         return (-self.operand.upper, -self.operand.lower), self.operand.settled
 
 
-class Multiple(Point):
+class ScaledAt(Point):
     """factor · x, factor > 0."""
 
     def __init__(self, clock: Clock, operand: Point, factor: float) -> None:
@@ -157,7 +160,7 @@ class Multiple(Point):
         return (rescaled_number(low, self.factor), rescaled_number(high, self.factor)), self.operand.settled
 
 
-class Smaller(Point):
+class LeastAt(Point):
     """The smaller of x and y."""
 
     def __init__(self, clock: Clock, left: Point, right: Point) -> None:
@@ -174,22 +177,22 @@ class Smaller(Point):
 
 
 class Window(Point):
-    """An operator whose window is that of one instant.
+    """An operator with a window, at one instant.
 
     Args:
         term: the operator.
         k: the instant.
-        operands: what it is made of; they are followed.
+        operands: its operands; they are followed.
     """
 
     def __init__(self, term: Timed, k: int, *operands: Term) -> None:
         super().__init__(term.clock)
         self.term, self.k, self.operands = term, k, operands
         self.at = 0.0  # position of the instant
-        self.new = k  # the first instant that was not taken
+        self.new = k  # the first instant that was not added
         self.taken = 0  # how many of them lie in the window
-        self.waiting = False  # whether some of the window was seen and not taken
-        self.looked = -1  # when unsettled instants were looked at last
+        self.waiting = False  # whether some instants of the window are not decided yet
+        self.looked = -1  # the instant of the last update of undecided instants
         for operand in operands:
             operand.follow()
             operand.keep(self._oldest)
@@ -223,11 +226,11 @@ class Window(Point):
         return self.bounds(self._unsettled(), not closed), False
 
     def _looks_away(self) -> bool:
-        """Whether unsettled instants count like those to come this time, so that each sample costs a constant."""
+        """Return whether to treat undecided instants as unknown this time, so that a sample costs constant time."""
         return self.clock.now - self.looked < (self.clock.now - self.new + 1) // OFTEN
 
     def _unsettled(self) -> tuple[int, int, int]:
-        """Return (first, begin, last): instants that were seen and not taken, and where the window begins."""
+        """Return (first, begin, last): the undecided instants, and the first one in the window."""
         clock, new = self.clock, self.new
         positions = clock.positions.values(new, clock.now + 1)
         begin, end = self.term.reach.samples(positions, np.array([self.at]), clock.snap)
@@ -235,15 +238,15 @@ class Window(Point):
 
     @abstractmethod
     def take(self, k: int, inside: bool) -> None:
-        """Take the settled values of an instant before the window or ``inside``."""
+        """Add the decided values of an instant, which lies before the window or ``inside`` it."""
 
     @abstractmethod
     def value(self) -> float:
-        """Return ρ of all that was taken."""
+        """Return ρ of the instants that were added."""
 
     @abstractmethod
     def bounds(self, unsettled: tuple[int, int, int] | None, more: bool) -> Span:
-        """Return bounds of ρ with unsettled instants, and with ``more`` of which nothing is known."""
+        """Return bounds of ρ, with the undecided instants and, if ``more``, with later unknown ones."""
 
 
 class AlwaysAt(Window):
@@ -268,7 +271,7 @@ class AlwaysAt(Window):
         """See :class:`Window`."""
         ends = [self.least, self.least]
         for side in (LOWER, UPPER):
-            # nothing unsettled is below what instants to come may be
+            # no undecided instant is below the least possible value of later ones
             if unsettled is not None and not (more and side == LOWER):
                 new, begin, last = unsettled
                 if (first := max(new, begin)) <= last:
@@ -310,7 +313,7 @@ class UntilAt(Window):
             offers = np.minimum(guards[:-1], right)[max(begin - new, 0) :]
             p, q = float(guards[-1]), max(q, float(offers.max(initial=-math.inf)))
         if more:
-            # an instant that was not looked at counts like one to come: it may matter, or not
+            # an instant that was not updated counts as a later one, which may matter or not
             waits = until.waits(np.array([self.at]), side)[0] or (
                 side == LOWER and unsettled is None and self.waiting
             )

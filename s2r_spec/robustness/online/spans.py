@@ -1,8 +1,7 @@
-"""What a number can become: interval arithmetic over the declared ranges of signals.
+"""Interval arithmetic over the declared ranges of signals.
 
-A span (low, high) contains every value of a node at instants that are still to
-come. Where nothing is known it is (−inf, inf); a value that may not exist (0/0)
-has no span of its own, as the monitor refuses it when it comes.
+A span (low, high) contains every value of a node at later instants. Without information it is (−inf, inf). Undefined
+values (0/0) need no span, since the monitor refuses them when they come.
 """
 
 from __future__ import annotations
@@ -22,8 +21,8 @@ class Spans:
     Args:
         ranges: signal → its declared range, for those that have one.
         params: parameter → its value.
-        settled: what a node is from now on (``init`` and the direction of ``overshoot`` after
-            the first sample), or None.
+        settled: returns the constant value of a node from now on (``init`` and the direction of ``overshoot``
+            after the first sample), or None.
     """
 
     def __init__(
@@ -87,7 +86,7 @@ class Spans:
                 return ((fold(low for low, _ in parts), fold(high for _, high in parts)),)
             case f.Norm():
                 sizes = [absolute(span) for operand in node.operands for span in self(operand)]
-                # as the value itself is computed, so that rounding never takes it out of its span
+                # computed as the value itself, so that rounding keeps the value in its span
                 return ((_length(low for low, _ in sizes), _length(high for _, high in sizes)),)
             case f.Choice():
                 return tuple(hull(*pair) for pair in spread(self(node.left), self(node.right)))
@@ -98,7 +97,7 @@ class Spans:
                 return spans if node.function == "mean" else tuple(_area(s, node.seconds) for s in spans)
             case f.Duration() | f.Count():
                 return ((0.0, math.inf),)
-            case _:  # a derivative: nothing bounds how fast a signal changes
+            case _:  # a derivative: the rate of a signal is unbounded
                 return (ANY,) * node.width
 
 

@@ -1,4 +1,4 @@
-"""Memory that forgets: the last values of something, and windows that move over them."""
+"""Bounded memory: the last values of a sequence, and sliding windows over them."""
 
 from __future__ import annotations
 
@@ -14,23 +14,22 @@ T = TypeVar("T")
 
 
 class Source(Protocol):
-    """Something that has a value at the instants 0, 1, 2, …, known in this order."""
+    """A sequence with a value at the instants 0, 1, 2, …, which become known in this order."""
 
     @property
     def end(self) -> int:
-        """How many instants have their value."""
+        """Number of instants with a known value."""
         ...
 
     def keep(self, reader: Reader) -> None:
-        """Promise a reader the values from the instant on that it returns, whenever it is asked."""
+        """Keep the values from the instant on that ``reader`` returns at any time."""
         ...
 
 
 class Tape:
-    """Numbers of consecutive instants; those that no reader wants any more are forgotten.
+    """Numbers of consecutive instants; those that no reader needs any more are dropped.
 
-    Appending costs a constant time on average: what is kept moves only when
-    as much as is kept has been appended.
+    Appending takes constant time on average: the kept numbers are moved only after as many have been appended.
     """
 
     def __init__(self) -> None:
@@ -52,12 +51,12 @@ class Tape:
 
     def value(self, k: int) -> float:
         """Return the value of an instant."""
-        assert self.base <= k < self.end, "a reader asks for what it did not keep"
+        assert self.base <= k < self.end, "a reader needs a value that it did not keep"
         return self.data.item(k - self.base)
 
     def values(self, first: int, stop: int) -> FloatArray:
         """Return (stop − first,): a view of the values of the instants first … stop − 1."""
-        assert self.base <= first, "a reader asks for what it did not keep"
+        assert self.base <= first, "a reader needs a value that it did not keep"
         return self.data[first - self.base : stop - self.base]
 
     def _forget(self) -> None:
@@ -71,15 +70,14 @@ class Tape:
 
 
 class Sliding(Generic[T]):
-    """A queue that knows the combination of all it holds, for any associative operation.
+    """A queue with the combination of all its elements, for any associative operation.
 
-    Two stacks: what leaves was combined with all that came after it when its
-    half of the queue was turned over, once for each element. The time for
-    an element is constant on average, whatever the queue's length.
+    It consists of two stacks. When the front stack is empty, the back stack is reversed onto it, and each element is
+    combined with all newer ones. The time for an element is constant on average, for any length of the queue.
 
     Args:
         combine: (older, newer) → both together; associative.
-        neutral: what changes nothing, and the combination of an empty queue.
+        neutral: neutral element, the combination of an empty queue.
         forgets: whether elements leave; if not, none is kept.
     """
 

@@ -1,10 +1,8 @@
-"""Robustness signals that grow: what is settled so far, and bounds on what is not.
+"""Growing robustness signals: decided values, and bounds of the others.
 
-A term is one operator. Followed, it settles its value at the instants 0, 1, 2, …
-in this order, each as soon as the samples decide it, in constant time on average.
-Where it is not settled, :meth:`Term.bound` says what it can still become, from the
-bounds of what it is made of. If only one instant matters, :mod:`points` goes
-without following it.
+A term is one operator. A followed term computes its values at the instants 0, 1, 2, … in this order, each as soon as
+the samples decide it, in constant time on average. For other instants, :meth:`Term.bound` gives bounds, from the
+bounds of its operands. If only one instant matters, :mod:`points` works without following the term.
 """
 
 from __future__ import annotations
@@ -23,7 +21,7 @@ from s2r_spec.robustness.ties import rescaled, rescaled_number
 
 FloatArray = NDArray[np.float64]
 LOWER, UPPER = 0, 1
-"""Which bound is meant: an index of a span."""
+"""Index of the lower and of the upper end of a span."""
 
 
 class Term(ABC):
@@ -38,11 +36,11 @@ class Term(ABC):
     @property
     @abstractmethod
     def end(self) -> int:
-        """How many instants are settled."""
+        """Number of instants with a decided value."""
 
     @abstractmethod
     def follow(self) -> None:
-        """Begin to settle values, before the first sample."""
+        """Begin to compute values; call it before the first sample."""
 
     @abstractmethod
     def keep(self, reader: Reader) -> None:
@@ -50,7 +48,7 @@ class Term(ABC):
 
     @abstractmethod
     def value(self, k: int) -> float:
-        """Return ρ at a settled instant."""
+        """Return ρ at a decided instant."""
 
     @abstractmethod
     def foresee(self) -> None:
@@ -61,7 +59,7 @@ class Term(ABC):
         """See :meth:`bound`."""
 
     def bound(self, first: int, last: int, side: int) -> FloatArray:
-        """Return (last − first + 1,): the lower or upper bound of ρ at instants that were seen."""
+        """Return (last − first + 1,): the lower or upper bound of ρ at instants up to now."""
         if self._bounds_at != self.clock.now:
             self._bounds.clear()
             self._bounds_at = self.clock.now
@@ -72,7 +70,7 @@ class Term(ABC):
 
 
 class Stored(Term):
-    """A term that writes its values down."""
+    """A term that stores its values."""
 
     def __init__(self, clock: Clock) -> None:
         super().__init__(clock)
@@ -100,7 +98,7 @@ class Stored(Term):
         return self.tape.value(k)
 
     def next(self) -> int:
-        """Return the first instant that is not settled."""
+        """Return the first instant that is not decided."""
         return self.tape.end
 
     def _bound(self, first: int, last: int, side: int) -> FloatArray:
@@ -114,19 +112,19 @@ class Stored(Term):
 
     @abstractmethod
     def advance(self) -> None:
-        """Settle whatever the samples so far decide."""
+        """Compute all values that the samples so far decide."""
 
     @abstractmethod
     def _prepare(self) -> None:
-        """Follow the operands, and say what is read of them."""
+        """Follow the operands, and keep the values that are needed."""
 
     @abstractmethod
     def _pending(self, first: int, last: int, side: int) -> FloatArray:
-        """Return bounds at instants none of which is settled."""
+        """Return bounds at instants that are all undecided."""
 
 
 class Leaf(Stored):
-    """A predicate, a boolean signal, or a constant: nothing that looks ahead by itself."""
+    """A predicate, a boolean signal or a constant, without a window of its own."""
 
     def __init__(self, clock: Clock, number: Number) -> None:
         super().__init__(clock)
@@ -135,7 +133,7 @@ class Leaf(Stored):
 
     def _prepare(self) -> None:
         self.number.keep(self.next)
-        self.clock.positions.keep(self.next)  # to say when a predicate has no value
+        self.clock.positions.keep(self.next)  # for the message if a predicate is undefined
 
     def advance(self) -> None:
         """See :class:`Stored`."""
@@ -143,7 +141,7 @@ class Leaf(Stored):
             self.tape.append(self.margin(k))
 
     def foresee(self) -> None:
-        """Whoever made it knows."""
+        """Do nothing: the algebra sets :attr:`ahead`."""
 
     def _pending(self, first: int, last: int, side: int) -> FloatArray:
         return np.full(last - first + 1, self.ahead[side])

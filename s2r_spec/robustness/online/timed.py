@@ -1,4 +1,4 @@
-"""Terms with a window: always and until, and their mirror images in the past."""
+"""Terms with a window: always and until, and their counterparts in the past."""
 
 from __future__ import annotations
 
@@ -24,32 +24,32 @@ class Timed(Stored):
         clock: of the trace.
         reach: its window.
         past: whether it looks back.
-        place: where it is written.
+        place: its place in the text.
     """
 
     def __init__(self, clock: Clock, reach: Reach, past: bool, place: Place) -> None:
         super().__init__(clock)
         self.reach, self.past, self.place = reach, past, place
-        self.first = 0  # the oldest instant in the window of the last settled one
-        self.new = 0  # the first instant that has not come into a window
+        self.first = 0  # the oldest instant in the window of the last decided one
+        self.new = 0  # the first instant that was in no window yet
         self._known = (-1, 0, 0), (np.empty(0, np.intp), np.empty(0, np.intp))  # windows, for either bound
 
     def _prepare(self) -> None:
         if self.reach.high == math.inf:
             raise UsageError(
-                f"`{' '.join(self.place.text.split())}` ({self.place.place}) looks at the whole rest of the trace "
-                f"from every instant, which no monitor with bounded memory can; give it a time bound"
+                f"`{' '.join(self.place.text.split())}` ({self.place.place}) needs the whole rest of the trace "
+                f"at every instant, which takes unbounded memory; give it a time bound"
             )
         self.clock.positions.keep(self.oldest)
 
     def oldest(self) -> int:
-        """Return the first instant that is needed of what it is made of."""
+        """Return the first instant of the operands that is still needed."""
         return min(self.new if self.reach.low == -math.inf else self.first, self.tape.end)
 
     def _windows(self, first: int, last: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Return the first and the last instant in the windows of some instants.
+        """Return the first and the last instant in the windows of the instants ``first`` … ``last``.
 
-        A window that samples to come can lie in ends with the instant after the newest one.
+        A window that later samples can enter ends with the instant after the newest one.
         """
         clock, base = self.clock, self.oldest()
         key = (clock.now, first, last)
@@ -112,18 +112,18 @@ class Always(Timed):
         base, stop = int(begin[0]), min(int(end.max()), self.clock.now)
         seen = self.operand.bound(base, stop, side) if base <= stop else np.empty(0)
         values = np.append(seen, self.operand.ahead[side])
-        if end[0] == end[-1] >= begin[-1]:  # windows that are still open all end with the newest instant
+        if end[0] == end[-1] >= begin[-1]:  # all open windows end with the newest instant
             rest = np.minimum.accumulate(values[: end[0] - base + 1][::-1])[::-1]
             return rest[begin - base]
         return range_min(values, begin - base, end - base)
 
 
 Clamp = tuple[float, float]
-"""(p, q): what makes max(q, min(p, v)) of the robustness v that later witnesses offer."""
+"""(p, q): the map of the robustness v of later witnesses to max(q, min(p, v))."""
 
 
 def followed_by(first: Clamp, then: Clamp) -> Clamp:
-    """Return the clamp of two in a row; see :func:`s2r_spec.robustness.kernels.until`."""
+    """Return the composition of two clamps; see :func:`s2r_spec.robustness.kernels.until`."""
     p, q = first
     return lesser(p, then[0]), max(q, lesser(p, then[1]))
 
@@ -140,7 +140,7 @@ class Until(Timed):
             forgets=reach.low > -math.inf,
         )
         self.guard = Sliding(lesser, math.inf)  # left between an instant and its window
-        self.guarded = 0  # the first instant that has not come into the guard
+        self.guarded = 0  # the first instant that was not in the guard yet
 
     def _prepare(self) -> None:
         super()._prepare()
@@ -157,7 +157,7 @@ class Until(Timed):
             self.tape.append(lesser(self.guard.total, self.witnesses.total[1]))
 
     def _settle(self, k: int, at: float) -> bool:
-        """Move the window to an instant; whether all of it is there."""
+        """Move the window to an instant, and return whether all of its values are known."""
         clock, reach, left, right = self.clock, self.reach, self.left, self.right
         position, snap = clock.positions.value, clock.snap
         if self.past:
@@ -198,9 +198,9 @@ class Until(Timed):
         self.ahead = (-math.inf if empty else low), high
 
     def waits(self, at: FloatArray, side: int) -> NDArray[np.bool_]:
-        """Return (m,): whether ``left`` counts at instants to come, before the windows of (m,) instants begin.
+        """Return (m,): whether ``left`` matters at later instants before the windows of (m,) instants begin.
 
-        Without a period it is not known whether there will be any: no bound relies on it then.
+        Without a period there may be no such instant, so no upper bound uses it.
         """
         latest = self.clock.latest
         if self.clock.period is not None:
@@ -231,7 +231,7 @@ class Until(Timed):
         begin, end = (ends - base for ends in self._windows(base, last))
         begin = np.maximum(
             begin, 0
-        )  # instants before the first one are not asked for: their windows may begin anywhere
+        )  # instants before the first one are not needed, so their windows may begin anywhere
         left, right = (operand.bound(base, last, side)[::-1] for operand in (self.left, self.right))
         newest = last - base
         found = range_until(left, right, newest - end[::-1], newest - begin[::-1])

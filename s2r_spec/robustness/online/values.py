@@ -1,7 +1,7 @@
 """The numbers that a predicate compares, one instant at a time.
 
-The same meaning as :mod:`s2r_spec.robustness.numbers`, in plain floats: for a
-single number they are ten times as fast as arrays.
+The same semantics as :mod:`s2r_spec.robustness.numbers`, with plain floats: for a single number they are ten times
+as fast as arrays.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ class Condition(Source, Protocol):
     """The robustness of a condition at each instant."""
 
     def value(self, k: int) -> float:
-        """Return ρ at an instant that has its value."""
+        """Return ρ at an instant with a known value."""
         ...
 
 
@@ -35,15 +35,15 @@ class Number:
     """A value, or its components, as functions of the instant.
 
     Args:
-        parts: instant → value, one a component; NaN where there is none.
-        sources: what they read at that instant.
+        parts: instant → value, one function for each component; NaN where it is undefined.
+        sources: the sequences that they read at that instant.
     """
 
     parts: tuple[Component, ...]
     sources: tuple[Source, ...] = ()
 
     def end(self, clock: Clock) -> int:
-        """Return how many instants have their value."""
+        """Return the number of instants with a known value."""
         return min((source.end for source in self.sources), default=clock.now + 1)
 
     def keep(self, reader: Reader) -> None:
@@ -59,8 +59,8 @@ class Values:
         clock: of the trace.
         signals: name → a tape for each component.
         params: name → value.
-        roots: all formulas that will be asked for.
-        condition: makes what evaluates the conditions in ``if``, ``duration`` and ``count``.
+        roots: all formulas that will be evaluated.
+        condition: makes the evaluator of the conditions in ``if``, ``duration`` and ``count``.
     """
 
     def __init__(
@@ -81,16 +81,16 @@ class Values:
         self.uses = Counter(id(child) for node in nodes.values() for child in f.children(node))
 
     def __call__(self, node: f.Value) -> Number:
-        """Return the number that a node is."""
+        """Return the number of a node."""
         if id(node) not in self.done:
             found = self._number(node)
-            if self.uses[id(node)] > 1:  # else shared parts would be computed over and over
+            if self.uses[id(node)] > 1:  # otherwise shared parts would be computed repeatedly
                 found = Number(tuple(map(_Remembered, found.parts)), found.sources)
             self.done[id(node)] = found
         return self.done[id(node)]
 
     def settled(self, node: f.Value) -> Sequence[float] | None:
-        """Return what ``init`` or the direction of an ``overshoot`` is, once the first sample tells."""
+        """Return the value of ``init``, or the direction of ``overshoot``; None before the first sample."""
         firsts = self.firsts.get(id(node), ())
         values = [first.value for first in firsts if first.value is not None]
         return values if values and len(values) == len(firsts) else None
@@ -163,7 +163,7 @@ class Values:
 
         def chosen(yes: Component, no: Component) -> Component:
             def value(k: int) -> float:
-                values = yes(k), no(k)  # both, as what is in them may remember its first sample
+                values = yes(k), no(k)  # both are evaluated, since their parts may store their first sample
                 return values[0] if condition.value(k) > 0 else values[1]
 
             return value
@@ -198,7 +198,7 @@ class Values:
 
 
 class _First:
-    """A number at the first instant, at every instant. It is asked at the first one, before any other."""
+    """The value of a number at the first instant, for every instant. It is evaluated at the first one first."""
 
     def __init__(self, part: Component) -> None:
         self.part = part
@@ -211,7 +211,7 @@ class _First:
 
 
 class _Remembered:
-    """A number that is asked for several times at an instant."""
+    """A number that is computed once for each instant."""
 
     def __init__(self, part: Component) -> None:
         self.part = part

@@ -1,10 +1,10 @@
-"""The ``manual`` backend: a person who runs each test and hands over its log.
+"""The ``manual`` backend: a person runs each test and gives s2r its log.
 
     s2r gap SPEC --sim sim --real manual:FOLDER
 
-What may follow the folder says how the logs are read, as for ``log:``: ``manual:night?time-unit=ms&map=vx=v.x``.
-The dialogue is held by the process with the terminal (``attendance.py``). A worker's :meth:`ManualBackend.rollout`
-only takes what was accepted there, and records it in the folder.
+Options for reading the logs may follow the folder, as for ``log:``: ``manual:night?time-unit=ms&map=vx=v.x``. The
+process with the terminal holds the dialogue (``attendance.py``). A worker's :meth:`ManualBackend.rollout` only records
+the accepted log in the folder.
 """
 
 from __future__ import annotations
@@ -19,29 +19,30 @@ import numpy as np
 
 from s2r_spec.backend import VOID, Channel, Needs, Operator, Parameter
 from s2r_spec.errors import NotBegunError, UsageError
+from s2r_spec.rollouts.log_options import LogOptions
 from s2r_spec.rollouts.manual.attendance import FALL, Attendance
-from s2r_spec.rollouts.manual.checks import alike
-from s2r_spec.rollouts.manual.place import ORIGINALS, Place, Step, recorded, without_log
+from s2r_spec.rollouts.manual.checks import as_recorded
+from s2r_spec.rollouts.manual.folder import ORIGINALS, PendingTest, TestFolder, placeholder, recorded
 from s2r_spec.rollouts.manual.words import test_words
-from s2r_spec.rollouts.reading import Reading
 from s2r_spec.trace import Trace
 
 COST = 120.0
-"""Prior: what a test takes a person besides its own length [s], for planning; twice as much plans half as many."""
-VOID_REASON = "the operator says that the test ran and that there is no log of it"
+"""Prior: a person's time for one test, without the test itself [s]; only plans use it. Twice as much plans half as many
+tests."""
+VOID_REASON = "the operator says that the test ran and left no log"
 
 
 @dataclass(frozen=True)
 class ManualBackend:
-    """A person as the backend; channels and parameters are those of the specification.
+    """A person as the backend; its channels and parameters are those of the specification.
 
     Args:
-        folder: of the rollouts; after a ``?`` how logs are read.
-        duration: that the specification looks ahead [s]; 0 where it looks at the whole rest of a trace.
-        needs: of the specification; without it channels and parameters are those of the folder's last run.
+        folder: folder of the rollouts; options for reading logs may follow a ``?``.
+        duration: horizon of the specification [s]; 0 if it reads a trace to its end.
+        needs: channels and parameters of the specification; None for those of the folder's last run.
 
     Raises:
-        UsageError: there is no folder, or what follows it is not understood.
+        UsageError: the folder is missing, or an option is unknown.
     """
 
     folder: str = ""
@@ -53,39 +54,37 @@ class ManualBackend:
     deterministic = False
 
     def __post_init__(self) -> None:
-        """See that the folder's name and its options can be used; nothing is made there."""
+        """Check the folder's name and the options; make nothing."""
         if not self.folder:
-            raise UsageError("the manual backend needs a folder for the rollouts: --real manual:FOLDER")
-        place = self.place.root
-        if place.exists() and not place.is_dir():
-            raise UsageError(
-                f"{place} is a file; manual:FOLDER needs a folder, which it makes if there is none"
-            )
+            raise UsageError("the manual backend needs a folder for the rollouts: write --real manual:FOLDER")
+        root = self.tests.root
+        if root.exists() and not root.is_dir():
+            raise UsageError(f"{root} is a file; name a folder in manual:FOLDER, and s2r makes it if needed")
 
     @property
     def name(self) -> str:
-        """What ``--real`` says."""
+        """Name as in ``--real``."""
         return f"manual:{self.folder}"
 
     @property
-    def reading(self) -> Reading:
-        """How logs are read."""
-        return Reading.of("manual", self.folder)
+    def options(self) -> LogOptions:
+        """Options for reading logs."""
+        return LogOptions.parse("manual", self.folder)
 
     @property
-    def place(self) -> Place:
-        """The folder."""
-        return Place(self.reading.folder)
+    def tests(self) -> TestFolder:
+        """The folder of tests."""
+        return TestFolder(self.options.folder)
 
     @property
     def channels(self) -> tuple[Channel, ...]:
-        """What the specification reads."""
-        return self.needs.channels if self.needs is not None else self.place.declared()[0]
+        """Channels that the specification reads."""
+        return self.needs.channels if self.needs is not None else self.tests.declared()[0]
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """What the specification sweeps and fixes."""
-        return self.needs.parameters if self.needs is not None else self.place.declared()[1]
+        """Parameters that the specification sweeps or fixes."""
+        return self.needs.parameters if self.needs is not None else self.tests.declared()[1]
 
     @property
     def cost(self) -> float:
@@ -94,66 +93,68 @@ class ManualBackend:
 
     @property
     def model_hash(self) -> str:
-        """Hash of what is asked of the person and of how logs are read: of the machine nobody knows one."""
-        asked = [(c.name, c.unit, c.width) for c in self.channels], [asdict(p) for p in self.parameters]
-        record = json.dumps([asked, self.duration, self.reading.words])
+        """Hash of the channels, parameters and options; the machine itself has no known hash."""
+        interface = [(c.name, c.unit, c.width) for c in self.channels], [asdict(p) for p in self.parameters]
+        record = json.dumps([interface, self.duration, self.options.text])
         return hashlib.sha256(record.encode()).hexdigest()
 
     @property
     def assumptions(self) -> tuple[str, ...]:
-        """What every statement about these tests assumes."""
+        """Assumptions of every statement about these tests."""
         return (
-            f"a person ran the tests of {self.name}: each log is of the test that was asked for",
+            f"a person ran the tests of {self.name}: each log is of the requested test",
             f"every test of {self.name} that began has a log, or is recorded as a fall or as void; "
             f"no skipped test began",
         )
 
     def with_duration(self, seconds: float) -> Self:
-        """Return the same backend for logs of this length."""
+        """Return this backend with logs of this length."""
         return replace(self, duration=seconds)
 
     def for_spec(self, needs: Needs) -> Self:
-        """Return the same backend with the channels and parameters of a specification."""
+        """Return this backend with the channels and parameters of a specification."""
         return replace(self, needs=needs)
 
     def attendance(self, operator: Operator) -> Attendance:
         """Return the dialogue with the person."""
         if self.needs is None:
             raise UsageError(
-                f"{self.name} needs a specification: s2r check, gap or certify ask for its tests"
+                f"{self.name} needs a specification: run s2r check, gap or certify, which request its tests"
             )
-        return Attendance(self.place, self.reading, self.needs, self.duration, operator)
+        return Attendance(self.tests, self.options, self.needs, self.duration, operator)
 
     def rollout(self, params: Mapping[str, float], seed: int) -> Trace:
-        """Return the log that was accepted for this test, and record it in the folder.
+        """Return the accepted log of this test, and record it in the folder.
 
         Raises:
-            NotBegunError: none was accepted; the operator is asked again.
+            NotBegunError: no log was accepted; the operator is asked again.
         """
-        step = self.place.step()
-        if step is None or step.state == "asked" or step.params != dict(params):
+        test = self.tests.pending()
+        if test is None or test.state == "asked" or test.params != dict(params):
             raise NotBegunError(f"there is no log of {test_words(params, self.parameters)} yet")
-        if step.state == "recorded":
-            if step.seed == seed:
-                return self.place.trace(step)
-            self.place.close()
+        if test.state == "recorded":
+            if test.seed == seed:
+                return self.tests.trace(test)
+            self.tests.close()
             raise NotBegunError(
-                f"the log of {test_words(params, self.parameters)} is recorded as {step.id}, for an earlier rollout"
+                f"the log of {test_words(params, self.parameters)} is recorded as {test.id}, for an earlier rollout"
             )
-        if step.void is not None:
+        if test.void is not None:
             return Trace(
-                np.zeros(1), {}, {}, {VOID: step.void, "reason": VOID_REASON, "params": dict(params)}
+                np.zeros(1), {}, {}, {VOID: test.void, "reason": VOID_REASON, "params": dict(params)}
             )
-        trace = self.place.record(step, self._trace(step), seed, self.channels, self.parameters)
-        self.place.write(recorded(step, seed), {})
+        trace = self.tests.record(test, self._trace(test), seed, self.channels, self.parameters)
+        self.tests.write(recorded(test, seed), {})
         return trace
 
-    def _trace(self, step: Step) -> Trace:
-        """Return the trace of an accepted step, with channels in the units of the specification."""
-        about: dict[str, Any] = {"params": dict(step.params)}
-        if step.log is None:
-            trace = without_log(step.failure or FALL, self.channels)
-            return Trace(trace.times, trace.channels, trace.units, dict(trace.meta) | about)
-        about |= {"log": step.log} | ({} if step.failure is None else {"failure": step.failure})
-        read = self.reading.held(self.reading.load(self.place.root / ORIGINALS / step.log).trace)
-        return alike(Trace(read.times, read.channels, read.units, dict(read.meta) | about), self.channels)
+    def _trace(self, test: PendingTest) -> Trace:
+        """Return the trace of an accepted test, with channels in the units of the specification."""
+        meta: dict[str, Any] = {"params": dict(test.params)}
+        if test.log is None:
+            trace = placeholder(test.failure or FALL, self.channels)
+            return Trace(trace.times, trace.channels, trace.units, dict(trace.meta) | meta)
+        meta |= {"log": test.log} | ({} if test.failure is None else {"failure": test.failure})
+        trace = self.options.fill_gaps(self.options.load(self.tests.root / ORIGINALS / test.log).trace)
+        return as_recorded(
+            Trace(trace.times, trace.channels, trace.units, dict(trace.meta) | meta), self.channels
+        )

@@ -1,7 +1,7 @@
-"""Is this the log of the test that was asked for? Each check returns why not, in a sentence, or None.
+"""Check that a log is of the requested test. Each check returns the reason for a refusal, or None.
 
-Data: a trace as its file has it, the parameters of the test, and what the specification needs. The checks are pure,
-and ask in the order of :data:`CHECKS`: a later one may rely on those before it.
+Data: the trace as read, the parameters of the test, and the channels of the specification. The checks are pure and run
+in the order of :data:`CHECKS`; a check may rely on the ones before it.
 """
 
 from __future__ import annotations
@@ -21,35 +21,37 @@ from s2r_spec.trace import Trace
 FloatArray = NDArray[np.float64]
 
 COMMANDS = ("{}_cmd", "cmd_{}", "{}_command", "{}_des", "{}_ref")
-"""Definition: how a log calls the command of a quantity; a column of another name is mapped to ``<parameter>_cmd``."""
+"""Definition: names of a quantity's command in a log; a column with another name is mapped to ``<parameter>_cmd``."""
 COMMANDED = {"vd": ("v", "vx")}
-"""Definition: quantities that a parameter of another name commands, by the names of our specs for walking robots."""
+"""Definition: parameter → quantities that it commands, as named in our specs for walking robots."""
 SAME_TEST = 0.01
-"""Tolerance: part of a parameter's range by which what a log says of its test may differ from the test. It is above the
-rounding of any interface and below what a person would call another test; twice as much accepts tests twice as far."""
+"""Tolerance: difference between the test in a log and the requested one, as a share of the parameter's range. It is
+above the rounding of any interface. Twice as much accepts tests twice as far away."""
 FEWEST = 10
-"""Tolerance: samples within the time that the spec looks at. A log with fewer that is far too long, too, has its times
-in another unit; twice as many would refuse slow loggers."""
+"""Tolerance: samples within the horizon. A log with fewer samples and a far too long duration has its times in another
+unit. Twice as many would refuse slow loggers."""
 FAR_TOO_LONG = 100.0
-"""Tolerance: times the needed length. Milliseconds that are read as seconds make a log a thousand times too long."""
+"""Tolerance: duration of a log, in horizons. Milliseconds read as seconds make a log 1000 times too long. Twice as much
+accepts logs twice as long."""
 GAP = 0.05
-"""Tolerance: part of the needed length for which a log may have no sample; twice as much may hide a violation twice as
-long."""
+"""Tolerance: longest gap between samples, as a share of the horizon. Twice as much may hide a violation of twice the
+length."""
 WANDERS = 0.05
-"""Tolerance: part of a parameter's range by which a command may leave its test once it has reached it. It is above the
-noise of a command that was measured; twice as much accepts a test that went on at another speed by as much."""
+"""Tolerance: deviation of a command after it reached the test, as a share of the parameter's range. It is above the
+noise of a measured command. Twice as much accepts a command that is off by twice as much."""
 STEPS = 10.0
-"""Tolerance: usual steps of its clock that a gap is longer than, so that a slow logger has none."""
+"""Tolerance: shortest gap, in median sampling periods, so that a slow logger has none. Twice as much finds only gaps of
+twice the length."""
 
 
 @dataclass(frozen=True)
-class Question:
-    """The test that was asked for.
+class RequestedTest:
+    """The test that s2r requested.
 
     Attributes:
-        params: of the test, in the units of the spec.
-        needs: of the spec.
-        seconds: that the spec looks ahead [s]; 0 where it looks at the whole rest of a trace.
+        params: parameters of the test, in the units of the spec.
+        needs: channels and parameters of the spec.
+        seconds: horizon of the spec [s]; 0 if it reads a trace to its end.
     """
 
     params: Mapping[str, float]
@@ -57,146 +59,145 @@ class Question:
     seconds: float
 
 
-def refusal(trace: Trace, question: Question) -> str | None:
-    """Return why a trace is not the log of the test, or None if nothing speaks against it.
+def refusal(trace: Trace, test: RequestedTest) -> str | None:
+    """Return why a trace is not the log of a test; None if it passes all checks.
 
-    A trace that failed is judged by no sample: only that it is of this test is asked.
+    The samples of a failed trace do not count, so only its test is checked.
     """
     checks = OF_FAILURES if trace.failure is not None else CHECKS
-    return next((sentence for check in checks if (sentence := check(trace, question)) is not None), None)
+    return next((reason for check in checks if (reason := check(trace, test)) is not None), None)
 
 
-def said_test(trace: Trace, question: Question) -> str | None:
-    """Refuse a log that says itself that it is of another test (``meta["params"]``)."""
-    said = trace.meta.get("params")
-    for name, value in said.items() if isinstance(said, Mapping) else ():
-        parameter = next((p for p in question.needs.parameters if p.name == name), None)
+def stated_test(trace: Trace, test: RequestedTest) -> str | None:
+    """Refuse a log that states another test in ``meta["params"]``."""
+    stated = trace.meta.get("params")
+    for name, value in stated.items() if isinstance(stated, Mapping) else ():
+        parameter = next((p for p in test.needs.parameters if p.name == name), None)
         if parameter is None or not isinstance(value, int | float):
             continue
-        asked = question.params[name]
-        if not abs(value - asked) <= _tolerance(parameter, asked):
+        requested = test.params[name]
+        if not abs(value - requested) <= _tolerance(parameter, requested):
             unit = _unit(parameter.unit)
-            return (
-                f"it says that it is of {name} = {value:g}{unit}, and the test has {name} = {asked:g}{unit}"
-            )
+            return f"its params state {name} = {value:g}{unit}, but the test has {name} = {requested:g}{unit}"
     return None
 
 
-def channels(trace: Trace, question: Question) -> str | None:
-    """Refuse a log that lacks a channel of the spec, or has it in another width or in a unit that does not fit."""
-    for channel in question.needs.channels:
+def channels(trace: Trace, test: RequestedTest) -> str | None:
+    """Refuse a log that lacks a channel of the spec, or has it with another width or an incompatible unit."""
+    for channel in test.needs.channels:
         if channel.name not in trace.channels:
             return (
                 f"it has no channel {channel.name!r}{suggest(channel.name, trace.channels)} it has "
-                f"{one_of(trace.channels)}; another name is mapped, as in manual:FOLDER?map={channel.name}=NAME"
+                f"{one_of(trace.channels)}; map another name by manual:FOLDER?map={channel.name}=NAME"
             )
         width = math.prod(trace[channel.name].shape[1:])
         if width != channel.width:
             return (
                 f"its channel {channel.name!r} has {width} components, and the spec declares {channel.width}"
             )
-        if (wrong := _unfit(channel.name, trace.units.get(channel.name), channel.unit)) is not None:
+        if (wrong := _unit_fault(channel.name, trace.units.get(channel.name), channel.unit)) is not None:
             return wrong
     return None
 
 
-def clock(trace: Trace, question: Question) -> str | None:
-    """Refuse times that are in another unit: far too long a log with hardly a sample in the time that counts."""
-    if question.seconds <= 0 or len(trace) < 2:
+def clock(trace: Trace, test: RequestedTest) -> str | None:
+    """Refuse times in another unit: the log is far too long, and has few samples within the horizon."""
+    if test.seconds <= 0 or len(trace) < 2:
         return None
-    within = int(np.searchsorted(trace.times - trace.times[0], question.seconds, side="right"))
-    if trace.duration > FAR_TOO_LONG * question.seconds and within < FEWEST:
+    within = int(np.searchsorted(trace.times - trace.times[0], test.seconds, side="right"))
+    if trace.duration > FAR_TOO_LONG * test.seconds and within < FEWEST:
         step = float(np.median(np.diff(trace.times)))
         return (
-            f"its clock is wrong: it lasts {trace.duration:g} s with samples every {step:g} s, the test lasts "
-            f"{question.seconds:g} s; times in ms are read with manual:FOLDER?time-unit=ms"
+            f"its clock is wrong: it lasts {trace.duration:g} s with a sample every {step:g} s, the test only "
+            f"{test.seconds:g} s; read times in ms by manual:FOLDER?time-unit=ms"
         )
     return None
 
 
-def length(trace: Trace, question: Question) -> str | None:
-    """Refuse a log that ends before the spec has seen what it looks at, to within one usual step."""
+def length(trace: Trace, test: RequestedTest) -> str | None:
+    """Refuse a log that is shorter than the horizon by more than one sampling period."""
     step = float(np.median(np.diff(trace.times))) if len(trace) > 1 else 0.0
-    if trace.duration + step * (1 + 1e-6) < question.seconds:
+    if trace.duration + step * (1 + 1e-6) < test.seconds:
         return (
-            f"it is too short: it lasts {trace.duration:.4g} s, and the spec looks at {question.seconds:g} s"
+            f"it is too short: it lasts {trace.duration:.4g} s, and the spec looks {test.seconds:g} s ahead"
         )
     return None
 
 
-def gaps(trace: Trace, question: Question) -> str | None:
-    """Refuse a clock that jumps in the time that counts: what happened meanwhile nobody knows."""
-    counted = _counted(trace, question.seconds)
+def gaps(trace: Trace, test: RequestedTest) -> str | None:
+    """Refuse a log with a long gap between samples within the horizon."""
+    counted = _counted(trace, test.seconds)
     steps = np.diff(trace.times[counted])
     if not len(steps):
         return None
     longest = int(np.argmax(steps))
-    span = question.seconds or trace.duration
+    span = test.seconds or trace.duration
     if steps[longest] > max(STEPS * float(np.median(steps)), GAP * span):
         since = float(trace.times[longest] - trace.times[0])
         return f"it has no sample for {steps[longest]:.3g} s, from {since:.4g} s after its beginning"
     return None
 
 
-def samples(trace: Trace, question: Question) -> str | None:
-    """Refuse a channel of the spec that lacks a sample."""
-    for channel in question.needs.channels:
+def samples(trace: Trace, test: RequestedTest) -> str | None:
+    """Refuse a log in which a channel of the spec lacks a sample."""
+    for channel in test.needs.channels:
         lacking = np.isnan(trace[channel.name]).reshape(len(trace), -1).any(axis=1)
         if lacking.any():
             at = float(trace.times[int(np.argmax(lacking))] - trace.times[0])
             return (
-                f"its channel {channel.name!r} has no value {at:.4g} s after its beginning; the sample before stands "
-                f"for it with manual:FOLDER?nan=hold"
+                f"its channel {channel.name!r} has no value {at:.4g} s after its beginning; take the sample before it "
+                f"by manual:FOLDER?nan=hold"
             )
     return None
 
 
-def commands(trace: Trace, question: Question) -> str | None:
-    """Refuse a log whose recorded command is not that of the test.
+def commands(trace: Trace, test: RequestedTest) -> str | None:
+    """Refuse a log whose recorded command differs from the test.
 
-    Its median over the time that counts is compared: a ramp at the beginning changes it little. Once it has reached
-    the test it must stay there: who let go of the stick, or turned it down, ran another test.
+    The median within the horizon is compared, which a ramp at the beginning changes little. After the command has
+    reached the test it must stay there: an operator who releases the stick runs another test.
     """
-    counted = _counted(trace, question.seconds)
-    for parameter in question.needs.parameters:
+    counted = _counted(trace, test.seconds)
+    for parameter in test.needs.parameters:
         for name in _commands_of(parameter.name, trace, counted):
             unit = trace.units.get(name)
-            if (wrong := _unfit(name, unit, parameter.unit)) is not None:
+            if (wrong := _unit_fault(name, unit, parameter.unit)) is not None:
                 return wrong
-            there = counted & np.isfinite(trace[name].reshape(-1))
-            if not there.any():
+            finite = counted & np.isfinite(trace[name].reshape(-1))
+            if not finite.any():
                 continue
             factor, offset = _conversion(unit, parameter.unit)
-            values = factor * trace[name].reshape(-1)[there] + offset
-            found, asked = float(np.median(values)), question.params[parameter.name]
+            values = factor * trace[name].reshape(-1)[finite] + offset
+            median, requested = float(np.median(values)), test.params[parameter.name]
             shown = _unit(parameter.unit)
-            wanted = f"the test has {parameter.name} = {asked:.4g}{shown}"
-            if abs(found - asked) > _tolerance(parameter, asked):
-                return f"its command {name} is {found:.4g}{shown}, and {wanted}"
-            if trace.failure is not None:  # who sees a robot fall lets go of the stick
+            expected = f"but the test has {parameter.name} = {requested:.4g}{shown}"
+            if abs(median - requested) > _tolerance(parameter, requested):
+                return f"its command {name} is {median:.4g}{shown}, {expected}"
+            if trace.failure is not None:  # an operator releases the stick when the robot falls
                 continue
-            since = trace.times[there] - trace.times[0]
-            for first, level in _left(values, asked, _tolerance(parameter, asked) * WANDERS / SAME_TEST):
-                return f"its command {name} is {level:.4g}{shown} from {since[first]:.4g} s on, and {wanted}"
+            since = trace.times[finite] - trace.times[0]
+            tolerance = _tolerance(parameter, requested) * WANDERS / SAME_TEST
+            for first, level in _departures(values, requested, tolerance):
+                return f"its command {name} is {level:.4g}{shown} from {since[first]:.4g} s on, {expected}"
     return None
 
 
-def _left(values: FloatArray, asked: float, tolerance: float) -> Iterator[tuple[int, float]]:
-    """Yield where a command that has reached the test is elsewhere, and what it is there.
+def _departures(values: FloatArray, requested: float, tolerance: float) -> Iterator[tuple[int, float]]:
+    """Yield (index, level) of each piece in which a command has left the test after it reached it.
 
-    Medians of pieces are compared, each a ``GAP`` of the time that counts: single samples may be noise.
+    Each piece lasts a share ``GAP`` of the horizon, and its level is a median, because single samples may be noise.
     """
     reached = False
     for piece in np.array_split(np.arange(len(values)), min(len(values), round(1 / GAP))):
         level = float(np.median(values[piece]))
-        if abs(level - asked) <= tolerance:
+        if abs(level - requested) <= tolerance:
             reached = True
         elif reached:
             yield int(piece[0]), level
 
 
-def what_counts(trace: Trace, seconds: float) -> Trace:
-    """Return the part of a trace that the spec looks at: all of it where ``seconds`` is 0."""
+def within_horizon(trace: Trace, seconds: float) -> Trace:
+    """Return the part of a trace within the horizon [s]; all of it if ``seconds`` is 0."""
     counted = _counted(trace, seconds)
     return Trace(
         trace.times[counted], {n: v[counted] for n, v in trace.channels.items()}, trace.units, trace.meta
@@ -204,7 +205,7 @@ def what_counts(trace: Trace, seconds: float) -> Trace:
 
 
 def _counted(trace: Trace, seconds: float) -> NDArray[np.bool_]:
-    """Return which samples the spec looks at."""
+    """Return (n,) bool: whether each sample lies within the horizon [s]."""
     counted: NDArray[np.bool_] = trace.times - trace.times[0] <= (seconds or math.inf)
     return counted
 
@@ -212,7 +213,7 @@ def _counted(trace: Trace, seconds: float) -> NDArray[np.bool_]:
 def _commands_of(parameter: str, trace: Trace, counted: NDArray[np.bool_]) -> list[str]:
     """Return the channels that hold the command of a parameter.
 
-    One of the parameter's own name may be what was measured (``wz``): it is the command only if it keeps one value.
+    A channel with the parameter's own name, such as ``wz``, may be a measurement; it is a command if it is constant.
     """
     quantities = (parameter, *COMMANDED.get(parameter, ()))
     names = [form.format(quantity) for quantity in quantities for form in COMMANDS]
@@ -221,82 +222,81 @@ def _commands_of(parameter: str, trace: Trace, counted: NDArray[np.bool_]) -> li
     return [name for name in names if name in trace.channels and trace[name].size == len(trace)]
 
 
-def score(trace: Trace, question: Question) -> str | None:
-    """Refuse what the spec cannot judge, for whatever reason: the run would end over it."""
+def score(trace: Trace, test: RequestedTest) -> str | None:
+    """Refuse a log for which the spec gives no robustness: it would end the run."""
     try:
-        found = question.needs.score(_in_units(trace, question.needs.channels), question.params)
+        rho = test.needs.score(_in_units(trace, test.needs.channels), test.params)
     except S2RError as error:
-        return f"the spec cannot judge it: {error}"
-    return None if math.isfinite(found) else f"the spec cannot judge it: its robustness is {found}"
+        return f"the spec gives it no robustness: {error}"
+    return None if math.isfinite(rho) else f"the spec gives it no robustness: the result is {rho}"
 
 
-Check = Callable[[Trace, Question], str | None]
-OF_FAILURES: tuple[Check, ...] = (said_test, commands)
-CHECKS: tuple[Check, ...] = (said_test, channels, clock, length, commands, gaps, samples, score)
+Check = Callable[[Trace, RequestedTest], str | None]
+OF_FAILURES: tuple[Check, ...] = (stated_test, commands)
+CHECKS: tuple[Check, ...] = (stated_test, channels, clock, length, commands, gaps, samples, score)
 
 
-def alike(trace: Trace, needed: tuple[Channel, ...]) -> Trace:
-    """Return a trace that was not refused as every trace of a folder is: channels of the spec in its units.
+def as_recorded(trace: Trace, needed: tuple[Channel, ...]) -> Trace:
+    """Return an accepted trace in the folder's common form: the channels of the spec in its units.
 
-    One that failed has all of them, with no sample where its log has none that fits: its robustness is declared, and
-    nothing is read from it.
+    A failed trace gets all of these channels, with NaN where its log has no valid one; its robustness is declared.
     """
     return _with_all(trace, needed) if trace.failure is not None else _in_units(trace, needed)
 
 
 def _in_units(trace: Trace, needed: tuple[Channel, ...]) -> Trace:
-    """Return the trace with the channels of the spec in its units; numbers without a unit are in those."""
-    found, units = dict(trace.channels), dict(trace.units)
+    """Return the trace with the spec's channels in the spec's units; numbers without a unit already are."""
+    converted, units = dict(trace.channels), dict(trace.units)
     for channel in needed:
-        if channel.name in found:
-            values = found[channel.name]
+        if channel.name in converted:
+            values = converted[channel.name]
             factor, offset = _conversion(units.get(channel.name), channel.unit)
             if (factor, offset) != (1.0, 0.0):
                 values = factor * values + offset
-            found[channel.name] = values
+            converted[channel.name] = values
             units.pop(channel.name, None)
             if channel.unit:
                 units[channel.name] = channel.unit
-    return Trace(trace.times, found, units, trace.meta)
+    return Trace(trace.times, converted, units, trace.meta)
 
 
 def _with_all(trace: Trace, needed: tuple[Channel, ...]) -> Trace:
-    """Return the trace with all channels of the spec; no sample where it has none that fits."""
-    fit = {
+    """Return the trace with all channels of the spec; NaN where the trace has no valid one."""
+    valid = {
         c.name
         for c in needed
         if c.name in trace.channels
         and math.prod(trace[c.name].shape[1:]) == c.width
-        and _unfit(c.name, trace.units.get(c.name), c.unit) is None
+        and _unit_fault(c.name, trace.units.get(c.name), c.unit) is None
     }
-    found = {n: v for n, v in trace.channels.items() if n in fit or all(n != c.name for c in needed)}
+    samples = {n: v for n, v in trace.channels.items() if n in valid or all(n != c.name for c in needed)}
     for c in needed:
-        if c.name not in fit:
-            found[c.name] = np.full((len(trace), *((c.width,) if c.width > 1 else ())), np.nan)
-    units = {name: unit for name, unit in trace.units.items() if name in found}
-    units |= {c.name: c.unit for c in needed if c.unit and c.name not in fit}
-    return _in_units(Trace(trace.times, found, units, trace.meta), needed)
+        if c.name not in valid:
+            samples[c.name] = np.full((len(trace), *((c.width,) if c.width > 1 else ())), np.nan)
+    units = {name: unit for name, unit in trace.units.items() if name in samples}
+    units |= {c.name: c.unit for c in needed if c.unit and c.name not in valid}
+    return _in_units(Trace(trace.times, samples, units, trace.meta), needed)
 
 
 def without_unit(trace: Trace, needed: tuple[Channel, ...]) -> list[str]:
-    """Return the channels of the spec whose numbers are read in its units because their log says none."""
+    """Return the channels of the spec for which the log states no unit."""
     return [c.name for c in needed if c.unit and c.name in trace.channels and not trace.units.get(c.name)]
 
 
-def _tolerance(parameter: Parameter, asked: float) -> float:
+def _tolerance(parameter: Parameter, requested: float) -> float:
     width = parameter.high - parameter.low
-    return SAME_TEST * (width if width > 0 else abs(asked)) + 1e-12
+    return SAME_TEST * (width if width > 0 else abs(requested)) + 1e-12
 
 
-def _unfit(name: str, unit: str | None, declared: str) -> str | None:
-    """Return why the unit of a channel is not one that the spec can read, or None."""
+def _unit_fault(name: str, unit: str | None, declared: str) -> str | None:
+    """Return what is wrong with the unit of a channel, or None."""
     if not unit or unit == declared:
         return None
     try:
-        found = parse_unit(unit)
+        parsed = parse_unit(unit)
     except UnknownUnitError:
         return f"its channel {name!r} is in {unit!r}, which is no unit"
-    if not found.fits(parse_unit(declared)):
+    if not parsed.fits(parse_unit(declared)):
         return f"its channel {name!r} is in {unit}, which does not convert to {declared or 'a number without unit'}"
     return None
 

@@ -1,4 +1,4 @@
-"""Tables of a folder of tests: read as they are, replaced whole."""
+"""Read and extend the tables in a folder of tests; a table is replaced whole or not at all."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ def header(parameters: Sequence[Parameter]) -> list[str]:
 
 
 def read(path: Path) -> tuple[list[str], list[list[str]]]:
-    """Return the header and the rows of a table; neither if there is no file.
+    """Return the header and the rows of a table; both empty if there is no file.
 
     Raises:
-        UsageError: it cannot be read.
+        UsageError: the file cannot be read.
     """
     try:
         text = path.read_text(encoding="utf-8-sig")
@@ -39,12 +39,12 @@ def ids(path: Path) -> list[str]:
 
 
 def add(path: Path, names: Sequence[str], row: Sequence[str]) -> None:
-    """Write a table with one more row; ``names`` are its header if it is new.
+    """Add a row to a table; ``names`` is the header of a new one.
 
     Raises:
-        UsageError: it cannot be written; what was there before is as it was.
+        UsageError: the file cannot be written; it then stays unchanged.
     """
-    there, rows = read(path)
+    columns, rows = read(path)
     text = io.StringIO(newline="")
-    csv.writer(text, lineterminator="\n").writerows([there or names, *rows, row])
+    csv.writer(text, lineterminator="\n").writerows([columns or names, *rows, row])
     save(path, text.getvalue())

@@ -13,7 +13,7 @@ from s2r_spec.diagnose.where.body import CELLS, Residuals, body, windows
 from s2r_spec.diagnose.where.discovery import adjusted
 from s2r_spec.diagnose.where.found import body_of, where
 from s2r_spec.errors import TraceError
-from s2r_spec.rollouts.match import match
+from s2r_spec.rollouts.compatibility import check_compatibility
 from s2r_spec.rollouts.seeds import Stream, rollout_seed
 from s2r_spec.trace import Trace
 
@@ -73,7 +73,7 @@ def compare(seed, shift=lambda t: 0.0, n=12):
 def bench_of(backend, text=SPEC):
     spec = s2r.parse_spec(text)
     name = spec.requirements[0]
-    return Bench(backend, spec, name, match(spec, name, backend))
+    return Bench(backend, spec, name, check_compatibility(spec, name, backend))
 
 
 def answer(bench, rollouts, seed=0, only_body=False):

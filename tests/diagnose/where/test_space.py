@@ -102,17 +102,14 @@ def test_a_corner_of_a_box(dim):
     result = in_space(space, seen(space, lambda x: 0.05 * float(x[0] + x[1]), places, generator, real=1))
     assert result.worst["p0"] > 0.7
     assert result.worst["p1"] > 0.7
-    assert any("0 of 25 tests have three real rollouts" in note for note in result.notes)
+    assert any("0 of 25 tests" in note for note in result.notes)
     assert set(result.to_json()["along"]) == set(space.names)
     assert len(result.to_json()["along"]["p0"]["at"]) >= 5
 
 
 def test_one_rollout_at_one_test_says_so():
     result = in_space(LINE, (GapAt({"vd": 0.1}, np.array([0.01]), np.array([0.02])),))
-    assert (
-        "the gap was measured at 1 place of a test space with 1 parameter: elsewhere it is a guess"
-        in result.notes
-    )
+    assert any("at 1 test of a space with 1 parameter" in note for note in result.notes)
     assert math.isnan(result.floor)
     plain = result.to_json()
     # What scatter alone would make is not known, so no gap is said to be beyond it.
@@ -121,10 +118,10 @@ def test_one_rollout_at_one_test_says_so():
 
 
 def test_what_cannot_be_asked():
-    with pytest.raises(UsageError, match="needs one real rollout at least"):
+    with pytest.raises(UsageError, match="at least one real rollout"):
         in_space(LINE, ())
     many = Space.of({f"p{k}": (0, 1) for k in range(5)})
-    with pytest.raises(UsageError, match="over one to four test parameters, and the spec has 5"):
+    with pytest.raises(UsageError, match=r"one to four .* has 5"):
         in_space(many, (GapAt({}, np.zeros(1), np.zeros(1)),))
 
 

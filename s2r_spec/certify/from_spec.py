@@ -1,0 +1,75 @@
+"""The search that a specification's certify line declares."""
+
+from __future__ import annotations
+
+from s2r_spec.certify.kernels import Kernel
+from s2r_spec.certify.options import RunOptions
+from s2r_spec.certify.search import Search
+from s2r_spec.certify.settings import SearchSettings
+from s2r_spec.errors import UsageError, one_of
+from s2r_spec.spec import CertifySettings, Spec
+
+
+def search_for(spec: Spec, requirement: str, options: RunOptions, noise: float = 1.0) -> Search:
+    """Return the search that a requirement's certify line declares.
+
+    Args:
+        spec: with a test space and a certify line.
+        requirement: its name.
+        options: have the seed, the budget, the mode and the engine.
+        noise: multiplies the declared R (dimensionless).
+
+    Raises:
+        UsageError: the requirement is unknown, or its certify line lacks a setting.
+    """
+    if requirement not in spec.requirements:
+        raise UsageError(
+            f"{spec.name} has no requirement {requirement!r}; it has {one_of(spec.requirements)}"
+        )
+    if not spec.space.dim:
+        raise UsageError(
+            f"{spec.name} has no test space: declare a parameter with a range, "
+            f"for example  param vd {{m/s}} in [-0.2, 0.3]"
+        )
+    settings = spec.certify.get(requirement, CertifySettings())
+    delta, epsilon, B, R = settings.delta, settings.epsilon, settings.B, settings.R
+    kernel = settings.kernel
+    if delta is None or epsilon is None or B is None or R is None or kernel is None or settings.fall is None:
+        wanted = ("delta", "epsilon", "B", "R", "kernel", "fall")
+        lacking = [name for name in wanted if getattr(settings, name) is None]
+        raise UsageError(
+            f"the certificate of {requirement!r} needs {', '.join(lacking)}, declared before the data "
+            f"in a line 'certify {requirement}: {lacking[0]} = …' of {spec.name}"
+        )
+    return Search.of(
+        SearchSettings(
+            space=spec.space,
+            kernel=Kernel(kernel.name, kernel.lengthscales),
+            B=B,
+            R=R * noise,
+            delta=delta,
+            epsilon=epsilon,
+            seed=options.seed,
+            budget=options.budget,
+            mode=options.mode,
+            engine=options.engine,
+            unit=rho_unit(spec, requirement),
+        )
+    )
+
+
+def rho_unit(spec: Spec, requirement: str) -> str:
+    """Return the unit of ρ, "" when the requirement mixes units that do not compare."""
+    unit = spec.unit(requirement)
+    return "" if unit == "mixed" else unit
+
+
+def only_requirement(spec: Spec) -> str:
+    """Return the name of the spec's one requirement.
+
+    Raises:
+        UsageError: there are several, so that a name is needed.
+    """
+    if len(spec.requirements) != 1:
+        raise UsageError(f"{spec.name} has several requirements ({one_of(spec.requirements)}): name one")
+    return spec.requirements[0]

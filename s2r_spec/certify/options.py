@@ -1,0 +1,125 @@
+"""Options of a run, as one value. :func:`check`, :func:`gap` and :func:`certify` take them as keywords."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Required, TypedDict
+
+from s2r_spec.backend import Operator
+from s2r_spec.certify.observers import Observer, Silent
+from s2r_spec.errors import UsageError
+from s2r_spec.rollouts.attendance import Terms, terms_of
+from s2r_spec.rollouts.machine_journal import AGAIN
+from s2r_spec.rollouts.pools import ExecutorFactory, process_pool
+from s2r_spec.rollouts.runner import Runner
+
+
+class ExecutionKeywords(TypedDict, total=False):
+    """Keywords of :class:`Execution`."""
+
+    seed: int
+    executor: ExecutorFactory | None
+    timeout: float | None
+    resume: bool
+    observer: Observer | None
+
+
+class RunKeywords(ExecutionKeywords, total=False):
+    """Keywords of ``check``, ``gap`` and ``certify``; :class:`RunOptions` describes them and has their defaults."""
+
+    requirement: str | None
+    budget: int | None
+    mode: str
+    engine: str
+    void: str
+    operator: Operator | None
+
+
+class MeasureKeywords(ExecutionKeywords, total=False):
+    """Keywords of ``check_measure``; :class:`MeasureOptions` describes them and has their defaults."""
+
+    fall: Required[float]
+    duration: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Execution:
+    """How rollouts are run.
+
+    Args:
+        seed: of the whole run.
+        executor: makes the pool of workers; two local processes by default.
+        timeout: a rollout that takes longer is ended, and counts as a crash [s]; ``inf`` for never, None for
+            :func:`s2r_spec.rollouts.scorer.default_timeout`.
+        resume: go on with the run in the folder.
+        observer: receives batches and rollouts, to show them.
+    """
+
+    seed: int = 0
+    executor: ExecutorFactory | None = None
+    timeout: float | None = None
+    resume: bool = False
+    observer: Observer | None = None
+
+    def runner(self) -> Runner:
+        """Return a runner with a pool of its own; close it."""
+        return Runner(self.executor or process_pool(2), self.timeout)
+
+    @property
+    def watching(self) -> Observer:
+        """The observer, or one that shows nothing."""
+        return self.observer or Silent()
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunOptions(Execution):
+    """Options of a run against a specification, besides those of :class:`Execution`.
+
+    Args:
+        requirement: its name; None if the specification has only one.
+        budget: most rollouts; None for as many as the specification's ε takes. Of a gap it bounds the real rollouts.
+        mode: of the confidence set, see :class:`~s2r_spec.certify.settings.SearchSettings`.
+        engine: of the Gaussian process, see there.
+        void: for a machine, what follows a rollout that the robot did not end: "again" repeats the test, "fall" counts
+            the rollout as a fall.
+        operator: for a machine, the person who answers; whoever is at this process's terminal if None.
+
+    Raises:
+        UsageError: ``void`` is neither word.
+    """
+
+    requirement: str | None = None
+    budget: int | None = None
+    mode: str = "rigorous"
+    engine: str = "spectral"
+    void: str = AGAIN
+    operator: Operator | None = None
+    terms: Terms = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Settle how the rollouts of a machine are attended to."""
+        object.__setattr__(self, "terms", terms_of(self.void, self.operator))
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeasureOptions(Execution):
+    """Options of a run with a measure instead of a requirement, besides those of :class:`Execution`.
+
+    Args:
+        fall: value of a rollout that fails, in the unit of the measure.
+        duration: length of a rollout [s]; the backend's own if None.
+
+    Raises:
+        UsageError: ``fall`` is no finite number.
+    """
+
+    fall: float
+    duration: float | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse a fall that is no number."""
+        if not isinstance(self.fall, int | float) or not math.isfinite(self.fall):
+            raise UsageError(
+                f"fall must be a finite number, what a rollout that fails is worth, not {self.fall!r}"
+            )

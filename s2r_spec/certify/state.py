@@ -1,0 +1,74 @@
+"""The state of a search between two batches."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec.certify.confidence_set import ConfidenceSet
+from s2r_spec.certify.coverage import Coverage, long_axes
+from s2r_spec.certify.feasibility import Obstacles
+from s2r_spec.certify.samples import Outcomes
+from s2r_spec.certify.settings import SearchSettings
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass
+class State:
+    """All that the next batch, the label and the certificate depend on.
+
+    Attributes:
+        settings: the declaration.
+        obstacles: reasons why no certificate is possible.
+        coverage: of axes that are shorter than the kernel.
+        confidence: bounds of J from the outcomes.
+        outcomes: all outcomes so far, in units of R.
+        budget: most rollouts; None for as many as ε takes.
+        queries: number of queries so far.
+        batches: number of batches with outcomes.
+        fixed: outcomes of tests that the search did not choose.
+        final: whether no further test will be asked for.
+        missing: a sentence on outcomes that a caller left out, "" if none were.
+    """
+
+    settings: SearchSettings
+    obstacles: Obstacles
+    coverage: Coverage
+    confidence: ConfidenceSet
+    budget: int | None
+    outcomes: Outcomes = field(default_factory=Outcomes)
+    queries: int = 0
+    batches: int = 0
+    fixed: int = 0
+    final: bool = False
+    missing: str = ""
+
+    @classmethod
+    def of(cls, settings: SearchSettings) -> State:
+        """Return the state before any outcome."""
+        return cls(
+            settings,
+            Obstacles.of(settings),
+            Coverage(settings.space, long_axes(settings.space, settings.kernel)),
+            ConfidenceSet(settings),
+            settings.budget,
+        )
+
+    @property
+    def tested(self) -> FloatArray:
+        """(u, dim) points with outcomes."""
+        return self.confidence.points[self.outcomes.samples.at]
+
+    def add(self, place: int, values: FloatArray) -> None:
+        """Count (replicates,) outcomes at a point, in units of R; an empty array is none."""
+        if len(values):
+            self.outcomes = self.outcomes.add(place, values)
+
+    def end_batch(self) -> None:
+        """Bound J from all outcomes so far."""
+        self.batches += 1
+        if self.outcomes.rollouts:
+            self.confidence.update(self.outcomes)

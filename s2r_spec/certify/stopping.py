@@ -1,0 +1,97 @@
+"""When a search ends, and the label of its certificate at any time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+from s2r_spec.certify.acquisition import batch_size, coverage_tests
+from s2r_spec.certify.certificate import Label
+from s2r_spec.certify.rounding import at_least
+from s2r_spec.certify.sample_complexity import sequential_lower_bound
+from s2r_spec.certify.state import State
+
+
+def label(state: State) -> tuple[Label, str]:
+    """Return the label, and the reason in one sentence if the certificate is refused or model-based, else ""."""
+    if reason := next(filter(None, _refusals(state)), ""):
+        return Label.REFUSED, reason
+    if not settled(state):
+        return Label.RUNNING, ""
+    if state.settings.fitted:
+        return Label.MODEL_BASED, f"{', '.join(state.settings.fitted)} fitted on the certificate's own data"
+    reached = state.confidence.width <= state.settings.epsilon
+    return (Label.CERTIFIED if reached else Label.BUDGET), ""
+
+
+def settled(state: State) -> bool:
+    """Return whether the search asks for no further test, unless the certificate is refused before."""
+    if state.final or state.confidence.smallest_norm > state.settings.B:
+        return True
+    lacking = sum(replicates for _, replicates in coverage_tests(state))
+    size = lacking or batch_size(state)
+    spent = state.budget is not None and state.outcomes.rollouts + size > state.budget
+    return spent or (state.confidence.width <= state.settings.epsilon and not lacking)
+
+
+def _refusals(state: State) -> Iterator[str]:
+    """Yield every reason to refuse the certificate in one sentence, or "" where there is none.
+
+    The first one counts. Those after it are not computed: with bounds that contradict each other they mean nothing.
+    """
+    yield state.obstacles.constant
+    yield "" if state.final else state.obstacles.too_many
+    yield _left_out(state)
+    yield _refuted_noise(state)
+    yield _contradiction(state)
+    over = settled(state)
+    yield _refuted_norm(state) if over else ""
+    yield _impossible(state)
+    yield state.coverage.uncovered(state.tested, state.outcomes.samples.counts) if over else ""
+
+
+def _left_out(state: State) -> str:
+    return (
+        f"rollouts are missing: {state.missing}; leaving rollouts out is selection" if state.missing else ""
+    )
+
+
+def _refuted_noise(state: State) -> str:
+    delta, log_e = state.settings.delta, state.outcomes.log_e
+    if log_e < math.log(1 / delta):
+        return ""
+    return (
+        f"R = {state.settings.R:g} is refuted by the scatter of replicates (e-value 10^{log_e / math.log(10):.1f} "
+        f"≥ 1/δ = {1 / delta:.3g}); declare a larger R from a pilot and begin again"
+    )
+
+
+def _contradiction(state: State) -> str:
+    if not state.confidence.bounds.empty:
+        return ""
+    return (
+        "the bounds of different times contradict each other: B, the kernel or R is wrong "
+        "(with all of them right this happens with probability ≤ δ)"
+    )
+
+
+def _refuted_norm(state: State) -> str:
+    B, B_low = state.settings.B, state.confidence.smallest_norm
+    if 2 * B_low <= B:
+        return ""
+    remedy = (
+        f"the lengthscale of {state.coverage.names}, longer than its range, may be what is wrong"
+        if state.coverage.axes
+        else "read the interval of a larger B in the ladder, if you can say why that B is right"
+    )
+    return f"B = {B:g} is less than twice the norm that the data already show (B_low = {at_least(B_low)}); {remedy}"
+
+
+def _impossible(state: State) -> str:
+    settings, width, rollouts = state.settings, state.confidence.width, state.outcomes.rollouts
+    if width > settings.B or rollouts >= sequential_lower_bound(settings.R, width, settings.delta):
+        return ""
+    return (
+        f"an interval of {width:.3g} after {rollouts} rollouts is below what any method can claim: "
+        f"this is a defect of s2r, please report it"
+    )
