@@ -3,6 +3,7 @@
 Not mutated, for no test should catch it:
 
 - text, numbers in f-strings included: tests assert the code, file, line and name of an error, not its sentence;
+- ``strict=True`` of zip: the lengths are equal, and it says so;
 - annotations, and what is for the type checker alone: they are not evaluated;
 - arguments of decorators: ``frozen=True`` guards against careless code, and mypy holds it;
 - decorators: without ``@dataclass`` nothing works, and without ``@cache`` all is as before, and slower.
@@ -172,6 +173,8 @@ def _spared(tree: ast.Module) -> Iterator[ast.expr | ast.stmt]:
                 yield node
             case ast.arg(annotation=ast.expr() as annotation) | ast.AnnAssign(annotation=annotation):
                 yield annotation
+            case ast.Call(func=ast.Name(id="zip"), keywords=[keyword]):
+                yield keyword.value
             case ast.If(test=ast.Name(id="TYPE_CHECKING")):
                 yield node
         if isinstance(node, ast.FunctionDef) and node.returns is not None:
