@@ -19,6 +19,7 @@ from s2r_spec.cli import (
     choose,
     common,
     diagnose,
+    docs,
     fmt,
     gap,
     lint,
@@ -55,6 +56,7 @@ app.command()(backends.backends)
 app.command(epilog=EXIT_CODES)(monitor.monitor)
 app.command()(fmt.fmt)
 app.command()(lint.lint)
+app.command()(docs.docs)
 
 
 @app.callback(invoke_without_command=True)
