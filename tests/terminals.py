@@ -37,6 +37,16 @@ class Person:
         shown, self.seen = self.seen[:place], self.seen[place:]
         return shown
 
+    def rest(self) -> str:
+        """Return what was shown since the last call, and do not wait for more."""
+        while select.select([self._end], [], [], 0.0)[0]:
+            try:
+                self.seen += os.read(self._end, 65536).decode(errors="replace").replace("\r\n", "\n")
+            except OSError:  # the other end is closed
+                break
+        shown, self.seen = self.seen, ""
+        return shown
+
     def types(self, text: str) -> None:
         """Type a text; ``\\n`` is Enter, ``\\x04`` the end of input, ``\\x03`` Ctrl-C."""
         os.write(self._end, text.encode())
