@@ -73,5 +73,6 @@ def test_a_message_draws_its_place() -> None:
 
 if __name__ == "__main__":
     LISTED.write_text(
-        json.dumps({bad.stem: mistakes(bad) for bad in BAD}, indent=1, ensure_ascii=False) + "\n", encoding="utf-8"
+        json.dumps({bad.stem: mistakes(bad) for bad in BAD}, indent=1, ensure_ascii=False) + "\n",
+        encoding="utf-8",
     )

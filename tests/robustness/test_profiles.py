@@ -37,7 +37,7 @@ def test_by_hand(name: str, formula: str, which: int) -> None:
     spec = s2r.parse_spec(f"signal x signal y require it: {formula}")
     expected = EXPECTED[name][which]
     if expected is None:
-        with pytest.raises(s2r.S2RError, match=naming("`[0.5, 0.5]`", "line 1", "sample 0")):
+        with pytest.raises(s2r.S2RError, match=naming("`[0.5, 0.5]`", "line 1")):
             spec.robustness_signal(TRACE, "it", **s2r.profile(name))
     else:
         found = spec.robustness_signal(TRACE, "it", **s2r.profile(name))
