@@ -61,9 +61,10 @@ def test_kill_9_in_the_middle_leaves_no_workers_and_resume_gives_the_same_certif
     with waiting(s2r, *words, "--run", "cut", start_new_session=True) as process:
         journal = s2r.folder / "cut" / "walking" / "journal.jsonl"
         until(lambda: rollouts_in(journal) > 10, 300)
+        assert members(process.pid) > {process.pid}
         process.kill()
         process.wait()
-    until(lambda: not members(process.pid))  # no worker is left behind
+        until(lambda: not members(process.pid))  # no worker is left behind
     before = journal.read_bytes().count(b"\n")
     assert before < whole["search"]["rollouts"]
     resumed = s2r.json(*words, "--resume", "cut", code=0)
@@ -75,13 +76,13 @@ def test_kill_9_in_the_middle_leaves_no_workers_and_resume_gives_the_same_certif
     assert len(kept) == whole["search"]["rollouts"]
 
 
-def members(group: int) -> list[str]:
-    """Return the living processes of a process group."""
+def members(session: int) -> set[int]:
+    """Return the living processes of a session: a command's workers have process groups of their own."""
     listed = subprocess.run(
-        ["ps", "-eo", "pgid=,stat=,pid="], capture_output=True, text=True, check=True
+        ["ps", "-eo", "sess=,stat=,pid="], capture_output=True, text=True, check=True
     ).stdout
     rows = [line.split() for line in listed.splitlines()]
-    return [pid for pgid, state, pid in rows if int(pgid) == group and not state.startswith("Z")]
+    return {int(pid) for sess, state, pid in rows if int(sess) == session and not state.startswith("Z")}
 
 
 def test_a_fall_counts_as_the_declared_value(s2r):
