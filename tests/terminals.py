@@ -9,7 +9,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-PATIENCE = 60.0
+PATIENCE = 240.0
 """Seconds until what is expected must be there: a safety net, for the machine may be busy."""
 
 
