@@ -470,9 +470,7 @@ def test_a_parameter_that_varies_and_that_the_spec_does_not_know_gets_one_senten
     # What the simulator does not have is nobody's business.
     assert len(real_rollouts(BENCH, f"log:{tmp_path}", None, 0)) == 8
     of_one = s2r.parse_spec(SPEC.replace("param  acc {m/s^2} in [1, 4]\n", ""))
-    with pytest.raises(
-        UsageError, match=r"varies 'acc' from 2 to 2.7, which .* does not declare: give it a range"
-    ):
+    with pytest.raises(UsageError, match=r"'acc' from 2 to 2\.7.* does not declare"):
         real_rollouts(bench_of(of_one, "tracking", Cart()), f"log:{tmp_path}", None, 0)
     # Of what is left out, for the spec keeps to another value, nothing is asked.
     of_one = s2r.parse_spec(SPEC.replace("acc {m/s^2} in [1, 4]", "acc {m/s^2} = 2"))
@@ -532,9 +530,7 @@ def test_a_prior_that_should_have_a_scale_and_has_none_gets_one_sentence(prior, 
             return (replace(first, parameters=(parameter,)), *rest)
 
     if typical is None:
-        with pytest.raises(
-            BackendError, match=r"'viscous' has 'coefficient' with the prior '.*', in which no scale"
-        ):
+        with pytest.raises(BackendError, match=r"'viscous' has 'coefficient' with the prior '.*scale"):
             catalogue_of(Odd())
     else:
         first = catalogue_of(Odd())[0]
