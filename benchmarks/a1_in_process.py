@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from s2r_a1.guard import states
-from s2r_a1.guard.desk import PATIENCE
+from s2r_a1.guard.answers import PATIENCE
 from s2r_a1.guard.limits import LIMITS, ROBOT_WORDS, ROUND
 from s2r_a1.guard.states import ROWS, Arrival, Conditions, Inputs, Machine, State
 from s2r_a1.link import UdpLink

@@ -1,9 +1,18 @@
-"""Where a message sends its reader for more: an installed package has no ``docs`` folder."""
+"""The pages of the documentation: where they are on this machine, and how a message names one.
+
+A checkout has them in ``docs``. A wheel installs them in ``share/doc/s2r`` of its environment, as text; the command
+``s2r docs`` prints them.
+"""
 
 from __future__ import annotations
 
 from functools import cache
-from importlib.metadata import PackageNotFoundError, metadata
+from importlib.metadata import PackageNotFoundError, files, metadata
+from pathlib import Path
+
+_CHECKOUT = Path(__file__).resolve().parents[1]
+_INSTALLED = ("share", "doc", "s2r", "index.md")
+"""Definition: the end of the path at which a wheel installs the first page (``shared-data`` in pyproject.toml)."""
 
 
 @cache
@@ -18,12 +27,30 @@ def _address() -> str | None:
 
 
 def page(name: str) -> str:
-    """Return how a message names a page: by its address, or by its name where the site has no address.
+    """Return how a message names a page: by its address, or by the command that prints it if there is no site.
 
     Args:
         name: of the page below ``docs``, without its ending, such as ``how-to/effects``.
     """
     address = _address()
     if address is None:
-        return f"page {name} of the documentation"
+        return f"`s2r docs {name}`"
     return f"{address.rstrip('/')}/{name}.html"
+
+
+def folder() -> Path | None:
+    """Return the folder of the pages, of the checkout or of the installed package; None if there is neither."""
+    if (_CHECKOUT / "pyproject.toml").exists():
+        return _CHECKOUT / "docs"
+    try:
+        installed = files("s2r") or []
+    except PackageNotFoundError:
+        return None
+    found = [Path(str(file.locate())) for file in installed if file.parts[-4:] == _INSTALLED]
+    return found[0].resolve().parent if found else None
+
+
+def pages(place: Path) -> dict[str, Path]:
+    """Return name → file of every page below a folder, in the order of their names."""
+    found = {path.relative_to(place).with_suffix("").as_posix(): path for path in place.rglob("*.md")}
+    return dict(sorted(found.items()))

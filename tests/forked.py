@@ -3,8 +3,8 @@
 A fresh interpreter would import numerical libraries for longer than most commands run. What is killed, piped or timed
 by a test still begins as a user's would; see ``CommandLine.command``.
 
-A forked command has one worker, where a user's has one a core, and does not wait for the disk: the tests are the
-parallelism, and none of them pulls the plug.
+A forked command runs its rollouts in a thread, unless it is given ``--workers``: a worker process takes longer to start
+than most tests take. It does not wait for the disk, for no test pulls the plug.
 """
 
 from __future__ import annotations
@@ -15,8 +15,10 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 
@@ -101,5 +103,9 @@ def _command(
     os.sched_getaffinity = lambda _: {0}  # type: ignore[assignment]
     os.fsync = lambda _: None
     from s2r_spec.cli import main
+    from s2r_spec.rollouts import pools
+
+    if "--workers" not in words:
+        pools.process_pool = lambda workers: partial(ThreadPoolExecutor, 1)
 
     main()

@@ -9,7 +9,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-PATIENCE = 60.0
+PATIENCE = 240.0
 """Seconds until what is expected must be there: a safety net, for the machine may be busy."""
 
 
@@ -35,6 +35,16 @@ class Person:
         for _ in range(times):
             place = self.seen.index(text, place) + len(text)
         shown, self.seen = self.seen[:place], self.seen[place:]
+        return shown
+
+    def rest(self) -> str:
+        """Return what was shown since the last call, and do not wait for more."""
+        while select.select([self._end], [], [], 0.0)[0]:
+            try:
+                self.seen += os.read(self._end, 65536).decode(errors="replace").replace("\r\n", "\n")
+            except OSError:  # the other end is closed
+                break
+        shown, self.seen = self.seen, ""
         return shown
 
     def types(self, text: str) -> None:

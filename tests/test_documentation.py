@@ -1,14 +1,20 @@
 """Messages name pages that exist, by an address that a reader of a wheel can use."""
 
 import ast
+import re
+import shutil
+import tomllib
 from email.message import Message
+from importlib.metadata import PathDistribution
 from pathlib import Path
 
 import pytest
 
 from s2r_spec import documentation
+from tests import forked
 
 ROOT = Path(__file__).parents[1]
+PAGES = sorted((ROOT / "docs").rglob("*.md"))
 SOURCES = {
     path: path.read_text(encoding="utf-8")
     for name in ("s2r_spec", "backends")
@@ -53,7 +59,93 @@ def test_a_page_has_the_address_that_the_installed_package_states(monkeypatch):
     about = Message()
     about["Project-URL"] = "Source, https://example.org/code"
     monkeypatch.setattr(documentation, "metadata", lambda name: about)
-    assert documentation.page("how-to/effects") == "page how-to/effects of the documentation"
+    assert documentation.page("how-to/effects") == "`s2r docs how-to/effects`"
     documentation._address.cache_clear()
     about["Project-URL"] = "Documentation, https://example.org/s2r/"
     assert documentation.page("how-to/effects") == "https://example.org/s2r/how-to/effects.html"
+
+
+def test_the_command_lists_every_page_and_prints_one():
+    listed = forked.run(["docs"]).stdout.splitlines()
+    names = {path.relative_to(ROOT / "docs").with_suffix("").as_posix() for path in PAGES}
+    assert {line.split()[0] for line in listed} == names
+    assert all(len(line.split()) > 1 for line in listed)  # each with its title
+    printed = forked.run(["docs", "how-to/effects"])
+    assert printed.stdout == (ROOT / "docs" / "how-to" / "effects.md").read_text(encoding="utf-8")
+    wrong = forked.run(["docs", "how-to/effect"])
+    assert wrong.returncode == 2
+    assert "how-to/effects" in wrong.stderr
+
+
+def test_a_wheel_has_the_pages_where_the_command_looks_for_them(tmp_path, monkeypatch):
+    """What an installer makes of a wheel: the package, and its pages in ``share/doc/s2r``."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    (place,) = project["tool"]["hatch"]["build"]["targets"]["wheel"]["shared-data"].values()
+    installed = tmp_path / place
+    shutil.copytree(ROOT / "docs", installed)
+    about = tmp_path / "lib" / "s2r-0.dist-info"
+    about.mkdir(parents=True)
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: s2r\nVersion: 0\n")
+    (about / "RECORD").write_text(f"../{place}/index.md,,\ns2r_spec/documentation.py,,\n")
+    found = PathDistribution(about)
+    monkeypatch.setattr(documentation, "files", lambda name: found.files)
+    monkeypatch.setattr(documentation, "_CHECKOUT", tmp_path)
+    assert documentation.folder() == installed
+    assert len(documentation.pages(installed)) == len(PAGES)
+
+
+FENCE = re.compile(r"^( *)```.*?^\1```", re.S | re.M)
+AMOUNT = re.compile(
+    r"(?<![\w.])\d[\d,.]*\s(?:ns|µs|ms|s|min|minutes|seconds|hours|kB|KiB|MB|MiB|GB|rollouts?|bytes)\b"
+)
+MEASURED = re.compile(r"\b(takes?|took|costs?|median|processor time|of a core|MB|MiB|GB)\b")
+COMMAND = re.compile(r"\b(?:python (?:-m )?[\w./]+|s2r [a-z]+|benchmarks/[\w./]+|pip install)")
+
+
+def unfounded(page: str) -> list[str]:
+    """Return the sentences that say what something takes, in sections that name no command.
+
+    A number beside a word such as "takes" is a measurement; one without it may be a definition, and is not looked at.
+    """
+    found = []
+    for section in re.split(r"(?m)^(?=## )", page):
+        if COMMAND.search(section):
+            continue
+        for sentence in re.split(r"(?<=[.:|])\s+|\n\n", FENCE.sub("", section)):
+            if AMOUNT.search(sentence) and MEASURED.search(sentence):
+                found.append(sentence)
+    return found
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_what_something_takes_stands_beside_a_command(page):
+    assert not unfounded(page.read_text(encoding="utf-8"))
+
+
+def test_a_cost_without_a_command_is_noticed():
+    page = "# A page\n\nA robot waits for 2 s.\n\n## Speed\n\nA rollout takes 0.1 s. It is quick.\n"
+    assert unfounded(page) == ["A rollout takes 0.1 s."]
+    assert not unfounded(page + "`python benchmarks/a1_speed.py` prints it.\n")
+
+
+def test_every_benchmark_that_a_page_names_exists():
+    named = {name for page in PAGES for name in re.findall(r"\bbenchmarks/[\w./*]+\w", page.read_text())}
+    assert len(named) > 10
+    for name in named:
+        assert any(ROOT.glob(name)), name
+
+
+def test_the_answers_to_where_things_are_exist():
+    page = (ROOT / "docs" / "explanation" / "where-things-are.md").read_text()
+    folders, answers = page.split("## Twelve questions")
+    rows = re.findall(r"^\| Where .*?\? \| (.*) \|$", answers, re.M)
+    assert len(rows) == 12
+    for place in re.findall(r"`([\w./]+/[\w./]+)`", folders + answers):
+        assert (ROOT / place).exists(), place
+    for row in rows:
+        file, _, names = row.partition("`: ")
+        for name in re.findall(r"`(\w+)`", names):
+            tree = ast.parse((ROOT / file.strip("`")).read_text())
+            defined = {getattr(node, "name", None) for node in tree.body}
+            defined |= {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
+            assert name in defined, row

@@ -11,7 +11,7 @@ from tests.examples import examples
 
 ROOT = Path(__file__).parents[1]
 KINDS = ("spec", "trace", "log folder", "run folder", "same verdict")
-EACH = examples(20)
+EACH = examples(10)
 """Inputs of each kind."""
 
 

@@ -4,16 +4,17 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from urllib.parse import unquote
 
 import pytest
 
 import s2r_spec as s2r
 from s2r_spec.cli import app
 
-for package in ("furo", "myst_parser", "sphinx"):
-    pytest.importorskip(package, reason="Sphinx is in the [docs] extra")
-pytestmark = pytest.mark.dev
-DOCS = Path(__file__).parents[1] / "docs"
+ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
+OUTSIDE = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "benchmarks").rglob("*.md"))]
+"""Pages that the repository shows, and the site does not."""
 PAGES = sorted(path.relative_to(DOCS).with_suffix("") for path in DOCS.rglob("*.md"))
 
 
@@ -56,6 +57,35 @@ def test_the_python_page_has_every_public_name_with_its_docstring(site):
     text = (site / "reference" / "python-api.html").read_text()
     documented = set(re.findall(r'<dt class="sig[^>]*" id="s2r_spec\.(\w+)"', text))
     assert documented == set(s2r.__all__)
+
+
+def anchors(page: Path) -> set[str]:
+    return set(re.findall(r' id="([^"]+)"', page.read_text()))
+
+
+def test_every_link_within_the_site_leads_somewhere(site):
+    known = {path: anchors(path) for path in site.rglob("*.html")}
+    for page in PAGES:
+        path = (site / page).with_suffix(".html")
+        targets = re.findall(r' href="([^":?]*)(?:\?[^"]*)?"', path.read_text())
+        assert len(targets) > 10
+        for target, _, anchor in (target.partition("#") for target in targets):
+            end = (path.parent / unquote(target)).resolve() if target else path
+            assert end.is_file(), f"{page}: {target}"
+            assert not anchor or end not in known or unquote(anchor) in known[end], (
+                f"{page}: {target}#{anchor}"
+            )
+
+
+def test_every_link_from_the_repository_s_other_pages_leads_somewhere(site):
+    for page in OUTSIDE:
+        links = re.findall(r"\]\((?!https?:)([^)#\s]*)(?:#([^)\s]*))?\)", page.read_text())
+        for target, anchor in links:
+            end = (page.parent / target).resolve()
+            assert end.exists(), f"{page.name}: {target}"
+            if anchor and end.is_relative_to(DOCS):
+                shown = (site / end.relative_to(DOCS)).with_suffix(".html")
+                assert anchor in anchors(shown), f"{page.name}: {target}#{anchor}"
 
 
 def test_links_that_lead_nowhere_stop_the_build(tmp_path):

@@ -1,8 +1,7 @@
 """The `turtlebot` backend: drive to a goal and around an obstacle, on wheels that slip.
 
 It is Example 1 of Akella, Ubellacker and Ames, and the smallest complete backend: copy it to begin your own. From top
-to bottom: the constants, the controller, the robot, and the declarations of a backend. ``effects.py`` adds unmodelled
-effects.
+to bottom: constants, controller, robot, and the declarations of a backend. ``effects.py`` adds unmodelled effects.
 """
 
 from __future__ import annotations
@@ -137,11 +136,7 @@ class TurtlebotBackend:
         return ideal, ideal
 
     def rollout(self, params: Mapping[str, float], seed: int) -> Trace:
-        """Run one test; a missing parameter takes its default.
-
-        Raises:
-            UsageError: a parameter is unknown or out of range.
-        """
+        """Run one test; a missing parameter takes its default, and an unknown one raises a UsageError."""
         ox, oy = read_test(self.name, self.parameters, params).values()
         step = self.figures.step
         ticks = ceil(self.duration / step - 1e-9)

@@ -8,6 +8,8 @@ from typing import Annotated, Any
 
 from annotated_types import MinLen
 
+from s2r_spec.plain import to_json
+
 ALL_COUNT = "every rollout that was asked for is counted"
 """Definition: an assumption about the rollouts; those of a machine may be void, and then run again."""
 
@@ -81,3 +83,8 @@ class Certificate:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "epsilon", self.upper - self.lower)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the certificate as plain JSON values."""
+        values: dict[str, Any] = to_json(self)
+        return values

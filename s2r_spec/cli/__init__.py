@@ -19,6 +19,7 @@ from s2r_spec.cli import (
     choose,
     common,
     diagnose,
+    docs,
     fmt,
     gap,
     lint,
@@ -69,6 +70,7 @@ app.command(epilog=_epilog("monitor specs/a1_velocity.stl specs/traces/a1_veloci
 )
 app.command(epilog=_epilog("fmt --check specs/a1_velocity.stl"))(fmt.fmt)
 app.command(epilog=_epilog("lint specs/a1_velocity.stl"))(lint.lint)
+app.command(epilog=_epilog("docs how-to/runs"))(docs.docs)
 
 
 @app.callback(invoke_without_command=True)

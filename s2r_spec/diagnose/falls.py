@@ -64,7 +64,9 @@ class Falls:
         if self.nominal:
             return "The simulator ends early at these tests, too"
         if not self.culprits:
-            return "No single effect of the catalogue ends the simulator early at these tests alone"
+            return (
+                "No single effect of the catalogue ends the simulator early at these tests and not at others"
+            )
         shown = self.culprits[:SHOWN]
         more = len(self.culprits) - len(shown)
         names = " or ".join(map(str, shown)) + (f" (or {more} more)" if more else "")

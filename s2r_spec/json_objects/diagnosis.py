@@ -24,9 +24,9 @@ class FindingObject(TypedDict):
     """A mistake that the recordings seem to have.
 
     Attributes:
-        code: of the check: late, begin, clock, hold, exchanged, sign, scale, frame, offset, labels, unit, …
-        channel: in which it is; 'the tests' or 'the clock' where it is in no channel.
-        text: what it seems to be, and what to do, in a few sentences; the notes have it, too.
+        code: kind of mistake: late, begin, clock, hold, exchanged, sign, scale, frame, offset, labels, unit, …
+        channel: the channel with the mistake; 'the tests' or 'the clock' if it is in no channel.
+        text: the mistake and its remedy in a few sentences; the notes repeat it.
     """
 
     code: str
@@ -69,11 +69,11 @@ class IsolabilityObject(TypedDict):
 
     Attributes:
         effects: names.
-        sigma: row: the effect, column: what it is mistaken for; standard deviations.
+        sigma: distances in standard deviations; row: the true effect, column: the effect that imitates it.
         visible: distance from the nominal simulator.
         apart: below this distance effects are confounded.
         differs: the same distances as parts of the effect's own size; below 0.38 effects are confounded.
-        least: of every parameter, the values from which on its effect is so far from what any other can imitate.
+        least: for each parameter, the values at which its effect differs from every other effect.
     """
 
     effects: list[str]
@@ -93,12 +93,12 @@ class WhichObject(TypedDict):
         others: probability of all other sets of several effects.
         membership: effect → probability that it is among the causes.
         answer: effects named; empty for none and unknown.
-        set: what the data cannot tell from the answer, the answer included.
-        spare: effects of the answer that may not be there: without them the others are nearly as likely.
+        set: effects that the data cannot distinguish from the answer, the answer included.
+        spare: effects of the answer that may be absent: without them the others are nearly as probable.
         parameters: effect → parameter → value that fits best.
         nearest_family: of the likeliest effects.
         isolability: at the tests that were run.
-        next_test: the test that would best separate what cannot be told apart; null when the answer is sure.
+        next_test: the test that would best separate the candidates; null if the answer is sure.
     """
 
     posterior: dict[str, Probability]
@@ -187,7 +187,7 @@ class SpaceObject(TypedDict):
         tolerance: twice what scatter alone makes of |Δρ|; null where no test was simulated twice.
         beyond: tests at which the gap exceeds the tolerance with 95 %; null where there is no tolerance.
         along: parameter → the gap on the line along it through the worst test.
-        notes: what the data do not allow, in sentences.
+        notes: limits of the data, a sentence each.
     """
 
     worst: Point
@@ -278,7 +278,7 @@ class BodyObject(TypedDict):
         level: false-discovery rate.
         rollouts: real ones that were compared.
         duration: of a rollout [s].
-        asked: questions: columns times two times windows.
+        asked: number of hypothesis tests: columns times two times windows.
         parts: those that show most first.
     """
 
@@ -303,7 +303,7 @@ class WhereObject(TypedDict):
         switch: what decides ρ of both; null if ρ rests on no predicate there.
         trace: samples of both.
         body: which parts of the machine do what their model does not explain; null where it cannot be said.
-        no_body: why body is null, in a sentence.
+        no_body: the reason why body is null, in a sentence; null where there is a body.
     """
 
     space: SpaceObject | None
@@ -327,16 +327,16 @@ class HowFarObject(TypedDict):
         unit: of ρ.
         before: of the nominal simulator.
         after: with the named effects; null when nothing is named.
-        tuned: with a little of every other effect as well.
+        tuned: with fitted small amounts of all other effects as well.
         floor: scatter alone.
-        background: what a little of every effect makes, at most, in 19 of 20 machines.
-        material: whether the gap is more than these two make.
+        background: gap that small amounts of all effects make, at most, in 19 of 20 machines.
+        material: whether the gap exceeds scatter and background.
         seen: of the nominal simulator at the rollouts that were not held out.
         elsewhere: whether the gap is material there, but not at the held-out tests.
         share: part of what lies above the floor that the named effects close.
         tuned_share: the same of the tuned simulator.
         oracle_gap: the gap after, as predicted for the best of all single effects.
-        oracle_share: part of what this one closes that the named effects close.
+        oracle_share: part of this reduction of the gap that the named effects reach.
         tests_with_a_larger_gap_at_most: part of all tests, with 95 % confidence.
         tests: the held-out ones, signed.
     """
@@ -360,19 +360,19 @@ class HowFarObject(TypedDict):
 
 
 class RemainderObject(TypedDict):
-    """What the machine does in one place, and the improved simulator does not.
+    """A difference between the machine and the improved simulator in one place.
 
     Attributes:
         quantity: a recorded channel, or a residual of the nominal model.
         column: of it.
         part: of the machine; "" where the quantity is of one alone.
-        along: channel between whose values that is; "" for time.
+        along: channel whose values bound the place; "" for time.
         low: end of the place; null where it has no such end.
         high: end of the place; null where it has no such end.
         size: in the quantity's unit; the machine's less the improved simulator's.
         unit: of the quantity.
         along_unit: of the channel, or of time.
-        surplus: size in units of what is allowed for.
+        surplus: size divided by the largest size that needs no cause.
         recorded: whether the quantity is a recorded channel.
     """
 
@@ -403,18 +403,18 @@ class DiagnosisObject(Open):
         model_hash: of the simulator.
         rollouts: real ones that the answer rests on.
         held_out: real ones that the gap is measured on.
-        verdict: in one word or two.
+        verdict: the answer in a few words.
         by_falls: whether what is named rests on falls alone: no other rollout shows it.
         reason: one sentence for the verdict.
-        next: what to do next, in one sentence.
+        next: the next step, in one sentence.
         which: the effects, with probabilities.
         where: where the gap lies; null if it was not asked for.
         how_far: on held-out real rollouts; null with too few of them.
-        left: what no effect explains, largest surplus first; empty where fewer than five rollouts reached their end.
+        left: motion that no effect explains, largest surplus first; empty with fewer than five whole rollouts.
         patch: effect → parameter → value to add to the simulator.
-        tuned: the same with a little of every other effect, as the data want it.
+        tuned: the same with fitted small amounts of all other effects.
         assumptions: each in one sentence.
-        notes: what the real rollouts lack.
+        notes: limits of the real rollouts, a sentence each.
         findings: mistakes that the recordings seem to have: first see to these.
         misread: the channels of findings, each once.
     """

@@ -44,7 +44,7 @@ def build_trace(table: Table, plan: Plan, request: Request) -> Loaded:
     columns = [table.columns[number] for number in plan.times]
     heads = [table.heads[number] for number in plan.times]
     if columns[0].values.shape[:1] == (0,) and not columns[0].fault:
-        raise TraceError("; ".join(["the file has no samples", *table.notes]))
+        raise TraceError("; ".join(["there is no sample in the file", *table.notes]))
     stamps = times.read(columns, heads, request.time_unit, lambda k: table.place(k, plan.times[0]))
     failed = bool(table.meta.get("failure"))  # its ρ is declared, so it may lack channels
     read = channels(table, plan, stamps.seconds.size)

@@ -85,8 +85,8 @@ def check(path: Path, lines: Sequence[bytes]) -> int:
             checksum = zlib.crc32(match["body"], checksum)
         if match is None or int(match["sum"], 16) != checksum:
             raise JournalError(
-                f"{path}:{number}: crc32 is wrong: this line was changed after it was written, or a line before it "
-                f"was removed; {_REMEDY}"
+                f"{path}:{number}: the checksum crc32 is wrong: this line was changed, or a line before it was "
+                f"removed; {_REMEDY}"
             )
     return checksum
 

@@ -166,9 +166,7 @@ class Walking:
             if why == "walks" and self.status()["state"] == "WALK":
                 self.taken()
                 return
-        raise AssertionError(
-            f"this machine is too busy to walk in real time: {why}; {self.status()['reason']}"
-        )
+        raise TooBusyError(f"this machine is too busy to walk in real time: {why}; {self.status()['reason']}")
 
     def _ready(self):
         self._line.send(("inject",))

@@ -18,8 +18,8 @@ from unittest import mock
 import numpy as np
 
 from s2r_a1.guard import loop, moves
+from s2r_a1.guard.answers import answer
 from s2r_a1.guard.control import Request
-from s2r_a1.guard.desk import answer
 from s2r_a1.guard.place import Robot
 from s2r_a1.guard.states import State
 from s2r_a1.ticks import PERIOD, Counters

@@ -73,7 +73,7 @@ def in_a_process(*options):
         if port is not None:
             end_guard(port)
         process.send_signal(signal.SIGTERM)
-        process.wait(20.0)
+        process.wait(120.0)
         process.stdout.close()
 
 

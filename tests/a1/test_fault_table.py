@@ -5,7 +5,6 @@ Everything is read from the packets that came to the twin, in lock step: round f
 
 import os
 import resource
-import time
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +18,7 @@ from s2r_a1.twin.injects import KINDS, NUMBERS
 from s2r_a1.wire import A1, GO1, Orders, unpack_orders
 from tests.a1.faults import CLIPPED, DAMPED, MOVING, SILENCE, UNHARMED
 from tests.a1.rig import CLIENT_PORT, STAND_ON, ZERO, Party, Rig, apart, damping, limp, raw
+from tests.processes import until
 
 HOT = raw(Orders(ZERO, ZERO, np.full(12, 60.0), np.full(12, 2.0), np.full(12, 5.0)))
 
@@ -371,10 +371,7 @@ def test_a_raw_recording_says_why_the_walk_ended_though_nobody_is_left(stage, tm
         rig.turn(20)
         rig.inject("tilt=0.6")
         rig.turn(2)
-        for _ in range(500):  # the thread that writes must have its turn
-            if len(rawlog.read(path).events) == 2:
-                break
-            time.sleep(0.01)
+        until(lambda: len(rawlog.read(path).events) == 2)  # the thread that writes must have its turn
 
     apart(happens)  # all of it ends here, as by SIGKILL
     log = rawlog.read(path)

@@ -115,7 +115,7 @@ class Walker:
     def connected(self):
         """A bare connection to the control socket."""
         with socket.socket(socket.AF_UNIX) as one:
-            one.settimeout(20.0)
+            one.settimeout(120.0)
             one.connect(str(self.found.control))
             yield one
 

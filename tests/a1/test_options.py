@@ -35,7 +35,7 @@ def test_options_are_written_as_they_are_read(text):
         (f"{TWIN},prot=9", ["prot", "port"]),
         (f"{TWIN},port=0", ["port", "'0'"]),
         (f"{TWIN},port=70000", ["port", "'70000'"]),
-        (f"{TWIN},host=10.0.0.1", ["host", "twice"]),
+        (f"{TWIN},host=10.0.0.1", ["host", "127.0.0.1", "10.0.0.1"]),
         (f"{TWIN},operator=robot", ["operator", "auto", "tty"]),
         (f"{TWIN},clock=slow", ["clock", "lockstep", "real"]),
         (f"{TWIN},layout=go1", ["Go1"]),

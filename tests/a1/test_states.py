@@ -405,6 +405,21 @@ def after(rounds, seen):
     return states.step(rounds.machine, inputs, LIMITS).machine
 
 
+def test_where_no_reading_came_the_last_one_is_not_held_against_a_motion_that_went_on(brought):
+    rounds = brought(State.STANDING_UP)
+    rounds.turn(200)
+    now, motion = rounds.machine.memory.now, rounds.machine.motion
+    (near, _), (far, _) = (moves.desired(motion, now + k * ROUND) for k in (1, 4))
+    joint = int(np.argmax(np.abs(far - near)))
+    behind = near[joint] - 0.4999 * np.sign(far[joint] - near[joint])
+    machine = after(rounds, reading(at(near, joint, behind)))
+    assert np.abs(far[joint] - behind) > LIMITS.deviation
+    for k in (2, 3, 4):
+        assert machine.state is State.STANDING_UP
+        machine = states.step(machine, Inputs(now + k * ROUND), LIMITS).machine
+    assert machine.state is State.STANDING_UP
+
+
 @pytest.mark.parametrize("state", [State.STAND, State.WALK])
 def test_joints_keep_their_margin_where_the_robot_stands(brought, state):
     rounds = brought(state)
@@ -670,7 +685,7 @@ def test_the_table_has_a_row_for_every_state():
 
 
 def test_the_guard_loads_no_simulator_and_no_library_of_one():
-    names = "wire link datagrams ticks remote rawlog vendor guard guard.loop guard.desk guard.start guard.__main__"
+    names = "wire link datagrams ticks remote rawlog vendor guard guard.loop guard.answers guard.start guard.__main__"
     imports = "; ".join(f"import s2r_a1.{name}" for name in names.split())
     done = subprocess.run(
         [sys.executable, "-c", f"{imports}; import sys; print(' '.join(sys.modules))"],

@@ -25,7 +25,7 @@ OFF = pack(LIMP, A1)
 @contextlib.contextmanager
 def socket_to(port=None):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one:
-        one.settimeout(20.0)
+        one.settimeout(120.0)
         one.bind(("127.0.0.1", 0))
         if port:
             one.connect(("127.0.0.1", port))
@@ -64,7 +64,7 @@ def test_a_process_serves_in_lock_step_records_and_ends_by_a_signal(tmp_path):
                 steering.send(data)
                 answers.append(steering.recv(2048))
         process.send_signal(signal.SIGTERM)
-        assert process.wait(20) == 0
+        assert process.wait(120) == 0
     finally:
         process.kill()
         process.wait()

@@ -63,7 +63,7 @@ def test_a_kernel_that_is_longer_and_true_is_certified_after_each_eighth_was_tes
         assert certificate.label is Label.CERTIFIED
         assert certificate.lower <= function(LINE.grid((2001,))).max() <= certificate.upper
         assert (np.histogram(search.tested[:, 0], 8, (0.0, 2.0))[0] > 0).all()
-        assert any(states(text, "lengthscale", "v") for text in certificate.assumptions)
+        assert any(states(text, "kernel", "range of v") for text in certificate.assumptions)
 
 
 def test_as_many_rollouts_in_each_eighth_as_tell_zero_from_epsilon():

@@ -1,3 +1,5 @@
+import json
+
 import numpy as np
 import pytest
 
@@ -204,6 +206,14 @@ def test_an_empty_space_gets_a_sentence():
         Search({}, **USUAL)
     with pytest.raises(UsageError, match=naming("'vd'", "[1, 1]")):
         Search({"vd": (1, 1)}, **USUAL)
+
+
+def test_a_certificate_is_json():
+    found = Search(LINE, **USUAL).certificate()
+    values = json.loads(json.dumps(found.to_json()))
+    assert (values["lower"], values["upper"], values["epsilon"]) == (found.lower, found.upper, found.epsilon)
+    assert values["label"] == found.label.value
+    assert [rung["B"] for rung in values["ladder"]] == [1.5, 3.0, 6.0, 12.0]
 
 
 def test_two_dimensions():

@@ -1,8 +1,11 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 
@@ -56,3 +59,22 @@ class CommandLine:
 def s2r(tmp_path, toy, monkeypatch) -> CommandLine:
     monkeypatch.setenv("COLUMNS", "100")
     return CommandLine(tmp_path)
+
+
+@contextmanager
+def waiting(s2r: CommandLine, *words: object, **more: object) -> Iterator[subprocess.Popen]:
+    """Start a command as a user does, whose rollouts of ``toy:waits`` wait until the end of the block."""
+    stop = s2r.folder / "waits"
+    stop.touch()
+    environment = os.environ | {"S2R_TOY_WAITS": str(stop)}
+    process = subprocess.Popen(s2r.command(*words), cwd=s2r.folder, env=environment, **more)
+    try:
+        yield process
+    finally:
+        stop.unlink()
+        process.wait(300)
+
+
+def rollouts_in(journal: Path) -> int:
+    """Return how many rollouts a journal has, which may not be there yet."""
+    return journal.read_bytes().count(b"\n") - 1 if journal.exists() else 0

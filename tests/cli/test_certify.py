@@ -1,15 +1,12 @@
-import os
-import signal
-import subprocess
-import time
 from functools import cache
 
 import numpy as np
 import pytest
 
 import s2r_spec as s2r_lib
-from tests.cli.conftest import FINE, SPEC
+from tests.cli.conftest import FINE, SPEC, rollouts_in, waiting
 from tests.errors import states
+from tests.processes import until
 
 SPEED = np.linspace(-0.2, 0.3, 11)
 
@@ -104,19 +101,12 @@ def test_search_1_of_certify_is_check(s2r):
 
 
 def test_kill_9_then_resume_gives_the_same_promise(s2r):
-    words = ("certify", s2r.spec(0.15), "--sim", "toy", "--real", "toy:slow", "-q")
+    words = ("certify", s2r.spec(0.15), "--sim", "toy", "--real", "toy:waits", "-q")
     whole = s2r.json(*words, "--run", "whole", code=0)
-    process = subprocess.Popen(
-        s2r.command(*words, "--run", "cut"), cwd=s2r.folder, env=os.environ, start_new_session=True
-    )
-    journal = s2r.folder / "cut" / "gap" / "real" / "journal.jsonl"
-    deadline = time.monotonic() + 300
-    while not (journal.exists() and journal.read_bytes().count(b"\n") > 5):
-        assert process.poll() is None, "it ended before it could be killed"
-        assert time.monotonic() < deadline
-        time.sleep(0.002)
-    os.kill(process.pid, signal.SIGKILL)
-    process.wait()
+    with waiting(s2r, *words, "--run", "cut") as process:
+        until(lambda: rollouts_in(s2r.folder / "cut" / "gap" / "real" / "journal.jsonl") > 5, 300)
+        process.kill()
+        process.wait()
     assert comparable(s2r.json(*words, "--resume", "cut", code=0)) == comparable(whole)
 
 

@@ -1,14 +1,12 @@
 import json
-import os
-import signal
 import subprocess
-import time
 
 import pytest
 
-from tests.cli.conftest import SPEC
+from tests.cli.conftest import SPEC, rollouts_in, waiting
 from tests.conftest import rewrite
 from tests.errors import states
+from tests.processes import until
 
 
 def without_timing(result: dict) -> dict:
@@ -58,23 +56,15 @@ def test_the_result_depends_on_the_seed_and_not_on_the_workers(s2r):
 
 def test_kill_9_in_the_middle_leaves_no_workers_and_resume_gives_the_same_certificate(s2r):
     spec = s2r.spec()
-    words = ("check", spec, "-b", "toy:slow", "-q", "--workers", 2)
+    words = ("check", spec, "-b", "toy:waits", "-q", "--workers", 2)
     whole = without_timing(s2r.json(*words, "--run", "whole", code=0))
-    process = subprocess.Popen(
-        s2r.command(*words, "--run", "cut"), cwd=s2r.folder, env=os.environ, start_new_session=True
-    )
-    journal = s2r.folder / "cut" / "walking" / "journal.jsonl"
-    deadline = time.monotonic() + 300
-    while not (journal.exists() and journal.read_bytes().count(b"\n") > 10):
-        assert process.poll() is None, "it ended before it could be killed"
-        assert time.monotonic() < deadline
-        time.sleep(0.002)
-    os.kill(process.pid, signal.SIGKILL)
-    process.wait()
-    deadline = time.monotonic() + 10
-    while members(process.pid) and time.monotonic() < deadline:
-        time.sleep(0.05)
-    assert not members(process.pid)  # no worker is left behind
+    with waiting(s2r, *words, "--run", "cut", start_new_session=True) as process:
+        journal = s2r.folder / "cut" / "walking" / "journal.jsonl"
+        until(lambda: rollouts_in(journal) > 10, 300)
+        assert members(process.pid) > {process.pid}
+        process.kill()
+        process.wait()
+        until(lambda: not members(process.pid))  # no worker is left behind
     before = journal.read_bytes().count(b"\n")
     assert before < whole["search"]["rollouts"]
     resumed = s2r.json(*words, "--resume", "cut", code=0)
@@ -86,13 +76,13 @@ def test_kill_9_in_the_middle_leaves_no_workers_and_resume_gives_the_same_certif
     assert len(kept) == whole["search"]["rollouts"]
 
 
-def members(group: int) -> list[str]:
-    """Return the living processes of a process group."""
+def members(session: int) -> set[int]:
+    """Return the living processes of a session: a command's workers have process groups of their own."""
     listed = subprocess.run(
-        ["ps", "-eo", "pgid=,stat=,pid="], capture_output=True, text=True, check=True
+        ["ps", "-eo", "sess=,stat=,pid="], capture_output=True, text=True, check=True
     ).stdout
     rows = [line.split() for line in listed.splitlines()]
-    return [pid for pgid, state, pid in rows if int(pgid) == group and not state.startswith("Z")]
+    return {int(pid) for sess, state, pid in rows if int(sess) == session and not state.startswith("Z")}
 
 
 def test_a_fall_counts_as_the_declared_value(s2r):
@@ -109,6 +99,7 @@ def test_a_fall_counts_as_the_declared_value(s2r):
 def test_a_worker_that_dies_or_hangs_counts_as_a_crash(s2r, habit, words, facts):
     # A test at 0.3 m/s, the end of the range, is in the first batch of this seed.
     words = ("check", s2r.spec(), "-b", f"toy:{habit}", *words, "--budget", 8, "--seed", 4, "--json")
+    words = (*words, "--workers", 1)
     done = s2r(*words, "--run", "r", code=3)
     result = json.loads(done.stdout)["results"][0]
     ((failure, count),) = result["failures"].items()
@@ -268,7 +259,8 @@ def test_replay_plots_the_signals_against_their_tolerances(s2r):
     ],
 )
 def test_whatever_a_rollout_does_it_is_never_data_and_never_success(s2r, habit, facts):
-    result = s2r("check", s2r.spec(), "-b", f"toy:{habit}", "--run", "r", "--json", code=4)
+    words = ("check", s2r.spec(), "-b", f"toy:{habit}", "--workers", 1, "--run", "r", "--json")
+    result = s2r(*words, code=4)
     assert states(result.stderr, *facts), result.stderr
     assert json.loads(result.stdout)["exit_code"] == 4
     assert (s2r.folder / "r" / "walking" / "journal.jsonl").read_text().count("\n") == 1
@@ -292,14 +284,10 @@ def test_each_requirement_reads_only_what_it_needs(s2r):
 
 
 def test_two_processes_do_not_write_to_one_run(s2r):
-    words = ("check", s2r.spec(), "-b", "toy:slow", "-q")
-    first = subprocess.Popen(s2r.command(*words, "--run", "r"), cwd=s2r.folder, stdout=subprocess.DEVNULL)
-    journal = s2r.folder / "r" / "walking" / "journal.jsonl"
-    deadline = time.monotonic() + 300
-    while not (journal.exists() and journal.read_bytes().count(b"\n") > 2):
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
-    assert states(s2r(*words, "--resume", "r", code=2).stderr, "r/walking", "another process")
+    words = ("check", s2r.spec(), "-b", "toy:waits", "-q")
+    with waiting(s2r, *words, "--run", "r", stdout=subprocess.DEVNULL) as first:
+        until(lambda: rollouts_in(s2r.folder / "r" / "walking" / "journal.jsonl") > 2, 300)
+        assert states(s2r(*words, "--resume", "r", code=2).stderr, "r/walking", "another process")
     assert first.wait(300) == 0
 
 
@@ -331,10 +319,10 @@ def test_what_the_command_line_refuses_is_one_object_too(s2r):
 
 
 def test_a_reader_that_goes_away_is_not_told_that_the_requirement_is_violated(s2r):
-    words = ("check", s2r.spec(), "-b", "toy:slow", "--run", "cut")
-    process = subprocess.Popen(s2r.command(*words), cwd=s2r.folder, stderr=subprocess.PIPE)
-    process.stderr.readline()
-    process.stderr.close()
+    words = ("check", s2r.spec(), "-b", "toy:waits", "--run", "cut")
+    with waiting(s2r, *words, stderr=subprocess.PIPE) as process:
+        process.stderr.readline()
+        process.stderr.close()
     assert process.wait(timeout=300) == 141
     # It goes on from what there is.
-    assert s2r.json("check", s2r.spec(), "-b", "toy:slow", "-q", "--resume", "cut", code=0)["results"]
+    assert s2r.json("check", s2r.spec(), "-b", "toy:waits", "-q", "--resume", "cut", code=0)["results"]

@@ -12,7 +12,7 @@ def test_ctrl_c_ends_the_rollouts_and_says_how_to_go_on(s2r, noted):
     with started(words, s2r.folder) as command:
         until(lambda: len(noted()) == 2)
         os.kill(command.process.pid, signal.SIGINT)
-        done = command.finish(30)
+        done = command.finish()
     assert done.returncode == 130
     assert "--resume r" in done.stderr
     assert not [pid for pid, _ in noted() if lives(pid)]

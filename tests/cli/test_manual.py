@@ -81,7 +81,7 @@ def test_thirty_tests_with_a_kill_in_the_middle_are_the_rollouts_of_the_backend_
         assert asked(lab.folder) == before
         while done < len(records):
             hand_over(someone)
-        ended = command.finish(60)
+        ended = command.finish()
     assert ended.returncode == 3, ended.stderr
     assert done >= 30
     found = json.loads(ended.stdout)
@@ -139,7 +139,7 @@ def test_every_answer_at_the_terminal(lab):
         someone.reads("Test 0003")
         someone.reads(PROMPT)
         someone.types("q\n")
-        ended = command.finish(30)
+        ended = command.finish()
     assert ended.returncode == 130
     assert "--resume r" in ended.stderr
     assert "Traceback" not in ended.stderr
@@ -201,6 +201,6 @@ def test_the_options_for_logs_are_those_of_manual_too(lab):
         someone.reads("Accepted as 0001: 8 s")
         someone.reads(PROMPT)
         someone.types("\x04")
-        assert command.finish(30).returncode == 130
+        assert command.finish().returncode == 130
     (recording,) = LogBackend(str(lab.folder / "night")).recordings
     assert recording.trace.units["d_obs"] == "m"

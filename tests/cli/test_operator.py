@@ -67,7 +67,7 @@ def test_only_the_word_is_consent_and_a_run_goes_to_its_end(at_terminal, happene
             someone.types("\n")
             if count < 7:
                 someone.reads(NEXT)
-        done = command.finish(60)
+        done = command.finish()
     assert done.returncode == 3, done.stderr  # eight rollouts say nothing yet
     found = json.loads(done.stdout)
     assert found["results"][0]["voids"] == {}
@@ -84,7 +84,7 @@ def test_what_stops_a_run_is_no_error_and_it_goes_on(at_terminal, happened, s2r,
         someone.types("\n")
         someone.reads(NEXT)
         someone.types(typed)
-        done = command.finish(60)
+        done = command.finish()
     assert done.returncode == 130
     assert "--resume r" in done.stderr
     assert "Traceback" not in done.stderr
@@ -100,7 +100,7 @@ def test_what_was_typed_before_a_question_is_no_answer_to_it(at_terminal, happen
         command = start("robot")
         someone.reads(CONSENT)
         someone.types("q\n")
-        assert command.finish(60).returncode == 130
+        assert command.finish().returncode == 130
     assert happened("before") == []
 
 
@@ -117,7 +117,7 @@ def test_a_void_rollout_is_asked_about(at_terminal, happened):
         someone.types("a\n")
         someone.reads(NEXT)
         someone.types("q\n")
-        assert command.finish(60).returncode == 130
+        assert command.finish().returncode == 130
     assert len(happened("before")) == 2
 
 
@@ -187,7 +187,7 @@ def test_ctrl_c_brings_the_machine_to_rest_and_the_run_goes_on(s2r, happened):
     with started(words, s2r.folder) as command:
         until(lambda: len(happened("rollout")) == 2)
         os.kill(command.process.pid, signal.SIGINT)
-        done = command.finish(60)
+        done = command.finish()
     assert done.returncode == 130, done.stderr
     assert "--resume r" in done.stderr
     assert happened("interrupt") == ["interrupt soft"], done.stderr
@@ -207,7 +207,7 @@ def test_the_third_ctrl_c_ends_the_worker(s2r, happened, monkeypatch):
         for count in range(3):
             until(lambda: len(happened("interrupt", "rollout")) == count + 1)  # noqa: B023
             os.kill(command.process.pid, signal.SIGINT)
-        done = command.finish(60)
+        done = command.finish()
     assert done.returncode == 130, done.stderr
     assert happened("interrupt") == ["interrupt soft", "interrupt urgent"]
     assert [void.word for void in Journal.read(s2r.folder / "r" / "walking").voids] == ["killed"]
@@ -219,7 +219,7 @@ def test_a_search_that_was_killed_in_a_rollout_resumes_with_the_same_test(s2r, h
     with started(words, s2r.folder) as command:
         until(lambda: len(happened("rollout")) == 3)
         os.kill(command.process.pid, signal.SIGKILL)
-        command.process.join(10)
+        command.process.join(120)
     worker = int(happened("rollout")[2].split()[-1])
     until(lambda: not lives(worker))
     before = (s2r.folder / "r" / "walking" / FILE).read_bytes()

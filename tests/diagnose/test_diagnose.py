@@ -49,7 +49,13 @@ def rubbing(find):
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("coulomb", 1.5), ("viscous", 2.0), ("tilt", -1.4), ("delay", 0.04), ("speed_scale", 0.85)],
+    [
+        ("coulomb", 1.5),
+        ("delay", 0.04),
+        ("speed_scale", 0.85),
+        pytest.param("viscous", 2.0, marks=pytest.mark.slow),
+        pytest.param("tilt", -1.4, marks=pytest.mark.slow),
+    ],
 )
 def test_an_effect_is_named_sized_and_closes_the_gap(find, rubbing, name, value):
     found = rubbing if name == "coulomb" else find({name: value}, case=11)
@@ -84,7 +90,7 @@ def test_a_machine_with_four_effects_has_all_four_named(find, effects):
     assert found.how_far.share[0] > 0.8
 
 
-@pytest.mark.parametrize("effects", [{"payload": 1.2}, {"motor": 0.8}])
+@pytest.mark.parametrize("effects", [{"payload": 1.2}, pytest.param({"motor": 0.8}, marks=pytest.mark.slow)])
 def test_effects_of_one_kind_are_answered_as_a_set_however_clear_the_data_are(find, effects):
     found = find(effects, case=5)
     assert ("payload", "motor") in found.which.isolability.kinds(("payload", "motor", "delay"))

@@ -35,7 +35,7 @@ def test_a_single_sample_far_off_is_told_with_its_rollout_its_time_and_its_size(
     [told] = [each.text for each in glitches(BENCH, many({}, spike))]
     when = many({})[3][1].times[40]
     assert told.startswith("v_meas of real rollout 3 (vd = 0.5, acc = 2) is off by")
-    assert f"for a sample at {when:.4g} s" in told
+    assert f" {when:.4g} s" in told
     assert float(told.split("off by ")[1].split()[0]) == pytest.approx(30.0, rel=0.1)
 
 
@@ -46,7 +46,7 @@ def test_a_channel_that_stops_in_the_middle_is_told_with_when():
     runs = many({}, stuck)
     [told] = [each.text for each in glitches(BENCH, runs)]
     times = runs[3][1].times
-    assert f"keeps one value from {times[8]:.4g} to {times[59]:.4g} s, where the simulator's moves" in told
+    assert f" from {times[8]:.4g} to {times[59]:.4g} s" in told
 
 
 def test_a_step_noise_a_lost_channel_and_what_saturates_are_not():

@@ -27,7 +27,7 @@ def test_the_example_prints_what_it_says(capsys) -> None:
 
 
 def test_every_code_is_listed() -> None:
-    assert dict(re.findall(r"^\| ([EL]\d\d) \| (.*) \|$", TEXT, re.MULTILINE)) == ERRORS | LINTS
+    assert set(re.findall(r"^\| ([EL]\d\d) \|", TEXT, re.MULTILINE)) == {*ERRORS, *LINTS}
 
 
 def test_every_word_is_explained() -> None:

@@ -1,6 +1,6 @@
 """Mutation testing: are small faults in the code caught by its tests?
 
-    python -m tests.mutation [PART | MODULE …] [--sample N | --all] [--tests FILE …] [--jobs N] [--write]
+    python -m tests.mutation [PART | MODULE …] [--sample N | --all | --again] [--minutes M] [--jobs N] [--write]
 
 Needs the extra ``mutation``. PART is ``certify``, ``robustness`` or ``guard``; MODULE is a file of one. The working
 tree is copied, and each mutant meets the tests that run its line, the fastest first. Survivors are printed with what
@@ -67,10 +67,12 @@ def tried(
         "modules": modules,
         "tests": words.tests or part.tests,
         "early": part.early,
+        "again": words.survivors,
         "part": part.modules(results.ROOT),
         "samples": samples,
         "seed": words.seed,
         "most": words.seconds,
+        "minutes": words.minutes,
     }
     with tempfile.TemporaryDirectory(prefix="mutation-") as kept:
         folder = Path(kept)
@@ -109,68 +111,80 @@ def tried(
 
 def sampled(part: Part, module: str, words: argparse.Namespace) -> int | None:
     """Return how many mutants of a module are tried; None for all."""
-    if words.all or (words.sample is None and Path(module).name in part.whole):
+    if words.all or words.again or (words.sample is None and Path(module).name in part.whole):
         return None
     return SAMPLE if words.sample is None else int(words.sample)
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+def words_of_the_command() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="python -m tests.mutation", description=__doc__.splitlines()[0])
     parser.add_argument("wanted", nargs="*", metavar="PART | MODULE", help="without one, all parts")
     parser.add_argument(
-        "--sample",
-        type=int,
-        help=f"mutants of each module; without it {SAMPLE}, or all where its part says so",
+        "--sample", type=int, help=f"mutants of each module ({SAMPLE}, or all where its part says so)"
     )
     parser.add_argument("--all", action="store_true", help="every mutant of every module")
-    parser.add_argument("--seed", type=int, default=0, help="of the random sample")
+    parser.add_argument("--again", action="store_true", help="only the survivors that are kept")
+    parser.add_argument("--seed", type=int, default=0, help="of the random sample and of its order")
     parser.add_argument(
         "--seconds", type=float, default=20.0, help="of CPU, of the tests that a mutant meets at most"
     )
+    parser.add_argument("--minutes", type=float, default=1e6, help="after which no further mutant is tried")
     parser.add_argument("--tests", nargs="+", metavar="FILE", help="instead of those of the part")
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     parser.add_argument("--write", action="store_true", help="to benchmarks/results, too")
     parser.add_argument("--table", action="store_true", help="try nothing, and print what is kept")
-    words = parser.parse_args()
-    kept = results.read() or {"about": [], "modules": {}}
-    if words.table:
-        print(results.table(kept), end="")
-        return
-    began, jobs = time.monotonic(), []
+    return parser.parse_args()
+
+
+def rows_of(words: argparse.Namespace) -> list[Row]:
+    """Return the rows of all workers."""
+    jobs = []
     for name, part in PARTS.items():
         modules = [
             one for one in part.modules(results.ROOT) if not words.wanted or {name, one} & set(words.wanted)
         ]
+        if words.again:
+            modules = [one for one in modules if one in {module for module, _, _ in words.survivors}]
         samples = {one: sampled(part, one, words) for one in modules}
         shares = [modules[k :: words.jobs] for k in range(words.jobs)]
         jobs += [(part, share, samples, words) for share in shares if share]
     with ThreadPoolExecutor(words.jobs) as pool:
-        rows = [row for found in pool.map(lambda job: tried(*job), jobs) for row in found]
-    fresh = {}
-    for one in (row for row in rows if "mutants" in row):
-        own = [row for row in rows if row.get("module") == one["module"] and "result" in row]
-        fresh[one["module"]] = vars(results.score(one["mutants"], own))
-    unjudged = [
-        (module, row["was"], row["now"])
-        for module, one in fresh.items()
-        for row in one["survivors"]
-        if (module, row["was"], row["now"]) not in results.judged()
-    ]
-    kept = {"about": kept["about"], "modules": (kept["modules"] if words.write else {}) | fresh}
-    if words.write:
-        sys.path.append(str(results.ROOT / "benchmarks"))
-        from machine import describe
+        return [row for found in pool.map(lambda job: tried(*job), jobs) for row in found]
 
-        machine = describe("cosmic-ray", "coverage", "pytest")
-        kept["about"] = [
-            f"{machine['processor']}, {machine['cores']} cores, Python {machine['python']}, {machine['date']}",
-            f"seed {words.seed}, tests of at most {words.seconds:g} CPU seconds for a mutant",
+
+def about() -> list[str]:
+    """Return a line about the machine and the versions."""
+    sys.path.append(str(results.ROOT / "benchmarks"))
+    from machine import describe
+
+    found = describe("cosmic-ray", "coverage")
+    versions = ", ".join(f"{name} {version}" for name, version in found["versions"].items())  # type: ignore[attr-defined]
+    return [
+        f"{found['processor']}, {found['cores']} cores, Python {found['python']}, {found['date']}, {versions}"
+    ]
+
+
+def main() -> None:
+    words, began = words_of_the_command(), time.monotonic()
+    kept = results.read() or {"about": [], "modules": {}}
+    if words.table:
+        print(results.table(kept), end="")
+        return
+    before = kept["modules"]
+    words.survivors = None
+    if words.again:
+        words.survivors = [
+            (module, row["was"], row["now"]) for module, one in before.items() for row in one["survivors"]
         ]
+    fresh = results.scores(rows_of(words), before if words.again else None)
+    kept["modules"] = (before if words.write else {}) | fresh
+    if words.write:
+        kept["about"] = about()
         results.RESULTS.write_text(json.dumps(kept, indent=1) + "\n")
         results.TABLE.write_text(results.table(kept))
     print(results.table(kept), end="")
     print(f"{time.monotonic() - began:.0f} s")
-    sys.exit(1 if unjudged else 0)
+    sys.exit(1 if results.not_judged(fresh) else 0)
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 Not mutated, for no test should catch it:
 
 - text, numbers in f-strings included: tests assert the code, file, line and name of an error, not its sentence;
+- ``strict=True`` of zip: the lengths are equal, and it says so;
 - annotations, and what is for the type checker alone: they are not evaluated;
 - arguments of decorators: ``frozen=True`` guards against careless code, and mypy holds it;
 - decorators: without ``@dataclass`` nothing works, and without ``@cache`` all is as before, and slower.
@@ -129,11 +130,9 @@ def sites(code: str) -> list[Site]:
     return sorted(found, key=lambda site: (site.line, site.name, site.occurrence))
 
 
-def sample(of: Sequence[Site], count: int, seed: str) -> list[Site]:
-    """Return at most ``count`` of the sites, drawn at random, in their order."""
-    if len(of) <= count:
-        return list(of)
-    return [of[place] for place in sorted(random.Random(seed).sample(range(len(of)), count))]
+def sample(of: Sequence[Site], count: int | None, seed: str) -> list[Site]:
+    """Return at most ``count`` of the sites, drawn at random; all of them for None."""
+    return random.Random(seed).sample(of, len(of) if count is None else min(count, len(of)))
 
 
 @cache
@@ -174,6 +173,8 @@ def _spared(tree: ast.Module) -> Iterator[ast.expr | ast.stmt]:
                 yield node
             case ast.arg(annotation=ast.expr() as annotation) | ast.AnnAssign(annotation=annotation):
                 yield annotation
+            case ast.Call(func=ast.Name(id="zip"), keywords=[keyword]):
+                yield keyword.value
             case ast.If(test=ast.Name(id="TYPE_CHECKING")):
                 yield node
         if isinstance(node, ast.FunctionDef) and node.returns is not None:

@@ -27,7 +27,7 @@ class Part:
         found = []
         for source in self.sources:
             path = root / source
-            found += sorted(path.glob("*.py")) if path.is_dir() else [path]
+            found += sorted(path.rglob("*.py")) if path.is_dir() else [path]
         return [str(module.relative_to(root)) for module in found if module.name != "__init__.py"]
 
 

@@ -1,7 +1,8 @@
 """Finds which tests run which lines, by Coverage, and how long each test takes.
 
 A test that runs a line may catch a fault in it; no other can. What a fixture of a module runs counts for all tests of
-its file, and what an import runs, such as a constant, for all tests: they may read it without running a line.
+its file. What an import runs, such as a constant, counts for all tests: they may read it without running a line. So
+does a function whose results are kept.
 """
 
 from __future__ import annotations
@@ -35,20 +36,31 @@ class Reach:
     def tests(self, module: str, code: str, line: int) -> list[str]:
         """Return the tests that run the statement of a line, the fastest first; none where no test does."""
         contexts = self.lines.get(module, {})
+        if remembered(code, line):
+            return self.anywhere()
         first, last = statement(code, line)
         here = {context for row in range(first, last + 1) for context in contexts.get(row, ())}
-        return self._named(here) if here != {""} else self.anywhere(module)
+        return self._named(here) if here != {""} else self.anywhere()
 
-    def anywhere(self, module: str) -> list[str]:
-        """Return the tests that run anything of a module, the fastest first, and then all others."""
-        first = self._named({context for found in self.lines.get(module, {}).values() for context in found})
-        return first + sorted(self.seconds.keys() - first, key=lambda name: (self.seconds[name], name))
+    def anywhere(self) -> list[str]:
+        """Return all tests, the fastest first."""
+        return sorted(self.seconds, key=lambda name: (self.seconds[name], name))
 
     def _named(self, here: set[str]) -> list[str]:
         names = {context.split("|")[0] for context in here if context}
         files = {context.split("::")[0] for context in here if context.endswith("|setup")}
         names |= {name for name in self.seconds if name.split("::")[0] in files}
         return sorted(names & self.seconds.keys(), key=lambda name: (self.seconds[name], name))
+
+
+def remembered(code: str, line: int) -> bool:
+    """Return whether a line is in a function whose results are kept: only the first test to ask for one runs it."""
+    for node in ast.walk(ast.parse(code)):
+        if isinstance(node, ast.FunctionDef) and node.lineno <= line <= (node.end_lineno or line):
+            names = {ast.unparse(one).partition("(")[0].rpartition(".")[2] for one in node.decorator_list}
+            if names & {"cache", "lru_cache", "cached_property", "once"}:
+                return True
+    return False
 
 
 def statement(code: str, line: int) -> tuple[int, int]:

@@ -33,6 +33,38 @@ def score(mutants: int, rows: list[Row]) -> Score:
     return Score(mutants, len(rows), len(rows) - len(left), kept)
 
 
+def scores(rows: list[Row], before: Row | None) -> Row:
+    """Return the scores by module from the rows of workers.
+
+    Args:
+        rows: one with the number of mutants for each module, and one for each mutant that was tried.
+        before: the scores by module that are kept, where only their survivors were tried again.
+    """
+    found: Row = {}
+    for head in (row for row in rows if "mutants" in row):
+        module = head["module"]
+        own = [row for row in rows if row.get("module") == module and "result" in row]
+        own.sort(key=lambda row: (row["line"], row["now"]))
+        new = score(head["mutants"], own)
+        if before is not None:
+            old, left = before[module], new.survivors
+            new = Score(old["mutants"], old["tried"], old["tried"] - len(left), left)
+        if own:
+            found[module] = vars(new)
+    return found
+
+
+def not_judged(modules: Row) -> list[Row]:
+    """Return the survivors of which nothing was judged."""
+    known = judged()
+    return [
+        row
+        for module, one in modules.items()
+        for row in one["survivors"]
+        if (module, row["was"], row["now"]) not in known
+    ]
+
+
 def read() -> dict[str, Any]:
     """Return the results that are kept, by module."""
     return json.loads(RESULTS.read_text()) if RESULTS.exists() else {}

@@ -12,6 +12,7 @@ import importlib
 import json
 import math
 import os
+import random
 import resource
 import signal
 import sys
@@ -152,6 +153,7 @@ def prepare(early: Sequence[str], part: set[str]) -> None:
 def main() -> None:
     task = json.load(sys.stdin)
     most: float = task["most"]
+    end = time.monotonic() + 60.0 * task["minutes"]
     root, log, kept = Path.cwd(), Path("build/log").absolute(), Path("build/reach.json").absolute()
     log.parent.mkdir(exist_ok=True)
     prepare(
@@ -184,27 +186,35 @@ def main() -> None:
         "seconds": round(time.monotonic() - began, 1),
     }
     print(json.dumps(said), flush=True)
-    for module in task["modules"]:
-        code = Path(module).read_text()
-        every = made.sites(code)
-        count = len(every) if task["samples"][module] is None else task["samples"][module]
-        drawn = made.sample(every, count, f"{task['seed']} {Path(module).name}")
-        broken = f"{code}\nraise RuntimeError('a module that cannot be imported')\n"
-        if tried(module, broken, reach.anywhere(module), reach, most, log) == "survived":
+    code = {module: Path(module).read_text() for module in task["modules"]}
+    drawn: list[tuple[str, made.Site]] = []
+    for module, text in code.items():
+        every = made.sites(text)
+        broken = f"{text}\nraise RuntimeError('a module that cannot be imported')\n"
+        if tried(module, broken, reach.anywhere(), reach, most, log) == "survived":
             sys.exit(f"the tests do not run the copy of {module}")
-        print(json.dumps({"module": module, "mutants": len(every), "drawn": len(drawn)}), flush=True)
-        for site in drawn:
-            began = time.monotonic()
-            mutant = made.mutant(code, site)
-            if mutant is None:
-                continue
-            names = reach.tests(module, code, mutant.line)
-            row = {
-                "module": module, "line": mutant.line, "operator": mutant.operator, "was": mutant.was,
-                "now": mutant.now, "result": tried(module, mutant.code, names, reach, most, log), "reached": len(names),
-                "seconds": round(time.monotonic() - began, 1),
-            }  # fmt: skip
-            print(json.dumps(row), flush=True)
+        print(json.dumps({"module": module, "mutants": len(every)}), flush=True)
+        count = task["samples"][module]
+        drawn += [(module, site) for site in made.sample(every, count, f"{task['seed']} {Path(module).name}")]
+    random.Random(task["seed"]).shuffle(drawn)  # so that a run that is cut short is a random sample, too
+    again = None if task["again"] is None else {tuple(one) for one in task["again"]}
+    for module, site in drawn:
+        began = time.monotonic()
+        line = code[module].splitlines()[site.line - 1].strip()
+        if again is not None and (module, line) not in {one[:2] for one in again}:
+            continue
+        mutant = made.mutant(code[module], site)
+        if mutant is None or (again is not None and (module, mutant.was, mutant.now) not in again):
+            continue
+        names = reach.tests(module, code[module], mutant.line)
+        row = {
+            "module": module, "line": mutant.line, "operator": mutant.operator, "was": mutant.was,
+            "now": mutant.now, "result": tried(module, mutant.code, names, reach, most, log), "reached": len(names),
+            "seconds": round(time.monotonic() - began, 1),
+        }  # fmt: skip
+        print(json.dumps(row), flush=True)
+        if time.monotonic() > end:
+            break
 
 
 if __name__ == "__main__":

@@ -3,7 +3,7 @@
 What it does is in its name, words with a comma between them: ``robot:auto`` asks nobody; ``link=3`` loses the link in
 the third rollout that anybody runs of it, ``die=3`` kills the process that runs it, ``hang=3`` waits there until it is
 interrupted (with ``S2R_ROBOT_DEAF`` until it is killed), ``raise=3`` raises, ``shy=3`` does not begin, ``fell=3``
-falls, ``both=3`` falls and loses the link, ``slow=3`` takes 0.5 s to stand up; ``link=3+4`` does so twice. ``refuse``
+falls, ``both=3`` falls and loses the link, ``slow=3`` takes 1.2 s to stand up; ``link=3+4`` does so twice. ``refuse``
 does not let the first rollout begin.
 All that happens to it is a line of the file that ``S2R_ROBOT`` names.
 """
@@ -109,14 +109,14 @@ class Robot(Toy):
         if "die" in now:
             os.kill(os.getpid(), signal.SIGKILL)
         if "slow" in now:
-            time.sleep(0.5)
+            time.sleep(1.2)
         if self.begins is not None:
             self.begins()
         trace = super().rollout(params, seed)
         meta = {}
         if "hang" in now:
             log = Path(os.environ["S2R_ROBOT"])
-            until = time.monotonic() + 30
+            until = time.monotonic() + 300
             deaf = "S2R_ROBOT_DEAF" in os.environ
             while (deaf or "interrupt soft" not in log.read_text()) and time.monotonic() < until:
                 time.sleep(0.01)

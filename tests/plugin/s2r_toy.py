@@ -4,7 +4,9 @@ What it does besides is in its name, so that workers see it too: ``toy:raise``
 raises at every rollout, ``toy:die`` kills the process that runs it at speeds
 above 0.29 m/s, ``toy:fall`` falls there, ``toy:hang`` never answers there,
 ``toy:slow`` takes 20 ms, ``toy:drag`` reaches only nine tenths of its speed;
-``exit``, ``missing``, ``dict`` and ``nan`` break the contract.
+``toy:waits`` waits before the tenth rollout of a process as long as there is
+the file that ``S2R_TOY_WAITS`` names; ``exit``, ``missing``, ``dict`` and
+``nan`` break the contract.
 """
 
 from __future__ import annotations
@@ -13,12 +15,17 @@ import ctypes
 import os
 import signal
 import time
+from itertools import count
+from pathlib import Path
 
 import numpy as np
 
 from s2r_spec.backend import Channel, Parameter
 from s2r_spec.errors import MissingPackageError
 from s2r_spec.trace import Trace
+
+RUN = count(1)
+"""Rollouts of this process that could wait."""
 
 
 class Toy:
@@ -56,6 +63,9 @@ class Toy:
             return {"vx": vd}
         if self.habit == "slow":
             time.sleep(0.02)
+        if self.habit == "waits" and next(RUN) >= 10:
+            while "S2R_TOY_WAITS" in os.environ and Path(os.environ["S2R_TOY_WAITS"]).exists():
+                time.sleep(0.01)
         if self.habit == "die" and vd > 0.29:
             os.kill(os.getpid(), signal.SIGSEGV)
         if self.habit == "hang" and vd > 0.29:

@@ -57,7 +57,7 @@ def test_held_signals_are_as_defined(case) -> None:
     agrees(case)
 
 
-@settings(max_examples=examples(100), deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 @given(case=cases("linear").filter(lambda case: halvings(case.formula) <= 3))
 def test_straight_lines_are_as_defined(case) -> None:
     agrees(case)

@@ -216,7 +216,7 @@ def test_a_machine_s_certificate_does_not_say_that_void_rollouts_are_counted(rob
 def test_a_rollout_that_takes_too_long_is_ended_and_void(robot, spec, tmp_path):
     operator = Operator()
     # to stand up takes longer than the time-out, which counts from t = 0
-    s2r.check(spec, "robot:slow=1+3,hang=2", tmp_path / "r", budget=8, timeout=0.3, operator=operator)
+    s2r.check(spec, "robot:slow=3,hang=2", tmp_path / "r", budget=8, timeout=1.0, operator=operator)
     assert [void.word for void in Journal.read(tmp_path / "r").voids] == ["killed"]
     assert len(robot("rollout")) == 9
 

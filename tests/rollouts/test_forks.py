@@ -14,6 +14,7 @@ from s2r_spec.rollouts import worker_process
 from s2r_spec.rollouts.pools import ProcessPool, process_pool
 from s2r_spec.rollouts.runner import Runner, Task, run_task
 from s2r_spec.rollouts.seeds import rollout_seed
+from tests.errors import states
 from tests.processes import lives, until
 
 pytestmark = [
@@ -55,7 +56,9 @@ def test_a_rollout_that_starts_processes_answers_once_and_in_its_place(habit, no
 )  # fmt: skip
 def test_a_rollout_that_hangs_in_processes_of_its_own_is_ended_with_all_of_them(habit, count, seconds, noted):
     found = outcomes(tasks(f"forks:{habit}-hang", [0.3, 0.1]), timeout=seconds)
-    assert [done.failure for done in found] == [f"crash: no answer within {seconds} s", None]
+    hung, other = (done.failure for done in found)
+    assert states(hung, "crash", f"{seconds} s")
+    assert other is None
     assert len(noted()) == count
     assert len({group for _, group in noted()}) == 1
     assert not [pid for pid, _ in noted() if lives(pid)]
@@ -107,5 +110,5 @@ def test_when_s2r_is_killed_its_workers_end_with_all_that_they_started(habit, co
     s2r = subprocess.Popen([sys.executable, "-c", PROGRAM, f"forks:{habit}-hang"], start_new_session=True)
     until(lambda: len(noted()) == count)
     os.killpg(s2r.pid, number)
-    assert s2r.wait(10) == -number
-    until(lambda: not any(lives(pid) for pid, _ in noted()), 10)
+    assert s2r.wait(120) == -number
+    until(lambda: not any(lives(pid) for pid, _ in noted()))

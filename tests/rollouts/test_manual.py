@@ -91,7 +91,7 @@ NAN = np.where(np.arange(101) == 50, np.nan, 0.2)
         (log(0.2, vx_cmd=np.full(101, 30.0), units={"vx_cmd": "cm/s"}), ["vx_cmd", "0.3 m/s"]),
         (log(0.2, units={"vx_cmd": "kg"}), ["vx_cmd", "kg"]),
         (log(0.2, load_cmd=np.full(101, 3.0)), ["load_cmd", "3 kg", "load = 2 kg"]),
-        (log(0.2, vx_cmd=np.where(TIMES < 1.5, 0.2, 0.0)), ["vx_cmd", "0 m/s", "1.52 s"]),
+        (log(0.2, vx_cmd=np.where(TIMES < 1.5, 0.2, 0.0)), ["vx_cmd", "0 m/s", "1.52 s", "vd = 0.2 m/s"]),
         (log(0.2, vx_cmd=np.where(TIMES < 1.5, 20.0, 15.0), units={"vx_cmd": "cm/s"}), ["vx_cmd", "0.15 m/s"]),
         (log(vx=np.where(TIMES > 1.0, np.inf, 0.2)), ["inf"]),
         (log(0.1, meta={"failure": "fall"}), ["vx_cmd", "0.1 m/s"]),

@@ -6,7 +6,7 @@ its own, and outlives both the client and the process that started it. A control
 
 Layers, each importing only those above it: ``leg``, ``limits`` and ``moves`` (pure: constants, checks, own motions);
 ``states`` (pure: the state machine); ``place`` and ``control`` (files and sockets of a guard); ``loop`` (the rounds);
-``start`` and ``__main__`` (start of a guard, and commands to it).
+``answers`` (replies to requests); ``start`` and ``__main__`` (start of a guard, and commands to it).
 
 Nothing protects a robot if SIGKILL or a crash of the computer ends this process. The robot's own firmware then decides,
 and its behaviour is unknown until it is tested on a real robot.

@@ -180,7 +180,7 @@ def _run(given: argparse.Namespace) -> int:
 
 def _begun(given: argparse.Namespace) -> Any:
     """Return a guard that holds the robot's lock and listens; None if another guard does."""
-    from s2r_a1.guard.desk import answer
+    from s2r_a1.guard.answers import answer
     from s2r_a1.guard.loop import Guard
 
     files = place(given.host, given.port)

@@ -1,0 +1,38 @@
+"""``s2r docs``: the pages of the documentation at the terminal."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from s2r_spec import documentation
+from s2r_spec.cli.common import sentences
+from s2r_spec.errors import UsageError, suggest
+
+Name = Annotated[
+    str | None,
+    typer.Argument(metavar="[PAGE]", help="Page to print, such as how-to/effects.", show_default="list all"),
+]
+
+
+def docs(name: Name = None) -> None:
+    """Print a page of the documentation, or list all pages."""
+    with sentences():
+        place = documentation.folder()
+        if place is None:
+            raise UsageError("this installation has no pages; install s2r again, from a wheel or a checkout")
+        pages = documentation.pages(place)
+        if name is None:
+            widest = max(map(len, pages))
+            for each, path in pages.items():
+                print(f"{each:{widest}}  {_title(path.read_text(encoding='utf-8'))}")
+        elif name.removesuffix(".md") in pages:
+            print(pages[name.removesuffix(".md")].read_text(encoding="utf-8"), end="")
+        else:
+            raise UsageError(f"no page {name!r}{suggest(name, pages)} `s2r docs` lists all pages")
+
+
+def _title(text: str) -> str:
+    """Return the first heading of a page in Markdown."""
+    return next((line.removeprefix("# ") for line in text.splitlines() if line.startswith("# ")), "")
