@@ -52,7 +52,7 @@ def test_its_options_are_read_and_a_class_without_any_refuses_them(cart, monkeyp
     # The class keeps its effects in its first field, where an option would land.
     monkeypatch.setattr(backend, "_factory", lambda name: cart["Cart"])
     assert backend.load_backend("cart") == cart["Cart"]()
-    with pytest.raises(UsageError, match=r"no options.*'worn'"):
+    with pytest.raises(UsageError, match="'worn'"):
         backend.load_backend("cart:worn")
 
 

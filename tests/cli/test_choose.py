@@ -23,7 +23,7 @@ def test_a_choice_needs_checks_that_can_be_compared(s2r):
     spec = s2r.spec()
     s2r("check", spec, "-b", "toy", "-q", "--run", "a", code=0)
     assert "two" in s2r("choose", "a", code=2).stderr
-    assert "toy" in s2r("choose", "a", "a", code=2).stderr
+    assert "'toy'" in s2r("choose", "a", "a", code=2).stderr
 
 
 def test_where_nothing_can_be_chosen_both_forms_exit_with_3(s2r):
