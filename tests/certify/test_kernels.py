@@ -57,6 +57,30 @@ def test_a_function_changes_by_no_more_than_the_bound_and_nearly_by_it_over_a_sh
         assert (change <= slack * truth).all()
 
 
+@pytest.mark.parametrize(("name", "formula"), [("rbf", rbf), ("matern52", matern52)])
+def test_what_a_cell_hides_is_h2_8_times_the_largest_second_derivative(name, formula):
+    """That is at most the root of the kernel's fourth derivative at 0, here by differences."""
+    step = 0.01
+    fourth = (2 * formula(2 * step) - 8 * formula(step) + 6) / step**4
+    hidden = Kernel(name, 1.0).hidden(np.array([0.1]))[0]
+    assert hidden == pytest.approx(np.sqrt(fourth) / 8 * 0.1**2, rel=0.05)
+
+
+def test_what_a_cell_of_the_once_differentiable_kernel_hides_is_h_4_times_the_change_of_the_derivative():
+    """Twice the change of k'' bounds its square, and k'' changes fastest at 0."""
+    r = np.geomspace(1e-6, 1, 200)
+    second = 3 * (np.sqrt(3) * r - 1) * np.exp(-np.sqrt(3) * r)
+    steepest = (2 * (second + 3) / r).max()
+    hidden = Kernel("matern32", 1.0).hidden(np.array([0.1]))[0]
+    assert hidden == pytest.approx(np.sqrt(steepest * 0.1) * 0.1 / 4, rel=1e-3)
+
+
+@pytest.mark.parametrize("length", [1e300, 1e-300, np.inf])
+def test_a_lengthscale_that_cannot_be_squared_is_refused(length):
+    with pytest.raises(UsageError, match="lengthscale of rbf"):
+        Kernel("rbf", (0.2, length))
+
+
 @pytest.mark.parametrize("name", ["rbf", "matern52", "matern32"])
 @pytest.mark.parametrize("dim", [1, 3])
 def test_sides_for_an_error_have_it_and_each_axis_an_equal_part(name, dim):

@@ -41,7 +41,7 @@ PARTS = {
     "robustness": Part(
         ("s2r_spec/robustness",),
         ("tests/robustness", "tests/test_instants.py"),
-        ("torch", "s2r_spec.lang.parser"),
+        ("torch", "s2r_spec.lang.parsing"),
         frozenset({"kernels.py", "windows.py"}),
     ),
     "guard": Part(
