@@ -1,5 +1,7 @@
 """The how-to pages do what they say."""
 
+import importlib
+import json
 import re
 from pathlib import Path
 
@@ -10,7 +12,8 @@ from s2r_spec import backend
 from s2r_spec.backend import Backend, HasEffects
 from s2r_spec.errors import UsageError
 
-PAGES = Path(__file__).parents[1] / "docs" / "how-to"
+ROOT = Path(__file__).parents[1]
+PAGES = ROOT / "docs" / "how-to"
 
 
 @pytest.fixture
@@ -64,3 +67,29 @@ def test_the_page_on_clusters_quotes_what_is_said():
     assert len(quotes) == 5
     for quote in quotes:
         assert re.sub(r"\bHOST\b", "…", quote) in said, quote
+
+
+@pytest.fixture
+def sizing(monkeypatch):
+    monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
+    return importlib.import_module("sizing")
+
+
+def test_the_page_on_sizing_shows_what_was_measured(sizing):
+    page, found = sizing.PAGE.read_text(encoding="utf-8"), json.loads(sizing.RESULTS.read_text())
+    assert sorted(re.findall(r"<!-- table: (\w+) -->", page)) == sorted(sizing.TABLES)
+    assert page == sizing.with_tables(page, found), "run: python benchmarks/sizing.py --write"
+
+
+def test_the_batches_that_were_measured_are_those_of_the_page_s_table(sizing):
+    for check in json.loads(sizing.RESULTS.read_text())["checks"]:
+        measured, expected = check["sizes"], sizing.batches(sum(check["sizes"]))
+        assert all(size <= most for size, most in zip(measured, expected, strict=False))
+        assert measured[-1] >= 8
+
+
+def test_the_speed_up_is_at_most_the_workers_and_the_mean_batch(sizing):
+    sizes = sizing.batches(600)
+    for workers in sizing.WORKERS:
+        assert 1 <= sizing.speed_up(sizes, workers) <= min(workers, sum(sizes) / len(sizes))
+    assert sizing.speed_up(sizes, 1) == 1
