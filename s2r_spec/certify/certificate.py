@@ -10,7 +10,7 @@ from annotated_types import MinLen
 
 from s2r_spec.plain import to_json
 
-ALL_COUNT = "every rollout that was asked for is counted"
+ALL_COUNT = "every requested rollout is counted"
 """Definition: an assumption about the rollouts; those of a machine may be void, and then run again."""
 
 

@@ -204,7 +204,7 @@ def _assumptions(
         ),
         f"for simulator and real machine, ρ is R-sub-Gaussian with the spec's R; each Δ is one real rollout "
         f"minus the mean of {averaged} simulated ones",
-        f"a rollout that falls or crashes counts as ρ = {fall:g} {unit}".rstrip() + " on both sides",
+        f"a rollout that falls or crashes counts as ρ = {fall:g} {unit}".rstrip() + ", simulated or real",
     )
     for side in SYSTEMS:
         assumptions += machine_assumptions(provenance[side]["backend"], provenance[side], journals[side])

@@ -58,7 +58,7 @@ class Pairing:
         if not isinstance(machine.backend, HasRecordings):
             if isinstance(sim.backend, HasRecordings):
                 raise UsageError(
-                    f"{simulated} has only the tests that were recorded, but {real} is asked for others: "
+                    f"{simulated} has only the tests that were recorded, but {real} needs others: "
                     f"give a --sim that runs, or a recorded --real"
                 )
             return cls(sim, machine)
@@ -105,7 +105,7 @@ def _paired(spec: Spec, real: Design, simulated: Design) -> tuple[Design, Design
             sim_tests.append((point, others[: SIMULATED_PER_REAL * pairs]))
     if not real_tests:
         raise UsageError(
-            f"no test of {spec.name} was recorded on both sides: {_few(real)} of the real machine, "
+            f"no test of {spec.name} was recorded in both: {_few(real)} of the real machine, "
             f"{_few(simulated)} of the simulator"
         )
     notes = []

@@ -41,7 +41,7 @@ def is_machine(header: Mapping[str, Any]) -> bool:
 
 def with_voids(assumption: str, header: Mapping[str, Any]) -> str:
     """Return an assumption of a search, with void rollouts excepted if the header's backend is a machine."""
-    excepted = ALL_COUNT.replace("rollout that was asked for", "rollout that is not void")
+    excepted = ALL_COUNT.replace("requested rollout", "rollout that is not void")
     return assumption.replace(ALL_COUNT, excepted) if is_machine(header) else assumption
 
 

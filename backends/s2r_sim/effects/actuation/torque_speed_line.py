@@ -17,8 +17,8 @@ TORQUE_SPEED_LINE = PhysicsEffect(
     name="torque_speed_line",
     family="actuation",
     physics=(
-        "At a part v of the supply voltage the driving torque is limited to 2 (v - |speed| / 21 "
-        "rad/s) of its maximum; at 1 the line is out of reach and left out."
+        "At a part v of the supply voltage the driving torque is at most 2 (v - |speed| / 21 rad/s) "
+        "of its maximum. At v = 1 there is no such limit."
     ),
     parameters=(
         EffectParameter("voltage", "", low=0.2, high=1.0, nominal=1.0, prior="1 minus half-normal, 0.2"),

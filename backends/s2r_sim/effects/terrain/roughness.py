@@ -17,8 +17,8 @@ ROUGHNESS = PhysicsEffect(
     name="roughness",
     family="terrain",
     physics=(
-        "The ground's height varies smoothly, with wavelengths of 0.2 to 0.6 m, by this standard "
-        "deviation; where on it a rollout begins comes from its seed."
+        "The ground's height varies smoothly, with wavelengths of 0.2 to 0.6 m and this standard "
+        "deviation. The seed of a rollout chooses the place where it begins."
     ),
     parameters=(
         EffectParameter("height", "m", low=0.0, high=0.015, nominal=0.0, prior="half-normal, 0.004 m"),
