@@ -21,8 +21,9 @@ from machine import describe
 
 import s2r_spec as s2r
 from s2r_spec.rollouts.pools import process_pool
-from s2r_spec.rollouts.runner import Runner, Task
+from s2r_spec.rollouts.runner import Runner
 from s2r_spec.rollouts.seeds import rollout_seed
+from s2r_spec.rollouts.task import Task
 
 ROOT = Path(__file__).parents[1]
 RESULTS = ROOT / "benchmarks" / "results" / "dense_reference.json"

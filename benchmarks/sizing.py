@@ -29,13 +29,14 @@ from a1_gaps import step_of_the_a1
 from machine import describe
 
 import s2r_spec as s2r
-from s2r_spec.certify.drive import Silent
+from s2r_spec.certify.observers import Silent
 from s2r_spec.cli.common import cores
 from s2r_spec.rollouts.journal import FILE, Record
 from s2r_spec.rollouts.pools import ExecutorFactory, dask_pool, process_pool
-from s2r_spec.rollouts.rig import Rig
-from s2r_spec.rollouts.runner import Runner, Task
+from s2r_spec.rollouts.runner import Runner
+from s2r_spec.rollouts.scorer import Scorer
 from s2r_spec.rollouts.seeds import rollout_seed
+from s2r_spec.rollouts.task import Task
 
 ROOT = Path(__file__).parents[1]
 RESULTS = ROOT / "benchmarks" / "results" / "sizing.json"
@@ -113,9 +114,9 @@ def rates(counts: list[int]) -> list[dict[str, Any]]:
     for kind, workers in product(POOLS, counts):
         with pools(kind, workers) as (factory, _):
             for name, (spec, requirement, test, rollouts) in BACKENDS.items():
-                rig = Rig.for_spec(s2r.load_spec(ROOT / "specs" / spec), requirement, name)
+                scorer = Scorer.for_spec(s2r.load_spec(ROOT / "specs" / spec), requirement, name)
                 tasks = [
-                    rig.task(i, 0, test, rollout_seed(0, i, 0)) for i in range(rollouts + WARM * workers)
+                    scorer.task(i, 0, test, rollout_seed(0, i, 0)) for i in range(rollouts + WARM * workers)
                 ]
                 step = step_of_the_a1()
                 found = rate(factory, workers, tasks)

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from time import process_time
 
-from s2r_spec.rollouts.runner import open_backend
+from s2r_spec.rollouts.task import open_backend
 from s2r_spec.rollouts.worker_process import WorkerProcess
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from s2r_spec import backend
 from s2r_spec.errors import UsageError
-from s2r_spec.rollouts import runner
+from s2r_spec.rollouts import task
 from tests import forked
 
 ROOT = Path(__file__).parents[1]
@@ -43,10 +43,10 @@ def installed(folder, monkeypatch):
     monkeypatch.syspath_prepend(str(folder))
     monkeypatch.setenv("PYTHONPATH", str(folder), prepend=":")
     monkeypatch.chdir(folder)
-    for cached in (backend._factory, runner.open_backend):
+    for cached in (backend._factory, task.open_backend):
         cached.cache_clear()
     yield folder
-    for cached in (backend._factory, runner.open_backend):
+    for cached in (backend._factory, task.open_backend):
         cached.cache_clear()
 
 

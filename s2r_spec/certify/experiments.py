@@ -16,9 +16,9 @@ from s2r_spec.certify.search import Query, Search
 from s2r_spec.errors import BackendError, S2RError
 from s2r_spec.rollouts.journal import Journal, Record
 from s2r_spec.rollouts.machine_journal import Void
-from s2r_spec.rollouts.runner import Done, Task
 from s2r_spec.rollouts.scorer import Scorer
 from s2r_spec.rollouts.seeds import Stream, rollout_seed
+from s2r_spec.rollouts.task import Done, Task
 
 UNSCORED = "unscored"
 """Definition: word for a machine's rollout whose trace the requirement cannot evaluate."""

@@ -17,8 +17,8 @@ from s2r_spec.errors import UsageError
 from s2r_spec.rollouts.attendance import Terms, refuse_terms
 from s2r_spec.rollouts.journal import Journal
 from s2r_spec.rollouts.machine_runner import runner_for
-from s2r_spec.rollouts.runner import open_backend
 from s2r_spec.rollouts.scorer import Measure, Scorer
+from s2r_spec.rollouts.task import open_backend
 
 
 def check_measure(

@@ -16,8 +16,8 @@ from s2r_spec.errors import TraceError, UsageError
 from s2r_spec.rollouts.compatibility import Interface, check_compatibility
 from s2r_spec.rollouts.journal import Journal, Record
 from s2r_spec.rollouts.recorded import refuse_hidden
-from s2r_spec.rollouts.runner import Done
 from s2r_spec.rollouts.scorer import Scorer
+from s2r_spec.rollouts.task import Done
 from s2r_spec.spec import Spec
 
 ROUNDING = 1e-9

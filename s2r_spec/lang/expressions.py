@@ -8,13 +8,13 @@ from typing import cast
 
 from s2r_spec.lang import formula as f
 from s2r_spec.lang import syntax
+from s2r_spec.lang.common_unit import alike, combine, margins, one, without_offset
 from s2r_spec.lang.constants import constant
 from s2r_spec.lang.declarations import Param, Signal
 from s2r_spec.lang.functions import call
 from s2r_spec.lang.intervals import EVER, interval
 from s2r_spec.lang.scope import Scope, both, each, fail, unit_of
 from s2r_spec.lang.source import Span
-from s2r_spec.lang.unify import alike, combine, margins, one, without_offset
 from s2r_spec.lang.units import PLAIN
 
 Checked = f.Value | f.Formula

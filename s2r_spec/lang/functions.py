@@ -8,11 +8,11 @@ from typing import Literal, NoReturn, cast
 
 from s2r_spec.lang import formula as f
 from s2r_spec.lang import syntax
+from s2r_spec.lang.common_unit import alike, combine, one, without_offset
 from s2r_spec.lang.constants import constant
 from s2r_spec.lang.diagnostics import suggestion
 from s2r_spec.lang.scope import fail
 from s2r_spec.lang.source import Span
-from s2r_spec.lang.unify import alike, combine, one, without_offset
 from s2r_spec.lang.units import PLAIN, SECOND
 
 Argument = tuple[syntax.Expression, f.Value | f.Formula]

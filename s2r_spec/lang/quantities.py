@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 
 from s2r_spec.lang import syntax
+from s2r_spec.lang.common_unit import convert, one
 from s2r_spec.lang.constants import constant
 from s2r_spec.lang.expressions import value
 from s2r_spec.lang.scope import Scope, fail
-from s2r_spec.lang.unify import convert, one
 from s2r_spec.lang.units import Unit
 
 

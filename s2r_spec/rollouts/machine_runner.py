@@ -42,7 +42,8 @@ from s2r_spec.rollouts.journal import Journal
 from s2r_spec.rollouts.layout import run_of
 from s2r_spec.rollouts.machine_journal import AGAIN, FALL, KILLED, Void
 from s2r_spec.rollouts.pools import ProcessPool
-from s2r_spec.rollouts.runner import Done, Runner, Task, prepare, run_task
+from s2r_spec.rollouts.runner import Runner
+from s2r_spec.rollouts.task import Done, Task, prepare, run_task
 from s2r_spec.rollouts.worker_process import TimeLimitError, WorkerDiedError
 from s2r_spec.trace import Trace
 

@@ -13,9 +13,9 @@ from s2r_spec.backend import Backend, HasPictures, is_exclusive, short
 from s2r_spec.errors import UsageError
 from s2r_spec.files import saving
 from s2r_spec.rollouts.journal import Journal, Record
-from s2r_spec.rollouts.runner import Done, run_task
 from s2r_spec.rollouts.scorer import Scorer
 from s2r_spec.rollouts.spec_files import checked_header, load_run_spec
+from s2r_spec.rollouts.task import Done, run_task
 from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
 

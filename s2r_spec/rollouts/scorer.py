@@ -10,7 +10,7 @@ from typing import Self
 from s2r_spec.backend import Backend, Channel, Needs, NeedsSpec, Parameter
 from s2r_spec.errors import BackendError, S2RError, UsageError
 from s2r_spec.rollouts.compatibility import check_compatibility
-from s2r_spec.rollouts.runner import Done, Task, open_backend
+from s2r_spec.rollouts.task import Done, Task, open_backend
 from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
 

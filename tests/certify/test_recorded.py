@@ -8,7 +8,7 @@ from s2r_spec.errors import UsageError
 from s2r_spec.report.recompute import recompute
 from s2r_spec.rollouts.journal import Journal
 from s2r_spec.rollouts.replay import replay
-from s2r_spec.rollouts.runner import open_backend
+from s2r_spec.rollouts.task import open_backend
 from tests.errors import naming, states
 
 SPEC = """\

@@ -13,7 +13,7 @@ import s2r_spec as s2r
 from s2r_spec import backend
 from s2r_spec.certify.real_machine import certify as certify_both
 from s2r_spec.report.recompute import Recomputed, recompute
-from s2r_spec.rollouts import runner
+from s2r_spec.rollouts import task
 from s2r_spec.rollouts.journal import Journal, Record
 from s2r_spec.rollouts.spec_files import SPEC_FILE
 from tests.conftest import PLUGIN
@@ -32,10 +32,10 @@ def plugin():
     """Offer the toy's backends in this process."""
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(str(PLUGIN))
-        for cached in (backend._factory, runner.open_backend):
+        for cached in (backend._factory, task.open_backend):
             cached.cache_clear()
         yield
-    for cached in (backend._factory, runner.open_backend):
+    for cached in (backend._factory, task.open_backend):
         cached.cache_clear()
 
 

@@ -18,7 +18,7 @@ from s2r_spec.json_objects.schema import schema
 from s2r_spec.report import REPORTERS, certified, gapped, html, reporter
 from s2r_spec.report.numberline import bars
 from s2r_spec.report.recompute import Kind, kind, recompute_certify, recompute_gap
-from s2r_spec.rollouts.runner import open_backend
+from s2r_spec.rollouts.task import open_backend
 from tests.certify.logs import record_from
 from tests.errors import naming, states
 from tests.report.conftest import one_thread, plugin, spec_of

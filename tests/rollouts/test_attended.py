@@ -19,7 +19,8 @@ from s2r_spec.report.recompute import recompute, recompute_gap
 from s2r_spec.rollouts.journal import FILE, Journal, JournalError
 from s2r_spec.rollouts.pools import process_pool
 from s2r_spec.rollouts.replay import replay
-from s2r_spec.rollouts.runner import Runner, Task, run_task
+from s2r_spec.rollouts.runner import Runner
+from s2r_spec.rollouts.task import Task, run_task
 from tests.cli.conftest import FINE
 from tests.conftest import rewrite
 from tests.errors import naming, states

@@ -12,8 +12,9 @@ import pytest
 from s2r_spec.errors import BackendError
 from s2r_spec.rollouts import worker_process
 from s2r_spec.rollouts.pools import ProcessPool, process_pool
-from s2r_spec.rollouts.runner import Runner, Task, run_task
+from s2r_spec.rollouts.runner import Runner
 from s2r_spec.rollouts.seeds import rollout_seed
+from s2r_spec.rollouts.task import Task, run_task
 from tests.errors import states
 from tests.processes import lives, until
 
@@ -97,7 +98,8 @@ def test_bytes_among_the_answers_are_no_answer(noted):
 PROGRAM = textwrap.dedent("""\
     import sys
     from s2r_spec.rollouts.pools import process_pool
-    from s2r_spec.rollouts.runner import Runner, Task, run_task
+    from s2r_spec.rollouts.runner import Runner
+    from s2r_spec.rollouts.task import Task, run_task
     with Runner(process_pool(1)) as runner:
         list(runner.run([Task(0, 0, sys.argv[1], {"vd": 0.3}, 0)]))
     """)

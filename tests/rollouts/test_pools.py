@@ -12,11 +12,12 @@ import pytest
 
 from s2r_spec.backend import load_backend
 from s2r_spec.errors import BackendError, UsageError
-from s2r_spec.rollouts import pools, runner, worker_process
+from s2r_spec.rollouts import crashes, pools, worker_process
 from s2r_spec.rollouts.pools import dask_pool, process_pool
-from s2r_spec.rollouts.runner import Runner, Task, run_task
+from s2r_spec.rollouts.runner import Runner
 from s2r_spec.rollouts.scorer import default_timeout
 from s2r_spec.rollouts.seeds import rollout_seed
+from s2r_spec.rollouts.task import Task, run_task
 from tests.conftest import PLUGIN
 from tests.errors import naming, states
 from tests.processes import lives
@@ -152,7 +153,7 @@ def test_a_backend_that_does_not_open_is_no_rollout():
 
 def test_a_pool_of_somebody_elses_works_too(monkeypatch):
     """It breaks as a whole, so that every rollout in flight is a suspect."""
-    monkeypatch.setattr(runner, "STRIKES", 1)
+    monkeypatch.setattr(crashes, "STRIKES", 1)
     jobs = tasks("toy:die", [0.1, 0.3])
     found = outcomes(lambda: ProcessPoolExecutor(1, mp_context=get_context("spawn")), jobs)
     assert states(found[1].failure, "crash", "1")

@@ -5,8 +5,9 @@ import pytest
 
 from s2r_spec.errors import BackendError, UsageError
 from s2r_spec.rollouts.pools import process_pool
-from s2r_spec.rollouts.runner import Runner, Task, open_backend, run_task
+from s2r_spec.rollouts.runner import Runner
 from s2r_spec.rollouts.seeds import rollout_seed
+from s2r_spec.rollouts.task import Task, open_backend, run_task
 from s2r_spec.trace import Trace
 from tests.errors import naming
 

@@ -16,8 +16,8 @@ from s2r_spec.report.checked import test_words
 from s2r_spec.report.figures.canvas import BAD, BAND, INK, MUTED, Picture, draw, with_unit
 from s2r_spec.report.figures.tolerance import Margins, held, margins, reads
 from s2r_spec.rollouts.journal import Record
-from s2r_spec.rollouts.runner import run_task
 from s2r_spec.rollouts.scorer import Scorer
+from s2r_spec.rollouts.task import run_task
 from s2r_spec.spec import Explanation, Spec
 from s2r_spec.trace import Trace
 

@@ -1,0 +1,27 @@
+"""Rollouts without a trace: their worker died, or did not answer in time. They are crashes, and count as a fall."""
+
+from __future__ import annotations
+
+from s2r_spec.errors import BackendError
+from s2r_spec.rollouts.task import Done, Task
+from s2r_spec.rollouts.worker_process import TimeLimitError
+
+STRIKES = 3
+"""Budget: workers that a rollout may break before it counts as a crash. Twice as many take twice as long."""
+
+
+def workers_died(task: Task) -> Done:
+    """Return the outcome of a rollout that broke its worker ``STRIKES`` times."""
+    return Done(task, None, 0.0, f"crash: the worker died {STRIKES} times")
+
+
+def no_answer(task: Task, error: TimeLimitError) -> Done:
+    """Return the outcome of a rollout that exceeded its time limit.
+
+    Raises:
+        BackendError: the backend did not open in time, so the rollout never ran.
+    """
+    seconds = error.args[0]
+    if seconds > task.timeout:
+        raise BackendError(f"backend {task.backend!r} did not open within {seconds:g} s") from None
+    return Done(task, None, seconds, f"crash: no answer within {seconds:g} s")
