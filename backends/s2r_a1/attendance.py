@@ -37,7 +37,7 @@ COOL = 45.0
 """A level [°C]: a rest for heat ends when all motors are below it. A higher level ends it sooner, and the next rest
 comes sooner."""
 LYING = 20.0
-"""A budget [s]: time for lying down, by the guard's rounds, because a busy machine is slow in lock step. Twice as much
+"""A budget [s]: time for lying down, in rounds of the guard, because a busy machine is slow in lock step. Twice as much
 waits longer for a robot that is stuck."""
 LOOK = 0.02
 """A budget [s]: interval between two requests for the state."""
@@ -122,7 +122,7 @@ class Attendance:
         self._make_ready(consent=True)
 
     def before(self, params: Mapping[str, float]) -> None:
-        """Return when the robot is at its start and ready for a test.
+        """Return as soon as the robot is at its start and ready for a test.
 
         Raises:
             NotBegunError: the robot is not ready; the message says why.

@@ -115,7 +115,7 @@ class A1Backend:
 
     @property
     def placing(self) -> Placing:
-        """Mounting of the body that motion capture tracks."""
+        """Pose, in base axes, of the rigid body that motion capture tracks."""
         return read_placing(self.reached.body, self.reached.heading)
 
     @property

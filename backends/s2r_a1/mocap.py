@@ -47,8 +47,8 @@ TURNED = 10.0
 LEAST = 40
 """A tolerance: smallest number of poses of a rollout, 0.2 s at 200 Hz; twice as many refuse a fall just after t = 0."""
 FASTEST = 3.3
-"""A level [m/s]: speed that no A1 reaches, by its manufacturer. Faster motion means wrong units or jumping poses. Twice
-as much accepts jumps of 8 cm."""
+"""A level [m/s]: speed that no A1 reaches, according to its manufacturer. Faster motion means wrong units or jumping
+poses. Twice as much accepts jumps of 8 cm."""
 FARTHEST = 1.0
 """A level [m]: largest distance of a body from the middle of the base of an A1, which is 0.6 m long. Twice as much
 accepts some inches in place of metres."""
@@ -62,7 +62,7 @@ class MocapError(BackendError):
 
 @dataclass(frozen=True)
 class Placing:
-    """Mounting of the body that motion capture tracks.
+    """Pose, in base axes, of the rigid body that motion capture tracks.
 
     Attributes:
         position: position of its origin in base axes [m].
@@ -77,8 +77,8 @@ class Poses(NamedTuple):
     """Poses from motion capture.
 
     Attributes:
-        times: (n,) times by its own clock [s], increasing.
-        arrived: (n,) times of arrival by the robot's clock [s].
+        times: (n,) times on its own clock [s], increasing.
+        arrived: (n,) times of arrival on the robot's clock [s].
         position: (n, 3) positions [m].
         quaternion: (n, 4) attitudes w, x, y, z.
     """
@@ -93,7 +93,7 @@ class Gyro(NamedTuple):
     """The robot's gyroscope over a whole walk.
 
     Attributes:
-        times: (m,) times by the robot's clock [s].
+        times: (m,) times on the robot's clock [s].
         rates: (m, 3) angular velocity in base axes [rad/s].
         yaw: (m,) rate of the heading [rad/s].
     """
@@ -134,7 +134,7 @@ class Listener:
     """Collects poses on a port of this computer.
 
     Attributes:
-        refused: number of lines that are no poses.
+        refused: number of lines that are not poses.
     """
 
     def __init__(self, port: int) -> None:
@@ -286,8 +286,8 @@ def _turned(attitude: FloatArray, own: FloatArray, gyro: Gyro, heading: float) -
     """Return the estimated error of the body's stated heading [deg].
 
     Args:
-        attitude: (n, 3, 3) attitudes of the base, by the stated heading.
-        own: (n,) their times, by the robot's clock [s].
+        attitude: (n, 3, 3) attitudes of the base, from the stated heading.
+        own: (n,) their times on the robot's clock [s].
         gyro: gyroscope over the walk.
         heading: stated heading [deg].
 
@@ -368,7 +368,7 @@ def _base(quaternion: FloatArray, heading: float) -> tuple[FloatArray, FloatArra
 
 
 def _row(line: bytes) -> tuple[float, ...] | None:
-    """Return the eight numbers of a line, or None if it is no pose."""
+    """Return the eight numbers of a line, or None if it is not a pose."""
     try:
         pose = json.loads(line)
         row = tuple(float(pose[name]) for name in _NAMES)

@@ -18,15 +18,15 @@ PORT = 8007
 """A definition: the UDP port of an A1's motion controller."""
 OFFERED = (
     Option("host", None, "IPv4 address of the robot's motion controller; 127.0.0.1 is a twin"),
-    Option("port", str(PORT), "its UDP port"),
-    Option("velocity", None, "where vx and vy come from: onboard, or mocap:PORT for motion capture"),
-    Option("body", "0:0:0", "X:Y:Z [m] of the body that motion capture tracks, in base axes"),
-    Option("heading", "0", "of that body's x axis [deg], from the robot's to the left"),
+    Option("port", str(PORT), "UDP port of the motion controller"),
+    Option("velocity", None, "source of vx and vy: onboard, or mocap:PORT for motion capture"),
+    Option("body", "0:0:0", "position X:Y:Z [m], in base axes, of the body that motion capture tracks"),
+    Option("heading", "0", "angle of that body's x axis from the robot's [deg], positive to the left"),
     Option(
         "operator", "tty", "who answers: tty for a person at the terminal, auto for nobody, with a twin only"
     ),
     Option("clock", "real", "real, or lockstep with a twin only"),
-    Option("layout", "a1", "of the packets; go1 is refused, since a Go1 cannot walk yet"),
+    Option("layout", "a1", "layout of the packets; go1 is refused, since s2r cannot walk a Go1 yet"),
     Option(
         "local", "any free one", "UDP port of this computer for the robot; the vendor's program uses 8080"
     ),
@@ -45,7 +45,7 @@ class Options:
 
     Attributes:
         host: address of the robot.
-        port: its UDP port.
+        port: UDP port of the robot.
         mocap: UDP port of this computer that receives motion capture; None for the robot's own estimate.
         body: position of the tracked body, as text; see :func:`s2r_a1.mocap.read_placing`.
         heading: heading of the tracked body, as text.
@@ -153,7 +153,7 @@ def _host(value: str) -> str:
     try:
         address = ipaddress.IPv4Address(value)
     except ValueError:
-        raise UsageError(f"host = {value!r} is no IPv4 address, such as 192.168.123.10") from None
+        raise UsageError(f"host = {value!r} is not an IPv4 address, such as 192.168.123.10") from None
     # Linux takes 0.0.0.0 for this machine: a twin would pass for a robot. The others are many hosts.
     if address.is_unspecified or address.is_multicast or address.is_reserved:
         raise UsageError(
@@ -172,7 +172,7 @@ def _port(name: str, value: str) -> int:
 def _module(value: str) -> str:
     if not all(part.isidentifier() for part in value.split(".")):
         raise UsageError(
-            f"module = {value!r} is not the name of a Python module; write for example robot_interface"
+            f"module = {value!r} is not the name of a Python module; write, for example, robot_interface"
         )
     return value
 

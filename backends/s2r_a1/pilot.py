@@ -1,4 +1,4 @@
-"""One control tick of a test: from a reading to motor commands, by the simulator's own controller and estimator.
+"""One control tick of a test: from a reading to motor commands, with the simulator's own controller and estimator.
 
 Nothing here sends or waits, so a :class:`Pilot` computes the same commands from a recording as on the robot.
 """

@@ -255,7 +255,7 @@ def read(path: str | os.PathLike[str]) -> RawLog:
     """Return a recording up to its last complete block.
 
     Raises:
-        TraceError: the file cannot be read, or is no recording; the message names it.
+        TraceError: the file cannot be read, or is not a recording; the message names it.
     """
     try:
         data = Path(path).read_bytes()
@@ -263,7 +263,7 @@ def read(path: str | os.PathLike[str]) -> RawLog:
         raise TraceError(f"{os.fspath(path)}: {error.strerror}") from None
     if not data.startswith(MAGIC):
         raise TraceError(
-            f"{os.fspath(path)} is no raw recording of a robot; name a file that ends in {SUFFIX}"
+            f"{os.fspath(path)} is not a raw recording of a robot; name a file that ends in {SUFFIX}"
         )
     line, newline, rest = data[len(MAGIC) :].partition(b"\n")
     try:
@@ -293,7 +293,7 @@ def read(path: str | os.PathLike[str]) -> RawLog:
 
 
 def _event(time: int, data: bytes) -> list[dict[str, Any]]:
-    """Return the event of a record; empty if it is no object."""
+    """Return the event of a record; empty if it is not an object."""
     try:
         event = json.loads(data)
     except (ValueError, RecursionError):

@@ -52,7 +52,7 @@ def sense(robot: Robot, before: Sensed | None, reading: Reading, stance: Stance,
         before: estimated state at the last reading; None at the first.
         reading: the reading.
         stance: feet that the gait has on the ground.
-        ticks: time since ``before`` by the robot's clock, in control ticks of 2 ms.
+        ticks: time since ``before`` on the robot's clock, in control ticks of 2 ms.
     """
     w, x, y, z = (reading.quaternion / np.linalg.norm(reading.quaternion)).tolist()
     roll, pitch, yaw = rpy_from_wxyz(w, x, y, z)

@@ -39,7 +39,7 @@ class Counters:
     Attributes:
         received: packets from the peer, valid or not.
         late: reads without a new state.
-        lost: states missing between two received ones, by the robot's clock.
+        lost: states missing between two received ones, according to the robot's clock.
         corrupt: packets with a wrong length, level or checksum.
         numbers: packets with an impossible number.
         repeated: states with a repeated tick: duplicates, or a clock that stands still.

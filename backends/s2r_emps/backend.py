@@ -28,7 +28,7 @@ from s2r_spec.trace import Trace
 
 _CHANNELS = (
     Channel("q_ref", "m", "reference position"),
-    Channel("q", "m", "position by the motor's encoder"),
+    Channel("q", "m", "position from the motor's encoder"),
     Channel("v", "m/s", "speed that the drive feeds back: the difference of two positions over 1 ms"),
     Channel("u", "V", "the controller's output, after saturation; 0 while the drive is off"),
     Channel("force", "N", "the drive's nominal force: the nominal force per volt times u"),

@@ -16,12 +16,12 @@ from s2r_spec.backend import Parameter
 
 PARAMETERS = (
     Parameter(
-        "stroke", "m", -0.2, 0.2, 0.15, "of the move, about the middle of the axis; negative: backwards first"
+        "stroke", "m", -0.2, 0.2, 0.15, "stroke of the move, centred on the axis; negative: backwards first"
     ),
     Parameter("speed", "m/s", 0.01, 0.3, 0.2, "largest speed, if the move is long enough to reach it"),
     Parameter("accel", "m/s^2", 0.2, 3.0, 1.5, "largest acceleration of the reference"),
-    Parameter("payload", "kg", 0.0, 60.0, 0.0, "clamped to the carriage"),
-    Parameter("pause", "s", 0.0, 2.0, 0.3, "at the far end"),
+    Parameter("payload", "kg", 0.0, 60.0, 0.0, "mass clamped to the carriage"),
+    Parameter("pause", "s", 0.0, 2.0, 0.3, "rest at the far end"),
     Parameter("coast", "s", 0.0, 0.3, 0.0, "time with the drive off, half-way out"),
 )
 

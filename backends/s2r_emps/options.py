@@ -10,12 +10,12 @@ _REFERENCE = "reference"
 
 
 def read_options(text: str, reference: str, added: Choice) -> tuple[str, Choice]:
-    """Return reference and effects after options such as ``reference=DATA_EMPS.mat,coulomb.force=20``.
+    """Return the reference and the effects, updated with options such as ``reference=DATA_EMPS.mat,coulomb.force=20``.
 
     Args:
         text: the options.
-        reference: the reference so far.
-        added: the effects so far.
+        reference: the reference before the options.
+        added: the effects before the options.
 
     Raises:
         UsageError: an option is unknown, or its value is wrong.

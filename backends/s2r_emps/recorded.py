@@ -76,7 +76,7 @@ def read_recorded(path: str) -> Recorded:
     except OSError as error:
         raise UsageError(f"cannot read the reference {path}: {error.strerror or error}") from None
     except Exception as error:  # loadmat raises many kinds of errors
-        raise UsageError(f"the reference {path} is no MATLAB file: {error}") from None
+        raise UsageError(f"the reference {path} is not a MATLAB file: {error}") from None
     arrays = {
         name: np.ravel(value).astype(np.float64) for name, value in names.items() if not name.startswith("__")
     }

@@ -19,7 +19,7 @@ EDGE = 50
 
 
 def residuals(trace: Trace, physics: Physics) -> Trace:
-    """Return ``force`` [N], by inverse dynamics, and ``controller`` [V], by the control law.
+    """Return ``force`` [N], from inverse dynamics, and ``controller`` [V], from the control law.
 
     ``force`` is the force that the motion needs on top of the model's forces, positive if it pushes the carriage
     forwards. ``controller`` is the logged voltage minus that of the control law on the logged positions; it is zero

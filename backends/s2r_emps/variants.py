@@ -1,6 +1,6 @@
 """Variants of the axis: models that are as valid as the nominal one.
 
-Their differences from the nominal model are no cause of a gap, and a diagnosis ignores differences of their size.
+Their differences from the nominal model do not cause a gap, and a diagnosis ignores differences of their size.
 """
 
 from __future__ import annotations

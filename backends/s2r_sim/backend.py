@@ -33,7 +33,7 @@ _ONLOOKERS = frozenset({"pictures.py", "residuals", "variants.py"})
 """Files and folders of source that decide no trace of this backend."""
 
 _CPU_PER_SECOND = 0.08
-"""[s] of one core per simulated second, measured on a 2-core cloud machine."""
+"""[s] time of one core per simulated second, measured on a 2-core cloud machine."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ class SimBackend:
 
     @property
     def name(self) -> str:
-        """What ``load_backend`` makes this backend from, effects and all."""
+        """Name from which ``load_backend`` makes this backend, with all effects."""
         return ":".join(filter(None, ("sim", write_options(self.settings, self.added))))
 
     @property
@@ -169,7 +169,7 @@ class SimBackend:
         return trace
 
     def residuals(self, trace: Trace, params: Mapping[str, float] | None = None) -> Trace:
-        """Return what this simulator leaves unexplained; see :class:`s2r_spec.backend.HasResiduals`.
+        """Return the residuals of this simulator on a trace; see :class:`s2r_spec.backend.HasResiduals`.
 
         Its effects are reckoned with, as far as they say what should have been recorded;
         uneven ground does not, for how high it was under a foot is not recorded. Positive

@@ -1,4 +1,4 @@
-"""What may follow the colon in the name of the backend, and how a backend is written as a name."""
+"""Read the options after the colon of the backend's name, and write them."""
 
 from __future__ import annotations
 

@@ -15,14 +15,14 @@ PARAMETERS = (
     Parameter("vd", "m/s", -0.5, 0.5, 0.0, "forward velocity commanded at t = 0"),
     Parameter("vy", "m/s", -0.2, 0.2, 0.0, "lateral velocity commanded at t = 0, left positive"),
     Parameter("wz", "rad/s", -0.5, 0.5, 0.0, "yaw rate commanded at t = 0"),
-    Parameter("slope", "deg", -8.0, 8.0, 0.0, "of the ground, uphill in the direction of the start"),
+    Parameter("slope", "deg", -8.0, 8.0, 0.0, "slope of the ground, positive uphill in the initial heading"),
     Parameter("friction", "", 0.1, 1.2, 0.8, "friction coefficient of foot on ground"),
-    Parameter("payload", "kg", 0.0, 6.0, 0.0, "on the trunk, 8 cm above the base origin"),
+    Parameter("payload", "kg", 0.0, 6.0, 0.0, "mass on the trunk, 8 cm above the base origin"),
     Parameter("push", "N*s", -50.0, 50.0, 0.0, "horizontal impulse on the base, spread over 50 ms"),
     Parameter(
         "push_towards", "deg", -180.0, 180.0, 90.0, "direction of the push, counted from ahead to the left"
     ),
-    Parameter("push_time", "s", 0.0, 10.0, 0.5, "when the push begins"),
+    Parameter("push_time", "s", 0.0, 10.0, 0.5, "time at which the push begins"),
 )
 
 PUSH_DURATION = 0.05

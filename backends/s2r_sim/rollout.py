@@ -28,7 +28,7 @@ _STILL = Command()
 
 
 class Record(NamedTuple):
-    """What a rollout left behind: samples by channel, failed QPs, whether it ended in a fall."""
+    """Record of a rollout: samples by channel, failed QPs, whether it ended in a fall."""
 
     ticks: int
     channels: dict[str, FloatArray]

@@ -1,4 +1,4 @@
-"""What a simulator is built from."""
+"""Settings of a simulator."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ class Settings:
     physics: Physics = field(default_factory=Physics)
     fall: FallLimits = field(default_factory=FallLimits)
     form: Form = "condensed"
-    """Of the QP: over the stance forces only, or with all 30 unknowns."""
+    """Form of the QP: over the stance forces only, or with all 30 unknowns."""
     feedback: Feedback = "truth"
-    """Which base position and velocity the controller is given: the true ones under noise, or the robot's own."""
+    """Base position and velocity for the controller: the true ones under noise, or the robot's own estimate."""
     record: Record = "measured"
-    """What a trace holds: what a robot logs and motion capture sees, or also the truth of what sensors say."""
+    """Channels of a trace: those of the robot's log and of motion capture, or also the true values of its sensors."""
     warm_up: float = 1.0
-    """[s] of trotting in place without noise, simulated once and shared by all rollouts."""
+    """[s] duration of trotting in place without noise, simulated once and shared by all rollouts."""
     settling: float = 0.2
-    """[s] of trotting in place under the rollout's own noise, before the command."""
+    """[s] duration of trotting in place under the rollout's own noise, before the command."""

@@ -68,7 +68,7 @@ class TwinBackend(SimBackend):
 
     @property
     def name(self) -> str:
-        """What ``load_backend`` makes this backend from: the place, and what was added to it."""
+        """Name from which ``load_backend`` makes this backend: the place, and the added effects."""
         own = choose("sim", CATALOGUE.values(), (), PLACES[self.place])
         beyond = tuple(effect for effect in self.added if effect not in own)
         return ":".join(("twin", ",".join(filter(None, (self.place, write_options(self.settings, beyond))))))

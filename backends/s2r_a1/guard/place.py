@@ -31,7 +31,7 @@ class Robot:
 
     Attributes:
         host: address of the robot's motion controller, or of a twin.
-        port: its UDP port.
+        port: UDP port at that address.
         layout: layout of its packets, "a1" or "go1".
         clock: "real", or "lockstep" with a twin on this computer.
         local: UDP port of the guard; 0 for any.

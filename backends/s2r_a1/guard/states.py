@@ -115,7 +115,7 @@ class Machine(NamedTuple):
     Attributes:
         state: state of the state machine.
         since: time of its beginning.
-        word: what made the robot stop, else None.
+        word: cause of the robot's stop, else None.
         reason: the same as a sentence.
         motion: the guard's own motion, or its last one before a client's.
         wanted: requested stop.
@@ -315,7 +315,7 @@ def damped(machine: Machine, now: int, word: Word, reason: str) -> Machine:
 def left(machine: Machine, now: int, role: Role = "client") -> Machine:
     """Return the machine after its client or its last operator has disconnected.
 
-    A robot that stands is damped, unless it is about to lie down, because nobody controls or can stop it.
+    A standing robot that is not about to lie down is damped, because nobody controls it or can stop it.
     """
     lying = machine.state is State.STAND and machine.wanted and machine.wanted.state is State.RESTING
     if ROWS[machine.state].stands and not lying:
@@ -421,7 +421,7 @@ def stopped(
     """Return the machine that brings the robot to a stand, or to rest.
 
     Args:
-        machine: in any state; nothing changes if the robot lies.
+        machine: the machine in any state; nothing changes if the robot lies.
         lie: whether the robot then lies down.
         word: cause of the stop; None if the client requested it.
         reason: the same as a sentence.

@@ -8,7 +8,10 @@ from s2r_a1.twin.injects import Injects, acting
 
 
 class Network:
-    """Carries one datagram per round, with faults; without faults all arrive at once and in order."""
+    """A simulated link of one datagram per round.
+
+    Without injected faults, datagrams arrive immediately and in order.
+    """
 
     def __init__(self, seed: int) -> None:
         self._random = np.random.default_rng([seed, 4])

@@ -85,7 +85,9 @@ def _parser() -> argparse.ArgumentParser:
     )
     add = parser.add_argument
     add("--place", default="lab", help=f"environment of the twin: {', '.join(PLACES)}; lab by default")
-    add("--host", default="127.0.0.1", help="address of this machine; 127.0.0.1 by default")
+    add(
+        "--host", default="127.0.0.1", help="loopback address on which the twin listens; 127.0.0.1 by default"
+    )
     add("--port", type=_within(0, 65535), default=8007, help="UDP port, 8007 by default; 0 for any free one")
     add("--clock", choices=get_args(Clock), default="real", help="real, or lockstep: one state per command")
     add("--layout", choices=sorted(LAYOUTS), default="a1", help="layout of the packets; a1 by default")

@@ -78,7 +78,7 @@ class Twin:
     """The A1's plant of `s2r_sim` behind the A1's wire.
 
     Attributes:
-        settings: its settings.
+        settings: settings of the twin.
         injects: faults, at first those of the settings; they may be replaced between rounds.
         rounds: number of rounds so far; 0 before the first valid command.
         counts: counts of received packets.

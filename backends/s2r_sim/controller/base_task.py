@@ -17,7 +17,7 @@ Vector3 = tuple[float, float, float]
 
 
 class Reference(NamedTuple):
-    """Where the base should be: (x, y) [m] and yaw [rad] in the world.
+    """Reference pose of the base: (x, y) [m] and yaw [rad] in the world.
 
     Along the heading it is tied to the robot, since only speed is commanded
     there; across the heading it moves with the command.
@@ -35,7 +35,7 @@ class Reference(NamedTuple):
         return Reference(x - across * sin(yaw), y + across * cos(yaw), yaw)
 
     def left_of(self, x: float, y: float) -> float:
-        """Return how far the reference lies to the left of a point [m]."""
+        """Return the distance from a point to the reference, left positive [m]."""
         return -sin(self.yaw) * (self.x - x) + cos(self.yaw) * (self.y - y)
 
     def left_to_turn(self, yaw: float) -> float:
@@ -53,7 +53,7 @@ def base_task(
     height: float,
     gains: FloatArray,
 ) -> FloatArray:
-    """Return (6, 7) the base's task (L, −L a): what a deviation costs is |(L, −L a) (a_is, 1)|².
+    """Return (6, 7) the base's task (L, −L a): the cost of a deviation is |(L, −L a) (a_is, 1)|².
 
     The wanted spatial acceleration a is proportional-derivative in the heading
     frame and in roll, pitch, yaw; L'L is the weight of a deviation from it.
@@ -65,9 +65,9 @@ def base_task(
     Args:
         measured: ``State.flat``.
         twist: (18,) or its first six, in base axes.
-        across: what is missing to the left [m].
-        turn: what is missing in yaw [rad].
-        height: what is missing upwards [m].
+        across: error to the left [m].
+        turn: error in yaw [rad].
+        height: error upwards [m].
         command: forward, left [m/s] and yaw rate [rad/s].
         gains: (6, 3) kp, kd and √w of the linear part, and the same of the angular part.
     """

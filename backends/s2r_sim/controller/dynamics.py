@@ -30,7 +30,7 @@ class RigidBody:
             acceleration (J̇ v), zero, and their velocity if the joints stood still.
         drift: (12,) the first row of it.
         feet, thighs: (4, 3) ball centres and thigh joint positions [m].
-        speeds: (4, 3) of the ball centres [m/s].
+        speeds: (4, 3) velocities of the ball centres [m/s].
     """
 
     def __init__(self, robot: Robot, rotor_inertia: float) -> None:

@@ -1,4 +1,4 @@
-"""What the robot knows of its own velocity: leg odometry and inertial measurement, blended.
+"""The robot's estimate of its own velocity: leg odometry and inertial measurement, blended.
 
 A standing foot's ball rolls: its centre, a radius r above the ground, moves at
 ω_shank × r ẑ and not at zero. Without that term the trot reads 7 % too slow.
@@ -30,12 +30,12 @@ BLEND = 0.02
 
 
 class Motion(NamedTuple):
-    """What joints and IMU say at one tick, or at n of them.
+    """Motion of the base, from joints and IMU, at one tick or at n of them.
 
     Attributes:
-        height: of the base above the standing feet's contact points [m].
-        velocity: of the base by leg odometry [m/s], world axes.
-        acceleration: of the base by the IMU since the last tick [m/s²], world axes.
+        height: height of the base above the standing feet's contact points [m].
+        velocity: velocity of the base from leg odometry [m/s], world axes.
+        acceleration: mean acceleration of the base since the last tick, from the IMU [m/s²], world axes.
     """
 
     height: Any
@@ -51,7 +51,7 @@ class Estimate(NamedTuple):
 
 
 def specific_force(rpy: Any, change: Sequence[Any], noise: Any, sin: Any, cos: Any) -> tuple[Any, Any, Any]:
-    """Return what an accelerometer reads on average over a tick [m/s²], base axes.
+    """Return the mean reading of an accelerometer over a tick [m/s²], base axes.
 
     ``change`` is that of the true velocity since the last tick [m/s], world
     axes, ``rpy`` the true attitude.
@@ -89,7 +89,7 @@ def leg_odometry(
 
 
 def motion(robot: Robot, measured: State, force: Sequence[Any], stance: Any, sin: Any, cos: Any) -> Motion:
-    """Return what joints and IMU say; ``force`` is the accelerometer's reading [m/s²], base axes.
+    """Return the motion of the base, from joints and IMU; ``force`` is the accelerometer's reading [m/s²], base axes.
 
     ``measured`` holds numbers, or arrays of n of them; of it the attitude, the
     rates, the joint angles and their speeds are used.
@@ -105,7 +105,7 @@ def motion(robot: Robot, measured: State, force: Sequence[Any], stance: Any, sin
 def blend(
     before: Vector, odometry: Sequence[float], acceleration: Sequence[float], ticks: float = 1.0
 ) -> Vector:
-    """Return the velocity so many control ticks later: carried on by the IMU, drawn towards leg odometry."""
+    """Return the velocity so many control ticks later: integrated from the IMU, drawn towards leg odometry."""
     trust = min(1.0, ticks / (BLEND * RATE))
     x, y, z = (v + a * ticks / RATE for v, a in zip(before, acceleration, strict=True))
     return (x + trust * (odometry[0] - x), y + trust * (odometry[1] - y), z + trust * (odometry[2] - z))
@@ -117,12 +117,12 @@ def update(
     """Return the estimate at one tick; the first one is leg odometry alone.
 
     Args:
-        robot: its kinematics.
+        robot: the robot, for its kinematics.
         before: the estimate so many ``ticks`` earlier; None at the first.
         measured: attitude, rates, joint angles and speeds; of the position, (x, y) at the first tick.
-        force: what the accelerometer reads [m/s²], base axes. Where ticks were missed it stands for them, too.
-        stance: (4,) which feet stand.
-        ticks: of the robot's own clock since ``before``, in control ticks of 2 ms.
+        force: the accelerometer's reading [m/s²], base axes. Where ticks were missed it stands for them, too.
+        stance: (4,) 1 for feet that stand, else 0.
+        ticks: time since ``before`` on the robot's own clock, in control ticks of 2 ms.
     """
     numbers = State(measured.flat.tolist())
     height, odometry, acceleration = motion(robot, numbers, force, stance, math.sin, math.cos)

@@ -1,4 +1,4 @@
-"""How the feet move: Jacobian, velocity and drift, out of the one Jacobian of all bodies that Pinocchio gives."""
+"""Motion of the feet: Jacobian, velocity and drift, from the one Jacobian of all bodies that Pinocchio gives."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ def at_feet(
 
     Args:
         J: (6, 18) spatial velocity at the world's origin per twist; a body's has only its own joints' columns.
-        feet: (4, 3) where the feet are [m].
-        twist: (18,) of base and joints.
+        feet: (4, 3) positions of the feet [m].
+        twist: (18,) velocity of base and joints.
         jacobian: (12, 18) on return that of the feet; columns of other legs are left alone.
         speeds: (4, 3) on return those of the feet [m/s].
         known: (3, 12) on return the drift, nothing, and the feet's velocity if the joints stood still.

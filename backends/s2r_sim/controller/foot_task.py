@@ -15,7 +15,7 @@ Pair = tuple[float, float]
 Point = tuple[float, float, float]
 
 STANDS = -1.0
-"""In place of the progress of a swing."""
+"""Value for a standing foot, in place of the progress of a swing."""
 
 
 class FootTarget(NamedTuple):
@@ -38,9 +38,9 @@ def raibert(
 
     Args:
         hip: position of the thigh joint [m].
-        velocity: of that point [m/s].
+        velocity: velocity of that point [m/s].
         commanded: the velocity it should have [m/s].
-        time_to_go: until touch-down [s].
+        time_to_go: time until touch-down [s].
         stance_time: duration of the coming stance [s].
         gain: k [s].
     """
@@ -75,7 +75,7 @@ def swing(start: Point, end: Point, height: float, s: float, duration: float) ->
 
 @compiled
 def note_stance(progress: FloatArray, feet: FloatArray, lift_off: FloatArray) -> float:
-    """Note in ``lift_off`` where standing feet are, and return their mean height [m]."""
+    """Note the positions of standing feet in ``lift_off``, and return their mean height [m]."""
     height, standing = 0.0, 0
     for leg in range(4):
         if progress[leg] == STANDS:
@@ -98,20 +98,20 @@ def foot_task(
     times: Pair,
     gains: tuple[float, float, float, float, float],
 ) -> FloatArray:
-    """Return (3, 12) what the four feet should do at this tick, world axes, three numbers a foot.
+    """Return the (3, 12) task of the four feet at this tick, world axes, three numbers a foot.
 
-    Its rows are the wanted acceleration [m/s²], what is missing to the target
+    Its rows are the wanted acceleration [m/s²], the error to the target
     position [m] and the target's velocity [m/s]; the last two are 0 in stance.
 
     Args:
-        progress: (4,) of each swing, in [0, 1), or ``STANDS``.
-        lift_off: (4, 3) where each foot last stood [m].
-        feet: (4, 3) where they are [m].
-        thighs: (4, 3) where the thigh joints are [m].
-        speeds: (4, 3) of the feet [m/s].
+        progress: (4,) progress of each swing, in [0, 1), or ``STANDS``.
+        lift_off: (4, 3) last position of each foot in stance [m].
+        feet: (4, 3) positions of the feet [m].
+        thighs: (4, 3) positions of the thigh joints [m].
+        speeds: (4, 3) velocities of the feet [m/s].
         measured: ``State.flat``.
         command: forward, left [m/s] and yaw rate [rad/s].
-        landing_height: of the ball centre at touch-down [m].
+        landing_height: height of the ball centre at touch-down [m].
         times: duration of a swing and of a stance [s].
         gains: kp and kd of the swing, damping of the stance, swing height, foothold gain.
     """

@@ -31,15 +31,15 @@ class Gains:
     """
 
     period: float = 0.40
-    """[s] of the trot; FR with RL, then FL with RR."""
+    """[s] period of the trot; FR with RL, then FL with RR."""
     duty: float = 0.55
     """Fraction of the period for which a foot is on the ground."""
     swing_height: float = 0.06
     """[m] above the line from lift-off to touch-down."""
     touch_down_depth: float = 0.002
-    """[m] below the ground at which a swing ends; a margin above it would cost forward speed."""
+    """[m] depth below the ground at which a swing ends; a margin above it would cost forward speed."""
     base_height: float = 0.28
-    """[m] of the base origin above the stance feet's contact points."""
+    """[m] height of the base origin above the stance feet's contact points."""
     raibert: float = 0.10
     """[s] foothold shift per velocity error."""
 
@@ -60,7 +60,7 @@ class Gains:
     weight_acceleration: float = 1e-4
 
     friction: float = 0.5
-    """Of the pyramid that the QP keeps to; below the plant's 0.8."""
+    """Friction coefficient of the pyramid that the QP keeps to; below the plant's 0.8."""
     min_force: float = 2.0
     max_force: float = 200.0
     """[N] vertical force of a stance foot."""
@@ -71,7 +71,7 @@ class Gains:
     """[rad] bound on q_des − q."""
 
     rotor_inertia: float = 0.005
-    """[kg m²] of every motor, seen at the joint, that the controller reckons with."""
+    """[kg m²] inertia of every motor, seen at the joint, that the controller reckons with."""
 
     hold_ticks: int = 5
     """So many failed QPs in a row are bridged with the last good forces; after that, damping."""
@@ -85,5 +85,5 @@ class Gains:
 
     @cached_property
     def swing(self) -> tuple[float, float, float, float, float]:
-        """What :func:`s2r_sim.controller.foot_task.foot_task` takes."""
+        """Gains that :func:`s2r_sim.controller.foot_task.foot_task` takes."""
         return self.kp_swing, self.kd_swing, self.stance_damping, self.swing_height, self.raibert

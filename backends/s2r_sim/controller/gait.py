@@ -1,4 +1,4 @@
-"""When a foot stands and when it swings: a clock-driven trot."""
+"""Times of stance and swing of each foot: a clock-driven trot."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from functools import cached_property
 from s2r_sim.controller.gains import RATE, Gains
 
 Progress = tuple[float | None, float | None, float | None, float | None]
-"""Per leg how much of its swing is over, in [0, 1), or None in stance."""
+"""Swing phase of each leg, in [0, 1), or None in stance."""
 
 OFFSETS = (0.0, 0.5, 0.5, 0.0)
-"""Of FR, FL, RR, RL, as fractions of the period: diagonal legs move together."""
+"""Phase offsets of FR, FL, RR, RL, as fractions of the period: diagonal legs move together."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Gait:
         return (self.period - self.stance) / RATE
 
     def progress(self, tick: int) -> Progress:
-        """Return where each leg is in its swing at this tick."""
+        """Return each leg's swing phase in [0, 1) at this tick; None in stance."""
         a, b, c, d = (self._of_leg(tick, offset) for offset in OFFSETS)
         return (a, b, c, d)
 

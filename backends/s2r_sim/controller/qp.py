@@ -1,4 +1,4 @@
-"""What every form of the inverse-dynamics QP shares: its question, its answer, its constraints, PIQP."""
+"""Common parts of every form of the inverse-dynamics QP: its task, its solution, its constraints, PIQP."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ _SOLVED = piqp.PIQP_SOLVED
 
 
 class Task(NamedTuple):
-    """What the robot should do at this instant.
+    """Task of the robot at this instant.
 
     Attributes:
-        base: (6, 7) what a deviation of the base's spatial acceleration costs (:func:`base_task`).
+        base: (6, 7) cost of a deviation of the base's spatial acceleration (:func:`base_task`).
         feet: (12,) wanted foot accelerations, world axes.
         legs: (12, 9), in its first columns N (6) and e (1): joint accelerations that leave the feet alone
             under a base acceleration a, and that give ``feet`` with the base at rest: q̈ = N a + e.
@@ -39,9 +39,9 @@ class Solution(NamedTuple):
 
     Attributes:
         forces: (12,) ground on feet [N], world axes.
-        torque: (12,) of the joints [N m].
+        torque: (12,) torque of the joints [N m].
         base: (6,) predicted spatial acceleration of the base, base axes.
-        iterations: of the interior-point method.
+        iterations: number of iterations of the interior-point method.
     """
 
     forces: FloatArray

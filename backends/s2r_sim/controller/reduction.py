@@ -49,8 +49,8 @@ def in_joint_space(jacobian: FloatArray, task: FloatArray, known: FloatArray) ->
     targets.
 
     Args:
-        jacobian: (12, 18) of the feet.
-        task: (3, 12) of :func:`foot_task`.
+        jacobian: (12, 18) Jacobian of the feet.
+        task: (3, 12) result of :func:`foot_task`.
         known: (3, 12) the part of it that the joints need not bring about.
     """
     solved = np.empty((12, 9))
@@ -85,11 +85,11 @@ def condense(
     Args:
         mass_upper: (18, 18) mass matrix, of which the upper triangle is read.
         bias: (18,) Coriolis, centrifugal and gravity forces.
-        jacobian: (12, 18) of the feet.
-        legs: (12, 9) of :func:`in_joint_space`: N and e in its first seven columns.
+        jacobian: (12, 18) Jacobian of the feet.
+        legs: (12, 9) result of :func:`in_joint_space`: N and e in its first seven columns.
         base: (6, 7) the base's task.
         loaded: (n,) indices of the force components.
-        share: (n + 1, n + 1) what the pull towards equal shares costs.
+        share: (n + 1, n + 1) cost of a deviation from equal shares.
         law: (18, 7) on return M (I, 0; N, e) + (0, h): forces on base and joints per base acceleration and one.
         acceleration: (7, n + 1) on return the base's, per forces and one; its last row gives that one.
         cost: (n + 1, n + 1) on return the quadratic cost of forces and one.

@@ -87,7 +87,7 @@ class _Problem:
     Attributes:
         loaded: (n,) indices of the force components.
         law, acceleration, cost, share: those of :func:`condense`.
-        bounds: of the vertical forces.
+        bounds: bounds of the vertical forces.
         friction: the same, and the friction pyramids.
     """
 
@@ -109,7 +109,7 @@ class _Problem:
         self.friction = {**self.bounds, "G": np.asfortranarray(pyramids), "h_u": np.zeros(4 * feet)}
 
     def solution(self, body: RigidBody, forces: FloatArray, iterations: int) -> Solution:
-        """Return what (n,) forces on the stance feet bring about."""
+        """Return the solution of the QP that belongs to (n,) forces on the stance feet."""
         brought = distribute(self.law, self.acceleration, body.jacobian, self.loaded, forces)
         return Solution(brought[:12], brought[12:24], brought[24:], iterations)
 

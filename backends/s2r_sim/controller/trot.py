@@ -39,7 +39,7 @@ class Memory:
 
 
 class Tick(NamedTuple):
-    """What one tick decided; ``solution`` is None when the QP failed."""
+    """Decision of one tick; ``solution`` is None when the QP failed."""
 
     motors: MotorCommand
     stance: Stance
@@ -71,7 +71,7 @@ class Controller:
 
     @property
     def stance(self) -> Stance:
-        """Which feet the clock has on the ground at the coming tick."""
+        """Feet that the clock has on the ground at the coming tick."""
         return self._schedule[self.memory.tick % len(self._schedule)].stance
 
     def skip(self, ticks: int, measured: State, command: Command) -> None:
@@ -145,7 +145,7 @@ class Controller:
 
 
 class _Phase:
-    """What one tick of the gait period fixes."""
+    """Quantities that one tick of the gait period fixes."""
 
     def __init__(self, gains: Gains, progress: Progress) -> None:
         a, b, c, d = (s is None for s in progress)

@@ -1,4 +1,4 @@
-"""What an effect is: its catalogue entry, and a function from one table of physics to another."""
+"""An effect: its catalogue entry, and a function from one table of physics to another."""
 
 from __future__ import annotations
 

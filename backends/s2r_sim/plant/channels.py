@@ -19,7 +19,7 @@ CHANNELS = (
     Channel("vx", "m/s", "true base velocity, forward in the heading frame"),
     Channel("vy", "m/s", "true base velocity, left in the heading frame"),
     Channel("vz", "m/s", "true base velocity, up"),
-    Channel("wz", "rad/s", "yaw rate by the IMU"),
+    Channel("wz", "rad/s", "yaw rate measured by the IMU"),
     Channel("vx_cmd", "m/s", "commanded forward velocity"),
     Channel("vy_cmd", "m/s", "commanded lateral velocity"),
     Channel("wz_cmd", "rad/s", "commanded yaw rate"),
@@ -29,14 +29,14 @@ CHANNELS = (
     Channel("y", "m", "base position in the world"),
     Channel("z", "m", "base position in the world"),
     Channel("height", "m", "base height above the mean plane of the ground below it"),
-    Channel("roll", "rad", "base attitude by the IMU"),
-    Channel("pitch", "rad", "base attitude by the IMU"),
-    Channel("yaw", "rad", "base attitude by the IMU"),
-    Channel("omega", "rad/s", "angular velocity by the IMU, base axes", 3, AXES),
+    Channel("roll", "rad", "base attitude from the IMU"),
+    Channel("pitch", "rad", "base attitude from the IMU"),
+    Channel("yaw", "rad", "base attitude from the IMU"),
+    Channel("omega", "rad/s", "angular velocity measured by the IMU, base axes", 3, AXES),
     Channel(
         "acc_pred",
         "m/s^2",
-        "base acceleration that the QP predicts; forward, left, up by the IMU",
+        "base acceleration predicted by the QP; forward, left, up in the heading frame from the IMU",
         3,
         HEADING,
     ),
@@ -44,28 +44,28 @@ CHANNELS = (
     Channel("qp_solved", "", "1 where the QP was solved, 0 where the controller fell back"),
     Channel("fallen", "", "1 at the sample at which the robot has fallen"),
     Channel("stance", "", "1 where the gait has the foot on the ground; FR, FL, RR, RL", 4, FEET),
-    Channel("q", "rad", "joint angles by the encoders; FR, FL, RR, RL, each hip, thigh, calf", 12, JOINTS),
-    Channel("dq", "rad/s", "joint speeds by the encoders", 12, JOINTS),
+    Channel("q", "rad", "joint angles from the encoders; FR, FL, RR, RL, each hip, thigh, calf", 12, JOINTS),
+    Channel("dq", "rad/s", "joint velocities from the encoders", 12, JOINTS),
     Channel(
         "tau_cmd",
         "N*m",
-        "what the motor law asks for at the sample, by the encoders, before clipping",
+        "torque command of the motor law at the sample, from encoder readings, before saturation",
         12,
         JOINTS,
     ),
     Channel(
         "tau",
         "N*m",
-        "what the motors report within the 2 ms after the sample, from their currents",
+        "torque that the motors report within the 2 ms after the sample, from their currents",
         12,
         JOINTS,
     ),
     Channel("foot_position", "m", "centre of the ball foot in the world; x, y, z of each foot", 12, AT_FEET),
-    Channel("foot_velocity", "m/s", "its velocity, world axes", 12, AT_FEET),
+    Channel("foot_velocity", "m/s", "velocity of that centre, world axes", 12, AT_FEET),
     Channel(
         "foot_force",
         "N",
-        "ground on feet within the 2 ms after the sample; x, y, z of each foot",
+        "force of the ground on the feet within the 2 ms after the sample; x, y, z of each foot",
         12,
         AT_FEET,
     ),
@@ -78,13 +78,13 @@ FROM_OUTSIDE = frozenset(
         *("foot_position", "foot_velocity", "foot_force", "contact"),
     )
 )
-"""Names of what motion capture and force plates see, and no error of the robot's own sensors is in."""
+"""Names of the channels that motion capture and force plates measure, free of the robot's own sensor errors."""
 
 TRUE_CHANNELS = (
     Channel("q_true", "rad", "true joint angles", 12, JOINTS),
-    Channel("dq_true", "rad/s", "true joint speeds", 12, JOINTS),
+    Channel("dq_true", "rad/s", "true joint velocities", 12, JOINTS),
     Channel("roll_true", "rad", "true base attitude"),
     Channel("pitch_true", "rad", "true base attitude"),
     Channel("wz_true", "rad/s", "true yaw rate"),
 )
-"""Of ``record=truth``: what the sensors of the robot err about. No robot has these."""
+"""Further channels of ``record=truth``: true values of what the robot's sensors measure. No robot logs them."""

@@ -88,7 +88,7 @@ def _set_options(option: Any, physics: Physics) -> None:
 
 
 def _surface(physics: Physics) -> dict[str, Any]:
-    """Return what all geoms share. Sinking softens the contact's spring and spreads its onset over a depth."""
+    """Return the properties of all geoms. Sinking softens the contact's spring and spreads its onset over a depth."""
     yielding = min(physics.sink / 0.02, 1.0)
     return {
         "mass": 0.0,

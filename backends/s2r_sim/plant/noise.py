@@ -1,4 +1,4 @@
-"""What is random in a rollout, and how much: sensors, initial pose, gait phase."""
+"""Random quantities of a rollout and their standard deviations: sensors, initial pose, gait phase."""
 
 from __future__ import annotations
 
@@ -54,12 +54,12 @@ class Draws:
 
     Attributes:
         phase: gait tick at the command, in [0, period).
-        rise: of the base [m].
-        tilt: (3,) of the base [rad].
-        joints: (12,) [rad].
+        rise: initial rise of the base [m].
+        tilt: (3,) initial tilt of the base [rad].
+        joints: (12,) initial errors of the joint angles [rad].
         sensors: (ticks, 36) errors of the measured state, in the order of ``State.flat``.
         accelerometer: (ticks, 3) [m/s²].
-        ground: where on an uneven ground the rollout begins [m].
+        ground: position on an uneven ground at which the rollout begins [m].
     """
 
     phase: int

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 Vector3 = tuple[float, float, float]
 
 PAYLOAD_HEIGHT = 0.08
-"""[m] of a payload above the base origin."""
+"""[m] height of a payload above the base origin."""
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class Physics:
     iterations: int = 20
 
     friction: float = 0.8
-    """Of foot on ground."""
+    """Friction coefficient of foot on ground."""
     torsion: float = 0.01
     """[m] torsional friction of foot on ground."""
     impratio: float = 10.0
@@ -31,37 +31,37 @@ class Physics:
     sink: float = 0.0
     """[m] depth over which the ground builds up its resistance."""
     slope: float = 0.0
-    """[deg] of the ground, uphill in the world's +x."""
+    """[deg] slope of the ground, positive uphill along the world's x axis."""
     roughness: float = 0.0
     """[m] standard deviation of the ground's height."""
     drag: float = 0.0
-    """[N s/m] on every foot within ``drag_height`` [m] of the ground."""
+    """[N s/m] drag on every foot within ``drag_height`` [m] of the ground."""
     drag_height: float = 0.06
 
     armature: float = 0.005
-    """[kg m²] of every joint."""
+    """[kg m²] armature inertia of every joint."""
     damping: float = 0.05
-    """[N m s/rad] of every joint."""
+    """[N m s/rad] damping of every joint."""
     dry_friction: float = 0.1
-    """[N m] of every joint."""
+    """[N m] dry friction of every joint."""
     backlash: float = 0.0
     """[rad] half of the play between every motor and its joint."""
 
     strength: float = 1.0
-    """What the motors deliver, as a part of what they are asked for."""
+    """Torque that the motors deliver, as a fraction of their command."""
     fade: float = 0.0
-    """[1/s] of strength lost per second from the command on."""
+    """[1/s] fraction of strength lost per second from the command on."""
     voltage: float = 1.0
     """Part of the supply voltage that is left; below 1 it limits torque at speed."""
     latency: float = 0.0
-    """[s] from a command to the motors."""
+    """[s] delay from a command to the motors."""
     torque_constant: float = 1.0
     """True over assumed: torque that the current sensor does not see."""
 
     payloads: tuple[tuple[float, Vector3], ...] = ()
     """Point masses on the trunk: [kg] and where [m], base axes; sorted, so that their order is no matter."""
     com_shift: Vector3 = (0.0, 0.0, 0.0)
-    """[m] of the trunk's centre of mass, base axes."""
+    """[m] displacement of the trunk's centre of mass, base axes."""
 
     velocity_bias: tuple[float, float] = (0.0, 0.0)
     """[m/s] forward and left, of the velocity that the controller is given."""
@@ -69,7 +69,7 @@ class Physics:
     attitude_bias: tuple[float, float] = (0.0, 0.0)
     """[deg] roll and pitch of the IMU on the trunk."""
     encoder_offset: Vector3 = (0.0, 0.0, 0.0)
-    """[rad] of hip, thigh and calf, the same on all legs."""
+    """[rad] encoder errors of hip, thigh and calf, the same on all legs."""
 
     def with_payload(self, mass: float, x: float = 0.0, y: float = 0.0) -> Physics:
         """Return the same world with a point mass [kg] on top of the trunk, at (x, y) [m] in base axes."""

@@ -61,7 +61,7 @@ class Plant:
 
     @property
     def torque(self) -> FloatArray:
-        """(12,) that the motors report [N m], in the last physics step."""
+        """(12,) torque that the motors report [N m], in the last physics step."""
         return self._motors.reported_torque
 
     @property

@@ -38,7 +38,7 @@ class Recorder:
     def write(
         self, truth: State, own: State, done: Tick, torque: FloatArray, foot_forces: FloatArray
     ) -> None:
-        """Append a tick; ``own`` is the state by the robot's own sensors. The arrays must not change afterwards."""
+        """Append a tick; ``own`` is the state from the robot's own sensors. The arrays must not change afterwards."""
         self._truth.append(truth.flat)
         self._own.append(own.flat)
         self._done.append(done)
@@ -47,7 +47,7 @@ class Recorder:
 
     @property
     def qp_failures(self) -> int:
-        """How many ticks had no solution of the QP."""
+        """Number of ticks without a solution of the QP."""
         return sum(done.solution is None for done in self._done)
 
     def channels(self, estimate: FloatArray, fallen: bool) -> dict[str, FloatArray]:
@@ -136,7 +136,7 @@ class Recorder:
         return np.where([d.solution is None for d in self._done], 0.0, acceleration).T
 
     def _asked(self, own: State) -> FloatArray:
-        """Return (n, 12) what the motors' own loops ask for by their encoders, before clipping [N m]."""
+        """Return (n, 12) torque commands of the motors' own loops, from encoder readings, before saturation [N m]."""
         q, dq, kp, kd, tau = (np.array(rows) for rows in zip(*(d.motors for d in self._done), strict=True))
         asked: FloatArray = tau + kp * (q - own.q.T) + kd * (dq - own.dq.T)
         return asked

@@ -29,7 +29,7 @@ class SensorMemory(NamedTuple):
 
 
 class Sensors:
-    """What the robot measures, tick by tick.
+    """Measurements of the robot, tick by tick.
 
     Where its own velocity estimate is fed back it is made at every tick;
     otherwise once for the whole rollout, which costs a tenth.

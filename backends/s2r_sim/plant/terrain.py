@@ -53,7 +53,7 @@ def surface(
 
 
 def covariance(dx: FloatArray, dy: FloatArray) -> FloatArray:
-    """Return that of the heights of two places so far apart [m], on ground of unit roughness; over all origins."""
+    """Return the covariance of the heights of two places, (dx, dy) [m] apart, on ground of unit roughness."""
     kx, ky, _ = _UNEVEN.T
     apart = np.multiply.outer(dx, kx) + np.multiply.outer(dy, ky)
     likeness: FloatArray = np.cos(apart).mean(axis=-1)

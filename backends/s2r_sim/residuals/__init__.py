@@ -1,4 +1,4 @@
-"""What of a recorded motion a robot in a world leaves unexplained: inverse dynamics, motors, sensors, feet.
+"""Residuals of a recorded motion for a robot in a world: inverse dynamics, motors, sensors, feet.
 
 The motion between two samples is put through the laws of motion (Pinocchio's
 recursive Newton–Euler algorithm; Featherstone, *Rigid Body Dynamics Algorithms*,
@@ -44,7 +44,7 @@ from s2r_spec.trace import Trace
 FloatArray = NDArray[np.float64]
 
 WINDOW = 0.03
-"""[s] of the Hann weights over what was differentiated."""
+"""[s] width of the Hann weights over what was differentiated."""
 
 _POSE = ("x", "y", "z", "roll", "pitch", "yaw")
 _MOTION = (*_POSE, "vx", "vy", "vz", "omega", "q", "dq")
@@ -56,13 +56,13 @@ class _Residual:
     """One residual.
 
     Attributes:
-        name: of its channel.
-        unit: of its channel.
+        name: name of its channel.
+        unit: unit of its channel.
         needs: channels of the trace. Of some more it makes use where they are there: of ``foot_force`` for how far
             a ground gives under feet, of ``foot_velocity`` for how they slide, of ``roll`` and ``pitch`` for a frame
             that is askew, of ``tau`` for where rotors are in the play of their gears.
         knows: fields of the world that change it; it is shown no other, and asked once for each of their values.
-        parts: what its columns belong to.
+        parts: parts of the robot to which its columns belong.
         of: a motion in a world → (n − 1, columns).
     """
 
@@ -114,7 +114,7 @@ def residuals(
 def _averaged(
     one: _Residual, log: Recorded, gains: Gains, bare: Physics, here: Physics, test: Test
 ) -> FloatArray:
-    """Return (m, columns) of a residual, averaged; kept, for most worlds change one or two of them."""
+    """Return the (m, columns) averaged values of a residual; kept, for most worlds change one or two of them."""
     window = hann(log.trace.times, WINDOW)
     return _inner(convolve1d(one.of(_moving(log, gains, bare, here, test)), window, axis=0), window)
 
@@ -143,13 +143,13 @@ def _base_wrench(motion: Motion) -> FloatArray:
 
 
 def _motor(motion: Motion) -> FloatArray:
-    """What motors report, less what the law gives at the end of the tick, as the joints have moved since."""
+    """Reported torque of the motors less that of the law at the end of the tick, since the joints have moved."""
     left: FloatArray = motion.recorded.at("tau") - motion.delivered
     return left
 
 
 def _acceleration(motion: Motion) -> FloatArray:
-    """What should follow from the QP's prediction, less what happened; forward, left, up."""
+    """Acceleration expected from the QP's prediction less the recorded one; forward, left, up."""
     log = motion.recorded
     left: FloatArray = motion.follows - _ahead(log, log.rate(log.velocity))
     return left
@@ -168,13 +168,13 @@ def _slip(motion: Motion) -> FloatArray:
 
 
 def _sinking(motion: Motion) -> FloatArray:
-    """How far balls are below the world's ground where they touch it; negative above."""
+    """Depth of ball feet below the world's ground where they touch it; negative above."""
     below: FloatArray = motion.recorded.touches * motion.below
     return below
 
 
 def _unevenness(motion: Motion) -> FloatArray:
-    """How far footholds are from the plane through all of them, beyond what is expected of the world's roughness."""
+    """Distance of footholds from the plane through all of them, in excess of that expected from the roughness."""
     footing = motion.recorded.footing
     away = np.abs(footing.about @ footing.mean(motion.below))
     return footing.spread(away - motion.world.roughness * footing.expected)
@@ -201,7 +201,7 @@ def _foot_place(motion: Motion) -> FloatArray:
 
 
 def _ahead(log: Recorded, vector: FloatArray) -> FloatArray:
-    """Return (n − 1, …, 3) of world axes as forward, left and up."""
+    """Return (n − 1, …, 3) vectors, given in world axes, as forward, left and up."""
     x, y, z = np.moveaxis(vector, -1, 0)
     yaw = log.mid("yaw").reshape(-1, *[1] * (vector.ndim - 2))
     c, s = np.cos(yaw), np.sin(yaw)

@@ -1,4 +1,4 @@
-"""How uneven the ground is, by where feet have stood on it: footholds about the plane through all of them.
+"""Unevenness of the ground, from the distances of footholds to the plane through all of them.
 
 A plane takes with it what a slope, a soft ground or a wrong origin of the height makes of all footholds alike, and a
 part of the unevenness, too. How much of it is left follows from how alike the ground is at two places: with R the
@@ -42,16 +42,16 @@ class Footing:
         return mean
 
     def spread(self, values: FloatArray) -> FloatArray:
-        """Return (ticks, 4) of (m,) values, each at the ticks of its stretch; 0 where no foot stands."""
+        """Return (m,) values as (ticks, 4), each at the ticks of its stretch; 0 where no foot stands."""
         return np.append(values, 0.0)[self.of]
 
 
 def footing(touches: FloatArray, x: FloatArray, y: FloatArray) -> Footing:
-    """Return where feet stood.
+    """Return the stretches of time over which feet stood.
 
     Args:
         touches: (ticks, feet) 1 where a foot is on the ground.
-        x: (ticks, feet) where it is [m]; looked at where it touches only.
+        x: (ticks, feet) position of the foot [m]; used only where it touches.
         y: likewise.
     """
     stands = touches > 0.0

@@ -26,10 +26,10 @@ FloatArray = NDArray[np.float64]
 
 
 class Recorded:
-    """A recorded motion and what follows from it and the robot's geometry alone, whatever the world does.
+    """A recorded motion and its kinematics, which depend on the robot's geometry and not on the world.
 
-    Arrays of one row for every tick, which goes from one sample to the next. State in the middle
-    of a tick is the mean of both. Made once for a trace: :func:`recorded`.
+    Arrays have one row per tick, the interval between two samples. The state at the midpoint of a tick is the mean
+    of the two samples. Built once per trace: :func:`recorded`.
     """
 
     def __init__(self, trace: Trace, robot: Robot) -> None:
@@ -41,7 +41,7 @@ class Recorded:
         return self.trace[name][:-1]
 
     def mid(self, name: str) -> FloatArray:
-        """Return (n − 1, …): a channel in the middle of every tick."""
+        """Return (n − 1, …): a channel at the midpoint of every tick."""
         return _middle(self.trace[name])
 
     def rate(self, values: FloatArray) -> FloatArray:
@@ -51,14 +51,14 @@ class Recorded:
 
     @cached_property
     def velocity(self) -> FloatArray:
-        """(n, 3) of the base at the samples, world axes [m/s]."""
+        """(n, 3) velocity of the base at the samples, world axes [m/s]."""
         vx, vy, yaw = (self.trace[name] for name in ("vx", "vy", "yaw"))
         c, s = np.cos(yaw), np.sin(yaw)
         return np.column_stack((c * vx - s * vy, s * vx + c * vy, self.trace["vz"]))
 
     @cached_property
     def attitude(self) -> FloatArray:
-        """(n − 1, 3, 3) from base axes to world axes, in the middle of every tick."""
+        """(n − 1, 3, 3) rotation from base axes to world axes, at the midpoint of every tick."""
         turn: FloatArray = _attitude(*(self.mid(name) for name in ("roll", "pitch", "yaw"))).as_matrix()
         return turn
 
@@ -80,7 +80,7 @@ class Recorded:
 
     @cached_property
     def foot_speed(self) -> FloatArray:
-        """(n − 1, 4, 3) velocity of the ball centres, base axes [m/s]: as seen from outside, else by the joints."""
+        """(n − 1, 4, 3) velocity of the ball centres, base axes [m/s]: measured from outside, else from the joints."""
         if "foot_velocity" not in self.trace.channels:
             return self._foot_speed_by_joints
         seen = self.mid("foot_velocity").reshape(-1, 4, 3)
@@ -118,7 +118,7 @@ class Recorded:
 
     @cached_property
     def footing(self) -> Footing:
-        """Where feet stood, as far as that was recorded: a sample that is missing must not take all others with it."""
+        """Footholds, as far as they were recorded: a missing sample must not take all others with it."""
         place = self.mid("foot_position").reshape(-1, 4, 3)
         known = np.isfinite(place).all(axis=-1)
         if "foot_force" in self.trace.channels:
@@ -149,7 +149,10 @@ class Recorded:
 
     @cached_property
     def twist(self) -> tuple[FloatArray, FloatArray]:
-        """(n − 1, 18) velocity in the middle of every tick and its rate: of the base in base axes, of the joints."""
+        """Velocity at the midpoint of every tick, and its time derivative, each (n − 1, 18).
+
+        Base twist in base axes, then joint velocities.
+        """
         trace = self.trace
         samples = _attitude(*(trace[name] for name in ("roll", "pitch", "yaw")))
         twist = np.hstack((samples.inv().apply(self.velocity), trace["omega"], trace["dq"]))
@@ -157,7 +160,7 @@ class Recorded:
 
     @cached_property
     def needed(self) -> FloatArray:
-        """(n − 1, 18) what the motion took of the robot as it is built, without rotors.
+        """(n − 1, 18) generalized force that the motion required of the robot as built, without rotors.
 
         Wrench on the base in base axes [N], [N m], torque on joints [N m].
         """
@@ -194,12 +197,12 @@ class Recorded:
 
 
 class Ground:
-    """What the ground's slope makes of a recorded motion."""
+    """Kinematics of a recorded motion relative to the sloped ground."""
 
     def __init__(self, motion: Recorded, slope: float) -> None:
         self.motion = motion
         self.rise = tan(radians(slope))
-        """Of the ground per metre."""
+        """Rise of the ground per metre."""
 
     @cached_property
     def normal(self) -> FloatArray:
@@ -275,5 +278,5 @@ def _attitude(roll: FloatArray, pitch: FloatArray, yaw: FloatArray) -> Any:
 
 
 def _stack(vector: tuple[Any, Any, Any], n: int) -> FloatArray:
-    """Return (n, 3) of three arrays or numbers."""
+    """Return three arrays or numbers as the columns of one (n, 3) array."""
     return np.stack([np.broadcast_to(part, n) for part in vector], -1)

@@ -1,4 +1,4 @@
-"""Where in the play of its gear every rotor stood in a recording, and what torque it passed on.
+"""Position of every rotor within the play of its gear in a recording, and the torque that it passed on.
 
 Encoders sit on the rotor's side: a recorded angle is that of the joint and the play. While a rotor crosses the
 gap its torque, which the drive reports, turns the rotor alone.
@@ -24,11 +24,11 @@ def crossed(
     towards which it is driven.
 
     Args:
-        torque: (n, 12) of the rotors in every tick [N m]; where it is not known, none is taken.
+        torque: (n, 12) torque of the rotors in every tick [N m]; an unknown torque counts as zero.
         dt: (n,) length of the ticks [s].
-        steps: of physics in a tick.
+        steps: physics steps in a tick.
         gap: half of the play [rad].
-        inertia: of a rotor, seen at the joint [kg m²].
+        inertia: inertia of a rotor, seen at the joint [kg m²].
     """
     n, joints = torque.shape
     play, rate, passed = np.zeros((n + 1, joints)), np.zeros((n + 1, joints)), np.zeros((n, joints))

@@ -27,7 +27,7 @@ _STILL = 0.1
 _STICKS, _SLIDES = 0.06, 0.12
 """[m/s] below the first a foot sticks, above the second it slides and its friction is used up; between, in part."""
 _SLIDE_TIME = 0.06
-"""[s] over which it does so on average: noise of measured velocities, or giving way under a first load, is no slide."""
+"""[s] averaging time of the sliding speed: noisy velocities, or giving way under a first load, are not a slide."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,10 +36,10 @@ class Motion:
 
     Attributes:
         recorded: the motion, as the robot's own sensors and motion capture have it.
-        gains: of the controller.
+        gains: gains of the controller.
         bare: the nominal world in which the test takes place.
         world: the same with the effects that are reckoned with.
-        test: what was asked for.
+        test: the requested test.
     """
 
     recorded: Recorded
@@ -50,12 +50,12 @@ class Motion:
 
     @property
     def robot(self) -> Robot:
-        """As it is built, and as the controller knows it."""
+        """The robot as built, and as the controller knows it."""
         return self.recorded.robot
 
     @property
     def ground(self) -> Ground:
-        """Of the world."""
+        """Ground of the world."""
         return ground(self.moved, self.world.slope)
 
     @cached_property
@@ -83,7 +83,7 @@ class Motion:
 
     @cached_property
     def needed(self) -> FloatArray:
-        """(n − 1, 18) what the motion took: wrench on the base in base axes [N], [N m], torque on joints [N m]."""
+        """(n − 1, 18) force that the motion required: base wrench in base axes [N], [N m]; joint torques [N m]."""
         log = self.moved
         needed = log.needed.copy()
         _, speeds_up = log.twist
@@ -139,7 +139,7 @@ class Motion:
 
     @cached_property
     def strength(self) -> FloatArray:
-        """(n − 1,) what motors deliver, as a part of what they are asked for."""
+        """(n − 1,) torque that motors deliver, as a fraction of their command."""
         elapsed = np.maximum(self.recorded.trace.times[:-1], 0.0)
         left: FloatArray = self.world.strength * np.maximum(0.0, 1.0 - self.world.fade * elapsed)
         return left
@@ -233,7 +233,7 @@ class Motion:
 
     @cached_property
     def slides(self) -> FloatArray:
-        """(n − 1, 4, 3) velocity along the ground of what touches it, beyond the creep of a known force [m/s]."""
+        """(n − 1, 4, 3) velocity of contact points along the ground, in excess of the creep of a known force [m/s]."""
         speed, normal = self.ground.contact_speed, self.ground.normal
         along = speed - (speed @ normal)[..., np.newaxis] * normal
         if "foot_force" in self.recorded.trace.channels:
@@ -242,7 +242,7 @@ class Motion:
 
     @cached_property
     def below(self) -> FloatArray:
-        """(n − 1, 4) how far balls are below the world's ground, beyond what they sink into it [m]."""
+        """Penetration of each ball foot into the world's ground, in excess of its expected sinkage (n − 1, 4) [m]."""
         x, _, z = np.moveaxis(self.recorded.mid("foot_position").reshape(-1, 4, 3), -1, 0)
         below: FloatArray = self.robot.foot_radius - (z - self.ground.rise * x) * self.ground.normal[2]
         if "foot_force" in self.recorded.trace.channels:
@@ -251,7 +251,7 @@ class Motion:
 
     @cached_property
     def sinks(self) -> FloatArray:
-        """(n − 1, 4) how much further feet should sink than into bare ground [m]."""
+        """(n − 1, 4) expected sinkage of the feet in excess of that into bare ground [m]."""
         _, normal = self._pressed
         here, bare = self._grounds
         further: FloatArray = here.depth_under(normal) - bare.depth_under(normal)
@@ -280,11 +280,11 @@ class Motion:
 
 
 def _in_base(roll: FloatArray, pitch: FloatArray, vector: FloatArray) -> FloatArray:
-    """Return (n, 3) of forward, left and up in base axes."""
+    """Return (n, 3) vectors, given as forward, left and up, in base axes."""
     return np.column_stack(turned_back(roll, pitch, 0.0, vector.T, np.sin, np.cos))
 
 
 def _levelled(roll: FloatArray, pitch: FloatArray, vector: FloatArray) -> FloatArray:
-    """Return (n, 3) of base axes as forward, left and up."""
+    """Return (n, 3) vectors, given in base axes, as forward, left and up."""
     x, y, z = turned(roll, pitch, 0.0, vector.T, np.sin, np.cos)
     return np.column_stack((x, y, z))

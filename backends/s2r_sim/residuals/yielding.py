@@ -1,4 +1,4 @@
-"""How far a foot sinks into the ground of a world, and how fast it creeps, under a steady force.
+"""Sinkage and creep of a foot on the ground of a world, under a steady force.
 
 MuJoCo gives a contact the reference acceleration −b v − k d r and lets it yield by
 R = (1 − d)/d · Â, with an impedance d that grows with the depth r (MuJoCo's documentation,
@@ -49,7 +49,7 @@ class Yielding:
 
 @lru_cache(maxsize=64)
 def yielding(robot: Robot, impratio: float, sink: float) -> Yielding:
-    """Return how a ground yields under a foot of this robot; see :class:`~s2r_sim.plant.physics.Physics`."""
+    """Return the compliance of a ground under a foot of this robot; see :class:`~s2r_sim.plant.physics.Physics`."""
     model = mujoco_model.build(robot, Physics(impratio=impratio, sink=sink))
     floor = model.geom(mujoco_model.FLOOR)
     constant, _ = floor.solref

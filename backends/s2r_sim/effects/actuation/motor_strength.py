@@ -17,8 +17,7 @@ MOTOR_STRENGTH = PhysicsEffect(
     name="motor_strength",
     family="actuation",
     physics=(
-        "The motors deliver this part of what the motor law asks for, and reach their limit that "
-        "much earlier."
+        "The motors deliver this fraction of the torque command, and reach their limit that much earlier."
     ),
     parameters=(
         EffectParameter(
