@@ -55,6 +55,7 @@ def test_inputs_stay_as_they_are() -> None:
 def test_shift() -> None:
     x = np.array([1.0, 2.0, 3.0])
     assert shift(x, 1, 9).tolist() == [2, 3, 9]
+    assert shift(x, -1, 9).tolist() == [9, 1, 2]
     assert shift(x, -2, 9).tolist() == [9, 9, 1]
     assert shift(x, 7, 9).tolist() == shift(x, -7, 9).tolist() == [9, 9, 9]
 
