@@ -56,7 +56,7 @@ def test_nothing_begins_to_move_a_robot_that_nobody_attends_to():
         assert [next(brought), next(brought)] == [State.LINKED, State.ARMED]
         rig.operator.close()
         rig.turn()
-        assert "attend" in rig.ask(rig.client, "stand")["error"]
+        assert "operator" in rig.ask(rig.client, "stand")["error"]
         rig.turn(5)
         assert rig.state is State.ARMED
         assert all(limp(data) for _, data in rig.received)

@@ -17,6 +17,7 @@ from s2r_spec.diagnose.remainder import Remainder, channels, motion
 from s2r_spec.diagnose.remainder.cells import FEWEST_ROLLOUTS
 from s2r_spec.diagnose.remainder.find import columns, parts, remainders
 from s2r_spec.trace import Trace, thinned
+from tests.errors import states
 
 PROBES = (
     Probe("mass", "extra", 12.0, 1.0),
@@ -114,9 +115,8 @@ def test_without_equations_of_motion_a_push_shows_in_what_is_recorded(bare):
     assert (first.quantity, first.along) == ("u", "")
     assert 0.65 < first.low < first.high < 0.95
     assert first.size == pytest.approx(-30.0 / 35.15, rel=0.1)
-    assert str(first) == (
-        f"a difference of {first.size:+.3g} V in u between {first.low:.3g} and {first.high:.3g} s"
-    )
+    size = f"{first.size:+.3g}".replace("-", "−")
+    assert states(str(first), size, "V", "u", f"{first.low:.3g}", f"{first.high:.3g} s")
 
 
 def test_of_a_machine_that_is_the_improved_simulator_nothing_recorded_is_different(bare):
@@ -218,10 +218,10 @@ def test_a_column_of_many_is_told_by_the_part_it_is_of_or_by_its_number():
 
 def test_an_end_that_is_nowhere_is_said_so_and_is_no_number_in_json():
     beyond = Remainder("motor", 2, "", "tau", 10.0, np.inf, -3.2, "N*m", "N*m", 2.0)
-    assert str(beyond) == "-3.2 N*m of motor where tau is above 10 N*m"
+    assert str(beyond) == "−3.2 N·m of motor where tau is above 10 N·m"
     narrow = Remainder("u", 0, "", "x", 1.9876, 1.9891, -3.2, "N", "m", 2.0)
-    assert str(narrow) == "-3.2 N of u where x is between 1.988 and 1.989 m"
-    assert str(replace(beyond, low=-np.inf, high=-4.0)) == "-3.2 N*m of motor where tau is below -4 N*m"
+    assert str(narrow) == "−3.2 N of u where x is between 1.988 and 1.989 m"
+    assert str(replace(beyond, low=-np.inf, high=-4.0)) == "−3.2 N·m of motor where tau is below −4 N·m"
     assert beyond.to_json()["high"] is None
     assert beyond.to_json()["low"] == 10.0
 

@@ -30,7 +30,7 @@ def agrees(case) -> None:
     try:
         expected = by_definition(case)
     except NoSampleError:
-        with pytest.raises(TraceError, match=r"`[\[(].+` \(line 4\)"):
+        with pytest.raises(TraceError, match=r"`[\[(].+` \(line 4\b"):
             evaluated(case)
         return
     found = evaluated(case)

@@ -55,6 +55,7 @@ def test_inputs_stay_as_they_are() -> None:
 def test_shift() -> None:
     x = np.array([1.0, 2.0, 3.0])
     assert shift(x, 1, 9).tolist() == [2, 3, 9]
+    assert shift(x, -1, 9).tolist() == [9, 1, 2]
     assert shift(x, -2, 9).tolist() == [9, 9, 1]
     assert shift(x, 7, 9).tolist() == shift(x, -7, 9).tolist() == [9, 9, 9]
 
@@ -73,3 +74,39 @@ def test_small_pieces_give_the_same_as_one(n: int, rows: tuple[int, ...], monkey
     monkeypatch.setattr(kernels, "PIECE", 7)
     monkeypatch.setattr(kernels, "RUN", 3)
     np.testing.assert_equal(every(), whole)
+
+
+def until_by_loops(left: np.ndarray, right: np.ndarray, first: np.ndarray, last: np.ndarray) -> list[float]:
+    """The definition, for witnesses first[t] … last[t]."""
+    return [
+        max((min([right[s], *left[t:s]]) for s in range(first[t], last[t] + 1)), default=-np.inf)
+        for t in range(len(left))
+    ]
+
+
+@pytest.mark.parametrize("n", [1, 2, 9, 40])
+@pytest.mark.parametrize(
+    ("low", "high"), [(0, 0), (0, 1), (0, 5), (1, 1), (2, 7), (3, 60), (0, None), (4, None)]
+)
+def test_until_is_its_definition(n: int, low: int, high: int | None, monkeypatch) -> None:
+    left, right = RNG.normal(size=(2, n))
+    here = np.arange(n)
+    last = np.full(n, n - 1) if high is None else np.minimum(here + high, n - 1)
+    expected = until_by_loops(left, right, here + low, last)
+    np.testing.assert_array_equal(until(left, right, low, high), expected)
+    monkeypatch.setattr(kernels, "PIECE", 7)
+    monkeypatch.setattr(kernels, "RUN", 3)
+    np.testing.assert_array_equal(until(left, right, low, high), expected)
+
+
+@pytest.mark.parametrize("n", [1, 2, 9, 40])
+def test_windows_of_any_place_and_length_are_their_definitions(n: int) -> None:
+    for _ in range(20):
+        left, right = RNG.normal(size=(2, n))
+        first = np.minimum(np.arange(n) + RNG.integers(0, 4, n), n)
+        last = np.minimum(first + RNG.integers(-1, n, n), n - 1)
+        least = [min(left[a : b + 1], default=np.inf) for a, b in zip(first, last, strict=True)]
+        np.testing.assert_array_equal(kernels.range_min(left, first, last), least)
+        np.testing.assert_array_equal(kernels.range_min(np.stack([right, left]), first, last)[1], least)
+        found = kernels.range_until(left, right, first, last)
+        np.testing.assert_array_equal(found, until_by_loops(left, right, first, last))

@@ -47,17 +47,17 @@ class Remainder:
 
     def __str__(self) -> str:
         """Return it in words."""
-        what = f"{self.size:+.3g} {spelled(self.unit)}".strip().replace("-", "−")
+        what = f"{_minus(f'{self.size:+.3g}')} {spelled(self.unit)}".strip()
         what = f"a difference of {what} in {self.quantity}" if self.recorded else f"{what} of {self.quantity}"
         what += f" at {self.part}" if self.part else ""
-        low, high = _apart(self.low, self.high)
+        low, high = map(_minus, _apart(self.low, self.high))
         ends = f"{low} and {high} {spelled(self.along_unit)}".strip()
         if not self.along:
             return f"{what} between {ends}"
         if np.isinf(self.low):
-            return f"{what} where {self.along} is below {self.high:.3g} {spelled(self.along_unit)}".strip()
+            return f"{what} where {self.along} is below {_minus(f'{self.high:.3g}')} {spelled(self.along_unit)}".strip()
         if np.isinf(self.high):
-            return f"{what} where {self.along} is above {self.low:.3g} {spelled(self.along_unit)}".strip()
+            return f"{what} where {self.along} is above {_minus(f'{self.low:.3g}')} {spelled(self.along_unit)}".strip()
         return f"{what} where {self.along} is between {ends}"
 
     def to_json(self) -> dict[str, Any]:
@@ -67,6 +67,11 @@ class Remainder:
             for name, value in (("low", self.low), ("high", self.high))
         }
         return dict(vars(self)) | ends
+
+
+def _minus(number: str) -> str:
+    """Return a number with a minus sign in place of a leading hyphen."""
+    return "−" + number[1:] if number.startswith("-") else number
 
 
 def _apart(low: float, high: float) -> tuple[str, str]:
