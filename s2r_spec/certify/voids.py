@@ -101,6 +101,6 @@ def without_too_many(certificate: Certificate, backend: str, journal: Journal) -
         return certificate
     reason = (
         f"{void_words(counts, len(journal))} of {backend} were void, more than 1 in {1 / MOST_VOID:.0f}: too many to "
-        f"assume independence of the outcome; remove the cause and begin a new run"
+        f"assume independent outcomes; remove the cause and begin a new run"
     )
     return replace(certificate, label=Label.REFUSED, reason=reason)

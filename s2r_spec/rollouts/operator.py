@@ -143,7 +143,7 @@ def require_terminal(operator: object) -> None:
     if not getattr(operator, "there", True):
         raise UsageError(
             "the operator of this machine must answer at a terminal, but this process has no terminal: run s2r in a "
-            "terminal, without nohup or a scheduler"
+            "terminal, without nohup or scheduler"
         )
 
 
