@@ -47,7 +47,7 @@ def means() -> dict[str, str]:
     buttons = [" + ".join(names) for names in remote.STOPS]
     return {
         "tilt": f"the base is tilted by more than {k.tilt:g} rad",
-        "height": f"the base is less than {k.height:g} m above the lowest foot, by the legs' geometry",
+        "height": f"the base is less than {k.height:g} m above the lowest foot, according to the legs' geometry",
         "motor": "a motor is not in closed loop (mode 10), or reports an error",
         "heat": f"a motor has {k.hot:g} °C or more",
         "warmth": f"a motor has {k.warm:g} °C or more",

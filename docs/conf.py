@@ -42,7 +42,7 @@ COMMANDS = "<!-- commands -->"
 
 
 OUTSIDE = re.compile(r"\[([^][]*)\]\((\.\./\.\./[^)#]+)\)")
-"""A link to a file or folder of the repository that is no page of the site."""
+"""A link to a file or folder of the repository that is not a page of the site."""
 
 
 def _commands() -> str:

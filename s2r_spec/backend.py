@@ -70,7 +70,7 @@ class Parameter:
         """Return the value as a float.
 
         Raises:
-            UsageError: the value is no number, or lies outside the range.
+            UsageError: the value is not a number, or lies outside the range.
         """
         try:
             number = float(value)
@@ -296,7 +296,7 @@ class HasResiduals(Protocol):
 class HasVariants(Protocol):
     """A simulator with equally valid ways to compute the same physics.
 
-    Another time step, contact model or noise level is no cause of a gap. A diagnosis ignores differences of the size
+    Another time step, contact model or noise level is not a cause of a gap. A diagnosis ignores differences of the size
     that such variants make.
     """
 
@@ -546,7 +546,7 @@ def load_backend(name: str) -> Backend:
     Raises:
         UnknownBackendError: no installed package offers it; the message lists the installed backends.
         MissingPackageError: the backend imports a package that is not installed.
-        BackendError: the entry point raised an error, or its result is no backend.
+        BackendError: the entry point raised an error, or its result is not a backend.
     """
     kind, colon, argument = name.partition(":")
     factory = _factory(kind)

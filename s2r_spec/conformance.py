@@ -141,14 +141,14 @@ class _Subject:
         """Return the backend, or ``base``, with these effects.
 
         Raises:
-            TypeError: the result is no backend.
+            TypeError: the result is not a backend.
         """
         simulator = self.backend if base is None else base
         assert isinstance(simulator, HasEffects)
         changed = simulator.with_effects(values)
         if not isinstance(changed, Backend):
             raise TypeError(
-                f"with_effects({dict(values)}) returns {type(changed).__name__}, which is no backend"
+                f"with_effects({dict(values)}) returns {type(changed).__name__}, which is not a backend"
             )
         return changed
 
@@ -156,7 +156,7 @@ class _Subject:
 def _rollout(backend: Backend, test: Mapping[str, float]) -> Trace:
     trace: object = backend.rollout(test, SEED)
     if not isinstance(trace, Trace):
-        raise TypeError(f"rollout returns {type(trace).__name__}, which is no Trace")
+        raise TypeError(f"rollout returns {type(trace).__name__}, which is not a Trace")
     return trace
 
 

@@ -27,10 +27,10 @@ def _address() -> str | None:
 
 
 def page(name: str) -> str:
-    """Return how a message names a page: by its address, or by the command that prints it if there is no site.
+    """Return the name of a page in a message: its address, or the command that prints it if there is no site.
 
     Args:
-        name: of the page below ``docs``, without its ending, such as ``how-to/effects``.
+        name: the name of the page below ``docs``, without its ending, such as ``how-to/effects``.
     """
     address = _address()
     if address is None:

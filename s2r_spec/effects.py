@@ -67,10 +67,10 @@ def settings(catalogue: Iterable[Effect], choice: Choice) -> dict[str, dict[str,
 
 
 def as_values(choice: Choice) -> dict[str, dict[str, float]]:
-    """Return effect → parameter → value of the set parameters only.
+    """Return effect → parameter → value, for the parameters that were set.
 
     Raises:
-        UsageError: the choice is a text. A backend without options got the text after the colon of its name.
+        UsageError: the choice is a string: the text after the colon in the name of a backend that has no options.
     """
     if isinstance(choice, str):
         raise UsageError(

@@ -63,7 +63,7 @@ def replacing(path: Path) -> Iterator[Path]:
     """Give an empty temporary file to write to; at the end it replaces the file.
 
     The temporary file has the same ending, the same permissions and, if allowed, the same owner. A symbolic link stays,
-    and its target is replaced. A path that is no regular file (``/dev/stdout``, a pipe) is written directly.
+    and its target is replaced. A path that is not a regular file (``/dev/stdout``, a pipe) is written directly.
 
     Raises:
         OSError: the file cannot be written. Its old content remains, and the temporary file is removed.

@@ -23,7 +23,7 @@ def number(name: str, value: object) -> float:
         value: a number of Python or NumPy.
 
     Raises:
-        UsageError: the value is no finite number.
+        UsageError: the value is not a finite number.
     """
     real = _float(name, value)
     if not math.isfinite(real):
@@ -35,7 +35,7 @@ def positive(name: str, value: object) -> float:
     """Return a number > 0 that double precision can square.
 
     Raises:
-        UsageError: the value is no such number.
+        UsageError: the value is not such a number.
     """
     real = _float(name, value)
     if not (math.isfinite(real) and real > 0):
@@ -49,7 +49,7 @@ def whole(name: str, value: object, least: int) -> int:
     """Return a whole number ≥ ``least``.
 
     Raises:
-        UsageError: the value is no such number.
+        UsageError: the value is not such a number.
     """
     real = _float(name, value)
     if not (math.isfinite(real) and real == int(real) and real >= least):
@@ -58,7 +58,7 @@ def whole(name: str, value: object, least: int) -> int:
 
 
 def beyond(value: float) -> str:
-    """Return what is wrong with the size of a number > 0; "" if nothing is."""
+    """Return the fault in the size of a number > 0; "" if there is none."""
     if value < SMALLEST:
         return f"too small for double precision; it must be at least {SMALLEST:g}"
     if value > LARGEST:

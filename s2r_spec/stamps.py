@@ -30,7 +30,7 @@ def typed(values: NDArray[Any]) -> NDArray[Any]:
     """Return an array of Python's dates or durations as numpy's, in nanoseconds; any other array unchanged.
 
     Raises:
-        TraceError: an element is no date (NaT).
+        TraceError: an element is not a date (NaT).
     """
     if values.dtype != object or not values.size:
         return values

@@ -32,7 +32,7 @@ class Trace:
 
     Raises:
         TraceError: times do not increase or are not finite, a channel has another length or no numbers, a unit is no
-            text, or ``meta["failure"]`` is no word.
+            text, or ``meta["failure"]`` is not a word.
     """
 
     times: FloatArray
@@ -145,13 +145,13 @@ def _texts(units: Any) -> dict[str, str]:
     """Return the units after a check that they are texts.
 
     Raises:
-        TraceError: a unit is no text.
+        TraceError: a unit is not a string.
     """
     if not isinstance(units, Mapping):
         raise TraceError(f"units are {units!r}; they must map names of channels to texts, such as 'm/s'")
     for name, unit in units.items():
         if not isinstance(unit, str):
-            raise TraceError(f"the unit of channel {name!r} is {unit!r}; it must be a text, such as 'm/s'")
+            raise TraceError(f"the unit of channel {name!r} is {unit!r}; it must be a string, such as 'm/s'")
     return dict(units)
 
 
@@ -159,7 +159,7 @@ def _failure(meta: Mapping[str, Any]) -> str | None:
     """Return the word for a failure; None, False, 0 and "" mean no failure.
 
     Raises:
-        TraceError: the value is no word.
+        TraceError: the value is not a word.
     """
     word = meta.get("failure")
     if word is None or isinstance(word, str):

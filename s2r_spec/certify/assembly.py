@@ -10,7 +10,7 @@ from s2r_spec.certify.stopping import label
 
 
 def certificate(state: State) -> Certificate:
-    """Return what the outcomes so far certify; valid at any time."""
+    """Return the certificate from the outcomes so far; valid at any time."""
     settings, confidence, outcomes = state.settings, state.confidence, state.outcomes
     found, reason = label(state)
     ladder = confidence.ladder

@@ -36,8 +36,8 @@ def check(spec: Spec, backend: str, folder: Path | str, **keywords: Unpack[RunKe
 
     Args:
         spec: with a test space and a certify line.
-        backend: its name; it is opened in every worker.
-        folder: of the journal and the traces.
+        backend: the name of the backend; it is opened in every worker.
+        folder: the folder of the journal and the traces.
         keywords: see :class:`~s2r_spec.certify.options.RunOptions`; all of them may be left out.
 
     Raises:

@@ -50,21 +50,21 @@ class CheckResult:
     """The worst expected robustness ρ̂* = min over D of E ρ lies in [lower, upper] with probability ≥ 1 − δ.
 
     Attributes:
-        requirement: its name in the spec.
+        requirement: the name of the requirement in the spec.
         verdict: see :class:`Verdict`; never HOLDS or VIOLATED for a refused certificate.
         reason: one sentence for the verdict.
         lower: certified lower bound, in ``unit``.
         upper: certified upper bound, in ``unit``.
-        unit: of ρ; "" when the requirement mixes units.
+        unit: the unit of ρ; "" when the requirement mixes units.
         worst: the tested point nearest to the one that bounds the worst expected ρ from above.
         lowest: the rollout of the smallest ρ.
         failures: how often the robot fell or the worker died, by word.
         assumptions: each in one sentence.
-        certificate: of the search, which maximises −ρ.
+        certificate: the certificate of the search, which maximises −ρ.
         provenance: version, spec and model hashes, seed.
         folder: where the rollouts lie.
         seconds: duration of all rollouts, summed over workers and resumed processes.
-        voids: for a machine, the number of void rollouts by word; None for a simulator.
+        voids: the number of void rollouts of a machine, by word; None for a simulator.
     """
 
     requirement: str
@@ -96,10 +96,10 @@ def conclude(
 
     Args:
         spec: has the requirement.
-        requirement: its name.
+        requirement: the name of the requirement.
         fall: declared ρ of a rollout that falls, in the unit of ρ.
-        certificate: of the search.
-        journal: of its rollouts.
+        certificate: the certificate of the search.
+        journal: the journal of its rollouts.
         provenance: the journal's header.
     """
     records, backend = journal.records(), provenance["backend"]
@@ -143,7 +143,7 @@ def of_recordings(result: CheckResult, notes: Sequence[str], search: Search) -> 
 
     Args:
         result: from :func:`conclude`.
-        notes: of the :class:`~s2r_spec.certify.recorded.Design`.
+        notes: the notes of the :class:`~s2r_spec.certify.recorded.Design`.
         search: with the recorded outcomes.
     """
     certificate, reason = result.certificate, result.reason

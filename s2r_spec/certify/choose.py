@@ -19,7 +19,7 @@ class Choice:
     """The candidate of the largest certified lower bound.
 
     Attributes:
-        best: its index among the candidates; None when every certificate was refused.
+        best: the index of the best candidate; None when every certificate was refused.
         lower: certified lower bound on its worst expected robustness.
         regret: the best candidate's worst case is better by at most this, in the unit of ρ.
         delta: 1 − probability of all these statements together.

@@ -46,10 +46,10 @@ class Rollouts:
 
     Attributes:
         scorer: evaluates ρ of a rollout.
-        seed: of the run.
+        seed: the seed of the run.
         journal: records every rollout.
         runner: runs the rollouts.
-        stream: of seeds.
+        stream: the stream of seeds.
         each: rollouts per replicate; the outcome is their mean.
     """
 

@@ -32,7 +32,7 @@ class FailureProbability:
     """The largest probability of ρ < level over the test space lies in [lower, upper].
 
     Attributes:
-        level: in the unit of ρ.
+        level: the level of ρ, in the unit of ρ.
         lower: a bound at some test.
         upper: a bound at every test, so that at every test the ``upper`` quantile of ρ is at least ``level``.
         seen: rollouts with ρ < level.
@@ -68,8 +68,8 @@ def bound_failure_probability(
     Args:
         space: the test space.
         tests: (point, (replicates,) values of ρ), every rollout that was run.
-        levels: of ρ, in its unit; δ is shared equally among them, so that all bounds hold at once.
-        kernel: of the probability as a function of the test.
+        levels: the levels of ρ, in its unit; δ is shared equally among them, so that all bounds hold at once.
+        kernel: the kernel of the probability as a function of the test.
         B: bound on its norm.
         delta: all bounds together are wrong with at most this probability.
 

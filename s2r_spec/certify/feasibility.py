@@ -35,19 +35,19 @@ class Obstacles:
         too_many = _too_many_tests(settings)
         if settings.budget is None and fewest > MOST_ROLLOUTS:
             too_many = (
-                f"epsilon = {settings.epsilon:g} takes at least {fewest:.0e} rollouts beside R = {settings.R:g}, by "
+                f"epsilon = {settings.epsilon:g} takes at least {fewest:.0e} rollouts for R = {settings.R:g}, by "
                 f"any method; ask for a larger epsilon, or give a budget"
             )
         return cls(_constant(settings), too_many)
 
     @property
     def any(self) -> str:
-        """The first reason, "" if there is none."""
+        """The first reason why no certificate is possible; "" if none applies."""
         return self.constant or self.too_many
 
 
 def tests_apart(space: Space, kernel: Kernel) -> float:
-    """Return how many tests fit in the box one lengthscale apart; a certificate needs about as many."""
+    """Return the number of tests that fit in the box one lengthscale apart; a certificate needs about as many."""
     cells = np.maximum(1.0, (space.upper - space.lower) / kernel.lengthscales(space.dim))
     return float(10 ** min(300.0, np.log10(cells).sum()))
 

@@ -15,7 +15,7 @@ def search_for(spec: Spec, requirement: str, options: RunOptions, noise: float =
 
     Args:
         spec: with a test space and a certify line.
-        requirement: its name.
+        requirement: the name of the requirement.
         options: have the seed, the budget, the mode and the engine.
         noise: multiplies the declared R (dimensionless).
 

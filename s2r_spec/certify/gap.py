@@ -54,7 +54,7 @@ def gap(
         real: the real machine's backend, by name: a robot, its logs, a twin. Every recording inside the test space
             counts once, and the simulator runs at the same tests (or its own logs are read). The search then chooses
             no test.
-        folder: of the journals and traces of both backends.
+        folder: the folder of the journals and traces of both backends.
         keywords: see :class:`~s2r_spec.certify.options.RunOptions`; all of them may be left out.
 
     Raises:
@@ -127,7 +127,7 @@ def gap_with(
 def _journals(
     spec: Spec, pairing: Pairing, folder: Path, provenance: dict[str, Any], resume: bool
 ) -> dict[str, Journal]:
-    """Create or resume a journal for each backend, by the names in ``SYSTEMS``."""
+    """Create or resume a journal for each backend; the keys are the names in ``SYSTEMS``."""
     journals = {}
     for side, scorer in pairing.scorers.items():
         header = provenance | {"side": side, "backend": scorer.name, "duration": scorer.backend.duration}

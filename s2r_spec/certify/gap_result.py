@@ -50,7 +50,7 @@ class Pair:
         params: the test.
         real: ρ of the real rollout.
         simulated: mean ρ of the simulated rollouts.
-        failure: of the real rollout; None if it reached its end.
+        failure: the failure of the real rollout; None if it reached its end.
         gap: Δ = ρ_real − ρ_sim.
     """
 
@@ -71,22 +71,22 @@ class GapResult:
     """With probability ≥ 1 − δ, E Δ lies in [low, high] at every test, and its minimum in [lower, upper].
 
     Attributes:
-        requirement: its name in the spec.
+        requirement: the name of the requirement in the spec.
         lower: lower bound of min_d E Δ: how much worse than simulated the real machine can be.
         upper: upper bound of the same minimum.
         low: lower bound of E Δ anywhere; equals ``lower``.
         high: upper bound of E Δ anywhere.
-        unit: of ρ.
+        unit: the unit of ρ.
         worst: the tested point nearest to the one that shows the most negative gap.
         tested: every tested point.
         lowest: the pair of the most negative Δ.
-        failures: of real rollouts, by word.
+        failures: the number of failures of real rollouts, by word.
         assumptions: each in one sentence.
-        certificate: of the search, which maximises −Δ.
+        certificate: the certificate of the search, which maximises −Δ.
         provenance: versions, hashes, seed.
         folder: where the rollouts lie.
         seconds: duration of all rollouts of both backends, summed over workers and resumed processes.
-        voids: for a machine, the number of void rollouts by word; None for a simulator.
+        voids: the number of void rollouts of a machine, by word; None for a simulator.
     """
 
     requirement: str
@@ -124,9 +124,9 @@ def conclude_gap(
     Args:
         spec: has the requirement.
         search: with an outcome for every pair.
-        journals: of the simulator and of the real machine, by the names in ``SYSTEMS``.
+        journals: the journals of the simulator and the real machine; the keys are the names in ``SYSTEMS``.
         provenance: the journals' common header.
-        folder: of both journals.
+        folder: the folder of both journals.
 
     Raises:
         UsageError: there is no pair.
@@ -161,7 +161,7 @@ def pairs_of(journals: Mapping[str, Journal], per_real: int) -> list[Pair]:
     """Return the pairs of two journals whose simulated rollouts are all there.
 
     Args:
-        journals: of the simulator and of the real machine, by the names in ``SYSTEMS``.
+        journals: the journals of the simulator and the real machine; the keys are the names in ``SYSTEMS``.
         per_real: simulated rollouts for each real one.
     """
     simulated: dict[tuple[int, int], list[float]] = {}
@@ -190,7 +190,7 @@ def _assumptions(
     journals: Mapping[str, Journal],
     provenance: Mapping[str, Any],
 ) -> tuple[str, ...]:
-    """Return what the bounds on the gap assume, each in one sentence."""
+    """Return the assumptions of the bounds on the gap, each in one sentence."""
     requirement, real = provenance["requirement"], provenance["real"]["backend"]
     unit, fall = rho_unit(spec, requirement), spec.certify[requirement].fall
     averaged = SIMULATED_PER_REAL if provenance["simulated_per_real"] > 1 else "one or two"

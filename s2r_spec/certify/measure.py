@@ -35,12 +35,12 @@ def check_measure(
     [−certificate.upper, −certificate.lower] with probability ≥ 1 − δ.
 
     Args:
-        measure: of a trace that did not fail, and its test; runs in this process. Its kernel norm B, its
+        measure: the function of a trace that did not fail, and its test; runs in this process. Its kernel norm B, its
             noise R and its ``fall`` are declared with the search, like those of a spec.
-        name: of the measure in the journal; a resumed run must have the same.
-        backend: its name; the search's parameters must be the backend's, in its units.
+        name: the name of the measure in the journal; a resumed run must have the same name.
+        backend: the name of the backend; the search's parameters must be the backend's, in its units.
         search: new, over the test space.
-        folder: of the journal and the traces.
+        folder: the folder of the journal and the traces.
         keywords: ``fall`` must be given, the others may be; see
             :class:`~s2r_spec.certify.options.MeasureOptions`.
 
@@ -54,7 +54,7 @@ def check_measure(
     if not callable(measure):
         raise UsageError(f"measure must be a function of a trace and its test, not {measure!r}")
     if not isinstance(name, str):
-        raise UsageError(f"name must be a text, what the journal calls the measure, not {name!r}")
+        raise UsageError(f"name must be a string, the name of the measure in the journal, not {name!r}")
     if not isinstance(search, Search):
         raise UsageError(f"search must be an s2r.Search, not a value of type {type(search).__name__}")
     if options.resume:

@@ -16,8 +16,8 @@ class Phase:
     """One search, as an observer shows it.
 
     Attributes:
-        symbol: of the bounded quantity, "ρ" or "Δ".
-        unit: of that quantity.
+        symbol: the symbol of the bounded quantity, "ρ" or "Δ".
+        unit: the unit of that quantity.
         backend: the backend whose rollouts are counted.
         units: unit of each test parameter.
         budget: largest number of rollouts, if there is one.

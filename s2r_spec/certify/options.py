@@ -48,7 +48,7 @@ class Execution:
     """How rollouts are run.
 
     Args:
-        seed: of the whole run.
+        seed: the seed of the whole run.
         executor: makes the pool of workers; two local processes by default.
         timeout: a rollout that takes longer is ended, and counts as a crash [s]; ``inf`` for never, None for
             :func:`s2r_spec.rollouts.scorer.default_timeout`.
@@ -77,13 +77,13 @@ class RunOptions(Execution):
     """Options of a run against a specification, besides those of :class:`Execution`.
 
     Args:
-        requirement: its name; None if the specification has only one.
+        requirement: the name of the requirement; None if the specification has only one.
         budget: most rollouts; None for as many as the specification's ε takes. Of a gap it bounds the real rollouts.
-        mode: of the confidence set, see :class:`~s2r_spec.certify.settings.SearchSettings`.
-        engine: of the Gaussian process, see there.
-        void: for a machine, what follows a rollout that the robot did not end: "again" repeats the test, "fall" counts
+        mode: the mode of the confidence set, see :class:`~s2r_spec.certify.settings.SearchSettings`.
+        engine: the engine of the Gaussian process, see :class:`~s2r_spec.certify.settings.SearchSettings`.
+        void: the treatment of a void rollout, on a machine only: "again" repeats the test, "fall" counts
             the rollout as a fall.
-        operator: for a machine, the person who answers; whoever is at this process's terminal if None.
+        operator: the person who answers, for a machine; whoever is at this process's terminal if None.
 
     Raises:
         UsageError: ``void`` is neither word.
@@ -111,15 +111,15 @@ class MeasureOptions(Execution):
         duration: length of a rollout [s]; the backend's own if None.
 
     Raises:
-        UsageError: ``fall`` is no finite number.
+        UsageError: ``fall`` is not a finite number.
     """
 
     fall: float
     duration: float | None = None
 
     def __post_init__(self) -> None:
-        """Refuse a fall that is no number."""
+        """Refuse a fall that is not a number."""
         if not isinstance(self.fall, int | float) or not math.isfinite(self.fall):
             raise UsageError(
-                f"fall must be a finite number, what a rollout that fails is worth, not {self.fall!r}"
+                f"fall, the value of a failed rollout, must be a finite number, not {self.fall!r}"
             )

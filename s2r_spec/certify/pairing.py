@@ -40,7 +40,7 @@ class Pairing:
 
     @property
     def scorers(self) -> dict[str, Scorer]:
-        """Both scorers, by the names in :data:`s2r_spec.rollouts.layout.SYSTEMS`."""
+        """Both scorers; the keys are the names in :data:`s2r_spec.rollouts.layout.SYSTEMS`."""
         return {"sim": self.sim, "real": self.real}
 
     @classmethod

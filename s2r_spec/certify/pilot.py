@@ -24,7 +24,7 @@ class Pilot:
         rollouts: number of outcomes.
         std: within tests, pooled, in the unit of the outcome.
         refuted: the largest R that the e-test refutes at 1/20; the true proxy is hardly below it.
-        kurtosis: of the residuals; 3 for Gaussian noise.
+        kurtosis: the kurtosis of the residuals; 3 for Gaussian noise.
         warning: one sentence if the noise looks heavy-tailed, else "".
     """
 
@@ -68,6 +68,6 @@ def read_pilot(groups: list[ArrayLike]) -> Pilot:
     if tail or rare:
         warning = (
             f"the noise looks heavy-tailed (kurtosis {kurtosis:.1f}, farthest residual {farthest:.1f} standard "
-            f"deviations): a standard deviation is no proxy for it, use a proven range, R = (b − a)/2"
+            f"deviations): a standard deviation is not a proxy for it, use a proven range, R = (b − a)/2"
         )
     return Pilot(len(residuals), std, low, kurtosis, warning)

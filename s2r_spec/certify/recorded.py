@@ -134,11 +134,11 @@ def observe(search: Search, design: Design, experiment: Experiment, observer: Ob
 
 
 def left_open(search: Search, what: str) -> list[str]:
-    """Return what recorded tests cannot certify, each in one sentence.
+    """Return the limits of a certificate from recorded tests, each in one sentence.
 
     Args:
         search: with all outcomes of the tests.
-        what: its bounded quantity, "E ρ" or "E Δ".
+        what: the bounded quantity, "E ρ" or "E Δ".
     """
     notes, space = [], search.space
     if not search.degrees:
@@ -150,7 +150,7 @@ def left_open(search: Search, what: str) -> list[str]:
         lengths = search.kernel.lengthscales(space.dim)
         far = np.abs((points[:, None] - search.tested[None]) / lengths).max(axis=2).min(axis=1)
         # Where nothing is near, the band is as wide as B makes it: of the widest places the farthest is named.
-        # To nine digits: mirror images are equally wide, and the last bit is no reason to name one of them.
+        # To nine digits: mirror images are equally wide, and the last bit is not a reason to name one of them.
         widest = np.lexsort((far.round(9), (widths / search.epsilon).round(9)))[-1]
         unit = f" {search.unit}" if search.unit else ""
         where = ", ".join(

@@ -81,7 +81,7 @@ def as_outcomes(outcomes: ArrayLike, what: str) -> FloatArray:
         what: the query or test that they are of, for the sentence.
 
     Raises:
-        UsageError: they are no list of finite numbers, or have less precision than float64.
+        UsageError: they are not a list of finite numbers, or have less precision than float64.
     """
     if getattr(outcomes, "dtype", None) in (np.float32, np.float16):
         raise UsageError(

@@ -161,7 +161,7 @@ class Search:
         self._state.end_batch()
 
     def certificate(self) -> Certificate:
-        """Return what the outcomes so far certify; valid at any time."""
+        """Return the certificate from the outcomes so far; valid at any time."""
         return assembly.certificate(self._state)
 
     def band(self, points: ArrayLike) -> tuple[FloatArray, FloatArray]:

@@ -62,10 +62,10 @@ class SearchSettings:
             are larger than ``batch`` says; they may have fewer tests.
         budget: most rollouts; None for as many as ε takes. The search ends before the first batch that would exceed
             it, so that the tests are the same under every budget.
-        engine: of the Gaussian process, ``spectral`` or ``gpytorch``; see :mod:`s2r_spec.certify.posterior`.
+        engine: the engine of the Gaussian process, ``spectral`` or ``gpytorch``; see :mod:`s2r_spec.certify.posterior`.
         fitted: names of settings ("R", "kernel", "B") that were fitted on the outcomes of this same search. The
             result is then model-based and no certificate.
-        unit: of the outcome, for the sentences.
+        unit: the unit of the outcome, for the sentences.
 
     Raises:
         UsageError: a setting is out of its range; the message names it.
@@ -127,7 +127,7 @@ def _check_sizes(B: float, R: float, epsilon: float) -> None:
         )
     if B / R > MOST_PRECISE:
         raise UsageError(
-            f"R = {R:g} is too small beside B = {B:g}: double precision carries ratios up to {MOST_PRECISE:g}; "
+            f"R = {R:g} is too small for B = {B:g}: double precision carries ratios up to {MOST_PRECISE:g}; "
             f"declare a larger R"
         )
 

@@ -23,7 +23,7 @@ class State:
     Attributes:
         settings: the declaration.
         obstacles: reasons why no certificate is possible.
-        coverage: of axes that are shorter than the kernel.
+        coverage: the coverage of axes that are shorter than the kernel.
         confidence: bounds of J from the outcomes.
         outcomes: all outcomes so far, in units of R.
         budget: most rollouts; None for as many as ε takes.

@@ -62,7 +62,7 @@ def _refuted_noise(state: State) -> str:
         return ""
     return (
         f"R = {state.settings.R:g} is refuted by the scatter of replicates (e-value 10^{log_e / math.log(10):.1f} "
-        f"≥ 1/δ = {1 / delta:.3g}); declare a larger R from a pilot and begin again"
+        f"≥ 1/δ = {1 / delta:.3g}); declare a larger R from a pilot and begin a new run"
     )
 
 

@@ -1,6 +1,6 @@
 """Void rollouts of a machine: their numbers, the assumption about them, and the limit on their share.
 
-A rollout is void when something else than the robot ended it. It is kept but is no outcome, and the same test runs
+A rollout is void when something else than the robot ended it. It is kept but is not an outcome, and the same test runs
 again. The bound counts outcomes only. So it holds if, given the test, being void is independent of the outcome that the
 rollout would have had. No data can show this independence, but the data show how often it is needed.
 """
@@ -58,7 +58,7 @@ def count_words(counts: Mapping[str, int]) -> str:
 
 
 def void_words(counts: Mapping[str, int], outcomes: int) -> str:
-    """Return the number of void rollouts beside so many outcomes, in words."""
+    """Return the number of void rollouts and of outcomes, in words."""
     void = sum(counts.values())
     return (
         f"{void} of {outcomes + void} rollouts ({count_words(counts)})"
@@ -71,9 +71,9 @@ def machine_assumptions(backend: str, header: Mapping[str, Any], journal: Journa
     """Return the assumptions about a backend and its void rollouts, each in one sentence.
 
     Args:
-        backend: its name.
+        backend: the name of the backend.
         header: with what :func:`machine_fields` wrote.
-        journal: of its rollouts.
+        journal: the journal of its rollouts.
     """
     own = tuple(header.get("assumptions", ()))
     if not is_machine(header):
@@ -101,6 +101,6 @@ def without_too_many(certificate: Certificate, backend: str, journal: Journal) -
         return certificate
     reason = (
         f"{void_words(counts, len(journal))} of {backend} were void, more than 1 in {1 / MOST_VOID:.0f}: too many to "
-        f"assume independence of the outcome; remove the cause and begin again"
+        f"assume independent outcomes; remove the cause and begin a new run"
     )
     return replace(certificate, label=Label.REFUSED, reason=reason)

@@ -119,7 +119,7 @@ def error_was_printed() -> bool:
 
 
 def cores() -> int:
-    """Return how many cores this process may use."""
+    """Return the number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
@@ -147,7 +147,7 @@ def refuse_without_operator(name: str) -> None:
     Other errors of a backend are reported where it is used. The search checks the operator again.
 
     Raises:
-        UsageError: the machine needs an operator and stdin is no terminal.
+        UsageError: the machine needs an operator and stdin is not a terminal.
     """
     from s2r_spec.backend import HasAttendance, is_exclusive, load_backend
     from s2r_spec.rollouts.operator import Terminal, require_terminal
@@ -236,7 +236,7 @@ def takes_turns(name: str) -> bool:
     """
     from s2r_spec.backend import is_exclusive, load_backend
 
-    # A folder of logs is no machine, and is slow to load.
+    # A folder of logs is not a machine, and is slow to load.
     return not name.startswith("log:") and is_exclusive(load_backend(name))
 
 

@@ -42,7 +42,7 @@ Budget = Annotated[
     typer.Option(
         min=6,
         help="Most real rollouts to run, or to use from logs.",
-        show_default="30 of a machine, all of a log",
+        show_default="30 from a machine, all from a log",
     ),
 ]
 Apply = Annotated[

@@ -47,7 +47,7 @@ class _Input:
 
     Args:
         units: channel → unit.
-        meta: of the trace; see :class:`s2r_spec.trace.Trace`.
+        meta: the metadata of the trace; see :class:`s2r_spec.trace.Trace`.
         samples: (time [s], channel → sample).
         period: sample period [s] if the samples are known to lie on a regular grid, else None.
         params: parameter → value: from the command line, else from the trace.

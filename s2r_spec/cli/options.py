@@ -53,8 +53,9 @@ Timeout = Annotated[
 Void = Annotated[
     str,
     typer.Option(
-        help="A void rollout of a machine is one that the link, the operator or a killed process ended. With again, "
-        "its test is repeated. With fall, it counts as a fall; a single one usually refutes R and the certificate.",
+        help="How to treat a void rollout: one that ended because of the link, the operator or a killed process, and "
+        "not the robot. With again, its test is repeated. With fall, it counts as a fall; a single one usually refutes "
+        "R and the certificate.",
     ),
 ]
 Run = Annotated[

@@ -67,7 +67,8 @@ def plan(
     time: Annotated[
         str | None,
         typer.Option(
-            help="Time of --backend, such as 30min; prints the ε that it reaches.", show_default=False
+            help="Time available on --backend, such as 30min; prints the ε that can be reached in this time.",
+            show_default=False,
         ),
     ] = None,
     bounds: Annotated[
@@ -183,7 +184,7 @@ def _afforded(time: str | None, seconds: float | None) -> tuple[int, ...]:
         seconds: duration of a rollout [s]; None without a backend.
 
     Raises:
-        UsageError: the text is no time, there is no backend, or the time is too short for a search.
+        UsageError: the text is not a time, there is no backend, or the time is too short for a search.
     """
     from s2r_spec.errors import UsageError
     from s2r_spec.lang.units import UnknownUnitError, parse_unit
@@ -198,11 +199,11 @@ def _afforded(time: str | None, seconds: float | None) -> tuple[int, ...]:
     except UnknownUnitError:
         unit = None
     if found is None or unit is None or not unit.fits(of):
-        raise UsageError(f"--time {time} is not a time; write for example 30min or 1.5h")
+        raise UsageError(f"--time {time} is not a time such as 30min or 1.5h")
     rollouts = int(float(found[1]) * unit.to(of)[0] / seconds + 1e-9)
     if rollouts < 8:
         raise UsageError(
-            f"--time {time} is enough for {rollouts} rollouts of {seconds:.3g} s; a search takes at least 8"
+            f"--time {time} allows {rollouts} rollouts of {seconds:.3g} s; a search needs at least 8"
         )
     return (rollouts,)
 

@@ -33,8 +33,8 @@ class State:
 
     Attributes:
         phase: the search that runs; None before the first one.
-        certificate: of the finished batches.
-        queries: of the batch that runs.
+        certificate: the certificate of the finished batches.
+        queries: the tests of the batch that runs.
         rollouts: number on disk, including those of an earlier process.
         here: number of them that this process ran.
         since: time at which this process began its first one [s].
@@ -136,7 +136,7 @@ class Live:
             )
 
     def crash(self, record: Record) -> None:
-        """Print at once that a rollout left no trace."""
+        """Report immediately that a rollout ended without a trace."""
         if not self._quiet:
             phase = self._state.phase
             test = _test(record.params, phase.units if phase is not None else {})

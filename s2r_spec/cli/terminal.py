@@ -73,7 +73,7 @@ class _Console(Console):
 
 
 class _Guarded:
-    """A stream that is no terminal: it escapes control characters and the commands of a CI runner.
+    """A stream that is not a terminal: it escapes control characters and the commands of a CI runner.
 
     Attributes:
         unguarded: the stream itself.

@@ -30,8 +30,8 @@ class BackendObject:
         schema: name and version of this object.
         name: as ``--backend`` says it.
         model_hash: changes whenever the traces could.
-        parameters: of a test.
-        channels: of a trace.
+        parameters: the parameters of a test.
+        channels: the channels of a trace.
         effects: that a diagnosis looks for.
         options: that may follow the name; only where there are some.
         exclusive: only of a machine: its rollouts run one at a time.
@@ -70,7 +70,7 @@ class ConformanceObject:
 
     Attributes:
         schema: name and version of this object.
-        name: of the backend.
+        name: the name of the backend.
         promises: every requirement, in the order in which it was tried.
     """
 

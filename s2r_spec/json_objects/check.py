@@ -28,9 +28,9 @@ class WorstExpectedRobustness:
     """The minimum over the test space of the expected ρ lies in [lower, upper].
 
     Attributes:
-        lower: in the unit.
-        upper: in the unit.
-        unit: of ρ; empty for none, 'mixed' if margins do not compare.
+        lower: the lower bound, in the unit.
+        upper: the upper bound, in the unit.
+        unit: the unit of ρ; empty for none, 'mixed' if margins do not compare.
         epsilon: upper − lower; negative only if the certificate is refused because its bounds contradict each other.
         probability_at_least: 1 − delta.
         delta: 1 − probability, exact where the difference rounds.
@@ -80,10 +80,10 @@ class Provenance(BackendProvenance):
     Attributes:
         s2r: version.
         spec: name of the specification's file.
-        spec_hash: of the specification.
-        requirement: its name.
-        duration: of a rollout [s].
-        seed: of the run.
+        spec_hash: the hash of the specification.
+        requirement: the name of the requirement.
+        duration: the duration of a rollout [s].
+        seed: the seed of the run.
         settings: what was declared before the data.
         recorded: only of recordings: what was left out, a sentence each.
     """
@@ -103,7 +103,7 @@ class CheckedRequirement:
     """The result of one requirement.
 
     Attributes:
-        requirement: its name.
+        requirement: the name of the requirement.
         verdict: holds, violated or unknown.
         reason: one sentence for the verdict.
         worst_expected_robustness: the bounds.
@@ -144,7 +144,7 @@ class CheckObject:
     Attributes:
         schema: name and version of this object.
         exit_code: 0 holds, 1 violated, 3 unknown; the worst of all requirements.
-        results: in the order of the requirements.
+        results: the results, in the order of the requirements.
         locations: requirement → where it is written.
     """
 

@@ -50,10 +50,10 @@ class EstimateObject(TypedDict):
     """A parameter of a named effect.
 
     Attributes:
-        estimate: in the unit.
-        low: of the 90 % interval.
-        high: of the 90 % interval.
-        unit: of the three.
+        estimate: the estimate, in the unit.
+        low: the lower end of the 90 % interval.
+        high: the upper end of the 90 % interval.
+        unit: the unit of the estimate and the interval.
         at_end: whether the value stands at an end of its range, past which nothing was tried.
     """
 
@@ -73,7 +73,7 @@ class IsolabilityObject(TypedDict):
         visible: distance from the nominal simulator.
         apart: below this distance effects are confounded.
         differs: the same distances as parts of the effect's own size; below 0.38 effects are confounded.
-        least: for each parameter, the values at which its effect differs from every other effect.
+        least: the values of each parameter at which its effect differs from every other effect.
     """
 
     effects: list[str]
@@ -96,8 +96,8 @@ class WhichObject(TypedDict):
         set: effects that the data cannot distinguish from the answer, the answer included.
         spare: effects of the answer that may be absent: without them the others are nearly as probable.
         parameters: effect → parameter → value that fits best.
-        nearest_family: of the likeliest effects.
-        isolability: at the tests that were run.
+        nearest_family: the family of the likeliest effects.
+        isolability: the isolability at the tests that were run.
         next_test: the test that would best separate the candidates; null if the answer is sure.
     """
 
@@ -118,9 +118,9 @@ class IntervalObject(TypedDict):
     """An estimate with its interval.
 
     Attributes:
-        estimate: of a share.
-        low: of the 95 % interval.
-        high: of the 95 % interval.
+        estimate: the estimate of a share.
+        low: the lower end of the 95 % interval.
+        high: the upper end of the 95 % interval.
     """
 
     estimate: float
@@ -132,8 +132,8 @@ class LargestObject(IntervalObject):
     """The expected |Δρ| at its worst test.
 
     Attributes:
-        estimate: in the unit.
-        unit: of ρ.
+        estimate: the estimate, in the unit.
+        unit: the unit of ρ.
     """
 
     unit: str
@@ -143,7 +143,7 @@ class BeyondObject(TypedDict):
     """Tests at which the gap exceeds the tolerance.
 
     Attributes:
-        share: of the test space.
+        share: the share of the test space.
         within: parameter → ends of the box that holds them.
     """
 
@@ -180,7 +180,7 @@ class SpaceObject(TypedDict):
 
     Attributes:
         worst: the test where E|Δρ| is probably largest.
-        worst_probability: of being within a tenth of every axis of the worst test.
+        worst_probability: the probability of being within a tenth of every axis of the worst test.
         worst_within: parameter → central 90 % of where it may be.
         largest: E|Δρ| there.
         floor: E|Δρ| of the simulator against itself; null if no test was simulated twice.
@@ -205,9 +205,9 @@ class WindowObject(TypedDict):
     """One of equal windows of time.
 
     Attributes:
-        begin: of the window [s].
-        end: of it [s].
-        delta: what it adds to Δρ.
+        begin: the start of the window [s].
+        end: the end of the window [s].
+        delta: the contribution of the window to Δρ.
     """
 
     begin: float
@@ -251,8 +251,8 @@ class TraceObject(TypedDict):
     """A real and a simulated trace, in bins of samples.
 
     Attributes:
-        begin: of each bin [s].
-        channels: name → its samples.
+        begin: the start of each bin [s].
+        channels: name of the channel → samples.
     """
 
     begin: list[float]
@@ -277,7 +277,7 @@ class BodyObject(TypedDict):
     Attributes:
         level: false-discovery rate.
         rollouts: real ones that were compared.
-        duration: of a rollout [s].
+        duration: the duration of a rollout [s].
         asked: number of hypothesis tests: columns times two times windows.
         parts: those that show most first.
     """
@@ -324,17 +324,17 @@ class HowFarObject(TypedDict):
 
     Attributes:
         rollouts: held-out real ones.
-        unit: of ρ.
-        before: of the nominal simulator.
-        after: with the named effects; null when nothing is named.
-        tuned: with fitted small amounts of all other effects as well.
+        unit: the unit of ρ.
+        before: the gap of the nominal simulator.
+        after: the gap with the named effects; null when nothing is named.
+        tuned: the gap with fitted small amounts of all other effects as well.
         floor: scatter alone.
         background: gap that small amounts of all effects make, at most, in 19 of 20 machines.
         material: whether the gap exceeds scatter and background.
-        seen: of the nominal simulator at the rollouts that were not held out.
+        seen: the gap of the nominal simulator at the rollouts that were not held out.
         elsewhere: whether the gap is material there, but not at the held-out tests.
         share: part of what lies above the floor that the named effects close.
-        tuned_share: the same of the tuned simulator.
+        tuned_share: the same share for the tuned simulator.
         oracle_gap: the gap after, as predicted for the best of all single effects.
         oracle_share: part of this reduction of the gap that the named effects reach.
         tests_with_a_larger_gap_at_most: part of all tests, with 95 % confidence.
@@ -364,14 +364,14 @@ class RemainderObject(TypedDict):
 
     Attributes:
         quantity: a recorded channel, or a residual of the nominal model.
-        column: of it.
-        part: of the machine; "" where the quantity is of one alone.
+        column: the column of the channel.
+        part: the part of the machine; "" if the quantity belongs to no single part.
         along: channel whose values bound the place; "" for time.
         low: end of the place; null where it has no such end.
         high: end of the place; null where it has no such end.
-        size: in the quantity's unit; the machine's less the improved simulator's.
-        unit: of the quantity.
-        along_unit: of the channel, or of time.
+        size: the value of the machine less the value of the improved simulator, in the quantity's unit.
+        unit: the unit of the quantity.
+        along_unit: the unit of the channel, or of time.
         surplus: size divided by the largest size that needs no cause.
         recorded: whether the quantity is a recorded channel.
     """
@@ -396,11 +396,11 @@ class DiagnosisObject(Open):
         schema: name and version of this object.
         exit_code: 0 a cause, or none, is named; 3 it is not.
         s2r: version.
-        seed: of the diagnosis.
-        spec_hash: of the specification.
-        requirement: its name.
+        seed: the seed of the diagnosis.
+        spec_hash: the hash of the specification.
+        requirement: the name of the requirement.
         backend: the simulator.
-        model_hash: of the simulator.
+        model_hash: the hash of the simulator.
         rollouts: real ones that the answer rests on.
         held_out: real ones that the gap is measured on.
         verdict: the answer in a few words.

@@ -19,9 +19,9 @@ class WorstExpectedGap:
     """The minimum over the test space of the expected gap Δ = ρ_real − ρ_sim lies in [lower, upper].
 
     Attributes:
-        lower: in the unit.
-        upper: in the unit.
-        unit: of ρ; empty for none.
+        lower: the lower bound, in the unit.
+        upper: the upper bound, in the unit.
+        unit: the unit of ρ; empty for none.
         epsilon: upper − lower.
         delta: 1 − probability; null if there is no certificate.
     """
@@ -38,9 +38,9 @@ class Band:
     """The expected gap lies in [low, high] at every test.
 
     Attributes:
-        low: in the unit.
-        high: in the unit.
-        unit: of ρ; empty for none.
+        low: the lower end, in the unit.
+        high: the upper end, in the unit.
+        unit: the unit of ρ; empty for none.
     """
 
     low: float
@@ -68,9 +68,9 @@ class GapProvenance(Open):
     Attributes:
         s2r: version.
         spec: name of the specification's file.
-        spec_hash: of the specification.
-        requirement: its name.
-        seed: of the run.
+        spec_hash: the hash of the specification.
+        requirement: the name of the requirement.
+        seed: the seed of the run.
         simulated_per_real: simulated rollouts for each real one.
         settings: what was declared before the data.
         sim: the simulator.
@@ -95,7 +95,7 @@ class BoundedGap:
     """The result of the search of a gap.
 
     Attributes:
-        requirement: its name.
+        requirement: the name of the requirement.
         worst_expected_gap: the bounds at the worst test.
         band: the bounds at every test.
         label: what the certificate may be called.

@@ -23,7 +23,7 @@ class Sampling:
 
     Attributes:
         period: median time from one sample to the next [s]; null for one sample.
-        duration: of the trace [s].
+        duration: the duration of the trace [s].
         narrowest_window: samples in the shortest window of positive length; null without one.
     """
 
@@ -65,7 +65,7 @@ class UnknownRequirement(Sampling, _Unknown):
     """One requirement on a trace that is too short for it, and how the trace is sampled.
 
     Attributes:
-        requirement: its name.
+        requirement: the name of the requirement.
         verdict: unknown.
         satisfied: null.
         text: the result in a few lines.
@@ -80,7 +80,7 @@ class MonitoredTrace:
     """The results of one trace.
 
     Attributes:
-        trace: its file.
+        trace: the file of the trace.
         params: test parameter → value.
         from_trace: names of the parameters that the file gave.
         notes: what was left out, a sentence each.
@@ -99,7 +99,7 @@ class UnreadTrace:
     """A trace that could not be evaluated.
 
     Attributes:
-        trace: its file.
+        trace: the file of the trace.
         error: why, in a sentence.
         requirements: empty.
     """
@@ -117,8 +117,8 @@ class MonitorObject:
         schema: name and version of this object.
         exit_code: 0 holds, 1 violated, 3 unknown, 2 if a trace could not be evaluated.
         spec: the specification.
-        hash: of the specification.
-        profile: by whose conventions formulas were read.
+        hash: the hash of the specification.
+        profile: the tool with whose conventions formulas were read.
         params: test parameter → value, as it was given.
         results: one for each trace.
     """
@@ -151,8 +151,8 @@ class RequirementInterval(_Interval, _Named):
     """What ρ of a requirement can still become.
 
     Attributes:
-        requirement: its name.
-        unit: of ρ.
+        requirement: the name of the requirement.
+        unit: the unit of ρ.
         verdict: unknown until no sample can change it.
         satisfied: whether the requirement is true; null while that is open.
         lower: end of the interval.
@@ -172,7 +172,7 @@ class ChangeObject(RequirementInterval, _Change):
 
     Attributes:
         schema: name and version of this object.
-        time: of the sample [s].
+        time: the time of the sample [s].
     """
 
 
@@ -184,7 +184,7 @@ class OnlineObject:
         schema: name and version of this object.
         exit_code: 0 holds, 1 violated, 3 unknown.
         spec: the specification.
-        hash: of the specification.
+        hash: the hash of the specification.
         params: test parameter → value.
         requirements: the result of each.
     """

@@ -17,7 +17,7 @@ class ReplayObject:
         schema: name and version of this object.
         rollout: as it was named.
         params: the test.
-        seed: of the rollout.
+        seed: the seed of the rollout.
         rho: robustness of the rollout that was run again.
         recorded_rho: robustness that the journal has.
         same: whether the two are equal, bit for bit.
@@ -37,7 +37,7 @@ class Candidate:
     """A checked controller.
 
     Attributes:
-        backend: its name.
+        backend: the name of the backend.
         folder: where the rollouts lie.
         lower: bound on its worst expected robustness.
         upper: bound on its worst expected robustness.
@@ -59,11 +59,11 @@ class ChoiceObject:
 
     Attributes:
         schema: name and version of this object.
-        requirement: its name.
+        requirement: the name of the requirement.
         best: the backend with the largest certified worst case; null if every certificate was refused.
         delta: 1 − probability of all of it.
-        regret: by how much another candidate can be better, at most; null if there is no best one.
-        candidates: in the order of the folders.
+        regret: the most by which another candidate can be better; null if there is no best candidate.
+        candidates: the candidates, in the order of the folders.
     """
 
     schema: Literal["s2r.choice/1"] = "s2r.choice/1"

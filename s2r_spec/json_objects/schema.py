@@ -106,7 +106,7 @@ def _documented(record: type, found: JsonSchemaValue) -> JsonSchemaValue:
 
 
 def _descriptions(record: type) -> dict[str, str]:
-    """Return what the docstrings of a record and its bases say of each field."""
+    """Return the description of each field, from the docstrings of a record and its bases."""
     found: dict[str, str] = {}
     for each in _lineage(record):
         section = re.search(r"^(?:Attributes|Args):\n((?: +.*\n?)+)", _plain(each), re.M)

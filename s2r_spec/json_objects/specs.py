@@ -14,7 +14,7 @@ class LintFinding:
         file: the specification.
         line: counted from 1.
         column: counted from 1.
-        code: of the rule.
+        code: the code of the rule.
         message: one sentence.
         fix: what to write instead; empty for none.
     """
@@ -33,7 +33,7 @@ class LintObject:
 
     Attributes:
         schema: name and version of this object.
-        findings: of all specifications.
+        findings: the findings of all specifications.
     """
 
     schema: Literal["s2r.lint/1"] = "s2r.lint/1"

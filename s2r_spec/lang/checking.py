@@ -27,7 +27,7 @@ def check_text(text: str, name: str = "<string>", stored: Mapping[str, str] | No
 
     Args:
         text: the specification.
-        name: its name in messages, usually its path.
+        name: the name of the specification in messages, usually a path.
         stored: name → text of all files that it imports; None to read them from disk.
 
     Raises:

@@ -40,7 +40,7 @@ class Interval:
         high: [s], at least ``low``; for a parameter, the greatest value of its range.
         low_closed: whether ``low`` itself belongs to it.
         high_closed: whether ``high`` itself belongs to it.
-        span: its place in the text, or that of its operator if it is not written.
+        span: the place of the formula in the text, or of its operator if the formula is not written.
         low_param: the parameter that ``low`` is, until a trace is evaluated with its value.
         high_param: the parameter that ``high`` is.
     """

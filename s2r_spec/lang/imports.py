@@ -23,7 +23,7 @@ def gather(source: Source, stored: Mapping[str, str] | None = None) -> tuple[Par
     A path is relative to the file that imports it.
 
     Args:
-        source: of the specification.
+        source: the source of the specification.
         stored: name → text of all files that it imports; None to read them from disk.
     """
     gathering = _Gathering(stored)
@@ -32,7 +32,7 @@ def gather(source: Source, stored: Mapping[str, str] | None = None) -> tuple[Par
 
 
 def declared_outside(source: Source) -> frozenset[str]:
-    """Return the names that imported files declare: they are no short names of operators here."""
+    """Return the names that imported files declare: they are not short names of operators here."""
     _, files = gather(source)
     return frozenset(name for file in files for name in _declared([parse(file)]))
 
@@ -64,7 +64,7 @@ class _Gathering:
                 self.files[name] = replace(found, source=Source.of(text, name))
                 parts.append(found)
         if own.imports:
-            # parsed again with the imported names: a declared letter is no operator
+            # parsed again with the imported names: a declared letter is not an operator
             own = parse(source, frozenset(_declared(self.files.values())))
         parts.append(replace(own, diagnostics=(*own.diagnostics, *mistakes)))
         return Parsed(

@@ -68,7 +68,7 @@ def span_of(source: Source, first: Token, last: Token | None = None) -> Span:
 
 
 def lex(source: Source, outside: Set[str] = frozenset()) -> Lexed:
-    """Cut a source into tokens and statements; names declared ``outside`` of it are no operators."""
+    """Cut a source into tokens and statements; names declared ``outside`` of it are not operators."""
     read = list(islice(grammar().lex(source.text, dont_ignore=True), MOST_TOKENS + 1))
     beyond = read[MOST_TOKENS] if len(read) > MOST_TOKENS else None
     tokens = [token for token in read[:MOST_TOKENS] if token.type not in _SILENT]

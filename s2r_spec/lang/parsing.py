@@ -35,7 +35,7 @@ def parse(source: Source, declared: Set[str] = frozenset()) -> Parsed:
 
     Args:
         source: the text.
-        declared: names that imported files declare; they are no operators here.
+        declared: names that imported files declare; they are not operators here.
     """
     lexed = lex(source, declared)
     if lexed.beyond is not None:

@@ -32,7 +32,7 @@ def format_text(text: str, name: str = "<string>") -> str:
 
     Args:
         text: the specification.
-        name: its path; imported files are relative to it.
+        name: the path of the specification; imported files are relative to it.
 
     Raises:
         SpecError: the text does not parse. Mistakes that only the check finds are not reported.

@@ -42,7 +42,7 @@ class Unit:
         text: as it is written.
         dimension: ((base dimension, exponent), …), sorted; empty for a plain number.
         factor: size of the unit in base units.
-        offset: its zero in base units, such as 273.15 for degC; 0 for nearly all units.
+        offset: the zero of the unit in base units, such as 273.15 for degC; 0 for nearly all units.
     """
 
     text: str

@@ -50,9 +50,9 @@ def read(
         time_unit: unit of times that are plain numbers without a unit: "s", "ms", "us", "ns", "min".
 
     Raises:
-        TraceError: the ending is not one of :data:`FORMATS`, the file cannot be read, or it is no trace. The message
+        TraceError: the ending is not one of :data:`FORMATS`, the file cannot be read, or it is not a trace. The message
             names the file and, if possible, the line.
-        UsageError: the unit is no unit of time.
+        UsageError: the unit is not a unit of time.
     """
     loaded = load(path, columns, wanted, time_unit=time_unit)
     left_out = [f"the column {name!r} is left out: {reason}" for name, reason in loaded.left_out.items()]
@@ -121,5 +121,7 @@ def write(trace: Trace, path: str | Path) -> None:
 def _ending(path: Path) -> str:
     ending = path.suffix.lower()
     if ending not in _PARSERS:
-        raise TraceError(f"{path}: the ending {ending!r} is no trace format; use one of {', '.join(FORMATS)}")
+        raise TraceError(
+            f"{path}: the ending {ending!r} is not a trace format; use one of {', '.join(FORMATS)}"
+        )
     return ending

@@ -46,7 +46,7 @@ def load(path: Path, choose: Chooser) -> Table:
     """Read the chosen columns of a file.
 
     Raises:
-        TraceError: the file is no comma-separated text with a header, or a row has another length.
+        TraceError: the file is not comma-separated text with a header, or a row has another length.
         OSError: the file cannot be read.
     """
     regular(path)
@@ -191,7 +191,7 @@ class _Lines:
         self.cut = not line.endswith(("\r", "\n"))
         if len(line) >= LONGEST:
             raise TraceError(
-                f"line {self.number} has {LONGEST:,} characters or more; the file is no table of samples"
+                f"line {self.number} has {LONGEST:,} characters or more; the file is not a table of samples"
             )
         return line
 

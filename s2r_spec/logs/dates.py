@@ -29,7 +29,7 @@ def nanoseconds(texts: NDArray[Any], place: Callable[[int], str]) -> NDArray[np.
         place: sample number → its place in the file.
 
     Raises:
-        TraceError: a text is no date, or only some of the dates state a time zone.
+        TraceError: a text is not a date, or only some of the dates state a time zone.
     """
     whole: list[str] = []
     rest = np.zeros(len(texts), dtype=np.int64)
@@ -71,7 +71,7 @@ def _seconds(whole: list[str], texts: NDArray[Any], place: Callable[[int], str])
                 np.datetime64(text, "s")
             except ValueError:
                 raise TraceError(
-                    f"{place(sample)} is {texts[sample]!r}, which is no date of the calendar"
+                    f"{place(sample)} is {texts[sample]!r}, which is not a date of the calendar"
                 ) from None
         raise
     outside = (seconds < np.datetime64("1678", "s")) | (seconds > np.datetime64("2262", "s"))

@@ -1,4 +1,4 @@
-"""Read a table of comma-separated values while a program writes it, by the rules for a file."""
+"""Read a table of comma-separated values while a program writes it, with the rules for a file."""
 
 from __future__ import annotations
 

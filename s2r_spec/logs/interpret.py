@@ -44,7 +44,7 @@ def build_trace(table: Table, plan: Plan, request: Request) -> Loaded:
     columns = [table.columns[number] for number in plan.times]
     heads = [table.heads[number] for number in plan.times]
     if columns[0].values.shape[:1] == (0,) and not columns[0].fault:
-        raise TraceError("; ".join(["there is no sample in the file", *table.notes]))
+        raise TraceError("; ".join(["the file has no samples", *table.notes]))
     stamps = times.read(columns, heads, request.time_unit, lambda k: table.place(k, plan.times[0]))
     failed = bool(table.meta.get("failure"))  # its ρ is declared, so it may lack channels
     read = channels(table, plan, stamps.seconds.size)
@@ -102,7 +102,7 @@ def _channel(table: Table, channel: Channel, count: int) -> tuple[FloatArray, st
             samples = samples[:, part.component]
         written = head.unit if part.unit is None else part.unit
         if written is not None and len(written) > LONGEST:
-            raise TraceError(f"the unit of {name} is {quoted(written)}, which is no unit")
+            raise TraceError(f"the unit of {name} is {quoted(written)}, which is not a unit")
         columns.append(samples)
         units.append(_agreed(unit, written, name))
     if any(unit != units[0] for unit in units):
@@ -155,7 +155,7 @@ def request(
     """Return a request; names without a width may be numbers or vectors.
 
     Raises:
-        UsageError: the unit is no unit of time.
+        UsageError: the unit is not a unit of time.
     """
     if wanted is not None and not isinstance(wanted, Mapping):
         wanted = dict.fromkeys(wanted, ANY)

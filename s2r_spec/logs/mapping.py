@@ -1,4 +1,4 @@
-"""Map the columns of a file to channels: by their names, by the channels of the spec, and by ``--map``.
+"""Map the columns of a file to channels, from their names, the channels of the spec, and ``--map``.
 
 A vector is one column of lists, or one column per component: ``q[0]``, ``q_0``, ``q.0``, ``q/0`` or ``q0``, numbered
 from 0 or 1 without a gap. ``position[3]`` is one component of either form.
@@ -446,7 +446,7 @@ def read_map(texts: Iterable[str]) -> dict[str, str]:
     for text in texts:
         name, _, column = (part.strip() for part in text.partition("="))
         if not name or not column:
-            raise UsageError(f"--map {text!r} is not name=column; write for example --map vx=velocity.x")
+            raise UsageError(f"--map {text!r} is not name=column, such as --map vx=velocity.x")
         if names.get(name, column) != column:
             raise UsageError(f"--map maps {name!r} twice, to {names[name]!r} and to {column!r}; map it once")
         names[name] = column

@@ -60,7 +60,7 @@ def load(path: Path, choose: Chooser) -> Table:
     """Read the chosen arrays of a file.
 
     Raises:
-        TraceError: the file is no archive, or an array in it is damaged.
+        TraceError: the file is not an archive, or an array in it is damaged.
         OSError: the file cannot be read.
     """
     regular(path)
@@ -90,7 +90,7 @@ def _table(archive: zipfile.ZipFile, choose: Chooser) -> Table:
 
     unknown = set(units) - set(names)
     if unknown:
-        raise TraceError(f"{_NOTES} has a unit for {quoted(min(unknown))}, which is no array of the file")
+        raise TraceError(f"{_NOTES} has a unit for {quoted(min(unknown))}, which is not an array of the file")
     return Table(heads, columns, meta, place)
 
 
@@ -189,7 +189,7 @@ def _notes(archive: zipfile.ZipFile, name: str | None) -> tuple[dict[str, str], 
         or member.shape
         or member.dtype.itemsize > _NOTE_LENGTH
     ):
-        raise TraceError(f"the array {_NOTES!r} is not a text")
+        raise TraceError(f"the array {_NOTES!r} is not a string")
     try:
         record = json.loads(str(_array(archive, member, member.dtype)[()]))
     except (ValueError, RecursionError) as error:

@@ -37,7 +37,7 @@ def load(path: Path, choose: Chooser) -> Table:
     """Read the chosen columns of a file.
 
     Raises:
-        TraceError: the file is no Parquet file, or is damaged.
+        TraceError: the file is not a Parquet file, or is damaged.
         OSError: the file cannot be read.
     """
     arrow, parquet = _libraries()
@@ -65,7 +65,7 @@ def _table(arrow: Any, file: Any, choose: Chooser) -> Table:
     unknown = set(units) - {head.name for head in heads}
     if unknown:
         raise TraceError(
-            f"the metadata 's2r' has a unit for {quoted(min(unknown))}, which is no column of the file"
+            f"the metadata 's2r' has a unit for {quoted(min(unknown))}, which is not a column of the file"
         )
     needed = sorted(set(choose(heads)))
     roots = {leaves[number][1][0] for number in needed}
@@ -165,7 +165,7 @@ def _vectors(arrow: Any, column: Any) -> Column:
         return Column.without("holds lists of different lengths")
     inner = _column(arrow, column.flatten())
     if inner.fault or inner.texts or inner.values.dtype.kind not in "biuf" or inner.values.ndim != 1:
-        return Column.without("holds lists of values that are no numbers")
+        return Column.without("holds lists of values that are not numbers")
     values = np.full((len(column), width.pop() if width else 0), np.nan)
     flat = inner.values.astype(np.float64)
     if inner.missing is not None:

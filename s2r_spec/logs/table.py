@@ -90,7 +90,7 @@ Chooser = Callable[[tuple[Head, ...]], Iterable[int]]
 
 
 def regular(path: Path) -> None:
-    """Refuse a path that is no regular file, because a read could hang or never end.
+    """Refuse a path that is not a regular file, because a read could hang or never end.
 
     Raises:
         OSError: there is no such file.
@@ -133,7 +133,7 @@ def described(record: Any, source: str) -> tuple[dict[str, str], dict[str, Any]]
 
     Args:
         record: the parsed record.
-        source: its place in the file, for messages.
+        source: the place of the record in the file, for messages.
 
     Raises:
         TraceError: the record has another form.

@@ -29,7 +29,7 @@ _EPOCH = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))
 
 
 def size(text: str) -> Fraction | None:
-    """Return the size of a unit of time [s]; None if the text is no unit of time."""
+    """Return the size of a unit of time [s]; None if the text is not a unit of time."""
     text = text.strip()
     if text in _SIZES:
         return _SIZES[text]

@@ -48,10 +48,10 @@ def unit_of_option(text: str | None) -> str | None:
     """Return the unit after a check that it is a unit of time.
 
     Raises:
-        UsageError: it is no unit of time.
+        UsageError: the text is not a unit of time.
     """
     if text is not None and time_units.size(text) is None:
-        raise UsageError(f"time-unit {text!r} is no unit of time; write s, ms, us, ns or min")
+        raise UsageError(f"time-unit {text!r} is not a unit of time; write s, ms, us, ns or min")
     return text
 
 
@@ -187,7 +187,7 @@ def _size(head: Head, unit: str | None) -> tuple[Fraction | None, tuple[str, ...
         size = time_units.size(declared)
         if size is None:
             raise TraceError(
-                f"the times are in {quoted(declared)}, which is no unit of time; write for example t [ms]"
+                f"the times are in {quoted(declared)}, which is not a unit of time; write a header such as t [ms]"
             )
         if stated is not None and stated != size:
             raise TraceError(
@@ -199,5 +199,9 @@ def _size(head: Head, unit: str | None) -> tuple[Fraction | None, tuple[str, ...
     name = time_units.unit_in_name(head.name)
     if name is None:
         return None, ()
-    note = () if name == "s" else (f"the times are read in {name}, by the name {quoted(head.name)}",)
+    note = (
+        ()
+        if name == "s"
+        else (f"the times are read in {name}, the unit in the column name {quoted(head.name)}",)
+    )
     return time_units.size(name), note

@@ -143,7 +143,7 @@ def probability_words(certificate: Certificate) -> str:
 
 
 def ladder(result: CheckResult) -> tuple[str, ...]:
-    """Return the interval for each norm bound B, 2B, 4B and 8B, and what the data refute."""
+    """Return the interval for each norm bound B, 2B, 4B and 8B, the refuted norm bounds, and the e-value against R."""
     unit = f" {result.unit}" if result.unit else ""
     return (
         *(
@@ -155,7 +155,7 @@ def ladder(result: CheckResult) -> tuple[str, ...]:
 
 
 def refuted_words(certificate: Certificate, unit: str) -> str:
-    """Return which B the data refute, and the e-value against R."""
+    """Return the norm bounds that the data refute, and the e-value against R."""
     e_value = math.exp(min(certificate.log_e_value, 700.0))
     return (
         f"the data refute every B < {at_least(certificate.B_low)} {unit}".rstrip()

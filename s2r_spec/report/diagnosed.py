@@ -163,7 +163,7 @@ def _signed(value: float, unit: str) -> str:
 
 
 def _rho(where: Where) -> str:
-    """Return ρ of both rollouts at the worst test; "" where it is no margin of one predicate."""
+    """Return ρ of both rollouts at the worst test; "" where it is not the margin of one predicate."""
     pair, switch = where.pair, where.pair.switch
     if switch is None:
         return ""

@@ -31,7 +31,7 @@ class Finding:
     """The result of one requirement as text; every text is one line in every form of report.
 
     Attributes:
-        name: of the requirement.
+        name: the name of the requirement.
         verdict: holds, violated or unknown; for a gap, whether the bound is as narrow as requested.
         word: the verdict in one word, printed first.
         refused: whether the verdict is unknown because the certificate was refused.
@@ -78,8 +78,8 @@ class Report:
 
     Attributes:
         command: "s2r check".
-        findings: in the order of the requirements.
-        exit_code: of the command.
+        findings: the findings, in the order of the requirements.
+        exit_code: the exit code of the command.
         record: the complete result; ``--format json`` prints it.
     """
 

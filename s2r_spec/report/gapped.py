@@ -105,7 +105,7 @@ def finding(spec: Spec, result: GapResult) -> Finding:
 
 
 def about(result: GapResult) -> str:
-    """Return what was compared: ``a1_velocity.stl: sim against twin:lab``."""
+    """Return the compared systems: ``a1_velocity.stl: sim against twin:lab``."""
     source = result.provenance
     return f"{source['spec']}: {source['sim']['backend']} against {source['real']['backend']}"
 
@@ -166,4 +166,4 @@ def _reason(result: GapResult) -> str:
     if certificate.label is Label.CERTIFIED:
         return "the interval of the gap is at most ε wide"
     real = result.provenance["real"]["backend"]
-    return f"the bound is valid, but wider than ε; more rollouts of {real} narrow it"
+    return f"the interval is valid, but wider than ε; more rollouts of {real} would narrow the interval"

@@ -12,7 +12,7 @@ LATE = 0.95
 
 
 def next_step(found: Diagnosis, spec: Spec) -> str:
-    """Return what the user should do next."""
+    """Return the next step for the user."""
     if found.misread:
         what = " and ".join(found.misread)
         return f"First check {what} in the recordings (see the notes), and diagnose again. Until then trust no cause."
@@ -88,7 +88,7 @@ def _wider(found: Diagnosis) -> str:
 
 
 def _place(found: Diagnosis) -> str:
-    """Return where to look: at the unexplained motion, the part with the largest shift, or a time."""
+    """Return the place to look at: the unexplained motion, the part with the largest shift, or a time."""
     if found.left and found.left[0].material:
         return f" that explains {found.left[0]}"
     where = found.where

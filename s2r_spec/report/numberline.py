@@ -1,4 +1,4 @@
-"""Intervals beside each other on one number line."""
+"""Several intervals on one number line."""
 
 from __future__ import annotations
 

@@ -27,8 +27,8 @@ class Scale:
     """A unit with a prefix.
 
     Attributes:
-        factor: of the unit without it.
-        unit: as it is printed.
+        factor: the factor of the unit without the prefix.
+        unit: the printed unit.
     """
 
     factor: float

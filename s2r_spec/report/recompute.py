@@ -29,7 +29,7 @@ class Recomputed:
 
     Attributes:
         spec: the specification that the run kept.
-        result: of the check after its last complete batch.
+        result: the result of the check after its last complete batch.
         search: after its last complete batch.
         history: the certificate after each batch.
         records: all rollouts on disk.
@@ -190,7 +190,7 @@ def recompute_certify(folder: Path, real: str | None = None) -> RecomputedCertif
     """Return the certificate of both steps; see :func:`recompute`.
 
     Args:
-        folder: of both searches.
+        folder: the folder of both searches.
         real: name of the real machine, for a run whose second search did not begin.
     """
     simulated = recompute(folder / SIMULATION)

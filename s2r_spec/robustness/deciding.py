@@ -132,7 +132,7 @@ class Witnessed:
     Args:
         witness: index of the sample.
         before: samples at which the left side must hold, nearest first.
-        rho: of the until.
+        rho: the robustness ρ of the until.
     """
 
     witness: int

@@ -74,7 +74,7 @@ class DenseAlgebra:
         return Curve.of(self.recording.times, states, "hold")
 
     def margin(self, node: f.Comparison) -> Curve:
-        """Return by how much the comparison holds."""
+        """Return the margin of the comparison."""
         left, right = self.values(node.left), self.values(node.right)
         if node.operator in (">", ">="):
             left, right = right, left

@@ -36,8 +36,8 @@ class Evaluation:
     """ρ of one requirement along a trace, and the samples at which the trace is long enough to decide it.
 
     Args:
-        requirement: its name.
-        unit: of ρ; "" for none, "mixed" for margins that do not compare.
+        requirement: the name of the requirement.
+        unit: the unit of ρ; "" for none, "mixed" for margins that do not compare.
         times: (n,) sample times of the trace [s].
         values: (n,) ρ at each sample.
         truth: (n,) whether the requirement is true at each sample (Boolean semantics): the sign of ρ, and at

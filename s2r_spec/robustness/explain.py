@@ -39,11 +39,11 @@ class Part:
     """A sub-formula on the way from the requirement to the predicate.
 
     Args:
-        text: its text in the specification.
-        name: its name, if it is a use of a named sub-formula.
-        line: its line, counted from 1.
+        text: the text of the formula in the specification.
+        name: the name of the formula, if it is a use of a named sub-formula.
+        line: the line of the formula, counted from 1.
         time: instant at which it is evaluated [s].
-        rho: its own robustness at that instant.
+        rho: the robustness of the formula at that instant.
     """
 
     text: str
@@ -58,15 +58,15 @@ class Explanation:
     """The instant and the predicate that decide ρ of a requirement at the trace's first time.
 
     Args:
-        requirement: its name.
-        rho: its robustness, in ``unit``.
-        unit: of ρ.
+        requirement: the name of the requirement.
+        rho: the robustness of the requirement, in ``unit``.
+        unit: the unit of ρ.
         satisfied: whether the requirement is true there; at ρ = 0 the comparisons decide.
         parts: from the requirement down to the predicate, each with its own instant.
         instant: time at which the predicate is evaluated [s]; None without a predicate.
-        predicate: its text; "" if no predicate decides ρ.
+        predicate: the text of the predicate; "" if no predicate decides ρ.
         line: line of the predicate, or else of the innermost part.
-        margin: of the predicate at the instant, in ``margin_unit``; ρ is factor · margin.
+        margin: the margin of the predicate at the instant, in ``margin_unit``; ρ is factor · margin.
             Where the factor is negative the predicate must not hold.
         margin_unit: unit of the margin.
         factor: 1, or −1 below a negation; times a change of units.

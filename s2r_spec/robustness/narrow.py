@@ -22,7 +22,7 @@ class Window:
     Args:
         interval: distances of its nearer and farther end from the instant [s].
         past: whether it lies before the instant.
-        span: its place in the text.
+        span: the place of the formula in the text.
     """
 
     interval: f.Interval

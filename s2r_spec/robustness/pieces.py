@@ -54,7 +54,7 @@ def pieces(
         shape: (k, n).
         ahead: samples after a piece that its windows reach; None for one more than the piece itself has, with
             the last piece first.
-        make: for each work array, the function that makes one of a given length.
+        make: the function for each work array that makes an array of a given length.
         size: approximate number of samples in each of them.
     """
     k, n = shape

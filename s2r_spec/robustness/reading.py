@@ -30,7 +30,7 @@ def read_signals(
     Args:
         signals: the signals to read.
         trace: the trace.
-        missing: for a NaN sample, "error", or "hold" to repeat the last sample.
+        missing: the treatment of a NaN sample: "error", or "hold" to repeat the last sample.
 
     Raises:
         TraceError: a channel is missing, has another width, NaN, or a unit that does not fit.
@@ -120,7 +120,7 @@ def read_param(params: Mapping[str, Param], text: str) -> tuple[str, float]:
     """
     match = _GIVEN.fullmatch(text)
     if match is None:
-        raise UsageError(f"{text!r} is not a value of a parameter; write for example vd=0.3 or 'vd=30 cm/s'")
+        raise UsageError(f"{text!r} is not a value of a parameter, such as vd=0.3 or 'vd=30 cm/s'")
     param, number, unit = _known(params, match["name"]), float(match["number"]), match["unit"]
     if not unit:
         return param.name, number

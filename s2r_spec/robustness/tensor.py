@@ -45,7 +45,7 @@ def walk_tensors(
         signals: name → (…, width, n), in the declared unit.
         params: name → (…, 1, 1), in the declared unit.
         until: see :class:`s2r_spec.robustness.evaluate.Walk`.
-        temperature: of the smooth minimum, in the unit of ρ; 0 for the exact one.
+        temperature: the temperature of the smooth minimum, in the unit of ρ; 0 for the exact one.
     """
     return Walk(TensorAlgebra(grid, signals, params, temperature), until)
 

@@ -96,7 +96,7 @@ def _found(
     Args:
         work: computes the result of a piece from its samples, in place.
         sources: (…, n) each, of one shape.
-        fills: for each source, the value past its end.
+        fills: the value for each source past its end.
         low: first sample of a window, relative to the present one.
         high: last one; None for the end.
         places: whether to return indices.

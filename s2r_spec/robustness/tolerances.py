@@ -37,9 +37,9 @@ class Tube:
 
     Args:
         signal: name of the signal, with its index if it is a vector ("u[0]").
-        predicate: its text.
-        start: of the window [s], inclusive.
-        end: of the window [s], at most the trace's last time.
+        predicate: the text of the predicate.
+        start: the start of the window [s], inclusive.
+        end: the end of the window [s], at most the trace's last time.
         bands: (from, to) of the allowed values, in the signal's unit; ±inf where a band is unbounded.
     """
 
@@ -59,7 +59,7 @@ class Tolerances:
         signals: label → (n,) samples.
         units: label → unit.
         levels: label → parameters in the same unit that a predicate compares with the signal.
-        tubes: of the predicates that must hold throughout a window and look at one signal.
+        tubes: the tolerance tubes of the predicates that must hold throughout a window and look at one signal.
     """
 
     times: FloatArray

@@ -39,7 +39,7 @@ def refuse_terms(backend: Backend, terms: Terms) -> None:
     """Refuse terms that do not fit a backend, before anything is opened.
 
     Raises:
-        UsageError: the backend is a machine and there is no terminal, or it is no machine and ``void`` is set.
+        UsageError: the backend is a machine and there is no terminal, or it is not a machine and ``void`` is set.
     """
     if is_exclusive(backend):
         attendance_of(backend, terms.operator)

@@ -99,7 +99,7 @@ def _conversion(what: str, declared: Unit, unit: str, backend: str) -> tuple[flo
     except UnknownUnitError:
         wrong = UsageError if backend.startswith("log:") else BackendError  # a user writes the units of a log
         raise wrong(
-            f"the backend {backend!r} declares the {what} in {unit!r}, which is not a unit; write for example m/s"
+            f"the backend {backend!r} declares the {what} in {unit!r}, which is not a unit such as m/s"
         ) from None
     if not declared.fits(offered):
         raise UsageError(

@@ -11,7 +11,7 @@ STRIKES = 3
 
 
 def workers_died(task: Task) -> Done:
-    """Return the outcome of a rollout that broke its worker ``STRIKES`` times."""
+    """Return the outcome of a rollout whose worker died ``STRIKES`` times."""
     return Done(task, None, 0.0, f"crash: the worker died {STRIKES} times")
 
 

@@ -17,7 +17,7 @@ _CHUNK = 1 << 16  # bytes of one read: the capacity of a pipe on Linux
 
 
 class ForeignBytesError(Exception):
-    """The bytes read are no message: something else wrote into the pipe."""
+    """The bytes read are not a message: something else wrote into the pipe."""
 
 
 def _no_wait() -> None:
@@ -66,7 +66,7 @@ class Reader:
 
         Raises:
             EOFError: the writer or this process has closed the pipe.
-            ForeignBytesError: the bytes are no message.
+            ForeignBytesError: the bytes are not a message.
         """
         mark, number, size = _HEAD.unpack(self._take(_HEAD.size))
         if mark != _MARK:

@@ -13,7 +13,7 @@ Each line is flushed to the disk (fsync) before the search uses the outcome. If 
 note says so, the line is dropped, and its rollout runs again. Damage anywhere else is an error that names the line.
 
 Each line ends with the CRC-32 of itself and all lines before it, and holds the CRC-32 of its trace file. So a changed
-number, a missing line and an exchanged trace are found. The checksums detect accidents; they are no signatures.
+number, a missing line and an exchanged trace are found. The checksums detect accidents; they are not signatures.
 Journals of schema 1 have no checksums, and older ones of schema 2 have none of traces; both can be read.
 """
 
@@ -178,7 +178,7 @@ class Journal:
         parsed = [lines.parse(path, number, text) for number, text in enumerate(texts, 1)]
         if not parsed or parsed[0].get("schema") not in (SCHEMA, UNCHECKED):
             raise JournalError(
-                f"{path}:1: schema is not {SCHEMA}, so this is no journal of s2r; begin a new run"
+                f"{path}:1: the schema is not {SCHEMA}, so this is not an s2r journal; begin a new run"
             )
         checksum = None if parsed[0]["schema"] == UNCHECKED else lines.check(path, texts)
         entries: dict[tuple[int, int], _Entry] = {}
@@ -259,7 +259,7 @@ class Journal:
     def check_traces(self) -> None:
         """Check every trace file against its checksum in the journal.
 
-        A missing file is no error, because the journal holds ρ. Older journals have no checksums of traces.
+        A missing file is not an error, because the journal holds ρ. Older journals have no checksums of traces.
 
         Raises:
             JournalError: a file differs from its checksum.
@@ -423,7 +423,7 @@ def _record(path: Path, number: int, line: Mapping[str, Any]) -> tuple[Record, s
     if not wrong and (unknown := sorted(values.keys() - lines.ROLLOUT.keys())):
         wrong = f"{unknown[0]!r} is an unknown field"
     if not wrong and not lines.is_text_or_none(line.get(lines.TRACE_SUM)):
-        wrong = f"{lines.TRACE_SUM} must be a text"
+        wrong = f"{lines.TRACE_SUM} must be a string"
     if wrong:
         raise JournalError(
             f"{path}:{number}: not the record of a rollout: {wrong}; restore the journal from a copy, or begin a new "

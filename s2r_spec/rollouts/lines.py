@@ -29,7 +29,7 @@ def read(path: Path) -> tuple[list[bytes], bytes]:
 
     Raises:
         OSError: the file cannot be read.
-        JournalError: the path is no file, or a line is longer than ``LONGEST``.
+        JournalError: the path is not a file, or a line is longer than ``LONGEST``.
     """
     if path.exists() and not path.is_file():
         raise JournalError(f"{path} is not a file, so there is no run to resume at {path.parent}")
@@ -50,7 +50,7 @@ def parse(path: Path, number: int, line: bytes) -> dict[str, Any]:
     """Return the JSON object of a line.
 
     Raises:
-        JournalError: the line is no JSON object.
+        JournalError: the line is not a JSON object.
     """
     try:
         value = json.loads(line, parse_constant=_no_number)
@@ -59,7 +59,7 @@ def parse(path: Path, number: int, line: bytes) -> dict[str, Any]:
     except ValueError as error:
         raise JournalError(f"{path}:{number}: damaged line ({error}); {_REMEDY}") from None
     if not isinstance(value, dict):
-        raise JournalError(f"{path}:{number}: the line is no JSON object; {_REMEDY}")
+        raise JournalError(f"{path}:{number}: the line is not a JSON object; {_REMEDY}")
     return value
 
 
@@ -96,7 +96,7 @@ Test = Callable[[Any], bool]
 
 
 def fault(values: Mapping[str, Any], schema: Mapping[str, tuple[Test, str]]) -> str:
-    """Return what is wrong with the first invalid field of an object; "" if all are valid.
+    """Return the fault in the first invalid field of an object; "" if all are valid.
 
     Args:
         values: fields of the object; fields outside the schema are ignored.
@@ -131,12 +131,12 @@ def is_length(value: Any) -> bool:
 
 
 def is_text(value: Any) -> bool:
-    """Return whether a value is a text."""
+    """Return whether a value is a string."""
     return isinstance(value, str)
 
 
 def is_text_or_none(value: Any) -> bool:
-    """Return whether a value is a text or null."""
+    """Return whether a value is a string or null."""
     return value is None or isinstance(value, str)
 
 

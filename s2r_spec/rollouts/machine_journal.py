@@ -197,7 +197,7 @@ class Attempts:
             if not wrong and (unknown := sorted(values.keys() - fields.keys())):
                 wrong = f"{unknown[0]!r} is an unknown field"
             if not wrong and not lines.is_text_or_none(line.get(lines.TRACE_SUM)):
-                wrong = f"{lines.TRACE_SUM} must be a text"
+                wrong = f"{lines.TRACE_SUM} must be a string"
         key = (values.get("query"), values.get("replicate"))
         if not wrong and kind != BEGUN:
             attempt = self.open.get(key)  # type: ignore[arg-type]

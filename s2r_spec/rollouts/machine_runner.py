@@ -65,7 +65,7 @@ def runner_for(
     Args:
         runner: runs the rollouts of a simulator.
         backend: the simulator or machine.
-        journal: of the run.
+        journal: the journal of the run.
         terms: operator and void policy of a machine.
         most: largest number of rollouts in the run, with those in the journal; None if unknown.
     """
@@ -305,8 +305,8 @@ class _Ended:
     """How a rollout ended.
 
     Attributes:
-        trace: its trace; None if there is none.
-        seconds: its duration [s].
+        trace: the trace of the rollout; None if there is none.
+        seconds: the duration of the rollout [s].
         word: what ended it, if that was not the robot; None for an outcome.
         reason: the same as a sentence.
         not_begun: why the rollout did not begin; None if it did.

@@ -142,8 +142,8 @@ def require_terminal(operator: object) -> None:
     """
     if not getattr(operator, "there", True):
         raise UsageError(
-            "this machine needs its operator at a terminal, and this process has none: run s2r in a terminal, without "
-            "nohup or a scheduler"
+            "the operator of this machine must answer at a terminal, but this process has no terminal: run s2r in a "
+            "terminal, without nohup or scheduler"
         )
 
 

@@ -55,7 +55,7 @@ def open_patched(path: str = "") -> Backend:
         and isinstance(record.get("effects"), dict)
     ):
         raise UsageError(
-            f'{path} is no patched simulator: it needs "schema": "{SCHEMA}", "base" and "effects"'
+            f'{path} is not a patched simulator: the file needs "schema": "{SCHEMA}", "base" and "effects"'
         )
     backend = load_backend(str(record.get("base")))
     if not record["effects"]:

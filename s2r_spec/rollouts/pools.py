@@ -30,14 +30,14 @@ def dask_pool(address: str) -> ExecutorFactory:
     """Return a factory of pools on a Dask scheduler, such as ``tcp://10.0.0.5:8786``.
 
     Raises:
-        UsageError: Dask is not installed, or the text is no address.
+        UsageError: Dask is not installed, or the text is not an address.
     """
     if find_spec("distributed") is None:
         raise UsageError(
             "--scheduler needs the package distributed, which is not installed; try: pip install 's2r[dask]'"
         )
     if "://" not in address:
-        raise UsageError(f"--scheduler {address} is not an address; write for example tcp://10.0.0.5:8786")
+        raise UsageError(f"--scheduler {address} is not an address such as tcp://10.0.0.5:8786")
     return lambda: DaskPool(address)
 
 

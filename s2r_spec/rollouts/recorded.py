@@ -57,7 +57,7 @@ class LogBackend:
 
     Raises:
         LogError: the table or a file is missing or wrong.
-        TraceError: a file is no trace.
+        TraceError: a file is not a trace.
 
     Attributes:
         recordings: all recordings, in the order of ``rollouts.csv``.
@@ -170,7 +170,7 @@ def _lacking(loaded: Sequence[tuple[str, Loaded]]) -> dict[str, str]:
 
 
 def _difference(name: str, trace: Trace, first: Trace, other: str) -> str:
-    """Return how a channel differs from the first trace that has it, as text after a file's name; "" if it does not."""
+    """Return how a channel differs from its first trace, as text after a file's name; "" if it does not."""
     if name not in trace.channels:
         return f" lacks the channel {name!r}, which {other} has"
     if trace[name].shape[1:] != first[name].shape[1:]:
@@ -179,7 +179,7 @@ def _difference(name: str, trace: Trace, first: Trace, other: str) -> str:
     if unit != other_unit:
         return (
             f", line 1: the channel {name!r} is in {unit or 'no unit'}, "
-            f"but in {other_unit or 'no unit'} in {other}; write for example {name} [{unit or other_unit}]"
+            f"but in {other_unit or 'no unit'} in {other}; write a header such as {name} [{unit or other_unit}]"
         )
     return ""
 
@@ -250,8 +250,8 @@ def _table(path: Path) -> tuple[dict[str, str], list[_Row]]:
         raise LogError(f"{path}: {error}") from None
     except OSError as error:
         raise LogError(
-            f"cannot read {path}: {error.strerror or error}; it lists the parameters of each recording: "
-            f"a header id,<parameter>,… and one row per recording"
+            f"cannot read {path}: {error.strerror or error}; this file must list the parameters of each "
+            f"recording: a header id,<parameter>,… and one row per recording"
         ) from None
     except (UnicodeDecodeError, csv.Error) as error:
         raise LogError(f"{path} is not comma-separated UTF-8 text: {error}") from None
@@ -330,7 +330,7 @@ def _files(root: Path, rows: Sequence[_Row]) -> dict[str, Path]:
 def digest(trace: Trace) -> bytes | None:
     """Return a hash of the samples, equal for two copies of one recording; None if no sample is finite.
 
-    A failed rollout may have no log. Its placeholder has no finite sample, and is no copy of another.
+    A failed rollout may have no log. Its placeholder has no finite sample, and is not a copy of another.
     """
     if not any(np.isfinite(values).any() for values in trace.channels.values()):
         return None

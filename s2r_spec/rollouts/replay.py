@@ -22,7 +22,7 @@ from s2r_spec.trace import Trace
 
 @dataclass(frozen=True)
 class Replay:
-    """A simulated rollout that ran again, or a machine's recorded rollout, beside its record in the journal."""
+    """A simulated rollout that ran again, or a machine's recorded rollout, with its record in the journal."""
 
     params: dict[str, float]
     seed: int
@@ -74,9 +74,7 @@ def replay(rollout: str) -> Replay:
     """
     match = re.fullmatch(r"(?s)(?P<folder>.*)#(?P<query>[0-9]{1,20})\.(?P<replicate>[0-9]{1,20})", rollout)
     if match is None:
-        raise UsageError(
-            f"{rollout!r} is not FOLDER#QUERY.REPLICATE; write for example s2r-runs/night/walking#12.3"
-        )
+        raise UsageError(f"{rollout!r} is not FOLDER#QUERY.REPLICATE, such as s2r-runs/night/walking#12.3")
     journal = Journal.read(Path(match["folder"]))
     record = journal.get(int(match["query"]), int(match["replicate"]))
     if record is None:

@@ -31,9 +31,9 @@ class Scorer:
     """A measure on the rollouts of one backend.
 
     Attributes:
-        name: of the backend; every worker opens it by this name.
+        name: the name of the backend; every worker opens it by this name.
         backend: the same backend in this process.
-        measure: of a trace that did not fail.
+        measure: the function that scores a trace that did not fail.
         fall: value of a rollout that failed, declared before the data.
         to_backend: converts a test point to the backend's parameters and units.
         channels: those that the measure reads; None for all.
@@ -61,7 +61,7 @@ class Scorer:
         if settings is None or settings.fall is None:
             raise UsageError(
                 f"{spec.name} declares no ρ for a rollout that falls; "
-                f"write for example  certify {requirement}: fall = -1"
+                f"write a line such as `certify {requirement}: fall = -1`"
             )
 
         def robustness(trace: Trace, point: Mapping[str, float]) -> float:

@@ -71,7 +71,7 @@ def load_run_spec(journal: Journal) -> Spec:
 
     Raises:
         JournalError: the run has no specification, or a file was changed after the run began.
-        UsageError: a file is missing, or is no specification.
+        UsageError: a file is missing, or is not a specification.
     """
     header, path = checked_header(journal), journal.folder / SPEC_FILE
     if (path.parent / IMPORTS_FILE).exists():
@@ -178,7 +178,7 @@ def _read_imports(path: Path) -> tuple[str, dict[str, tuple[str, str]]]:
         ) from None
     if any(not re.fullmatch(rf"{IMPORTS}/[0-9]+\.stl", file) for file, _ in files.values()):
         raise JournalError(
-            f"{path} lists a file outside {IMPORTS}/; restore it from a copy, or begin a new run"
+            f"{path} lists a file outside {IMPORTS}/; restore {path} from a copy, or begin a new run"
         )
     return name, files
 

@@ -166,7 +166,7 @@ class Spec(Declared):
                 end is empty, so ``always`` is +inf, and ``eventually`` and ``until`` are −inf. "hold" repeats the
                 last sample of every signal. "nan" gives NaN where a window reaches past the end. "error" raises
                 an error there.
-            nan: for a NaN sample, "error", or "hold" to repeat the sample before.
+            nan: the treatment of a NaN sample: "error", or "hold" to repeat the sample before.
             sparse: also evaluate windows shorter than the time between two samples, on the one sample in them.
 
         Raises:
@@ -200,7 +200,7 @@ class Spec(Declared):
             params: name → a number, or (…) numbers, one for each batch entry.
             period: sample period [s].
             until: see :meth:`evaluate`.
-            temperature: of a smooth minimum, in the unit of ρ; 0 for the exact one.
+            temperature: the temperature of a smooth minimum, in the unit of ρ; 0 for the exact one.
         """
         from s2r_spec.robustness.tensor import evaluate_tensors
 
@@ -360,7 +360,7 @@ class Spec(Declared):
             return
         raise TraceError(
             f"{requirement!r} {shortfall(formula, reading)}; "
-            f"a longer trace decides it; partial=True cuts windows at the end"
+            f"give a longer trace, or set partial=True to cut windows at the end of this one"
         )
 
     def shortfall(
@@ -382,7 +382,7 @@ class Spec(Declared):
         if settings is None or settings.fall is None:
             raise UsageError(
                 f"the trace ended with {failure!r}, but {self.name} declares no ρ for a failure; "
-                f"add for example `certify {requirement}: fall = -1`"
+                f"add a line such as `certify {requirement}: fall = -1`"
             )
         return settings.fall
 

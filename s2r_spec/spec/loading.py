@@ -14,7 +14,7 @@ def parse_spec(text: str, name: str = "<string>", *, imports: Mapping[str, str] 
 
     Args:
         text: the specification.
-        name: its path; imported files are relative to it.
+        name: the path of the specification; imported files are relative to it.
         imports: name → text of every file that it imports, as in :attr:`Spec.imported`; None to read the files.
 
     Raises:

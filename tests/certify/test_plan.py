@@ -57,7 +57,7 @@ class TestPilot:
         rng = np.random.default_rng(0)
         noise = 0.003 * rng.normal(size=(30, 10))
         noise[4, 2] = -0.5  # one fall
-        assert "a standard deviation is no proxy for it" in read_pilot(list(noise)).warning
+        assert "a standard deviation is not a proxy for it" in read_pilot(list(noise)).warning
 
     def test_bernoulli_noise_is_warned_of(self):
         rng = np.random.default_rng(0)

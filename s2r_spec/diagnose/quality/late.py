@@ -41,12 +41,12 @@ def late(c: Comparison) -> list[Suspect]:
         # It is the few that are said to be wrong; late poses are early commands.
         text = (
             f"{named(c, group)} are {abs(by):.2g} s {when} against {named(c, rest)} from the first sample on. "
-            f"Does one clock stamp all of them? "
+            f"Do all channels get their timestamps from the same clock? "
         )
     else:
         text = (
             f"{named(c, group)} {'is' if len(group) == 1 else 'are'} {abs(by):.2g} s {when} against the other channels "
-            f"from the first sample on. Does one clock stamp all of them? "
+            f"from the first sample on. Do all channels get their timestamps from the same clock? "
         )
     return [Suspect(Finding("late", named(c, group), text + SHIFT, "a wrong clock"), values)]
 

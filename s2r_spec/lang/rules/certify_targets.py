@@ -22,7 +22,9 @@ def certify_targets(parsed: Parsed) -> Iterator[Diagnostic]:
         if word is None:
             if general is not None:
                 message = "there already is a certify line for all requirements"
-                yield Diagnostic("E15", message, item.span, general.span, "put all settings in one line")
+                yield Diagnostic(
+                    "E15", message, item.span, general.span, "put all settings on one certify line"
+                )
             general = general or item
             continue
         if word.text in unparsed:
@@ -33,5 +35,7 @@ def certify_targets(parsed: Parsed) -> Iterator[Diagnostic]:
             yield Diagnostic("E15", f"there is no requirement `{word.text}`", word.span, fix=fix)
         elif word.text in first:
             message = f"`{word.text}` already has a certify line"
-            yield Diagnostic("E15", message, word.span, first[word.text].span, "put all settings in one line")
+            yield Diagnostic(
+                "E15", message, word.span, first[word.text].span, "put all settings on one certify line"
+            )
         first.setdefault(word.text, word)

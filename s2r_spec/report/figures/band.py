@@ -78,8 +78,8 @@ def _along(field: Field, name: str) -> Picture:
         f"{len(field.tests)} tests. The {field.pointed} is at {field.mark[cut.axis.name]:.4g} {cut.axis.unit}"
     )
     caption = (
-        f"{field.name.capitalize()} {field.symbol} lies in the band at every test at once. Dots are {field.dots}, "
-        f"larger for more; bars reach from the lowest to the highest. {field.remark}"
+        f"{field.name.capitalize()} {field.symbol} lies in the band simultaneously for all tests. Dots are "
+        f"{field.dots}, larger for more; bars reach from the lowest to the highest. {field.remark}"
     ).strip()
     return Picture(field.title, caption, alt, draw(name, alt, (7.2, 3.6), paint))
 
@@ -99,7 +99,7 @@ def _slices(field: Field, name: str) -> Picture:
     names = ", ".join(axis.name for axis in shown)
     alt = f"The band of the {field.name} along {names}, each through the {field.pointed}"
     left_out = len(field.space.axes) - len(shown)
-    inside = f"{field.symbol} lies in it at every test at once."
+    inside = f"{field.symbol} lies in it simultaneously for all tests."
     caption = f"The band along each parameter, the others held at the {field.pointed} (the triangle). " + (
         f"{left_out} more parameters are not drawn." if left_out else inside
     )

@@ -58,7 +58,10 @@ def blame(where: Where, spec: Spec, name: str) -> Picture:
 
     test = test_words(where.test, spec.space.units)
     at, within = (f" at {test}", f" ({test})") if test else ("", "")
-    alt = f"A real and a simulated rollout{at}, Δρ = {pair.delta:+.4g} {pair.unit}, and what each instant contributes"
+    alt = (
+        f"A real and a simulated rollout{at}, Δρ = {pair.delta:+.4g} {pair.unit}, "
+        "and the contribution of each instant"
+    )
     caption = (
         f"The worst of the tests that were run{within}: Δρ = {pair.delta:+.3g} {pair.unit}. The "
         "requirement forbids the red area. Bars below are the contributions of the samples at that time to Δρ, and "

@@ -71,8 +71,8 @@ def draw(name: str, alt: str, size: tuple[float, float], paint: Callable[[Figure
     """Return a figure as SVG for a page with other figures.
 
     Args:
-        name: of the figure, unique in the page.
-        alt: its text alternative.
+        name: the name of the figure, unique in the page.
+        alt: the text alternative of the figure.
         size: width and height [inch].
         paint: draws on an empty figure.
     """

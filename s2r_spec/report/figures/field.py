@@ -29,8 +29,8 @@ class Field:
         upper: upper bound of the same [unit].
         symbol: "ρ" or "Δ".
         name: "expected robustness".
-        unit: of the value.
-        title: of the picture.
+        unit: the unit of the value.
+        title: the title of the picture.
         dots: what one dot is: "means over a test's rollouts".
         remark: one more sentence under the picture, or "".
     """

@@ -73,7 +73,7 @@ def heat(field: Field, name: str) -> Picture:
         f"{up.name} = {mark[up.name]:.4g} {up.unit}"
     )
     caption = (
-        f"{field.name.capitalize()} {field.symbol} lies between the two maps at every test at once. Blue is above 0, "
-        f"red below, the black line is 0. Dots are tests, the triangle is the {field.pointed}. {field.remark}"
+        f"{field.name.capitalize()} {field.symbol} lies between the two maps simultaneously for all tests. Blue is "
+        f"above 0, red below, the black line is 0. Dots are tests, the triangle is the {field.pointed}. {field.remark}"
     ).strip()
     return Picture(field.title, caption, alt, draw(name, alt, (7.2, 3.4), paint))

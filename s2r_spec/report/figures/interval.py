@@ -24,9 +24,9 @@ def interval(
     Args:
         history: certificates of a search that maximises the negative, the last one as it ended.
         what: the quantity, "worst expected ρ".
-        unit: of it.
-        title: of the picture.
-        name: of the figure in the page.
+        unit: the unit of the interval.
+        title: the title of the picture.
+        name: the name of the figure in the page.
         counted: label of the horizontal axis.
     """
     last = history[-1]

@@ -224,7 +224,7 @@ def _maps(space: InSpace, held: Sequence[HeldOut], name: str) -> Picture:
 def _caption(space: InSpace, held: bool) -> str:
     words = (
         "Δρ is the robustness of the real machine less that of the simulator: below 0 the real machine is worse. "
-        "The band holds its expected value with 95 % at all tests at once."
+        "The band holds its expected value with 95 % simultaneously for all tests."
     )
     if space.space.dim == 2:
         words = "Δρ is the robustness of the real machine less that of the simulator: red, below 0, is worse."

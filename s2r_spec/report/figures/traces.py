@@ -39,12 +39,12 @@ class Runs:
 
     Attributes:
         spec: as the run keeps it.
-        requirement: its name.
-        unit: of ρ.
-        folder: of the journal.
+        requirement: the name of the requirement.
+        unit: the unit of ρ.
+        folder: the folder of the journal.
         records: every rollout in it.
         called: name of their backend: "sim", "twin:lab".
-        model_hash: of the backend when it ran.
+        model_hash: the hash of the backend when it ran.
     """
 
     spec: Spec
@@ -214,8 +214,8 @@ def limits(
         requirement: one of its requirements.
         trace: the recorded trace; the values lie around its samples.
         params: the test.
-        name: of the signal.
-        column: of it; None for a scalar one.
+        name: the name of the signal.
+        column: the column of the signal; None for a scalar signal.
         own: (n,) its samples.
     """
     low, high = float(own.min()), float(own.max())

@@ -24,7 +24,7 @@ class OnlineAlgebra:
     """Robustness signals that grow with the trace.
 
     Args:
-        clock: of the trace.
+        clock: the clock of the trace.
         signals: name → a tape for each component.
         ranges: name → range of a signal's samples, for signals with a known one.
         params: name → value.
@@ -140,7 +140,7 @@ class OnlineAlgebra:
         return self._made(Until(self.clock, left, right, reach, past, place))
 
     def step(self, x: Term, node: f.Step) -> Term:
-        """Return the neighbouring sample's x."""
+        """Return x at the next sample, or at the previous one for ``prev``."""
         return self._made(Step(self.clock, x, node.operator == "next"))
 
     def rise(self, x: Term) -> Term:

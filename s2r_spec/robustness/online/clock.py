@@ -34,8 +34,8 @@ class Reach:
     """A window relative to an instant, in positions; negative in the past.
 
     Args:
-        low: its start.
-        high: its end; inf for the rest of the trace.
+        low: the start of the window.
+        high: the end of the window; inf for the rest of the trace.
         low_closed: whether a sample at its start lies in it.
         high_closed: whether a sample at its end lies in it.
         interval: the interval in the specification.

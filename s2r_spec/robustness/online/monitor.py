@@ -35,7 +35,7 @@ class Followed:
         params: parameter → value, for the parameters that they use.
         period: sample period [s]; None if samples come at any time.
         until: see :class:`s2r_spec.robustness.evaluate.Walk`.
-        nan: for a NaN sample, "error", or "hold" to repeat the sample before.
+        nan: the treatment of a NaN sample: "error", or "hold" to repeat the sample before.
         ranges: whether samples lie in the declared ranges.
         sparse: whether windows may be shorter than the time between two samples.
     """
@@ -249,7 +249,7 @@ class Monitor:
         """Take one more sample, and return requirement → the possible values of ρ at the first time.
 
         Args:
-            time: of the sample [s], later than that of the sample before.
+            time: the time of the sample [s], later than that of the sample before.
             sample: signal → its value in the declared unit, a sequence for a vector.
 
         Raises:

@@ -182,7 +182,7 @@ class Window(Point):
     Args:
         term: the operator.
         k: the instant.
-        operands: its operands; they are followed.
+        operands: the operands of the formula; the monitor follows them.
     """
 
     def __init__(self, term: Timed, k: int, *operands: Term) -> None:

@@ -21,10 +21,10 @@ class Timed(Stored):
     """An operator with a window.
 
     Args:
-        clock: of the trace.
-        reach: its window.
+        clock: the clock of the trace.
+        reach: the window of the operator.
         past: whether it looks back.
-        place: its place in the text.
+        place: the place of the operator in the text.
     """
 
     def __init__(self, clock: Clock, reach: Reach, past: bool, place: Place) -> None:

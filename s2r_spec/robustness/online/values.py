@@ -56,7 +56,7 @@ class Values:
     """Makes the numbers of formulas.
 
     Args:
-        clock: of the trace.
+        clock: the clock of the trace.
         signals: name → a tape for each component.
         params: name → value.
         roots: all formulas that will be evaluated.

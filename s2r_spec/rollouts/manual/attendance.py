@@ -253,7 +253,7 @@ class Attendance:
         if test.state == "accepted" and test.log is not None:
             self.operator.say(
                 f"Another run requested {self._words(test)}; its log stays in "
-                f"{self.tests.root / ORIGINALS / test.log}, and is no rollout of this run."
+                f"{self.tests.root / ORIGINALS / test.log}, and is not a rollout of this run."
             )
         self.tests.close()
 

@@ -289,13 +289,13 @@ def _tolerance(parameter: Parameter, requested: float) -> float:
 
 
 def _unit_fault(name: str, unit: str | None, declared: str) -> str | None:
-    """Return what is wrong with the unit of a channel, or None."""
+    """Return the fault in the unit of a channel, or None."""
     if not unit or unit == declared:
         return None
     try:
         parsed = parse_unit(unit)
     except UnknownUnitError:
-        return f"its channel {name!r} is in {unit!r}, which is no unit"
+        return f"its channel {name!r} is in {unit!r}, which is not a unit"
     if not parsed.fits(parse_unit(declared)):
         return f"its channel {name!r} is in {unit}, which does not convert to {declared or 'a number without unit'}"
     return None
