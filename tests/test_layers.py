@@ -33,7 +33,7 @@ LAYERS = [
     {"stamps"},
     {"instants"},
     {"errors", "compiled", "magnitude"},
-    {"documentation", "plain", "printable"},
+    {"documentation", "json_values", "printable"},
 ]
 SIMULATOR_LAYERS = [
     {"twins"},

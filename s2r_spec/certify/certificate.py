@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 from annotated_types import MinLen
 
-from s2r_spec.plain import to_json
+from s2r_spec.json_values import to_json
 
 ALL_COUNT = "every requested rollout is counted"
 """Definition: an assumption about the rollouts; those of a machine may be void, and then run again."""

@@ -9,7 +9,7 @@ import typer
 from s2r_spec.cli.common import sentences
 from s2r_spec.cli.terminal import say
 from s2r_spec.errors import UsageError
-from s2r_spec.plain import line
+from s2r_spec.json_values import line
 
 if TYPE_CHECKING:
     from s2r_spec.backend import Backend

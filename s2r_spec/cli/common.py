@@ -20,7 +20,7 @@ import typer
 from s2r_spec.cli.terminal import say
 from s2r_spec.errors import ErrorCode, S2RError, StoppedError, TraceNote, UsageError
 from s2r_spec.json_objects.error import ErrorObject
-from s2r_spec.plain import line
+from s2r_spec.json_values import line
 from s2r_spec.printable import one_line
 
 if TYPE_CHECKING:

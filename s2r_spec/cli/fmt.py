@@ -12,7 +12,7 @@ from s2r_spec.cli.common import sentences
 from s2r_spec.cli.terminal import say
 from s2r_spec.files import save
 from s2r_spec.json_objects.specs import FormatObject, LatexObject
-from s2r_spec.plain import line
+from s2r_spec.json_values import line
 
 
 class Target(StrEnum):

@@ -10,7 +10,7 @@ import typer
 from s2r_spec.cli.common import sentences
 from s2r_spec.files import save
 from s2r_spec.json_objects.specs import LintFinding, LintObject
-from s2r_spec.plain import line
+from s2r_spec.json_values import line
 
 
 def lint(

@@ -14,7 +14,7 @@ from s2r_spec.cli.common import CODES, COLOURS, answered, sentences, worst
 from s2r_spec.cli.online import Settings, follow
 from s2r_spec.cli.options import Columns, Nan, TimeUnit, missing
 from s2r_spec.cli.reading import Recorded, Request, named, read
-from s2r_spec.plain import line
+from s2r_spec.json_values import line
 from s2r_spec.printable import lines, one_line
 
 if TYPE_CHECKING:

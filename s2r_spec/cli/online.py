@@ -13,7 +13,7 @@ from rich.text import Text
 from s2r_spec.cli.common import CODES, COLOURS, note, worst
 from s2r_spec.cli.reading import Request, named, parameters, read
 from s2r_spec.cli.terminal import console
-from s2r_spec.plain import line
+from s2r_spec.json_values import line
 from s2r_spec.printable import one_line
 
 if TYPE_CHECKING:

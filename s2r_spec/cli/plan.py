@@ -11,7 +11,7 @@ import typer
 from s2r_spec.cli.common import cores, sentences
 from s2r_spec.cli.options import Quiet
 from s2r_spec.cli.terminal import console, say
-from s2r_spec.plain import line
+from s2r_spec.json_values import line
 
 
 def plan(

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from s2r_spec.backend import Channel, Effect, Option, Parameter
-from s2r_spec.plain import OPTIONAL
+from s2r_spec.json_values import OPTIONAL
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -19,7 +19,7 @@ from s2r_spec.json_objects.parts import (
     Open,
     Probability,
 )
-from s2r_spec.plain import OPTIONAL
+from s2r_spec.json_values import OPTIONAL
 from s2r_spec.rollouts.journal import Record
 
 

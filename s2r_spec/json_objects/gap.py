@@ -11,7 +11,7 @@ from s2r_spec.certify.certificate import Certificate, Label
 from s2r_spec.certify.gap_result import GapTested, Pair
 from s2r_spec.json_objects.check import BackendProvenance
 from s2r_spec.json_objects.parts import Count, ExitCode, Failures, Level, Location, Magnitude, Open
-from s2r_spec.plain import OPTIONAL
+from s2r_spec.json_values import OPTIONAL
 
 
 @dataclass(frozen=True, kw_only=True)

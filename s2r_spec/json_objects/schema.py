@@ -23,7 +23,7 @@ from s2r_spec.json_objects.parts import Open
 from s2r_spec.json_objects.plan import PilotObject, PlanObject
 from s2r_spec.json_objects.runs import ChoiceObject, OddsObject, ReplayObject
 from s2r_spec.json_objects.specs import FormatObject, LatexObject, LintObject
-from s2r_spec.plain import optional_fields
+from s2r_spec.json_values import optional_fields
 
 OBJECTS: Mapping[str, Any] = {
     "s2r.backend/1": BackendObject,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 
-from s2r_spec.plain import to_json
+from s2r_spec.json_values import to_json
 from s2r_spec.report.finding import Report
 
 

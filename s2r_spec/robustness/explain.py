@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.instants import DATES, instant
+from s2r_spec.json_values import to_json
 from s2r_spec.lang import formula as f
-from s2r_spec.plain import to_json
 from s2r_spec.robustness.deciding import Step, descend
 from s2r_spec.robustness.evaluate import Walk
 from s2r_spec.robustness.evaluation import Reading

@@ -13,7 +13,7 @@ import s2r_spec
 from s2r_spec.errors import UsageError
 from s2r_spec.json_objects.backends import BackendObject
 from s2r_spec.json_objects.schema import OBJECTS, schema
-from s2r_spec.plain import OPTIONAL, line, to_json
+from s2r_spec.json_values import OPTIONAL, line, to_json
 
 
 class Colour(Enum):

@@ -13,7 +13,7 @@ from s2r_spec.certify.kernels import Kernel
 from s2r_spec.certify.measure import check_measure
 from s2r_spec.certify.real_machine import certify
 from s2r_spec.errors import BackendError, NotBegunError, StoppedError, UsageError
-from s2r_spec.plain import to_json
+from s2r_spec.json_values import to_json
 from s2r_spec.report import checked, gapped, jsonform
 from s2r_spec.report.recompute import recompute, recompute_gap
 from s2r_spec.rollouts.journal import FILE, Journal, JournalError
