@@ -282,11 +282,7 @@ class Lab:
     def _guard_after(self, victim: str, worker: int) -> tuple[bool, str, str | None]:
         """Return whether the lock is free or held by a guard that lives, and the guard's state and word at rest."""
         if victim == "guard":
-            lock = hold(place(self.robot.host, self.robot.port))
-            if lock is not None:
-                os.close(lock)
-            else:  # the search was quicker, and has begun another one
-                until(lambda: self.status() is not None, PATIENCE)
+            until(self._free_or_guarded, PATIENCE)
             return True, "", None
         found: dict[str, Any] = {}
 
@@ -297,6 +293,13 @@ class Lab:
         until(lambda: not lives(worker), PATIENCE)
         until(rests, PATIENCE)
         return bool(found["state"]), found["state"], found["word"]
+
+    def _free_or_guarded(self) -> bool:
+        """Return whether nobody holds the lock, or a guard that lives, which a quick search has begun."""
+        lock = hold(place(self.robot.host, self.robot.port))
+        if lock is not None:
+            os.close(lock)
+        return lock is not None or self.status() is not None
 
     def _ask_again(self, before: int) -> bool:
         """Wait until one more rollout is announced than before; return whether that needed --resume."""
