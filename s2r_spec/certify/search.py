@@ -95,7 +95,7 @@ class Search:
         self._state.budget = self._state.outcomes.rollouts
 
     def ask(self) -> list[Query]:
-        """Return the next batch, or the last one until all its outcomes are told."""
+        """Return the next batch, or the last one while outcomes of it are missing."""
         if not self._open and not self.done:
             for place, replicates in next_batch(self._state):
                 point = self.space.point(self._state.confidence.points[place])
@@ -111,12 +111,14 @@ class Search:
         then refused: leaving rollouts out is selection.
 
         Raises:
-            UsageError: the query was not asked or is told twice, too many outcomes, or one is not finite.
+            UsageError: the query is unknown or already answered, there are too many outcomes, or one is not finite.
         """
         if not isinstance(query, Query):
             raise UsageError(f"tell takes a query that was asked, not a value of type {type(query).__name__}")
         if query.index not in self._open or query.index in self._answers:
-            raise UsageError(f"query {query.index} is not open: it was told before, or never asked")
+            raise UsageError(
+                f"query {query.index} is not open: it has its outcomes, or this search never asked it"
+            )
         query = self._open[query.index][0]
         values = as_outcomes(outcomes, f"query {query.index} at {query.point}")
         if len(values) > query.replicates:

@@ -1,4 +1,4 @@
-"""Samples that look like the recording's doing are told, and what a machine does is not taken for one."""
+"""Samples that look like the recording's doing are reported; real motion is not."""
 
 import numpy as np
 import pytest
@@ -32,11 +32,11 @@ def test_a_single_sample_far_off_is_told_with_its_rollout_its_time_and_its_size(
     def spike(trace):
         return changed(trace, "v_meas", 40, trace["v_meas"][40] + 30.0)
 
-    [told] = [each.text for each in glitches(BENCH, many({}, spike))]
+    [glitch] = [each.text for each in glitches(BENCH, many({}, spike))]
     when = many({})[3][1].times[40]
-    assert told.startswith("v_meas of real rollout 3 (vd = 0.5, acc = 2) is off by")
-    assert f" {when:.4g} s" in told
-    assert float(told.split("off by ")[1].split()[0]) == pytest.approx(30.0, rel=0.1)
+    assert glitch.startswith("v_meas of real rollout 3 (vd = 0.5, acc = 2) is off by")
+    assert f" {when:.4g} s" in glitch
+    assert float(glitch.split("off by ")[1].split()[0]) == pytest.approx(30.0, rel=0.1)
 
 
 def test_a_channel_that_stops_in_the_middle_is_told_with_when():
@@ -44,9 +44,9 @@ def test_a_channel_that_stops_in_the_middle_is_told_with_when():
         return changed(trace, "v_meas", slice(8, 60), trace["v_meas"][8])
 
     runs = many({}, stuck)
-    [told] = [each.text for each in glitches(BENCH, runs)]
+    [glitch] = [each.text for each in glitches(BENCH, runs)]
     times = runs[3][1].times
-    assert f" from {times[8]:.4g} to {times[59]:.4g} s" in told
+    assert f" from {times[8]:.4g} to {times[59]:.4g} s" in glitch
 
 
 def test_a_step_noise_a_lost_channel_and_what_saturates_are_not():

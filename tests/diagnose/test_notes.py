@@ -141,12 +141,12 @@ def test_falls_missing_channels_few_tests_and_a_cut_budget_are_told():
         return Trace(trace.times, rest, {n: trace.units[n] for n in rest})
 
     some = [(test, fallen(trace) if i < 4 else trace) for i, (test, trace) in enumerate(many(10, 5, bare))]
-    told = notes(BENCH, Used(some, 10, True, 0, 25), ENOUGH)
-    assert "the first 10 of 25 recorded rollouts" in told[0]
-    assert told[1].startswith("4 of 10 real rollouts ended early (fall)")
-    assert told[2].startswith("the real rollouts have no v_meas, u")
-    assert "12 rollouts of 9 different tests" in told[3]
-    assert told[3].endswith("10 of 5")
+    texts = notes(BENCH, Used(some, 10, True, 0, 25), ENOUGH)
+    assert "the first 10 of 25 recorded rollouts" in texts[0]
+    assert texts[1].startswith("4 of 10 real rollouts ended early (fall)")
+    assert texts[2].startswith("the real rollouts have no v_meas, u")
+    assert "12 rollouts of 9 different tests" in texts[3]
+    assert texts[3].endswith("10 of 5")
     one = bench_of(s2r.parse_spec(SPEC.replace("in [1, 4]", "= 2")), "tracking", Cart())
     [others] = notes(one, Used(many(12, 9), 12, False, 4, 12, 5), ENOUGH)
     assert others.startswith("5 recorded rollouts were not used")
@@ -306,9 +306,9 @@ def test_a_cause_that_moves_a_command_hides_neither_its_sign_nor_its_unit(times,
     tests = [{"vd": rng.uniform(0.2, 1), "acc": rng.uniform(1, 4)} for _ in range(8)]
     weak = [(test, real(test, 900 + i, {"motor": 0.7})) for i, test in enumerate(tests)]
     assert misread(BENCH, weak) == {}
-    told = misread(BENCH, [(test, spoilt(trace)) for test, trace in weak])
-    assert list(told) == ["u"]
-    assert words in told["u"]
+    suspects = misread(BENCH, [(test, spoilt(trace)) for test, trace in weak])
+    assert list(suspects) == ["u"]
+    assert words in suspects["u"]
 
 
 @pytest.mark.parametrize("how", ["raises", "falls"])
@@ -377,9 +377,9 @@ def test_a_recording_that_begins_at_another_time_is_known_by_a_command(seconds, 
             x[len(x) + min(k, 0) :] = x[len(x) + min(k, 0) - 1]
         return Trace(trace.times, moved, trace.units)
 
-    told = misread(BENCH, [(test, shifted(trace)) for test, trace in delayed], found)
-    assert list(told) == ["v_ref"]
-    assert words in told["v_ref"]
+    suspects = misread(BENCH, [(test, shifted(trace)) for test, trace in delayed], found)
+    assert list(suspects) == ["v_ref"]
+    assert words in suspects["v_ref"]
 
 
 def test_times_that_are_no_seconds_get_one_sentence():
@@ -427,9 +427,9 @@ def test_one_rollout_in_another_unit_is_told_with_its_number():
 def test_one_recording_of_two_tests_is_told_and_one_of_a_test_that_was_run_twice_is_not():
     runs = many(8, 8)
     copied = [*runs[:7], (runs[7][0], runs[2][1])]
-    told = misread(BENCH, copied)["the tests"]
-    assert told.startswith("real rollout 7 (vd = 0.9, acc = 2) ")
-    assert "real rollout 2 (vd = 0.4, acc = 2)" in told
+    suspicion = misread(BENCH, copied)["the tests"]
+    assert suspicion.startswith("real rollout 7 (vd = 0.9, acc = 2) ")
+    assert "real rollout 2 (vd = 0.4, acc = 2)" in suspicion
     assert misread(BENCH, [*runs, runs[2]]) == {}
 
     class Bare(Cart):  # a simulator to which these tests are one
@@ -591,8 +591,8 @@ def test_a_test_that_ends_early_every_time_is_told_to_be_no_accident():
     runs = many(12, 4)
     first = runs[0][0]
     again = [(t, replace(r, meta=dict(r.meta) | {"failure": "fall"}) if t == first else r) for t, r in runs]
-    [told] = [n for n in notes(BENCH, Used(again, 12, True, 0, 12), ENOUGH) if "ended early" in n]
-    assert "(fall, every time at one test" in told
+    [falls] = [n for n in notes(BENCH, Used(again, 12, True, 0, 12), ENOUGH) if "ended early" in n]
+    assert "(fall, every time at one test" in falls
 
 
 def test_a_prior_that_makes_every_gap_a_little_of_everything_is_told():

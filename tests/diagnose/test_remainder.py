@@ -65,12 +65,12 @@ def test_of_a_machine_that_is_the_improved_simulator_nothing_is_left(bench):
 
 @pytest.mark.parametrize("named", [None, {"coulomb": {"force": 10.0}}])
 def test_how_far_it_is_is_told_of_all_stages_as_of_one(bench, named):
-    told = []
+    counts = []
     values = {"coulomb": {"force": 20.0}}
     remainders(
-        bench, LINES, rollouts(bench, values), values, progress=lambda *now: told.append(now), named=named
+        bench, LINES, rollouts(bench, values), values, progress=lambda *now: counts.append(now), named=named
     )
-    assert told == [(n + 1, len(told)) for n in range(len(told))]
+    assert counts == [(n + 1, len(counts)) for n in range(len(counts))]
 
 
 def test_a_push_at_one_place_is_left_there(bench):

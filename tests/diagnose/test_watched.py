@@ -14,8 +14,8 @@ TEST = {"vd": 0.5, "acc": 2.0}
 
 
 def test_rollouts_of_a_stage_without_a_count_are_told():
-    told = []
-    tell = Watched(lambda *now: told.append(now))
+    progress = []
+    tell = Watched(lambda *now: progress.append(now))
     jobs = [Job({}, ((TEST, seed), (TEST, seed + 1))) for seed in range(3)]
     with tell.watching():
         tell("fitting", 0, 0)
@@ -23,22 +23,22 @@ def test_rollouts_of_a_stage_without_a_count_are_told():
         tell("where", 1, 30)
         run_jobs(BENCH, jobs)
     run_jobs(BENCH, jobs)
-    assert told == [("fitting", n, 0) for n in (0, 2, 4, 6)] + [("where", 1, 30)]
+    assert progress == [("fitting", n, 0) for n in (0, 2, 4, 6)] + [("where", 1, 30)]
 
 
 def test_a_bank_says_what_it_does_before_its_first_rollout(monkeypatch):
-    told, ran = [], []
+    progress, ran = [], []
     rollout = Cart.rollout
 
     def counted(self, params, seed):
-        ran.append(len(told))
+        ran.append(len(progress))
         return rollout(self, params, seed)
 
     few = lines(Cart().effects()[:1])
     monkeypatch.setattr(banks, "lines", lambda *_: few)
     monkeypatch.setattr(Cart, "rollout", counted)
-    banks.simulate(BENCH, progress=lambda *now: told.append(now))
+    banks.simulate(BENCH, progress=lambda *now: progress.append(now))
     assert ran[0] > 0
-    assert told[0][0] == "trying each effect"
-    assert told[-1][0] == "simulating effects"
-    assert told[-1][1] == told[-1][2]
+    assert progress[0][0] == "trying each effect"
+    assert progress[-1][0] == "simulating effects"
+    assert progress[-1][1] == progress[-1][2]

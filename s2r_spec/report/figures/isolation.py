@@ -1,4 +1,4 @@
-"""Which effects could be told apart: the isolability matrix as a map, confounded pairs marked."""
+"""The isolability matrix as a map: which effects the tests distinguish; confounded pairs are marked."""
 
 from __future__ import annotations
 
