@@ -12,12 +12,9 @@ from numpy.typing import NDArray
 
 from s2r_spec.certify.modes import Bound
 from s2r_spec.certify.posterior import Conditioned
-from s2r_spec.certify.tiling import Tiling
+from s2r_spec.certify.tiling import MOST_POINTS, Tiling
 
 FloatArray = NDArray[np.float64]
-
-MOST_POINTS = 50_000
-"""Budget: points after which no cell is split any more."""
 
 
 class Bounds:

@@ -21,13 +21,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.certify.search import Search
-from s2r_spec.certify.tiling import Tiling
+from s2r_spec.certify.tiling import MOST_POINTS, Tiling
 from s2r_spec.errors import UsageError
 
 FloatArray = NDArray[np.float64]
 
-MOST_POINTS = 50_000
-"""Budget: points after which no cell is split any more."""
 TOLERANCE = 0.02
 """Tolerance: a cell is split while it hides more than this share of the larger ε of both searches."""
 

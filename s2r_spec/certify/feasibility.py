@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from s2r_spec.certify.bounds import MOST_POINTS
 from s2r_spec.certify.coverage import MOST_ROLLOUTS, long_axes
 from s2r_spec.certify.kernels import Kernel
 from s2r_spec.certify.rounding import at_most
 from s2r_spec.certify.sample_complexity import sequential_lower_bound
 from s2r_spec.certify.settings import SearchSettings
+from s2r_spec.certify.tiling import MOST_POINTS
 from s2r_spec.space import Space
 
 
