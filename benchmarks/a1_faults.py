@@ -54,11 +54,15 @@ class Row:
         """Add what was measured; where something else ended the walk before, it is only counted."""
         self.moved += moved
         if word != self.word:
-            self.others[str(word)] = self.others.get(str(word), 0) + 1
+            self.early(word)
         elif latency is None:
             self.without += 1
         else:
             self.latencies.append(latency)
+
+    def early(self, word: str | None) -> None:
+        """Count a walk that ended before the fault began, or by another condition."""
+        self.others[str(word)] = self.others.get(str(word), 0) + 1
 
     def __str__(self) -> str:
         found = np.array(self.latencies or [np.nan])
@@ -137,7 +141,10 @@ def in_real_time(times: int, chosen: str) -> list[str]:
                 if happens is killed:
                     closed.append((robot.client_closed - begun) / 1e6)
                     own_time = min(ms, closed[-1])
-                damped = first_damped(received, begun)
+                damped = first_damped(received, 0)
+                if damped and damped < begun:
+                    row.early(robot.status()["word"])
+                    continue
                 latency = None if damped is None else (damped - begun) / 1e6 - own_time
                 row.add(latency, moves_after(received, damped) if damped else 0, robot.status()["word"])
             if closed:

@@ -9,6 +9,7 @@ import select
 import signal
 import threading
 import time
+from collections import deque
 
 import numpy as np
 
@@ -39,22 +40,32 @@ def _come_first():
 
 
 class _Stamped(Twin):
-    """A twin that notes when its rounds ended [ns]."""
+    """A twin that notes when its rounds ended [ns], until somebody takes the notes."""
 
     def __init__(self, settings):
         super().__init__(settings)
-        self.stamps = []
+        self.stamps = deque()
+        self._ended = 0
 
     def round(self, arrived):
         answers = super().round(arrived)
         if self.begun:
-            self.stamps.append(time.monotonic_ns())
+            self.stamps.append((self._ended, time.monotonic_ns()))
+            self._ended += 1
         return answers
+
+
+def _emptied(notes):
+    """Return what a deque holds, and empty it, while another thread may add to it.
+
+    To send the notes of a whole life again and again would hold the robot up.
+    """
+    return [notes.popleft() for _ in range(len(notes))]
 
 
 def _robot(line, place):
     twin = _Stamped(TwinSettings(place=place))
-    received = []
+    received = deque()
 
     def tap(at, direction, data):
         if direction == TO_ROBOT:
@@ -70,8 +81,7 @@ def _robot(line, place):
                     twin.injects = tuple(read_inject(f"{text}@{first}-") for text in values)
                     line.send(first)
                 elif do == "taken":
-                    line.send((list(twin.stamps), list(received)))
-                    received.clear()
+                    line.send((dict(_emptied(twin.stamps)), _emptied(received)))
                 else:
                     server.stop()
                     return
@@ -199,7 +209,7 @@ class Walking:
         return self._line.recv()
 
     def taken(self):
-        """Return when the twin's rounds ended [ns], and (time, packet) of all that came since the last call."""
+        """Return {round: when it ended [ns]} of the twin and (time, packet) of what came, since the last call."""
         self._line.send(("taken",))
         return self._line.recv()
 
@@ -212,7 +222,7 @@ class Walking:
         """Wait until a client that was killed has no connection any more, and note when that was."""
         with contextlib.suppress(EOFError):
             while True:
-                self.told_by_client.recv()
+                self.client_reply.recv()
         self.client_closed = time.monotonic_ns()
 
 

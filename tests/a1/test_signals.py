@@ -233,12 +233,15 @@ def walking(real_time):
 
 def turned(walking, rounds):
     """Wait until the robot has turned so many rounds; return what came to it meanwhile."""
-    last, came = len(walking.taken()[0]) + rounds, []
+    walking.taken()
+    ended, came = 0, []
 
     def enough():
+        nonlocal ended
         stamps, received = walking.taken()
         came.extend(received)
-        return len(stamps) >= last
+        ended += len(stamps)
+        return ended >= rounds
 
     until(enough)
     return came
