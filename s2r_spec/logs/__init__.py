@@ -17,6 +17,8 @@ from s2r_spec.logs import csv_format, npz_format, parquet_format
 from s2r_spec.logs.interpret import Loaded, build_trace, request
 from s2r_spec.logs.mapping import Plan, plan_columns
 from s2r_spec.logs.table import Chooser, Head, Table
+from s2r_spec.logs.topics import formats, table
+from s2r_spec.logs.topics.join import Joining
 from s2r_spec.trace import Trace
 
 _PARSERS: dict[str, Callable[[Path, Chooser], Table]] = {
@@ -68,6 +70,7 @@ def load(
     *,
     time_unit: str | None = None,
     gather: bool = False,
+    joining: Joining | None = None,
 ) -> Loaded:
     """Read a trace from a file, with notes for the user; see :func:`read`.
 
@@ -77,13 +80,14 @@ def load(
         wanted: see :func:`read`.
         time_unit: see :func:`read`.
         gather: if all columns are read, whether to make vectors of numbered columns (``q_0``, ``q_1``).
+        joining: how the topics of a log come to common stamps; None for the defaults.
 
     Raises:
         TraceError: see :func:`read`.
         UsageError: see :func:`read`.
     """
     path = Path(path)
-    parser = _PARSERS[_ending(path)]
+    parser = _parser(path, joining)
     requested = request(columns, wanted, time_unit, gather)
     plans: list[Plan] = []
 
@@ -116,6 +120,13 @@ def write(trace: Trace, path: str | Path) -> None:
         raise TraceError(f"cannot write {path}: {error.strerror or error}") from None
     except TraceError as error:
         raise TraceError(f"{path}: {error}") from None
+
+
+def _parser(path: Path, joining: Joining | None) -> Callable[[Path, Chooser], Table]:
+    open_log = formats.opener(path)
+    if open_log is None:
+        return _PARSERS[_ending(path)]
+    return lambda path, choose: table.load(open_log, path, choose, joining or Joining())
 
 
 def _ending(path: Path) -> str:

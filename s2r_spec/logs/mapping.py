@@ -335,7 +335,7 @@ class _Names:
         if (loose := self._loose(text)) is not None:
             return (loose.number,)
         names = dict.fromkeys(head.text for head in self.heads if head.name)
-        likely = next((name for name in names if _TIME_WORDS & {*_words(name)}), "time")
+        likely = next((name for name in names if TIME_WORDS & {*_words(name)}), "time")
         for stem, (whole, below) in self._halves().items():
             likely = stem or f"{self.heads[whole].name}+{self.heads[below].name}"
         raise TraceError(
@@ -393,7 +393,7 @@ class _Names:
         }
 
 
-_TIME_WORDS = frozenset(("time", "times", "timestamp", "stamp", "stamps", "clock", "datetime"))
+TIME_WORDS = frozenset(("time", "times", "timestamp", "stamp", "stamps", "clock", "datetime"))
 """Definition: words in names of columns of times, for a hint in a message."""
 
 

@@ -1,0 +1,114 @@
+"""Files of named arrays without topics of their own: each folder of arrays with an array of times is a topic.
+
+Data: arrays by path, ``odom.t`` (n,) and ``odom.vx`` (n,) or (n, k). The array of times is called ``t``, ``time`` or
+another word for it. Arrays of a folder without times belong to the times of the folder above, if their lengths agree.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec.errors import TraceError, one_of
+from s2r_spec.logs import times
+from s2r_spec.logs.mapping import TIME_WORDS
+from s2r_spec.logs.table import Column, Head, affordable, few, quoted
+from s2r_spec.logs.topics.topic import Stamps, Topic, TopicHead
+
+WORDS = (times.TIME, *sorted(TIME_WORDS))
+"""Definition: names of an array of times, the preferred first."""
+
+
+@dataclass(frozen=True)
+class Array:
+    """An array of a file before it is read.
+
+    Args:
+        shape: its shape, with the samples first.
+        read: reads it.
+        unit: unit as written; None if there is none.
+    """
+
+    shape: tuple[int, ...]
+    read: Callable[[], NDArray[Any]]
+    unit: str | None = None
+
+
+class ArrayLog:
+    """Topics of named arrays; see :class:`s2r_spec.logs.topics.topic.TopicLog`.
+
+    Args:
+        arrays: path → array; the parts of a path are joined by dots.
+
+    Raises:
+        TraceError: no array has times.
+    """
+
+    def __init__(self, arrays: Mapping[str, Array]) -> None:
+        few(len(arrays))
+        self._arrays, self.notes = arrays, []
+        folders: dict[str, list[str]] = defaultdict(list)
+        for path in arrays:
+            folders[path.rpartition(".")[0]].append(path)
+        self._times: dict[str, str] = {}
+        fields: dict[str, list[str]] = defaultdict(list)
+        for folder, paths in folders.items():
+            for path in paths:
+                clock = self._clock(folder, arrays[path].shape)
+                if clock is not None and clock != path:
+                    topic = clock.rpartition(".")[0]
+                    self._times[topic] = clock
+                    fields[topic].append(path[len(topic) :].lstrip("."))
+        if not fields:
+            raise TraceError(
+                f"no array of the file has times; there are {one_of(arrays)}. "
+                f"Save an array of times beside them, called t"
+            )
+        self.heads = tuple(self._head(topic, names) for topic, names in fields.items())
+
+    def _head(self, topic: str, names: Sequence[str]) -> TopicHead:
+        units = {name: unit for name in names if (unit := self._arrays[_path(topic, name)].unit) is not None}
+        return TopicHead(topic, tuple(names), self._arrays[self._times[topic]].shape[0], units=units)
+
+    def read(self, wanted: Mapping[str, Sequence[str]], stamps: Stamps) -> dict[str, Topic]:
+        """Read arrays; see :meth:`s2r_spec.logs.topics.topic.TopicLog.read`."""
+        shapes = [self._arrays[_path(topic, name)].shape for topic, names in wanted.items() for name in names]
+        affordable(sum(int(np.prod(shape)) for shape in shapes))
+        topics: dict[str, Topic] = {}
+        first = None  # dates of all topics count from the same stamp
+        for topic, names in wanted.items():
+            found = self._stamps(topic, first)
+            first = found.first
+            columns = {name: Column(self._arrays[_path(topic, name)].read()) for name in names}
+            topics[topic] = Topic(topic, found.seconds, columns)
+        return topics
+
+    def _stamps(self, topic: str, first: Any) -> times.Times:
+        clock = self._times[topic]
+        array = self._arrays[clock]
+        head = Head(clock.rpartition(".")[2], None, array.unit)
+        return times.read(
+            [Column(array.read())], [head], None, lambda sample: f"sample {sample} of {quoted(clock)}", first
+        )
+
+    def _clock(self, folder: str, shape: tuple[int, ...]) -> str | None:
+        """Return the array of times of an array in a folder: the nearest one above with as many samples."""
+        if not shape:
+            return None
+        while True:
+            for word in WORDS:
+                path = _path(folder, word)
+                if path in self._arrays and self._arrays[path].shape == (shape[0],):
+                    return path
+            if not folder:
+                return None
+            folder = folder.rpartition(".")[0]
+
+
+def _path(topic: str, name: str) -> str:
+    return f"{topic}.{name}" if topic else name

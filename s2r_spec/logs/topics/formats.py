@@ -1,0 +1,26 @@
+"""The formats of logs of topics, by the ending of the file's name; a ROS 2 bag may be a folder."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from s2r_spec.logs.topics.hdf5 import open_hdf5
+from s2r_spec.logs.topics.matlab import open_matlab
+from s2r_spec.logs.topics.rosbag import RosBag
+from s2r_spec.logs.topics.topic import TopicLog
+from s2r_spec.logs.topics.ulog import ULog
+
+FORMATS: dict[str, Callable[[Path], TopicLog]] = {
+    ".bag": RosBag, ".db3": RosBag, ".mcap": RosBag, ".ulg": ULog, ".mat": open_matlab, ".h5": open_hdf5,
+    ".hdf5": open_hdf5,
+}  # fmt: skip
+METADATA = "metadata.yaml"
+"""Definition: the file that marks a folder as a ROS 2 bag."""
+
+
+def opener(path: Path) -> Callable[[Path], TopicLog] | None:
+    """Return what opens a log of topics; None if a path is none by its name."""
+    if (path / METADATA).is_file():
+        return RosBag
+    return FORMATS.get(path.suffix.lower())

@@ -1,0 +1,77 @@
+"""HDF5, read by ``h5py`` (the extra ``logs``): each group with times is a topic. Also MATLAB files from version 7.3 on.
+
+A unit is the attribute ``unit`` or ``units`` of a dataset.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec.errors import TraceError, shortened
+from s2r_spec.logs.library import library
+from s2r_spec.logs.table import regular
+from s2r_spec.logs.topics.arrays import Array, ArrayLog
+from s2r_spec.printable import one_line
+
+_MATLAB = "MATLAB_class"
+
+
+def open_hdf5(path: Path) -> ArrayLog:
+    """Return the arrays of a file.
+
+    Raises:
+        TraceError: h5py is not installed, or the file is not HDF5.
+    """
+    regular(path)
+    h5py = library("h5py", "HDF5 files", "logs")
+    arrays: dict[str, Array] = {}
+
+    def visit(name: str, item: Any) -> None:
+        if isinstance(item, h5py.Dataset) and item.dtype.kind in "biufmM" and not name.startswith("#refs#"):
+            turned = _MATLAB in item.attrs  # MATLAB has the samples of a column last
+            shape = _squeezed(item.shape[::-1] if turned else item.shape)
+            unit = item.attrs.get("unit", item.attrs.get("units"))
+            arrays[name.replace("/", ".")] = Array(
+                shape, partial(_read, h5py, path, name, turned), unit if isinstance(unit, str) else None
+            )
+
+    with _Errors(path), h5py.File(path) as file:
+        file.visititems(visit)
+    return ArrayLog(arrays)
+
+
+def _read(h5py: Any, path: Path, name: str, turned: bool) -> NDArray[Any]:
+    with _Errors(path), h5py.File(path) as file:
+        values = np.asarray(file[name][()])
+    values = values.T if turned else values
+    return values.reshape(_squeezed(values.shape))
+
+
+def _squeezed(shape: tuple[int, ...]) -> tuple[int, ...]:
+    """Return the shape of a vector for that of a row or a column."""
+    return (max(shape),) if len(shape) == 2 and min(shape) == 1 else tuple(shape)
+
+
+class _Errors:
+    """Turns what h5py raises for a damaged file into a TraceError."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def __enter__(self) -> None:
+        """Do nothing."""
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
+        """Raise a TraceError for an error of h5py."""
+        if isinstance(error, OSError | RuntimeError | KeyError | ValueError) and not isinstance(
+            error, TraceError
+        ):
+            if isinstance(error, OSError) and error.errno is not None:
+                return
+            reason = shortened(one_line(str(error)) or type(error).__name__)
+            raise TraceError(f"this is not a complete HDF5 file: {reason}") from None

@@ -1,0 +1,161 @@
+"""Bring topics to the stamps of one of them, the clock.
+
+Data: topics i with stamps t_i1 < t_i2 < … and values y_ik. Result at a stamp t of the clock:
+
+    hold     y_ik of the last message with t_ik ≤ t, as a controller sees a topic
+    linear   between the messages before and after t
+
+Nothing is extrapolated to the past: the result begins when every topic has had a message. With ``linear`` it ends with
+the first topic that ends. The notes say which clock, which rule, and for how long a value was held.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec import stamps
+from s2r_spec.errors import TraceError, one_of, suggest
+from s2r_spec.logs.dates import text
+from s2r_spec.logs.table import Column
+from s2r_spec.logs.topics.topic import Stamps, Topic
+
+Rule = Literal["hold", "linear"]
+FloatArray = NDArray[np.float64]
+NANOSECOND = Fraction(1, 10**9)
+
+
+@dataclass(frozen=True)
+class Joining:
+    """How topics come to common stamps.
+
+    Args:
+        clock: name of the topic whose stamps the trace has; None for the one with the most messages.
+        rule: values of the other topics at these stamps: "hold" or "linear".
+        stamps: which stamps of a message count; None for those of the headers if all topics have one, else the
+            times of receipt.
+    """
+
+    clock: str | None = None
+    rule: Rule = "hold"
+    stamps: Stamps | None = None
+
+
+class Joined(NamedTuple):
+    """Topics at common stamps: stamps (n,), (topic, field) → its column, and notes for the user."""
+
+    stamps: NDArray[Any]
+    columns: dict[tuple[str, str], Column]
+    notes: list[str]
+
+
+def join(topics: Mapping[str, Topic], joining: Joining) -> Joined:
+    """Return all fields of topics at the stamps of the clock.
+
+    Raises:
+        TraceError: the clock is not one of the topics, a topic has no messages, or the topics do not overlap.
+    """
+    notes: list[str] = []
+    ordered: dict[str, Topic] = {}
+    for name, topic in topics.items():
+        ordered[name], repeated = topic.ordered()
+        if not len(topic):
+            raise TraceError(f"{_named(name)} has no messages")
+        if repeated:
+            notes.append(
+                f"{repeated} messages of {_named(name)} have the stamp of a later one and are left out"
+            )
+    clock = _clock(ordered, joining.clock)
+    grid = ordered[clock].stamps
+    late = max(topic.stamps[0] for topic in ordered.values())
+    kept = grid >= late
+    if joining.rule == "linear":
+        kept &= grid <= min(topic.stamps[-1] for topic in ordered.values())
+    if not kept.any():
+        raise TraceError(f"the topics have no time in common: {_ranges(ordered)}; their clocks may differ")
+    if len(grid) != kept.sum():
+        notes.append(
+            f"{len(grid) - int(kept.sum())} messages of {_named(clock)} are left out, because another topic has none "
+            f"{'before' if joining.rule == 'hold' else 'around'} them"
+        )
+    grid = grid[kept]
+    columns: dict[tuple[str, str], Column] = {}
+    held: list[str] = []
+    for name, topic in ordered.items():
+        at = np.searchsorted(topic.stamps, grid, side="right") - 1
+        if name != clock and joining.rule == "hold":
+            longest = float(_seconds(grid - topic.stamps[at]).max())
+            held.append(f"{_named(name)} is held, for at most {longest:.3g} s")
+        elif name != clock:
+            held.append(f"{_named(name)} is interpolated")
+        for field, column in topic.columns.items():
+            columns[name, field] = (
+                _at(column, at)
+                if joining.rule == "hold" or name == clock
+                else _between(column, topic.stamps, grid, at)
+            )
+    if held:
+        notes.append(f"the trace has the {len(grid)} stamps of {_named(clock)}; {', '.join(held)}")
+    return Joined(grid, columns, notes)
+
+
+def _clock(topics: Mapping[str, Topic], chosen: str | None) -> str:
+    if chosen is None:
+        return max(topics, key=lambda name: len(topics[name]))
+    if chosen not in topics:
+        raise TraceError(
+            f"the clock {chosen!r} is not one of the topics that are read{suggest(chosen, topics)} "
+            f"they are {one_of(topics)}"
+        )
+    return chosen
+
+
+def _at(column: Column, at: NDArray[np.int64]) -> Column:
+    """Return the values of messages."""
+    if column.fault:
+        return column
+    return Column(column.values[at], None if column.missing is None else column.missing[at])
+
+
+def _between(column: Column, own: NDArray[Any], grid: NDArray[Any], at: NDArray[np.int64]) -> Column:
+    """Return values (n,) or (n, k) between the messages before and after each stamp."""
+    if column.fault:
+        return column
+    if column.values.dtype.kind not in "iuf" or column.missing is not None:
+        return Column.without("holds no numbers that could be interpolated; join it by hold")
+    after = np.minimum(at + 1, len(own) - 1)
+    width = _seconds(own[after] - own[at])
+    part = np.divide(_seconds(grid - own[at]), width, out=np.zeros(len(grid)), where=width > 0)
+    part = part.reshape(-1, *(1,) * (column.values.ndim - 1))
+    values = column.values.astype(np.float64)
+    return Column((1.0 - part) * values[at] + part * values[after])
+
+
+def _seconds(durations: NDArray[Any]) -> FloatArray:
+    """Return differences of stamps in seconds."""
+    if durations.dtype.kind == "m":
+        return stamps.counted(durations.view(np.int64), NANOSECOND)
+    return np.asarray(durations, dtype=np.float64)
+
+
+def _named(topic: str) -> str:
+    return topic or "the file"
+
+
+def _ranges(topics: Mapping[str, Topic]) -> str:
+    """Return the first and last stamp of each topic, as text."""
+    return ", ".join(
+        f"{_named(name)} from {_stamp(topic.stamps[0])} to {_stamp(topic.stamps[-1])}"
+        for name, topic in topics.items()
+    )
+
+
+def _stamp(stamp: Any) -> str:
+    if isinstance(stamp, np.datetime64):
+        return text(stamp)
+    return f"{float(_seconds(np.array([stamp]))[0]):.9g} s"

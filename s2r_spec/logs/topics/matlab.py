@@ -1,0 +1,63 @@
+"""MATLAB's ``.mat``: variables and structures with times are topics. Files from version 7.3 on are HDF5.
+
+An object, such as a ``timeseries`` or a table, cannot be read: MATLAB stores it in a form of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from s2r_spec.errors import TraceError, shortened
+from s2r_spec.logs.table import regular
+from s2r_spec.logs.topics.arrays import Array, ArrayLog
+from s2r_spec.logs.topics.hdf5 import open_hdf5
+from s2r_spec.printable import one_line
+
+_HDF5 = b"\x89HDF\r\n\x1a\n"
+_BLOCK = 512
+"""Definition: bytes before the HDF5 part of a MATLAB file."""
+
+
+def open_matlab(path: Path) -> ArrayLog:
+    """Return the arrays of a file.
+
+    Raises:
+        TraceError: the file is not a MATLAB file, or has no arrays with times.
+    """
+    regular(path)
+    with path.open("rb") as stream:
+        start = stream.read(_BLOCK + len(_HDF5))
+    if start[_BLOCK:] == _HDF5 or start.startswith(_HDF5):
+        return open_hdf5(path)
+    from scipy.io import loadmat
+
+    try:
+        content = loadmat(path, simplify_cells=True, verify_compressed_data_integrity=True)
+    except OSError as error:
+        if error.errno is not None:
+            raise
+        raise TraceError(f"this is not a MATLAB file: {shortened(one_line(str(error)))}") from None
+    except Exception as error:  # SciPy lets errors of struct, zlib and numpy through
+        reason = shortened(one_line(str(error)) or type(error).__name__)
+        raise TraceError(f"this is not a complete MATLAB file: {reason}") from None
+    variables = {name: value for name, value in content.items() if not name.startswith("__")}
+    return ArrayLog(
+        {path: Array(found.shape, lambda found=found: found) for path, found in _arrays(variables, "")}
+    )
+
+
+def _arrays(value: Any, path: str) -> Iterator[tuple[str, Any]]:
+    """Yield (path, array) of the numbers in variables and structures; elements of a list are numbered from 1."""
+    if isinstance(value, dict):
+        for name, inner in value.items():
+            yield from _arrays(inner, f"{path}.{name}" if path else name)
+    elif isinstance(value, list):
+        for number, inner in enumerate(value, 1):
+            yield from _arrays(inner, f"{path}_{number}")
+    elif isinstance(value, np.ndarray) and value.dtype.kind in "biuf" and value.ndim:
+        shape = value.shape
+        yield path, value.reshape(max(shape)) if len(shape) == 2 and min(shape) == 1 else value

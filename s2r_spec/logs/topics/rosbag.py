@@ -1,0 +1,169 @@
+"""ROS 1 bags, ROS 2 bags and MCAP files of ROS 2 messages, read by ``rosbags`` (the extra ``bags``), without ROS.
+
+Only messages of the chosen topics are decoded, one after the other, and only their chosen numbers are kept.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from operator import attrgetter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from s2r_spec.errors import TraceError, shortened
+from s2r_spec.logs.library import library
+from s2r_spec.logs.table import Column, affordable, few
+from s2r_spec.logs.topics.topic import Stamps, Topic, TopicHead
+from s2r_spec.printable import one_line
+
+_NUMBERS = frozenset(
+    (
+        "bool",
+        "byte",
+        "char",
+        "float32",
+        "float64",
+        "int8",
+        "int16",
+        "int32",
+        "int64",
+        "uint8",
+        "uint16",
+        "uint32",
+        "uint64",
+    )
+)
+"""Definition: the base types of ROS that are numbers."""
+_TIMES = frozenset(("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration"))
+_BASE, _NAME, _ARRAY, _SEQUENCE = 1, 2, 3, 4
+"""Definition: rosbags' numbers of the kinds of a field: a base type, a message, and vectors of either."""
+_DEEPEST = 20
+"""Budget: levels of messages within messages. Twice as many list deeper fields."""
+_HEADER = "header.stamp"
+
+
+class RosBag:
+    """A bag; see :class:`s2r_spec.logs.topics.topic.TopicLog`.
+
+    Args:
+        path: a ROS 1 ``.bag``, the folder of a ROS 2 bag, or its ``.db3`` or ``.mcap`` file.
+
+    Raises:
+        TraceError: rosbags is not installed, or the file is not a bag.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self.notes: list[str] = []
+        with self._open() as bag:
+            counts: dict[str, int] = defaultdict(int)
+            kinds: dict[str, str] = {}
+            for connection in bag.connections:
+                counts[connection.topic] += connection.msgcount
+                kinds.setdefault(connection.topic, connection.msgtype)
+            few(len(kinds))
+            self.heads = tuple(
+                _head(bag.typestore, topic, kind, counts[topic]) for topic, kind in kinds.items()
+            )
+
+    def read(self, wanted: Mapping[str, Sequence[str]], stamps: Stamps) -> dict[str, Topic]:
+        """Read fields of topics; see :meth:`s2r_spec.logs.topics.topic.TopicLog.read`."""
+        counts = {head.name: head.count for head in self.heads if head.name in wanted}
+        affordable(sum(counts[name] * (1 + len(fields)) for name, fields in wanted.items()))
+        readers = {name: [attrgetter(one) for one in fields] for name, fields in wanted.items()}
+        times: dict[str, list[int]] = {name: [] for name in wanted}
+        values: dict[str, list[list[Any]]] = {name: [[] for _ in fields] for name, fields in wanted.items()}
+        ages: dict[str, list[int]] = {name: [] for name in wanted}
+        header = attrgetter(_HEADER)
+        for topic, received, message in self._messages(set(wanted)):
+            stamp = _nanoseconds(header(message)) if stamps == "header" else received
+            times[topic].append(stamp)
+            ages[topic].append(received - stamp)
+            for column, reader in zip(values[topic], readers[topic], strict=True):
+                column.append(reader(message))
+        return {
+            name: Topic(
+                name,
+                np.array(times[name], dtype=np.int64).view("M8[ns]"),
+                {field: _column(column) for field, column in zip(wanted[name], values[name], strict=True)},
+                float(np.median(ages[name])) * 1e-9 if stamps == "header" and ages[name] else None,
+            )
+            for name in wanted
+        }
+
+    def _messages(self, topics: set[str]) -> Iterator[tuple[str, int, Any]]:
+        """Yield (topic, time of receipt [ns], message) of some topics, in the order of receipt."""
+        with self._open() as bag:
+            connections = [one for one in bag.connections if one.topic in topics]
+            if not connections:
+                return
+            for connection, received, raw in bag.messages(connections=connections):
+                yield connection.topic, received, bag.deserialize(raw, connection.msgtype)
+
+    @contextmanager
+    def _open(self) -> Iterator[Any]:
+        highlevel, typesys = (
+            library(name, "ROS bags", "logs") for name in ("rosbags.highlevel", "rosbags.typesys")
+        )
+        with _errors(self._path):
+            # Bags of ROS 2 before Iron have no definitions of their messages; those of ROS itself are then assumed.
+            known = typesys.get_typestore(typesys.Stores.LATEST)
+            with highlevel.AnyReader([self._path], default_typestore=known) as bag:
+                yield bag
+
+
+@contextmanager
+def _errors(path: Path) -> Iterator[None]:
+    """Turn whatever rosbags raises for a damaged bag into a TraceError; it has no common base class."""
+    try:
+        yield
+    except (TraceError, FileNotFoundError, PermissionError):
+        raise
+    except Exception as error:
+        reason = shortened(one_line(str(error)) or type(error).__name__)
+        raise TraceError(f"this is not a complete ROS bag: {reason}") from None
+
+
+def _head(store: Any, topic: str, kind: str, count: int) -> TopicHead:
+    """Return the fields of a topic that are numbers, from the definition of its messages."""
+    fields: list[str] = []
+    faults: dict[str, str] = {}
+
+    def visit(name: str, prefix: str, depth: int) -> None:
+        for field, (shape, content) in store.get_msgdef(name).fields:
+            path = f"{prefix}{field}"
+            if shape == _NAME and content not in _TIMES and depth < _DEEPEST:
+                visit(content, f"{path}.", depth + 1)
+            elif shape == _BASE:
+                if content[0] in _NUMBERS:
+                    fields.append(path)
+            elif shape in (_ARRAY, _SEQUENCE) and content[0][0] == _BASE and content[0][1][0] in _NUMBERS:
+                fields.append(path)
+
+    try:
+        visit(kind, "", 0)
+        header = store.get_msgdef(kind).fields[0] == ("header", (_NAME, "std_msgs/msg/Header"))
+    except KeyError:
+        faults[""] = f"has messages of the type {kind}, whose definition the bag lacks"
+        return TopicHead(topic, (), count, kind, False, faults=faults)
+    return TopicHead(topic, tuple(fields), count, kind, header)
+
+
+def _nanoseconds(stamp: Any) -> int:
+    return int(stamp.sec) * 10**9 + int(stamp.nanosec)
+
+
+def _column(values: Sequence[Any]) -> Column:
+    """Return (n,) numbers, or (n, k) where every message has a vector of the same length."""
+    if values and isinstance(values[0], np.ndarray):
+        lengths = {len(value) for value in values}
+        if len(lengths) > 1:
+            return Column.without(
+                f"has vectors of {min(lengths)} to {max(lengths)} numbers, not of one length"
+            )
+        return Column(np.stack(values))
+    return Column(np.array(values))

@@ -1,0 +1,102 @@
+"""Make a table of a log of topics: one row for each message of the clock."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from s2r_spec.errors import TraceError, one_of
+from s2r_spec.logs.table import Chooser, Column, Head, Table
+from s2r_spec.logs.times import TIME
+from s2r_spec.logs.topics.join import Joining, join
+from s2r_spec.logs.topics.topic import Stamps, Topic, TopicHead, TopicLog
+
+APART = 1.0
+"""A tolerance [s]: difference of the ages of two topics' stamps when they are recorded. Stamps that differ by more come
+from two clocks. Twice as much accepts clocks that are 2 s apart; no buffer on a robot holds a message for so long."""
+
+
+def load(open_log: Callable[[Path], TopicLog], path: Path, choose: Chooser, joining: Joining) -> Table:
+    """Read the chosen fields of a log, at the stamps of its clock.
+
+    Raises:
+        TraceError: the file is damaged, its topics have no time in common, or their stamps come from several clocks.
+    """
+    log = open_log(path)
+    heads: list[Head] = [Head(TIME)]
+    fields: list[tuple[TopicHead, str]] = []
+    for topic in log.heads:
+        for field in topic.fields:
+            heads.append(_head(topic, field))
+            fields.append((topic, field))
+    chosen = sorted(number for number in choose(tuple(heads)) if number)
+    wanted: dict[str, list[str]] = defaultdict(list)
+    for number in chosen:
+        topic, field = fields[number - 1]
+        wanted[topic.name].append(field)
+    topics = {topic.name: topic for topic in log.heads}
+    if joining.clock in topics:
+        wanted.setdefault(joining.clock, [])
+    if not wanted:
+        raise TraceError(f"none of its topics is read; they are {one_of(topics)}")
+    which, notes = _stamps([topics[name] for name in wanted], joining.stamps)
+    read = log.read(wanted, which)
+    _one_clock(read)
+    joined = join(read, joining)
+    columns: dict[int, Column] = {0: Column(joined.stamps)}
+    for number in chosen:
+        topic, field = fields[number - 1]
+        columns[number] = joined.columns[topic.name, field]
+
+    def place(sample: int, number: int) -> str:
+        return f"{heads[number].text} at sample {sample}"
+
+    return Table(tuple(heads), columns, {}, place, [*log.notes, *notes, *joined.notes])
+
+
+def _head(topic: TopicHead, field: str) -> Head:
+    """Return the head of a field; ``q[3]`` is a component of a vector."""
+    stem, bracket, rest = field.rpartition("[")
+    digits = rest.removesuffix("]")
+    if bracket and digits.isdecimal():
+        return Head(topic.path(stem), int(digits), topic.units.get(field))
+    return Head(topic.path(field), None, topic.units.get(field))
+
+
+def _stamps(topics: list[TopicHead], chosen: Stamps | None) -> tuple[Stamps, list[str]]:
+    """Return which stamps count, and a note where the log has both.
+
+    Raises:
+        TraceError: the stamps of the headers are wanted, and a topic has none.
+    """
+    without = [topic.name for topic in topics if not topic.header]
+    if chosen == "header" and without:
+        raise TraceError(
+            f"the messages of {one_of(without)} have no header with a stamp; use --stamps received"
+        )
+    if len(without) == len(topics):
+        return "received", []
+    if chosen is None and without:
+        return "received", [
+            f"the stamps are the times of receipt, because the messages of {one_of(without)} have no header"
+        ]
+    which: Stamps = chosen or "header"
+    return which, [
+        f"the stamps are {'those of the headers' if which == 'header' else 'the times of receipt'}"
+    ]
+
+
+def _one_clock(topics: Mapping[str, Topic]) -> None:
+    """Refuse stamps of several clocks, such as simulated time beside the date.
+
+    Raises:
+        TraceError: the ages of two topics' stamps differ by more than :data:`APART`.
+    """
+    ages = {name: topic.age for name, topic in topics.items() if topic.age is not None}
+    if ages and max(ages.values()) - min(ages.values()) > APART:
+        late, early = max(ages, key=ages.__getitem__), min(ages, key=ages.__getitem__)
+        raise TraceError(
+            f"the header stamps come from different clocks: those of {late} lie {ages[late]:.6g} s before their "
+            f"receipt, and those of {early} {ages[early]:.6g} s; use --stamps received"
+        )
