@@ -12,7 +12,7 @@ from rich.text import Text
 from s2r_spec.cli import terminal
 from s2r_spec.cli.common import CODES, COLOURS, answered, sentences, worst
 from s2r_spec.cli.online import Settings, follow
-from s2r_spec.cli.options import Columns, Nan, TimeUnit, missing
+from s2r_spec.cli.options import Clock, Columns, Duration, Join, Nan, Stamped, Start, TimeUnit, When, missing
 from s2r_spec.cli.reading import Recorded, Request, named, read
 from s2r_spec.json_values import line
 from s2r_spec.printable import lines, one_line
@@ -38,13 +38,20 @@ def monitor(
         typer.Option(
             "--param",
             "-p",
-            help="Value of a test parameter: vd=0.3 in its declared unit, or 'vd=30 cm/s'. May be repeated.",
+            help="Value of a test parameter: vd=0.3 in its declared unit, 'vd=30 cm/s', or from the log, "
+            "vd=/cmd_vel.linear.x@0, at a time after the start. May be repeated.",
             show_default="as the trace says",
         ),
     ] = None,
     columns: Columns = None,
     time_unit: TimeUnit = None,
     nan: Nan = None,
+    when: When = None,
+    start: Start = None,
+    duration: Duration = None,
+    join: Join = "hold",
+    clock: Clock = None,
+    stamps: Stamped = None,
     requirement: Annotated[
         list[str] | None,
         typer.Option(
@@ -85,15 +92,21 @@ def monitor(
         from s2r_spec.errors import UsageError
         from s2r_spec.json_objects.monitor import MonitorObject, UnreadTrace
         from s2r_spec.logs.mapping import read_map
+        from s2r_spec.logs.topics.join import Joining
         from s2r_spec.robustness.profiles import profile
+        from s2r_spec.rollouts.excerpts import Excerpts, read_sources
         from s2r_spec.spec import load_spec
 
         parsed = load_spec(spec)
-        values = parsed.read_params(params or [])
+        given, sources = read_sources(params or [])
+        values = parsed.read_params(given)
         chosen = tuple(requirement or parsed.requirements)
         for name in chosen:
             parsed.unit(name)  # report a wrong name before any file is read
-        request = Request(parsed, chosen, values, read_map(columns or []), time_unit, missing(nan))
+        excerpts = Excerpts(
+            read_map(columns or []), time_unit, Joining(clock, join, stamps), when, start, duration, sources
+        )
+        request = Request(parsed, chosen, values, excerpts, missing(nan))
         conventions = profile(like)
         if online:
             if like != "s2r":
@@ -106,7 +119,7 @@ def monitor(
         results: list[MonitoredTrace | UnreadTrace] = []
         for path in traces:
             try:
-                results.append(_evaluated(request, path, partial, like, conventions))
+                results += _evaluated(request, path, partial, like, conventions)
             except UsageError as error:
                 if len(traces) == 1:
                     raise
@@ -133,22 +146,27 @@ def monitor(
 
 def _evaluated(
     request: Request, path: Path, partial: bool, like: str, conventions: Profile
-) -> MonitoredTrace:
-    """Return the results of one file; an error names the file."""
+) -> list[MonitoredTrace]:
+    """Return the results of one file, one for each episode; an error names the file."""
     from s2r_spec.json_objects.monitor import MonitoredTrace
 
-    recorded = read(request, path)
-    with named(path):
-        return MonitoredTrace(
-            trace=str(path),
-            params=recorded.params,
-            from_trace=tuple(sorted(recorded.taken)),
-            notes=tuple(recorded.notes),
-            requirements=tuple(
+    results = []
+    for recorded in read(request, path):
+        with named(path):
+            requirements = tuple(
                 _evaluated_requirement(request, recorded, name, partial, like, conventions)
                 for name in request.requirements
-            ),
+            )
+        results.append(
+            MonitoredTrace(
+                trace=recorded.name,
+                params=recorded.params,
+                from_trace=tuple(sorted(recorded.taken)),
+                notes=tuple(recorded.notes),
+                requirements=requirements,
+            )
         )
+    return results
 
 
 def _evaluated_requirement(
@@ -166,7 +184,7 @@ def _evaluated_requirement(
 
     spec, trace, params, nan = request.spec, recorded.trace, recorded.params, request.nan
     # A user who states the unit of the times knows the sample period.
-    sparse = request.time_unit is not None
+    sparse = request.excerpts.time_unit is not None
     sampling = None
     lines: list[str] = []
     reason = None

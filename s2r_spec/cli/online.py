@@ -84,7 +84,7 @@ def _follow(request: Request, source: _Input, settings: Settings) -> int:
             period=period,
             ranges=settings.ranges,
             nan=request.nan,
-            sparse=request.time_unit is not None,
+            sparse=request.excerpts.time_unit is not None,
         )
         for name in request.requirements
     }
@@ -117,16 +117,22 @@ def _rows(request: Request) -> _Input:
 
     if hasattr(sys.stdin, "reconfigure"):
         sys.stdin.reconfigure(errors="replace")  # other columns may hold bytes that are not text
-    rows = rows_of(sys.stdin.readline, columns_to_read(request.columns, request.wanted, request.time_unit))
+    rows = rows_of(
+        sys.stdin.readline,
+        columns_to_read(request.excerpts.columns, request.wanted, request.excerpts.time_unit),
+    )
     params, _ = parameters(request, rows.meta, "the trace")
     return _Input(rows.units, rows.meta, rows.samples, None, params, rows.notes)
 
 
 def _file(request: Request, path: Path) -> _Input:
     """Read a recorded trace, and yield it sample by sample."""
+    from s2r_spec.errors import UsageError
     from s2r_spec.robustness.grid import Grid
 
-    recorded = read(request, path)
+    recorded, *more = read(request, path)
+    if more:
+        raise UsageError("--online follows one episode; cut one by --start and --duration")
     trace = recorded.trace
     grid = Grid.of(trace.times)
     samples = (

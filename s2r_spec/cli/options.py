@@ -92,6 +92,41 @@ Columns = Annotated[
 ]
 
 
+When = Annotated[
+    str | None,
+    typer.Option(
+        help="Condition on channels of a log, such as 'vx_cmd > 0.05'. An episode begins where it becomes true.",
+        show_default="the whole log is one trace",
+    ),
+]
+Start = Annotated[
+    float | None,
+    typer.Option(min=0, help="Time of a log before which no episode begins, in seconds.", show_default="0"),
+]
+Duration = Annotated[
+    float | None,
+    typer.Option(
+        min=0, help="Length of an episode in seconds.", show_default="as long as the requirement looks ahead"
+    ),
+]
+Join = Annotated[
+    Literal["hold", "linear"],
+    typer.Option(help="Values between the messages of a topic: hold the last one, or interpolate."),
+]
+Clock = Annotated[
+    str | None,
+    typer.Option(help="Topic whose stamps the trace has.", show_default="the one with the most messages"),
+]
+Stamped = Annotated[
+    Literal["header", "received"] | None,
+    typer.Option(
+        "--stamps",
+        help="Stamps of ROS messages: those in their headers, or the times of receipt.",
+        show_default="header if all topics have one, else received",
+    ),
+]
+
+
 READ = ("log:", "manual:")
 """Definition: prefixes of the backends that read logs."""
 

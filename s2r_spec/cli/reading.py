@@ -15,6 +15,7 @@ from s2r_spec.printable import one_line
 
 if TYPE_CHECKING:
     from s2r_spec.robustness.reading import Missing
+    from s2r_spec.rollouts.excerpts import Excerpts
     from s2r_spec.spec import Spec
     from s2r_spec.trace import Trace
 
@@ -27,16 +28,14 @@ class Request:
         spec: the specification.
         requirements: names of the requirements to evaluate.
         params: parameter → value from the command line, in the declared unit.
-        columns: signal or ``t`` → column of the files.
-        time_unit: unit of times that are plain numbers; None if not stated.
+        excerpts: how the files become traces.
         nan: "error" or "hold", for missing samples.
     """
 
     spec: Spec
     requirements: tuple[str, ...]
     params: dict[str, float]
-    columns: dict[str, str]
-    time_unit: str | None
+    excerpts: Excerpts
     nan: Missing
 
     @property
@@ -52,39 +51,45 @@ class Recorded:
     """A trace with the parameters of its test.
 
     Args:
+        name: the file, with the number of the episode if it was cut.
         trace: the trace.
         params: parameter of the spec → value: from the command line, else from the trace.
         taken: names of the parameters whose values come from the trace.
         notes: sentences on what was left out of the file, and on the date from which its times count.
     """
 
+    name: str
     trace: Trace
     params: dict[str, float]
     taken: frozenset[str]
     notes: tuple[str, ...]
 
 
-def read(request: Request, path: Path) -> Recorded:
-    """Return the trace of a file; print a note on stderr for each thing left out.
+def read(request: Request, path: Path) -> list[Recorded]:
+    """Return the traces of a file; print a note on stderr for each thing left out.
 
     Raises:
         TraceError: the file cannot be read; the message names it.
     """
-    from s2r_spec.logs import load
+    from s2r_spec.rollouts.excerpts import excerpt
 
-    found = load(path, request.columns, request.wanted, time_unit=request.time_unit)
+    horizon = max(request.spec.horizon(name) for name in request.requirements)
+    found = excerpt(path, request.spec, request.wanted, horizon, request.excerpts)
     notes = list(found.notes)
-    if found.begins:
-        notes.append(f"times count from the first sample, at {found.begins}")
+    if found.dated:
+        notes.append(f"times count from the first sample, at {found.dated}")
     for sentence in notes:
         note(f"{path}: {sentence}")
-    with named(path):
-        params, taken = parameters(request, found.trace.meta, str(path))
-    return Recorded(found.trace, params, taken, tuple(notes))
+    recorded = []
+    for episode in found.episodes:
+        with named(path):
+            params, taken = parameters(request, episode.trace.meta, episode.name, episode.params)
+        recorded.append(Recorded(episode.name, episode.trace, params, taken, tuple(notes)))
+    return recorded
 
 
 def parameters(
-    request: Request, meta: Mapping[str, Any], source: str
+    request: Request, meta: Mapping[str, Any], source: str, read: Mapping[str, float] | None = None
 ) -> tuple[dict[str, float], frozenset[str]]:
     """Return parameter → value, and the names of the parameters whose values come from the trace.
 
@@ -97,6 +102,7 @@ def parameters(
     if not isinstance(recorded, Mapping):
         raise TraceError('its meta "params" must map names of parameters to numbers')
     found = {name: _number(name, recorded[name]) for name in request.spec.params if name in recorded}
+    found |= read or {}
     for name, value in request.params.items():
         if name in found and not math.isclose(value, found[name], rel_tol=1e-9, abs_tol=1e-12):
             note(

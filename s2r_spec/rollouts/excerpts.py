@@ -12,7 +12,6 @@ import numpy as np
 from s2r_spec import logs
 from s2r_spec.errors import TraceError, UsageError
 from s2r_spec.logs.episodes import Cut, cut, part
-from s2r_spec.logs.interpret import Loaded
 from s2r_spec.logs.times import TIME
 from s2r_spec.logs.topics.join import Joining
 from s2r_spec.spec import Spec, parse_spec
@@ -32,6 +31,32 @@ class Source:
 
     column: str
     at: float
+
+
+def read_sources(texts: Iterable[str]) -> tuple[list[str], dict[str, Source]]:
+    """Return the texts that state a value, and parameter → source of those such as ``vd=/cmd_vel.linear.x@0``.
+
+    Raises:
+        UsageError: the text after the @ is not a time in seconds.
+    """
+    stated: list[str] = []
+    sources: dict[str, Source] = {}
+    for text in texts:
+        name, _, value = text.partition("=")
+        column, mark, at = value.rpartition("@")
+        if not mark:
+            stated.append(text)
+            continue
+        try:
+            seconds = float(at.strip().removesuffix("s"))
+        except ValueError:
+            seconds = math.nan
+        if not 0.0 <= seconds < math.inf:
+            raise UsageError(
+                f"{text}: {at!r} is not a time after the start in seconds; write {name}={column}@0"
+            )
+        sources[name.strip()] = Source(column.strip(), seconds)
+    return stated, sources
 
 
 @dataclass(frozen=True)

@@ -51,7 +51,8 @@ class ArrayLog:
 
     def __init__(self, arrays: Mapping[str, Array]) -> None:
         few(len(arrays))
-        self._arrays, self.notes = arrays, []
+        self._arrays = arrays
+        self.notes: tuple[str, ...] = ()
         folders: dict[str, list[str]] = defaultdict(list)
         for path in arrays:
             folders[path.rpartition(".")[0]].append(path)

@@ -38,8 +38,10 @@ def load(open_log: Callable[[Path], TopicLog], path: Path, choose: Chooser, join
     topics = {topic.name: topic for topic in log.heads}
     if joining.clock in topics:
         wanted.setdefault(joining.clock, [])
-    if not wanted:
-        raise TraceError(f"none of its topics is read; they are {one_of(topics)}")
+    if not topics:
+        raise TraceError("the file has no topics")
+    if not wanted:  # what is missing is said later; a trace has stamps
+        wanted[max(log.heads, key=lambda topic: topic.count).name] = []
     which, notes = _stamps([topics[name] for name in wanted], joining.stamps)
     read = log.read(wanted, which)
     _one_clock(read)

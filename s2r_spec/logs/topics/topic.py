@@ -87,15 +87,15 @@ class Topic:
 
 
 class TopicLog(Protocol):
-    """A parsed log.
+    """A parsed log."""
 
-    Attributes:
-        heads: the topics in the order of the file.
-        notes: sentences on messages that were left out.
-    """
+    @property
+    def heads(self) -> Sequence[TopicHead]:
+        """The topics in the order of the file."""
 
-    heads: Sequence[TopicHead]
-    notes: Sequence[str]
+    @property
+    def notes(self) -> Sequence[str]:
+        """Sentences on messages that were left out."""
 
     def read(self, wanted: Mapping[str, Sequence[str]], stamps: Stamps) -> dict[str, Topic]:
         """Read fields of topics, and nothing else.
