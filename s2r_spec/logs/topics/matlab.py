@@ -6,6 +6,7 @@ An object, such as a ``timeseries`` or a table, cannot be read: MATLAB stores it
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -46,7 +47,7 @@ def open_matlab(path: Path) -> ArrayLog:
         raise TraceError(f"this is not a complete MATLAB file: {reason}") from None
     variables = {name: value for name, value in content.items() if not name.startswith("__")}
     return ArrayLog(
-        {path: Array(found.shape, lambda found=found: found) for path, found in _arrays(variables, "")}
+        {path: Array(found.shape, partial(np.asarray, found)) for path, found in _arrays(variables, "")}
     )
 
 
