@@ -49,7 +49,7 @@ def monitor(
     when: When = None,
     start: Start = None,
     duration: Duration = None,
-    join: Join = "hold",
+    join: Join = None,
     clock: Clock = None,
     stamps: Stamped = None,
     requirement: Annotated[
@@ -103,9 +103,9 @@ def monitor(
         chosen = tuple(requirement or parsed.requirements)
         for name in chosen:
             parsed.unit(name)  # report a wrong name before any file is read
-        excerpts = Excerpts(
-            read_map(columns or []), time_unit, Joining(clock, join, stamps), when, start, duration, sources
-        )
+        chooses = any(option is not None for option in (clock, join, stamps))
+        joining = Joining(clock, join or "hold", stamps) if chooses else None
+        excerpts = Excerpts(read_map(columns or []), time_unit, joining, when, start, duration, sources)
         request = Request(parsed, chosen, values, excerpts, missing(nan))
         conventions = profile(like)
         if online:

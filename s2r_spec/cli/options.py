@@ -110,8 +110,12 @@ Duration = Annotated[
     ),
 ]
 Join = Annotated[
-    Literal["hold", "linear"],
-    typer.Option(help="Values between the messages of a topic: hold the last one, or interpolate."),
+    Literal["hold", "linear"] | None,
+    typer.Option(
+        help="Values between the messages of a topic: hold the last one, or interpolate. For a table with empty cells, "
+        "each column is a topic.",
+        show_default="hold for a log of topics",
+    ),
 ]
 Clock = Annotated[
     str | None,

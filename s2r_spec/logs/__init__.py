@@ -17,8 +17,9 @@ from s2r_spec.logs import csv_format, npz_format, parquet_format
 from s2r_spec.logs.interpret import Loaded, build_trace, request
 from s2r_spec.logs.mapping import Plan, plan_columns
 from s2r_spec.logs.table import Chooser, Head, Table
-from s2r_spec.logs.topics import formats, table
+from s2r_spec.logs.topics import formats, sparse, table
 from s2r_spec.logs.topics.join import Joining
+from s2r_spec.logs.topics.topic import TopicLog
 from s2r_spec.trace import Trace
 
 _PARSERS: dict[str, Callable[[Path, Chooser], Table]] = {
@@ -80,14 +81,16 @@ def load(
         wanted: see :func:`read`.
         time_unit: see :func:`read`.
         gather: if all columns are read, whether to make vectors of numbered columns (``q_0``, ``q_1``).
-        joining: how the topics of a log come to common stamps; None for the defaults.
+        joining: how topics come to common stamps; None for the defaults of a log of topics, and for a table whose
+            rows have all channels.
 
     Raises:
         TraceError: see :func:`read`.
         UsageError: see :func:`read`.
     """
     path = Path(path)
-    parser = _parser(path, joining)
+    open_log = formats.opener(path)
+    parser = _PARSERS[_ending(path)] if open_log is None else _of_topics(open_log, joining or Joining())
     requested = request(columns, wanted, time_unit, gather)
     plans: list[Plan] = []
 
@@ -96,8 +99,8 @@ def load(
         return plans[-1].needed
 
     try:
-        table = parser(path, choose)
-        return build_trace(table, plans[-1], requested)
+        loaded = build_trace(parser(path, choose), plans[-1], requested)
+        return sparse.joined(loaded, joining) if joining and open_log is None else loaded
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
         raise TraceError(f"cannot read {path}: {getattr(error, 'strerror', None) or error}") from None
     except TraceError as error:
@@ -122,11 +125,8 @@ def write(trace: Trace, path: str | Path) -> None:
         raise TraceError(f"{path}: {error}") from None
 
 
-def _parser(path: Path, joining: Joining | None) -> Callable[[Path, Chooser], Table]:
-    open_log = formats.opener(path)
-    if open_log is None:
-        return _PARSERS[_ending(path)]
-    return lambda path, choose: table.load(open_log, path, choose, joining or Joining())
+def _of_topics(open_log: Callable[[Path], TopicLog], joining: Joining) -> Callable[[Path, Chooser], Table]:
+    return lambda path, choose: table.load(open_log, path, choose, joining)
 
 
 def _ending(path: Path) -> str:

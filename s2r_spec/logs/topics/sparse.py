@@ -1,0 +1,40 @@
+"""A table whose rows belong to several topics, with empty cells where a row has no value, as PlotJuggler writes it.
+
+Each channel is a topic: its messages are the rows in which it has a value.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from s2r_spec.errors import UsageError
+from s2r_spec.logs.interpret import Loaded
+from s2r_spec.logs.table import Column
+from s2r_spec.logs.topics.join import Joining, join
+from s2r_spec.logs.topics.topic import Topic
+from s2r_spec.trace import Trace
+
+
+def joined(loaded: Loaded, joining: Joining) -> Loaded:
+    """Return a trace with a value of every channel at the rows of the clock, which is one of the channels.
+
+    Raises:
+        TraceError: a channel has no value, or the clock is not a channel.
+        UsageError: other stamps are wanted than the table has.
+    """
+    if joining.stamps is not None:
+        raise UsageError("--stamps is for messages with headers; a table has one column of times")
+    trace = loaded.trace
+    topics: dict[str, Topic] = {}
+    for name, values in trace.channels.items():
+        present = ~np.isnan(values.reshape(len(trace), -1)).any(axis=1)
+        topics[name] = Topic(name, trace.times[present], {name: Column(values[present])})
+    found = join(topics, joining)
+    channels = {name: found.columns[name, name].values for name in topics}
+    return replace(
+        loaded,
+        trace=Trace(found.stamps, channels, trace.units, trace.meta),
+        notes=(*loaded.notes, *found.notes),
+    )
