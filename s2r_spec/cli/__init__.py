@@ -23,6 +23,7 @@ from s2r_spec.cli import (
     fmt,
     gap,
     lint,
+    log,
     monitor,
     odds,
     plan,
@@ -68,6 +69,7 @@ app.command(epilog=_epilog("backends sim"))(backends.backends)
 app.command(epilog=_epilog("monitor specs/a1_velocity.stl specs/traces/a1_velocity_fails.csv", codes=True))(
     monitor.monitor
 )
+app.command(epilog=_epilog("log night.mcap"))(log.log)
 app.command(epilog=_epilog("fmt --check specs/a1_velocity.stl"))(fmt.fmt)
 app.command(epilog=_epilog("lint specs/a1_velocity.stl"))(lint.lint)
 app.command(epilog=_epilog("docs how-to/runs"))(docs.docs)

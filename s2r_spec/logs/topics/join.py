@@ -89,7 +89,7 @@ def join(topics: Mapping[str, Topic], joining: Joining) -> Joined:
     for name, topic in ordered.items():
         at = np.searchsorted(topic.stamps, grid, side="right") - 1
         if name != clock and joining.rule == "hold":
-            longest = float(_seconds(grid - topic.stamps[at]).max())
+            longest = float(seconds(grid - topic.stamps[at]).max())
             held.append(f"{_named(name)} is held, for at most {longest:.3g} s")
         elif name != clock:
             held.append(f"{_named(name)} is interpolated")
@@ -129,14 +129,14 @@ def _between(column: Column, own: NDArray[Any], grid: NDArray[Any], at: NDArray[
     if column.values.dtype.kind not in "iuf" or column.missing is not None:
         return Column.without("holds no numbers that could be interpolated; join it by hold")
     after = np.minimum(at + 1, len(own) - 1)
-    width = _seconds(own[after] - own[at])
-    part = np.divide(_seconds(grid - own[at]), width, out=np.zeros(len(grid)), where=width > 0)
+    width = seconds(own[after] - own[at])
+    part = np.divide(seconds(grid - own[at]), width, out=np.zeros(len(grid)), where=width > 0)
     part = part.reshape(-1, *(1,) * (column.values.ndim - 1))
     values = column.values.astype(np.float64)
     return Column((1.0 - part) * values[at] + part * values[after])
 
 
-def _seconds(durations: NDArray[Any]) -> FloatArray:
+def seconds(durations: NDArray[Any]) -> FloatArray:
     """Return differences of stamps in seconds."""
     if durations.dtype.kind == "m":
         return stamps.counted(durations.view(np.int64), NANOSECOND)
@@ -150,12 +150,12 @@ def _named(topic: str) -> str:
 def _ranges(topics: Mapping[str, Topic]) -> str:
     """Return the first and last stamp of each topic, as text."""
     return ", ".join(
-        f"{_named(name)} from {_stamp(topic.stamps[0])} to {_stamp(topic.stamps[-1])}"
+        f"{_named(name)} from {stamp_text(topic.stamps[0])} to {stamp_text(topic.stamps[-1])}"
         for name, topic in topics.items()
     )
 
 
-def _stamp(stamp: Any) -> str:
+def stamp_text(stamp: Any) -> str:
     if isinstance(stamp, np.datetime64):
         return text(stamp)
-    return f"{float(_seconds(np.array([stamp]))[0]):.9g} s"
+    return f"{float(seconds(np.array([stamp]))[0]):.9g} s"

@@ -79,7 +79,8 @@ class RosBag:
         values: dict[str, list[list[Any]]] = {name: [[] for _ in fields] for name, fields in wanted.items()}
         ages: dict[str, list[int]] = {name: [] for name in wanted}
         header = attrgetter(_HEADER)
-        for topic, received, message in self._messages(set(wanted)):
+        decode = {name for name, fields in wanted.items() if fields or stamps == "header"}
+        for topic, received, message in self._messages(set(wanted), decode):
             stamp = _nanoseconds(header(message)) if stamps == "header" else received
             times[topic].append(stamp)
             ages[topic].append(received - stamp)
@@ -95,14 +96,15 @@ class RosBag:
             for name in wanted
         }
 
-    def _messages(self, topics: set[str]) -> Iterator[tuple[str, int, Any]]:
-        """Yield (topic, time of receipt [ns], message) of some topics, in the order of receipt."""
+    def _messages(self, topics: set[str], decode: set[str]) -> Iterator[tuple[str, int, Any]]:
+        """Yield (topic, time of receipt [ns], message) of some topics, decoded for some of these."""
         with self._open() as bag:
             connections = [one for one in bag.connections if one.topic in topics]
             if not connections:
                 return
             for connection, received, raw in bag.messages(connections=connections):
-                yield connection.topic, received, bag.deserialize(raw, connection.msgtype)
+                decoded = bag.deserialize(raw, connection.msgtype) if connection.topic in decode else None
+                yield connection.topic, received, decoded
 
     @contextmanager
     def _open(self) -> Iterator[Any]:

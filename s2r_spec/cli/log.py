@@ -1,0 +1,57 @@
+"""``s2r log``: the topics of a log, with rates, gaps and units."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from s2r_spec.cli.common import note, sentences
+from s2r_spec.cli.options import AsJson
+from s2r_spec.cli.terminal import say
+from s2r_spec.json_values import line
+
+if TYPE_CHECKING:
+    from s2r_spec.logs.summary import TopicSummary
+
+
+def log(
+    file: Annotated[
+        Path,
+        typer.Argument(
+            help="A log: ROS bag (a file, or the folder of a ROS 2 bag), MCAP, ULog, HDF5, .mat, CSV, Parquet or NPZ.",
+            show_default=False,
+        ),
+    ],
+    as_json: AsJson = False,
+) -> None:
+    """List the topics of a log, with their fields, rates, gaps and units."""
+    with sentences(as_json):
+        from s2r_spec.json_objects.log import LogObject
+        from s2r_spec.logs.summary import summary
+
+        found = summary(file)
+        if as_json:
+            print(line(LogObject(log=str(file), topics=found.topics, notes=found.notes)))
+            return
+        for sentence in found.notes:
+            note(f"{file}: {sentence}")
+        for topic in found.topics:
+            for text in _lines(topic):
+                say(text)
+
+
+def _lines(topic: TopicSummary) -> list[str]:
+    kind = f" ({topic.kind})" if topic.kind else ""
+    head = f"{topic.name or 'table'}{kind}: {topic.messages} {'messages' if topic.name else 'rows'}"
+    if topic.messages:
+        head += f" from {topic.begins}"
+    if topic.period is not None:
+        head += f", {topic.span:.6g} s, every {topic.period:.4g} s, longest gap {topic.gap:.4g} s"
+    lines = [head]
+    for field in topic.fields:
+        unit = f" [{field.unit}]" if field.unit else ""
+        missing = f", {field.missing} missing" if field.missing else ""
+        lines.append(f"  {field.name}{unit}{missing}")
+    return [*lines, *(f"  left out: {sentence}" for sentence in topic.left_out)]
