@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from s2r_spec.cli.common import note, sentences
-from s2r_spec.cli.options import AsJson
+from s2r_spec.cli.options import AsJson, Columns, TimeUnit
 from s2r_spec.cli.terminal import say
 from s2r_spec.json_values import line
 
@@ -24,14 +24,17 @@ def log(
             show_default=False,
         ),
     ],
+    columns: Columns = None,
+    time_unit: TimeUnit = None,
     as_json: AsJson = False,
 ) -> None:
     """List the topics of a log, with their fields, rates, gaps and units."""
     with sentences(as_json):
         from s2r_spec.json_objects.log import LogObject
+        from s2r_spec.logs.mapping import read_map
         from s2r_spec.logs.summary import summary
 
-        found = summary(file)
+        found = summary(file, read_map(columns or []), time_unit)
         if as_json:
             print(line(LogObject(log=str(file), topics=found.topics, notes=found.notes)))
             return

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -66,15 +66,20 @@ class LogSummary:
     notes: tuple[str, ...]
 
 
-def summary(path: Path) -> LogSummary:
+def summary(path: Path, columns: Mapping[str, str] | None = None, time_unit: str | None = None) -> LogSummary:
     """Return what a log holds.
+
+    Args:
+        path: the file, or the folder of a ROS 2 bag.
+        columns: "t" → the column of the times of a table, if it has another name.
+        time_unit: unit of a table's times that are plain numbers; None if not stated.
 
     Raises:
         TraceError: the file cannot be read; the message names it.
     """
     open_log = formats.opener(path)
     if open_log is None:
-        return _table(path)
+        return _table(path, columns, time_unit)
     try:
         log = open_log(path)
         topics = log.read({topic.name: () for topic in log.heads}, "received")
@@ -97,8 +102,8 @@ def summary(path: Path) -> LogSummary:
     )
 
 
-def _table(path: Path) -> LogSummary:
-    loaded = logs.load(path)
+def _table(path: Path, columns: Mapping[str, str] | None, time_unit: str | None) -> LogSummary:
+    loaded = logs.load(path, columns, time_unit=time_unit)
     trace = loaded.trace
     fields = [
         FieldSummary(
