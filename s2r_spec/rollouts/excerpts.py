@@ -95,7 +95,7 @@ class Episode:
         name: the file, with the number of the episode if there can be several.
         trace: the trace, with times from 0 on if it was cut.
         params: test parameter → value from the log, in the declared unit.
-        begins: time of its start in the log [s]; None if nothing was cut.
+        begins: time of its start from the log's first sample [s]; None if nothing was cut.
     """
 
     name: str
@@ -157,7 +157,14 @@ def excerpt(
     if not found.spans:
         raise TraceError(f"{path}: no complete episode: {'; '.join(notes) or 'the log is too short'}")
     episodes = tuple(
-        _episode(f"{path}#{number}", part(trace, *span), wanted, spec, excerpts, float(trace.times[span[0]]))
+        _episode(
+            f"{path}#{number}",
+            part(trace, *span),
+            wanted,
+            spec,
+            excerpts,
+            float(trace.times[span[0]] - trace.times[0]),
+        )
         for number, span in enumerate(found.spans, 1)
     )
     return Excerpt(episodes, (*loaded.notes, *notes), loaded.begins)

@@ -30,7 +30,8 @@ class ULog:
         regular(path)
         pyulog = library("pyulog", "ULog files", "logs")
         try:
-            log = pyulog.ULog(str(path))
+            with path.open("rb") as stream:
+                log = pyulog.ULog(stream)
         except OSError:
             raise
         except Exception as error:  # pyulog lets errors of numpy, struct and of its own through

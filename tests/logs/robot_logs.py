@@ -1,0 +1,144 @@
+"""One drive of a robot, written in every format that robots write: 50 Hz velocity, 20 Hz command, which steps at 3.2 s.
+
+The velocity is vx = 0.3 (1 − exp(−(t − 3.2)/0.1)) m/s after the step. Stamps of bags are dates in nanoseconds.
+"""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+
+import numpy as np
+
+EPOCH = 1_790_000_000 * 10**9
+STEP = 3.2
+VX_NS = np.arange(400) * 20_000_000
+CMD_NS = np.arange(160) * 50_000_000
+VX = np.where(VX_NS < STEP * 1e9, 0.0, 0.3 * (1.0 - np.exp(-(VX_NS * 1e-9 - STEP) / 0.1)))
+CMD = np.where(CMD_NS < STEP * 1e9, 0.0, 0.3)
+
+SPEC = """\
+signal vx {m/s}
+param vd {m/s} in [0, 0.5]
+require reaches: always[0.5 s, 1.5 s] (abs(vx - vd) <= 0.05 {m/s})
+"""
+RHO = 0.05 - 0.3 * float(np.exp(-0.5 / 0.1))
+"""ρ of ``reaches`` from the step on [m/s]: the greatest distance is at the window's begin."""
+
+
+def _messages(store, header_shift: int, received_shift: int):
+    """Return [(received [ns], topic, message)] in the order of receipt; shifts of stamps and of receipts [ns]."""
+    types = store.types
+    vector = types["geometry_msgs/msg/Vector3"]
+
+    def twist(x):
+        return types["geometry_msgs/msg/Twist"](
+            linear=vector(x=x, y=0.0, z=0.0), angular=vector(x=0.0, y=0.0, z=0.0)
+        )
+
+    def header(stamp, number):
+        time = types["builtin_interfaces/msg/Time"](sec=int(stamp // 10**9), nanosec=int(stamp % 10**9))
+        kind = types["std_msgs/msg/Header"]
+        more = {"seq": number} if "seq" in kind.__dataclass_fields__ else {}
+        return kind(stamp=time, frame_id="base", **more)
+
+    rows = []
+    stamped = types["geometry_msgs/msg/TwistStamped"]
+    for number, (at, value) in enumerate(zip(VX_NS.tolist(), VX.tolist(), strict=True)):
+        message = stamped(header=header(EPOCH + at + header_shift, number), twist=twist(value))
+        rows.append((EPOCH + at + received_shift, "/odom", message))
+    for at, value in zip(CMD_NS.tolist(), CMD.tolist(), strict=True):
+        rows.append((EPOCH + at, "/cmd_vel", twist(value)))
+    return sorted(rows, key=lambda row: row[0])
+
+
+TOPICS = {"/odom": "geometry_msgs/msg/TwistStamped", "/cmd_vel": "geometry_msgs/msg/Twist"}
+
+
+def ros2(folder: Path, plugin: str, header_shift: int = 0, received_shift: int = 0) -> Path:
+    """Write a ROS 2 bag, by sqlite3 or MCAP."""
+    from rosbags.rosbag2 import Writer
+    from rosbags.rosbag2.enums import StoragePlugin
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    with Writer(folder, version=9, storage_plugin=StoragePlugin[plugin]) as writer:
+        connections = {
+            name: writer.add_connection(name, kind, typestore=store) for name, kind in TOPICS.items()
+        }
+        for received, topic, message in _messages(store, header_shift, received_shift):
+            writer.write(connections[topic], received, store.serialize_cdr(message, TOPICS[topic]))
+    return folder
+
+
+def ros1(file: Path) -> Path:
+    """Write a ROS 1 bag."""
+    from rosbags.rosbag1 import Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS1_NOETIC)
+    with Writer(file) as writer:
+        connections = {
+            name: writer.add_connection(name, kind, typestore=store) for name, kind in TOPICS.items()
+        }
+        for received, topic, message in _messages(store, 0, 0):
+            writer.write(connections[topic], received, store.serialize_ros1(message, TOPICS[topic]))
+    return file
+
+
+def matlab(file: Path) -> Path:
+    """Write two structures with times."""
+    from scipy.io import savemat
+
+    savemat(
+        file,
+        {"odom": {"t": VX_NS * 1e-9, "vx": VX[:, None]}, "cmd": {"time": CMD_NS[:, None] * 1e-9, "vx": CMD}},
+    )
+    return file
+
+
+def hdf5(file: Path) -> Path:
+    """Write two groups with times."""
+    import h5py
+
+    with h5py.File(file, "w") as stream:
+        stream["odom/timestamp"] = EPOCH + VX_NS
+        stream["odom/timestamp"].attrs["units"] = "ns"
+        stream["odom/vx"] = VX
+        stream["odom/vx"].attrs["units"] = "m/s"
+        stream["cmd/t"] = EPOCH + CMD_NS
+        stream["cmd/t"].attrs["units"] = "ns"
+        stream["cmd/vx"] = CMD
+    return file
+
+
+def ulog(file: Path) -> Path:
+    """Write a PX4 log, byte for byte as its documentation says (https://docs.px4.io/main/en/dev_log/ulog_file_format)."""
+
+    def message(kind: bytes, data: bytes) -> bytes:
+        return struct.pack("<HB", len(data), ord(kind)) + data
+
+    written = b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 0)
+    written += message(b"B", bytes(40))
+    written += message(b"F", b"odom:uint64_t timestamp;double vx;")
+    written += message(b"F", b"cmd:uint64_t timestamp;double vx;")
+    written += message(b"A", struct.pack("<BH", 0, 0) + b"odom") + message(
+        b"A", struct.pack("<BH", 0, 1) + b"cmd"
+    )
+    rows = [(at, 0, value) for at, value in zip(VX_NS, VX, strict=True)]
+    rows += [(at, 1, value) for at, value in zip(CMD_NS, CMD, strict=True)]
+    for at, number, value in sorted(rows):
+        written += message(b"D", struct.pack("<HQd", number, 7_000_000 + int(at) // 1000, value))
+    file.write_bytes(written)
+    return file
+
+
+def plotjuggler(file: Path) -> Path:
+    """Write a table with one row for each stamp, with empty cells, as PlotJuggler exports it."""
+    cells: dict[int, list[str]] = {}
+    for place, (stamps, values) in enumerate(((VX_NS, VX), (CMD_NS, CMD))):
+        for at, value in zip(stamps.tolist(), values.tolist(), strict=True):
+            cells.setdefault(at, ["", ""])[place] = repr(value)
+    rows = [f"{(EPOCH + at) / 1e9:.6f},{','.join(row)}" for at, row in sorted(cells.items())]
+    file.write_text("\n".join(["__time,/odom/vx,/cmd/vx", *rows, ""]))
+    return file
