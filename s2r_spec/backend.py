@@ -114,7 +114,7 @@ def read_test(name: str, parameters: Iterable[Parameter], params: Mapping[str, f
         params: parameters of the test.
 
     Raises:
-        UsageError: a parameter is not declared, is no number, or is outside its range.
+        UsageError: a parameter is not declared, is not a number, or is outside its range.
     """
     parameters = tuple(parameters)
     refuse_unknown(name, parameters, params)

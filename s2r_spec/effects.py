@@ -83,7 +83,7 @@ def read_word(word: str) -> Values | None:
     """Return the values that ``coulomb.force=20`` sets; None for a word without an effect (``reference=a.mat``).
 
     Raises:
-        UsageError: the text after the equals sign is no number.
+        UsageError: the text after the equals sign is not a number.
     """
     name, _, text = word.partition("=")
     effect, dot, parameter = name.partition(".")

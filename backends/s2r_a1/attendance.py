@@ -107,7 +107,7 @@ class Attendance:
         where = f"{self._name} at {reached.host}:{reached.port}"
         self._operator.say(effort.sentence(where))
         if reached.is_twin:
-            self._operator.say("It is a twin, a simulation behind the robot's wire, and no robot.")
+            self._operator.say("It is a twin, not a robot: a simulation behind the robot's wire.")
         if self.unattended:
             self._operator.say("operator=auto: s2r connects, arms and walks it without questions.")
         guard, status = start(backend.robot)
@@ -116,7 +116,7 @@ class Attendance:
         if others:
             guard.close()
             raise BackendError(
-                f"another run uses {where} (process {others[0]}); wait for its end, or end it with Ctrl-C"
+                f"another run uses {where} (process {others[0]}); wait until it ends, or end it with Ctrl-C"
             )
         self._guard = guard
         self._make_ready(consent=True)
@@ -212,7 +212,7 @@ class Attendance:
             state = self._state()
         if state == "OFF":
             self._consent(
-                f"Let {self._name} hang or lie, and end the factory's own controller by L2+B on the remote, so that "
+                f"Let {self._name} hang or lie, and end the factory's own controller with L2+B on the remote, so that "
                 "its legs are limp. s2r has sent nothing yet; connecting sends packets without gains or torque.",
                 WORD_CONNECT,
             )
@@ -227,7 +227,7 @@ class Attendance:
             self._guard.request("arm")
         elif consent:
             self._consent(
-                f"{self._name.capitalize()} is still armed, by an earlier run: it may move.", WORD_ARM
+                f"{self._name.capitalize()} is still armed from an earlier run: it may move.", WORD_ARM
             )
 
     def _rest_if_due(self) -> None:
@@ -238,8 +238,8 @@ class Attendance:
         why = f"a motor is at {self._warmest():.0f} °C" if warm else f"{self._since_rest} tests are done"
         while True:
             answer = self._ask(
-                f"A rest is due: {why}. {self._name.capitalize()} lies; let it cool, and change the battery "
-                "if it needs it.",
+                f"A rest is due: {why}. {self._name.capitalize()} is lying; let it cool, and change the "
+                "battery if necessary.",
                 {"": "the rest is over", "s": "skip the rest"},
             )
             if answer == "s" or not warm or self._warmest() < COOL:
@@ -270,7 +270,7 @@ class Attendance:
         while status["state"] in (*MOVING, "LYING_DOWN"):
             if status["rounds"] > last:
                 raise BackendError(
-                    f"{self._name} is still in the state {status['state']} after {LYING:g} s; damp it by: "
+                    f"{self._name} is still in the state {status['state']} after {LYING:g} s; damp it with: "
                     f"python -m s2r_a1.guard damp --host {self._backend.reached.host} "
                     f"--port {self._backend.reached.port}"
                 )

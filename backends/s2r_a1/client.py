@@ -59,8 +59,8 @@ class Client:
         attached = attach(robot, "client", port=self._socket.port)
         if attached is None:
             raise BackendError(
-                f"no guard of the robot at {robot.host}:{robot.port} is running; start it by s2r certify, gap or check "
-                "in a terminal"
+                f"no guard of the robot at {robot.host}:{robot.port} is running; start it with s2r certify, gap or "
+                "check in a terminal"
             )
         self._control, hello = attached
         if hello["tick_unit"] is None:

@@ -227,8 +227,8 @@ def velocity(poses: Poses, placing: Placing, gyro: Gyro, times: FloatArray) -> V
     speed = float(np.hypot(seen.forward, seen.left).max())
     if speed > FASTEST:
         raise MocapError(
-            f"by motion capture the robot moves at {speed:.3g} m/s, too fast for an A1: check that it sends metres and "
-            "tracks one body only"
+            f"according to motion capture the robot moves at {speed:.3g} m/s, too fast for an A1: check that it sends "
+            "metres and tracks one body only"
         )
     return seen
 
@@ -316,7 +316,7 @@ def _turned(attitude: FloatArray, own: FloatArray, gyro: Gyro, heading: float) -
     turned = float(np.degrees(np.angle(product)))
     if abs(turned) > TURNED:
         raise MocapError(
-            f"by the gyroscope the tracked body points {turned:.0f}° to the left of heading={heading:g}: "
+            f"according to the gyroscope the tracked body points {turned:.0f}° to the left of heading={heading:g}: "
             f"write heading={(heading + turned + 180.0) % 360.0 - 180.0:.0f} if it is mounted so"
         )
     return turned

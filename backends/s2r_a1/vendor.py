@@ -237,7 +237,7 @@ def opened(
         )
     if hasattr(getattr(module, "LowState", None), "bms") != (layout is GO1):  # the battery is the Go1's
         raise LinkError(
-            f"the fields of the module {name!r} are not those of the {layout.name}; "
+            f"the fields of the module {name!r} do not fit the {layout.name}; "
             "name the module of this robot, or leave it out"
         )
     try:

@@ -398,4 +398,4 @@ def _check(data: bytes, layout: Layout, kind: np.dtype[Any]) -> None:
     if data[-4:] != checksum(data).to_bytes(4, "little"):
         raise WireError("crc", f"the checksum of a packet of the {layout.name} is wrong")
     if not data.startswith(layout.head):
-        raise WireError("level", f"a packet is not of the low level of the {layout.name}")
+        raise WireError("level", f"a packet is not a low-level packet of the {layout.name}")

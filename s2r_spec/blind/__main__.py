@@ -22,7 +22,7 @@ app = typer.Typer(
 )
 
 Public = Annotated[
-    Path, typer.Argument(help="Folder with one folder of rollouts a case.", show_default=False)
+    Path, typer.Argument(help="Folder with one folder of rollouts for each case.", show_default=False)
 ]
 Keys = Annotated[Path, typer.Option(help="Folder for labels and salts; keep it away from the diagnosis.")]
 Answers = Annotated[Path, typer.Option(help="Folder of the answers.")]
@@ -30,7 +30,9 @@ Answers = Annotated[Path, typer.Option(help="Folder of the answers.")]
 
 @app.command()
 def seal(
-    public: Public, labels: Annotated[Path, typer.Option(help="Folder with <id>.json a case.")], keys: Keys
+    public: Public,
+    labels: Annotated[Path, typer.Option(help="Folder with one <id>.json for each case.")],
+    keys: Keys,
 ) -> None:
     """Commit to every label with a salted hash beside its data, and take the label away."""
     with sentences():

@@ -85,13 +85,13 @@ def _begun(answers: Path, simulator: str) -> str:
     if not note.exists():
         if any(answers.glob("*.json")):
             raise UsageError(
-                f"{answers} holds answers, and no {BEGUN} says what code gave them; use another folder"
+                f"{answers} holds answers, but no {BEGUN} with the hash of their code; use another folder"
             )
         save(note, code + "\n")
     elif note.read_text().strip() != code:
         raise UsageError(
-            f"the answers in {answers} are of another s2r than this one ({note}); go on with that, or begin again in "
-            f"another folder"
+            f"the answers in {answers} come from another version of the code ({note}); continue with that version, "
+            f"or begin again in another folder"
         )
     return code
 
@@ -105,7 +105,7 @@ def check(public: Path, answers: Path) -> dict[str, Any]:
     manifest = read_json(answers / MANIFEST)
     ids = cases(public)
     if sorted(manifest["answers"]) != ids:
-        raise UsageError(f"{public} holds other cases than were frozen in {answers / MANIFEST}")
+        raise UsageError(f"{public} does not hold the cases that were frozen in {answers / MANIFEST}")
     for name in ids:
         if _digest(answers / f"{name}.json") != manifest["answers"][name]:
             raise UsageError(f"{answers / name}.json is not the answer that was frozen")

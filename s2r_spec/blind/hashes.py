@@ -33,7 +33,7 @@ def read_json(path: Path) -> dict[str, Any]:
     """Read one JSON object.
 
     Raises:
-        UsageError: the file is missing or is none.
+        UsageError: the file is missing, or is not a JSON object.
     """
     try:
         found = json.loads(path.read_text(encoding="utf-8"))

@@ -284,7 +284,7 @@ def _shows(label: Mapping[str, Any], answer: Mapping[str, Any]) -> bool:
 
 
 def _inside(label: Mapping[str, Any], answer: Mapping[str, Any]) -> float | None:
-    """Return the part of what Δρ of the worst test is put down to that lies in the true window; None without one."""
+    """Return the share of Δρ of the worst test that lies in the true window; None if there is no window."""
     window, where = (label.get("where") or {}).get("window"), answer.get("where")
     if window is None or not where or not where.get("trace"):
         return None

@@ -41,14 +41,14 @@ def seal(public: Path, labels: Path, keys: Path) -> int:
     if ids != named:
         odd = sorted(set(ids) ^ set(named))[0]
         raise UsageError(
-            f"{odd!r} has a {'label but no data' if odd in named else 'folder but no label'}; seal whole sets"
+            f"{odd!r} has a {'label but no data' if odd in named else 'folder but no label'}; seal a complete set"
         )
     for name in ids:
         if (public / f"{name}.commit").exists():
             raise UsageError(f"{public / name}.commit exists: the set is sealed already")
         if (keys / f"{name}.json").exists():
             raise UsageError(
-                f"{keys / name}.json is the label of another set; give this one a folder of its own"
+                f"{keys / name}.json is the label of another set; use another folder for this set"
             )
     keys.mkdir(parents=True, exist_ok=True)
     for name in ids:

@@ -21,7 +21,7 @@ def unseal(public: Path, keys: Path, answers: Path) -> dict[str, Any]:
     """
     opened = answers / OPENED
     if opened.exists():
-        raise UsageError(f"{opened} exists: this set was opened before; one opening a set")
+        raise UsageError(f"{opened} exists: this set was opened before; a set can be opened only once")
     manifest = check(public, answers)
     labels = {}
     for name, commitment in manifest["commitments"].items():

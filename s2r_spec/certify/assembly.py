@@ -67,7 +67,7 @@ def _assumptions(state: State) -> tuple[str, ...]:
         f"and none was left out because of its value",
     )
     inside = (
-        f"the kernel is longer than the range of {names}: between tests the kernel speaks, "
+        f"the lengthscale is longer than the range of {names}: between tests the bound rests on the kernel, "
         f"and every eighth of the range was tested",
     )
     return (

@@ -104,5 +104,5 @@ def _design(search: Search, spec: Spec, requirement: str, scorer: Scorer) -> Des
         search.refuse_hopeless()
         return None
     if search.budget is not None:
-        raise UsageError(f"a budget does not apply to {scorer.name}: it has the recordings that it has")
+        raise UsageError(f"a budget does not apply to {scorer.name}: s2r uses all of its recordings")
     return fixed_design(spec, requirement, scorer.backend, scorer.backend.recordings)

@@ -152,8 +152,8 @@ def of_recordings(result: CheckResult, notes: Sequence[str], search: Search) -> 
     if certificate.label is Label.BUDGET:
         where = ", ".join(f"{name} = {value:.4g}" for name, value in search.suggestion.items())
         reason += (
-            f"; the recorded tests certify no more than an interval {at_most(certificate.epsilon)} wide "
-            f"(ε = {certificate.target:g} was asked), and a further test would tell most at {where}"
+            f"; the recorded tests certify an interval {at_most(certificate.epsilon)} wide, wider than "
+            f"ε = {certificate.target:g}; another test would help most at {where}"
         )
     *assumptions, _ = result.assumptions
     about = "the statement is about the machine as it was when it was recorded"

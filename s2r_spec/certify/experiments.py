@@ -102,8 +102,8 @@ class Rollouts:
         before = self.journal.get(task.query, task.replicate)
         if before is not None and (before.params != point or before.seed != task.seed):
             raise BackendError(
-                f"rollout {task.query}.{task.replicate} of {self.journal.folder} was run at {before.params}, now "
-                f"the search asks for {point}: the numerical libraries must have changed in between"
+                f"rollout {task.query}.{task.replicate} of {self.journal.folder} was run at {before.params}, but "
+                f"the search now asks for {point}: the numerical libraries must have changed in between"
             )
         return before
 

@@ -108,7 +108,7 @@ class GapResult:
 
     @property
     def absolute(self) -> float:
-        """The largest mean |Δ| at a tested point: an estimate for comparison with the paper, no bound."""
+        """The largest mean |Δ| at a tested point: an estimate for comparison with the paper, not a bound."""
         return max(test.absolute for test in self.tested)
 
 

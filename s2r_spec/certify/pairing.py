@@ -63,7 +63,7 @@ class Pairing:
                 )
             return cls(sim, machine)
         if budget is not None:
-            raise UsageError(f"a budget does not apply to {real}: it has the recordings that it has")
+            raise UsageError(f"a budget does not apply to {real}: s2r uses all of its recordings")
         recorded = fixed_design(spec, requirement, machine.backend, machine.backend.recordings)
         about = "the statement is about the machine as it was when it was recorded"
         if not isinstance(sim.backend, HasRecordings):
@@ -114,7 +114,7 @@ def _paired(spec: Spec, real: Design, simulated: Design) -> tuple[Design, Design
         if unused:
             notes.append(
                 f"{unused} {side} recordings have no counterpart at the same test, and are not used; "
-                f"which are used depends on no outcome"
+                f"this choice does not depend on any outcome"
             )
     return Design(tuple(real_tests), ()), Design(tuple(sim_tests), ()), notes
 

@@ -142,7 +142,7 @@ def left_open(search: Search, what: str) -> list[str]:
     """
     notes, space = [], search.space
     if not search.degrees:
-        notes.append("no test was recorded twice, so that nothing here could have refuted R")
+        notes.append("no test was recorded twice, so these recordings could not have refuted R")
     points = space.grid((FINE.get(space.dim, 7),) * space.dim)
     lower, upper = search.band(points)
     widths = upper - lower

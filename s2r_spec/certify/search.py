@@ -108,7 +108,7 @@ class Search:
         """Give the (replicates,) outcomes of a query that was asked.
 
         Fewer outcomes than were asked for are taken, but the certificate is
-        then refused: leaving rollouts out is selection.
+        then refused: leaving out rollouts biases the bound.
 
         Raises:
             UsageError: the query is unknown or already answered, there are too many outcomes, or one is not finite.
@@ -150,7 +150,7 @@ class Search:
             UsageError: a batch is open, a point is outside the box, or an outcome is not finite.
         """
         if self._open:
-            raise UsageError("a batch is open: tell its outcomes before those of other tests")
+            raise UsageError("a batch is open: tell its outcomes before the outcomes of other tests")
         observed = [
             (self.space.vector(point), as_outcomes(outcomes, f"the observed test {dict(point)}") / self.R)
             for point, outcomes in tests

@@ -123,11 +123,12 @@ def _check_space(space: Space) -> None:
 def _check_sizes(B: float, R: float, epsilon: float) -> None:
     if epsilon >= 2 * B:
         raise UsageError(
-            f"epsilon = {epsilon:g} asks for no more than B = {B:g} says without any rollout; it must be below 2B"
+            f"epsilon = {epsilon:g} is no narrower than the interval that B = {B:g} gives without rollouts; "
+            f"it must be below 2B"
         )
     if B / R > MOST_PRECISE:
         raise UsageError(
-            f"R = {R:g} is too small for B = {B:g}: double precision carries ratios up to {MOST_PRECISE:g}; "
+            f"R = {R:g} is too small for B = {B:g}: double precision allows B/R up to {MOST_PRECISE:g}; "
             f"declare a larger R"
         )
 

@@ -25,7 +25,7 @@ UNFINISHED = "unfinished"
 
 
 def machine_fields(backend: Backend, void: str) -> dict[str, Any]:
-    """Return the header fields of a machine besides its name and hash; a simulator has none."""
+    """Return the further header fields of a machine, beyond its name and hash; a simulator has none."""
     found: dict[str, Any] = {}
     if assumptions := assumptions_of(backend):
         found["assumptions"] = list(assumptions)
@@ -83,8 +83,8 @@ def machine_assumptions(backend: str, header: Mapping[str, Any], journal: Journa
     if header["void"] == FALL:
         return (
             *own,
-            f"a rollout of {backend} that the link, the operator or a killed process ended counts as a fall, as "
-            f"--void fall says" + (f"; void and not counted: {part}" if counts else ""),
+            f"a rollout of {backend} that the link, the operator or a killed process ended counts as a fall "
+            f"(--void fall)" + (f"; void and not counted: {part}" if counts else ""),
         )
     return (
         *own,

@@ -181,7 +181,7 @@ def _evaluated_requirement(
             shortfall = spec.shortfall(trace, requirement, params, nan=nan)
             text = "\n".join(
                 (
-                    f"{requirement} unknown: it {shortfall} (--partial evaluates the part that is there)",
+                    f"{requirement} unknown: it {shortfall} (--partial evaluates the recorded part)",
                     *lines,
                 )
             )

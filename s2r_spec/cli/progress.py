@@ -61,7 +61,7 @@ class State:
         return max(0, min(likely, phase.budget or likely) - self.rollouts)
 
     def seconds_left(self, now: float) -> float | None:
-        """Return an estimate of the time left [s], at the pace of this process; None without one."""
+        """Return an estimate of the time left [s], at the pace of this process; None if there is none."""
         left = self.left()
         if left is None or self.here < 2 or now <= self.since:
             return None

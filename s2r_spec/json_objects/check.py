@@ -51,7 +51,7 @@ class _Objective:
 
 @dataclass(frozen=True)
 class RobustnessSearch(Certificate, _Objective):
-    """The certificate of the search, which maximises −ρ: its signs and bounds are those of −ρ.
+    """The certificate of the search, which maximises −ρ: its signs and bounds refer to −ρ.
 
     Attributes:
         objective: what the search maximises.

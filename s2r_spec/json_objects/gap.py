@@ -55,7 +55,7 @@ class _Objective:
 
 @dataclass(frozen=True)
 class GapSearch(Certificate, _Objective):
-    """The certificate of the search, which maximises −Δ: its signs and bounds are those of −Δ.
+    """The certificate of the search, which maximises −Δ: its signs and bounds refer to −Δ.
 
     Attributes:
         objective: what the search maximises.
@@ -102,7 +102,7 @@ class BoundedGap:
         reason: why it was refused, else empty.
         worst: all pairs at the worst test.
         lowest: the pair of the most negative Δ; simulated is a mean.
-        largest_mean_absolute_gap: mean of abs(Δ), largest at a tested point: an estimate, no bound.
+        largest_mean_absolute_gap: mean of abs(Δ), largest at a tested point: an estimate, not a bound.
         failures: word → how many real rollouts ended so.
         assumptions: each in one sentence.
         tested: every tested point.

@@ -24,7 +24,7 @@ class Sampling:
     Attributes:
         period: median time from one sample to the next [s]; null for one sample.
         duration: the duration of the trace [s].
-        narrowest_window: samples in the shortest window of positive length; null without one.
+        narrowest_window: samples in the shortest window of positive length; null if there is none.
     """
 
     period: float | None

@@ -48,5 +48,5 @@ class PlanObject(_Cost, Plan, _Settings):
         delta: 1 − probability.
         B: bound on the RKHS norm.
         seconds_per_rollout: with all cores of this machine [s]; null without a backend.
-        pilot: what the pilot run says about R; null without one.
+        pilot: what the pilot run says about R; null without a pilot.
     """

@@ -43,7 +43,7 @@ class _Builder:
         return syntax.Number(span=span_of(self.source, token), value=float(token), unit=None)
 
     def maybe(self, children: list[_Child], kind: str) -> Any:
-        """Return the converted child of the token type or rule ``kind``; None without one."""
+        """Return the converted child of the token type or rule ``kind``; None if there is none."""
         for child in children:
             if (child.type if isinstance(child, Token) else child.data) == kind:
                 return self.node(child)

@@ -64,7 +64,7 @@ def number(text: str) -> float:
     """Parse a number.
 
     Raises:
-        ValueError: the text is no number.
+        ValueError: the text is not a number.
     """
     if "_" in text or _overflows(np.array([float(text)]), [text]):
         raise ValueError(text)

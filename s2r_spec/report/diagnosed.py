@@ -182,7 +182,7 @@ def body_words(where: Where) -> tuple[str, ...]:
     most = where.body.most
     if most is None:
         return (
-            f"the nominal model explains the residuals of every part of the machine ({where.body.asked} tests of them)",
+            f"the nominal model explains the residuals of every part of the machine ({where.body.asked} comparisons)",
         )
     shown = [(part, part.shifts[0]) for part in where.body.shifted[:PARTS]]
     if most[0] not in where.body.shifted[:PARTS]:

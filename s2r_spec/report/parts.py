@@ -243,7 +243,7 @@ def _composed(run: RecomputedCertify, gap: RecomputedGap, composed: Composition)
 
 
 def _negative(search: Search) -> Callable[[FloatArray], tuple[FloatArray, FloatArray]]:
-    """Return the bounds of f, of which the search maximises −f."""
+    """Return the bounds of f, if the search maximises −f."""
 
     def bounds(points: FloatArray) -> tuple[FloatArray, FloatArray]:
         lower, upper = search.band(points)

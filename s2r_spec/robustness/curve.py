@@ -2,7 +2,7 @@
 
 A signal that holds its last sample is such a curve, and so is one that is linear between samples. The minimum, the
 shift and the window infimum of curves are curves again. Jumps and open interval ends are exact, because a
-breakpoint has its own value besides the limits on its left and right.
+breakpoint has its own value in addition to the limits on its left and right.
 """
 
 from __future__ import annotations

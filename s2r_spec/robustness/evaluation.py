@@ -47,7 +47,7 @@ class Evaluation:
         jitter: greatest distance of a sample from the regular grid, in periods; None if there is no grid.
         period: median time from one sample to the next [s]; None for a single sample.
         narrowest: least number of samples in the shortest window of positive length that lies within the trace;
-            None without one.
+            None if there is none.
         notes: one sentence for each window whose ends lie between samples.
     """
 
@@ -80,7 +80,7 @@ class Evaluation:
 
     @property
     def complete_until(self) -> float | None:
-        """The last sample time [s] at which the trace decides ρ; None without one."""
+        """The last sample time [s] at which the trace decides ρ; None if there is none."""
         return float(self.times[self.complete][-1]) if self.complete.any() else None
 
     @property

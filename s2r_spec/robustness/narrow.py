@@ -51,7 +51,7 @@ def windows(formula: f.Formula) -> Iterator[Window]:
 
 
 def narrowest(formula: f.Formula) -> Window | None:
-    """Return the shortest of :func:`windows`; None without one."""
+    """Return the shortest of :func:`windows`; None if there is none."""
     return min(windows(formula), key=lambda window: window.length, default=None)
 
 

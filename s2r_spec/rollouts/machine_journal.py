@@ -1,4 +1,4 @@
-"""Lines of a machine's journal besides its rollouts: attempts that began, and attempts without an outcome.
+"""Further lines of a machine's journal, beyond its rollouts: attempts that began, and attempts without an outcome.
 
 A machine's rollout cannot be undone, so the journal announces each one before it begins. One of these ends it:
 
@@ -202,7 +202,7 @@ class Attempts:
         if not wrong and kind != BEGUN:
             attempt = self.open.get(key)  # type: ignore[arg-type]
             if attempt is None or attempt.attempt != values["attempt"]:
-                wrong = "it ends an attempt that no line before it begins"
+                wrong = "it ends an attempt that no earlier line began"
         if wrong:
             raise JournalError(
                 f"{path}:{number}: not a line of a machine's journal: {wrong}; restore the journal from a copy, or "

@@ -322,7 +322,7 @@ def _files(root: Path, rows: Sequence[_Row]) -> dict[str, Path]:
     for name in by_id.keys() - {row.id for row in rows}:
         raise LogError(
             f"{by_id[name][0]} has no row in {TABLE}; add one with its parameters, "
-            f"because leaving out a recording is selection"
+            f"because leaving out a recording biases the bound"
         )
     return {row.id: by_id[row.id][0] for row in rows}
 

@@ -63,7 +63,7 @@ class Declared:
         return dict(read_param(self.params, text) for text in texts)
 
     def unit(self, requirement: str) -> str:
-        """Return the unit of ρ: "" without one, "mixed" if ρ combines margins of different dimensions."""
+        """Return the unit of ρ: "" if it has none, "mixed" if ρ combines margins of different dimensions."""
         unit = self._formula(requirement).unit
         return "" if unit is None else unit.text
 

@@ -92,7 +92,7 @@ class Spec(Declared):
         The sign of ρ decides. At ρ = 0 the comparisons decide: x <= c holds at x = c, and x < c does
         not. A trace with a failure satisfies nothing whose declared ``fall`` is not positive.
 
-        Args and errors are those of :meth:`robustness`.
+        For args and errors see :meth:`robustness`.
         """
         names = tuple(self.formulas) if only is None else (only,)
         if trace.failure is not None:
@@ -257,7 +257,7 @@ class Spec(Declared):
         Its values, in order, are :meth:`robustness_signal` of the whole trace. A sample takes constant time on
         average, for any length of windows.
 
-        Args and errors are those of :meth:`monitor`. No operator may depend on the whole rest of the trace.
+        For args and errors see :meth:`monitor`. No operator may depend on the whole rest of the trace.
         """
         return RobustnessStream(
             replace(self._followed(params, requirement, period, until, nan), sparse=sparse)
@@ -372,7 +372,7 @@ class Spec(Declared):
     ) -> str:
         """Return in words how far the horizon of a requirement is past the end of a trace.
 
-        Args and errors are those of :meth:`evaluate`.
+        For args and errors see :meth:`evaluate`.
         """
         reading = self._reading(trace, params, requirement, "samples", "open", nan)
         return shortfall(reading.bound(self._formula(requirement)), reading)

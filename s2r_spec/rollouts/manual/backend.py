@@ -34,7 +34,7 @@ VOID_REASON = "the operator says that the test ran and left no log"
 
 @dataclass(frozen=True)
 class ManualBackend:
-    """A person as the backend; its channels and parameters are those of the specification.
+    """A person as the backend, with the channels and parameters of the specification.
 
     Args:
         folder: folder of the rollouts; options for reading logs may follow a ``?``.
@@ -102,7 +102,7 @@ class ManualBackend:
     def assumptions(self) -> tuple[str, ...]:
         """Assumptions of every statement about these tests."""
         return (
-            f"a person ran the tests of {self.name}: each log is of the requested test",
+            f"a person ran the tests of {self.name}: each log is from the requested test",
             f"every test of {self.name} that began has a log, or is recorded as a fall or as void; "
             f"no skipped test began",
         )

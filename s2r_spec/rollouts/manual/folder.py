@@ -91,7 +91,7 @@ class TestFolder:
         columns, expected = table.read(self.root / TABLE)[0], table.header(parameters)
         if columns and columns != expected:
             raise UsageError(
-                f"{self.root / TABLE} is of another specification: its columns are {', '.join(columns)}, and this "
+                f"{self.root / TABLE} belongs to another specification: its columns are {', '.join(columns)}, and this "
                 f"one needs {', '.join(expected)}; use another folder"
             )
         if (test := self.pending()) is not None:
