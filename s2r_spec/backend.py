@@ -87,7 +87,7 @@ class Parameter:
 
 
 def refuse_unknown(name: str, parameters: Iterable[Parameter], params: Iterable[str]) -> None:
-    """Refuse a test with an undeclared parameter, because the rollout would be of another test.
+    """Refuse a test with an undeclared parameter, because the rollout would run a different test.
 
     Args:
         name: name of the backend.

@@ -185,7 +185,7 @@ class LockStepSocket(RealTimeSocket):
         """
         if not is_loopback(peer[0]):
             raise LinkError(
-                f"lock step needs a peer on this machine, and {peer[0]} is another; leave out lockstep"
+                f"lock step needs a peer on this computer, and {peer[0]} is another; leave out lockstep"
             )
         super().connect(peer)
 

@@ -59,7 +59,7 @@ def freeze(
             progress(name, number + 1, len(ids))
     if code_hash(simulator) != code:
         raise UsageError(
-            f"s2r's source changed while it answered; start over in another folder than {answers}"
+            f"s2r's source changed while it answered; start over in a new folder, not in {answers}"
         )
     write_json(
         manifest,

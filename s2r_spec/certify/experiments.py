@@ -97,7 +97,7 @@ class Rollouts:
         """Return the journal's record of a task, None if there is none.
 
         Raises:
-            BackendError: it is a record of another test or seed.
+            BackendError: the record has a different test or seed.
         """
         before = self.journal.get(task.query, task.replicate)
         if before is not None and (before.params != point or before.seed != task.seed):

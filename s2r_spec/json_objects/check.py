@@ -117,7 +117,7 @@ class CheckedRequirement:
         folder: where the rollouts lie.
         replay: the command that runs the rollout of the lowest ρ again.
         seconds: what the rollouts took, all workers and all resumed processes added up.
-        voids: only of a machine: word → how many rollouts were void, ended by something else than the robot.
+        voids: only of a machine: word → how many rollouts were void, ended by something other than the robot.
     """
 
     requirement: str

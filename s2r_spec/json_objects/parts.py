@@ -40,6 +40,6 @@ class Location:
 
 
 def extended(kind: type[Record], record: Any, **more: Any) -> Record:
-    """Return a record of a kind that has the fields of another, and these more."""
+    """Return a record with the fields of another record, and these more."""
     shared = {each.name: getattr(record, each.name) for each in fields(record) if each.init}
     return kind(**shared, **more)

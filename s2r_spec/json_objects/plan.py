@@ -47,6 +47,6 @@ class PlanObject(_Cost, Plan, _Settings):
         epsilon: width of the interval that is wanted.
         delta: 1 − probability.
         B: bound on the RKHS norm.
-        seconds_per_rollout: with all cores of this machine [s]; null without a backend.
+        seconds_per_rollout: with all cores of this computer [s]; null without a backend.
         pilot: what the pilot run says about R; null without a pilot.
     """

@@ -113,7 +113,7 @@ def recompute(folder: Path) -> Recomputed:
 
     Raises:
         UsageError: there is no rollout yet, the run is of a gap, the journal is damaged, or this version of s2r (or of
-            the numerical libraries) chooses other tests than the recorded ones.
+            the numerical libraries) chooses tests that differ from the recorded ones.
     """
     journal = Journal.read(folder)
     if "side" in journal.header:

@@ -174,7 +174,7 @@ def _difference(name: str, trace: Trace, first: Trace, other: str) -> str:
     if name not in trace.channels:
         return f" lacks the channel {name!r}, which {other} has"
     if trace[name].shape[1:] != first[name].shape[1:]:
-        return f": the channel {name!r} has another width than in {other}"
+        return f": the channel {name!r} has a different width from {other}"
     unit, other_unit = trace.units.get(name), first.units.get(name)
     if unit != other_unit:
         return (

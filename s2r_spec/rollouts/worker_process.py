@@ -3,7 +3,7 @@
 A thread sends a function to its worker process (:mod:`s2r_spec.rollouts.worker`) and waits for the result. A worker
 that dies is replaced, and only its current call is lost. A call sets its own time limit
 (:func:`s2r_spec.rollouts.worker.limit`); a worker that exceeds it is ended with all its descendants. The thread may
-belong to a pool of this process or to a Dask worker on another machine.
+belong to a pool of this process or to a Dask worker on another computer.
 """
 
 from __future__ import annotations

@@ -10,8 +10,8 @@ from tests.prose.sentences import SPAN, split, words
 from tests.prose.sources import HELP, LEAST, ROOT, command_help, literals, markdown, markdown_files
 
 PACKAGES = ("s2r_spec", "backends")
-OTHER_PAGE = "docs/explanation/diagnosis-method.md"
-"""This page is not drawn."""
+OTHER_PAGES = ("benchmarks/", "docs/explanation/diagnosis-method.md")
+"""These pages are not drawn."""
 OTHER_DOCSTRINGS = "s2r_spec/diagnose/"
 """Messages of this package are drawn, and its docstrings are not."""
 
@@ -32,9 +32,9 @@ def draw(count: int, seed: int) -> list[str]:
 def _pages() -> Iterator[Line]:
     pages = {HELP: list(command_help())}
     for file in markdown_files():
-        text = markdown(file.read_text(encoding="utf-8"))
-        pages[file.relative_to(ROOT).as_posix()] = [*text.paragraphs, *text.fragments]
-    del pages[OTHER_PAGE]
+        name, text = file.relative_to(ROOT).as_posix(), markdown(file.read_text(encoding="utf-8"))
+        if not name.startswith(OTHER_PAGES):
+            pages[name] = [*text.paragraphs, *text.fragments]
     for place, paragraphs in pages.items():
         for paragraph in paragraphs:
             yield from ((place, sentence) for sentence in split(paragraph) if words(sentence) >= LEAST)

@@ -78,7 +78,7 @@ def read_options(arguments: list[str]) -> Options:
 def _parser() -> argparse.ArgumentParser:
     parser = _Parser(
         prog="python -m s2r_a1.twin",
-        description="Run a twin of an A1: a simulated robot behind the robot's wire protocol, on this machine only.",
+        description="Run a twin of an A1: a simulated robot behind the robot's wire protocol, on this computer only.",
         epilog="Injects: " + "; ".join(f"{name} {kind.does}" for name, kind in KINDS.items()) + ". "
         "Each may have =VALUE and @ROUND, @FIRST-LAST or @FIRST-, in rounds of 2 ms from the first command on.",
         allow_abbrev=False,
@@ -138,6 +138,6 @@ def _loopback(host: str) -> str:
         address = None
     if address is None or not address.is_loopback:
         raise UsageError(
-            f"a twin listens on this machine only, and {host!r} is not 127.0.0.1; leave --host out"
+            f"a twin listens on this computer only, and {host!r} is not 127.0.0.1; leave --host out"
         )
     return str(address)

@@ -323,7 +323,7 @@ def _json(path: Path) -> dict[str, Any] | None:
     """Return the object in a file of the manual backend; None if there is no file.
 
     Raises:
-        UsageError: the file is damaged, or of another program.
+        UsageError: the file is damaged, or another program wrote it.
     """
     try:
         record = json.loads(path.read_text(encoding="utf-8"))
