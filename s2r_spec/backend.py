@@ -317,8 +317,8 @@ def is_exclusive(backend: object) -> bool:
 def hands_over(backend: object) -> bool:
     """Return whether ``rollout`` only records a test that a person ran during ``Attended.before``.
 
-    Such a backend has the class attribute ``hands_over = True``. A process that dies in such a rollout ends no test, so
-    the rollout is not void and is recorded again.
+    Such a backend has the class attribute ``hands_over = True``. A process that dies in such a rollout does not end a
+    test. So the rollout is not void, and is recorded again.
     """
     return bool(getattr(backend, "hands_over", False))
 

@@ -82,8 +82,8 @@ class Client:
         """
         if self.mocap is not None and not len(self.mocap.poses().times):
             raise NotBegunError(
-                f"the UDP port {self.mocap.port} of this computer received no poses; stream lines of JSON with t, x, y, "
-                "z, qw, qx, qy, qz"
+                f"the UDP port {self.mocap.port} of this computer received no poses; stream lines of JSON with t, x, "
+                "y, z, qw, qx, qy, qz"
             )
 
     def receive(self) -> Reading | None:

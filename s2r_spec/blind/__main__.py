@@ -51,7 +51,7 @@ def freeze(
     scheduler: Scheduler = None,
     quiet: Quiet = False,
 ) -> None:
-    """Diagnose every case of a sealed set, and fix the answers by one hash. What is there already is kept."""
+    """Diagnose every case of a sealed set, and fix the answers with one hash. Existing answers are kept."""
     with sentences():
         from s2r_spec.backend import load_backend
         from s2r_spec.blind.freeze import freeze as fix
@@ -83,7 +83,7 @@ def freeze(
 
 @app.command(name="open")
 def open_(public: Public, keys: Keys, answers: Answers) -> None:
-    """Hold answers, data and labels against what was frozen and sealed, and open the labels, once."""
+    """Compare answers, data and labels with the frozen and sealed hashes, and open the labels, once."""
     with sentences():
         from s2r_spec.blind.unseal import unseal
 

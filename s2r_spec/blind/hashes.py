@@ -1,4 +1,4 @@
-"""What a commitment is made of."""
+"""Hashes of a commitment: of a folder, and of a label with its salt."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def read_json(path: Path) -> dict[str, Any]:
 
 
 def write_json(path: Path, value: Mapping[str, Any]) -> None:
-    """Write one JSON object, whole or not at all.
+    """Write one JSON object, either completely or not at all.
 
     Raises:
         UsageError: it cannot be written.

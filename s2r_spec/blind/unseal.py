@@ -17,7 +17,7 @@ def unseal(public: Path, keys: Path, answers: Path) -> dict[str, Any]:
     """Check manifest and commitments, and return id → label; also kept as ``opened.json`` beside the answers.
 
     Raises:
-        UsageError: the set was opened before, or anything was changed since it was sealed or frozen.
+        UsageError: the set was opened before, or a file was changed after it was sealed or frozen.
     """
     opened = answers / OPENED
     if opened.exists():

@@ -101,7 +101,7 @@ class _Sum:
 def maximum(
     search: Search, roughness: _Sum, upper: Callable[[FloatArray], FloatArray], tolerance: float
 ) -> tuple[float, FloatArray, float, FloatArray]:
-    """Return an upper bound over the box, the (dim,) point of the largest one, what cells hide, and all points.
+    """Return an upper bound over the box, the (dim,) point of the largest bound, the cells' excess, and all points.
 
     Branch and bound: cells are split while they may exceed every point by more than ``tolerance``.
     """

@@ -64,7 +64,7 @@ class ConfidenceSet:
         return self.bounds.add(vector)
 
     def update(self, outcomes: Outcomes) -> None:
-        """Tighten all bounds with the outcomes so far, u ≥ 1 points of them."""
+        """Tighten all bounds with the outcomes so far, at u ≥ 1 points."""
         samples = outcomes.samples
         self._posterior = self._engine.condition(self.points, samples)
         self._bound = self._mode.bound(self._posterior, outcomes.rollouts, self.norms, self._settings.delta)

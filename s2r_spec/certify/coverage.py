@@ -73,8 +73,8 @@ class Coverage:
     ) -> list[tuple[FloatArray, int]]:
         """Return (point, replicates) of the next tests, a Latin hypercube.
 
-        On every axis the tests are in different parts, as far as there are parts. A part gets at most as many
-        rollouts as it has.
+        On every axis the tests lie in different parts until all parts are used. A part gets no more rollouts than it
+        already has.
 
         Args:
             points: (u, dim) tested points.

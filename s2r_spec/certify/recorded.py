@@ -21,7 +21,7 @@ from s2r_spec.rollouts.task import Done
 from s2r_spec.spec import Spec
 
 ROUNDING = 1e-9
-"""Tolerance: share of a range by which a converted unit may put a value outside of it."""
+"""Tolerance: share of a range by which a value may lie outside it after its unit was converted."""
 FINE = {1: 501, 2: 41, 3: 15}
 """Budget: points for each parameter at which the band is compared with ε, by the number of parameters."""
 

@@ -91,11 +91,11 @@ class Search:
         return self._state.budget
 
     def close(self) -> None:
-        """Take the rollouts so far as the budget, so that the search asks for no more."""
+        """Take the rollouts so far as the budget, so that the search ends."""
         self._state.budget = self._state.outcomes.rollouts
 
     def ask(self) -> list[Query]:
-        """Return the next batch, or the last one while outcomes of it are missing."""
+        """Return the next batch, or the last one again while it lacks outcomes."""
         if not self._open and not self.done:
             for place, replicates in next_batch(self._state):
                 point = self.space.point(self._state.confidence.points[place])

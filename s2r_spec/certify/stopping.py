@@ -25,7 +25,7 @@ def label(state: State) -> tuple[Label, str]:
 
 
 def settled(state: State) -> bool:
-    """Return whether the search asks for no further test, unless the certificate is refused before."""
+    """Return whether the search needs no further test, unless the certificate is refused before."""
     if state.final or state.confidence.smallest_norm > state.settings.B:
         return True
     lacking = sum(replicates for _, replicates in coverage_tests(state))
