@@ -335,7 +335,7 @@ def _coverage(cases: Answers) -> Rate:
 def _shrink(cases: Answers, kind: str) -> dict[str, Any]:
     """Return the part of the held-out gap above its floor that the patch closed, over cases with a material gap.
 
-    Where nothing was named nothing is closed.
+    If nothing was named, nothing counts as closed.
     """
     far = [
         a["how_far"] | {"after": (a["which"]["answer"] and a["how_far"]["after"]) or a["how_far"]["before"]}
