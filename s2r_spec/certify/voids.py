@@ -35,7 +35,7 @@ def machine_fields(backend: Backend, void: str) -> dict[str, Any]:
 
 
 def is_machine(header: Mapping[str, Any]) -> bool:
-    """Return whether a header's backend is a machine, as :func:`machine_fields` wrote it."""
+    """Return whether a header belongs to a machine, by the fields that :func:`machine_fields` wrote."""
     return "void" in header
 
 

@@ -216,7 +216,7 @@ def begun(
     scheduler: str | None,
     real: str,
 ) -> tuple[ExecutorFactory, Path, str]:
-    """Return pool and folder of a run with a machine, and the line to print when it begins.
+    """Return the pool and the folder of a run with a machine, and the line to print when it begins.
 
     Raises:
         UsageError: see :func:`pool` and :func:`new_or_old`.

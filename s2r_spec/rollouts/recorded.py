@@ -286,7 +286,7 @@ def _table(path: Path) -> tuple[dict[str, str], list[_Row]]:
 
 
 def _parameter(text: str) -> tuple[str, str]:
-    """Return name and unit ("" if there is none) from a cell such as "vd [m/s]"; ("", "") for another form."""
+    """Return the name and the unit ("" if there is none) in a cell such as "vd [m/s]"; ("", "") for another form."""
     name, bracket, rest = text.partition("[")
     unit = rest.removesuffix("]")
     fits = not any(mark in name + unit for mark in "[]") and (rest != unit or not bracket)
