@@ -111,8 +111,8 @@ class Coverage:
         axis = self.space.axes[self.axes[rows[0]]]
         low, high = (axis.low + axis.width * (parts[0] + end) / PARTS for end in (0, 1))
         return (
-            f"the kernel is longer than the range of {axis.name}, so every eighth of it must be tested first; "
-            f"{axis.name} in [{low:.4g}, {high:.4g}] {axis.unit}".rstrip()
+            f"the lengthscale is longer than the range of {axis.name}, so every eighth of the range must be tested "
+            f"first; {axis.name} in [{low:.4g}, {high:.4g}] {axis.unit}".rstrip()
             + f" lacks {lacking[rows[0], parts[0]]} of {self.least} rollouts"
         )
 

@@ -31,7 +31,7 @@ class Window:
 
     @property
     def length(self) -> float:
-        """Its length [s]."""
+        """Length of the window [s]."""
         return self.interval.high - self.interval.low
 
 
