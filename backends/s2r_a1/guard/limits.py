@@ -120,7 +120,8 @@ class Limits:
         float, Figure("rad", "FE stops at 0.555; a specification's fall is 0.7", "falls end in an impact")
     ] = 0.5
     height: Annotated[
-        float, Figure("m", "FE uses it, too; a specification's fall is 0.16", "a stand of 0.28 m counts as a fall")
+        float,
+        Figure("m", "FE uses it, too; a specification's fall is 0.16", "a stand of 0.28 m counts as a fall"),
     ] = 0.18
     deviation: Annotated[
         float,
