@@ -239,7 +239,7 @@ def _repeated(subject: _Subject, out: Check) -> None:
 
 def _ends(subject: _Subject, out: Check) -> None:
     if isinstance(subject.backend, HasRecordings):
-        out.remarks.append("it has the recorded tests only")
+        out.remarks.append("it has only the recorded tests")
         return
     for p in subject.backend.parameters:
         for value in dict.fromkeys((p.low, p.high)):

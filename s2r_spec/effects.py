@@ -18,7 +18,7 @@ from s2r_spec.errors import BackendError, UsageError, did_you_mean, one_of
 Values = Mapping[str, Mapping[str, float]]
 """Effect → parameter → value."""
 Choice = tuple[tuple[str, tuple[tuple[str, float], ...]], ...]
-"""The same in a fixed order, with the set parameters only."""
+"""The same in a fixed order, with only the set parameters."""
 _SCALE = re.compile(
     r"(?:deviation |normal\b[^,]*, *)(?P<scale>\d*\.?\d+(?:[eE][-+]?\d+)?) *(?P<unit>.*)", re.IGNORECASE
 )

@@ -228,7 +228,7 @@ def velocity(poses: Poses, placing: Placing, gyro: Gyro, times: FloatArray) -> V
     if speed > FASTEST:
         raise MocapError(
             f"according to motion capture the robot moves at {speed:.3g} m/s, too fast for an A1: check that it sends "
-            "metres and tracks one body only"
+            "metres and tracks only one body"
         )
     return seen
 

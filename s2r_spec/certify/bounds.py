@@ -1,6 +1,6 @@
 """Bounds of J over the whole box, for several norm bounds at once, from one event of probability 1 − δ.
 
-The confidence set holds for all times at once, so that the tightest bound so far
+The confidence set holds for all times at once, so the tightest bound so far
 holds. Points and cells keep a running intersection, and the halves of a cell
 inherit it. Cells are split where they, and not the data, decide the maximum.
 """

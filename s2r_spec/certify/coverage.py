@@ -2,13 +2,13 @@
 
 A function of norm ≤ B changes by at most B · s · w/ℓ along an axis of range w and lengthscale ℓ (s: the
 kernel's slope). The longer ℓ is, the less a search learns inside the range. With ℓ a thousand times the range
-it tests the corners only, and no outcome could then contradict the declared kernel, whatever happens inside.
+it tests only the corners, and no outcome could then contradict the declared kernel, whatever happens inside.
 So two rules hold on an axis with ℓ > w, and none on any other:
 
 - If the declared kernel and B leave J no more than ε to change by, the certificate would rest on the
-  declaration and on no test. It is refused (:mod:`s2r_spec.certify.feasibility`).
+  declaration, not on tests. It is refused (:mod:`s2r_spec.certify.feasibility`).
 - Else each eighth of the range is tested before a certificate is given, with as many rollouts as distinguish 0
-  from ε there (:class:`Coverage`). The tests depend on the seed and on no outcome, so that the bound holds as it
+  from ε there (:class:`Coverage`). The tests depend on the seed, not on an outcome, so the bound holds as it
   is. Their outcomes may refute B like any others.
 """
 

@@ -42,7 +42,7 @@ class Experiment(Protocol):
 
 @dataclass(frozen=True)
 class Rollouts:
-    """Rollouts on one backend. The outcome is −ρ, so that the maximum is the worst case.
+    """Rollouts on one backend. The outcome is −ρ, so its maximum is the worst case.
 
     Attributes:
         scorer: evaluates ρ of a rollout.
@@ -64,7 +64,7 @@ class Rollouts:
         """Run the rollouts that the journal lacks; see :class:`Experiment`.
 
         Raises:
-            BackendError: a rollout raised, or the journal is of a search with other tests.
+            BackendError: a rollout raised, or the journal belongs to a search with other tests.
         """
         points = {query.index: query.point for query in queries}
         records: dict[tuple[int, int], Record] = {}
@@ -141,7 +141,7 @@ class Pairs:
     Attributes:
         simulated: rollouts of the simulator.
         real: rollouts of the real machine.
-        watched: the backend whose rollouts the observer receives; of the other one it receives crashes only.
+        watched: the backend whose rollouts the observer receives; from the other one it receives only crashes.
     """
 
     simulated: Experiment

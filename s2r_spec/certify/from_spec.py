@@ -68,7 +68,7 @@ def only_requirement(spec: Spec) -> str:
     """Return the name of the spec's one requirement.
 
     Raises:
-        UsageError: there are several, so that a name is needed.
+        UsageError: there are several, so a name is needed.
     """
     if len(spec.requirements) != 1:
         raise UsageError(f"{spec.name} has several requirements ({one_of(spec.requirements)}): name one")

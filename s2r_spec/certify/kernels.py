@@ -131,7 +131,7 @@ class Kernel:
         The weights w are multilinear on the cell's corners g. For ‖J‖ ≤ B it
         follows that J ≤ max over the corners + B e(h) in the cell, and J ≥ min −
         B e(h). One axis after another: interpolation along an axis averages
-        functions, so that the axes' errors add.
+        functions, so the errors of the axes add up.
         """
         return np.asarray(self.hidden(sides).sum(axis=-1))
 

@@ -86,7 +86,7 @@ class Pairing:
 def _paired(spec: Spec, real: Design, simulated: Design) -> tuple[Design, Design, list[str]]:
     """Return both designs at their common tests: for every real recording one or two simulated ones.
 
-    The first recordings of a test are used, so that the choice depends on no outcome.
+    The first recordings of a test are used, so the choice does not depend on any outcome.
 
     Raises:
         UsageError: no test was recorded on both sides.

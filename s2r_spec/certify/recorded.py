@@ -45,7 +45,7 @@ class Design:
 
 
 def fixed_design(spec: Spec, requirement: str, backend: Backend, recordings: Sequence[Recording]) -> Design:
-    """Group the recordings inside the spec's test space by test; the choice depends on no outcome.
+    """Group the recordings inside the spec's test space by test; the choice does not depend on any outcome.
 
     Raises:
         UsageError: none is inside, or a parameter varies that the spec does not declare.

@@ -139,12 +139,12 @@ class Search:
     def observe(self, tests: Iterable[tuple[Mapping[str, float], ArrayLike]], *, final: bool = False) -> None:
         """Give outcomes of tests that were fixed beforehand, not chosen by this search.
 
-        Such a design is predictable, and the bound asks no more of the choice of tests. All of it is one batch, so
-        that the order of the list changes nothing. The points need not lie on any grid.
+        Such a design is predictable, and the bound needs nothing more of the choice of tests. All outcomes form one
+        batch, so the order of the list does not matter. The points need not lie on a grid.
 
         Args:
             tests: (point, (replicates,) outcomes), every outcome of the design; each counts once.
-            final: ask for no further test; the search is then done.
+            final: whether to end the search after these outcomes.
 
         Raises:
             UsageError: a batch is open, a point is outside the box, or an outcome is not finite.

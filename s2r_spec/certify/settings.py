@@ -16,7 +16,7 @@ MOST_PRECISE = 1e5
 """Tolerance: largest B/R (dimensionless). The bound's arithmetic has numbers of order (B/R)² times the rollouts; beyond
 this ratio it is lost in rounding."""
 MOST_PARAMETERS = 8
-"""Budget: most test parameters. A cell has 2^dim corners, so that one parameter more doubles the work."""
+"""Budget: most test parameters. A cell has 2^dim corners, so one more parameter doubles the work."""
 
 
 class Declared(TypedDict, total=False):

@@ -1,7 +1,7 @@
 """Void rollouts of a machine: their numbers, the assumption about them, and the limit on their share.
 
 A rollout is void when something other than the robot ended it. It is kept but is not an outcome, and the same test runs
-again. The bound counts outcomes only. So it holds if, given the test, being void is independent of the outcome that the
+again. The bound counts only outcomes. So it holds if, given the test, being void is independent of the outcome that the
 rollout would have had. No data can show this independence, but the data show how often it is needed.
 """
 

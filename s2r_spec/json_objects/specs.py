@@ -1,4 +1,4 @@
-"""The objects of the commands that read specifications alone: ``s2r lint`` and ``s2r fmt``."""
+"""The objects of the commands that read only specifications: ``s2r lint`` and ``s2r fmt``."""
 
 from __future__ import annotations
 

@@ -152,7 +152,7 @@ def _parse(text: str) -> Unit:
 
 
 def _parts(text: str) -> list[tuple[str, int]]:
-    """Return [("m", 1), ("s", -2)] for "m/s^2"; a quotient divides by the next name only."""
+    """Return [("m", 1), ("s", -2)] for "m/s^2"; a quotient divides only by the next name."""
     parts: list[tuple[str, int]] = []
     position, sign = 0, 1
     while True:

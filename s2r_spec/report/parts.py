@@ -298,7 +298,7 @@ def _summands(run: RecomputedCertify, composed: Composition) -> Bars:
         "Intervals of expected values; the red mark is 0.",
         bars(rows, simulated.unit),
         f"The bound for {run.result.real} adds both bounds test by test. The paper adds the worst cases of both "
-        "searches, wherever they lie, and gives a lower end only.",
+        "searches, wherever they lie, and gives only a lower end.",
     )
 
 

@@ -112,8 +112,8 @@ def recompute(folder: Path) -> Recomputed:
     """Return the result of a finished or unfinished check.
 
     Raises:
-        UsageError: there is no rollout yet, the run is of a gap, the journal is damaged, or this version of s2r (or of
-            the numerical libraries) chooses tests that differ from the recorded ones.
+        UsageError: there is no rollout yet, the run belongs to a gap, the journal is damaged, or this version of s2r
+            (or of the numerical libraries) chooses tests that differ from the recorded ones.
     """
     journal = Journal.read(folder)
     if "side" in journal.header:

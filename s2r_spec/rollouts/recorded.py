@@ -50,7 +50,7 @@ class _Row:
 
 
 class LogBackend:
-    """A backend that returns recorded rollouts; it runs nothing, and has the recorded tests only.
+    """A backend that returns recorded rollouts; it runs nothing, and has only the recorded tests.
 
     Args:
         folder: folder with ``rollouts.csv`` and a trace for each of its rows; options may follow a ``?``.

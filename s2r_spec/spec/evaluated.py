@@ -157,7 +157,7 @@ class Spec(Declared):
             trace: see :meth:`robustness`.
             requirement: one of :attr:`requirements`.
             params: see :meth:`robustness`.
-            interpolation: "samples" evaluates a condition at the samples only. "hold" and "linear" evaluate it at
+            interpolation: "samples" evaluates a condition only at the samples. "hold" and "linear" evaluate it at
                 every instant from the first sample to the last; between samples, signals hold the last one or
                 are linear.
             until: whether the left side of an until must hold before the witness only

@@ -242,7 +242,7 @@ class Monitor:
 
     @property
     def decided(self) -> bool:
-        """Whether every ρ is known, so that further samples change nothing."""
+        """Whether every ρ is known. Further samples then change nothing."""
         return all(interval.decided for interval in self._now.values())
 
     def update(self, time: float, sample: Mapping[str, Any]) -> dict[str, RobustInterval]:

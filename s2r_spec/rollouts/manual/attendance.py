@@ -216,7 +216,7 @@ class Attendance:
         return False
 
     def _check(self, path: Path, test: PendingTest, failure: str | None) -> _Checked:
-        """Read a log, and check that it is of the test."""
+        """Read a log, and check that it belongs to the test."""
         try:
             loaded = self.options.load(path)
         except TraceError as error:

@@ -1,4 +1,4 @@
-"""Check that a log is of the requested test. Each check returns the reason for a refusal, or None.
+"""Check that a log belongs to the requested test. Each check returns the reason for a refusal, or None.
 
 Data: the trace as read, the parameters of the test, and the channels of the specification. The checks are pure and run
 in the order of :data:`CHECKS`; a check may rely on the ones before it.

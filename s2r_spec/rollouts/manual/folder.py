@@ -215,7 +215,7 @@ class TestFolder:
     ) -> Trace:
         """Write a trace and its row, and return the trace as read back.
 
-        A channel that no format can hold stays in the original only; every format can hold the spec's channels.
+        A channel that no format can hold stays only in the original; every format can hold the spec's channels.
 
         Raises:
             UsageError: a file cannot be written.
