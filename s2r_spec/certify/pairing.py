@@ -132,7 +132,7 @@ def _undeclared(spec: Spec, sim: Backend, machine: Backend) -> Sequence[str]:
     offered = {parameter.name: parameter for parameter in sim.parameters}
     return [
         f"every recording was made with {recorded.name} = {recorded.default:g} {recorded.unit}".rstrip()
-        + f", which {spec.name} does not declare: {sim.name} runs with its own, "
+        + f", which {spec.name} does not declare: {sim.name} uses its own default, "
         + f"{offered[recorded.name].default:g} {offered[recorded.name].unit}".rstrip()
         for recorded in machine.parameters
         if recorded.name in offered and recorded.name not in spec.params

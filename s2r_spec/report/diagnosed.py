@@ -129,7 +129,7 @@ def _listed(names: Sequence[str]) -> str:
 
 
 def where_words(where: Where, spec: Spec) -> tuple[str, ...]:
-    """Return sentences on the worst test: its gap, and the time, the channel and the predicate that cause most of it."""
+    """Return sentences on the worst test: its gap, and the time, channel and predicate that cause most of it."""
     unit = where.pair.unit
     test = test_words(where.test, spec.space.units)
     lines = [
