@@ -118,7 +118,7 @@ class _Simulation:
     done: int = 0
 
     def rollouts(self, share: float) -> int | None:
-        """Return the median rollouts to ε on functions of norm ``share`` · B; None if a search gives up."""
+        """Return the median rollouts until width ε, on functions of norm ``share`` · B; None if a search gives up."""
         settings, most = self.settings, self.settings.budget
         assert most is not None
         fewest = sequential_lower_bound(settings.R, settings.epsilon, settings.delta)

@@ -101,7 +101,7 @@ class SearchSettings:
         self._set("seed", int(self.seed))
         for name, value, valid in (("mode", self.mode, MODES), ("engine", self.engine, ENGINES)):
             if value not in valid:
-                raise UsageError(f"no {name} {value!r}; there are: {one_of(valid)}")
+                raise UsageError(f"{name} = {value!r}; it must be one of {one_of(valid)}")
         self._set("budget", _budget(self.budget, self.spread))
         self._set("fitted", _names(self.fitted))
 
