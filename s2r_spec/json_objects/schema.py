@@ -56,7 +56,9 @@ def schema(name: str) -> dict[str, Any]:
         UsageError: no object has this name.
     """
     if name not in OBJECTS:
-        raise UsageError(f"no JSON object is called {name!r}{suggest(name, OBJECTS)} the objects are {one_of(OBJECTS)}")
+        raise UsageError(
+            f"no JSON object is called {name!r}{suggest(name, OBJECTS)} the objects are {one_of(OBJECTS)}"
+        )
     generator = _WithInfinities if name in INFINITE else _Described
     found = TypeAdapter(OBJECTS[name]).json_schema(schema_generator=generator)
     urn = re.sub(r"[./]", ":", name)
