@@ -138,7 +138,7 @@ class Attendance:
             f"{name} = {value:.6g} {units.get(name, '')}".rstrip() for name, value in params.items()
         )
         lights = self._ask(
-            f"Test {self._tests + 1}: {test}. Put {self._name} at its start, lying, with free floor ahead and 1 m "
+            f"Test {self._tests + 1}: {test}. Lay {self._name} down at its start, with free floor ahead and 1 m "
             "around it; keep the remote in your hand. How many lights does the battery show? Change it if it shows "
             "fewer than two.",
             LIGHTS if self._lights_due else {"": "begin without another look at the battery", **LIGHTS},
@@ -205,7 +205,7 @@ class Attendance:
         if state == "DAMPING":
             self._ask(
                 f"{self._name.capitalize()} was damped: {status.get('reason') or 'the reason is unknown'}. Check it, "
-                "put it down lying, and remove the cause.",
+                "lay it down, and remove the cause.",
                 {"r": "reset; it stays limp until you arm it"},
             )
             self._guard.request("reset")
@@ -220,7 +220,7 @@ class Attendance:
             state = self._state()
         if state == "LINKED":
             self._consent(
-                f"{self._name.capitalize()} answers. Put it on the floor, lying, with 1 m of room around it. Take "
+                f"{self._name.capitalize()} answers. Lay it on the floor, with 1 m of room around it. Take "
                 "the remote in your hand: R2 or L2+B damps it at once. Arming allows it to move.",
                 WORD_ARM,
             )

@@ -29,7 +29,7 @@ class Link(Protocol):
     Attributes:
         counters: counts of packets since the link was opened.
         packet: the datagram that decided the last read, unchanged; empty if none arrived.
-        fault: why the last read gave no state; None if it gave one.
+        fault: the reason why the last read gave no state; None if it gave one.
         tap: function that receives every datagram with its direction, for instance a raw log.
     """
 
@@ -75,7 +75,7 @@ class UdpLink:
     Attributes:
         counters: counts of packets since the link was opened.
         packet: the datagram that decided the last read, unchanged; empty if none arrived.
-        fault: why the last read gave no state; None if it gave one.
+        fault: the reason why the last read gave no state; None if it gave one.
         tap: function that receives every datagram with its direction, for instance a raw log.
     """
 
@@ -164,7 +164,7 @@ class RobotSide:
     Attributes:
         counters: counts of packets since it was opened.
         packet: the datagram that decided the last read; empty if none arrived.
-        fault: why the last read gave no command; None if it gave one.
+        fault: the reason why the last read gave no command; None if it gave one.
         tap: function that receives every datagram with its direction.
     """
 

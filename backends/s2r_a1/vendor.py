@@ -117,7 +117,7 @@ class VendorLink:
     Attributes:
         counters: counts of packets since the link was opened.
         packet: the state that decided the last read, packed from the module's numbers.
-        fault: why the last read gave no state; None if it gave one.
+        fault: the reason why the last read gave no state; None if it gave one.
         tap: function that receives every packet with its direction.
     """
 

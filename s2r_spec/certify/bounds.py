@@ -72,7 +72,7 @@ class Bounds:
 
         Args:
             data: conditioned on all outcomes so far.
-            bound: from the same data.
+            bound: the bound from the same data.
             tolerance: split while a cell may exceed every point's upper bound by more than this
                 share of the interval that is left.
         """

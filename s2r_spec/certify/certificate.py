@@ -49,7 +49,7 @@ class Certificate:
         delta: 1 − probability.
         target: the declared ε.
         label: see :class:`Label`.
-        reason: why it was refused, else "".
+        reason: the reason for a refusal, else "".
         worst: the point of the largest lower confidence bound.
         rollouts: number of outcomes.
         iterations: number of batches.

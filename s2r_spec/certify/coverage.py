@@ -80,7 +80,7 @@ class Coverage:
             points: (u, dim) tested points.
             counts: (u,) their rollouts.
             needed: rollouts that each part must have.
-            rng: draws the places.
+            rng: the generator of the places.
         """
         done = self._done(points, counts)
         wanted = np.minimum(np.maximum(0, needed - done), np.maximum(LEAST, done))

@@ -40,7 +40,7 @@ class FailureProbability:
         B: bound on the norm of the probability.
         B_low: the smallest norm compatible with the rollouts.
         worst: the test where the upper bound is largest.
-        refused: why there is no bound, else "".
+        refused: the reason why there is no bound, else "".
     """
 
     level: float

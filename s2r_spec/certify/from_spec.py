@@ -14,10 +14,10 @@ def search_for(spec: Spec, requirement: str, options: RunOptions, noise: float =
     """Return the search that a requirement's certify line declares.
 
     Args:
-        spec: with a test space and a certify line.
+        spec: a specification with a test space and a certify line.
         requirement: the name of the requirement.
-        options: have the seed, the budget, the mode and the engine.
-        noise: multiplies the declared R (dimensionless).
+        options: the seed, the budget, the mode and the engine.
+        noise: factor on the declared R (dimensionless).
 
     Raises:
         UsageError: the requirement is unknown, or its certify line lacks a setting.

@@ -49,7 +49,7 @@ def gap(
     """Bound the signed gap between two backends over the spec's test space.
 
     Args:
-        spec: with a test space and a certify line.
+        spec: a specification with a test space and a certify line.
         simulated: the simulator's backend, by name.
         real: the real machine's backend, by name: a robot, its logs, a twin. Every recording inside the test space
             counts once, and the simulator runs at the same tests (or its own logs are read). The search then chooses

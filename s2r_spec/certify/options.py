@@ -49,7 +49,7 @@ class Execution:
 
     Args:
         seed: the seed of the whole run.
-        executor: makes the pool of workers; two local processes by default.
+        executor: a function that makes the pool of workers; two local processes by default.
         timeout: a rollout that takes longer is ended, and counts as a crash [s]; ``inf`` for never, None for
             :func:`s2r_spec.rollouts.scorer.default_timeout`.
         resume: go on with the run in the folder.

@@ -28,7 +28,7 @@ class Pairing:
         recorded: the tests of a real machine that has recordings; else None, and the search chooses them.
         simulated: recordings of the simulator at the same tests; None if it runs.
         per_real: fewest simulated rollouts for a real one; their mean is compared with it.
-        notes: what a reader of the certificate must know, each in one sentence.
+        notes: facts that a reader of the certificate must know, each in one sentence.
     """
 
     sim: Scorer

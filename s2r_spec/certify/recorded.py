@@ -32,7 +32,7 @@ class Design:
 
     Attributes:
         tests: (test point in the spec's units, its recordings), in recorded order.
-        notes: what a reader of the certificate must know, each in one sentence.
+        notes: facts that a reader of the certificate must know, each in one sentence.
     """
 
     tests: tuple[tuple[dict[str, float], tuple[Recording, ...]], ...]
@@ -137,7 +137,7 @@ def left_open(search: Search, what: str) -> list[str]:
     """Return the limits of a certificate from recorded tests, each in one sentence.
 
     Args:
-        search: with all outcomes of the tests.
+        search: the search, with all outcomes of the tests.
         what: the bounded quantity, "E ρ" or "E Δ".
     """
     notes, space = [], search.space

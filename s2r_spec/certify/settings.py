@@ -48,7 +48,7 @@ class SearchSettings:
 
     Args:
         space: the test space.
-        kernel: with lengthscales in the units of the space.
+        kernel: the kernel, with lengthscales in the units of the space.
         B: bound on the RKHS norm of J, in the unit of the outcome.
         R: sub-Gaussian proxy of one outcome's noise, in the unit of the outcome. It is declared, never fitted.
         delta: the certificate holds with probability ≥ 1 − δ over the noise, at every time at once.

@@ -72,7 +72,7 @@ def machine_assumptions(backend: str, header: Mapping[str, Any], journal: Journa
 
     Args:
         backend: the name of the backend.
-        header: with what :func:`machine_fields` wrote.
+        header: a header with the fields of :func:`machine_fields`.
         journal: the journal of its rollouts.
     """
     own = tuple(header.get("assumptions", ()))

@@ -17,7 +17,7 @@ class Signal:
 
     Args:
         name: channel of the trace.
-        unit: as declared, "" if none.
+        unit: the declared unit; "" if there is none.
         dim: number of components; 1 for a plain signal.
         range: (low, high) in the unit, or None.
         vector: whether a dimension was declared, so that the channel is (n, dim).

@@ -39,7 +39,7 @@ class Unit:
     """A unit of measurement.
 
     Args:
-        text: as it is written.
+        text: the unit as it is written.
         dimension: ((base dimension, exponent), …), sorted; empty for a plain number.
         factor: size of the unit in base units.
         offset: the zero of the unit in base units, such as 273.15 for degC; 0 for nearly all units.

@@ -62,7 +62,7 @@ class Explanation:
         rho: the robustness of the requirement, in ``unit``.
         unit: the unit of ρ.
         satisfied: whether the requirement is true there; at ρ = 0 the comparisons decide.
-        parts: from the requirement down to the predicate, each with its own instant.
+        parts: the formulas from the requirement down to the predicate, each with its own instant.
         instant: time at which the predicate is evaluated [s]; None without a predicate.
         predicate: the text of the predicate; "" if no predicate decides ρ.
         line: line of the predicate, or else of the innermost part.
@@ -77,7 +77,7 @@ class Explanation:
         responsible: (from, to) times [s] at which the verdict depends on this predicate: where it fails, or else
             where it must hold; below a negation, where it holds, or else where it must not.
         unneeded: the right side of an implication that is true because its left side is false; "" if there is none.
-        reason: why no predicate decides ρ; "" if one does.
+        reason: the reason why no predicate decides ρ; "" if one does.
     """
 
     requirement: str

@@ -66,7 +66,7 @@ class Void:
 
     Attributes:
         rollout: the attempt that was void.
-        word: what ended it: "link", "operator", "killed", …
+        word: the cause of its end: "link", "operator", "killed", …
         reason: the same as a sentence.
         trace: file with its trace, relative to the run's folder; None if there is none.
         seconds: duration of the attempt [s].

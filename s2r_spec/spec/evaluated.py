@@ -52,7 +52,7 @@ class Spec(Declared):
         fall) has the ρ that the ``certify`` line declares for it, whatever its samples are.
 
         Args:
-            trace: with every channel of :meth:`channels`.
+            trace: a trace with every channel of :meth:`channels`.
             params: name → value in the declared unit, for every parameter used that has no default.
             interpolation: see :meth:`evaluate`.
             until: see :meth:`evaluate`.
@@ -131,7 +131,7 @@ class Spec(Declared):
         until: Witness = "open",
         end: End = "clip",
     ) -> FloatArray:
-        """Return (n,): ρ of one requirement at every sample; the values of :meth:`evaluate`."""
+        """Return (n,): ρ of one requirement at every sample, as :meth:`evaluate` computes it."""
         evaluation = self.evaluate(
             trace, requirement, params, interpolation=interpolation, until=until, end=end
         )

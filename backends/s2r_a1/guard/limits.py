@@ -128,7 +128,7 @@ class Limits:
         Figure(
             "rad",
             "a pose out of reach burnt a motor (locomotion_simulation issue 7)",
-            "the position gain asks for 2 × 40 N·m",
+            "the position gain commands 2 × 40 N·m",
         ),
     ] = 0.5
     still: Annotated[
@@ -156,14 +156,14 @@ class Limits:
         int,
         Figure(
             "ns",
-            "for states without motion; changing a battery takes longer",
+            "only in states without motion; changing a battery takes longer",
             "a robot that was switched off and on stays armed",
         ),
     ] = SECOND
     dropped: Annotated[int, Figure("packets", "five rounds are 10 ms", "torque acts on old states")] = 5
     kp: Annotated[float, Figure("N·m/rad", "the stiffest stand published (FE, WP)", "joints ring")] = 100.0
     kd: Annotated[float, Figure("N·m·s/rad", "the guide's stand has 7", "joints ring")] = 10.0
-    speed: Annotated[float, Figure("rad/s", "the A1's URDF", "kd alone asks for 200 N·m")] = 21.0
+    speed: Annotated[float, Figure("rad/s", "the A1's URDF", "kd alone commands 200 N·m")] = 21.0
     wild_speed: Annotated[
         float, Figure("rad/s", "twice the joints' largest speed", "a broken encoder acts for longer")
     ] = 42.0
