@@ -32,7 +32,7 @@ def batch_size(state: State) -> int:
 
 
 def coverage_tests(state: State) -> list[tuple[FloatArray, int]]:
-    """Return (point, replicates) of the tests that axes shorter than the kernel lack."""
+    """Return (point, replicates) of the missing tests on axes that are shorter than their lengthscale."""
     if not state.coverage.axes:
         return []
     settings = state.settings
