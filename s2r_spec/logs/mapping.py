@@ -437,7 +437,7 @@ def _complete(numbers: Mapping[int, Sequence[int]], least: int) -> tuple[Part, .
 
 
 def read_map(texts: Iterable[str]) -> dict[str, str]:
-    """Return channel → column of texts like ``vx=velocity.x``.
+    """Return channel → column, from texts like ``vx=velocity.x``.
 
     Raises:
         UsageError: a text is not of this form, or a name is mapped twice.

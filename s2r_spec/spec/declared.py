@@ -55,7 +55,7 @@ class Declared:
         )
 
     def read_params(self, texts: Iterable[str]) -> dict[str, float]:
-        """Return name → value in the declared unit, of texts like ``vd=0.3`` or ``vd=30 cm/s``.
+        """Return name → value in the declared unit, from texts like ``vd=0.3`` or ``vd=30 cm/s``.
 
         Raises:
             UsageError: a text is not of this form, a name is unknown, or a unit does not fit.
