@@ -44,7 +44,7 @@ class Rate:
         return max(0.0, middle - half), min(1.0, middle + half)
 
     def to_json(self) -> dict[str, Any]:
-        """Return share, counts and interval."""
+        """Return the share, the counts and the interval."""
         low, high = self.interval()
         return {
             "rate": None if not self.of else round(self.value, 4),

@@ -178,8 +178,8 @@ def _difference(name: str, trace: Trace, first: Trace, other: str) -> str:
     unit, other_unit = trace.units.get(name), first.units.get(name)
     if unit != other_unit:
         return (
-            f", line 1: the channel {name!r} is in {unit or 'no unit'}, "
-            f"but in {other_unit or 'no unit'} in {other}; write a header such as {name} [{unit or other_unit}]"
+            f", line 1: the channel {name!r} has the unit {unit or 'none'}, but the unit {other_unit or 'none'} "
+            f"in {other}; write a header such as {name} [{unit or other_unit}]"
         )
     return ""
 

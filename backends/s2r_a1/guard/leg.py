@@ -56,7 +56,7 @@ def heights(legs: Legs, q: Sequence[float], quaternion: Sequence[float]) -> Iter
 
 
 def standing(legs: Legs, height: float) -> tuple[float, float, float]:
-    """Return hip, thigh and calf angle [rad] of a stand with the base at this height [m] and the feet below the hips.
+    """Return the hip, thigh and calf angles [rad] of a stand: the base at this height [m], the feet below the hips.
 
     Thigh and calf must have equal lengths.
     """

@@ -69,7 +69,7 @@ class Limits:
     highest: Annotated[
         Vector3, Figure("rad", "Safety of SDK for the A1: hip, thigh, calf", "legs may strike their stops")
     ] = (0.802, 4.19, -0.916)
-    legs: Annotated[leg.Legs, Figure("m", "the A1's URDF", "the height is wrong by as much")] = leg.A1
+    legs: Annotated[leg.Legs, Figure("m", "the A1's URDF", "the height is off by the same amount")] = leg.A1
     margin: Annotated[
         float,
         Figure(
