@@ -268,7 +268,7 @@ class HasResiduals(Protocol):
     in its torque, not in the controlled speed. A residual is zero, up to noise and numerics, wherever the recorded
     motion, commands and forces agree with the nominal model, for every controller.
 
-    If the residuals of ``with_effects(values)`` are those of the model with these effects, a diagnosis also estimates
+    If ``with_effects(values)`` computes the residuals of the model with these effects, a diagnosis also estimates
     the size of each effect from the equations of motion.
     """
 
@@ -471,7 +471,7 @@ class Needs:
 
 @runtime_checkable
 class NeedsSpec(Protocol):
-    """A backend without channels and parameters of its own: it takes those of the specification."""
+    """A backend without its own channels and parameters: the specification defines them."""
 
     def for_spec(self, needs: Needs) -> Self:
         """Return this backend with these channels and parameters; open nothing."""
@@ -567,7 +567,7 @@ def load_backend(name: str) -> Backend:
 
 
 def described(name: str) -> tuple[Backend, tuple[Option, ...]]:
-    """Return a backend to describe, and its options; a backend without its required options gets those of its example.
+    """Return a backend to describe, and its options; it gets its example's options if required ones are missing.
 
     Raises:
         BackendError: as :func:`load_backend`.

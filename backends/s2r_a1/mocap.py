@@ -2,7 +2,7 @@
 
 Data: poses of a rigid body on the robot, as JSON lines {"t", "x", "y", "z", "qw", "qx", "qy", "qz"} [s, m] over UDP on
 this computer; their clock is independent of the robot's. Unknown: the offset between the two clocks, in every rollout.
-Model: the yaw rate of the body equals that of the robot's gyroscope, up to noise. Estimator: the offset with the
+Model: the body and the robot's gyroscope have the same yaw rate, up to noise. Estimator: the offset with the
 largest correlation, near the offset that the times of arrival suggest. A trot turns the body left and right once in
 0.4 s, so the correlation has a peak. A pose cannot arrive before it was taken, which separates the peak from its
 neighbours; poses must arrive within 0.15 s. If the peak is low, there is no velocity (:class:`MocapError`).

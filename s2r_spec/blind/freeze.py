@@ -117,7 +117,7 @@ def check(public: Path, answers: Path) -> dict[str, Any]:
 
 
 def code_hash(simulator: str = "") -> str:
-    """Return the hash of s2r's own source and of the hash of the simulator's source."""
+    """Return one hash of s2r's own source and the hash of the simulator's source."""
     root = Path(__file__).parents[1]
     digest = hashlib.sha256(simulator.encode())
     for path in sorted(root.rglob("*.py")):

@@ -4,7 +4,7 @@ E ρ may be positive while one rollout in ten fails. The indicator of ρ < level
 ½-sub-Gaussian for every probability (Hoeffding's lemma). R is proven here and need not be declared. One
 assumption remains: the probability, as a function of the test, has a bounded norm.
 
-The rollouts may be those of a search for the worst E ρ. Its tests depend only on earlier outcomes, and the
+The rollouts may come from a search for the worst E ρ. Its tests depend only on earlier outcomes, and the
 bound asks no more of them.
 """
 

@@ -104,7 +104,7 @@ class _Simulation:
     """Simulated searches, with a count of those that are done.
 
     Attributes:
-        settings: the declaration; its budget is the most that a search may take, its seed that of the simulation.
+        settings: the declaration; its budget is the most rollouts of a search, and its seed fixes the simulation.
         runs: searches for each number.
         total: all of them.
         progress: receives the count.

@@ -35,7 +35,7 @@ class State:
         phase: the search that runs; None before the first one.
         certificate: the certificate of the finished batches.
         queries: the tests of the batch that runs.
-        rollouts: number on disk, including those of an earlier process.
+        rollouts: number of rollouts on disk, including the rollouts of an earlier process.
         here: number of them that this process ran.
         since: time at which this process began its first one [s].
         last: ρ of the latest rollouts.

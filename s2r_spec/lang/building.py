@@ -50,7 +50,7 @@ class _Builder:
         return None
 
     def trees(self, children: list[_Child], *but: str) -> tuple[Any, ...]:
-        """Return the converted children that are not tokens, except those of the rules in ``but``."""
+        """Return the converted children that are not tokens, except children of the rules in ``but``."""
         return tuple(
             self.node(child) for child in children if isinstance(child, Tree) and child.data not in but
         )

@@ -83,7 +83,7 @@ class CertifySettings:
     fall: float | None = None
 
     def over(self, general: CertifySettings) -> CertifySettings:
-        """Return these settings, completed by those of ``general``."""
+        """Return these settings, completed by the settings of ``general``."""
         given = {key: value for key, value in vars(self).items() if value is not None}
         return replace(general, **given)
 

@@ -283,7 +283,7 @@ def _asked(query: Query, index: int, replicate: int, params: Mapping[str, float]
     if dict(params) != query.point:
         raise UsageError(
             f"rollout {index}.{replicate} of {folder} was run at {dict(params)}, but the search now chooses "
-            f"{query.point}: the numerical libraries differ from those of the run"
+            f"{query.point}: the numerical libraries differ from the libraries of the run"
         )
 
 

@@ -249,7 +249,7 @@ class Monitor:
         """Take one more sample, and return requirement → the possible values of ρ at the first time.
 
         Args:
-            time: the time of the sample [s], later than that of the sample before.
+            time: the time of the sample [s], later than the time of the sample before.
             sample: signal → its value in the declared unit, a sequence for a vector.
 
         Raises:

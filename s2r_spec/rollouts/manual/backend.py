@@ -39,7 +39,7 @@ class ManualBackend:
     Args:
         folder: folder of the rollouts; options for reading logs may follow a ``?``.
         duration: horizon of the specification [s]; 0 if it reads a trace to its end.
-        needs: channels and parameters of the specification; None for those of the folder's last run.
+        needs: channels and parameters of the specification; None to take them from the folder's last run.
 
     Raises:
         UsageError: the folder is missing, or an option is unknown.
