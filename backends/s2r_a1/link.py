@@ -101,7 +101,7 @@ class UdpLink:
     def read(self) -> Reading | None:
         """Return the newest state that was not returned before; None if there is none.
 
-        Of several datagrams the newest valid one counts; if none is valid, ``fault`` is that of the last one.
+        Of several datagrams the newest valid one counts; if none is valid, ``fault`` describes the last one.
         """
         arrived = self._socket.receive()
         newest: Reading | None = None

@@ -1,7 +1,7 @@
 """Compute the positions of the feet and the height of the base, in plain Python numbers.
 
 Data: joint angles q and the attitude of the base as a unit quaternion (w, x, y, z). The guard has its own kinematics
-because it must not load a simulator; ``tests/a1/test_limits.py`` compares them with those of ``s2r_sim``. Legs in the
+because it must not load a simulator; ``tests/a1/test_limits.py`` compares them with ``s2r_sim``. Legs in the
 order FR, FL, RR, RL; axes x forward, y left, z up; m and rad.
 """
 
