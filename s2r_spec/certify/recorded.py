@@ -71,7 +71,7 @@ def fixed_design(spec: Spec, requirement: str, backend: Backend, recordings: Seq
     notes = []
     if outside:
         notes.append(
-            f"{len(outside)} of {len(recordings)} recordings are of tests outside the spec's test space and are "
+            f"{len(outside)} of {len(recordings)} recordings have tests outside the spec's test space and are "
             f"not used ({', '.join(outside[:3])}{', …' if len(outside) > 3 else ''})"
         )
     units = {channel.name: channel.unit for channel in backend.channels}

@@ -45,7 +45,7 @@ def _samples(formula: f.Formula, period: Fraction | None) -> int:
 def seconds_needed(formula: f.Formula, step: float, slack: float = 0.0) -> float:
     """Return the time after an instant that a trace must last to decide a formula there [s].
 
-    As :func:`samples_needed`, in time. An unbounded window needs only its beginning.
+    Like :func:`samples_needed`, but in time. An unbounded window needs only its beginning.
 
     Args:
         formula: the formula.
