@@ -35,7 +35,7 @@ def check(spec: Spec, backend: str, folder: Path | str, **keywords: Unpack[RunKe
     """Certify the worst expected robustness of one requirement over the spec's test space.
 
     Args:
-        spec: with a test space and a certify line.
+        spec: a specification with a test space and a certify line.
         backend: the name of the backend; it is opened in every worker.
         folder: the folder of the journal and the traces.
         keywords: see :class:`~s2r_spec.certify.options.RunOptions`; all of them may be left out.
@@ -104,5 +104,5 @@ def _design(search: Search, spec: Spec, requirement: str, scorer: Scorer) -> Des
         search.refuse_hopeless()
         return None
     if search.budget is not None:
-        raise UsageError(f"a budget does not apply to {scorer.name}: it has the recordings that it has")
+        raise UsageError(f"a budget does not apply to {scorer.name}: s2r uses all of its recordings")
     return fixed_design(spec, requirement, scorer.backend, scorer.backend.recordings)

@@ -47,7 +47,7 @@ class CertifyResult:
 def certify(
     spec: Spec, simulated: str, real: str, folder: Path | str, **keywords: Unpack[RunKeywords]
 ) -> CertifyResult:
-    """Run both searches and combine them; the arguments are those of :func:`s2r_spec.certify.gap.gap`.
+    """Run both searches and combine them; for the arguments see :func:`s2r_spec.certify.gap.gap`.
 
     ``budget`` bounds the real rollouts; the simulator runs as many as its ε takes. Search 2 does not begin when
     search 1 was refused: rollouts of the real machine could not change that.
@@ -107,6 +107,6 @@ def conclude_certify(
         way = "more real rollouts" if bounded.certificate.label is Label.BUDGET else "a smaller epsilon"
         if "recorded" in bounded.provenance:
             where = ", ".join(f"{name} = {value:.4g}" for name, value in second.suggestion.items())
-            way = f"a further recorded test, best at {where},"
+            way = f"another recorded test, best at {where},"
         verdict, reason = Verdict.UNKNOWN, f"the interval contains 0; {way} may decide it"
     return CertifyResult(verdict, reason, real, checked, bounded, composition)

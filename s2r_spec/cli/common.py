@@ -136,7 +136,7 @@ def pool(workers: int | None, scheduler: str | None) -> tuple[ExecutorFactory, s
         return process_pool(count), f"{count} worker{'s' if count > 1 else ''}"
     if workers is not None:
         raise UsageError(
-            "--workers counts processes of this machine, and a --scheduler has its own workers: give one of them"
+            "--workers counts processes on this computer, and a --scheduler has its own workers: give only one of them"
         )
     return dask_pool(scheduler), f"scheduler {scheduler}"
 
@@ -181,7 +181,7 @@ def new_or_old(run: Path | None, resume: Path | None, name: str, seed: int) -> P
         UsageError: both were given, there is nothing to resume, or the folder cannot be made.
     """
     if run is not None and resume is not None:
-        raise UsageError("--run begins a new run, and --resume continues one: give one of them")
+        raise UsageError("--run begins a new run, and --resume continues one: give only one of them")
     if resume is not None and not resume.is_dir():
         raise UsageError(f"no run to resume at {resume}: the folder does not exist")
     if run is not None and run.exists() and not run.is_dir():
@@ -216,7 +216,7 @@ def begun(
     scheduler: str | None,
     real: str,
 ) -> tuple[ExecutorFactory, Path, str]:
-    """Return pool and folder of a run with a machine, and the line to print when it begins.
+    """Return the pool and the folder of a run with a machine, and the line to print when it begins.
 
     Raises:
         UsageError: see :func:`pool` and :func:`new_or_old`.

@@ -97,7 +97,7 @@ def monitor(
         conventions = profile(like)
         if online:
             if like != "s2r":
-                raise UsageError("--profile is for recorded traces; --online evaluates at the samples only")
+                raise UsageError("--profile is for recorded traces; --online evaluates only at the samples")
             if len(traces) != 1:
                 raise UsageError("--online follows one trace: give one file, or - for stdin")
             raise typer.Exit(follow(request, traces[0], Settings(period, ranges, partial, as_json)))
@@ -181,7 +181,7 @@ def _evaluated_requirement(
             shortfall = spec.shortfall(trace, requirement, params, nan=nan)
             text = "\n".join(
                 (
-                    f"{requirement} unknown: it {shortfall} (--partial evaluates the part that is there)",
+                    f"{requirement} unknown: it {shortfall} (--partial evaluates the recorded part)",
                     *lines,
                 )
             )

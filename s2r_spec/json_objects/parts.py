@@ -1,4 +1,4 @@
-"""What the objects of several commands share."""
+"""Parts that the objects of several commands share."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Level = Annotated[float, Interval(gt=0, lt=1)]
 Point = dict[str, float]
 """Test parameter → value, in the unit that the specification declares."""
 Failures = dict[str, Annotated[int, Ge(1)]]
-"""Word → how many rollouts ended so."""
+"""Word for a failure → number of rollouts that ended with it."""
 ExitCode = Literal[0, 1, 3]
 
 
@@ -28,7 +28,7 @@ class Open(TypedDict):
 
 @dataclass(frozen=True, kw_only=True)
 class Location:
-    """Where a requirement is written.
+    """The place of a requirement in the files.
 
     Attributes:
         file: the specification.
@@ -40,6 +40,6 @@ class Location:
 
 
 def extended(kind: type[Record], record: Any, **more: Any) -> Record:
-    """Return a record of a kind that has the fields of another, and these more."""
+    """Return a record with the fields of another record, and these more."""
     shared = {each.name: getattr(record, each.name) for each in fields(record) if each.init}
     return kind(**shared, **more)

@@ -129,7 +129,7 @@ def _listed(names: Sequence[str]) -> str:
 
 
 def where_words(where: Where, spec: Spec) -> tuple[str, ...]:
-    """Return sentences on the worst test: its gap, the time, channel and predicate of most of it."""
+    """Return sentences on the worst test: its gap, and the time, channel and predicate that cause most of it."""
     unit = where.pair.unit
     test = test_words(where.test, spec.space.units)
     lines = [
@@ -182,7 +182,7 @@ def body_words(where: Where) -> tuple[str, ...]:
     most = where.body.most
     if most is None:
         return (
-            f"the nominal model explains the residuals of every part of the machine ({where.body.asked} tests of them)",
+            f"the nominal model explains the residuals of every part of the machine ({where.body.asked} comparisons)",
         )
     shown = [(part, part.shifts[0]) for part in where.body.shifted[:PARTS]]
     if most[0] not in where.body.shifted[:PARTS]:

@@ -203,7 +203,7 @@ def _least(found: Diagnosis) -> list[tuple[str, str, str]]:
         unit = f" {spelled(one.unit)}" if one.unit else ""
         words = [f"{one.below:.3g}{unit} or less"] if one.below is not None else []
         words += [f"{one.above:.3g}{unit} or more"] if one.above is not None else []
-        sizes = " and ".join(words) or "at no size that was tried"
+        sizes = " and ".join(words) or "at none of the tried sizes"
         rows.append((f"{one.effect}.{one.parameter}", f"{one.nominal:.3g}{unit}", sizes))
     return rows
 

@@ -24,7 +24,8 @@ def require_packages() -> None:
     missing = [name for name in PACKAGES if find_spec(name) is None]
     if missing:
         raise UsageError(
-            f"an HTML report needs {' and '.join(missing)}, not installed here; try: pip install 's2r[report]'"
+            f"an HTML report needs packages that are not installed, {' and '.join(missing)}; "
+            f"try: pip install 's2r[report]'"
         )
 
 

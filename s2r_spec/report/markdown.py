@@ -38,7 +38,7 @@ def _details(finding: Finding) -> str:
 
 
 def cell(words: str) -> str:
-    """Return one line in which neither Markdown nor HTML marks anything up."""
+    """Return one line without active markup: Markdown and HTML characters are escaped."""
     line = one_line(" ".join(words.split())).replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
     return re.sub(r"([\\`*_{}\[\]|~#!$@])", r"\\\1", line)
 

@@ -243,7 +243,7 @@ def _composed(run: RecomputedCertify, gap: RecomputedGap, composed: Composition)
 
 
 def _negative(search: Search) -> Callable[[FloatArray], tuple[FloatArray, FloatArray]]:
-    """Return the bounds of f, of which the search maximises −f."""
+    """Return the bounds of f, if the search maximises −f."""
 
     def bounds(points: FloatArray) -> tuple[FloatArray, FloatArray]:
         lower, upper = search.band(points)
@@ -298,7 +298,7 @@ def _summands(run: RecomputedCertify, composed: Composition) -> Bars:
         "Intervals of expected values; the red mark is 0.",
         bars(rows, simulated.unit),
         f"The bound for {run.result.real} adds both bounds test by test. The paper adds the worst cases of both "
-        "searches, wherever they lie, and gives a lower end only.",
+        "searches, wherever they lie, and gives only a lower end.",
     )
 
 

@@ -2,8 +2,8 @@
 
 On a regular grid, as in :mod:`s2r_spec.robustness.sampled`: numbers are
 (…, width, n), conditions (…, n), any batch axes first. The gradient is an exact
-sub-gradient (:mod:`s2r_spec.robustness.tensor_windows`), or with a temperature
-that of the smooth minimum (:mod:`s2r_spec.robustness.smooth`).
+sub-gradient (:mod:`s2r_spec.robustness.tensor_windows`); with a temperature it
+is the gradient of the smooth minimum (:mod:`s2r_spec.robustness.smooth`).
 """
 
 from __future__ import annotations

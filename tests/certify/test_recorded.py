@@ -89,7 +89,7 @@ def test_tests_outside_the_space_and_with_another_fixed_value_are_named_and_not_
     result = check(tmp_path, record(tmp_path / "log", tests, header="id,vd [m/s],load [kg]"), text)
     assert result.certificate.rollouts == 3
     assert any(
-        "5 of 8 recordings are of tests outside the spec's test space" in t for t in result.assumptions
+        "5 of 8 recordings have tests outside the spec's test space" in t for t in result.assumptions
     )
 
 

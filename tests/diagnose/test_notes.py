@@ -166,7 +166,7 @@ def test_falls_missing_channels_few_tests_and_a_cut_budget_are_told():
         "1 of 7 real rollouts ended early (fall)"
     )
     [one] = notes(BENCH, Used(many(12, 1), 12, False, 4, 12), ENOUGH)
-    assert one.startswith("all real rollouts are of one test")
+    assert one.startswith("all real rollouts repeat one test")
 
 
 @pytest.mark.parametrize(("times", "words"), [(1e3, "about 1000 times"), (np.pi / 180.0, "about a 57th of")])

@@ -38,7 +38,7 @@ class Runs:
     """The rollouts of one journal, with their spec and requirement.
 
     Attributes:
-        spec: as the run keeps it.
+        spec: the specification that the run keeps.
         requirement: the name of the requirement.
         unit: the unit of ρ.
         folder: the folder of the journal.
