@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +17,8 @@ FloatArray = NDArray[np.float64]
 _MOST_SAMPLES = 240
 
 
-class Component(NamedTuple):
+@dataclass(frozen=True)
+class Component:
     """A scalar channel, or one component of a vector channel.
 
     Attributes:
