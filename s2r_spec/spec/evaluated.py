@@ -202,13 +202,12 @@ class Spec(Declared):
             until: see :meth:`evaluate`.
             temperature: the temperature of a smooth minimum, in the unit of ρ; 0 for the exact one.
         """
-        from s2r_spec.robustness.tensor import evaluate_tensors
+        from s2r_spec.robustness.tensor import evaluate_tensors, read_numbers, read_tensors
 
         formula = self._formula(requirement)
-        channels = [self.signals[name] for name in self.channels(requirement)]
-        return evaluate_tensors(
-            formula, channels, self.params, signals, params or {}, period, until, temperature
-        )
+        read = read_tensors([self.signals[name] for name in self.channels(requirement)], signals)
+        numbers = read_numbers(formula, self.params, params or {}, like=next(iter(read.values())))
+        return evaluate_tensors(formula, read, numbers, period, until, temperature)
 
     def monitor(
         self,
