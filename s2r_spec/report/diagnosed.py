@@ -20,17 +20,9 @@ from s2r_spec.report.checked import test_words
 from s2r_spec.report.figures.robot import said
 from s2r_spec.report.nextstep import next_step
 from s2r_spec.report.quantity import Scale, measured, quantity
+from s2r_spec.report.text import STYLES
 from s2r_spec.spec import Spec
 
-COLOURS = {
-    Verdict.NONE: "bold green",
-    Verdict.SPREAD: "bold yellow",
-    Verdict.NAMED: "bold green",
-    Verdict.CONFOUNDED: "bold yellow",
-    Verdict.UNKNOWN: "bold yellow",
-}
-EXIT = {Verdict.NONE: 0, Verdict.NAMED: 0, Verdict.SPREAD: 3, Verdict.CONFOUNDED: 3, Verdict.UNKNOWN: 3}
-"""Exit codes (definition): 0 if a cause, or no material gap, is the answer; 3 if there is no such answer."""
 SHOWN = 5
 """Definition: causes that are printed, most probable first."""
 PARTS = 3
@@ -46,7 +38,7 @@ def record(found: Diagnosis, spec: Spec) -> DiagnosisObject:
 
 def exit_code(found: Diagnosis) -> int:
     """Return 0 if the verdict is a cause or no material gap, and the recordings have no suspected mistake; else 3."""
-    return EXIT[Verdict.UNKNOWN] if found.misread else EXIT[found.verdict]
+    return (Verdict.UNKNOWN if found.misread else found.verdict).exit_code
 
 
 def as_json(found: Diagnosis, spec: Spec) -> str:
@@ -62,7 +54,9 @@ def text(found: Diagnosis, spec: Spec) -> str:
 def markup(found: Diagnosis, spec: Spec) -> str:
     """Return rich markup: mistakes of the recordings, the answer, then its details."""
     first = "".join(f"{escape(one_line(f'note: {each.text}'))}\n" for each in found.findings)
-    headline = f"[{COLOURS[found.verdict]}]{found.verdict.value.upper()}[/]  {escape(one_line(found.reason))}"
+    headline = (
+        f"[{STYLES[found.verdict.tone]}]{found.verdict.value.upper()}[/]  {escape(one_line(found.reason))}"
+    )
     return f"{first}{headline}\n{escape(body(found, spec))}"
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import PurePath
 from typing import Any
 
-from s2r_spec.diagnose.diagnosis import Diagnosis, Verdict
+from s2r_spec.diagnose.diagnosis import Diagnosis
 from s2r_spec.diagnose.where.attribution import Part
 from s2r_spec.printable import spelled
 from s2r_spec.report.diagnosed import (
@@ -30,14 +30,6 @@ from s2r_spec.report.nextstep import next_step
 from s2r_spec.report.quantity import interval, quantity
 from s2r_spec.spec import Spec
 
-SIGNS = {
-    Verdict.NONE: ("✓", "holds"),
-    Verdict.SPREAD: ("?", "unknown"),
-    Verdict.NAMED: ("✓", "holds"),
-    Verdict.CONFOUNDED: ("?", "unknown"),
-    Verdict.UNKNOWN: ("?", "unknown"),
-}
-"""Definition: verdict → sign, and the style class of its colour."""
 SHOWN = 8
 """Definition: causes that get a bar, most probable first."""
 _LEAST = 0.0005
@@ -65,13 +57,10 @@ def render(found: Diagnosis, spec: Spec, real: str = "") -> str:
     Raises:
         UsageError: a package is missing.
     """
-    sign, tone = SIGNS[found.verdict]
     return fill(
         "diagnosis.html",
         found=found,
         mistakes={each.text for each in found.findings},
-        sign=sign,
-        tone=tone,
         about=_about(found, spec, real),
         reason=_unbroken(found.reason),
         next=_unbroken(next_step(found, spec)),
