@@ -107,7 +107,7 @@ def test_words(params: Mapping[str, float], units: Mapping[str, str]) -> str:
 
 
 def effort(result: Result, of: str = "") -> tuple[tuple[str, str], ...]:
-    """Return the rows on the rollouts (``of`` a machine): number, falls, time over all workers, and void ones."""
+    """Return the rows on the rollouts: number, falls, summed time, and void ones; ``of`` says of which machine."""
     certificate, seconds = result.certificate, result.seconds
     failures = ", ".join(f"{count} × {word}" for word, count in sorted(result.failures.items())) or "no falls"
     # Recordings were not run.
