@@ -17,7 +17,6 @@ from rich.console import Console
 from rich.text import Text
 
 from s2r_spec.printable import one_line, without_controls
-from s2r_spec.report.text import STYLES
 from s2r_spec.verdict import Verdict
 
 ERRORS = "s2r.readable"
@@ -55,6 +54,8 @@ def say(line: object, *, error: bool = False) -> None:
 
 def print_verdict(lines: str, verdict: Verdict) -> None:
     """Print a result of one requirement; its verdict has the verdict's colour."""
+    from s2r_spec.report.text import STYLES
+
     text = Text(lines)
     text.highlight_words([f" {verdict.value}:"], style=STYLES[verdict.tone])
     console().print(text)
