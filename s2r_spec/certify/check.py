@@ -12,7 +12,7 @@ from typing import Any, Unpack
 
 from s2r_spec.backend import HasRecordings, is_exclusive
 from s2r_spec.certify.arguments import as_folder, as_name, as_spec, require_begun
-from s2r_spec.certify.check_result import CheckResult, Verdict, conclude, of_recordings
+from s2r_spec.certify.check_result import CheckResult, conclude, of_recordings
 from s2r_spec.certify.experiments import Rollouts, run_search
 from s2r_spec.certify.from_spec import only_requirement, rho_unit, search_for
 from s2r_spec.certify.observers import Phase
@@ -28,7 +28,7 @@ from s2r_spec.rollouts.scorer import Scorer
 from s2r_spec.rollouts.spec_files import spec_texts
 from s2r_spec.spec import Spec
 
-__all__ = ["CheckResult", "Verdict", "check", "check_with"]
+__all__ = ["CheckResult", "check", "check_with"]
 
 
 def check(spec: Spec, backend: str, folder: Path | str, **keywords: Unpack[RunKeywords]) -> CheckResult:

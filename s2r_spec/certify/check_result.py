@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from enum import Enum
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -19,19 +18,7 @@ from s2r_spec.certify.search import Search
 from s2r_spec.certify.voids import is_machine, machine_assumptions, void_counts, with_voids, without_too_many
 from s2r_spec.rollouts.journal import Journal, Record
 from s2r_spec.spec import Spec
-
-
-class Verdict(Enum):
-    """Whether the requirement holds; the value is the printed word."""
-
-    HOLDS = "holds"
-    VIOLATED = "violated"
-    UNKNOWN = "unknown"
-
-    @property
-    def exit_code(self) -> Literal[0, 1, 3]:
-        """0 holds, 1 violated, 3 unknown."""
-        return 0 if self is Verdict.HOLDS else 1 if self is Verdict.VIOLATED else 3
+from s2r_spec.verdict import Verdict
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from typing import Unpack
 from s2r_spec.certify.arguments import as_folder, as_name, as_spec, require_begun
 from s2r_spec.certify.certificate import Label
 from s2r_spec.certify.check import check_with
-from s2r_spec.certify.check_result import CheckResult, Verdict
+from s2r_spec.certify.check_result import CheckResult
 from s2r_spec.certify.compose import Composition, compose
 from s2r_spec.certify.from_spec import only_requirement, search_for
 from s2r_spec.certify.gap import gap_search, gap_with
@@ -21,6 +21,7 @@ from s2r_spec.rollouts.attendance import refuse_terms
 from s2r_spec.rollouts.layout import GAP, SIMULATION
 from s2r_spec.rollouts.machine_journal import AGAIN
 from s2r_spec.spec import Spec
+from s2r_spec.verdict import Verdict
 
 
 @dataclass(frozen=True)

@@ -9,11 +9,11 @@ import os
 import re
 import sys
 import warnings
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import typer
 
@@ -26,21 +26,12 @@ from s2r_spec.printable import one_line
 if TYPE_CHECKING:
     from s2r_spec.rollouts.pools import ExecutorFactory
 
-CODES: dict[str, Literal[0, 1, 3]] = {"holds": 0, "violated": 1, "unknown": 3}
-COLOURS = {"holds": "bold green", "violated": "bold red", "unknown": "bold yellow"}
-
 _LONGEST_NAME = 150
 """Budget: letters of the spec's and backends' names in the name of a run's folder; a file name has 255 bytes."""
 
 _json_was_printed = False
 _new: list[Path] = []
 """Folders that this command has made; empty ones are removed at its end."""
-
-
-def worst(verdicts: Iterable[str]) -> str:
-    """Return the worst of several verdicts: violated, then unknown, then holds."""
-    found = set(verdicts)
-    return next(verdict for verdict in ("violated", "unknown", "holds") if verdict in found)
 
 
 @contextmanager

@@ -10,12 +10,13 @@ import typer
 from rich.text import Text
 
 from s2r_spec.cli import terminal
-from s2r_spec.cli.common import CODES, COLOURS, answered, sentences, worst
+from s2r_spec.cli.common import answered, sentences
 from s2r_spec.cli.online import Settings, follow
 from s2r_spec.cli.options import Columns, Nan, TimeUnit, missing
 from s2r_spec.cli.reading import Recorded, Request, named, read
 from s2r_spec.json_values import line
 from s2r_spec.printable import lines, one_line
+from s2r_spec.verdict import Verdict, worst
 
 if TYPE_CHECKING:
     from s2r_spec.json_objects.monitor import MonitoredKind, MonitoredTrace, UnreadTrace
@@ -112,9 +113,9 @@ def monitor(
                     raise
                 print(f"error: {error}", file=sys.stderr)
                 results.append(UnreadTrace(trace=str(path), error=str(error)))
-        verdicts = [one.verdict for result in results for one in result.requirements]
+        verdicts = [Verdict.of(one.satisfied) for result in results for one in result.requirements]
         broken = any(isinstance(result, UnreadTrace) for result in results)
-        code: ExitCode | Literal[2] = 2 if broken else CODES[worst(verdicts)]
+        code: ExitCode | Literal[2] = 2 if broken else worst(verdicts).exit_code
         if as_json:
             answered()
             record = MonitorObject(
@@ -197,7 +198,7 @@ def _evaluated_requirement(
     reason = reason or spec.explain(
         trace, requirement, params, until=conventions["until"], partial=True, nan=nan, sparse=sparse
     )
-    verdict = "holds" if reason.satisfied else "violated"
+    verdict = Verdict.of(reason.satisfied).value
     text = "\n".join((str(reason), *lines))
     if sampling is None:
         return extended(FailedRequirement, reason, verdict=verdict, text=text)
@@ -223,6 +224,4 @@ def _print(results: list[MonitoredTrace | UnreadTrace]) -> None:
         head = Text(one_line(result.trace), style="bold")
         console.print(head.append(f", {taken} as recorded", style="not bold") if taken else head)
         for one in result.requirements:
-            text = Text(lines(one.text))
-            text.highlight_words([f" {one.verdict}:"], style=COLOURS[one.verdict])
-            console.print(text)
+            terminal.print_verdict(lines(one.text), Verdict.of(one.satisfied))

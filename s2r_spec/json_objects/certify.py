@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from s2r_spec.certify.check_result import Verdict
 from s2r_spec.certify.compose import Composition
 from s2r_spec.json_objects.check import CheckedRequirement
 from s2r_spec.json_objects.gap import BoundedGap
 from s2r_spec.json_objects.parts import ExitCode, Location
+from s2r_spec.verdict import Verdict
 
 
 @dataclass(frozen=True, kw_only=True)

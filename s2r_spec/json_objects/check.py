@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, NotRequired
 from annotated_types import MinLen
 
 from s2r_spec.certify.certificate import Certificate, Label
-from s2r_spec.certify.check_result import Tested, Verdict
+from s2r_spec.certify.check_result import Tested
 from s2r_spec.json_objects.parts import (
     Count,
     ExitCode,
@@ -21,6 +21,7 @@ from s2r_spec.json_objects.parts import (
 )
 from s2r_spec.json_values import OPTIONAL
 from s2r_spec.rollouts.journal import Record
+from s2r_spec.verdict import Verdict
 
 
 @dataclass(frozen=True, kw_only=True)

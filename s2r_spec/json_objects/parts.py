@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import Annotated, Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
 from annotated_types import Ge, Interval
 from typing_extensions import TypedDict
 
-Record = TypeVar("Record")
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+Record = TypeVar("Record", bound="DataclassInstance")
 
 Count = Annotated[int, Ge(0)]
 Magnitude = Annotated[float, Ge(0)]
@@ -40,6 +43,7 @@ class Location:
 
 
 def extended(kind: type[Record], record: Any, **more: Any) -> Record:
-    """Return a record with the fields of another record, and these more."""
-    shared = {each.name: getattr(record, each.name) for each in fields(record) if each.init}
-    return kind(**shared, **more)
+    """Return a record of a kind, with the fields that it shares with another record, and these more."""
+    own = {each.name for each in fields(kind)}
+    shared = {each.name for each in fields(record) if each.init} & own
+    return kind(**{name: getattr(record, name) for name in shared} | more)

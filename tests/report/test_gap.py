@@ -10,7 +10,6 @@ from xml.etree import ElementTree as ET
 import jsonschema
 import pytest
 
-from s2r_spec.certify.check import Verdict
 from s2r_spec.certify.gap import gap as bound
 from s2r_spec.certify.rounding import between, down
 from s2r_spec.errors import UsageError
@@ -19,6 +18,7 @@ from s2r_spec.report import REPORTERS, certified, gapped, html, reporter
 from s2r_spec.report.numberline import bars
 from s2r_spec.report.recompute import Kind, kind, recompute_certify, recompute_gap
 from s2r_spec.rollouts.task import open_backend
+from s2r_spec.verdict import Verdict
 from tests.certify.logs import record_from
 from tests.errors import naming, states
 from tests.report.conftest import one_thread, plugin, spec_of
