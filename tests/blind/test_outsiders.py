@@ -44,12 +44,17 @@ def simulators():
     backend._factory.cache_clear()
 
 
+def few(patch):
+    """Make cases of six rollouts, of which two say how far the effects move ρ."""
+    for name, count in {"BUDGET": 6, "DIFFERENT": 4, "PROBES": 2}.items():
+        patch.setattr(outsiders, name, count)
+
+
 @pytest.fixture(scope="module")
 def cases():
     """Return set → kind → a case, of six rollouts."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(outsiders, "BUDGET", 6)
-        patch.setattr(outsiders, "DIFFERENT", 4)
+        few(patch)
         return {
             name: {kind: make_case(machine, np.random.default_rng(5), kind) for kind in KINDS}
             for name, machine in MACHINES.items()
@@ -97,8 +102,7 @@ def test_known_causes_are_the_catalogue_and_unknown_ones_are_not(name, simulator
     "name", [pytest.param(name, marks=pytest.mark.slow if name == "arm" else ()) for name in MACHINES]
 )
 def test_a_case_is_a_function_of_its_random_numbers(name, cases, monkeypatch):
-    monkeypatch.setattr(outsiders, "BUDGET", 6)
-    monkeypatch.setattr(outsiders, "DIFFERENT", 4)
+    few(monkeypatch)
     again = make_case(MACHINES[name], np.random.default_rng(5), "pair")
     assert again.label == cases[name]["pair"].label
     same(again.rollouts, cases[name]["pair"].rollouts)
@@ -116,6 +120,7 @@ def test_tests_cover_the_space_and_a_quarter_of_them_is_repeated(name):
 
 @each
 def test_the_command_makes_a_set_that_can_be_read_and_says_nothing_of_its_labels(name, tmp_path, monkeypatch):
+    few(monkeypatch)
     for out in ("one", "two"):
         words = [
             "generate",
@@ -140,7 +145,7 @@ def test_the_command_makes_a_set_that_can_be_read_and_says_nothing_of_its_labels
     assert spec.hash == load_spec(MACHINES[name].SPEC).hash
     assert all(math.isfinite(spec.robustness(trace, test)[spec.requirements[0]]) for test, trace in first)
     assert {key for _, trace in first for key in trace.meta} <= {"source", "failure"}
-    names = [f"run-{k:02d}.npz" for k in range(30)]
+    names = [f"run-{k:02d}.npz" for k in range(6)]
     assert sorted(path.name for path in folders[0].iterdir()) == ["rollouts.csv", *names, "spec.stl"]
 
 

@@ -1,5 +1,7 @@
 """Bounds on probabilities hold, and a broken one is caught."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 from scipy.stats import binom
@@ -39,14 +41,19 @@ def rollouts(function, rng, seed):
     return done
 
 
+@cache
+def searched(seed):
+    """Return a random probability, its norm, and the rollouts of a search: all bounds are of the same ones."""
+    rng = np.random.default_rng([3, seed])
+    function, norm = probability(rng)
+    return function, norm, rollouts(function, rng, seed)
+
+
 def wrong_or_refused(runs=RUNS):
     count = 0
     for seed in range(runs):
-        rng = np.random.default_rng([3, seed])
-        function, norm = probability(rng)
-        found = bound_failure_probability(
-            LINE, rollouts(function, rng, seed), [0.0], kernel=KERNEL, B=2 * norm, delta=DELTA
-        )[0]
+        function, norm, done = searched(seed)
+        found = bound_failure_probability(LINE, done, [0.0], kernel=KERNEL, B=2 * norm, delta=DELTA)[0]
         truth = function(np.linspace(-0.2, 0.3, 1001)[:, None]).max()
         count += bool(found.refused) or not found.lower <= truth <= found.upper
     return count

@@ -47,7 +47,8 @@ def test_forces_explain_all_of_the_motion(loaded):
     n = len(loaded)
     law, acceleration, cost = np.empty((18, 7)), np.empty((7, n + 1)), np.empty((n + 1, n + 1))
     legs = in_joint_space(jacobian, feet, known)
-    laws_of_motion(np.triu(mass), bias, legs, law)
+    upper = np.asfortranarray(np.triu(mass))  # by columns, as Pinocchio has it: for this a tick is compiled
+    laws_of_motion(upper, bias, legs, law)
     base_acceleration(law, jacobian, loaded, acceleration)
     force_cost(base, acceleration, share, cost)
     f = np.random.default_rng(1).normal(size=n)
