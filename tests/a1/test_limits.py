@@ -181,6 +181,23 @@ def test_orders_of_a_walk_pass_as_they_came():
     assert wire.pack(command, wire.A1) == command.data
 
 
+@pytest.mark.parametrize(
+    ("name", "most"), [("dq", LIMITS.speed), ("tau", LIMITS.torque), ("kp", LIMITS.kp), ("kd", LIMITS.kd)]
+)
+def test_a_command_with_one_value_beyond_its_limit_does_not_pass_as_it_came(name, most):
+    def passes(joint, value):
+        orders = walking()
+        orders = orders._replace(**{name: at(getattr(orders, name), joint, value)})
+        return limits.allowed(LIMITS, wire.read_command(wire.pack(orders, wire.A1), wire.A1))
+
+    for joint in range(12):
+        assert passes(joint, 0.99 * most)
+        assert not passes(joint, 1.01 * most)
+        if name in ("dq", "tau"):
+            assert passes(joint, -0.99 * most)
+            assert not passes(joint, -1.01 * most)
+
+
 @pytest.mark.parametrize("name", ["hip", "thigh", "calf", "warmth"])
 def test_a_reading_within_a_limit_by_little_is_calm(name):
     assert limits.calm(LIMITS, seen(**BROKEN[name][2]).reading)
@@ -286,6 +303,14 @@ def test_orders_beyond_a_limit_are_clipped_and_counted(name, value, becomes):
         np.testing.assert_array_equal(
             np.delete(getattr(changed, other), 2), np.delete(getattr(orders, other), 2)
         )
+
+
+@pytest.mark.parametrize(("gain", "counted"), [(0.0, 0), (0.5, 1), (20.0, 1)])
+def test_an_angle_beyond_its_limit_counts_where_its_gain_acts(gain, counted):
+    orders = walking()
+    orders = orders._replace(q=at(orders.q, 2, 0.5), kp=at(orders.kp, 2, gain))
+    changed, count = limits.clipped(LIMITS, orders)
+    assert (changed.q[2], count) == (-0.916, counted)
 
 
 def test_the_vendors_stop_values_switch_their_loops_off():
