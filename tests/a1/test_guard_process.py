@@ -441,7 +441,7 @@ def test_commands_speak_with_the_guard_that_lives(toy, robot, armed, walker, cap
     assert "twin" in capsys.readouterr().out
     walker.close()
     assert guard.main(["stop"]) == 0
-    assert ended(robot)
+    until(lambda: ended(robot))
     assert guard.main(["status"]) == 4
     assert capsys.readouterr().err.count("\n") == 1
 

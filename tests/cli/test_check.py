@@ -90,7 +90,10 @@ def test_a_fall_counts_as_the_declared_value(s2r):
 
 @pytest.mark.parametrize(
     ("habit", "words", "facts"),
-    [("die", (), ["crash", "3"]), ("hang", ("--timeout", 0.5), ["crash", "0.5 s"])],
+    [
+        pytest.param("die", (), ["crash", "3"], marks=pytest.mark.slow),
+        ("hang", ("--timeout", 0.5), ["crash", "0.5 s"]),
+    ],
 )
 def test_a_worker_that_dies_or_hangs_counts_as_a_crash(s2r, habit, words, facts):
     # A test at 0.3 m/s, the end of the range, is in the first batch of this seed.
