@@ -20,7 +20,7 @@ from tests.errors import naming
 SHORT_WARM_UP = Settings(warm_up=0.2)
 """Every effect makes a world of its own, which is warmed up first: by default for a second."""
 SHORT = SimBackend(duration=0.2, settings=SHORT_WARM_UP)
-QUIET = SimBackend(duration=2.0, noise=Noise.off(), settings=SHORT_WARM_UP)
+QUIET = SimBackend(duration=1.6, noise=Noise.off(), settings=SHORT_WARM_UP)
 FAMILIES = {"actuation", "sensing", "contact", "terrain", "inertia", "timing"}
 
 
@@ -53,7 +53,7 @@ def short():
 
 
 def steady(trace):
-    return (trace.times >= 1.2) & (trace.times < 2.0)
+    return (trace.times >= 0.8) & (trace.times < 1.6)
 
 
 def test_the_backend_offers_the_catalogue():
@@ -209,7 +209,7 @@ def test_a_biased_estimate_shifts_the_true_velocity_by_most_of_it():
 
 
 def test_a_biased_imu_makes_the_trunk_lean_the_other_way():
-    seen = SimBackend("record=truth", duration=2.0, noise=Noise.off(), settings=SHORT_WARM_UP)
+    seen = SimBackend("record=truth", duration=1.6, noise=Noise.off(), settings=SHORT_WARM_UP)
     tilted, level = (seen.with_effects(e).rollout({}, 0) for e in ({"attitude_bias": {"pitch": 3.0}}, {}))
     lean, said = (
         np.degrees(tilted[name][steady(tilted)].mean() - level["pitch"][-400:].mean())
