@@ -34,7 +34,6 @@ REPEATS = 7
 
 PARTS = (
     ("rigid-body dynamics (Pinocchio)", "s2r_sim.controller.dynamics", "RigidBody.update"),
-    ("foot tasks", "s2r_sim.controller.trot", "footholds"),
     ("foot tasks", "s2r_sim.controller.trot", "foot_task"),
     ("base task", "s2r_sim.controller.trot", "base_task"),
     ("joint space", "s2r_sim.controller.trot", "in_joint_space"),
@@ -49,7 +48,7 @@ PARTS = (
     ("random numbers", "s2r_sim.rollout", "draw"),
     ("loop and warm-state restore", "s2r_sim.backend", "SimBackend.rollout"),
 )
-"""Name, module and function; two functions may share a name."""
+"""Name, module and function of each part."""
 
 
 class Clock:

@@ -29,8 +29,8 @@ class RigidBody:
         known: (3, 12) motion of the feet without the joints: their acceleration at zero joint and base
             acceleration (J̇ v), zero, and their velocity at zero joint speed.
         drift: (12,) the first row of ``known``.
-        feet, thighs: (4, 3) ball centres and thigh joint positions [m].
-        speeds: (4, 3) velocities of the ball centres [m/s].
+        legs: (3, 4, 3) ball centres and thigh joint positions [m], velocities of the ball centres [m/s].
+        feet, thighs, speeds: (4, 3), its three parts.
     """
 
     def __init__(self, robot: Robot, rotor_inertia: float) -> None:
@@ -43,8 +43,9 @@ class RigidBody:
         self._points = [self._data.oMf[frame].translation for frame in feet]
         self._points += [self._data.oMi[joint].translation for joint in thighs]
         self._bodies: FloatArray = self._data.J
-        self._at = np.zeros(24)
-        self.feet, self.thighs = self._at.reshape(2, 4, 3)
+        self.legs = np.zeros((3, 4, 3))
+        self.feet, self.thighs, self.speeds = self.legs
+        self._at = self.legs[:2].reshape(24)
         self.twist = np.zeros(18)
         self.mass_upper: FloatArray = self._data.M
         self.bias: FloatArray = self._data.nle
@@ -53,7 +54,6 @@ class RigidBody:
         self.leg_jacobian = self.jacobian[:, 6:]
         self.known = np.zeros((3, 12))
         self.drift = self.known[0]
-        self.speeds = np.zeros((4, 3))
 
     @property
     def mass_matrix(self) -> FloatArray:

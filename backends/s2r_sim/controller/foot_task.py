@@ -135,11 +135,11 @@ def footholds(
 def foot_task(
     progress: FloatArray,
     lift_off: FloatArray,
-    landing: FloatArray,
-    feet: FloatArray,
-    speeds: FloatArray,
-    swing_time: float,
-    gains: tuple[float, float, float, float],
+    legs: FloatArray,
+    measured: FloatArray,
+    command: Point,
+    landing_height: float,
+    constants: tuple[float, float, float, float, float, float, float],
 ) -> FloatArray:
     """Return the (3, 12) task of the four feet at this tick, world axes, three numbers a foot.
 
@@ -149,13 +149,17 @@ def foot_task(
     Args:
         progress: (4,) progress of each swing, in [0, 1), or ``STANDS``.
         lift_off: (4, 3) last position of each foot in stance [m].
-        landing: (4, 3) result of :func:`footholds` [m].
-        feet: (4, 3) positions of the feet [m].
-        speeds: (4, 3) velocities of the feet [m/s].
-        swing_time: duration of a swing [s].
-        gains: kp [1/s²] and kd [1/s] of the swing, damping of the stance [1/s], swing height [m].
+        legs: (3, 4, 3) positions of the feet and of the thigh joints [m], velocities of the feet [m/s].
+        measured: ``State.flat``.
+        command: forward, left [m/s] and yaw rate [rad/s].
+        landing_height: height of the ball centre at touch-down [m].
+        constants: kp [1/s²] and kd [1/s] of the swing, damping of the stance [1/s], swing height [m], foothold
+            gain [s], duration of a swing and of a stance [s].
     """
-    kp, kd, damping, height = gains
+    kp, kd, damping, height, foothold_gain, swing_time, stance_time = constants
+    feet, thighs, speeds = legs[0], legs[1], legs[2]
+    times = (swing_time, stance_time)
+    landing = footholds(progress, thighs, measured, command, landing_height, times, foothold_gain)
     task = np.zeros((3, 12))
     for leg in range(4):
         s = progress[leg]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from s2r_sim.controller.base_task import Reference, base_task
 from s2r_sim.controller.dynamics import RigidBody
-from s2r_sim.controller.foot_task import STANDS, foot_task, footholds, note_stance
+from s2r_sim.controller.foot_task import STANDS, foot_task, note_stance
 from s2r_sim.controller.full_qp import FullQP
 from s2r_sim.controller.gains import Form, Gains
 from s2r_sim.controller.gait import Gait, Progress
@@ -57,7 +57,7 @@ class Controller:
         self._body = RigidBody(robot, gains.rotor_inertia)
         self._qp = FORMS[form](gains, robot)
         self._base_gains = gains.base
-        self._swing_gains, self._times = gains.swing, (self._gait.swing_time, self._gait.stance_time)
+        self._swing = (*gains.swing, self._gait.swing_time, self._gait.stance_time)
         self.memory = Memory()
 
     def restore(self, memory: Memory) -> None:
@@ -98,23 +98,14 @@ class Controller:
         x, y, z, _, _, yaw = measured.flat[:6].tolist()
         desired = (command.vx, command.vy, command.wz)
 
-        landing = footholds(
-            phase.progress,
-            body.thighs,
-            measured.flat,
-            desired,
-            contact - gains.touch_down_depth,
-            self._times,
-            gains.raibert,
-        )
         feet = foot_task(
             phase.progress,
             memory.lift_off,
-            landing,
-            body.feet,
-            body.speeds,
-            self._times[0],
-            self._swing_gains,
+            body.legs,
+            measured.flat,
+            desired,
+            contact - gains.touch_down_depth,
+            self._swing,
         )
         legs = in_joint_space(body.jacobian, feet, body.known)
         base = base_task(

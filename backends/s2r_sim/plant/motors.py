@@ -122,11 +122,10 @@ class Motors:
         _, play, speed = self.state
         # The loop is closed on the rotor's side, at q + play.
         self._control -= law.kp * play + law.kd * speed
-        self._gain[:] = strength
-        torque = _actuator_torque(self._q, self._dq, self._control, self._gain, self._bias, self._range)
-        play, speed, pushes = _rotor_step(torque, play, speed, gap, physics.armature, physics.timestep)
-        _disengage(pushes, self._gain, self._bias)
-        self._driven = torque
+        motion, actuators = (self._q, self._dq), (self._control, self._gain, self._bias, self._range)
+        play, speed, self._driven = _crossed(
+            motion, actuators, (play, speed), strength, gap, physics.armature, physics.timestep
+        )
         self.state = self.state._replace(play=play, play_speed=speed)
 
 
@@ -137,6 +136,38 @@ def _limited(dq: FloatArray, within: FloatArray, voltage: float, top_speed: floa
         driving = full * min(max(2.0 * (voltage - abs(dq[j]) / top_speed), 0.0), 1.0)
         within[j, 0] = -(driving if dq[j] < 0.0 else full)
         within[j, 1] = driving if dq[j] > 0.0 else full
+
+
+@compiled
+def _crossed(
+    motion: tuple[FloatArray, FloatArray],
+    actuators: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
+    rotors: tuple[FloatArray, FloatArray],
+    strength: float,
+    gap: float,
+    armature: float,
+    dt: float,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return (12,) angle and speed of the rotors a step later, and the torque on them [N m].
+
+    Args:
+        motion: (12,) joint angles [rad] and speeds [rad/s].
+        actuators: control, gain, bias and range; see :func:`_actuator_torque`. On return the actuators of joints
+            whose rotor pushes against no flank give no torque.
+        rotors: (12,) angle [rad] and speed [rad/s] of each rotor relative to its joint.
+        strength: torque that the motors deliver, as a fraction of their command.
+        gap: half of the play of a gear [rad].
+        armature: inertia of a rotor, seen at the joint [kg m²].
+        dt: duration of the step [s].
+    """
+    q, dq = motion
+    control, gain, bias, within = actuators
+    play, speed = rotors
+    gain[:] = strength
+    torque = _actuator_torque(q, dq, control, gain, bias, within)
+    angles, speeds, pushes = _rotor_step(torque, play, speed, gap, armature, dt)
+    _disengage(pushes, gain, bias)
+    return angles, speeds, torque
 
 
 @compiled
