@@ -131,7 +131,7 @@ def test_an_angle_beyond_its_margin_is_reported_with_its_own_limit(joint, angle,
 
 
 def test_a_low_base_is_reported_with_its_height_over_the_lowest_foot():
-    q = np.concatenate([[0.0, thigh, -2.0 * thigh] for thigh in (1.22, 1.17, 1.27, 1.22)])
+    q = np.concatenate([[0.0, thigh, -2.0 * thigh] for thigh in (1.26, 1.22, 1.27, 1.26)])
     heights = leg.heights(leg.A1, q.tolist(), [1.0, 0.0, 0.0, 0.0])
     assert f"{max(heights):.2f} m" in limits.HEIGHT.find(LIMITS, seen(q=q))
 

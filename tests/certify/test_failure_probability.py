@@ -87,6 +87,17 @@ def test_a_norm_that_the_rollouts_contradict_is_refused():
     assert "B = 0.5" in found.refused
 
 
+def test_a_norm_of_less_than_twice_what_the_rollouts_show_is_refused():
+    tests = [({"vd": vd}, [-1.0] * 200) for vd in (-0.2, 0.0, 0.3)]
+
+    def bounded(B):
+        return bound_failure_probability(LINE, tests, [0.0], kernel=KERNEL, B=B, delta=0.1)[0]
+
+    least = bounded(5.0).B_low
+    assert bounded(1.5 * least).refused
+    assert not bounded(2.5 * least).refused
+
+
 def test_nothing_is_bounded_by_nothing():
     with pytest.raises(UsageError, match="rollout"):
         bound_failure_probability(LINE, [], [0.0], kernel=KERNEL, B=1, delta=0.1)
