@@ -35,8 +35,8 @@ def find(cache):
     """Diagnose the cart; where is asked for by those alone who say so, for it takes half of the time."""
     spec = s2r.parse_spec(SPEC)
 
-    def diagnosed(effects, case, extra=None, where=False, **more):
-        runs = rollouts(effects, case, extra=extra)
+    def diagnosed(effects, case, extra=None, where=False, n=30, **more):
+        runs = rollouts(effects, case, n, extra)
         return s2r.diagnose(spec, Cart(), runs, cache=cache, where=where, **more)
 
     return diagnosed
@@ -45,7 +45,7 @@ def find(cache):
 @pytest.fixture(scope="module")
 def rubbing(find):
     """The answer to a machine with dry friction."""
-    return find({"coulomb": 1.5}, case=11)
+    return find({"coulomb": 1.5}, case=11, n=16)
 
 
 @pytest.mark.parametrize(
@@ -93,7 +93,7 @@ def test_a_machine_with_four_effects_has_all_four_named(find, effects):
 
 @pytest.mark.parametrize("effects", [{"payload": 1.2}, pytest.param({"motor": 0.8}, marks=pytest.mark.slow)])
 def test_effects_of_one_kind_are_answered_as_a_set_however_clear_the_data_are(find, effects):
-    found = find(effects, case=5)
+    found = find(effects, case=5, n=16)
     assert ("payload", "motor") in found.which.isolability.kinds(("payload", "motor", "delay"))
     assert found.verdict is Verdict.CONFOUNDED
     assert set(found.which.confounded) == {"payload", "motor"}
@@ -187,7 +187,7 @@ def test_no_test_is_proposed_to_tell_apart_what_is_the_same(quick):
 
 
 def test_two_effects_are_named_together(find):
-    found = find({"coulomb": 1.2, "speed_scale": 0.85}, case=12)
+    found = find({"coulomb": 1.2, "speed_scale": 0.85}, case=12, n=16)
     assert set(found.which.answer) == {"coulomb", "speed_scale"}, found.which.ranked[:4]
     assert set(found.patch) == {"coulomb", "speed_scale"}
 
@@ -248,7 +248,7 @@ def test_a_machine_with_a_little_of_everything_has_no_material_gap(cache):
 
 
 def test_a_cause_that_the_catalogue_lacks_is_none_of_these(find):
-    found = find({}, case=14, extra="gust")
+    found = find({}, case=14, extra="gust", n=16)
     assert found.verdict is Verdict.UNKNOWN, found.which.ranked[:4]
     assert found.which.answer == ()
     assert found.which.unknown > 0.3
