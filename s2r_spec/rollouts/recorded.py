@@ -177,9 +177,10 @@ def _difference(name: str, trace: Trace, first: Trace, other: str) -> str:
         return f": the channel {name!r} has a different width from {other}"
     unit, other_unit = trace.units.get(name), first.units.get(name)
     if unit != other_unit:
+        here, there = (f"has the unit {each}" if each else "has no unit" for each in (unit, other_unit))
         return (
-            f", line 1: the channel {name!r} has the unit {unit or 'none'}, but the unit {other_unit or 'none'} "
-            f"in {other}; write a header such as {name} [{unit or other_unit}]"
+            f", line 1: the channel {name!r} {here}, but {there} in {other}; "
+            f"write a header such as {name} [{unit or other_unit}]"
         )
     return ""
 
