@@ -234,12 +234,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--steps", action="store_true", help="lock step alone")
+    parser.add_argument("--steps", action="store_true", help="only lock step")
     parser.add_argument("--times", type=int, default=20)
     parser.add_argument(
         "--row", default="", metavar="TEXT", help="only rows with this in their name, in real time"
     )
-    parser.add_argument("--write", action="store_true", help="to benchmarks/results/a1_faults.txt")
+    parser.add_argument("--write", action="store_true", help="write benchmarks/results/a1_faults.txt")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         os.environ["S2R_A1_RUN"] = folder

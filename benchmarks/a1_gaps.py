@@ -181,7 +181,7 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--seconds", type=float, default=60.0)
-    parser.add_argument("--write", action="store_true", help="to benchmarks/results/a1_gaps.txt")
+    parser.add_argument("--write", action="store_true", help="write benchmarks/results/a1_gaps.txt")
     options = parser.parse_args()
     text = "\n".join(
         [

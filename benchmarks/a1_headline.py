@@ -335,7 +335,7 @@ def certified(place: str, budget: int, folder: Path) -> dict[str, Any]:
     ):  # an error, or a certificate that is refused: too many void rollouts, for one
         why = result.get("reason") or result.get("error") or "see above"
         raise SystemExit(
-            f"s2r certify promises nothing at {place} (exit code {done.returncode}): {why}; "
+            f"s2r certify gives no certificate at {place} (exit code {done.returncode}): {why}; "
             f"to begin that run anew, remove {run}"
         )
     return {
@@ -446,16 +446,16 @@ def main() -> int:
         type=Path,
         required=True,
         metavar="FOLDER",
-        help="of what is found; a run goes on from there",
+        help="folder of the results so far; the run continues from them",
     )
     add("--places", nargs="+", default=["lab", "ramp"])
     add("--tests", nargs="+", type=float, default=list(TESTS), help="values of vd [m/s]")
-    add("--rollouts", type=int, default=200, help="at each test that could be the worst")
+    add("--rollouts", type=int, default=200, help="rollouts at each test that may be the worst")
     add("--first", type=int, default=20, help="rollouts at every test, to find the worst ones")
-    add("--budget", type=int, default=100, help="of s2r certify; 0 leaves it out")
+    add("--budget", type=int, default=100, help="budget of s2r certify; 0 leaves it out")
     add("--same", type=int, default=3, help="rollouts over sockets and in one process; 0 leaves them out")
     add("--workers", type=int, default=os.cpu_count() or 1)
-    add("--write", action="store_true", help="benchmarks/results/a1_headline.json and .txt")
+    add("--write", action="store_true", help="write benchmarks/results/a1_headline.json and .txt")
     options = parser.parse_args()  # fmt: skip
     folder = (options.keep / digest()).resolve()
     folder.mkdir(parents=True, exist_ok=True)

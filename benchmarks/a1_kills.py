@@ -408,7 +408,9 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--times", type=int, default=20)
-    parser.add_argument("--keep", type=Path, metavar="FILE", help="what was found so far; is gone on with")
+    parser.add_argument(
+        "--keep", type=Path, metavar="FILE", help="file of the results so far; the run continues from them"
+    )
     parser.add_argument("--write", action="store_true", help=f"to {RESULTS.name}")
     options = parser.parse_args()
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # so that no process is left behind

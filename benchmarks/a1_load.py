@@ -43,7 +43,7 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--seconds", type=float, default=20.0)
-    parser.add_argument("--write", action="store_true", help="to benchmarks/results/a1_load.txt")
+    parser.add_argument("--write", action="store_true", help="write benchmarks/results/a1_load.txt")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         os.environ["S2R_A1_RUN"] = folder

@@ -32,22 +32,23 @@ from s2r_sim.settings import Settings
 
 REPEATS = 7
 
-PARTS = {
-    "rigid-body dynamics (Pinocchio)": ("s2r_sim.controller.dynamics", "RigidBody.update"),
-    "foot tasks": ("s2r_sim.controller.trot", "foot_task"),
-    "base task": ("s2r_sim.controller.trot", "base_task"),
-    "joint space": ("s2r_sim.controller.trot", "in_joint_space"),
-    "condense the QP": ("s2r_sim.controller.stance_qp", "StanceQP.solve"),
-    "solve the QP (PIQP)": ("s2r_sim.controller.qp", "Solver.solve"),
-    "rest of the controller": ("s2r_sim.controller.trot", "Controller.tick"),
-    "physics, 2 steps (MuJoCo)": ("s2r_sim.plant.plant", "Plant.step"),
-    "true state": ("s2r_sim.plant.plant", "Plant.truth"),
-    "sensors": ("s2r_sim.plant.sensors", "Sensors.read"),
-    "velocity estimate": ("s2r_sim.plant.sensors", "Sensors.estimates"),
-    "channels of the trace": ("s2r_sim.plant.recorder", "Recorder.channels"),
-    "random numbers": ("s2r_sim.rollout", "draw"),
-    "loop and warm-state restore": ("s2r_sim.backend", "SimBackend.rollout"),
-}
+PARTS = (
+    ("rigid-body dynamics (Pinocchio)", "s2r_sim.controller.dynamics", "RigidBody.update"),
+    ("foot tasks", "s2r_sim.controller.trot", "foot_task"),
+    ("base task", "s2r_sim.controller.trot", "base_task"),
+    ("joint space", "s2r_sim.controller.trot", "in_joint_space"),
+    ("condense the QP", "s2r_sim.controller.stance_qp", "StanceQP.solve"),
+    ("solve the QP (PIQP)", "s2r_sim.controller.qp", "Solver.solve"),
+    ("rest of the controller", "s2r_sim.controller.trot", "Controller.tick"),
+    ("physics, 2 steps (MuJoCo)", "s2r_sim.plant.plant", "Plant.step"),
+    ("true state", "s2r_sim.plant.plant", "Plant.truth"),
+    ("sensors", "s2r_sim.plant.sensors", "Sensors.read"),
+    ("velocity estimate", "s2r_sim.plant.sensors", "Sensors.estimates"),
+    ("channels of the trace", "s2r_sim.plant.recorder", "Recorder.channels"),
+    ("random numbers", "s2r_sim.rollout", "draw"),
+    ("loop and warm-state restore", "s2r_sim.backend", "SimBackend.rollout"),
+)
+"""Name, module and function of each part."""
 
 
 class Clock:
@@ -76,7 +77,7 @@ class Clock:
 def clocked(clock: Clock) -> Iterator[None]:
     """Wrap every part's function, and put the plain functions back afterwards."""
     undo: list[tuple[Any, str, Any]] = []
-    for part, (module, path) in PARTS.items():
+    for part, module, path in PARTS:
         *owners, name = path.split(".")
         place: Any = importlib.import_module(module)
         for owner in owners:

@@ -87,7 +87,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--write", action="store_true", help="to benchmarks/results/a1_wire.txt")
+    parser.add_argument("--write", action="store_true", help="write benchmarks/results/a1_wire.txt")
     options = parser.parse_args()
     text = report()
     print(text)

@@ -97,7 +97,7 @@ def gaps(recorded: Recorded, axis: EmpsBackend, seeds: int = 3) -> np.ndarray:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--data", type=Path, required=True, help="where the two .mat files are")
+    parser.add_argument("--data", type=Path, required=True, help="folder of the two .mat files")
     parser.add_argument("--out", type=Path, required=True)
     arguments = parser.parse_args()
     for name, file in FILES.items():
@@ -105,7 +105,7 @@ def main() -> None:
         if not path.exists():
             sys.exit(f"there is no {path}; the data set is at nonlinearbenchmark.org (EMPS)")
         if (arguments.out / name).exists():
-            sys.exit(f"{arguments.out / name} is there already; give another --out")
+            sys.exit(f"{arguments.out / name} already exists; give another --out")
         recorded = segments(path)
         write(recorded, arguments.out / name)
         axis = EmpsBackend(f"reference={path}").with_duration(SECONDS)

@@ -232,7 +232,7 @@ def main() -> None:
     parser.add_argument(
         "--only", type=int, help="make this input again, keep its folder, and write no results"
     )
-    parser.add_argument("--results", type=Path, default=RESULTS, help="where they are written")
+    parser.add_argument("--results", type=Path, default=RESULTS, help="folder of the results")
     words = parser.parse_args()
     if words.only is not None:
         kept = Path(tempfile.mkdtemp(prefix=f"s2r-fuzz-{words.seed}-{words.only}-"))

@@ -245,7 +245,7 @@ def main() -> None:
     """Measure all, print it, and write it if that is asked for."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument(
-        "--write", action="store_true", help="to results/sizing.json and docs/how-to/sizing.md"
+        "--write", action="store_true", help="write results/sizing.json and docs/how-to/sizing.md"
     )
     options = parser.parse_args()
     counts, load = [count for count in (1, *WORKERS) if count <= cores()], os.getloadavg()[0]

@@ -67,7 +67,7 @@ def table(found: list[tuple[str, str, float]], wall: float) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("report", type=Path, help="the JUnit XML of a run")
-    parser.add_argument("--write", action="store_true", help="to benchmarks/results, too")
+    parser.add_argument("--write", action="store_true", help="also write benchmarks/results")
     words = parser.parse_args()
     found = times(words.report)
     suite = next(ElementTree.parse(words.report).iter("testsuite"))

@@ -221,8 +221,8 @@ def main() -> None:
     """Ask it of every effect."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("sim", choices=tuple(SPECS))
-    parser.add_argument("--twin", action="store_true", help="of machines by the blind check's generator")
-    parser.add_argument("--effects", nargs="*", help="these alone")
+    parser.add_argument("--twin", action="store_true", help="machines of the blind check's generator")
+    parser.add_argument("--effects", nargs="*", help="only these effects")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--out", type=Path, default=Path(__file__).parent / "results" / "where_worst.json")
     given = parser.parse_args()

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from s2r_spec.backend import Backend, Channel, Effect, EffectParameter, Parameter, load_backend
     from s2r_spec.certify.certificate import Certificate, Label
-    from s2r_spec.certify.check import CheckResult, Verdict, check
+    from s2r_spec.certify.check import CheckResult, check
     from s2r_spec.certify.compose import Composition, compose
     from s2r_spec.certify.kernels import Kernel
     from s2r_spec.certify.measure import check_measure
@@ -37,6 +37,7 @@ if TYPE_CHECKING:
         parse_spec,
     )
     from s2r_spec.trace import Trace
+    from s2r_spec.verdict import Verdict
 
 __all__ = [
     "Axis",
@@ -80,7 +81,7 @@ __all__ = [
 _HOMES = {
     "backend": ("Backend", "Channel", "Effect", "EffectParameter", "Parameter", "load_backend"),
     "certify.certificate": ("Certificate", "Label"),
-    "certify.check": ("CheckResult", "Verdict", "check"),
+    "certify.check": ("CheckResult", "check"),
     "certify.compose": ("Composition", "compose"),
     "certify.kernels": ("Kernel",),
     "certify.measure": ("check_measure",),
@@ -101,6 +102,7 @@ _HOMES = {
         "parse_spec",
     ),
     "trace": ("Trace",),
+    "verdict": ("Verdict",),
 }
 _RENAMED = {"read_trace": "read", "write_trace": "write"}
 _HOME = {name: home for home, names in _HOMES.items() for name in names}

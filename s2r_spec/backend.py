@@ -87,7 +87,7 @@ class Parameter:
 
 
 def refuse_unknown(name: str, parameters: Iterable[Parameter], params: Iterable[str]) -> None:
-    """Refuse a test with an undeclared parameter, because the rollout would be of another test.
+    """Refuse a test with an undeclared parameter, because the rollout would run a different test.
 
     Args:
         name: name of the backend.
@@ -114,7 +114,7 @@ def read_test(name: str, parameters: Iterable[Parameter], params: Mapping[str, f
         params: parameters of the test.
 
     Raises:
-        UsageError: a parameter is not declared, is no number, or is outside its range.
+        UsageError: a parameter is not declared, is not a number, or is outside its range.
     """
     parameters = tuple(parameters)
     refuse_unknown(name, parameters, params)
@@ -268,7 +268,7 @@ class HasResiduals(Protocol):
     in its torque, not in the controlled speed. A residual is zero, up to noise and numerics, wherever the recorded
     motion, commands and forces agree with the nominal model, for every controller.
 
-    If the residuals of ``with_effects(values)`` are those of the model with these effects, a diagnosis also estimates
+    If ``with_effects(values)`` computes the residuals of the model with these effects, a diagnosis also estimates
     the size of each effect from the equations of motion.
     """
 
@@ -317,8 +317,8 @@ def is_exclusive(backend: object) -> bool:
 def hands_over(backend: object) -> bool:
     """Return whether ``rollout`` only records a test that a person ran during ``Attended.before``.
 
-    Such a backend has the class attribute ``hands_over = True``. A process that dies in such a rollout ends no test, so
-    the rollout is not void and is recorded again.
+    Such a backend has the class attribute ``hands_over = True``. A process that dies in such a rollout does not end a
+    test. So the rollout is not void, and is recorded again.
     """
     return bool(getattr(backend, "hands_over", False))
 
@@ -471,7 +471,7 @@ class Needs:
 
 @runtime_checkable
 class NeedsSpec(Protocol):
-    """A backend without channels and parameters of its own: it takes those of the specification."""
+    """A backend without its own channels and parameters: the specification defines them."""
 
     def for_spec(self, needs: Needs) -> Self:
         """Return this backend with these channels and parameters; open nothing."""
@@ -567,7 +567,7 @@ def load_backend(name: str) -> Backend:
 
 
 def described(name: str) -> tuple[Backend, tuple[Option, ...]]:
-    """Return a backend to describe, and its options; a backend without its required options gets those of its example.
+    """Return a backend to describe, and its options; it gets its example's options if required ones are missing.
 
     Raises:
         BackendError: as :func:`load_backend`.

@@ -12,7 +12,7 @@ def compiled(function: F) -> F:
     """Compile a function at its first call, and cache the machine code on disk for later processes.
 
     Numba compares only the function's own file with its cache. So a compiled function may call compiled functions of
-    its own file only; a test checks all of them. The arithmetic is that of the source: nothing is reordered or fused,
+    its own file only; a test checks all of them. The arithmetic follows the source: nothing is reordered or fused,
     and a division by zero gives infinity instead of an error.
     """
     import numba  # here, because only backends compile functions

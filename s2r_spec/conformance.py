@@ -126,7 +126,7 @@ class _Subject:
 
     @cached_property
     def half_effects(self) -> dict[str, Values]:
-        """Every effect at half size, by the first parameter that changes the trace on its own."""
+        """Every effect at half size, set by its first parameter that changes the trace on its own."""
         return {effect.name: self._half(effect) for effect in self.effects}
 
     def _half(self, effect: Effect) -> Values:
@@ -239,7 +239,7 @@ def _repeated(subject: _Subject, out: Check) -> None:
 
 def _ends(subject: _Subject, out: Check) -> None:
     if isinstance(subject.backend, HasRecordings):
-        out.remarks.append("it has the recorded tests only")
+        out.remarks.append("it has only the recorded tests")
         return
     for p in subject.backend.parameters:
         for value in dict.fromkeys((p.low, p.high)):

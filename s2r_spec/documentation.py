@@ -1,4 +1,4 @@
-"""The pages of the documentation: where they are on this machine, and how a message names one.
+"""The pages of the documentation: where they are on this computer, and how a message names one.
 
 A checkout has them in ``docs``. A wheel installs them in ``share/doc/s2r`` of its environment, as text; the command
 ``s2r docs`` prints them.

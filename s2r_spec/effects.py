@@ -18,7 +18,7 @@ from s2r_spec.errors import BackendError, UsageError, did_you_mean, one_of
 Values = Mapping[str, Mapping[str, float]]
 """Effect → parameter → value."""
 Choice = tuple[tuple[str, tuple[tuple[str, float], ...]], ...]
-"""The same in a fixed order, with the set parameters only."""
+"""The same in a fixed order, with only the set parameters."""
 _SCALE = re.compile(
     r"(?:deviation |normal\b[^,]*, *)(?P<scale>\d*\.?\d+(?:[eE][-+]?\d+)?) *(?P<unit>.*)", re.IGNORECASE
 )
@@ -83,7 +83,7 @@ def read_word(word: str) -> Values | None:
     """Return the values that ``coulomb.force=20`` sets; None for a word without an effect (``reference=a.mat``).
 
     Raises:
-        UsageError: the text after the equals sign is no number.
+        UsageError: the text after the equals sign is not a number.
     """
     name, _, text = word.partition("=")
     effect, dot, parameter = name.partition(".")

@@ -32,7 +32,7 @@ def key_of(test: Mapping[str, float]) -> Key:
 
 @dataclass(frozen=True)
 class Axis:
-    """One test parameter, with its range in its unit ("" without one)."""
+    """One test parameter, with its range in its unit ("" if it has none)."""
 
     name: str
     low: float

@@ -1,7 +1,7 @@
 """Convert time stamps to seconds, exactly: whole counts are subtracted before anything is rounded.
 
 A count v of a unit u = p/q seconds (p, q whole) becomes v·p/q. Dates count from the first stamp, (v − v₀)·p/q, because
-float64 seconds since 1970 resolve 0.24 µs only. Both are correctly rounded for counts below 2⁵³.
+float64 seconds since 1970 resolve only 0.24 µs. Both are correctly rounded for counts below 2⁵³.
 """
 
 from __future__ import annotations

@@ -111,7 +111,7 @@ class Trace:
         return _failure(self.meta)
 
     def only(self, names: Iterable[str]) -> Trace:
-        """Return this trace with these channels only."""
+        """Return this trace with only these channels."""
         kept = {name: self[name] for name in names}
         units = {name: unit for name, unit in self.units.items() if name in kept}
         return Trace(self.times, kept, units, self.meta)

@@ -1,35 +1,36 @@
 """Inputs of the fuzz benchmark, of all kinds: an answer or one clean sentence, and never exit 4."""
 
+import importlib
 import json
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
 from tests.examples import examples
+from tests.forked import FORKS
 
-ROOT = Path(__file__).parents[1]
+BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
 KINDS = ("spec", "trace", "log folder", "run folder", "same verdict")
 EACH = examples(10)
 """Inputs of each kind."""
+
+
+def fuzz(file):
+    """Try the inputs, and write what came of them into a file."""
+    sys.path.insert(0, str(BENCHMARKS))
+    found = importlib.import_module("fuzz").fuzz(range(EACH * len(KINDS)), seed=1)
+    file.write_text(json.dumps(found))
 
 
 @pytest.fixture(scope="module")
 def results(tmp_path_factory):
     """In a process of its own: what other tests have loaded has threads, which no fork may inherit."""
     file = tmp_path_factory.mktemp("fuzz") / "fuzz.json"
-    words = [
-        sys.executable,
-        ROOT / "benchmarks" / "fuzz.py",
-        "--inputs",
-        str(EACH * len(KINDS)),
-        "--seed",
-        "1",
-        "--results",
-        file,
-    ]
-    subprocess.run(words, cwd=ROOT, check=True, capture_output=True)
+    process = FORKS.Process(target=fuzz, args=(file,))
+    process.start()
+    process.join()
+    assert process.exitcode == 0
     return json.loads(file.read_text())
 
 

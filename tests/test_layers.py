@@ -33,7 +33,7 @@ LAYERS = [
     {"stamps"},
     {"instants"},
     {"errors", "compiled", "magnitude"},
-    {"documentation", "json_values", "printable"},
+    {"documentation", "json_values", "printable", "verdict"},
 ]
 SIMULATOR_LAYERS = [
     {"twins"},
@@ -156,3 +156,22 @@ def test_every_public_name_is_found_where_it_is_said_to_be():
 def test_a_worker_loads_next_to_nothing_before_its_backend():
     code = "import s2r_spec.rollouts.worker, sys; print(' '.join(sys.modules))"
     assert not {"numpy", "rich", "s2r_spec.spec"} & printed(code)
+
+
+def wide(path: Path) -> set[str]:
+    """Return the functions of a file that have more than seven parameters; ``self`` does not count."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.FunctionDef):
+            parameters = (*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs)
+            if len({one.arg for one in parameters} - {"self", "cls"}) > 7:
+                found.add(node.name)
+    return found
+
+
+def test_a_function_has_at_most_seven_parameters():
+    """A command has a parameter for each option, and a method of `Spec` shows each keyword with its default."""
+    left_out = {PACKAGE / "cli", PACKAGE / "diagnose"}
+    files = [*PACKAGE.rglob("*.py"), *SIMULATOR.parent.rglob("*.py")]
+    found = {place(path): names for path in files if not left_out & {*path.parents} and (names := wide(path))}
+    assert found == {"s2r_spec/spec/evaluated.py": {"robustness", "evaluate"}}

@@ -88,14 +88,21 @@ def alike(shown, printed):
     return words(shown) == words(printed) and numbers[0] == pytest.approx(numbers[1], rel=0.1, abs=0.02)
 
 
-def test_a_person_does_what_the_page_shows(tmp_path, monkeypatch, capsys):
+@pytest.fixture
+def page(tmp_path, monkeypatch):
+    """The page, whose commands speak with a twin of this test; the folder of the test is the reader's."""
     monkeypatch.setenv("S2R_A1_RUN", str(tmp_path / "guards"))
     monkeypatch.setattr(terminals, "PATIENCE", SECONDS)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "specs").symlink_to(ROOT / "specs")
+    with in_a_process("--place", "nominal") as port:
+        yield PAGE.replace("host=127.0.0.1", f"host=127.0.0.1,port={port}").replace(":8007", f":{port}")
+
+
+def follow(page, folder, capsys):
+    """Do what a page shows at terminals; return exit statuses of its dialogues, and the commands beside them."""
     statuses, outputs = [], []
-    with in_a_process("--place", "nominal") as port, ExitStack() as programs:
-        page = PAGE.replace("host=127.0.0.1", f"host=127.0.0.1,port={port}").replace(":8007", f":{port}")
+    with ExitStack() as programs:
         session = None
         for about, text in BLOCK.findall(page):
             kind, _, what = about.partition(": ")
@@ -103,7 +110,7 @@ def test_a_person_does_what_the_page_shows(tmp_path, monkeypatch, capsys):
                 Path(what).write_text(text, encoding="utf-8")
             elif kind == "dialogue":
                 statuses += [session.close()] if session else []
-                session = programs.enter_context(at_a_terminal(what, tmp_path))
+                session = programs.enter_context(at_a_terminal(what, folder))
                 session.follow(text)
             elif kind == "dialogue goes on":
                 session.follow(text)
@@ -113,13 +120,27 @@ def test_a_person_does_what_the_page_shows(tmp_path, monkeypatch, capsys):
                 printed = words(capsys.readouterr().out)
                 assert [line for line in words(text) if line not in printed] == [], printed
         statuses.append(session.close())
-        code, shown = re.search(
-            r"<!-- printed below -->\n```python\n(.*?)```\n\n```text\n(.*?)```", page, re.S
-        ).groups()
-        exec(code, {})
-        printed = capsys.readouterr().out.splitlines()
-        assert len(printed) == len(shown.splitlines())
-        assert all(alike(*lines) for lines in zip(shown.splitlines(), printed, strict=True)), printed
-        assert guard.main(["stop"]) == 0
+    return statuses, outputs
+
+
+def test_a_person_stands_the_robot_up_and_damps_it_as_the_page_shows(page, tmp_path, capsys):
+    before_the_walk, walk = page.split("## 6. ")
+    statuses, outputs = follow(before_the_walk, tmp_path, capsys)
+    assert (statuses, len(outputs)) == ([0], 4)
+    assert "<!-- dialogue: s2r check " in walk
+    assert guard.main(["stop"]) == 0
+
+
+@pytest.mark.slow
+def test_a_person_does_what_the_page_shows(page, tmp_path, capsys):
+    statuses, outputs = follow(page, tmp_path, capsys)
+    code, shown = re.search(
+        r"<!-- printed below -->\n```python\n(.*?)```\n\n```text\n(.*?)```", page, re.S
+    ).groups()
+    exec(code, {})
+    printed = capsys.readouterr().out.splitlines()
+    assert len(printed) == len(shown.splitlines())
+    assert all(alike(*lines) for lines in zip(shown.splitlines(), printed, strict=True)), printed
+    assert guard.main(["stop"]) == 0
     assert statuses == [0, 130]
     assert len(outputs) == 4

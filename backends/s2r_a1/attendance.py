@@ -107,7 +107,7 @@ class Attendance:
         where = f"{self._name} at {reached.host}:{reached.port}"
         self._operator.say(effort.sentence(where))
         if reached.is_twin:
-            self._operator.say("It is a twin, a simulation behind the robot's wire, and no robot.")
+            self._operator.say("It is a twin, not a robot: a simulation behind the robot's wire.")
         if self.unattended:
             self._operator.say("operator=auto: s2r connects, arms and walks it without questions.")
         guard, status = start(backend.robot)
@@ -116,7 +116,7 @@ class Attendance:
         if others:
             guard.close()
             raise BackendError(
-                f"another run uses {where} (process {others[0]}); wait for its end, or end it with Ctrl-C"
+                f"another run uses {where} (process {others[0]}); wait until it ends, or end it with Ctrl-C"
             )
         self._guard = guard
         self._make_ready(consent=True)
@@ -138,7 +138,7 @@ class Attendance:
             f"{name} = {value:.6g} {units.get(name, '')}".rstrip() for name, value in params.items()
         )
         lights = self._ask(
-            f"Test {self._tests + 1}: {test}. Put {self._name} at its start, lying, with free floor ahead and 1 m "
+            f"Test {self._tests + 1}: {test}. Lay {self._name} down at its start, with free floor ahead and 1 m "
             "around it; keep the remote in your hand. How many lights does the battery show? Change it if it shows "
             "fewer than two.",
             LIGHTS if self._lights_due else {"": "begin without another look at the battery", **LIGHTS},
@@ -205,14 +205,14 @@ class Attendance:
         if state == "DAMPING":
             self._ask(
                 f"{self._name.capitalize()} was damped: {status.get('reason') or 'the reason is unknown'}. Check it, "
-                "put it down lying, and remove the cause.",
+                "lay it down, and remove the cause.",
                 {"r": "reset; it stays limp until you arm it"},
             )
             self._guard.request("reset")
             state = self._state()
         if state == "OFF":
             self._consent(
-                f"Let {self._name} hang or lie, and end the factory's own controller by L2+B on the remote, so that "
+                f"Let {self._name} hang or lie, and end the factory's own controller with L2+B on the remote, so that "
                 "its legs are limp. s2r has sent nothing yet; connecting sends packets without gains or torque.",
                 WORD_CONNECT,
             )
@@ -220,14 +220,14 @@ class Attendance:
             state = self._state()
         if state == "LINKED":
             self._consent(
-                f"{self._name.capitalize()} answers. Put it on the floor, lying, with 1 m of room around it. Take "
+                f"{self._name.capitalize()} answers. Lay it on the floor, with 1 m of room around it. Take "
                 "the remote in your hand: R2 or L2+B damps it at once. Arming allows it to move.",
                 WORD_ARM,
             )
             self._guard.request("arm")
         elif consent:
             self._consent(
-                f"{self._name.capitalize()} is still armed, by an earlier run: it may move.", WORD_ARM
+                f"{self._name.capitalize()} is still armed from an earlier run: it may move.", WORD_ARM
             )
 
     def _rest_if_due(self) -> None:
@@ -238,8 +238,8 @@ class Attendance:
         why = f"a motor is at {self._warmest():.0f} °C" if warm else f"{self._since_rest} tests are done"
         while True:
             answer = self._ask(
-                f"A rest is due: {why}. {self._name.capitalize()} lies; let it cool, and change the battery "
-                "if it needs it.",
+                f"A rest is due: {why}. {self._name.capitalize()} is lying; let it cool, and change the "
+                "battery if necessary.",
                 {"": "the rest is over", "s": "skip the rest"},
             )
             if answer == "s" or not warm or self._warmest() < COOL:
@@ -270,7 +270,7 @@ class Attendance:
         while status["state"] in (*MOVING, "LYING_DOWN"):
             if status["rounds"] > last:
                 raise BackendError(
-                    f"{self._name} is still in the state {status['state']} after {LYING:g} s; damp it by: "
+                    f"{self._name} is still in the state {status['state']} after {LYING:g} s; damp it with: "
                     f"python -m s2r_a1.guard damp --host {self._backend.reached.host} "
                     f"--port {self._backend.reached.port}"
                 )

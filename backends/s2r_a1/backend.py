@@ -97,9 +97,9 @@ class A1Backend:
         velocity = (
             "vx of a1 is its own estimate"
             if self.reached.mocap is None
-            else "vx of a1 is by motion capture, whose clock is aligned with the gyroscope in every rollout"
+            else "vx of a1 is measured by motion capture, whose clock is aligned with the gyroscope in every rollout"
         )
-        twin = f"a1 at {self.reached.host} is a twin, a simulation behind the robot's wire, and no robot"
+        twin = f"a1 at {self.reached.host} is a twin, not a robot: a simulation behind the robot's wire"
         return (velocity, twin) if self.reached.is_twin else (velocity,)
 
     @property

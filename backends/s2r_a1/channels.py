@@ -1,4 +1,4 @@
-"""The channels of a robot's trace: the simulator's channels that a robot has, and those of a robot alone."""
+"""The channels of a robot's trace: the simulator's channels that a robot has, and channels that only a robot has."""
 
 from __future__ import annotations
 

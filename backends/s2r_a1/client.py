@@ -59,8 +59,8 @@ class Client:
         attached = attach(robot, "client", port=self._socket.port)
         if attached is None:
             raise BackendError(
-                f"no guard of the robot at {robot.host}:{robot.port} is running; start it by s2r certify, gap or check "
-                "in a terminal"
+                f"no guard of the robot at {robot.host}:{robot.port} is running; start it with s2r certify, gap or "
+                "check in a terminal"
             )
         self._control, hello = attached
         if hello["tick_unit"] is None:
@@ -82,8 +82,8 @@ class Client:
         """
         if self.mocap is not None and not len(self.mocap.poses().times):
             raise NotBegunError(
-                f"the UDP port {self.mocap.port} of this machine received no poses; stream lines of JSON with t, x, y, "
-                "z, qw, qx, qy, qz"
+                f"the UDP port {self.mocap.port} of this computer received no poses; stream lines of JSON with t, x, "
+                "y, z, qw, qx, qy, qz"
             )
 
     def receive(self) -> Reading | None:

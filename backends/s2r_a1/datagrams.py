@@ -2,7 +2,7 @@
 
 A connection joins two sockets: guard and robot, or worker and guard. In *real time* a read returns at once with the
 datagrams that have arrived. In *lock step* one datagram goes each way per round of 2 ms, and a read waits for the
-peer's; an empty datagram means that nothing arrives in this round. Lock step is allowed on this computer only.
+peer's; an empty datagram means that nothing arrives in this round. Lock step is allowed only on this computer.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class Socket(Protocol):
         """The local UDP port."""
 
     def connect(self, peer: Address) -> None:
-        """Connect to this peer only."""
+        """Connect only to this peer."""
 
     def receive(self) -> list[bytes]:
         """Return the datagrams of this round from the peer, oldest first."""
@@ -99,7 +99,7 @@ class RealTimeSocket:
         return int(self._socket.getsockname()[1])
 
     def connect(self, peer: Address) -> None:
-        """Connect to this peer only.
+        """Connect only to this peer.
 
         Raises:
             LinkError: the address is unknown, or no network leads to it.
@@ -167,7 +167,7 @@ class RealTimeSocket:
 
 
 class LockStepSocket(RealTimeSocket):
-    """A socket that exchanges one datagram per round, on this computer only.
+    """A socket that exchanges one datagram per round, only on this computer.
 
     Attributes:
         rounds: number of datagrams from the peer.
@@ -178,14 +178,14 @@ class LockStepSocket(RealTimeSocket):
         self.rounds = 0
 
     def connect(self, peer: Address) -> None:
-        """Connect to this peer only.
+        """Connect only to this peer.
 
         Raises:
             LinkError: the peer is on another computer.
         """
         if not is_loopback(peer[0]):
             raise LinkError(
-                f"lock step needs a peer on this machine, and {peer[0]} is another; leave out lockstep"
+                f"lock step needs a peer on this computer, and {peer[0]} is another; leave out lockstep"
             )
         super().connect(peer)
 

@@ -29,7 +29,7 @@ class Link(Protocol):
     Attributes:
         counters: counts of packets since the link was opened.
         packet: the datagram that decided the last read, unchanged; empty if none arrived.
-        fault: why the last read gave no state; None if it gave one.
+        fault: the reason why the last read gave no state; None if it gave one.
         tap: function that receives every datagram with its direction, for instance a raw log.
     """
 
@@ -75,7 +75,7 @@ class UdpLink:
     Attributes:
         counters: counts of packets since the link was opened.
         packet: the datagram that decided the last read, unchanged; empty if none arrived.
-        fault: why the last read gave no state; None if it gave one.
+        fault: the reason why the last read gave no state; None if it gave one.
         tap: function that receives every datagram with its direction, for instance a raw log.
     """
 
@@ -101,7 +101,7 @@ class UdpLink:
     def read(self) -> Reading | None:
         """Return the newest state that was not returned before; None if there is none.
 
-        Of several datagrams the newest valid one counts; if none is valid, ``fault`` is that of the last one.
+        Of several datagrams the newest valid one counts; if none is valid, ``fault`` describes the last one.
         """
         arrived = self._socket.receive()
         newest: Reading | None = None
@@ -164,7 +164,7 @@ class RobotSide:
     Attributes:
         counters: counts of packets since it was opened.
         packet: the datagram that decided the last read; empty if none arrived.
-        fault: why the last read gave no command; None if it gave one.
+        fault: the reason why the last read gave no command; None if it gave one.
         tap: function that receives every datagram with its direction.
     """
 

@@ -2,7 +2,7 @@
 
 Data: poses of a rigid body on the robot, as JSON lines {"t", "x", "y", "z", "qw", "qx", "qy", "qz"} [s, m] over UDP on
 this computer; their clock is independent of the robot's. Unknown: the offset between the two clocks, in every rollout.
-Model: the yaw rate of the body equals that of the robot's gyroscope, up to noise. Estimator: the offset with the
+Model: the body and the robot's gyroscope have the same yaw rate, up to noise. Estimator: the offset with the
 largest correlation, near the offset that the times of arrival suggest. A trot turns the body left and right once in
 0.4 s, so the correlation has a peak. A pose cannot arrive before it was taken, which separates the peak from its
 neighbours; poses must arrive within 0.15 s. If the peak is low, there is no velocity (:class:`MocapError`).
@@ -227,8 +227,8 @@ def velocity(poses: Poses, placing: Placing, gyro: Gyro, times: FloatArray) -> V
     speed = float(np.hypot(seen.forward, seen.left).max())
     if speed > FASTEST:
         raise MocapError(
-            f"by motion capture the robot moves at {speed:.3g} m/s, too fast for an A1: check that it sends metres and "
-            "tracks one body only"
+            f"according to motion capture the robot moves at {speed:.3g} m/s, too fast for an A1: check that it sends "
+            "metres and tracks only one body"
         )
     return seen
 
@@ -316,7 +316,7 @@ def _turned(attitude: FloatArray, own: FloatArray, gyro: Gyro, heading: float) -
     turned = float(np.degrees(np.angle(product)))
     if abs(turned) > TURNED:
         raise MocapError(
-            f"by the gyroscope the tracked body points {turned:.0f}° to the left of heading={heading:g}: "
+            f"according to the gyroscope the tracked body points {turned:.0f}° to the left of heading={heading:g}: "
             f"write heading={(heading + turned + 180.0) % 360.0 - 180.0:.0f} if it is mounted so"
         )
     return turned

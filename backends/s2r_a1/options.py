@@ -117,7 +117,7 @@ def read_options(text: str) -> Options:
     for name, value in (("operator", "auto"), ("clock", "lockstep")):
         if getattr(options, name) == value and not options.is_twin:
             raise UsageError(
-                f"{name}={value} needs a twin on this machine, and {options.host} is another machine: leave it out"
+                f"{name}={value} needs a twin on this computer, and {options.host} is another computer: leave it out"
             )
     return options
 
@@ -157,7 +157,7 @@ def _host(value: str) -> str:
     # Linux takes 0.0.0.0 for this machine: a twin would pass for a robot. The others are many hosts.
     if address.is_unspecified or address.is_multicast or address.is_reserved:
         raise UsageError(
-            f"host = {value} is not the address of one machine; write the robot's, such as 192.168.123.10, or "
+            f"host = {value} is not the address of one computer; write the robot's, such as 192.168.123.10, or "
             "127.0.0.1 for a twin"
         )
     return str(address)

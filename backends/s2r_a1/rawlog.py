@@ -182,7 +182,8 @@ class RawLogWriter:
             elif data:  # nothing is recorded after a gap
                 self._lost = True
                 self.failure = self.failure or (
-                    f"{self.path}: the disk is too slow for the recording; relieve it, or name another folder"
+                    f"{self.path}: the disk is too slow for the recording; "
+                    f"end other programs that use it, or name another folder"
                 )
             self._ending = self._ending or ending
             self._changed.notify()
@@ -238,7 +239,8 @@ class RawLogWriter:
 
     def _fail(self, error: OSError) -> None:
         self.failure = (
-            f"{self.path}: the recording cannot be written: {error.strerror}; free the disk, or use another"
+            f"{self.path}: the recording cannot be written: {error.strerror}; "
+            f"free space on the disk, or use another disk"
         )
 
 

@@ -141,7 +141,7 @@ def _seen(trace: Trace, walked: Walked, listener: Listener, placing: mocap.Placi
 
 
 def lost(backend: A1Backend, about: Mapping[str, Any], reason: str) -> Trace:
-    """Return the placeholder for a walk without a valid recording: one sample of NaN, void by the disk."""
+    """Return the placeholder for a walk without a valid recording: one sample of NaN, void because of the disk."""
     nothing = {c.name: np.full((1, c.width) if c.width > 1 else 1, np.nan) for c in backend.channels}
     return Trace(np.zeros(1), nothing, recording.UNITS, {**about, "void": "disk", "reason": reason})
 

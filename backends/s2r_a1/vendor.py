@@ -117,7 +117,7 @@ class VendorLink:
     Attributes:
         counters: counts of packets since the link was opened.
         packet: the state that decided the last read, packed from the module's numbers.
-        fault: why the last read gave no state; None if it gave one.
+        fault: the reason why the last read gave no state; None if it gave one.
         tap: function that receives every packet with its direction.
     """
 
@@ -237,7 +237,7 @@ def opened(
         )
     if hasattr(getattr(module, "LowState", None), "bms") != (layout is GO1):  # the battery is the Go1's
         raise LinkError(
-            f"the fields of the module {name!r} are not those of the {layout.name}; "
+            f"the fields of the module {name!r} do not fit the {layout.name}; "
             "name the module of this robot, or leave it out"
         )
     try:

@@ -294,7 +294,7 @@ def unpack(data: bytes, layout: Layout) -> Reading:
 def unpack_orders(data: bytes, layout: Layout) -> Orders:
     """Return the commands that a robot's motors follow: the inverse of :func:`pack`.
 
-    A motor in another mode than ``CLOSED_LOOP`` has no gains and no torque. With an angle of ``POSITION_OFF`` its kp is
+    A motor in any mode but ``CLOSED_LOOP`` has no gains and no torque. With an angle of ``POSITION_OFF`` its kp is
     0, and with a speed of ``SPEED_OFF`` its kd.
 
     Raises:
@@ -398,4 +398,4 @@ def _check(data: bytes, layout: Layout, kind: np.dtype[Any]) -> None:
     if data[-4:] != checksum(data).to_bytes(4, "little"):
         raise WireError("crc", f"the checksum of a packet of the {layout.name} is wrong")
     if not data.startswith(layout.head):
-        raise WireError("level", f"a packet is not of the low level of the {layout.name}")
+        raise WireError("level", f"a packet is not a low-level packet of the {layout.name}")

@@ -41,45 +41,42 @@ def lacking(
     At rest, dry friction balances any force up to its own size.
     """
     p = physics
-    force_residual: FloatArray = _lacking(
-        *(q, v, speeds_up, force),
-        *(p.mass, p.viscous, p.drag, p.cable, p.offset),
-        *(p.coulomb, p.stribeck, p.stribeck_speed, p.load_friction),
-    )
-    return force_residual
+    resistance = p.viscous * v + p.drag * v * np.abs(v) + p.cable * (q - MIDDLE) + p.offset
+    unbalanced = p.mass * speeds_up + resistance - force
+    friction = _dry_friction(v, force, p.coulomb, p.stribeck, p.stribeck_speed, p.load_friction)
+    return _less_friction(unbalanced, v, friction)
 
 
 @compiled
-def _lacking(
-    q: FloatArray,
+def _dry_friction(
     v: FloatArray,
-    speeds_up: FloatArray,
     force: FloatArray,
-    mass: float,
-    viscous: float,
-    drag: float,
-    cable: float,
-    offset: float,
     coulomb: float,
     stribeck: float,
     stribeck_speed: float,
-    screw: float,
+    load_friction: float,
 ) -> FloatArray:
-    left = np.empty_like(v)
-    dry = coulomb != 0.0 or stribeck != 0.0 or screw != 0.0
-    for k in range(v.size):
-        resistance = viscous * v[k] + drag * v[k] * abs(v[k]) + cable * (q[k] - MIDDLE) + offset
-        lacks = mass * speeds_up[k] + resistance - force[k]
-        brake = 0.0
-        if dry:
+    """Return (n,) the size of dry friction [N] at a speed [m/s] under the motor's force [N]; see :class:`Physics`."""
+    size = np.zeros_like(v)
+    if coulomb != 0.0 or stribeck != 0.0 or load_friction != 0.0:
+        for k in range(v.size):
             fading = v[k] / stribeck_speed
-            brake = coulomb + stribeck * exp(-(fading * fading)) + screw * abs(force[k])
+            size[k] = coulomb + stribeck * exp(-(fading * fading)) + load_friction * abs(force[k])
+    return size
+
+
+@compiled
+def _less_friction(unbalanced: FloatArray, v: FloatArray, friction: FloatArray) -> FloatArray:
+    """Return (n,) the force that dry friction of this size leaves unbalanced [N]; a NaN stays NaN."""
+    left = np.empty_like(v)
+    for k in range(v.size):
+        lacks, size = unbalanced[k], friction[k]
         if abs(v[k]) > STILL:
-            left[k] = lacks + (brake if v[k] > 0.0 else -brake)
-        elif abs(lacks) <= brake:
+            left[k] = lacks + (size if v[k] > 0.0 else -size)
+        elif abs(lacks) <= size:
             left[k] = 0.0
-        else:  # a missing sample is NaN, and stays NaN
-            left[k] = lacks - brake if lacks > 0.0 else lacks + brake
+        else:
+            left[k] = lacks - size if lacks > 0.0 else lacks + size
     return left
 
 

@@ -1,4 +1,4 @@
-"""The `sim` backend: what it offers, and a test turned into a trace."""
+"""The `sim` backend: its channels, parameters and effects, and the rollout of a test."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _MODULES = ("mujoco", "numba", "pinocchio", "piqp")
 _DISTRIBUTIONS = ("mujoco", "numba", "numpy", "pin", "piqp")
 
 _ONLOOKERS = frozenset({"pictures.py", "residuals", "variants.py"})
-"""Files and folders of source that decide no trace of this backend."""
+"""Source files and folders that have no influence on a trace of this backend."""
 
 _CPU_PER_SECOND = 0.08
 """[s] time of one core per simulated second, measured on a 2-core cloud machine."""
@@ -40,14 +40,14 @@ _CPU_PER_SECOND = 0.08
 class SimBackend:
     """Unitree's A1, trotting in MuJoCo under an inverse-dynamics QP solved by PIQP at 500 Hz.
 
-    The velocity command steps from zero to the test's value at t = 0 of the
-    trace, out of trotting in place. A rollout is a pure function of its
+    The robot trots in place until t = 0 of the trace. There the velocity command
+    steps from zero to the test's value. A rollout is a pure function of its
     parameters and its seed.
     """
 
     options: InitVar[str] = ""
-    """After the colon of the name: ``feedback=estimate`` runs the controller on the robot's own
-    velocity estimate instead of the true velocity, ``form=full`` with the 30-variable QP,
+    """Options after the colon of the name. With ``feedback=estimate`` the controller runs on the robot's own
+    velocity estimate instead of the true velocity. ``form=full`` chooses the 30-variable QP,
     ``record=truth`` adds channels such as ``q_true``, and ``latency.delay=0.004`` adds an effect."""
     duration: float = 1.5
     noise: Noise = field(default_factory=Noise)
@@ -59,7 +59,7 @@ class SimBackend:
     deterministic: bool = field(default=True, init=False)
 
     def __post_init__(self, options: str) -> None:
-        """Say at once which package is missing, and put the end on the grid of control ticks."""
+        """Refuse a missing package, read the options, and round the duration to control ticks."""
         for module in _MODULES:
             if find_spec(module) is None:
                 raise MissingPackageError("sim", module)
@@ -72,7 +72,7 @@ class SimBackend:
 
     @property
     def name(self) -> str:
-        """Name from which ``load_backend`` makes this backend, with all effects."""
+        """Name from which ``load_backend`` builds this backend, with all effects."""
         return ":".join(filter(None, ("sim", write_options(self.settings, self.added))))
 
     @property
@@ -95,13 +95,13 @@ class SimBackend:
         return tuple(CATALOGUE.values())
 
     def chosen(self) -> dict[str, dict[str, float]]:
-        """Return effect → parameter → value of what was set."""
+        """Return effect → parameter → value, for each effect that was set."""
         return as_values(self.added)
 
     def with_effects(self, values: Values) -> Self:
         """Return the same backend with these effects added: ``{"motor_strength": {"factor": 0.8}}``.
 
-        Effects act on the simulated world alone; the controller knows of none.
+        Effects change the simulated world alone; the controller's model stays the same.
 
         Raises:
             UsageError: an effect or a parameter is unknown, or a value out of range.
@@ -109,7 +109,7 @@ class SimBackend:
         return replace(self, added=choose("sim", CATALOGUE.values(), self.added, values))
 
     def variants(self) -> dict[str, Self]:
-        """Return the same physics computed otherwise: a step, a contact, a noise that is as good as ours."""
+        """Return name → the same physics with another time step, contact model or noise, each as plausible."""
         from s2r_sim.variants import variants
 
         return {
@@ -130,7 +130,7 @@ class SimBackend:
             UsageError: a parameter is unknown or out of range.
         """
         test = read_test(params)
-        # Imported here so that listing backends costs no physics engine.
+        # Imported here: a list of backends needs no physics engine.
         from s2r_sim.rollout import simulator
 
         settings = self._settings
@@ -171,9 +171,9 @@ class SimBackend:
     def residuals(self, trace: Trace, params: Mapping[str, float] | None = None) -> Trace:
         """Return the residuals of this simulator on a trace; see :class:`s2r_spec.backend.HasResiduals`.
 
-        Its effects are reckoned with, as far as they say what should have been recorded;
-        uneven ground does not, for how high it was under a foot is not recorded. Positive
-        is what the outside world adds: a push ahead is a positive ``base_force``.
+        The model includes this backend's effects where they predict the record. Uneven ground does not: the
+        trace has no height of the ground under a foot. A residual is positive if the outside world adds a
+        quantity: a push forward is a positive ``base_force``.
 
         Raises:
             TraceError: no residual can be computed from the channels, or the trace is too short.
@@ -190,7 +190,7 @@ def _ticks(seconds: float) -> int:
 
 @cache
 def _digest(settings: Settings, noise: Noise) -> str:
-    """Hash the values in use, and the source: a change of a formula changes traces as much as a gain does."""
+    """Hash the settings and the source code: a new formula changes traces as a new gain does."""
     digest = hashlib.sha256(f"{settings!r} {noise!r}".encode())
     for distribution in _DISTRIBUTIONS:
         digest.update(f" {distribution} {version(distribution)}".encode())

@@ -1,4 +1,4 @@
-"""Read the options after the colon of the backend's name, and write them."""
+"""Options after the colon of the backend's name: read from text, and written as text."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ _OPTIONS: dict[str, tuple[str, ...]] = {
 
 
 def read_options(text: str, settings: Settings, added: Choice) -> tuple[Settings, Choice]:
-    """Return settings and effects with a text such as ``feedback=estimate,latency.delay=0.004`` read into them.
+    """Return settings and effects with the options of a text such as ``feedback=estimate,latency.delay=0.004``.
 
     Raises:
-        UsageError: a name or a value is unknown; the message lists those that are known.
+        UsageError: a name or a value is unknown; the message lists the valid ones.
     """
     for word in filter(None, text.split(",")):
         name, _, value = word.partition("=")
@@ -42,7 +42,7 @@ def read_options(text: str, settings: Settings, added: Choice) -> tuple[Settings
 
 
 def write_options(settings: Settings, added: Choice) -> str:
-    """Return the text that :func:`read_options` would read this from; what is at its default is left out."""
+    """Return the text from which :func:`read_options` gives these settings and effects, without defaults."""
     nominal = Settings()
     changed = [
         f"{name}={getattr(settings, name)}"

@@ -1,4 +1,4 @@
-"""The test parameters: what one rollout can be asked to do."""
+"""The test parameters of a rollout: command, ground, payload and push."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class Test(NamedTuple):
 
 
 def read_test(params: Mapping[str, float]) -> Test:
-    """Return the test that these parameters ask for; what is missing takes its default.
+    """Return the test with these parameters; a missing one takes its default.
 
     Raises:
         UsageError: a name is unknown or a value is out of range.

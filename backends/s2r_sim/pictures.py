@@ -1,7 +1,7 @@
 """Pictures of a trace: tiles of the gait, or a short video, drawn off-screen by MuJoCo.
 
-They are drawn from the trace's pose and joint angles alone, so that any trace
-of an A1 that has these channels can be drawn.
+A picture needs the trace's pose and joint angles alone, so that any trace of an
+A1 with these channels can be drawn.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ WIDTH, HEIGHT = 400, 280
 """[pixels] of a frame."""
 FRAMES_PER_SECOND = 25
 TILES = (4, 2)
-"""Columns and rows: one gait period, evenly."""
+"""Columns and rows of tiles, at equal intervals over one gait period."""
 
 STILLS, VIDEOS = (".png", ".jpg"), (".gif", ".webp")
 
@@ -68,7 +68,7 @@ def draw(settings: Settings, trace: Trace, path: Path) -> None:
 
 def frames(settings: Settings, trace: Trace, samples: range) -> Iterator[Image]:
     """Yield (height, width, 3) images of these samples of a trace, seen from the side."""
-    # Drawn on the mean plane: terrain is where the feet are, and cannot be seen.
+    # Drawn on the mean plane: the model has no surface between the planes under the feet.
     spec = mujoco_model.specify(settings.robot, replace(settings.physics, roughness=0.0))
     _furnish(spec, settings)
     model = spec.compile()
@@ -106,12 +106,12 @@ def _pose(data: Any, trace: Trace, k: int) -> None:
 
 
 def _true(trace: Trace, name: str) -> NDArray[np.float64]:
-    """Return the truth where it was recorded beside what the sensors said."""
+    """Return the true values of a channel if the trace has them, else the measured ones."""
     return trace[name if f"{name}_true" not in trace.channels else f"{name}_true"]
 
 
 def _furnish(spec: Any, settings: Settings) -> None:
-    """Give the robot limbs, the ground squares, and the scene a lamp."""
+    """Add limbs to the robot, a checkered texture to the ground, and a light to the scene."""
     robot = settings.robot
     spec.visual.global_.offwidth, spec.visual.global_.offheight = WIDTH, HEIGHT
     spec.visual.headlight.ambient[:], spec.visual.headlight.diffuse[:] = [0.45] * 3, [0.35] * 3
@@ -158,7 +158,7 @@ def _limb(spec: Any, body: str, end: tuple[float, float, float], radius: float) 
 
 @contextmanager
 def _screen() -> Iterator[Any]:
-    """Open an off-screen OpenGL context; yields what makes MuJoCo's renderer of a model."""
+    """Open an off-screen OpenGL context; yield a function from a model to MuJoCo's renderer of it."""
     opened = _open_screen()
     renderers: list[Any] = []
 
@@ -177,7 +177,7 @@ def _screen() -> Iterator[Any]:
 
 
 def _open_screen() -> Any:
-    """Return a current context of the first library that works, whatever ``MUJOCO_GL`` was at import."""
+    """Return a current context of the first library that works; ``MUJOCO_GL`` has no influence."""
     for library in ("egl", "osmesa"):
         os.environ["PYOPENGL_PLATFORM"] = library
         try:

@@ -1,4 +1,4 @@
-"""One rollout: from the warm start through the command to the record."""
+"""One rollout: warm start, settling, command, record."""
 
 from __future__ import annotations
 
@@ -47,8 +47,8 @@ class _Warm(NamedTuple):
 class Simulator:
     """Plant, sensors and controller, with a saved state for every tick of the gait period.
 
-    Every rollout starts from one of the saved states and from nothing else, so
-    that it is a pure function of its arguments, bit for bit.
+    Every rollout starts from one of the saved states alone, so that it is a pure
+    function of its arguments, bit for bit.
     """
 
     def __init__(self, settings: Settings) -> None:
@@ -76,7 +76,7 @@ class Simulator:
         return tuple(saved[tick] for tick in range(period))
 
     def rollout(self, test: Test, noise: Noise, seed: int, ticks: int) -> Record:
-        """Run one test for so many control ticks, or until the robot falls."""
+        """Run one test for this number of control ticks, or until the robot falls."""
         with self._lock:
             return self._rollout(test, noise, seed, ticks)
 
@@ -115,8 +115,8 @@ class Simulator:
 def simulator(settings: Settings) -> Simulator:
     """Return this process's simulator for these settings, built and warmed up once.
 
-    About 2 MiB each: a search over slopes or payloads, which need a warm state of
-    their own, keeps the last few.
+    A simulator takes about 2 MiB. Every slope and every payload needs its own warm
+    states, so that a search over them keeps only the last simulators.
     """
     return Simulator(settings)
 

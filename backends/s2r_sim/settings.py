@@ -14,7 +14,7 @@ Record = Literal["measured", "truth"]
 
 @dataclass(frozen=True)
 class Settings:
-    """All that decides a trace, apart from the noise, the test and the seed."""
+    """All inputs of a trace besides the noise, the test and the seed."""
 
     robot: Robot = A1
     gains: Gains = field(default_factory=Gains)

@@ -1,4 +1,4 @@
-"""The `twin` backend: four places other than the laboratory of the model, each a named mixture of effects.
+"""The `twin` backend: simulations of four places, each a named mixture of effects.
 
 They stand in for the places in which the paper ran its robot: a laboratory
 floor, grass, sand and a ramp. They are simulations, tuned so that their gap to
@@ -48,7 +48,7 @@ PLACES: MappingProxyType[str, Values] = MappingProxyType(
 class TwinBackend(SimBackend):
     """A stand-in for the robot in one of four places: ``twin:lab``, ``twin:grass``, ``twin:sand``, ``twin:ramp``.
 
-    The same simulator with effects that the traces do not name. Options may
+    It is the same simulator with effects that its traces do not list. Options may
     follow: ``twin:lab,feedback=estimate``.
     """
 
@@ -68,11 +68,11 @@ class TwinBackend(SimBackend):
 
     @property
     def name(self) -> str:
-        """Name from which ``load_backend`` makes this backend: the place, and the added effects."""
+        """Name from which ``load_backend`` builds this backend: the place, and the added effects."""
         own = choose("sim", CATALOGUE.values(), (), PLACES[self.place])
         beyond = tuple(effect for effect in self.added if effect not in own)
         return ":".join(("twin", ",".join(filter(None, (self.place, write_options(self.settings, beyond))))))
 
     def chosen(self) -> dict[str, dict[str, float]]:
-        """A twin stands in for a robot, which does not say what is different about it."""
+        """Return no effects: a twin stands in for a robot, whose differences are unknown."""
         return {}

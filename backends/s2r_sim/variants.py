@@ -1,7 +1,7 @@
-"""The same robot, computed or idealised otherwise: what of a trace is the simulator's doing.
+"""The same robot under other numerical settings and idealisations.
 
-Each is as good a model of an A1 on a floor as the nominal one, and nobody's cause
-of a gap. A diagnosis believes no difference that is as large as theirs.
+Each variant is as good a model of an A1 on a floor as the nominal one. The differences between them belong to the
+simulator, so that a diagnosis does not explain a difference of their size.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from s2r_sim.robot.figures import Inertia, Robot
 from s2r_sim.settings import Settings
 
 MASS_ERROR = 0.015
-"""A link's mass is known to about so much of itself."""
+"""Relative uncertainty of a link's mass (dimensionless)."""
 
 
 def variants(settings: Settings, noise: Noise) -> dict[str, tuple[Settings, Noise]]:

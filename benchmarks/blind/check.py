@@ -96,7 +96,7 @@ def committed(manifest: Path) -> None:
     same = ["git", "diff", "--quiet", "HEAD", "--", manifest]
     for command in (known, same):
         if subprocess.run(command, cwd=ROOT, capture_output=True, check=False).returncode:
-            raise SystemExit(f"{manifest} is not committed as it is here: commit it, then open")
+            raise SystemExit(f"{manifest} is not committed, or has changed since: commit it, then open")
 
 
 def open_(name: str, folder: Path) -> None:

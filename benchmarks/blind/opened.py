@@ -52,7 +52,7 @@ class Opened:
         """Read the command line; ``words`` say what the command does."""
         parser = argparse.ArgumentParser(description=words.splitlines()[0])
         parser.add_argument("set", choices=tuple(SETS))
-        parser.add_argument("folder", type=Path, help="of `check.py freeze`, after `open`")
+        parser.add_argument("folder", type=Path, help="folder of `check.py freeze`, after `open`")
         parser.add_argument("--workers", type=int, default=1)
         given = parser.parse_args()
         return cls(given.set, given.folder, given.workers)
@@ -112,9 +112,7 @@ def rollouts(of: Bench, case: Path) -> tuple[Rollouts, Rollouts]:
     """Return what a diagnosis names the cause of a case from, and what it held out."""
     made_with = load_spec(case / "spec.stl").hash
     if made_with != of.spec.hash:
-        raise SystemExit(
-            f"{case} was made with another spec, {made_with}; look at it with the code of that time"
-        )
+        raise SystemExit(f"{case} was made with another spec, {made_with}; use the code of that time")
     recorded = real_rollouts(of, load_backend(f"log:{case}"), None, 0, None, lambda *_: None)
     parts = Parted.of(recorded, 0)
     return parts.compared, parts.held

@@ -135,7 +135,7 @@ def help_time(repeats: int) -> dict[str, float]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--rollouts", type=int, default=40, help="for each number of workers")
+    parser.add_argument("--rollouts", type=int, default=40, help="rollouts for each number of workers")
     parser.add_argument("--output", type=Path, default=RESULTS)
     options = parser.parse_args()
     load = os.getloadavg()[0]

@@ -158,9 +158,9 @@ def complete(name: str, search: Search, workers: int) -> dict[str, Any]:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--runs", type=int, default=20, help="for each B")
+    parser.add_argument("--runs", type=int, default=20, help="runs for each B")
     parser.add_argument("--workers", type=int, default=1)
-    parser.add_argument("--real", action="store_true", help="run the complete ones again, too")
+    parser.add_argument("--real", action="store_true", help="also repeat the complete runs")
     parser.add_argument("--output", type=Path, default=RESULTS)
     options = parser.parse_args()
     truth, where = minimum(bank().mean)

@@ -363,7 +363,7 @@ def main() -> None:
             f"there is no {arguments.data / 'traj_0.npz'}; see datasets/ in iit-DLSLab/sim2real-robot-identification"
         )
     if arguments.out.exists():
-        sys.exit(f"{arguments.out} is there already; give another --out")
+        sys.exit(f"{arguments.out} already exists; give another --out")
     real = segments(arguments.data)
     arguments.out.mkdir(parents=True)
     with (arguments.out / "rollouts.csv").open("w", newline="") as stream:

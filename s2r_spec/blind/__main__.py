@@ -22,7 +22,7 @@ app = typer.Typer(
 )
 
 Public = Annotated[
-    Path, typer.Argument(help="Folder with one folder of rollouts a case.", show_default=False)
+    Path, typer.Argument(help="Folder with one folder of rollouts for each case.", show_default=False)
 ]
 Keys = Annotated[Path, typer.Option(help="Folder for labels and salts; keep it away from the diagnosis.")]
 Answers = Annotated[Path, typer.Option(help="Folder of the answers.")]
@@ -30,7 +30,9 @@ Answers = Annotated[Path, typer.Option(help="Folder of the answers.")]
 
 @app.command()
 def seal(
-    public: Public, labels: Annotated[Path, typer.Option(help="Folder with <id>.json a case.")], keys: Keys
+    public: Public,
+    labels: Annotated[Path, typer.Option(help="Folder with one <id>.json for each case.")],
+    keys: Keys,
 ) -> None:
     """Commit to every label with a salted hash beside its data, and take the label away."""
     with sentences():
@@ -49,7 +51,7 @@ def freeze(
     scheduler: Scheduler = None,
     quiet: Quiet = False,
 ) -> None:
-    """Diagnose every case of a sealed set, and fix the answers by one hash. What is there already is kept."""
+    """Diagnose every case of a sealed set, and fix the answers with one hash. Existing answers are kept."""
     with sentences():
         from s2r_spec.backend import load_backend
         from s2r_spec.blind.freeze import freeze as fix
@@ -81,7 +83,7 @@ def freeze(
 
 @app.command(name="open")
 def open_(public: Public, keys: Keys, answers: Answers) -> None:
-    """Hold answers, data and labels against what was frozen and sealed, and open the labels, once."""
+    """Compare answers, data and labels with the frozen and sealed hashes, and open the labels, once."""
     with sentences():
         from s2r_spec.blind.unseal import unseal
 

@@ -1,4 +1,4 @@
-"""Freeze answers: one JSON a case, and a manifest over answers, data, commitments and code."""
+"""Freeze answers: one JSON file for each case, and a manifest of answers, data, commitments and code."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from s2r_spec.files import save
 
 MANIFEST = "manifest.json"
 BEGUN = "code.sha256"
-"""Beside the answers: hash of the code that began them."""
+"""Name of a file beside the answers: it holds the hash of the code that began them."""
 
 Diagnose = Callable[[Path], Mapping[str, Any]]
-"""From the folder of a case to its answer."""
+"""A function from the folder of a case to its answer."""
 
 
 def freeze(
@@ -28,19 +28,19 @@ def freeze(
     progress: Callable[[str, int, int], None] | None = None,
     simulator: str = "",
 ) -> str:
-    """Diagnose every case and write the manifest; return its hash. Answers that are there are kept.
+    """Diagnose every case and write the manifest; return its hash. Existing answers are kept.
 
-    What code answers is noted before the first answer, so that a run that goes on does so with the same.
+    The hash of the code is written before the first answer, so that a resumed run uses the same code.
 
     Args:
-        public: folder with one folder of rollouts a case.
+        public: folder with one folder of rollouts for each case.
         answers: folder of the answers.
-        diagnose: gives them.
-        progress: told of every case, how many are done, and of how many.
-        simulator: hash of the source of the simulator that it asks: what its residuals know is part of a diagnosis.
+        diagnose: returns the answer of a case.
+        progress: called after each case with its name, the number of finished cases, and the number of all cases.
+        simulator: hash of the simulator's source, since its residuals are part of a diagnosis.
 
     Raises:
-        UsageError: the answers are frozen already, a case is not sealed, or s2r is another than that which began.
+        UsageError: the answers are frozen already, a case is not sealed, or other code began the answers.
     """
     manifest = answers / MANIFEST
     if manifest.exists():
@@ -59,7 +59,7 @@ def freeze(
             progress(name, number + 1, len(ids))
     if code_hash(simulator) != code:
         raise UsageError(
-            f"s2r's source changed while it answered; start over in another folder than {answers}"
+            f"s2r's source changed while it answered; start over in a new folder, not in {answers}"
         )
     write_json(
         manifest,
@@ -76,36 +76,36 @@ def freeze(
 
 
 def _begun(answers: Path, simulator: str) -> str:
-    """Return the hash of the code that answers, noted where the answers will be.
+    """Return the hash of the code that answers, and write it to the folder of the answers.
 
     Raises:
-        UsageError: other code began, or answers are there and nothing says of what code.
+        UsageError: other code began the answers, or there are answers without the hash of their code.
     """
     note, code = answers / BEGUN, code_hash(simulator)
     if not note.exists():
         if any(answers.glob("*.json")):
             raise UsageError(
-                f"{answers} holds answers, and no {BEGUN} says what code gave them; use another folder"
+                f"{answers} holds answers, but no {BEGUN} with the hash of their code; use another folder"
             )
         save(note, code + "\n")
     elif note.read_text().strip() != code:
         raise UsageError(
-            f"the answers in {answers} are of another s2r than this one ({note}); go on with that, or begin again in "
-            f"another folder"
+            f"the answers in {answers} come from another version of the code ({note}); continue with that version, "
+            f"or begin again in another folder"
         )
     return code
 
 
 def check(public: Path, answers: Path) -> dict[str, Any]:
-    """Return the manifest, after holding answers, data and commitments against it.
+    """Return the manifest, after a check of answers, data and commitments against it.
 
     Raises:
-        UsageError: something differs from what was frozen; the sentence says what.
+        UsageError: something has changed since the answers were frozen; the message names it.
     """
     manifest = read_json(answers / MANIFEST)
     ids = cases(public)
     if sorted(manifest["answers"]) != ids:
-        raise UsageError(f"{public} holds other cases than were frozen in {answers / MANIFEST}")
+        raise UsageError(f"{public} does not hold the cases that were frozen in {answers / MANIFEST}")
     for name in ids:
         if _digest(answers / f"{name}.json") != manifest["answers"][name]:
             raise UsageError(f"{answers / name}.json is not the answer that was frozen")
@@ -117,7 +117,7 @@ def check(public: Path, answers: Path) -> dict[str, Any]:
 
 
 def code_hash(simulator: str = "") -> str:
-    """Return the hash of s2r's own source, and of what hash the simulator's source has."""
+    """Return one hash of s2r's own source and the hash of the simulator's source."""
     root = Path(__file__).parents[1]
     digest = hashlib.sha256(simulator.encode())
     for path in sorted(root.rglob("*.py")):

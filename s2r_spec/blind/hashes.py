@@ -1,4 +1,4 @@
-"""What a commitment is made of."""
+"""Hashes of a commitment: of a folder, and of a label with its salt."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def read_json(path: Path) -> dict[str, Any]:
     """Read one JSON object.
 
     Raises:
-        UsageError: the file is missing or is none.
+        UsageError: the file is missing, or is not a JSON object.
     """
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
@@ -47,7 +47,7 @@ def read_json(path: Path) -> dict[str, Any]:
 
 
 def write_json(path: Path, value: Mapping[str, Any]) -> None:
-    """Write one JSON object, whole or not at all.
+    """Write one JSON object, either completely or not at all.
 
     Raises:
         UsageError: it cannot be written.

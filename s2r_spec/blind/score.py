@@ -13,25 +13,25 @@ from s2r_spec.blind.unseal import OPENED
 
 SURE = 0.9
 MOVES = 3.0
-"""An effect moves ρ if it does so by more than so many times the mean |ρ_real − E ρ_sim| of scatter alone."""
+"""An effect moves ρ if it changes ρ by more than this factor times the mean |ρ_real − E ρ_sim| of scatter alone."""
 NOTHING = ("no material gap", "no single cause")
-"""Verdicts that name nothing, and call nothing unknown."""
+"""Verdicts that name no effect, and do not call the cause unknown."""
 INSIDE = 0.8
 """Part of the attribution of Δρ that should lie in the window in which a cause acts."""
 SMALLEST = 1e-3
-"""No probability counts as less in the log score."""
+"""Smallest probability in the log score; smaller ones count as this."""
 
 
 @dataclass(frozen=True)
 class Rate:
-    """So many of so many."""
+    """A number of cases out of all cases."""
 
     hits: int
     of: int
 
     @property
     def value(self) -> float:
-        """Return the share; NaN of none."""
+        """Return the share; NaN if there are no cases."""
         return self.hits / self.of if self.of else math.nan
 
     def interval(self) -> tuple[float, float]:
@@ -44,7 +44,7 @@ class Rate:
         return max(0.0, middle - half), min(1.0, middle + half)
 
     def to_json(self) -> dict[str, Any]:
-        """Return share, counts and interval."""
+        """Return the share, the counts and the interval."""
         low, high = self.interval()
         return {
             "rate": None if not self.of else round(self.value, 4),
@@ -66,7 +66,7 @@ def load(answers: Path) -> list[tuple[dict[str, Any], dict[str, Any]]]:
 
 
 def ranked(answer: Mapping[str, Any]) -> list[tuple[frozenset[str], float]]:
-    """Return every answer with its probability, likeliest first; {"none"} and {"unknown"} among them."""
+    """Return every answer with its probability, most probable first, including {"none"} and {"unknown"}."""
     which = answer["which"]
     found = [(frozenset([name]), float(p)) for name, p in which["posterior"].items()]
     found += [(frozenset(pair["effects"]), float(pair["probability"])) for pair in which["pairs"]]
@@ -74,7 +74,7 @@ def ranked(answer: Mapping[str, Any]) -> list[tuple[frozenset[str], float]]:
 
 
 def truth(label: Mapping[str, Any]) -> frozenset[str]:
-    """Return what the answer should have been."""
+    """Return the true answer."""
     if label["kind"] == "null":
         return frozenset(["none"])
     return frozenset(["unknown"]) if label["kind"] == "unknown" else frozenset(label["effects"])
@@ -187,7 +187,7 @@ def _rate(cases: Answers, right: Any) -> Rate:
 
 
 def _answered(label: Mapping[str, Any], answer: Mapping[str, Any]) -> bool:
-    """Return whether the answer, and not only what is likeliest, is the truth."""
+    """Return whether the answer is the truth, not only the most probable set."""
     return frozenset(answer["which"]["answer"]) == truth(label)
 
 
@@ -204,7 +204,7 @@ def _named_right(label: Mapping[str, Any], answer: Mapping[str, Any]) -> bool:
 
 
 def _named(answer: Mapping[str, Any]) -> tuple[frozenset[str], list[tuple[frozenset[str], float]]]:
-    """Return the likeliest set of effects, none and unknown set aside, and all of them ranked."""
+    """Return the most probable set of effects, and all sets ranked, without "none" and "unknown"."""
     found = [(s, p) for s, p in ranked(answer) if not s & {"none", "unknown"}]
     return found[0][0], found
 
@@ -219,7 +219,7 @@ def _material(answer: Mapping[str, Any]) -> bool:
 
 
 def _strange(label: Mapping[str, Any], answer: Mapping[str, Any]) -> bool:
-    """Return whether more is left of the motion than is allowed for."""
+    """Return whether a remainder of the motion exceeds its tolerance."""
     return any(each["surplus"] > 1.0 for each in answer.get("left", ()))
 
 
@@ -233,17 +233,17 @@ def _adds_up(label: Mapping[str, Any], answer: Mapping[str, Any]) -> bool:
 
 
 def _bounded(answer: Mapping[str, Any]) -> bool:
-    """Return whether predicates bound Δρ: where ρ is neither a minimum nor a maximum of margins nothing is claimed."""
+    """Return whether predicates bound Δρ, which needs ρ to be a minimum or a maximum of margins."""
     switch = answer["where"].get("switch")
     return switch is not None and switch["bounds"] is not None
 
 
 def _between(label: Mapping[str, Any], answer: Mapping[str, Any]) -> bool:
-    """Return whether Δρ lies between the differences at the predicates that decide either side."""
+    """Return whether Δρ lies between the differences at the two critical predicates."""
     where = answer["where"]
     low, high = where["switch"]["bounds"]
     slack = 1e-9 + 1e-6 * abs(where["delta"])
-    # What one side lost by ending early no predicate decided.
+    # The part of Δρ from an early end was not decided by a predicate.
     decided = where["delta"] - where.get("ended", 0.0)
     return bool(low - slack <= decided <= high + slack)
 
@@ -255,7 +255,7 @@ def _moves(label: Mapping[str, Any], answer: Mapping[str, Any]) -> bool:
 
 
 def _isolable(label: Mapping[str, Any], answer: Mapping[str, Any]) -> bool:
-    """Return whether the simulator alone says that the effect, at its typical size, can be told from every other."""
+    """Return whether, by the simulator alone, the effect at its typical size differs from every other effect."""
     found = answer["which"]["isolability"]
     if not truth(label) <= set(found["effects"]):
         return False
@@ -265,9 +265,9 @@ def _isolable(label: Mapping[str, Any], answer: Mapping[str, Any]) -> bool:
 
 
 def _isolable_at_its_size(label: Mapping[str, Any], answer: Mapping[str, Any]) -> bool:
-    """Return whether the simulator alone says that each effect, as large as it is, can be told from every other.
+    """Return whether, by the simulator alone, each effect at its true size differs from every other effect.
 
-    One of its parameters is enough; of an answer from before these sizes were part of it none is.
+    One of its parameters is enough. False for an older answer, which lacks these sizes.
     """
     told = set()
     for one in answer["which"]["isolability"].get("least", ()):
@@ -284,7 +284,7 @@ def _shows(label: Mapping[str, Any], answer: Mapping[str, Any]) -> bool:
 
 
 def _inside(label: Mapping[str, Any], answer: Mapping[str, Any]) -> float | None:
-    """Return the part of what Δρ of the worst test is put down to that lies in the true window; None without one."""
+    """Return the share of Δρ of the worst test that lies in the true window; None if there is no window."""
     window, where = (label.get("where") or {}).get("window"), answer.get("where")
     if window is None or not where or not where.get("trace"):
         return None
@@ -333,9 +333,9 @@ def _coverage(cases: Answers) -> Rate:
 
 
 def _shrink(cases: Answers, kind: str) -> dict[str, Any]:
-    """Return how much of the held-out gap above its floor the patch closed, over cases with a material gap.
+    """Return the part of the held-out gap above its floor that the patch closed, over cases with a material gap.
 
-    Where nothing was named nothing is closed.
+    If nothing was named, nothing counts as closed.
     """
     far = [
         a["how_far"] | {"after": (a["which"]["answer"] and a["how_far"]["after"]) or a["how_far"]["before"]}

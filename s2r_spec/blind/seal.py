@@ -19,7 +19,7 @@ def cases(public: Path) -> list[str]:
     """Return the ids of a set, sorted.
 
     Raises:
-        UsageError: there is none.
+        UsageError: there is no case.
     """
     found = sorted(path.name for path in public.iterdir() if path.is_dir()) if public.is_dir() else []
     if not found:
@@ -30,25 +30,25 @@ def cases(public: Path) -> list[str]:
 
 
 def seal(public: Path, labels: Path, keys: Path) -> int:
-    """Commit to every label in ``labels`` and move it, with its salt, to ``keys``; return how many.
+    """Commit to every label in ``labels`` and move it, with its salt, to ``keys``; return the number of labels.
 
     Raises:
-        UsageError: a case has no label, a label no case, a case is sealed already, or ``keys`` has one
-            of that name.
+        UsageError: a case has no label, a label has no case, a case is sealed already, or ``keys`` already has
+            a label of that name.
     """
     ids = cases(public)
     named = sorted(path.stem for path in labels.glob("*.json"))
     if ids != named:
         odd = sorted(set(ids) ^ set(named))[0]
         raise UsageError(
-            f"{odd!r} has a {'label but no data' if odd in named else 'folder but no label'}; seal whole sets"
+            f"{odd!r} has a {'label but no data' if odd in named else 'folder but no label'}; seal a complete set"
         )
     for name in ids:
         if (public / f"{name}.commit").exists():
             raise UsageError(f"{public / name}.commit exists: the set is sealed already")
         if (keys / f"{name}.json").exists():
             raise UsageError(
-                f"{keys / name}.json is the label of another set; give this one a folder of its own"
+                f"{keys / name}.json is the label of another set; use another folder for this set"
             )
     keys.mkdir(parents=True, exist_ok=True)
     for name in ids:

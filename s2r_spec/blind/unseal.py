@@ -17,11 +17,11 @@ def unseal(public: Path, keys: Path, answers: Path) -> dict[str, Any]:
     """Check manifest and commitments, and return id → label; also kept as ``opened.json`` beside the answers.
 
     Raises:
-        UsageError: the set was opened before, or anything was changed since it was sealed or frozen.
+        UsageError: the set was opened before, or a file was changed after it was sealed or frozen.
     """
     opened = answers / OPENED
     if opened.exists():
-        raise UsageError(f"{opened} exists: this set was opened before; one opening a set")
+        raise UsageError(f"{opened} exists: this set was opened before; a set can be opened only once")
     manifest = check(public, answers)
     labels = {}
     for name, commitment in manifest["commitments"].items():

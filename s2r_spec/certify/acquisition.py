@@ -32,7 +32,7 @@ def batch_size(state: State) -> int:
 
 
 def coverage_tests(state: State) -> list[tuple[FloatArray, int]]:
-    """Return (point, replicates) of the tests that axes shorter than the kernel lack."""
+    """Return (point, replicates) of the missing tests on axes that are shorter than their lengthscale."""
     if not state.coverage.axes:
         return []
     settings = state.settings
@@ -43,8 +43,8 @@ def coverage_tests(state: State) -> list[tuple[FloatArray, int]]:
 def _upper_confidence_tests(state: State, shares: list[int]) -> list[int]:
     """Return the points of largest upper bound, one after the other, each with its share of the rollouts.
 
-    GP-BUCB: after each choice the posterior deviation shrinks as if the test were done, and the mean stays. A batch
-    that is larger than ``batch`` asks for ends after the test with which, by the same reckoning, ε is reached.
+    GP-BUCB: after each choice the posterior deviation shrinks as if the test were done, and the mean stays the same.
+    A batch that is larger than its share ``batch`` ends with the test after which, by this estimate, ε is reached.
     """
     rng, confidence = _generator(state), state.confidence
     upper, lower, hidden = confidence.bounds.upper[0], confidence.bounds.lower[0], confidence.bounds.hidden[0]

@@ -55,7 +55,7 @@ def as_rollouts(real: Any) -> Any:
     """Return the real machine of a diagnosis: a backend, the name of one, or rollouts.
 
     Raises:
-        UsageError: it is none of these.
+        UsageError: it is another value.
     """
     if isinstance(real, str | Backend | Iterable):
         return real
@@ -69,7 +69,7 @@ def as_folder(folder: Any) -> Path:
     """Return the folder of a run as a path.
 
     Raises:
-        UsageError: it is none.
+        UsageError: it is not a path.
     """
     if isinstance(folder, str | os.PathLike) and isinstance(os.fspath(folder), str):
         return Path(folder)

@@ -63,11 +63,11 @@ def _assumptions(state: State) -> tuple[str, ...]:
     )
     unit = f" {settings.unit}" if settings.unit else ""
     fixed = (
-        f"{state.fixed} outcomes are of tests that were fixed beforehand or chosen from earlier outcomes only, "
+        f"{state.fixed} outcomes come from tests that were fixed beforehand or chosen only from earlier outcomes, "
         f"and none was left out because of its value",
     )
     inside = (
-        f"the kernel is longer than the range of {names}: between tests the kernel speaks, "
+        f"the lengthscale is longer than the range of {names}: between tests the bound rests on the kernel, "
         f"and every eighth of the range was tested",
     )
     return (

@@ -1,6 +1,6 @@
 """Bounds of J over the whole box, for several norm bounds at once, from one event of probability 1 − δ.
 
-The confidence set holds for all times at once, so that the tightest bound so far
+The confidence set holds for all times at once, so the tightest bound so far
 holds. Points and cells keep a running intersection, and the halves of a cell
 inherit it. Cells are split where they, and not the data, decide the maximum.
 """
@@ -72,7 +72,7 @@ class Bounds:
 
         Args:
             data: conditioned on all outcomes so far.
-            bound: from the same data.
+            bound: the bound from the same data.
             tolerance: split while a cell may exceed every point's upper bound by more than this
                 share of the interval that is left.
         """

@@ -11,7 +11,7 @@ from annotated_types import MinLen
 from s2r_spec.json_values import to_json
 
 ALL_COUNT = "every requested rollout is counted"
-"""Definition: an assumption about the rollouts; those of a machine may be void, and then run again."""
+"""Definition: an assumption about the rollouts; a machine's rollouts may be void, and then run again."""
 
 
 class Label(Enum):
@@ -49,7 +49,7 @@ class Certificate:
         delta: 1 − probability.
         target: the declared ε.
         label: see :class:`Label`.
-        reason: why it was refused, else "".
+        reason: the reason for a refusal, else "".
         worst: the point of the largest lower confidence bound.
         rollouts: number of outcomes.
         iterations: number of batches.

@@ -12,7 +12,7 @@ from typing import Any, Unpack
 
 from s2r_spec.backend import HasRecordings, is_exclusive
 from s2r_spec.certify.arguments import as_folder, as_name, as_spec, require_begun
-from s2r_spec.certify.check_result import CheckResult, Verdict, conclude, of_recordings
+from s2r_spec.certify.check_result import CheckResult, conclude, of_recordings
 from s2r_spec.certify.experiments import Rollouts, run_search
 from s2r_spec.certify.from_spec import only_requirement, rho_unit, search_for
 from s2r_spec.certify.observers import Phase
@@ -28,14 +28,14 @@ from s2r_spec.rollouts.scorer import Scorer
 from s2r_spec.rollouts.spec_files import spec_texts
 from s2r_spec.spec import Spec
 
-__all__ = ["CheckResult", "Verdict", "check", "check_with"]
+__all__ = ["CheckResult", "check", "check_with"]
 
 
 def check(spec: Spec, backend: str, folder: Path | str, **keywords: Unpack[RunKeywords]) -> CheckResult:
     """Certify the worst expected robustness of one requirement over the spec's test space.
 
     Args:
-        spec: with a test space and a certify line.
+        spec: a specification with a test space and a certify line.
         backend: the name of the backend; it is opened in every worker.
         folder: the folder of the journal and the traces.
         keywords: see :class:`~s2r_spec.certify.options.RunOptions`; all of them may be left out.
@@ -104,5 +104,5 @@ def _design(search: Search, spec: Spec, requirement: str, scorer: Scorer) -> Des
         search.refuse_hopeless()
         return None
     if search.budget is not None:
-        raise UsageError(f"a budget does not apply to {scorer.name}: it has the recordings that it has")
+        raise UsageError(f"a budget does not apply to {scorer.name}: s2r uses all of its recordings")
     return fixed_design(spec, requirement, scorer.backend, scorer.backend.recordings)

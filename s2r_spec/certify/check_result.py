@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from enum import Enum
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -19,19 +18,7 @@ from s2r_spec.certify.search import Search
 from s2r_spec.certify.voids import is_machine, machine_assumptions, void_counts, with_voids, without_too_many
 from s2r_spec.rollouts.journal import Journal, Record
 from s2r_spec.spec import Spec
-
-
-class Verdict(Enum):
-    """Whether the requirement holds; the value is the printed word."""
-
-    HOLDS = "holds"
-    VIOLATED = "violated"
-    UNKNOWN = "unknown"
-
-    @property
-    def exit_code(self) -> Literal[0, 1, 3]:
-        """0 holds, 1 violated, 3 unknown."""
-        return 0 if self is Verdict.HOLDS else 1 if self is Verdict.VIOLATED else 3
+from s2r_spec.verdict import Verdict
 
 
 @dataclass(frozen=True)
@@ -58,11 +45,11 @@ class CheckResult:
         unit: the unit of ρ; "" when the requirement mixes units.
         worst: the tested point nearest to the one that bounds the worst expected ρ from above.
         lowest: the rollout of the smallest ρ.
-        failures: how often the robot fell or the worker died, by word.
+        failures: word for a failure → number of rollouts that ended with it.
         assumptions: each in one sentence.
         certificate: the certificate of the search, which maximises −ρ.
         provenance: version, spec and model hashes, seed.
-        folder: where the rollouts lie.
+        folder: the folder of the rollouts.
         seconds: duration of all rollouts, summed over workers and resumed processes.
         voids: the number of void rollouts of a machine, by word; None for a simulator.
     """
@@ -95,7 +82,7 @@ def conclude(
     """Return the result of a search whose outcomes are all in a journal.
 
     Args:
-        spec: has the requirement.
+        spec: the specification with the requirement.
         requirement: the name of the requirement.
         fall: declared ρ of a rollout that falls, in the unit of ρ.
         certificate: the certificate of the search.
@@ -142,9 +129,9 @@ def of_recordings(result: CheckResult, notes: Sequence[str], search: Search) -> 
     """Return a result of recordings with their notes, and with what the recorded tests cannot certify.
 
     Args:
-        result: from :func:`conclude`.
+        result: the result of :func:`conclude`.
         notes: the notes of the :class:`~s2r_spec.certify.recorded.Design`.
-        search: with the recorded outcomes.
+        search: the search, with the recorded outcomes.
     """
     certificate, reason = result.certificate, result.reason
     if result.verdict is Verdict.UNKNOWN and certificate.label is not Label.REFUSED:
@@ -152,8 +139,8 @@ def of_recordings(result: CheckResult, notes: Sequence[str], search: Search) -> 
     if certificate.label is Label.BUDGET:
         where = ", ".join(f"{name} = {value:.4g}" for name, value in search.suggestion.items())
         reason += (
-            f"; the recorded tests certify no more than an interval {at_most(certificate.epsilon)} wide "
-            f"(ε = {certificate.target:g} was asked), and a further test would tell most at {where}"
+            f"; the recorded tests certify an interval {at_most(certificate.epsilon)} wide, wider than "
+            f"ε = {certificate.target:g}; another test would help most at {where}"
         )
     *assumptions, _ = result.assumptions
     about = "the statement is about the machine as it was when it was recorded"

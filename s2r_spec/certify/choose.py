@@ -46,7 +46,7 @@ def choose(results: Sequence[CheckResult]) -> Choice:
         same = other.provenance["spec_hash"] == first.provenance["spec_hash"]
         if not same or other.requirement != first.requirement:
             raise UsageError(
-                f"{other.folder} checks {other.requirement!r} of another spec than {first.folder}: "
+                f"{other.folder} checks {other.requirement!r} of a different spec from {first.folder}: "
                 f"worst cases of different requirements cannot be compared"
             )
         if any(

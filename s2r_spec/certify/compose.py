@@ -6,7 +6,7 @@ added test by test, before the worst test is taken:
 
     min_d E ρ_real ≥ min_d [LCB_ρ̂(d) + LCB_Δ(d)]      with probability ≥ 1 − δ₀ − δ₁.
 
-It is at most min_d [UCB_ρ̂(d) + UCB_Δ(d)], so that a failure can be shown, too.
+It is at most min_d [UCB_ρ̂(d) + UCB_Δ(d)], so a failure can be shown, too.
 
 The paper adds the worst cases of both (Theorem 2: ρ* ≥ ρ̂ᵉ − eᵉ). Its bound is never larger, and the result has
 it, too. The paper's probability (1−δ₀)(1−δ₁) needs independent searches; the sum δ₀ + δ₁ does not.
@@ -101,7 +101,7 @@ class _Sum:
 def maximum(
     search: Search, roughness: _Sum, upper: Callable[[FloatArray], FloatArray], tolerance: float
 ) -> tuple[float, FloatArray, float, FloatArray]:
-    """Return an upper bound over the box, the (dim,) point of the largest one, what cells hide, and all points.
+    """Return an upper bound over the box, the (dim,) point of the largest bound, the cells' excess, and all points.
 
     Branch and bound: cells are split while they may exceed every point by more than ``tolerance``.
     """

@@ -95,8 +95,8 @@ def smallest_norm(gram: FloatArray, counts: FloatArray, means: FloatArray, radiu
     """Return B_low, the smallest RKHS norm that the data allow, in units of R.
 
     Any f with (ȳ−f)ᵀM(ȳ−f) ≤ r_n has ‖f‖² ≥ a (q_a − r_n) for every a > 0;
-    the best a is taken from a grid over twelve decades, which can only make
-    B_low smaller, that is safer.
+    the best a is taken from a grid over twelve decades. The grid can only make
+    B_low smaller, which is safe.
     """
     root = np.sqrt(counts)
     eigenvalues, vectors = np.linalg.eigh(root[:, None] * gram * root)

@@ -64,7 +64,7 @@ class ConfidenceSet:
         return self.bounds.add(vector)
 
     def update(self, outcomes: Outcomes) -> None:
-        """Tighten all bounds with the outcomes so far, u ≥ 1 points of them."""
+        """Tighten all bounds with the outcomes so far, at u ≥ 1 points."""
         samples = outcomes.samples
         self._posterior = self._engine.condition(self.points, samples)
         self._bound = self._mode.bound(self._posterior, outcomes.rollouts, self.norms, self._settings.delta)
@@ -87,7 +87,7 @@ class ConfidenceSet:
         return mean, float(width[best]), scales[best : best + 1]
 
     def deviation(self, planned: Samples, scale: FloatArray) -> FloatArray:
-        """Return (P,) posterior standard deviations at a (1,) prior scale, had the planned samples been run."""
+        """Return (P,) posterior standard deviations at a (1,) prior scale, as if the planned samples had been run."""
         posterior = self._engine.condition(self.points, planned)
         return np.asarray(posterior.moments(scale, self.points).std[0])
 
@@ -125,7 +125,7 @@ class ConfidenceSet:
         where = np.atleast_2d(np.asarray(points, dtype=np.float64))
         if where.shape[1] != space.dim or not ((where >= space.lower) & (where <= space.upper)).all():
             raise UsageError(
-                f"the band is known at points of shape (n, {space.dim}) within the test space only"
+                f"the band is known only at points of shape (n, {space.dim}) within the test space"
             )
         lower, upper = self.bounds.at(where, self._posterior, self._bound)
         return lower[0] * self._settings.R, upper[0] * self._settings.R

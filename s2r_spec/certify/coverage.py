@@ -2,13 +2,13 @@
 
 A function of norm ≤ B changes by at most B · s · w/ℓ along an axis of range w and lengthscale ℓ (s: the
 kernel's slope). The longer ℓ is, the less a search learns inside the range. With ℓ a thousand times the range
-it tests the corners only, and no outcome could then contradict the declared kernel, whatever happens inside.
+it tests only the corners, and no outcome could then contradict the declared kernel, whatever happens inside.
 So two rules hold on an axis with ℓ > w, and none on any other:
 
 - If the declared kernel and B leave J no more than ε to change by, the certificate would rest on the
-  declaration and on no test. It is refused (:mod:`s2r_spec.certify.feasibility`).
+  declaration, not on tests. It is refused (:mod:`s2r_spec.certify.feasibility`).
 - Else each eighth of the range is tested before a certificate is given, with as many rollouts as distinguish 0
-  from ε there (:class:`Coverage`). The tests depend on the seed and on no outcome, so that the bound holds as it
+  from ε there (:class:`Coverage`). The tests depend on the seed, not on an outcome, so the bound holds as it
   is. Their outcomes may refute B like any others.
 """
 
@@ -73,14 +73,14 @@ class Coverage:
     ) -> list[tuple[FloatArray, int]]:
         """Return (point, replicates) of the next tests, a Latin hypercube.
 
-        On every axis the tests are in different parts, as far as there are parts. A part gets at most as many
-        rollouts as it has.
+        On every axis the tests lie in different parts until all parts are used. A part gets no more rollouts than it
+        already has.
 
         Args:
             points: (u, dim) tested points.
             counts: (u,) their rollouts.
             needed: rollouts that each part must have.
-            rng: draws the places.
+            rng: the generator of the places.
         """
         done = self._done(points, counts)
         wanted = np.minimum(np.maximum(0, needed - done), np.maximum(LEAST, done))
@@ -111,8 +111,8 @@ class Coverage:
         axis = self.space.axes[self.axes[rows[0]]]
         low, high = (axis.low + axis.width * (parts[0] + end) / PARTS for end in (0, 1))
         return (
-            f"the kernel is longer than the range of {axis.name}, so every eighth of it must be tested first; "
-            f"{axis.name} in [{low:.4g}, {high:.4g}] {axis.unit}".rstrip()
+            f"the lengthscale is longer than the range of {axis.name}, so every eighth of the range must be tested "
+            f"first; {axis.name} in [{low:.4g}, {high:.4g}] {axis.unit}".rstrip()
             + f" lacks {lacking[rows[0], parts[0]]} of {self.least} rollouts"
         )
 

@@ -42,7 +42,7 @@ class Experiment(Protocol):
 
 @dataclass(frozen=True)
 class Rollouts:
-    """Rollouts on one backend. The outcome is −ρ, so that the maximum is the worst case.
+    """Rollouts on one backend. The outcome is −ρ, so its maximum is the worst case.
 
     Attributes:
         scorer: evaluates ρ of a rollout.
@@ -64,7 +64,7 @@ class Rollouts:
         """Run the rollouts that the journal lacks; see :class:`Experiment`.
 
         Raises:
-            BackendError: a rollout raised, or the journal is of a search with other tests.
+            BackendError: a rollout raised, or the journal belongs to a search with other tests.
         """
         points = {query.index: query.point for query in queries}
         records: dict[tuple[int, int], Record] = {}
@@ -97,13 +97,13 @@ class Rollouts:
         """Return the journal's record of a task, None if there is none.
 
         Raises:
-            BackendError: it is a record of another test or seed.
+            BackendError: the record has a different test or seed.
         """
         before = self.journal.get(task.query, task.replicate)
         if before is not None and (before.params != point or before.seed != task.seed):
             raise BackendError(
-                f"rollout {task.query}.{task.replicate} of {self.journal.folder} was run at {before.params}, now "
-                f"the search asks for {point}: the numerical libraries must have changed in between"
+                f"rollout {task.query}.{task.replicate} of {self.journal.folder} was run at {before.params}, but "
+                f"the search now asks for {point}: the numerical libraries must have changed in between"
             )
         return before
 
@@ -141,7 +141,7 @@ class Pairs:
     Attributes:
         simulated: rollouts of the simulator.
         real: rollouts of the real machine.
-        watched: the backend whose rollouts the observer receives; of the other one it receives crashes only.
+        watched: the backend whose rollouts the observer receives; from the other one it receives only crashes.
     """
 
     simulated: Experiment

@@ -1,10 +1,10 @@
 """The failure probability at the worst test: a bound on it, and with it on a quantile of ρ.
 
-E ρ may be positive while one rollout in ten fails. The indicator of ρ < level is 0 or 1, so that its noise is
+E ρ may be positive while one rollout in ten fails. The indicator of ρ < level is 0 or 1, so its noise is
 ½-sub-Gaussian for every probability (Hoeffding's lemma). R is proven here and need not be declared. One
 assumption remains: the probability, as a function of the test, has a bounded norm.
 
-The rollouts may be those of a search for the worst E ρ. Its tests depend on earlier outcomes only, and the
+The rollouts may come from a search for the worst E ρ. Its tests depend only on earlier outcomes, and the
 bound asks no more of them.
 """
 
@@ -34,13 +34,13 @@ class FailureProbability:
     Attributes:
         level: the level of ρ, in the unit of ρ.
         lower: a bound at some test.
-        upper: a bound at every test, so that at every test the ``upper`` quantile of ρ is at least ``level``.
+        upper: a bound at every test; so at every test the ``upper`` quantile of ρ is at least ``level``.
         seen: rollouts with ρ < level.
         rollouts: all of them.
         B: bound on the norm of the probability.
         B_low: the smallest norm compatible with the rollouts.
         worst: the test where the upper bound is largest.
-        refused: why there is no bound, else "".
+        refused: the reason why there is no bound, else "".
     """
 
     level: float

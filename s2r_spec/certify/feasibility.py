@@ -53,7 +53,7 @@ def tests_apart(space: Space, kernel: Kernel) -> float:
 
 
 def log_rollouts(tests: float, spread: int, batch: float) -> float:
-    """Return log10 of the rollouts that a search has run when it has visited so many tests.
+    """Return log10 of the rollouts that a search has run when it has visited this many tests.
 
     A batch holds ``spread`` tests and 2 · spread rollouts, or the share ``batch`` of all so far if that is more.
     """

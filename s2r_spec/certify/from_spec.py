@@ -14,10 +14,10 @@ def search_for(spec: Spec, requirement: str, options: RunOptions, noise: float =
     """Return the search that a requirement's certify line declares.
 
     Args:
-        spec: with a test space and a certify line.
+        spec: a specification with a test space and a certify line.
         requirement: the name of the requirement.
-        options: have the seed, the budget, the mode and the engine.
-        noise: multiplies the declared R (dimensionless).
+        options: the seed, the budget, the mode and the engine.
+        noise: factor on the declared R (dimensionless).
 
     Raises:
         UsageError: the requirement is unknown, or its certify line lacks a setting.
@@ -68,7 +68,7 @@ def only_requirement(spec: Spec) -> str:
     """Return the name of the spec's one requirement.
 
     Raises:
-        UsageError: there are several, so that a name is needed.
+        UsageError: there are several, so a name is needed.
     """
     if len(spec.requirements) != 1:
         raise UsageError(f"{spec.name} has several requirements ({one_of(spec.requirements)}): name one")

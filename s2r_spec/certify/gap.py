@@ -38,7 +38,7 @@ def gap_search(
     """Return search 2, which the spec's certify line declares like search 1.
 
     If R is the real machine's proxy, too, and k = ``per_real`` simulated rollouts are averaged, then the noise of Δ
-    has the proxy R·sqrt(1 + 1/k). B, ε, δ and the kernel are those of search 1.
+    has the proxy R·sqrt(1 + 1/k). B, ε, δ and the kernel are the same as in search 1.
     """
     return search_for(spec, requirement, options, noise=math.sqrt(1 + 1 / per_real))
 
@@ -49,7 +49,7 @@ def gap(
     """Bound the signed gap between two backends over the spec's test space.
 
     Args:
-        spec: with a test space and a certify line.
+        spec: a specification with a test space and a certify line.
         simulated: the simulator's backend, by name.
         real: the real machine's backend, by name: a robot, its logs, a twin. Every recording inside the test space
             counts once, and the simulator runs at the same tests (or its own logs are read). The search then chooses

@@ -84,7 +84,7 @@ class GapResult:
         assumptions: each in one sentence.
         certificate: the certificate of the search, which maximises −Δ.
         provenance: versions, hashes, seed.
-        folder: where the rollouts lie.
+        folder: the folder of the rollouts.
         seconds: duration of all rollouts of both backends, summed over workers and resumed processes.
         voids: the number of void rollouts of a machine, by word; None for a simulator.
     """
@@ -108,7 +108,7 @@ class GapResult:
 
     @property
     def absolute(self) -> float:
-        """The largest mean |Δ| at a tested point: an estimate for comparison with the paper, no bound."""
+        """The largest mean |Δ| at a tested point: an estimate for comparison with the paper, not a bound."""
         return max(test.absolute for test in self.tested)
 
 
@@ -122,8 +122,8 @@ def conclude_gap(
     """Return the result of a search whose pairs are all in two journals.
 
     Args:
-        spec: has the requirement.
-        search: with an outcome for every pair.
+        spec: the specification with the requirement.
+        search: the search, with an outcome for every pair.
         journals: the journals of the simulator and the real machine; the keys are the names in ``SYSTEMS``.
         provenance: the journals' common header.
         folder: the folder of both journals.

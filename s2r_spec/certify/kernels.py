@@ -68,7 +68,7 @@ class Kernel:
         """Refuse an unknown name or a lengthscale that is not positive."""
         if not isinstance(self.name, str) or self.name not in FAMILIES:
             valid = suggest(str(self.name), FAMILIES)
-            raise UsageError(f"no kernel {self.name!r}{valid} there are {one_of(FAMILIES)}")
+            raise UsageError(f"there is no kernel {self.name!r}{valid} the kernels are {one_of(FAMILIES)}")
         given: Any = self.lengthscale
         several = isinstance(given, Sequence | np.ndarray) and not isinstance(given, str | bytes)
         what = f"the lengthscale of {self.name}"
@@ -131,7 +131,7 @@ class Kernel:
         The weights w are multilinear on the cell's corners g. For ‖J‖ ≤ B it
         follows that J ≤ max over the corners + B e(h) in the cell, and J ≥ min −
         B e(h). One axis after another: interpolation along an axis averages
-        functions, so that the axes' errors add.
+        functions, so the errors of the axes add up.
         """
         return np.asarray(self.hidden(sides).sum(axis=-1))
 

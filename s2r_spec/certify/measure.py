@@ -36,7 +36,7 @@ def check_measure(
 
     Args:
         measure: the function of a trace that did not fail, and its test; runs in this process. Its kernel norm B, its
-            noise R and its ``fall`` are declared with the search, like those of a spec.
+            noise R and its ``fall`` are declared with the search, as in a spec.
         name: the name of the measure in the journal; a resumed run must have the same name.
         backend: the name of the backend; the search's parameters must be the backend's, in its units.
         search: new, over the test space.

@@ -49,7 +49,7 @@ class Execution:
 
     Args:
         seed: the seed of the whole run.
-        executor: makes the pool of workers; two local processes by default.
+        executor: a function that makes the pool of workers; two local processes by default.
         timeout: a rollout that takes longer is ended, and counts as a crash [s]; ``inf`` for never, None for
             :func:`s2r_spec.rollouts.scorer.default_timeout`.
         resume: go on with the run in the folder.
@@ -74,7 +74,7 @@ class Execution:
 
 @dataclass(frozen=True, kw_only=True)
 class RunOptions(Execution):
-    """Options of a run against a specification, besides those of :class:`Execution`.
+    """Options of a run against a specification, in addition to :class:`Execution`.
 
     Args:
         requirement: the name of the requirement; None if the specification has only one.
@@ -104,7 +104,7 @@ class RunOptions(Execution):
 
 @dataclass(frozen=True, kw_only=True)
 class MeasureOptions(Execution):
-    """Options of a run with a measure instead of a requirement, besides those of :class:`Execution`.
+    """Options of a run with a measure instead of a requirement, in addition to :class:`Execution`.
 
     Args:
         fall: value of a rollout that fails, in the unit of the measure.

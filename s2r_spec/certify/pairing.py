@@ -28,7 +28,7 @@ class Pairing:
         recorded: the tests of a real machine that has recordings; else None, and the search chooses them.
         simulated: recordings of the simulator at the same tests; None if it runs.
         per_real: fewest simulated rollouts for a real one; their mean is compared with it.
-        notes: what a reader of the certificate must know, each in one sentence.
+        notes: facts that a reader of the certificate must know, each in one sentence.
     """
 
     sim: Scorer
@@ -63,7 +63,7 @@ class Pairing:
                 )
             return cls(sim, machine)
         if budget is not None:
-            raise UsageError(f"a budget does not apply to {real}: it has the recordings that it has")
+            raise UsageError(f"a budget does not apply to {real}: s2r uses all of its recordings")
         recorded = fixed_design(spec, requirement, machine.backend, machine.backend.recordings)
         about = "the statement is about the machine as it was when it was recorded"
         if not isinstance(sim.backend, HasRecordings):
@@ -86,7 +86,7 @@ class Pairing:
 def _paired(spec: Spec, real: Design, simulated: Design) -> tuple[Design, Design, list[str]]:
     """Return both designs at their common tests: for every real recording one or two simulated ones.
 
-    The first recordings of a test are used, so that the choice depends on no outcome.
+    The first recordings of a test are used, so the choice does not depend on any outcome.
 
     Raises:
         UsageError: no test was recorded on both sides.
@@ -114,7 +114,7 @@ def _paired(spec: Spec, real: Design, simulated: Design) -> tuple[Design, Design
         if unused:
             notes.append(
                 f"{unused} {side} recordings have no counterpart at the same test, and are not used; "
-                f"which are used depends on no outcome"
+                f"this choice does not depend on any outcome"
             )
     return Design(tuple(real_tests), ()), Design(tuple(sim_tests), ()), notes
 
@@ -132,7 +132,7 @@ def _undeclared(spec: Spec, sim: Backend, machine: Backend) -> Sequence[str]:
     offered = {parameter.name: parameter for parameter in sim.parameters}
     return [
         f"every recording was made with {recorded.name} = {recorded.default:g} {recorded.unit}".rstrip()
-        + f", which {spec.name} does not declare: {sim.name} runs with its own, "
+        + f", which {spec.name} does not declare: {sim.name} uses its own default, "
         + f"{offered[recorded.name].default:g} {offered[recorded.name].unit}".rstrip()
         for recorded in machine.parameters
         if recorded.name in offered and recorded.name not in spec.params

@@ -67,7 +67,7 @@ def read_pilot(groups: list[ArrayLike]) -> Pilot:
     warning = ""
     if tail or rare:
         warning = (
-            f"the noise looks heavy-tailed (kurtosis {kurtosis:.1f}, farthest residual {farthest:.1f} standard "
-            f"deviations): a standard deviation is not a proxy for it, use a proven range, R = (b − a)/2"
+            f"the noise looks heavy-tailed (kurtosis {kurtosis:.1f}, largest residual {farthest:.1f} standard "
+            f"deviations): a standard deviation is not a proxy for it; use a proven range, R = (b − a)/2"
         )
     return Pilot(len(residuals), std, low, kurtosis, warning)

@@ -104,7 +104,7 @@ class _Simulation:
     """Simulated searches, with a count of those that are done.
 
     Attributes:
-        settings: the declaration; its budget is the most that a search may take, its seed that of the simulation.
+        settings: the declaration; its budget is the most rollouts of a search, and its seed fixes the simulation.
         runs: searches for each number.
         total: all of them.
         progress: receives the count.
@@ -118,7 +118,7 @@ class _Simulation:
     done: int = 0
 
     def rollouts(self, share: float) -> int | None:
-        """Return the median rollouts to ε on functions of norm ``share`` · B; None if a search gives up."""
+        """Return the median rollouts until width ε, on functions of norm ``share`` · B; None if a search gives up."""
         settings, most = self.settings, self.settings.budget
         assert most is not None
         fewest = sequential_lower_bound(settings.R, settings.epsilon, settings.delta)

@@ -9,7 +9,7 @@ from typing import Unpack
 from s2r_spec.certify.arguments import as_folder, as_name, as_spec, require_begun
 from s2r_spec.certify.certificate import Label
 from s2r_spec.certify.check import check_with
-from s2r_spec.certify.check_result import CheckResult, Verdict
+from s2r_spec.certify.check_result import CheckResult
 from s2r_spec.certify.compose import Composition, compose
 from s2r_spec.certify.from_spec import only_requirement, search_for
 from s2r_spec.certify.gap import gap_search, gap_with
@@ -21,6 +21,7 @@ from s2r_spec.rollouts.attendance import refuse_terms
 from s2r_spec.rollouts.layout import GAP, SIMULATION
 from s2r_spec.rollouts.machine_journal import AGAIN
 from s2r_spec.spec import Spec
+from s2r_spec.verdict import Verdict
 
 
 @dataclass(frozen=True)
@@ -47,7 +48,7 @@ class CertifyResult:
 def certify(
     spec: Spec, simulated: str, real: str, folder: Path | str, **keywords: Unpack[RunKeywords]
 ) -> CertifyResult:
-    """Run both searches and combine them; the arguments are those of :func:`s2r_spec.certify.gap.gap`.
+    """Run both searches and combine them; for the arguments see :func:`s2r_spec.certify.gap.gap`.
 
     ``budget`` bounds the real rollouts; the simulator runs as many as its ε takes. Search 2 does not begin when
     search 1 was refused: rollouts of the real machine could not change that.
@@ -107,6 +108,6 @@ def conclude_certify(
         way = "more real rollouts" if bounded.certificate.label is Label.BUDGET else "a smaller epsilon"
         if "recorded" in bounded.provenance:
             where = ", ".join(f"{name} = {value:.4g}" for name, value in second.suggestion.items())
-            way = f"a further recorded test, best at {where},"
+            way = f"another recorded test, best at {where},"
         verdict, reason = Verdict.UNKNOWN, f"the interval contains 0; {way} may decide it"
     return CertifyResult(verdict, reason, real, checked, bounded, composition)

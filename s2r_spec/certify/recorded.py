@@ -21,7 +21,7 @@ from s2r_spec.rollouts.task import Done
 from s2r_spec.spec import Spec
 
 ROUNDING = 1e-9
-"""Tolerance: share of a range by which a converted unit may put a value outside of it."""
+"""Tolerance: share of a range by which a value may lie outside it after its unit was converted."""
 FINE = {1: 501, 2: 41, 3: 15}
 """Budget: points for each parameter at which the band is compared with ε, by the number of parameters."""
 
@@ -32,7 +32,7 @@ class Design:
 
     Attributes:
         tests: (test point in the spec's units, its recordings), in recorded order.
-        notes: what a reader of the certificate must know, each in one sentence.
+        notes: facts that a reader of the certificate must know, each in one sentence.
     """
 
     tests: tuple[tuple[dict[str, float], tuple[Recording, ...]], ...]
@@ -45,7 +45,7 @@ class Design:
 
 
 def fixed_design(spec: Spec, requirement: str, backend: Backend, recordings: Sequence[Recording]) -> Design:
-    """Group the recordings inside the spec's test space by test; the choice depends on no outcome.
+    """Group the recordings inside the spec's test space by test; the choice does not depend on any outcome.
 
     Raises:
         UsageError: none is inside, or a parameter varies that the spec does not declare.
@@ -71,7 +71,7 @@ def fixed_design(spec: Spec, requirement: str, backend: Backend, recordings: Seq
     notes = []
     if outside:
         notes.append(
-            f"{len(outside)} of {len(recordings)} recordings are of tests outside the spec's test space and are "
+            f"{len(outside)} of {len(recordings)} recordings have tests outside the spec's test space and are "
             f"not used ({', '.join(outside[:3])}{', …' if len(outside) > 3 else ''})"
         )
     units = {channel.name: channel.unit for channel in backend.channels}
@@ -137,12 +137,12 @@ def left_open(search: Search, what: str) -> list[str]:
     """Return the limits of a certificate from recorded tests, each in one sentence.
 
     Args:
-        search: with all outcomes of the tests.
+        search: the search, with all outcomes of the tests.
         what: the bounded quantity, "E ρ" or "E Δ".
     """
     notes, space = [], search.space
     if not search.degrees:
-        notes.append("no test was recorded twice, so that nothing here could have refuted R")
+        notes.append("no test was recorded twice, so these recordings could not have refuted R")
     points = space.grid((FINE.get(space.dim, 7),) * space.dim)
     lower, upper = search.band(points)
     widths = upper - lower

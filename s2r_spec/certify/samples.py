@@ -77,7 +77,7 @@ def as_outcomes(outcomes: ArrayLike, what: str) -> FloatArray:
     """Return (replicates,) outcomes as float64; a number is an array of one.
 
     Args:
-        outcomes: from the caller.
+        outcomes: the outcomes that the caller gave.
         what: the query or test that they are of, for the sentence.
 
     Raises:

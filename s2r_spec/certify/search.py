@@ -91,11 +91,11 @@ class Search:
         return self._state.budget
 
     def close(self) -> None:
-        """Take the rollouts so far as the budget, so that the search asks for no more."""
+        """Take the rollouts so far as the budget, so that the search ends."""
         self._state.budget = self._state.outcomes.rollouts
 
     def ask(self) -> list[Query]:
-        """Return the next batch, or the last one while outcomes of it are missing."""
+        """Return the next batch, or the last one again while it lacks outcomes."""
         if not self._open and not self.done:
             for place, replicates in next_batch(self._state):
                 point = self.space.point(self._state.confidence.points[place])
@@ -108,7 +108,7 @@ class Search:
         """Give the (replicates,) outcomes of a query that was asked.
 
         Fewer outcomes than were asked for are taken, but the certificate is
-        then refused: leaving rollouts out is selection.
+        then refused: leaving out rollouts biases the bound.
 
         Raises:
             UsageError: the query is unknown or already answered, there are too many outcomes, or one is not finite.
@@ -139,18 +139,18 @@ class Search:
     def observe(self, tests: Iterable[tuple[Mapping[str, float], ArrayLike]], *, final: bool = False) -> None:
         """Give outcomes of tests that were fixed beforehand, not chosen by this search.
 
-        Such a design is predictable, and the bound asks no more of the choice of tests. All of it is one batch, so
-        that the order of the list changes nothing. The points need not lie on any grid.
+        Such a design is predictable, and the bound needs nothing more of the choice of tests. All outcomes form one
+        batch, so the order of the list does not matter. The points need not lie on a grid.
 
         Args:
             tests: (point, (replicates,) outcomes), every outcome of the design; each counts once.
-            final: ask for no further test; the search is then done.
+            final: whether to end the search after these outcomes.
 
         Raises:
             UsageError: a batch is open, a point is outside the box, or an outcome is not finite.
         """
         if self._open:
-            raise UsageError("a batch is open: tell its outcomes before those of other tests")
+            raise UsageError("a batch is open: tell its outcomes before the outcomes of other tests")
         observed = [
             (self.space.vector(point), as_outcomes(outcomes, f"the observed test {dict(point)}") / self.R)
             for point, outcomes in tests

@@ -16,7 +16,7 @@ MOST_PRECISE = 1e5
 """Tolerance: largest B/R (dimensionless). The bound's arithmetic has numbers of order (B/R)² times the rollouts; beyond
 this ratio it is lost in rounding."""
 MOST_PARAMETERS = 8
-"""Budget: most test parameters. A cell has 2^dim corners, so that one parameter more doubles the work."""
+"""Budget: most test parameters. A cell has 2^dim corners, so one more parameter doubles the work."""
 
 
 class Declared(TypedDict, total=False):
@@ -48,7 +48,7 @@ class SearchSettings:
 
     Args:
         space: the test space.
-        kernel: with lengthscales in the units of the space.
+        kernel: the kernel, with lengthscales in the units of the space.
         B: bound on the RKHS norm of J, in the unit of the outcome.
         R: sub-Gaussian proxy of one outcome's noise, in the unit of the outcome. It is declared, never fitted.
         delta: the certificate holds with probability ≥ 1 − δ over the noise, at every time at once.
@@ -101,7 +101,7 @@ class SearchSettings:
         self._set("seed", int(self.seed))
         for name, value, valid in (("mode", self.mode, MODES), ("engine", self.engine, ENGINES)):
             if value not in valid:
-                raise UsageError(f"no {name} {value!r}; there are: {one_of(valid)}")
+                raise UsageError(f"{name} = {value!r}; it must be one of {one_of(valid)}")
         self._set("budget", _budget(self.budget, self.spread))
         self._set("fitted", _names(self.fitted))
 
@@ -123,11 +123,12 @@ def _check_space(space: Space) -> None:
 def _check_sizes(B: float, R: float, epsilon: float) -> None:
     if epsilon >= 2 * B:
         raise UsageError(
-            f"epsilon = {epsilon:g} asks for no more than B = {B:g} says without any rollout; it must be below 2B"
+            f"epsilon = {epsilon:g} is no narrower than the interval that B = {B:g} gives without rollouts; "
+            f"it must be below 2B"
         )
     if B / R > MOST_PRECISE:
         raise UsageError(
-            f"R = {R:g} is too small for B = {B:g}: double precision carries ratios up to {MOST_PRECISE:g}; "
+            f"R = {R:g} is too small for B = {B:g}: double precision allows B/R up to {MOST_PRECISE:g}; "
             f"declare a larger R"
         )
 

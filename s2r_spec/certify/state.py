@@ -63,7 +63,7 @@ class State:
         return self.confidence.points[self.outcomes.samples.at]
 
     def add(self, place: int, values: FloatArray) -> None:
-        """Count (replicates,) outcomes at a point, in units of R; an empty array is none."""
+        """Count (replicates,) outcomes at a point, in units of R; an empty array adds none."""
         if len(values):
             self.outcomes = self.outcomes.add(place, values)
 

@@ -25,7 +25,7 @@ def label(state: State) -> tuple[Label, str]:
 
 
 def settled(state: State) -> bool:
-    """Return whether the search asks for no further test, unless the certificate is refused before."""
+    """Return whether the search needs no further test, unless the certificate is refused before."""
     if state.final or state.confidence.smallest_norm > state.settings.B:
         return True
     lacking = sum(replicates for _, replicates in coverage_tests(state))
@@ -52,7 +52,9 @@ def _refusals(state: State) -> Iterator[str]:
 
 def _left_out(state: State) -> str:
     return (
-        f"rollouts are missing: {state.missing}; leaving rollouts out is selection" if state.missing else ""
+        f"rollouts are missing: {state.missing}; leaving out rollouts biases the bound"
+        if state.missing
+        else ""
     )
 
 
@@ -80,9 +82,9 @@ def _refuted_norm(state: State) -> str:
     if 2 * B_low <= B:
         return ""
     remedy = (
-        f"the lengthscale of {state.coverage.names}, longer than its range, may be what is wrong"
+        f"the lengthscale of {state.coverage.names} may be wrong: it is longer than the range"
         if state.coverage.axes
-        else "read the interval of a larger B in the ladder, if you can say why that B is right"
+        else "use the interval of a larger B, if you can justify that B"
     )
     return f"B = {B:g} is less than twice the norm that the data already show (B_low = {at_least(B_low)}); {remedy}"
 

@@ -95,7 +95,7 @@ class Tiling:
         return np.concatenate([kept, cells, cells])
 
     def add(self, vector: FloatArray) -> int:
-        """Return the index of a (dim,) vector of the box, which becomes a point if it is none; cells stay."""
+        """Return the index of a (dim,) vector of the box, and add it as a point if needed; the cells do not change."""
         same = np.flatnonzero((self.points == vector).all(axis=1))
         if len(same):
             return int(same[0])

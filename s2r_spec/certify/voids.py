@@ -1,7 +1,7 @@
 """Void rollouts of a machine: their numbers, the assumption about them, and the limit on their share.
 
-A rollout is void when something else than the robot ended it. It is kept but is not an outcome, and the same test runs
-again. The bound counts outcomes only. So it holds if, given the test, being void is independent of the outcome that the
+A rollout is void when something other than the robot ended it. It is kept but is not an outcome, and the same test runs
+again. The bound counts only outcomes. So it holds if, given the test, being void is independent of the outcome that the
 rollout would have had. No data can show this independence, but the data show how often it is needed.
 """
 
@@ -25,7 +25,7 @@ UNFINISHED = "unfinished"
 
 
 def machine_fields(backend: Backend, void: str) -> dict[str, Any]:
-    """Return the header fields of a machine besides its name and hash; a simulator has none."""
+    """Return the further header fields of a machine, beyond its name and hash; a simulator has none."""
     found: dict[str, Any] = {}
     if assumptions := assumptions_of(backend):
         found["assumptions"] = list(assumptions)
@@ -35,7 +35,7 @@ def machine_fields(backend: Backend, void: str) -> dict[str, Any]:
 
 
 def is_machine(header: Mapping[str, Any]) -> bool:
-    """Return whether a header's backend is a machine, as :func:`machine_fields` wrote it."""
+    """Return whether a header belongs to a machine, by the fields that :func:`machine_fields` wrote."""
     return "void" in header
 
 
@@ -72,7 +72,7 @@ def machine_assumptions(backend: str, header: Mapping[str, Any], journal: Journa
 
     Args:
         backend: the name of the backend.
-        header: with what :func:`machine_fields` wrote.
+        header: a header with the fields of :func:`machine_fields`.
         journal: the journal of its rollouts.
     """
     own = tuple(header.get("assumptions", ()))
@@ -83,8 +83,8 @@ def machine_assumptions(backend: str, header: Mapping[str, Any], journal: Journa
     if header["void"] == FALL:
         return (
             *own,
-            f"a rollout of {backend} that the link, the operator or a killed process ended counts as a fall, as "
-            f"--void fall says" + (f"; void and not counted: {part}" if counts else ""),
+            f"a rollout of {backend} that the link, the operator or a killed process ended counts as a fall "
+            f"(--void fall)" + (f"; void and not counted: {part}" if counts else ""),
         )
     return (
         *own,

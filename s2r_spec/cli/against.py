@@ -40,8 +40,8 @@ class Search:
 
     Attributes:
         run: the search, a function of the library.
-        report: makes a report from the spec and the result.
-        page: makes the run for the HTML page, from the run's folder and the machine's name.
+        report: a function that makes a report from the spec and the result.
+        page: a function that makes the run for the HTML page, from the run's folder and the machine's name.
         places: folders of journals in a run's folder; one exists as soon as the run has begun.
     """
 

@@ -154,7 +154,7 @@ def check(
 
 
 def _own(folder: Path, names: Sequence[str]) -> str | None:
-    """Return the requirement whose journal lies directly in a folder; None if the folder is that of a whole run.
+    """Return the requirement whose journal lies directly in a folder; None if the folder holds a whole run.
 
     Raises:
         UsageError: the journal is not of a requirement in ``names``.

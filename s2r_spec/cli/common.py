@@ -9,11 +9,11 @@ import os
 import re
 import sys
 import warnings
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import typer
 
@@ -26,21 +26,12 @@ from s2r_spec.printable import one_line
 if TYPE_CHECKING:
     from s2r_spec.rollouts.pools import ExecutorFactory
 
-CODES: dict[str, Literal[0, 1, 3]] = {"holds": 0, "violated": 1, "unknown": 3}
-COLOURS = {"holds": "bold green", "violated": "bold red", "unknown": "bold yellow"}
-
 _LONGEST_NAME = 150
 """Budget: letters of the spec's and backends' names in the name of a run's folder; a file name has 255 bytes."""
 
 _json_was_printed = False
 _new: list[Path] = []
 """Folders that this command has made; empty ones are removed at its end."""
-
-
-def worst(verdicts: Iterable[str]) -> str:
-    """Return the worst of several verdicts: violated, then unknown, then holds."""
-    found = set(verdicts)
-    return next(verdict for verdict in ("violated", "unknown", "holds") if verdict in found)
 
 
 @contextmanager
@@ -136,7 +127,7 @@ def pool(workers: int | None, scheduler: str | None) -> tuple[ExecutorFactory, s
         return process_pool(count), f"{count} worker{'s' if count > 1 else ''}"
     if workers is not None:
         raise UsageError(
-            "--workers counts processes of this machine, and a --scheduler has its own workers: give one of them"
+            "--workers counts processes on this computer, and a --scheduler has its own workers: give only one of them"
         )
     return dask_pool(scheduler), f"scheduler {scheduler}"
 
@@ -181,7 +172,7 @@ def new_or_old(run: Path | None, resume: Path | None, name: str, seed: int) -> P
         UsageError: both were given, there is nothing to resume, or the folder cannot be made.
     """
     if run is not None and resume is not None:
-        raise UsageError("--run begins a new run, and --resume continues one: give one of them")
+        raise UsageError("--run begins a new run, and --resume continues one: give only one of them")
     if resume is not None and not resume.is_dir():
         raise UsageError(f"no run to resume at {resume}: the folder does not exist")
     if run is not None and run.exists() and not run.is_dir():
@@ -216,7 +207,7 @@ def begun(
     scheduler: str | None,
     real: str,
 ) -> tuple[ExecutorFactory, Path, str]:
-    """Return pool and folder of a run with a machine, and the line to print when it begins.
+    """Return the pool and the folder of a run with a machine, and the line to print when it begins.
 
     Raises:
         UsageError: see :func:`pool` and :func:`new_or_old`.

@@ -25,7 +25,7 @@ class Target(StrEnum):
 def fmt(
     specs: Annotated[list[Path], typer.Argument(help="Specifications, .stl files.", show_default=False)],
     check: Annotated[
-        bool, typer.Option("--check", help="Change no file; exit code 1 if one would change.")
+        bool, typer.Option("--check", help="Change no file. The exit code is 1 if a file would change.")
     ] = False,
     to: Annotated[
         Target,

@@ -10,12 +10,13 @@ import typer
 from rich.text import Text
 
 from s2r_spec.cli import terminal
-from s2r_spec.cli.common import CODES, COLOURS, answered, sentences, worst
+from s2r_spec.cli.common import answered, sentences
 from s2r_spec.cli.online import Settings, follow
 from s2r_spec.cli.options import Clock, Columns, Duration, Join, Nan, Stamped, Start, TimeUnit, When, missing
 from s2r_spec.cli.reading import Recorded, Request, named, read
 from s2r_spec.json_values import line
 from s2r_spec.printable import lines, one_line
+from s2r_spec.verdict import Verdict, worst
 
 if TYPE_CHECKING:
     from s2r_spec.json_objects.monitor import MonitoredKind, MonitoredTrace, UnreadTrace
@@ -110,7 +111,7 @@ def monitor(
         conventions = profile(like)
         if online:
             if like != "s2r":
-                raise UsageError("--profile is for recorded traces; --online evaluates at the samples only")
+                raise UsageError("--profile is for recorded traces; --online evaluates only at the samples")
             if len(traces) != 1:
                 raise UsageError("--online follows one trace: give one file, or - for stdin")
             raise typer.Exit(follow(request, traces[0], Settings(period, ranges, partial, as_json)))
@@ -125,9 +126,9 @@ def monitor(
                     raise
                 print(f"error: {error}", file=sys.stderr)
                 results.append(UnreadTrace(trace=str(path), error=str(error)))
-        verdicts = [one.verdict for result in results for one in result.requirements]
+        verdicts = [Verdict.of(one.satisfied) for result in results for one in result.requirements]
         broken = any(isinstance(result, UnreadTrace) for result in results)
-        code: ExitCode | Literal[2] = 2 if broken else CODES[worst(verdicts)]
+        code: ExitCode | Literal[2] = 2 if broken else worst(verdicts).exit_code
         if as_json:
             answered()
             record = MonitorObject(
@@ -199,7 +200,7 @@ def _evaluated_requirement(
             shortfall = spec.shortfall(trace, requirement, params, nan=nan)
             text = "\n".join(
                 (
-                    f"{requirement} unknown: it {shortfall} (--partial evaluates the part that is there)",
+                    f"{requirement} unknown: it {shortfall} (--partial evaluates the recorded part)",
                     *lines,
                 )
             )
@@ -215,7 +216,7 @@ def _evaluated_requirement(
     reason = reason or spec.explain(
         trace, requirement, params, until=conventions["until"], partial=True, nan=nan, sparse=sparse
     )
-    verdict = "holds" if reason.satisfied else "violated"
+    verdict = Verdict.of(reason.satisfied).value
     text = "\n".join((str(reason), *lines))
     if sampling is None:
         return extended(FailedRequirement, reason, verdict=verdict, text=text)
@@ -241,6 +242,4 @@ def _print(results: list[MonitoredTrace | UnreadTrace]) -> None:
         head = Text(one_line(result.trace), style="bold")
         console.print(head.append(f", {taken} as recorded", style="not bold") if taken else head)
         for one in result.requirements:
-            text = Text(lines(one.text))
-            text.highlight_words([f" {one.verdict}:"], style=COLOURS[one.verdict])
-            console.print(text)
+            terminal.print_verdict(lines(one.text), Verdict.of(one.satisfied))

@@ -8,13 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rich.text import Text
-
-from s2r_spec.cli.common import CODES, COLOURS, note, worst
+from s2r_spec.cli.common import note
 from s2r_spec.cli.reading import Request, named, parameters, read
-from s2r_spec.cli.terminal import console
+from s2r_spec.cli.terminal import print_verdict
 from s2r_spec.json_values import line
 from s2r_spec.printable import one_line
+from s2r_spec.verdict import Verdict, worst
 
 if TYPE_CHECKING:
     from s2r_spec.json_objects.monitor import ChangeObject, OnlineObject, RequirementInterval
@@ -184,15 +183,10 @@ def _fallen(spec: Spec, requirement: str, meta: Mapping[str, Any]) -> RobustInte
 def _record(spec: Spec, name: str, interval: RobustInterval) -> RequirementInterval:
     """Return the record of a requirement's interval."""
     from s2r_spec.json_objects.monitor import RequirementInterval
+    from s2r_spec.json_objects.parts import extended
 
-    return RequirementInterval(
-        requirement=name,
-        unit=spec.unit(name),
-        verdict=interval.verdict,
-        satisfied=interval.satisfied,
-        lower=interval.lower,
-        upper=interval.upper,
-    )
+    unit, verdict = spec.unit(name), interval.verdict
+    return extended(RequirementInterval, interval, requirement=name, unit=unit, verdict=verdict)
 
 
 def _changed(spec: Spec, name: str, recent: Sequence[float], interval: RobustInterval, as_json: bool) -> None:
@@ -216,7 +210,7 @@ def _print_end(
     ended: Mapping[str, RobustInterval],
     shortfalls: Mapping[str, str],
 ) -> int:
-    code = CODES[worst(interval.verdict for interval in ended.values())]
+    code = worst(Verdict.of(interval.satisfied) for interval in ended.values()).exit_code
     if settings.as_json:
         from s2r_spec.json_objects.monitor import OnlineObject
 
@@ -244,6 +238,4 @@ def _print_json(record: ChangeObject | OnlineObject) -> None:
 
 
 def _write(line: str, interval: RobustInterval) -> None:
-    text = Text(one_line(line))
-    text.highlight_words([f" {interval.verdict}:"], style=COLOURS[interval.verdict])
-    console().print(text)
+    print_verdict(one_line(line), Verdict.of(interval.satisfied))

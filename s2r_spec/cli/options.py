@@ -47,7 +47,7 @@ Timeout = Annotated[
         min=0,
         help="Time limit of a rollout in seconds; 0 for no limit. A rollout that takes longer is ended. It counts as a "
         "crash in simulation, and is void on a machine.",
-        show_default="60 s plus 100 times the backend's declared cost; no limit if it is not repeatable",
+        show_default="60 s plus 100 times the backend's declared cost; no limit for a backend that is not repeatable",
     ),
 ]
 Void = Annotated[

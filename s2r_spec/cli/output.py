@@ -25,9 +25,7 @@ Output = Annotated[
 ]
 Page = Annotated[
     Path | None,
-    typer.Option(
-        "--report", help="File for an HTML page with pictures, written in addition.", show_default=False
-    ),
+    typer.Option("--report", help="Also write an HTML page with pictures to this file.", show_default=False),
 ]
 AsJson = Annotated[
     bool, typer.Option("--json", help="Print one JSON object on stdout, as --format json does.")

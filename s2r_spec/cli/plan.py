@@ -212,7 +212,7 @@ def _pilot_run(folder: Path, requirement: str | None) -> Path:
     """Return the folder of the journal in a run's folder.
 
     Raises:
-        UsageError: the folder has no journal, or those of several requirements.
+        UsageError: the folder has no journal, or the journals of several requirements.
     """
     from s2r_spec.errors import UsageError, one_of
     from s2r_spec.report.recompute import runs_in

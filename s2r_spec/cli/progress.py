@@ -35,7 +35,7 @@ class State:
         phase: the search that runs; None before the first one.
         certificate: the certificate of the finished batches.
         queries: the tests of the batch that runs.
-        rollouts: number on disk, including those of an earlier process.
+        rollouts: number of rollouts on disk, including the rollouts of an earlier process.
         here: number of them that this process ran.
         since: time at which this process began its first one [s].
         last: ρ of the latest rollouts.
@@ -61,7 +61,7 @@ class State:
         return max(0, min(likely, phase.budget or likely) - self.rollouts)
 
     def seconds_left(self, now: float) -> float | None:
-        """Return an estimate of the time left [s], at the pace of this process; None without one."""
+        """Return an estimate of the time left [s], at the pace of this process; None if there is none."""
         left = self.left()
         if left is None or self.here < 2 or now <= self.since:
             return None

@@ -14,8 +14,10 @@ import unicodedata
 from typing import IO, Any
 
 from rich.console import Console
+from rich.text import Text
 
 from s2r_spec.printable import one_line, without_controls
+from s2r_spec.verdict import Verdict
 
 ERRORS = "s2r.readable"
 """Name of the error handler that replaces characters that an encoding lacks."""
@@ -48,6 +50,15 @@ def console(*, stderr: bool = False) -> Console:
 def say(line: object, *, error: bool = False) -> None:
     """Print one line to standard output or error, safe for any names in it."""
     print(one_line(line), file=sys.stderr if error else sys.stdout)
+
+
+def print_verdict(lines: str, verdict: Verdict) -> None:
+    """Print a result of one requirement; its verdict has the verdict's colour."""
+    from s2r_spec.report.text import STYLES
+
+    text = Text(lines)
+    text.highlight_words([f" {verdict.value}:"], style=STYLES[verdict.tone])
+    console().print(text)
 
 
 def print_commands(text: str) -> None:

@@ -43,7 +43,7 @@ class Network:
             if weight.shape != (inputs, *bias.shape) or bias.ndim != 1:
                 raise ValueError("the layers of a network do not fit together")
             if not (np.isfinite(weight).all() and np.isfinite(bias).all()):
-                raise ValueError("a network has weights that are no numbers")
+                raise ValueError("a network has weights that are not numbers")
             inputs = bias.shape[0]
         if not self.weights:
             raise ValueError("a network has no layers")
@@ -100,7 +100,7 @@ class Forest:
             if not ((child[inner] > rows[inner]) & (child[inner] < rows.size)).all():
                 raise ValueError("a forest refers to rows that it lacks")
         if not ((self.share >= 0.0) & (self.share <= 1.0)).all():
-            raise ValueError("a forest has shares that are none")
+            raise ValueError("a forest has shares outside 0 to 1")
 
     @classmethod
     def of(cls, estimator: Any) -> Forest:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from enum import Enum
 from typing import Any
 
 from s2r_spec.diagnose.estimate import Estimate
@@ -13,19 +12,20 @@ from s2r_spec.diagnose.isolability import Isolability
 from s2r_spec.diagnose.quality.finding import Finding
 from s2r_spec.diagnose.remainder import Remainder
 from s2r_spec.diagnose.where.found import Where
+from s2r_spec.verdict import Tone, Toned
 
 SCHEMA = "s2r/diagnosis/1"
 
 
-class Verdict(Enum):
+class Verdict(Toned):
     """What the diagnosis says, in the user's words."""
 
-    NONE = "no material gap"
-    SPREAD = "no single cause"
+    NONE = "no material gap", Tone.GOOD
+    SPREAD = "no single cause", Tone.OPEN
     """A material gap, of which a few percent of every effect close as much as any cause."""
-    NAMED = "named"
-    CONFOUNDED = "confounded"
-    UNKNOWN = "none of these"
+    NAMED = "named", Tone.GOOD
+    CONFOUNDED = "confounded", Tone.OPEN
+    UNKNOWN = "none of these", Tone.OPEN
 
 
 @dataclass(frozen=True)

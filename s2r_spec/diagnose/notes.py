@@ -138,7 +138,7 @@ def notes(
     found += _without_residuals(bench, rollouts)
     tests = {key_of(test) for test, _ in rollouts}
     if len(tests) == 1 and rollouts[0][0]:
-        found.append("all real rollouts are of one test, so nothing is known about other tests")
+        found.append("all real rollouts repeat one test, so nothing is known about other tests")
     if not used.held:
         takes, here = f"{least[1]} rollouts of {least[0]} different tests", f"{count} of {len(tests)}"
         if not bench.spec.space.dim:

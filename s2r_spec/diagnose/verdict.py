@@ -108,7 +108,7 @@ def reason(
     if far is None:
         return " ".join([cause, *ends])
     if not far.shows:
-        return " ".join([f"The gap in ρ is not material: {LITTLE} make as much.", cause, *ends])
+        return " ".join([f"The gap in ρ is not material: {LITTLE} would make one as large.", cause, *ends])
     if far.elsewhere:
         material, closes = (
             ["The gap is material, but at no held-out test."],
@@ -134,7 +134,7 @@ def _no_cause(verdict: Verdict, far: HowFar | None) -> str:
     if far is None:
         return f"The traces differ by no more than {LITTLE} would make. No gap was held out to compare."
     if verdict is Verdict.NONE:
-        return f"The gap is not material: {LITTLE} make as much."
+        return f"The gap is not material: {LITTLE} would make one as large."
     if far.elsewhere:
         return "The gap is material, but at no held-out test. No cause stands out."
     part = "the" if far.tuned_share is None else f"{100 * far.tuned_share[0]:.0f} % of the"

@@ -15,7 +15,7 @@ class BackendsObject:
 
     Attributes:
         schema: name and version of this object.
-        backends: name → where its code is, as its entry point says.
+        backends: name → entry point, the place of its code.
     """
 
     schema: Literal["s2r.backends/1"] = "s2r.backends/1"
@@ -28,14 +28,14 @@ class BackendObject:
 
     Attributes:
         schema: name and version of this object.
-        name: as ``--backend`` says it.
-        model_hash: changes whenever the traces could.
+        name: the name of the backend, as in ``--backend``.
+        model_hash: the hash of the model, which changes whenever traces could.
         parameters: the parameters of a test.
         channels: the channels of a trace.
-        effects: that a diagnosis looks for.
-        options: that may follow the name; only where there are some.
-        exclusive: only of a machine: its rollouts run one at a time.
-        assumptions: what every statement about this backend assumes of it; only where there are some.
+        effects: the effects that a diagnosis can name.
+        options: the options that may follow the name; only if there are some.
+        exclusive: whether rollouts run one at a time; only for a machine.
+        assumptions: the assumptions of every statement about this backend; only if there are some.
     """
 
     schema: Literal["s2r.backend/1"] = "s2r.backend/1"
@@ -51,12 +51,12 @@ class BackendObject:
 
 @dataclass(frozen=True, kw_only=True)
 class ConformanceCheck:
-    """The result of trying one requirement on a backend.
+    """The result of one requirement on a backend.
 
     Attributes:
         words: the requirement.
-        broken: a sentence for each place where it is not met.
-        remarks: sentences on what is allowed, but may not be intended.
+        broken: one sentence for each violation of the requirement.
+        remarks: one sentence for each fact that is allowed, but may not be intended.
     """
 
     words: str

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from s2r_spec.certify.check_result import Verdict
 from s2r_spec.certify.compose import Composition
 from s2r_spec.json_objects.check import CheckedRequirement
 from s2r_spec.json_objects.gap import BoundedGap
 from s2r_spec.json_objects.parts import ExitCode, Location
+from s2r_spec.verdict import Verdict
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,11 +21,11 @@ class CertifyObject:
         exit_code: 0 holds, 1 violated, 3 unknown.
         verdict: holds, violated or unknown.
         reason: one sentence for the verdict.
-        real: the backend that the bounds are about.
+        real: the backend of the real machine, which the bounds cover.
         promise: the bounds on the worst expected robustness of the real machine; null if there are none.
         simulation: the check of the simulator.
-        gap: the gap of the two; null if the simulation was refused.
-        location: where the requirement is written.
+        gap: the gap between the two; null if the simulation was refused.
+        location: the place of the requirement in the files.
     """
 
     schema: Literal["s2r.certify/1"] = "s2r.certify/1"

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, NotRequired
 from annotated_types import MinLen
 
 from s2r_spec.certify.certificate import Certificate, Label
-from s2r_spec.certify.check_result import Tested, Verdict
+from s2r_spec.certify.check_result import Tested
 from s2r_spec.json_objects.parts import (
     Count,
     ExitCode,
@@ -21,6 +21,7 @@ from s2r_spec.json_objects.parts import (
 )
 from s2r_spec.json_values import OPTIONAL
 from s2r_spec.rollouts.journal import Record
+from s2r_spec.verdict import Verdict
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,7 +34,7 @@ class WorstExpectedRobustness:
         unit: the unit of ρ; empty for none, 'mixed' if margins do not compare.
         epsilon: upper − lower; negative only if the certificate is refused because its bounds contradict each other.
         probability_at_least: 1 − delta.
-        delta: 1 − probability, exact where the difference rounds.
+        delta: 1 − probability_at_least, without rounding.
     """
 
     lower: float
@@ -51,21 +52,21 @@ class _Objective:
 
 @dataclass(frozen=True)
 class RobustnessSearch(Certificate, _Objective):
-    """The certificate of the search, which maximises −ρ: its signs and bounds are those of −ρ.
+    """The certificate of the search, which maximises −ρ: its signs and bounds refer to −ρ.
 
     Attributes:
-        objective: what the search maximises.
+        objective: the quantity that the search maximises.
     """
 
 
 class BackendProvenance(Open):
-    """What fixes a backend's answers.
+    """The data that fix a backend's answers.
 
     Attributes:
-        backend: as ``--backend`` says it.
-        model_hash: changes whenever the traces could.
-        assumptions: what every statement about this backend assumes of it.
-        void: only of a machine: what becomes of a void rollout.
+        backend: the name of the backend, as in ``--backend``.
+        model_hash: the hash of the model, which changes whenever traces could.
+        assumptions: the assumptions of every statement about this backend.
+        void: the treatment of a void rollout; only for a machine.
     """
 
     backend: str
@@ -75,7 +76,7 @@ class BackendProvenance(Open):
 
 
 class Provenance(BackendProvenance):
-    """What fixes the run, as its journal begins.
+    """The data that fix the run: the first line of its journal.
 
     Attributes:
         s2r: version.
@@ -84,8 +85,8 @@ class Provenance(BackendProvenance):
         requirement: the name of the requirement.
         duration: the duration of a rollout [s].
         seed: the seed of the run.
-        settings: what was declared before the data.
-        recorded: only of recordings: what was left out, a sentence each.
+        settings: the settings that were declared before the data.
+        recorded: the parts of recordings that were left out, each in one sentence; only for recordings.
     """
 
     s2r: str
@@ -107,17 +108,17 @@ class CheckedRequirement:
         verdict: holds, violated or unknown.
         reason: one sentence for the verdict.
         worst_expected_robustness: the bounds.
-        label: what the certificate may be called.
+        label: the label of the certificate.
         worst: all rollouts at the worst test.
         lowest: the rollout of the lowest ρ.
-        failures: word → how many rollouts ended so.
-        assumptions: each in one sentence.
+        failures: word for a failure → number of rollouts that ended with it.
+        assumptions: the assumptions, each in one sentence.
         search: the certificate.
-        provenance: what fixes the run.
-        folder: where the rollouts lie.
+        provenance: the data that fix the run.
+        folder: the folder of the rollouts.
         replay: the command that runs the rollout of the lowest ρ again.
-        seconds: what the rollouts took, all workers and all resumed processes added up.
-        voids: only of a machine: word → how many rollouts were void, ended by something else than the robot.
+        seconds: time of the rollouts [s], summed over all workers and all resumed processes.
+        voids: word → number of rollouts that something other than the robot ended; only for a machine.
     """
 
     requirement: str
@@ -143,9 +144,9 @@ class CheckObject:
 
     Attributes:
         schema: name and version of this object.
-        exit_code: 0 holds, 1 violated, 3 unknown; the worst of all requirements.
+        exit_code: 0 holds, 1 violated, 3 unknown; the worst over all requirements.
         results: the results, in the order of the requirements.
-        locations: requirement → where it is written.
+        locations: requirement → its place in the files.
     """
 
     schema: Literal["s2r.check/1"] = "s2r.check/1"

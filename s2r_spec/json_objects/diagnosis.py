@@ -35,11 +35,11 @@ class FindingObject(TypedDict):
 
 
 class SetObject(TypedDict):
-    """Two effects or more that are the answer together.
+    """Two or more effects that together are the answer.
 
     Attributes:
-        effects: their names.
-        probability: that these are the causes.
+        effects: the names of the effects.
+        probability: the probability that these are the causes.
     """
 
     effects: Annotated[list[str], MinLen(2)]
@@ -54,7 +54,7 @@ class EstimateObject(TypedDict):
         low: the lower end of the 90 % interval.
         high: the upper end of the 90 % interval.
         unit: the unit of the estimate and the interval.
-        at_end: whether the value stands at an end of its range, past which nothing was tried.
+        at_end: whether the value is at an end of its range, beyond which nothing was tried.
     """
 
     estimate: float
@@ -68,9 +68,9 @@ class IsolabilityObject(TypedDict):
     """Which effects these tests can tell apart.
 
     Attributes:
-        effects: names.
+        effects: the names of the effects.
         sigma: distances in standard deviations; row: the true effect, column: the effect that imitates it.
-        visible: distance from the nominal simulator.
+        visible: distance of each effect from the nominal simulator.
         apart: below this distance effects are confounded.
         differs: the same distances as parts of the effect's own size; below 0.38 effects are confounded.
         least: the values of each parameter at which its effect differs from every other effect.
@@ -89,14 +89,14 @@ class WhichObject(TypedDict):
 
     Attributes:
         posterior: effect, none or unknown → probability that it alone is the answer.
-        pairs: sets of two effects and more, of one in a thousand or more.
+        pairs: sets of two or more effects, each with a probability of at least one in a thousand.
         others: probability of all other sets of several effects.
         membership: effect → probability that it is among the causes.
         answer: effects named; empty for none and unknown.
         set: effects that the data cannot distinguish from the answer, the answer included.
         spare: effects of the answer that may be absent: without them the others are nearly as probable.
         parameters: effect → parameter → value that fits best.
-        nearest_family: the family of the likeliest effects.
+        nearest_family: the family of the most probable effects.
         isolability: the isolability at the tests that were run.
         next_test: the test that would best separate the candidates; null if the answer is sure.
     """
@@ -144,7 +144,7 @@ class BeyondObject(TypedDict):
 
     Attributes:
         share: the share of the test space.
-        within: parameter → ends of the box that holds them.
+        within: parameter → ends of the box that contains these tests.
     """
 
     share: Probability
@@ -162,7 +162,7 @@ class LineObject(TypedDict):
         signed: E Δρ.
         signed_low: end of its band.
         signed_high: end of its band.
-        exceeds: probability that E|Δρ| is above the tolerance; null where there is none.
+        exceeds: probability that E|Δρ| is above the tolerance; null if there is no tolerance.
     """
 
     at: list[float]
@@ -181,13 +181,13 @@ class SpaceObject(TypedDict):
     Attributes:
         worst: the test where E|Δρ| is probably largest.
         worst_probability: the probability of being within a tenth of every axis of the worst test.
-        worst_within: parameter → central 90 % of where it may be.
-        largest: E|Δρ| there.
+        worst_within: parameter → central 90 % interval of the worst test.
+        largest: E|Δρ| at the worst test.
         floor: E|Δρ| of the simulator against itself; null if no test was simulated twice.
-        tolerance: twice what scatter alone makes of |Δρ|; null where no test was simulated twice.
-        beyond: tests at which the gap exceeds the tolerance with 95 %; null where there is no tolerance.
+        tolerance: twice the |Δρ| that scatter alone causes; null if no test was simulated twice.
+        beyond: tests at which the gap exceeds the tolerance with probability 95 %; null if there is no tolerance.
         along: parameter → the gap on the line along it through the worst test.
-        notes: limits of the data, a sentence each.
+        notes: limits of the data, each in one sentence.
     """
 
     worst: Point
@@ -216,13 +216,13 @@ class WindowObject(TypedDict):
 
 
 class SwitchObject(TypedDict):
-    """What decides ρ in simulation and on the real machine.
+    """The critical predicates in simulation and on the real machine.
 
     Attributes:
-        simulated: what decides ρ of the simulated trace.
-        real: what decides ρ of the real one.
-        switches: whether another predicate decides.
-        bounds: on Δρ; null where ρ is neither a minimum nor a maximum of margins.
+        simulated: the predicate that decides ρ of the simulated trace.
+        real: the predicate that decides ρ of the real trace.
+        switches: whether the two predicates differ.
+        bounds: bounds on Δρ; null if ρ is neither a minimum nor a maximum of margins.
         words: the same in a sentence.
     """
 
@@ -239,7 +239,7 @@ class ChannelObject(TypedDict):
     Attributes:
         real: means over bins.
         simulated: means over bins.
-        delta: what each bin adds to Δρ.
+        delta: the contribution of each bin to Δρ.
     """
 
     real: list[float]
@@ -263,8 +263,8 @@ class BodyPartObject(TypedDict):
     """A part of the machine.
 
     Attributes:
-        part: as the backend calls it.
-        shifts: clearest first; empty where nothing shifts.
+        part: the name of the part in the backend.
+        shifts: the shifts of its residuals, clearest first; empty if nothing shifts.
     """
 
     part: str
@@ -272,14 +272,14 @@ class BodyPartObject(TypedDict):
 
 
 class BodyObject(TypedDict):
-    """Which parts of the machine do what their model does not explain.
+    """The parts of the machine whose motion their model does not explain.
 
     Attributes:
         level: false-discovery rate.
-        rollouts: real ones that were compared.
+        rollouts: number of compared real rollouts.
         duration: the duration of a rollout [s].
         asked: number of hypothesis tests: columns times two times windows.
-        parts: those that show most first.
+        parts: the parts, clearest first.
     """
 
     level: Probability
@@ -293,17 +293,17 @@ class WhereObject(TypedDict):
     """Where the gap lies.
 
     Attributes:
-        space: over the test space; null where the spec sweeps no parameter, or more than four.
-        test: the worst of the tests that were run; all that follows is of a pair of rollouts there.
+        space: the gap over the test space; null if the spec sweeps no parameter, or more than four.
+        test: the worst of the tests that were run; the fields below describe a pair of rollouts at this test.
         delta: Δρ = ρ_real − ρ_sim.
-        time: what equal windows of time add to Δρ.
-        formula: sub-formulas in written order.
-        channels: name → what it adds to Δρ.
+        time: the contributions of equal windows of time to Δρ.
+        formula: the contributions of the sub-formulas, in written order.
+        channels: name of a channel → its contribution to Δρ.
         ended: part of Δρ that the common samples do not show.
-        switch: what decides ρ of both; null if ρ rests on no predicate there.
-        trace: samples of both.
-        body: which parts of the machine do what their model does not explain; null where it cannot be said.
-        no_body: the reason why body is null, in a sentence; null where there is a body.
+        switch: the critical predicates of both traces; null if ρ depends on no predicate.
+        trace: samples of both traces.
+        body: the parts of the machine whose motion their model does not explain; null if this is unknown.
+        no_body: the reason why body is null, in a sentence; null if there is a body.
     """
 
     space: SpaceObject | None
@@ -323,22 +323,22 @@ class HowFarObject(TypedDict):
     """The gap on held-out rollouts, before and after the named effects were added to the simulator.
 
     Attributes:
-        rollouts: held-out real ones.
+        rollouts: number of held-out real rollouts.
         unit: the unit of ρ.
         before: the gap of the nominal simulator.
-        after: the gap with the named effects; null when nothing is named.
+        after: the gap with the named effects; null if nothing is named.
         tuned: the gap with fitted small amounts of all other effects as well.
-        floor: scatter alone.
-        background: gap that small amounts of all effects make, at most, in 19 of 20 machines.
+        floor: the gap due to scatter alone.
+        background: the largest gap that small amounts of all effects make in 19 of 20 machines.
         material: whether the gap exceeds scatter and background.
         seen: the gap of the nominal simulator at the rollouts that were not held out.
-        elsewhere: whether the gap is material there, but not at the held-out tests.
-        share: part of what lies above the floor that the named effects close.
+        elsewhere: whether the gap is material at those rollouts, but not at the held-out tests.
+        share: part of the gap above the floor that the named effects close.
         tuned_share: the same share for the tuned simulator.
         oracle_gap: the gap after, as predicted for the best of all single effects.
         oracle_share: part of this reduction of the gap that the named effects reach.
         tests_with_a_larger_gap_at_most: part of all tests, with 95 % confidence.
-        tests: the held-out ones, signed.
+        tests: the signed gap of each held-out test.
     """
 
     rollouts: Count
@@ -369,7 +369,7 @@ class RemainderObject(TypedDict):
         along: channel whose values bound the place; "" for time.
         low: end of the place; null where it has no such end.
         high: end of the place; null where it has no such end.
-        size: the value of the machine less the value of the improved simulator, in the quantity's unit.
+        size: the value of the machine minus the value of the improved simulator, in the quantity's unit.
         unit: the unit of the quantity.
         along_unit: the unit of the channel, or of time.
         surplus: size divided by the largest size that needs no cause.
@@ -390,33 +390,33 @@ class RemainderObject(TypedDict):
 
 
 class DiagnosisObject(Open):
-    """The result of ``s2r diagnose``; further fields say where the answer comes from.
+    """The result of ``s2r diagnose``. Further fields describe the origin of the answer.
 
     Attributes:
         schema: name and version of this object.
-        exit_code: 0 a cause, or none, is named; 3 it is not.
-        s2r: version.
+        exit_code: 0 if a cause or no material gap is the answer; else 3.
+        s2r: the version of s2r.
         seed: the seed of the diagnosis.
         spec_hash: the hash of the specification.
         requirement: the name of the requirement.
         backend: the simulator.
         model_hash: the hash of the simulator.
-        rollouts: real ones that the answer rests on.
-        held_out: real ones that the gap is measured on.
+        rollouts: number of real rollouts behind the answer.
+        held_out: number of real rollouts on which the gap is measured.
         verdict: the answer in a few words.
-        by_falls: whether what is named rests on falls alone: no other rollout shows it.
+        by_falls: whether only falls show the named effect: no other rollout does.
         reason: one sentence for the verdict.
         next: the next step, in one sentence.
         which: the effects, with probabilities.
         where: where the gap lies; null if it was not asked for.
-        how_far: on held-out real rollouts; null with too few of them.
-        left: motion that no effect explains, largest surplus first; empty with fewer than five whole rollouts.
+        how_far: the gap on held-out real rollouts; null if there are too few.
+        left: motion that no effect explains, largest surplus first; empty with fewer than five complete rollouts.
         patch: effect → parameter → value to add to the simulator.
         tuned: the same with fitted small amounts of all other effects.
-        assumptions: each in one sentence.
-        notes: limits of the real rollouts, a sentence each.
-        findings: mistakes that the recordings seem to have: first see to these.
-        misread: the channels of findings, each once.
+        assumptions: the assumptions, each in one sentence.
+        notes: limits of the real rollouts, each in one sentence.
+        findings: suspected mistakes of the recordings; correct these first.
+        misread: the channels of the findings, each once.
     """
 
     schema: Literal["s2r/diagnosis/1"]

@@ -12,12 +12,12 @@ from s2r_spec.errors import ErrorCode
 
 @dataclass(frozen=True, kw_only=True)
 class ErrorObject:
-    """Why there is no result.
+    """The reason why a command has no result.
 
     Attributes:
         schema: name and version of this object.
         exit_code: 2 usage or specification, 4 backend or internal, 130 a machine's operator stopped the run.
-        error: one sentence; a specification's mistakes are drawn below it.
+        error: the error in one sentence; below it, the mistakes of a specification with their places.
     """
 
     schema: Literal["s2r.error/1"] = "s2r.error/1"

@@ -55,15 +55,15 @@ class _Objective:
 
 @dataclass(frozen=True)
 class GapSearch(Certificate, _Objective):
-    """The certificate of the search, which maximises −Δ: its signs and bounds are those of −Δ.
+    """The certificate of the search, which maximises −Δ: its signs and bounds refer to −Δ.
 
     Attributes:
-        objective: what the search maximises.
+        objective: the quantity that the search maximises.
     """
 
 
 class GapProvenance(Open):
-    """What fixes the run, as its journals begin.
+    """The data that fix the run: the first lines of its journals.
 
     Attributes:
         s2r: version.
@@ -71,11 +71,11 @@ class GapProvenance(Open):
         spec_hash: the hash of the specification.
         requirement: the name of the requirement.
         seed: the seed of the run.
-        simulated_per_real: simulated rollouts for each real one.
-        settings: what was declared before the data.
+        simulated_per_real: number of simulated rollouts for each real rollout.
+        settings: the settings that were declared before the data.
         sim: the simulator.
         real: the real machine.
-        recorded: only of recordings: what was left out, a sentence each.
+        recorded: the parts of recordings that were left out, each in one sentence; only for recordings.
     """
 
     s2r: str
@@ -98,20 +98,20 @@ class BoundedGap:
         requirement: the name of the requirement.
         worst_expected_gap: the bounds at the worst test.
         band: the bounds at every test.
-        label: what the certificate may be called.
-        reason: why it was refused, else empty.
+        label: the label of the certificate.
+        reason: the reason for a refusal, else empty.
         worst: all pairs at the worst test.
         lowest: the pair of the most negative Δ; simulated is a mean.
-        largest_mean_absolute_gap: mean of abs(Δ), largest at a tested point: an estimate, no bound.
-        failures: word → how many real rollouts ended so.
-        assumptions: each in one sentence.
+        largest_mean_absolute_gap: mean of abs(Δ), largest at a tested point: an estimate, not a bound.
+        failures: word for a failure → number of real rollouts that ended with it.
+        assumptions: the assumptions, each in one sentence.
         tested: every tested point.
         search: the certificate.
-        provenance: what fixes the run.
-        folder: where the rollouts lie.
+        provenance: the data that fix the run.
+        folder: the folder of the rollouts.
         replay: the command that runs the real rollout of the lowest Δ again.
-        seconds: what the rollouts took, all workers and all resumed processes added up.
-        voids: only of a machine: word → how many rollouts were void, ended by something else than the robot.
+        seconds: time of the rollouts [s], summed over all workers and all resumed processes.
+        voids: word → number of rollouts that something other than the robot ended; only for a machine.
     """
 
     requirement: str
@@ -150,6 +150,6 @@ class GapObject(_Tail, BoundedGap, _Head):
 
     Attributes:
         schema: name and version of this object.
-        exit_code: 0 the interval is as narrow as was asked, 3 it is not.
-        location: where the requirement is written.
+        exit_code: 0 if the interval is at most as wide as the target, else 3.
+        location: the place of the requirement in the files.
     """

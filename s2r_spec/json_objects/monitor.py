@@ -1,4 +1,4 @@
-"""The objects of ``s2r monitor``. In these a number that is not finite is its word: "inf", "-inf" or "nan"."""
+"""The objects of ``s2r monitor``. A number that is not finite is a word here: "inf", "-inf" or "nan"."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Sampling:
     Attributes:
         period: median time from one sample to the next [s]; null for one sample.
         duration: the duration of the trace [s].
-        narrowest_window: samples in the shortest window of positive length; null without one.
+        narrowest_window: samples in the shortest window of positive length; null if there is none.
     """
 
     period: float | None
@@ -83,8 +83,8 @@ class MonitoredTrace:
         trace: the file of the trace.
         params: test parameter → value.
         from_trace: names of the parameters that the file gave.
-        notes: what was left out, a sentence each.
-        requirements: one result for each.
+        notes: the parts of the file that were left out, each in one sentence.
+        requirements: one result for each requirement.
     """
 
     trace: str
@@ -100,7 +100,7 @@ class UnreadTrace:
 
     Attributes:
         trace: the file of the trace.
-        error: why, in a sentence.
+        error: the reason, in one sentence.
         requirements: empty.
     """
 
@@ -118,9 +118,9 @@ class MonitorObject:
         exit_code: 0 holds, 1 violated, 3 unknown, 2 if a trace could not be evaluated.
         spec: the specification.
         hash: the hash of the specification.
-        profile: the tool with whose conventions formulas were read.
-        params: test parameter → value, as it was given.
-        results: one for each trace.
+        profile: the tool whose conventions were used.
+        params: test parameter → value, as given.
+        results: one result for each trace.
     """
 
     schema: Literal["s2r.monitor/1"] = "s2r.monitor/1"
@@ -148,15 +148,15 @@ class _Named:
 
 @dataclass(frozen=True, kw_only=True)
 class RequirementInterval(_Interval, _Named):
-    """What ρ of a requirement can still become.
+    """The range of values that ρ of a requirement can still take.
 
     Attributes:
         requirement: the name of the requirement.
         unit: the unit of ρ.
         verdict: unknown until no sample can change it.
-        satisfied: whether the requirement is true; null while that is open.
-        lower: end of the interval.
-        upper: end of the interval.
+        satisfied: whether the requirement is true; null while this is undecided.
+        lower: lower end of the interval.
+        upper: upper end of the interval.
     """
 
 
@@ -186,7 +186,7 @@ class OnlineObject:
         spec: the specification.
         hash: the hash of the specification.
         params: test parameter → value.
-        requirements: the result of each.
+        requirements: the result of each requirement.
     """
 
     schema: Literal["s2r.online/1"] = "s2r.online/1"

@@ -1,14 +1,17 @@
-"""What the objects of several commands share."""
+"""Parts that the objects of several commands share."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import Annotated, Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
 from annotated_types import Ge, Interval
 from typing_extensions import TypedDict
 
-Record = TypeVar("Record")
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+Record = TypeVar("Record", bound="DataclassInstance")
 
 Count = Annotated[int, Ge(0)]
 Magnitude = Annotated[float, Ge(0)]
@@ -18,7 +21,7 @@ Level = Annotated[float, Interval(gt=0, lt=1)]
 Point = dict[str, float]
 """Test parameter → value, in the unit that the specification declares."""
 Failures = dict[str, Annotated[int, Ge(1)]]
-"""Word → how many rollouts ended so."""
+"""Word for a failure → number of rollouts that ended with it."""
 ExitCode = Literal[0, 1, 3]
 
 
@@ -28,7 +31,7 @@ class Open(TypedDict):
 
 @dataclass(frozen=True, kw_only=True)
 class Location:
-    """Where a requirement is written.
+    """The place of a requirement in the files.
 
     Attributes:
         file: the specification.
@@ -40,6 +43,7 @@ class Location:
 
 
 def extended(kind: type[Record], record: Any, **more: Any) -> Record:
-    """Return a record of a kind that has the fields of another, and these more."""
-    shared = {each.name: getattr(record, each.name) for each in fields(record) if each.init}
-    return kind(**shared, **more)
+    """Return a record of a kind, with the fields that it shares with another record, and these more."""
+    own = {each.name for each in fields(kind)}
+    shared = {each.name for each in fields(record) if each.init} & own
+    return kind(**{name: getattr(record, name) for name in shared} | more)

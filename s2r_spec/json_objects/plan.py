@@ -15,7 +15,7 @@ class PilotObject:
 
     Attributes:
         schema: name and version of this object.
-        pilot: what the run says about R.
+        pilot: the judgement of R from the pilot run.
     """
 
     schema: Literal["s2r.plan/1"] = "s2r.plan/1"
@@ -44,9 +44,9 @@ class PlanObject(_Cost, Plan, _Settings):
     Attributes:
         schema: name and version of this object.
         R: sub-Gaussian proxy of one rollout's noise.
-        epsilon: width of the interval that is wanted.
+        epsilon: target width of the interval.
         delta: 1 − probability.
         B: bound on the RKHS norm.
-        seconds_per_rollout: with all cores of this machine [s]; null without a backend.
-        pilot: what the pilot run says about R; null without one.
+        seconds_per_rollout: time of a rollout with all cores of this computer [s]; null without a backend.
+        pilot: the judgement of R from the pilot run; null without a pilot.
     """

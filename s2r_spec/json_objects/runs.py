@@ -15,11 +15,11 @@ class ReplayObject:
 
     Attributes:
         schema: name and version of this object.
-        rollout: as it was named.
+        rollout: the name of the rollout, as given.
         params: the test.
         seed: the seed of the rollout.
-        rho: robustness of the rollout that was run again.
-        recorded_rho: robustness that the journal has.
+        rho: robustness of the repeated rollout.
+        recorded_rho: robustness in the journal.
         same: whether the two are equal, bit for bit.
     """
 
@@ -38,11 +38,11 @@ class Candidate:
 
     Attributes:
         backend: the name of the backend.
-        folder: where the rollouts lie.
-        lower: bound on its worst expected robustness.
-        upper: bound on its worst expected robustness.
-        rollouts: how many.
-        refused: why its certificate was refused; null if it was not.
+        folder: the folder of the rollouts.
+        lower: lower bound on its worst expected robustness.
+        upper: upper bound on its worst expected robustness.
+        rollouts: the number of rollouts.
+        refused: the reason why its certificate was refused; null if it was not.
     """
 
     backend: str
@@ -61,8 +61,8 @@ class ChoiceObject:
         schema: name and version of this object.
         requirement: the name of the requirement.
         best: the backend with the largest certified worst case; null if every certificate was refused.
-        delta: 1 − probability of all of it.
-        regret: the most by which another candidate can be better; null if there is no best candidate.
+        delta: 1 − probability that all statements hold.
+        regret: the largest amount by which another candidate can be better; null if there is no best candidate.
         candidates: the candidates, in the order of the folders.
     """
 
@@ -79,7 +79,7 @@ class RequirementOdds:
     """Bounds on the probability that ρ of a requirement falls below levels.
 
     Attributes:
-        delta: 1 − probability of all bounds together.
+        delta: 1 − probability that all bounds hold.
         levels: one bound for each level.
     """
 

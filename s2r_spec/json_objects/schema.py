@@ -50,13 +50,15 @@ INFINITE = frozenset({"s2r.monitor/1", "s2r.online/1"})
 
 
 def schema(name: str) -> dict[str, Any]:
-    """Return the JSON Schema of what calls itself ``name``: "s2r.check/1", "s2r.error/1" and so on.
+    """Return the JSON Schema of an object, such as "s2r.check/1" or "s2r.error/1".
 
     Raises:
-        UsageError: no object calls itself so.
+        UsageError: no object has this name.
     """
     if name not in OBJECTS:
-        raise UsageError(f"no JSON object {name!r}{suggest(name, OBJECTS)} there are: {one_of(OBJECTS)}")
+        raise UsageError(
+            f"no JSON object is called {name!r}{suggest(name, OBJECTS)} the objects are {one_of(OBJECTS)}"
+        )
     generator = _WithInfinities if name in INFINITE else _Described
     found = TypeAdapter(OBJECTS[name]).json_schema(schema_generator=generator)
     urn = re.sub(r"[./]", ":", name)

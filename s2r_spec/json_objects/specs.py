@@ -1,4 +1,4 @@
-"""The objects of the commands that read specifications alone: ``s2r lint`` and ``s2r fmt``."""
+"""The objects of the commands that read only specifications: ``s2r lint`` and ``s2r fmt``."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ class LintFinding:
 
     Attributes:
         file: the specification.
-        line: counted from 1.
-        column: counted from 1.
+        line: the line of the finding, counted from 1.
+        column: the column of the finding, counted from 1.
         code: the code of the rule.
-        message: one sentence.
-        fix: what to write instead; empty for none.
+        message: the finding in one sentence.
+        fix: the text to write instead; empty if there is none.
     """
 
     file: str
@@ -59,7 +59,7 @@ class FormatObject:
 
     Attributes:
         schema: name and version of this object.
-        check: whether the files were left as they are.
+        check: whether the files were left unchanged.
         changed: the files that were changed, or would be.
     """
 

@@ -43,14 +43,14 @@ class _Builder:
         return syntax.Number(span=span_of(self.source, token), value=float(token), unit=None)
 
     def maybe(self, children: list[_Child], kind: str) -> Any:
-        """Return the converted child of the token type or rule ``kind``; None without one."""
+        """Return the converted child of the token type or rule ``kind``; None if there is none."""
         for child in children:
             if (child.type if isinstance(child, Token) else child.data) == kind:
                 return self.node(child)
         return None
 
     def trees(self, children: list[_Child], *but: str) -> tuple[Any, ...]:
-        """Return the converted children that are not tokens, except those of the rules in ``but``."""
+        """Return the converted children that are not tokens, except children of the rules in ``but``."""
         return tuple(
             self.node(child) for child in children if isinstance(child, Tree) and child.data not in but
         )

@@ -17,7 +17,7 @@ class Signal:
 
     Args:
         name: channel of the trace.
-        unit: as declared, "" if none.
+        unit: the declared unit; "" if there is none.
         dim: number of components; 1 for a plain signal.
         range: (low, high) in the unit, or None.
         vector: whether a dimension was declared, so that the channel is (n, dim).
@@ -83,7 +83,7 @@ class CertifySettings:
     fall: float | None = None
 
     def over(self, general: CertifySettings) -> CertifySettings:
-        """Return these settings, completed by those of ``general``."""
+        """Return these settings, completed by the settings of ``general``."""
         given = {key: value for key, value in vars(self).items() if value is not None}
         return replace(general, **given)
 

@@ -211,7 +211,7 @@ class Choice(Value):
 
 @dataclass(frozen=True, kw_only=True)
 class Formula(Node):
-    """A condition; ``unit`` is that of its robustness, None if nothing in it has a unit."""
+    """A condition; ``unit`` is the unit of its robustness, None if nothing in it has a unit."""
 
     unit: Unit | None
 

@@ -52,7 +52,7 @@ class _Line:
     """A line of the result before it is aligned.
 
     Args:
-        head: text before the column that a block aligns; "" without one.
+        head: text before the column that a block aligns; "" if there is none.
         body: the rest of the line.
         comment: the comment at the end of the line.
         column: column of the comment before formatting, from 0.

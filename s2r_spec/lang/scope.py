@@ -95,7 +95,7 @@ class Scope:
 
 
 def unit_of(word: syntax.Word | None) -> Unit:
-    """Return the unit in braces; the plain unit without one."""
+    """Return the unit in braces; the plain unit if there are none."""
     if word is None:
         return PLAIN
     try:

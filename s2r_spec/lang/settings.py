@@ -23,10 +23,10 @@ _KEYS = ("delta", "epsilon", "B", "R", "kernel", "fall")
 
 
 def certify_settings(written: syntax.Certify, requirement: f.Formula | None, scope: Scope) -> CertifySettings:
-    """Check one line; without its requirement the units of epsilon, B, R and fall are not checked.
+    """Check a certify line; if its requirement is unknown, do not check the units of epsilon, B, R and fall.
 
     Raises:
-        Mistake: with every mistake of the line.
+        Mistake: the line has mistakes; the error lists all of them.
     """
     first: dict[str, syntax.Word] = {}
 

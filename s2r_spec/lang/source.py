@@ -13,7 +13,7 @@ _WIDEST_LINE = 110
 
 @dataclass(frozen=True)
 class Source:
-    """The text of a specification, with line feeds only, and its name in messages."""
+    """The text of a specification, with only line feeds, and its name in messages."""
 
     text: str
     name: str = "<string>"

@@ -39,7 +39,7 @@ class Unit:
     """A unit of measurement.
 
     Args:
-        text: as it is written.
+        text: the unit as it is written.
         dimension: ((base dimension, exponent), …), sorted; empty for a plain number.
         factor: size of the unit in base units.
         offset: the zero of the unit in base units, such as 273.15 for degC; 0 for nearly all units.
@@ -152,7 +152,7 @@ def _parse(text: str) -> Unit:
 
 
 def _parts(text: str) -> list[tuple[str, int]]:
-    """Return [("m", 1), ("s", -2)] for "m/s^2"; a quotient divides by the next name only."""
+    """Return [("m", 1), ("s", -2)] for "m/s^2"; a quotient divides only by the next name."""
     parts: list[tuple[str, int]] = []
     position, sign = 0, 1
     while True:

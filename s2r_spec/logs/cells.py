@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 _PANDAS = "nan|-nan|na|<na>|n/a|#n/a|#n/a n/a|#na|null|none|-1.#ind|1.#ind|-1.#qnan|1.#qnan"
 MISSING = frozenset(("", "nat", *_PANDAS.split("|")))
-"""Definition: texts for a missing value, in lower case: those of pandas.read_csv, and NaT."""
+"""Definition: texts for a missing value, in lower case: the texts of pandas.read_csv, and NaT."""
 TRUE = frozenset(("true", "t", "yes", "y", "on"))
 """Definition: texts for true, in lower case."""
 FALSE = frozenset(("false", "f", "no", "n", "off"))
@@ -64,7 +64,7 @@ def number(text: str) -> float:
     """Parse a number.
 
     Raises:
-        ValueError: the text is no number.
+        ValueError: the text is not a number.
     """
     if "_" in text or _overflows(np.array([float(text)]), [text]):
         raise ValueError(text)

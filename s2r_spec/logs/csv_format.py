@@ -126,7 +126,7 @@ class Text:
             needed: columns to read; a row is complete if it has these.
 
         Raises:
-            TraceError: a row before the last has another length than the header.
+            TraceError: a row before the last has a different length from the header.
         """
         width = len(self.heads)
         named = max((i for i, head in enumerate(self.heads) if head.name), default=-1) + 1

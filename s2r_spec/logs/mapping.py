@@ -339,7 +339,7 @@ class _Names:
         for stem, (whole, below) in self._halves().items():
             likely = stem or f"{self.heads[whole].name}+{self.heads[below].name}"
         raise TraceError(
-            f"there is no column {text!r} with the times; there are {one_of(names)}. "
+            f"there is no column {text!r} with the times; the columns are {one_of(names)}. "
             f"Map another name, for example --map {TIME}={likely}"
         )
 
@@ -365,7 +365,7 @@ class _Names:
             if len(heads) != 1:
                 names = dict.fromkeys(head.text for head in self.heads if head.name)
                 raise TraceError(
-                    f"there is no column {name!r}{suggest(name, names)} there are {one_of(names)}"
+                    f"there is no column {name!r}{suggest(name, names)} the columns are {one_of(names)}"
                 )
             columns.append(heads[0])
         return columns[0], columns[1]
@@ -437,7 +437,7 @@ def _complete(numbers: Mapping[int, Sequence[int]], least: int) -> tuple[Part, .
 
 
 def read_map(texts: Iterable[str]) -> dict[str, str]:
-    """Return channel → column of texts like ``vx=velocity.x``.
+    """Return channel → column, from texts like ``vx=velocity.x``.
 
     Raises:
         UsageError: a text is not of this form, or a name is mapped twice.

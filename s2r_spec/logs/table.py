@@ -129,7 +129,7 @@ def few(columns: int) -> None:
 
 
 def described(record: Any, source: str) -> tuple[dict[str, str], dict[str, Any]]:
-    """Return units and meta from the record that s2r writes beside the columns.
+    """Return the units and the meta of the record that s2r writes beside the columns.
 
     Args:
         record: the parsed record.

@@ -2,7 +2,7 @@
 
 Data: counts, numbers, durations, dates or texts. The unit comes from the type, the header or ``--time-unit``; else from
 the name of the column. Otherwise it is the second, unless the numbers are too large for seconds since 1970. Dates, and
-counts since 1970 in another unit than the second, count from the first sample: whole numbers are subtracted before
+counts since 1970 in a unit other than the second, count from the first sample: whole numbers are subtracted before
 they are rounded. Numbers in seconds stay unchanged.
 """
 

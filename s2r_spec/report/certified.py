@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from s2r_spec.backend import short
-from s2r_spec.certify.check import Verdict
 from s2r_spec.certify.real_machine import CertifyResult
-from s2r_spec.certify.rounding import between, down, up
+from s2r_spec.certify.rounding import between, down
 from s2r_spec.json_objects.certify import CertifyObject
 from s2r_spec.report import checked, gapped
-from s2r_spec.report.checked import LARGER_B, location, test_words
-from s2r_spec.report.finding import Finding, Report, Section
+from s2r_spec.report.finding import Finding, Report
 from s2r_spec.spec import Spec
 
 
 def report(spec: Spec, result: CertifyResult, command: str = "s2r certify") -> Report:
     """Return the report of both searches; every reporter renders it."""
-    code = result.verdict.exit_code
+    code, one = result.verdict.exit_code, finding(spec, result)
     record = CertifyObject(
         exit_code=code,
         verdict=result.verdict,
@@ -26,9 +22,9 @@ def report(spec: Spec, result: CertifyResult, command: str = "s2r certify") -> R
         promise=result.composition,
         simulation=checked.requirement_record(result.simulated),
         gap=gapped.gap_record(result.gap) if result.gap else None,
-        location=location(spec, result.simulated.requirement),
+        location=one.location,
     )
-    return Report(command, (finding(spec, result),), code, record)
+    return Report(command, (one,), code, record)
 
 
 def finding(spec: Spec, result: CertifyResult) -> Finding:
@@ -48,19 +44,16 @@ def finding(spec: Spec, result: CertifyResult) -> Finding:
         reason=result.reason,
         headline=_headline(result),
         facts=_facts(spec, result),
-        sections=(
-            Section("This assumes", _assumptions(result)),
-            Section(LARGER_B, _ladder(result)),
-        ),
-        provenance=f"seed {source['seed']}, s2r {source['s2r']}, spec {source['spec_hash'][:12]}, {model}",
+        assumptions=_assumptions(result),
+        ladder=_ladder(result),
+        provenance=checked.origin(source, model),
         again=(
             f"real rollout of the lowest Δ ({gap.lowest.gap:+.4f}{unit})"
             if gap
             else f"lowest ρ ({simulated.lowest.rho:+.4f}{unit})"
         ),
-        replay=gapped.replay_line(gap) if gap else checked.replay_line(simulated),
-        file=Path(spec.name),
-        line=location(spec, simulated.requirement).line,
+        replay=checked.replay_line(gap, "real") if gap else checked.replay_line(simulated),
+        location=checked.location(spec, simulated.requirement),
         seconds=simulated.seconds + (gap.seconds if gap else 0.0),
     )
 
@@ -70,12 +63,8 @@ def _headline(result: CertifyResult) -> str:
     if composed is None:
         return f"no bound for {result.real}"
     unit = f" {result.simulated.unit}" if result.simulated.unit else ""
-    bound = {
-        Verdict.HOLDS: f"≥ {down(composed.lower)}{unit}",
-        Verdict.VIOLATED: f"≤ {up(composed.upper)}{unit}",
-        Verdict.UNKNOWN: f"in {between(composed.lower, composed.upper)}{unit}",
-    }[result.verdict]
-    return f"worst expected ρ of {result.real} {bound}, with probability ≥ 1 − {composed.delta:g}"
+    bound = checked.bound(result.verdict, composed.lower, composed.upper)
+    return f"worst expected ρ of {result.real} {bound}{unit}, with probability ≥ 1 − {composed.delta:g}"
 
 
 def _facts(spec: Spec, result: CertifyResult) -> tuple[tuple[str, str], ...]:
@@ -89,7 +78,7 @@ def _facts(spec: Spec, result: CertifyResult) -> tuple[tuple[str, str], ...]:
                 f"in {between(composed.lower, composed.upper)}{unit} for {result.real}, "
                 f"with probability ≥ 1 − {composed.delta:g}",
             ),
-            ("worst test", test_words(composed.worst, spec.space.units)),
+            ("worst test", checked.test_words(composed.worst, spec.space.units)),
             (
                 "the paper's sum",
                 f"≥ {down(composed.paper_lower)}{unit} (the worst cases of both searches, added)",
@@ -115,10 +104,10 @@ def _assumptions(result: CertifyResult) -> tuple[str, ...]:
 def _ladder(result: CertifyResult) -> tuple[str, ...]:
     simulated, gap = result.simulated, result.gap
     unit = f" {simulated.unit}" if simulated.unit else ""
-    rows = [f"in simulation, {row}" for row in checked.ladder(simulated)]
+    rows = [f"in simulation, {row}" for row in checked.ladder(simulated, "ρ")]
     if gap is None:
         return tuple(rows)
-    rows += [f"the gap, {row}" for row in gapped.ladder(gap)]
+    rows += [f"the gap, {row}" for row in checked.ladder(gap, "Δ")]
     if result.composition is not None:
         rows += [
             f"the paper's sum, if B = {of_sim.B:g}{unit}: ρ ≥ {down(-of_sim.upper - of_gap.upper)}{unit}"

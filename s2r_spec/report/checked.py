@@ -5,33 +5,32 @@ from __future__ import annotations
 import math
 import shlex
 from collections.abc import Mapping, Sequence
-from pathlib import Path
-from typing import cast
+from typing import Any
 
 from s2r_spec.backend import short
 from s2r_spec.certify.certificate import Certificate, Label
-from s2r_spec.certify.check import CheckResult, Verdict
+from s2r_spec.certify.check import CheckResult
+from s2r_spec.certify.gap_result import GapResult
 from s2r_spec.certify.rounding import at_least, at_most, between, down, up, wide
 from s2r_spec.certify.voids import void_words
 from s2r_spec.json_objects.check import (
     CheckedRequirement,
     CheckObject,
-    Provenance,
     RobustnessSearch,
     WorstExpectedRobustness,
 )
 from s2r_spec.json_objects.parts import Location, extended
-from s2r_spec.report.finding import Finding, Report, Section
+from s2r_spec.report.finding import Finding, Report
 from s2r_spec.spec import Spec
+from s2r_spec.verdict import Verdict, worst
 
-LARGER_B = "Interval for larger B (all rows hold at once)"
-"""Title of the section that gives the bound for B, 2B, 4B and 8B."""
+Result = CheckResult | GapResult
+"""The result of one search."""
 
 
 def report(pairs: Sequence[tuple[Spec, CheckResult]], command: str = "s2r check") -> Report:
     """Return the report of several results, each with its spec; every reporter renders it."""
-    # Worst first, as the exit codes are ranked: 1 > 3 > 0.
-    code = max((result.verdict.exit_code for _, result in pairs), key=[0, 3, 1].index)
+    code = worst(result.verdict for _, result in pairs).exit_code
     record = CheckObject(
         exit_code=code,
         results=tuple(requirement_record(result) for _, result in pairs),
@@ -43,42 +42,28 @@ def report(pairs: Sequence[tuple[Spec, CheckResult]], command: str = "s2r check"
 def requirement_record(result: CheckResult) -> CheckedRequirement:
     """Return the record of one requirement."""
     certificate = result.certificate
-    return CheckedRequirement(
-        requirement=result.requirement,
-        verdict=result.verdict,
-        reason=result.reason,
-        worst_expected_robustness=WorstExpectedRobustness(
-            lower=result.lower,
-            upper=result.upper,
-            unit=result.unit,
+    return extended(
+        CheckedRequirement,
+        result,
+        worst_expected_robustness=extended(
+            WorstExpectedRobustness,
+            result,
             epsilon=certificate.epsilon,
             probability_at_least=1 - certificate.delta,
             delta=certificate.delta,
         ),
-        label=certificate.label,
-        worst=result.worst,
-        lowest=result.lowest,
-        failures=result.failures,
-        assumptions=result.assumptions,
         search=extended(RobustnessSearch, certificate),
-        provenance=cast(Provenance, result.provenance),
+        label=certificate.label,
         folder=str(result.folder),
         replay=replay_line(result),
         seconds=round(result.seconds, 3),
-        voids=result.voids,
     )
-
-
-def voids_fact(voids: Mapping[str, int] | None, rollouts: int) -> tuple[tuple[str, str], ...]:
-    """Return the row of void rollouts, which only a machine has; ``rollouts`` counts those with an outcome."""
-    return () if voids is None else (("void", void_words(voids, rollouts)),)
 
 
 def finding(spec: Spec, result: CheckResult) -> Finding:
     """Return the finding of one requirement: its bound, facts and assumptions in words."""
     certificate, source = result.certificate, result.provenance
     unit = f" {result.unit}" if result.unit else ""
-    failures = ", ".join(f"{count} × {word}" for word, count in sorted(result.failures.items())) or "no falls"
     probability = probability_words(certificate)
     facts = (
         ("worst expected ρ", f"in {between(result.lower, result.upper)}{unit}, {probability}"),
@@ -87,12 +72,7 @@ def finding(spec: Spec, result: CheckResult) -> Finding:
             f"{test_words(result.worst.params, spec.space.units)}: mean ρ {result.worst.mean:+.4f}{unit} "
             f"over {result.worst.rollouts} rollouts, lowest {result.worst.lowest:+.4f}",
         ),
-        (
-            "effort",
-            f"{certificate.rollouts} rollouts at {certificate.points} tests, {failures}"
-            f"{took(result.seconds)}",
-        ),
-        *voids_fact(result.voids, certificate.rollouts),
+        *effort(result),
         (
             "label",
             f"{certificate.label.value}; interval {wide(certificate.epsilon)} wide "
@@ -106,20 +86,16 @@ def finding(spec: Spec, result: CheckResult) -> Finding:
         refused=certificate.label is Label.REFUSED,
         about=f"{source['spec']} on backend {source['backend']}",
         reason=result.reason,
-        headline=_headline(result, unit, probability),
+        headline="no certificate"
+        if certificate.label is Label.REFUSED
+        else f"worst expected ρ {bound(result.verdict, result.lower, result.upper)}{unit}, {probability}",
         facts=facts,
-        sections=(
-            Section("This assumes", result.assumptions),
-            Section(LARGER_B, ladder(result)),
-        ),
-        provenance=(
-            f"seed {source['seed']}, s2r {source['s2r']}, spec {source['spec_hash'][:12]}, "
-            f"model {short(source['model_hash'])}"
-        ),
+        assumptions=result.assumptions,
+        ladder=ladder(result, "ρ"),
+        provenance=origin(source, f"model {short(source['model_hash'])}"),
         again=f"lowest ρ ({result.lowest.rho:+.4f}{unit})",
         replay=replay_line(result),
-        file=Path(spec.name),
-        line=location(spec, result.requirement).line,
+        location=location(spec, result.requirement),
         seconds=result.seconds,
     )
 
@@ -130,9 +106,16 @@ def test_words(params: Mapping[str, float], units: Mapping[str, str]) -> str:
     return ", ".join(f"{name} = {params[name]:.4g} {units.get(name, '')}".rstrip() for name in ordered)
 
 
-def took(seconds: float) -> str:
-    """Return the time of all rollouts, summed over the workers; "" for recordings, which were not run."""
-    return f", {seconds:.{0 if seconds >= 10 else 1}f} s of rollouts" if seconds else ""
+def effort(result: Result, of: str = "") -> tuple[tuple[str, str], ...]:
+    """Return the rows on the rollouts: number, falls, summed time, and void ones; ``of`` says of which machine."""
+    certificate, seconds = result.certificate, result.seconds
+    failures = ", ".join(f"{count} × {word}" for word, count in sorted(result.failures.items())) or "no falls"
+    # Recordings were not run.
+    took = f", {seconds:.{0 if seconds >= 10 else 1}f} s of rollouts" if seconds else ""
+    rows = (
+        ("effort", f"{certificate.rollouts} rollouts{of} at {certificate.points} tests, {failures}{took}"),
+    )
+    return rows if result.voids is None else (*rows, ("void", void_words(result.voids, certificate.rollouts)))
 
 
 def probability_words(certificate: Certificate) -> str:
@@ -142,12 +125,28 @@ def probability_words(certificate: Certificate) -> str:
     return f"with probability ≥ 1 − {certificate.delta:g}"
 
 
-def ladder(result: CheckResult) -> tuple[str, ...]:
+def bound(verdict: Verdict, lower: float, upper: float) -> str:
+    """Return the end of an interval that decides a verdict, ``≥ +0.0041``; both ends if none does."""
+    match verdict:
+        case Verdict.HOLDS:
+            return f"≥ {down(lower)}"
+        case Verdict.VIOLATED:
+            return f"≤ {up(upper)}"
+        case Verdict.UNKNOWN:
+            return f"in {between(lower, upper)}"
+
+
+def origin(source: Mapping[str, Any], models: str) -> str:
+    """Return the seed, the version and the hashes of a run in one line."""
+    return f"seed {source['seed']}, s2r {source['s2r']}, spec {source['spec_hash'][:12]}, {models}"
+
+
+def ladder(result: Result, symbol: str) -> tuple[str, ...]:
     """Return the interval for each norm bound B, 2B, 4B and 8B, the refuted norm bounds, and the e-value against R."""
     unit = f" {result.unit}" if result.unit else ""
     return (
         *(
-            f"if B = {rung.B:g}{unit}: ρ in {between(-rung.upper, -rung.lower)}{unit}"
+            f"if B = {rung.B:g}{unit}: {symbol} in {between(-rung.upper, -rung.lower)}{unit}"
             for rung in result.certificate.ladder
         ),
         refuted_words(result.certificate, result.unit),
@@ -163,19 +162,10 @@ def refuted_words(certificate: Certificate, unit: str) -> str:
     )
 
 
-def replay_line(result: CheckResult) -> str:
-    """Return the shell command that runs the rollout of the lowest ρ again."""
-    return f"s2r replay {shlex.quote(str(result.folder))}#{result.lowest.query}.{result.lowest.replicate}"
-
-
-def _headline(result: CheckResult, unit: str, probability: str) -> str:
-    if result.certificate.label is Label.REFUSED:
-        return "no certificate"
-    if result.verdict is Verdict.HOLDS:
-        return f"worst expected ρ ≥ {down(result.lower)}{unit}, {probability}"
-    if result.verdict is Verdict.VIOLATED:
-        return f"worst expected ρ ≤ {up(result.upper)}{unit}, {probability}"
-    return f"worst expected ρ in {between(result.lower, result.upper)}{unit}, {probability}"
+def replay_line(result: Result, system: str = "") -> str:
+    """Return the shell command that runs the rollout of the lowest ρ again; of a gap, the real one of the lowest Δ."""
+    folder = shlex.quote(str(result.folder / system))
+    return f"s2r replay {folder}#{result.lowest.query}.{result.lowest.replicate}"
 
 
 def location(spec: Spec, requirement: str) -> Location:

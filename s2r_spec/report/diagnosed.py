@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import cast
 
 from rich.markup import escape
@@ -12,6 +13,7 @@ from rich.text import Text
 
 from s2r_spec.backend import short
 from s2r_spec.diagnose.diagnosis import Diagnosis, Verdict, Which
+from s2r_spec.diagnose.estimate import Estimate
 from s2r_spec.diagnose.how_far import Gap, HowFar
 from s2r_spec.diagnose.where.found import Where
 from s2r_spec.json_objects.diagnosis import DiagnosisObject
@@ -19,23 +21,65 @@ from s2r_spec.printable import one_line
 from s2r_spec.report.checked import test_words
 from s2r_spec.report.figures.robot import said
 from s2r_spec.report.nextstep import next_step
-from s2r_spec.report.quantity import Scale, measured, quantity
+from s2r_spec.report.quantity import Scale, interval, measured, quantity
+from s2r_spec.report.text import STYLES
 from s2r_spec.spec import Spec
 
-COLOURS = {
-    Verdict.NONE: "bold green",
-    Verdict.SPREAD: "bold yellow",
-    Verdict.NAMED: "bold green",
-    Verdict.CONFOUNDED: "bold yellow",
-    Verdict.UNKNOWN: "bold yellow",
-}
-EXIT = {Verdict.NONE: 0, Verdict.NAMED: 0, Verdict.SPREAD: 3, Verdict.CONFOUNDED: 3, Verdict.UNKNOWN: 3}
-"""Exit codes (definition): 0 if a cause, or no material gap, is the answer; 3 if there is no such answer."""
 SHOWN = 5
 """Definition: causes that are printed, most probable first."""
 PARTS = 3
 """Definition: parts of the machine that are printed, largest shift first."""
 WORDS = {"none": "no material effect", "unknown": "none of these"}
+
+
+@dataclass(frozen=True)
+class Description:
+    """What every form of a diagnosis says; a form adds its layout and its figures.
+
+    Attributes:
+        mistakes: sentences on suspected mistakes of the recordings.
+        notes: other sentences on the recordings.
+        where: sentences on the worst test; none if the place of the gap was not asked for.
+        parts: sentences on the parts of the machine, and on motion that no effect explains.
+        causes: (cause, probability), most probable first.
+        estimates: (parameter, value with its interval, value, 90 % interval).
+        doubt: which effects the data do not separate; "" for none.
+        gap_title: the title of ``gap``.
+        gap: (name, text) rows on the gap of held-out rollouts; none without such rollouts.
+        next: the next step.
+        provenance: rollouts, seed, backend and model hash.
+    """
+
+    mistakes: tuple[str, ...]
+    notes: tuple[str, ...]
+    where: tuple[str, ...]
+    parts: tuple[str, ...]
+    causes: tuple[tuple[str, float], ...]
+    estimates: tuple[tuple[str, str, str, str], ...]
+    doubt: str
+    gap_title: str
+    gap: tuple[tuple[str, str], ...]
+    next: str
+    provenance: str
+
+
+def describe(found: Diagnosis, spec: Spec) -> Description:
+    """Return what every form of a diagnosis says."""
+    which, where, far = found.which, found.where, found.how_far
+    mistakes = tuple(each.text for each in found.findings)
+    return Description(
+        mistakes=mistakes,
+        notes=tuple(note for note in found.notes if note not in mistakes),
+        where=() if where is None else where_words(where, spec),
+        parts=() if where is None else (*body_words(where), *left_words(found)),
+        causes=tuple((WORDS.get(names[0], " + ".join(names)), p) for names, p in which.ranked),
+        estimates=tuple(map(_estimate, which.estimates)),
+        doubt=doubt(which),
+        gap_title="" if far is None else gap_title(far),
+        gap=() if far is None else shrink_rows(far),
+        next=next_step(found, spec),
+        provenance=provenance(found),
+    )
 
 
 def record(found: Diagnosis, spec: Spec) -> DiagnosisObject:
@@ -46,7 +90,7 @@ def record(found: Diagnosis, spec: Spec) -> DiagnosisObject:
 
 def exit_code(found: Diagnosis) -> int:
     """Return 0 if the verdict is a cause or no material gap, and the recordings have no suspected mistake; else 3."""
-    return EXIT[Verdict.UNKNOWN] if found.misread else EXIT[found.verdict]
+    return (Verdict.UNKNOWN if found.misread else found.verdict).exit_code
 
 
 def as_json(found: Diagnosis, spec: Spec) -> str:
@@ -62,22 +106,30 @@ def text(found: Diagnosis, spec: Spec) -> str:
 def markup(found: Diagnosis, spec: Spec) -> str:
     """Return rich markup: mistakes of the recordings, the answer, then its details."""
     first = "".join(f"{escape(one_line(f'note: {each.text}'))}\n" for each in found.findings)
-    headline = f"[{COLOURS[found.verdict]}]{found.verdict.value.upper()}[/]  {escape(one_line(found.reason))}"
+    headline = (
+        f"[{STYLES[found.verdict.tone]}]{found.verdict.value.upper()}[/]  {escape(one_line(found.reason))}"
+    )
     return f"{first}{headline}\n{escape(body(found, spec))}"
 
 
 def body(found: Diagnosis, spec: Spec) -> str:
     """Return where the gap lies, which effects cause it, how far it shrinks, and what to do next, as plain text."""
-    mistakes = {each.text for each in found.findings}
-    lines = [f"  note: {line}" for line in found.notes if line not in mistakes]
-    if found.where is not None:
-        lines += ["", *_where(found, found.where, spec)]
-    lines += ["", *_causes(found.which)]
-    if found.how_far is not None:
-        lines += ["", *_shrinks(found.how_far)]
-    lines += ["", f"  next: {next_step(found, spec)}", ""]
-    lines += [f"  - {line}" for line in found.assumptions]
-    return "\n".join(map(one_line, [*lines, "", f"  {provenance(found)}"]))
+    words = describe(found, spec)
+    lines = [f"  note: {line}" for line in words.notes]
+    if words.where:
+        first, *rest = words.where + words.parts
+        lines += ["", f"  where: {first}", *(f"    {line}" for line in rest)]
+    lines += ["", f"  {'cause':42} probability"]
+    lines += [f"  {cause:42} {p:.3f}" for cause, p in words.causes[:SHOWN]]
+    if words.estimates:
+        lines += ["", f"  {'parameter':42} value (90 %)"]
+        lines += [f"  {name:42} {value}" for name, value, *_ in words.estimates]
+    if words.doubt:
+        lines += ["", f"  {words.doubt}"]
+    if words.gap:
+        lines += ["", f"  {words.gap_title}", *(f"    {name:6} {row}" for name, row in words.gap)]
+    lines += ["", f"  next: {words.next}", "", *(f"  - {line}" for line in found.assumptions)]
+    return "\n".join(map(one_line, [*lines, "", f"  {words.provenance}"]))
 
 
 def provenance(found: Diagnosis) -> str:
@@ -89,21 +141,9 @@ def provenance(found: Diagnosis) -> str:
     )
 
 
-def cause(names: tuple[str, ...]) -> str:
-    """Return a set of effects as text: ``friction + delay``."""
-    return WORDS.get(names[0], " + ".join(names))
-
-
-def _causes(which: Which) -> list[str]:
-    lines = [f"  {'cause':42} probability"]
-    lines += [f"  {cause(names):42} {p:.3f}" for names, p in which.ranked[:SHOWN]]
-    if which.estimates:
-        lines += ["", f"  {'parameter':42} value (90 %)"]
-        for e in which.estimates:
-            lines.append(f"  {f'{e.effect}.{e.parameter}':42} {measured(e.value, e.low, e.high, e.unit)}")
-    if words := doubt(which):
-        lines += ["", f"  {words}"]
-    return lines
+def _estimate(e: Estimate) -> tuple[str, str, str, str]:
+    whole, ends = measured(e.value, e.low, e.high, e.unit), interval(e.low, e.high, e.unit)
+    return f"{e.effect}.{e.parameter}", whole, quantity(e.value, e.unit, (e.high - e.low) / 2), ends
 
 
 def doubt(which: Which) -> str:
@@ -129,7 +169,7 @@ def _listed(names: Sequence[str]) -> str:
 
 
 def where_words(where: Where, spec: Spec) -> tuple[str, ...]:
-    """Return sentences on the worst test: its gap, the time, channel and predicate of most of it."""
+    """Return sentences on the worst test: its gap, and the time, channel and predicate that cause most of it."""
     unit = where.pair.unit
     test = test_words(where.test, spec.space.units)
     lines = [
@@ -182,7 +222,7 @@ def body_words(where: Where) -> tuple[str, ...]:
     most = where.body.most
     if most is None:
         return (
-            f"the nominal model explains the residuals of every part of the machine ({where.body.asked} tests of them)",
+            f"the nominal model explains the residuals of every part of the machine ({where.body.asked} comparisons)",
         )
     shown = [(part, part.shifts[0]) for part in where.body.shifted[:PARTS]]
     if most[0] not in where.body.shifted[:PARTS]:
@@ -196,11 +236,6 @@ def left_words(found: Diagnosis) -> tuple[str, ...]:
         return ()
     unexplained = [f"{each}, which no effect explains" for each in found.left if each.material]
     return tuple(unexplained[:PARTS]) or ("the best-fitting simulator explains all of the motion",)
-
-
-def _where(found: Diagnosis, where: Where, spec: Spec) -> list[str]:
-    first, *rest = (*where_words(where, spec), *body_words(where), *left_words(found))
-    return [f"  where: {first}", *(f"    {line}" for line in rest)]
 
 
 def shrink_rows(far: HowFar) -> tuple[tuple[str, str], ...]:
@@ -229,10 +264,6 @@ def gap_title(far: HowFar) -> str:
 
 def _scale(far: HowFar) -> Scale:
     return Scale.of(max(far.before.mean, far.before.worst), far.unit)
-
-
-def _shrinks(far: HowFar) -> list[str]:
-    return [f"  {gap_title(far)}", *(f"    {name:6} {words}" for name, words in shrink_rows(far))]
 
 
 def _gap(gap: Gap, scale: Scale) -> str:

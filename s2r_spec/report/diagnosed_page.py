@@ -7,37 +7,19 @@ from dataclasses import dataclass
 from pathlib import PurePath
 from typing import Any
 
-from s2r_spec.diagnose.diagnosis import Diagnosis, Verdict
+from s2r_spec.diagnose.diagnosis import Diagnosis
+from s2r_spec.diagnose.estimate import Estimate
 from s2r_spec.diagnose.where.attribution import Part
 from s2r_spec.printable import spelled
-from s2r_spec.report.diagnosed import (
-    body_words,
-    cause,
-    doubt,
-    gap_title,
-    left_words,
-    provenance,
-    shrink_rows,
-    where_words,
-)
+from s2r_spec.report.diagnosed import Description, describe
 from s2r_spec.report.figures.blame import blame
 from s2r_spec.report.figures.canvas import Picture
 from s2r_spec.report.figures.isolation import isolation
 from s2r_spec.report.figures.robot import robot, said
 from s2r_spec.report.figures.shrink import before_and_after, over_space
 from s2r_spec.report.html import fill
-from s2r_spec.report.nextstep import next_step
-from s2r_spec.report.quantity import interval, quantity
 from s2r_spec.spec import Spec
 
-SIGNS = {
-    Verdict.NONE: ("✓", "holds"),
-    Verdict.SPREAD: ("?", "unknown"),
-    Verdict.NAMED: ("✓", "holds"),
-    Verdict.CONFOUNDED: ("?", "unknown"),
-    Verdict.UNKNOWN: ("?", "unknown"),
-}
-"""Definition: verdict → sign, and the style class of its colour."""
 SHOWN = 8
 """Definition: causes that get a bar, most probable first."""
 _LEAST = 0.0005
@@ -65,25 +47,18 @@ def render(found: Diagnosis, spec: Spec, real: str = "") -> str:
     Raises:
         UsageError: a package is missing.
     """
-    sign, tone = SIGNS[found.verdict]
+    words = describe(found, spec)
     return fill(
         "diagnosis.html",
         found=found,
-        mistakes={each.text for each in found.findings},
-        sign=sign,
-        tone=tone,
+        words=words,
         about=_about(found, spec, real),
         reason=_unbroken(found.reason),
-        next=_unbroken(next_step(found, spec)),
-        causes=causes(found),
-        estimates=[_estimate(e) for e in found.which.estimates],
-        confounded=doubt(found.which),
-        far=() if found.how_far is None else shrink_rows(found.how_far),
-        far_title="" if found.how_far is None else gap_title(found.how_far),
+        next=_unbroken(words.next),
+        causes=causes(words),
+        bars=[_on_a_line(e) for e in found.which.estimates],
         space=_space(found),
         held_out=_held_out(found, spec),
-        where=() if found.where is None else [w.replace("`", "") for w in where_words(found.where, spec)],
-        parts=() if found.where is None else (*body_words(found.where), *left_words(found)),
         trace=None if found.where is None else blame(found.where, spec, "trace"),
         formula=() if found.where is None else formula(found.where.pair.parts, found.where.pair.delta),
         formula_unit="" if found.where is None else found.where.pair.unit,
@@ -92,22 +67,19 @@ def render(found: Diagnosis, spec: Spec, real: str = "") -> str:
         isolation=isolation(found.which.isolability, found.which.answer, "isolation"),
         least=_least(found),
         sources=_flat(found.provenance),
-        line=provenance(found),
         spec_text=spec.text,
         version=str(found.provenance.get("s2r", "")),
     )
 
 
-def causes(found: Diagnosis) -> tuple[Bar, ...]:
+def causes(words: Description) -> tuple[Bar, ...]:
     """Return a bar for each of the most probable causes, and one for the sum of all others."""
-    ranked = found.which.ranked
-    shown = [one for one in ranked[:SHOWN] if one[1] >= _LEAST]
-    bars = [Bar(cause(names), 0.0, _percent(p), _odds(p)) for names, p in shown]
-    left = sum(p for _, p in ranked[len(shown) :])
+    shown = [one for one in words.causes[:SHOWN] if one[1] >= _LEAST]
+    bars = [Bar(cause, 0.0, _percent(p), _odds(p)) for cause, p in shown]
+    others = words.causes[len(shown) :]
+    left = sum(p for _, p in others)
     if left >= _LEAST:
-        bars.append(
-            Bar(f"{len(ranked) - len(shown)} others together", 0.0, _percent(left), _odds(left), "quiet")
-        )
+        bars.append(Bar(f"{len(others)} others together", 0.0, _percent(left), _odds(left), "quiet"))
     return tuple(bars)
 
 
@@ -150,19 +122,13 @@ def _about(found: Diagnosis, spec: Spec, real: str) -> str:
     )
 
 
-def _estimate(e: Any) -> tuple[str, str, str, Bar]:
-    """Return the name, the value and its interval of a parameter, and the interval as a bar."""
+def _on_a_line(e: Estimate) -> Bar:
+    """Return the interval of a parameter as a bar; its words are the place of the value."""
     low, high = min(e.low, e.value, 0.0 if e.low >= 0 else e.low), max(e.high, e.value)
     span = (high - low) or 1.0
     low, high = low - 0.06 * span * (low != 0.0), high + 0.06 * span
     place = [_percent((x - low) / (high - low)) for x in (e.low, e.high, e.value)]
-    bar = Bar("", place[0], max(place[1] - place[0], 0.5), f"{place[2]}")
-    return (
-        f"{e.effect}.{e.parameter}",
-        quantity(e.value, e.unit, (e.high - e.low) / 2),
-        interval(e.low, e.high, e.unit),
-        bar,
-    )
+    return Bar("", place[0], max(place[1] - place[0], 0.5), f"{place[2]}")
 
 
 def _space(found: Diagnosis) -> Picture | None:
@@ -203,7 +169,7 @@ def _least(found: Diagnosis) -> list[tuple[str, str, str]]:
         unit = f" {spelled(one.unit)}" if one.unit else ""
         words = [f"{one.below:.3g}{unit} or less"] if one.below is not None else []
         words += [f"{one.above:.3g}{unit} or more"] if one.above is not None else []
-        sizes = " and ".join(words) or "at no size that was tried"
+        sizes = " and ".join(words) or "at none of the tried sizes"
         rows.append((f"{one.effect}.{one.parameter}", f"{one.nominal:.3g}{unit}", sizes))
     return rows
 

@@ -7,23 +7,11 @@ A command turns its own result record into findings (:mod:`s2r_spec.report.check
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from pathlib import Path
 from typing import Any
 
-from s2r_spec.certify.check import Verdict
+from s2r_spec.json_objects.parts import Location
 from s2r_spec.printable import one_line
-
-
-@dataclass(frozen=True)
-class Section:
-    """A titled list of sentences, one line each."""
-
-    title: str
-    lines: tuple[str, ...]
-
-    def __post_init__(self) -> None:
-        """Escape line breaks and control characters in the lines."""
-        object.__setattr__(self, "lines", tuple(map(one_line, self.lines)))
+from s2r_spec.verdict import Verdict
 
 
 @dataclass(frozen=True)
@@ -39,12 +27,12 @@ class Finding:
         reason: one sentence for the verdict.
         headline: the deciding bound with its probability.
         facts: (name, text) rows, the bound first.
-        sections: assumptions and their consequences.
+        assumptions: each in one sentence.
+        ladder: the bound for each norm bound B, and what the data refute, one line each.
         provenance: seed, version and hashes of the run.
         again: description of the rollout that ``replay`` runs again.
         replay: the command.
-        file: the specification.
-        line: line of the requirement in it, counted from 1.
+        location: where the requirement is written.
         seconds: time of all rollouts [s], summed over workers.
     """
 
@@ -56,20 +44,32 @@ class Finding:
     reason: str
     headline: str
     facts: tuple[tuple[str, str], ...]
-    sections: tuple[Section, ...]
+    assumptions: tuple[str, ...]
+    ladder: tuple[str, ...]
     provenance: str
     again: str
     replay: str
-    file: Path
-    line: int
+    location: Location
     seconds: float
 
     def __post_init__(self) -> None:
         """Escape line breaks and control characters in every text."""
         for field in fields(self):
-            if isinstance(value := getattr(self, field.name), str):
-                object.__setattr__(self, field.name, one_line(value))
-        object.__setattr__(self, "facts", tuple((one_line(n), one_line(text)) for n, text in self.facts))
+            object.__setattr__(self, field.name, _escaped(getattr(self, field.name)))
+
+    @property
+    def sections(self) -> tuple[tuple[str, tuple[str, ...]], ...]:
+        """(title, lines) of the assumptions and their consequences."""
+        return (
+            ("This assumes", self.assumptions),
+            ("Interval for larger B (all rows hold at once)", self.ladder),
+        )
+
+
+def _escaped(value: Any) -> Any:
+    if isinstance(value, str):
+        return one_line(value)
+    return tuple(map(_escaped, value)) if isinstance(value, tuple) else value
 
 
 @dataclass(frozen=True)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from s2r_spec.certify.check import Verdict
+from pathlib import Path
+
 from s2r_spec.printable import one_line
 from s2r_spec.report.finding import Finding, Report
+from s2r_spec.verdict import Tone
 
 
 def render(report: Report) -> str:
@@ -13,10 +15,10 @@ def render(report: Report) -> str:
 
 
 def _line(finding: Finding) -> str:
-    level = "notice" if finding.verdict is Verdict.HOLDS else "error"
+    level = "notice" if finding.verdict.tone is Tone.GOOD else "error"
     properties = {
-        "file": one_line(finding.file.as_posix()),
-        "line": str(finding.line),
+        "file": one_line(Path(finding.location.file).as_posix()),
+        "line": str(finding.location.line),
         "title": f"{finding.name} {finding.word}",
     }
     where = ",".join(f"{name}={_property(value)}" for name, value in properties.items())

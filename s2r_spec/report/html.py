@@ -11,8 +11,11 @@ from typing import Any
 from s2r_spec.errors import UsageError
 from s2r_spec.report.parts import Run, part
 from s2r_spec.report.recompute import recompute
+from s2r_spec.verdict import Tone
 
 PACKAGES = ("jinja2", "matplotlib")
+SIGNS = {Tone.GOOD: ("✓", "holds"), Tone.BAD: ("✗", "violated"), Tone.OPEN: ("?", "unknown")}
+"""Definition: tone → sign, and the style class of its colour."""
 
 
 def require_packages() -> None:
@@ -24,7 +27,8 @@ def require_packages() -> None:
     missing = [name for name in PACKAGES if find_spec(name) is None]
     if missing:
         raise UsageError(
-            f"an HTML report needs {' and '.join(missing)}, not installed here; try: pip install 's2r[report]'"
+            f"an HTML report needs packages that are not installed, {' and '.join(missing)}; "
+            f"try: pip install 's2r[report]'"
         )
 
 
@@ -61,6 +65,8 @@ def fill(template: str, **words: Any) -> str:
         lstrip_blocks=True,
     )
     environment.filters["svg"] = Markup
+    environment.filters["sign"] = lambda verdict: SIGNS[verdict.tone][0]
+    environment.filters["style"] = lambda verdict: SIGNS[verdict.tone][1]
     # Unlike jinja's own "capitalize", it leaves the rest of the sentence unchanged.
     environment.filters["capitalize_first"] = lambda words: words[:1].upper() + words[1:]
     return environment.get_template(template).render(**words)

@@ -12,6 +12,6 @@ def render(report: Report) -> str:
     """Return the whole record.
 
     Raises:
-        ValueError: the record holds NaN or an infinity, which JSON has not.
+        ValueError: the record holds NaN or an infinity, which JSON does not have.
     """
     return json.dumps(to_json(report.record), allow_nan=False, indent=2, ensure_ascii=False)

@@ -6,12 +6,13 @@ A violated requirement is a failure. An unknown one, or one whose certificate wa
 from __future__ import annotations
 
 import re
+from pathlib import Path
 from xml.etree import ElementTree as ET
 
-from s2r_spec.certify.check import Verdict
 from s2r_spec.printable import one_line
 from s2r_spec.report import text
 from s2r_spec.report.finding import Finding, Report
+from s2r_spec.verdict import Verdict
 
 # Characters that XML 1.0 forbids and ElementTree does not refuse.
 _FORBIDDEN = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
@@ -38,14 +39,15 @@ def _count(report: Report, verdict: Verdict) -> int:
 
 
 def _case(suite: ET.Element, finding: Finding) -> None:
+    file = Path(finding.location.file)
     case = ET.SubElement(
         suite,
         "testcase",
         {
             "name": _legal(finding.name),
-            "classname": _legal(one_line(finding.file.stem)),
-            "file": _legal(one_line(finding.file.as_posix())),
-            "line": str(finding.line),
+            "classname": _legal(one_line(file.stem)),
+            "file": _legal(one_line(file.as_posix())),
+            "line": str(finding.location.line),
             "time": f"{finding.seconds:.3f}",
         },
     )

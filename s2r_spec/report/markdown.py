@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import re
 
-from s2r_spec.certify.check import Verdict
 from s2r_spec.printable import one_line
 from s2r_spec.report.finding import Finding, Report
+from s2r_spec.verdict import Tone
 
-SIGNS = {Verdict.HOLDS: "✅", Verdict.VIOLATED: "❌", Verdict.UNKNOWN: "❓"}
+SIGNS = {Tone.GOOD: "✅", Tone.BAD: "❌", Tone.OPEN: "❓"}
 
 
 def render(report: Report) -> str:
     """Return a table of verdicts, then the facts and assumptions of each."""
     head = ["| requirement | verdict | bound |", "| --- | --- | --- |"]
     rows = [
-        f"| {cell(one.name)} | {SIGNS[one.verdict]} **{cell(one.word)}** | {cell(one.headline)} |"
+        f"| {cell(one.name)} | {SIGNS[one.verdict.tone]} **{cell(one.word)}** | {cell(one.headline)} |"
         for one in report.findings
     ]
     return "\n".join([f"### {cell(report.command)}", "", *head, *rows, *map(_details, report.findings)])
@@ -24,9 +24,9 @@ def render(report: Report) -> str:
 def _details(finding: Finding) -> str:
     lines = ["", f"**{cell(finding.name)}**: {cell(finding.reason)} ({cell(finding.about)})", ""]
     lines += [f"- {cell(name)}: {cell(text)}" for name, text in finding.facts]
-    for section in finding.sections:
-        lines += ["", "<details>", f"<summary>{cell(section.title)}</summary>", ""]
-        lines += [f"- {cell(line)}" for line in section.lines]
+    for title, rows in finding.sections:
+        lines += ["", "<details>", f"<summary>{cell(title)}</summary>", ""]
+        lines += [f"- {cell(row)}" for row in rows]
         lines += ["", "</details>"]
     lines += [
         "",
@@ -38,7 +38,7 @@ def _details(finding: Finding) -> str:
 
 
 def cell(words: str) -> str:
-    """Return one line in which neither Markdown nor HTML marks anything up."""
+    """Return one line without active markup: Markdown and HTML characters are escaped."""
     line = one_line(" ".join(words.split())).replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
     return re.sub(r"([\\`*_{}\[\]|~#!$@])", r"\\\1", line)
 

@@ -15,7 +15,10 @@ def next_step(found: Diagnosis, spec: Spec) -> str:
     """Return the next step for the user."""
     if found.misread:
         what = " and ".join(found.misread)
-        return f"First check {what} in the recordings (see the notes), and diagnose again. Until then trust no cause."
+        return (
+            f"First check {what} in the recordings (see the notes), and diagnose again. Until then do not trust any "
+            f"cause."
+        )
     which = found.which
     test = "" if which.next_test is None else test_in_words(which.next_test, spec)
     match found.verdict:

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import singledispatch
 from typing import Any
 
 from s2r_spec.certify.certificate import Certificate
-from s2r_spec.certify.check_result import Tested, Verdict, tested
+from s2r_spec.certify.check_result import Tested, tested
 from s2r_spec.certify.compose import Composition
 from s2r_spec.certify.gap_result import Pair
 from s2r_spec.certify.pairing import SIMULATED_PER_REAL
@@ -25,7 +24,6 @@ from s2r_spec.report.recompute import Recomputed, RecomputedCertify, RecomputedG
 from s2r_spec.rollouts.journal import Record
 
 Run = Recomputed | RecomputedGap | RecomputedCertify
-SIGNS = {Verdict.HOLDS: "✓", Verdict.VIOLATED: "✗", Verdict.UNKNOWN: "?"}
 _WIDE = "The search spends few rollouts where the worst case cannot lie, so the band stays wide there."
 
 
@@ -35,7 +33,6 @@ class Part:
 
     command: str
     finding: Finding
-    sign: str
     note: str
     bars: tuple[Bars, ...]
     pictures: tuple[Picture, ...]
@@ -44,48 +41,29 @@ class Part:
     version: str
 
 
-@singledispatch
 def part(run: Run, name: str) -> Part:
     """Return the part of the page on a run; ``name`` makes the names of its pictures unique."""
-    raise TypeError(run)
-
-
-@part.register
-def _check(run: Recomputed, name: str) -> Part:
+    if isinstance(run, RecomputedCertify):
+        return _certify(run, name)
     result = run.result
-    ladder = _ladder("worst expected ρ", result.certificate, result.unit)
+    if isinstance(run, Recomputed):
+        command, symbol, finding = "s2r check", "ρ", checked.finding(run.spec, run.result)
+        worst = _worst_traces(run, name)
+    else:
+        command, symbol, finding = "s2r gap", "Δ", gapped.finding(run.spec, run.result)
+        worst = _worst_pairs(run, name)
     return Part(
-        "s2r check",
-        checked.finding(run.spec, result),
-        SIGNS[result.verdict],
-        _note(result.certificate, run.waiting),
-        (ladder,),
-        (*_check_pictures(run, name), *_worst_traces(run, name)),
-        _settings(result.provenance),
-        run.spec.text,
-        result.provenance["s2r"],
-    )
-
-
-@part.register
-def _gap(run: RecomputedGap, name: str) -> Part:
-    result = run.result
-    finding = gapped.finding(run.spec, result)
-    ladder = _ladder("worst expected Δ", result.certificate, result.unit)
-    return Part(
-        "s2r gap",
+        command,
         finding,
-        SIGNS[finding.verdict],
         _note(result.certificate, run.waiting),
-        (ladder,),
-        (*_gap_pictures(run, name), *_worst_pairs(run, name)),
+        (_ladder(f"worst expected {symbol}", result.certificate, result.unit),),
+        (*_search_pictures(run, name), *worst),
         _settings(result.provenance),
         run.spec.text,
         result.provenance["s2r"],
     )
 
 
-@part.register
 def _certify(run: RecomputedCertify, name: str) -> Part:
     result, gap, composed = run.result, run.gap, run.result.composition
     simulated, unit = run.simulated.result, run.simulated.result.unit
@@ -101,14 +79,13 @@ def _certify(run: RecomputedCertify, name: str) -> Part:
         bars.insert(0, _summands(run, composed))
         pictures.append(band(_composed(run, gap, composed), f"{name}-promise"))
     if gap is not None:
-        pictures += [*_gap_pictures(gap, f"{name}-gap"), *_worst_pairs(gap, f"{name}-gap")]
-    pictures += _check_pictures(run.simulated, f"{name}-simulation")
+        pictures += [*_search_pictures(gap, f"{name}-gap"), *_worst_pairs(gap, f"{name}-gap")]
+    pictures += _search_pictures(run.simulated, f"{name}-simulation")
     if gap is None:
         pictures += _worst_traces(run.simulated, name)
     return Part(
         "s2r certify",
         certified.finding(run.spec, result),
-        SIGNS[result.verdict],
         note,
         tuple(bars),
         tuple(pictures),
@@ -121,98 +98,70 @@ def _certify(run: RecomputedCertify, name: str) -> Part:
 # -- pictures ------------------------------------------------------------------------------------
 
 
-def _check_pictures(run: Recomputed, name: str) -> list[Picture]:
+def _search_pictures(run: Recomputed | RecomputedGap, name: str) -> list[Picture]:
+    """Draw the bound over the test space, and its interval after each batch."""
     if not run.history:
         return []
     result = run.result
+    if isinstance(run, Recomputed):
+        symbol, quantity, tests, of = "ρ", "expected robustness", tested(run.records), "rollouts"
+        title, remark = f"The bound over the test space, in {result.provenance['backend']}", _WIDE
+        batches, counted = "The interval after each batch", "rollouts"
+    else:
+        symbol, quantity, tests, of = "Δ", "expected gap", _tested_pairs(run.pairs), "pairs"
+        title = "The gap between simulator and real machine"
+        remark = f"Below 0 the real machine does worse than the simulator. {_WIDE}"
+        batches = "The bound on the gap after each batch"
+        counted = f"rollouts of {result.provenance['real']['backend']}"
     field = Field(
         space=run.spec.space,
         bounds=_negative(run.search),
-        tests=tuple(tested(run.records)),
+        tests=tuple(tests),
         mark=result.worst.params,
         height=result.worst.mean,
         pointed="worst test",
         lower=result.lower,
         upper=result.upper,
-        symbol="ρ",
-        name="expected robustness",
+        symbol=symbol,
+        name=quantity,
         unit=result.unit,
-        title=f"The bound over the test space, in {result.provenance['backend']}",
-        dots="means over a test's rollouts",
-        remark=_WIDE,
+        title=title,
+        dots=f"means over a test's {of}",
+        remark=remark,
     )
     history = (*run.history[:-1], result.certificate)
-    closed = interval(
-        history, "worst expected ρ", result.unit, "The interval after each batch", f"{name}-interval"
-    )
+    what = f"worst expected {symbol}"
+    closed = interval(history, what, result.unit, batches, f"{name}-interval", counted)
     return [band(field, f"{name}-band"), closed]
 
 
 def _worst_traces(run: Recomputed, name: str) -> list[Picture]:
     if not run.history:
         return []
-    result = run.result
-    source = result.provenance
-    made = source["backend"], source["model_hash"]
-    runs = Runs(run.spec, result.requirement, result.unit, result.folder, run.records, *made)
+    runs = _runs(run, run.records)
     return [trace_picture(runs, record, f"{name}-trace{i}") for i, record in enumerate(worst_records(runs))]
-
-
-def _gap_pictures(run: RecomputedGap, name: str) -> list[Picture]:
-    if not run.history:
-        return []
-    result = run.result
-    field = Field(
-        space=run.spec.space,
-        bounds=_negative(run.search),
-        tests=tuple(_tested_pairs(run.pairs)),
-        mark=result.worst.params,
-        height=result.worst.mean,
-        pointed="worst test",
-        lower=result.lower,
-        upper=result.upper,
-        symbol="Δ",
-        name="expected gap",
-        unit=result.unit,
-        title="The gap between simulator and real machine",
-        dots="means over a test's pairs",
-        remark=f"Below 0 the real machine does worse than the simulator. {_WIDE}",
-    )
-    history = (*run.history[:-1], result.certificate)
-    counted = f"rollouts of {result.provenance['real']['backend']}"
-    title = "The bound on the gap after each batch"
-    closed = interval(history, "worst expected Δ", result.unit, title, f"{name}-interval", counted)
-    return [band(field, f"{name}-band"), closed]
 
 
 def _worst_pairs(run: RecomputedGap, name: str) -> list[Picture]:
     """Draw the pair of the most negative Δ over the values that the requirement allows."""
     if not run.history:
         return []
-    result = run.result
-
-    def runs(role: str, records: tuple[Record, ...]) -> Runs:
-        source = result.provenance[role]
-        folder = result.folder / role
-        return Runs(
-            run.spec,
-            result.requirement,
-            result.unit,
-            folder,
-            records,
-            source["backend"],
-            source["model_hash"],
-        )
-
-    lowest = result.lowest
-    real, simulated = runs("real", run.real), runs("sim", run.simulated)
+    lowest = run.result.lowest
     record = next(one for one in run.real if (one.query, one.replicate) == (lowest.query, lowest.replicate))
     matching = [
         one
         for one in run.simulated
         if (one.query, one.replicate // SIMULATED_PER_REAL) == (lowest.query, lowest.replicate)
     ]
+    real, simulated = _runs(run, run.real, "real"), _runs(run, run.simulated, "sim")
     return [pair_picture(real, record, simulated, matching, f"{name}-pair")]
+
+
+def _runs(run: Recomputed | RecomputedGap, records: tuple[Record, ...], system: str = "") -> Runs:
+    result = run.result
+    source = result.provenance[system] if system else result.provenance
+    made = source["backend"], source["model_hash"]
+    return Runs(run.spec, result.requirement, result.unit, result.folder / system, records, *made)
 
 
 def _composed(run: RecomputedCertify, gap: RecomputedGap, composed: Composition) -> Field:
@@ -243,7 +192,7 @@ def _composed(run: RecomputedCertify, gap: RecomputedGap, composed: Composition)
 
 
 def _negative(search: Search) -> Callable[[FloatArray], tuple[FloatArray, FloatArray]]:
-    """Return the bounds of f, of which the search maximises −f."""
+    """Return the bounds of f, if the search maximises −f."""
 
     def bounds(points: FloatArray) -> tuple[FloatArray, FloatArray]:
         lower, upper = search.band(points)
@@ -298,7 +247,7 @@ def _summands(run: RecomputedCertify, composed: Composition) -> Bars:
         "Intervals of expected values; the red mark is 0.",
         bars(rows, simulated.unit),
         f"The bound for {run.result.real} adds both bounds test by test. The paper adds the worst cases of both "
-        "searches, wherever they lie, and gives a lower end only.",
+        "searches, wherever they lie, and gives only a lower end.",
     )
 
 

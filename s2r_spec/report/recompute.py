@@ -112,8 +112,8 @@ def recompute(folder: Path) -> Recomputed:
     """Return the result of a finished or unfinished check.
 
     Raises:
-        UsageError: there is no rollout yet, the run is of a gap, the journal is damaged, or this version of s2r (or of
-            the numerical libraries) chooses other tests than the recorded ones.
+        UsageError: there is no rollout yet, the run belongs to a gap, the journal is damaged, or this version of s2r
+            (or of the numerical libraries) chooses tests that differ from the recorded ones.
     """
     journal = Journal.read(folder)
     if "side" in journal.header:
@@ -283,7 +283,7 @@ def _asked(query: Query, index: int, replicate: int, params: Mapping[str, float]
     if dict(params) != query.point:
         raise UsageError(
             f"rollout {index}.{replicate} of {folder} was run at {dict(params)}, but the search now chooses "
-            f"{query.point}: the numerical libraries differ from those of the run"
+            f"{query.point}: the numerical libraries differ from the libraries of the run"
         )
 
 

@@ -2,7 +2,7 @@
 
 A signal that holds its last sample is such a curve, and so is one that is linear between samples. The minimum, the
 shift and the window infimum of curves are curves again. Jumps and open interval ends are exact, because a
-breakpoint has its own value besides the limits on its left and right.
+breakpoint has its own value in addition to the limits on its left and right.
 """
 
 from __future__ import annotations
@@ -105,7 +105,7 @@ def nearest(times: FloatArray, targets: FloatArray) -> NDArray[np.intp]:
 
 
 def merged(times: FloatArray, more: FloatArray, snap: float) -> FloatArray:
-    """Return all times in order, without those of ``more`` that are within ``snap`` of another."""
+    """Return all times in order; a time in ``more`` within ``snap`` of another one is left out."""
     fresh = np.sort(more)
     fresh = fresh[np.diff(fresh, prepend=-np.inf) > snap]
     fresh = fresh[np.abs(times[nearest(times, fresh)] - fresh) > snap]
@@ -113,7 +113,7 @@ def merged(times: FloatArray, more: FloatArray, snap: float) -> FloatArray:
 
 
 def aligned(x: Curve, y: Curve, snap: float) -> tuple[Curve, Curve]:
-    """Return both curves on common breakpoints; those of ``y`` within ``snap`` of one of x move there."""
+    """Return both curves on common breakpoints; a breakpoint of ``y`` within ``snap`` of one of x moves there."""
     near = nearest(x.times, y.times)
     close = np.abs(x.times[near] - y.times) <= snap
     y = _moved(y, np.where(close, x.times[near], y.times))

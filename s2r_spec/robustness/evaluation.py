@@ -47,7 +47,7 @@ class Evaluation:
         jitter: greatest distance of a sample from the regular grid, in periods; None if there is no grid.
         period: median time from one sample to the next [s]; None for a single sample.
         narrowest: least number of samples in the shortest window of positive length that lies within the trace;
-            None without one.
+            None if there is none.
         notes: one sentence for each window whose ends lie between samples.
     """
 
@@ -80,7 +80,7 @@ class Evaluation:
 
     @property
     def complete_until(self) -> float | None:
-        """The last sample time [s] at which the trace decides ρ; None without one."""
+        """The last sample time [s] at which the trace decides ρ; None if there is none."""
         return float(self.times[self.complete][-1]) if self.complete.any() else None
 
     @property
@@ -97,7 +97,7 @@ class Reading:
         times: (n,) increasing times [s].
         signals: name → (width, n), in the declared unit, free of NaN.
         params: name → (1, 1), in the declared unit.
-        interpolation: "samples" evaluates conditions at the samples only; "hold" and "linear" at every instant,
+        interpolation: "samples" evaluates conditions only at the samples; "hold" and "linear" at every instant,
             with signals that hold the last sample or are linear between samples.
         until: see :class:`s2r_spec.robustness.evaluate.Walk`.
         clock: the regular grid of the times, or the times themselves.
@@ -159,7 +159,7 @@ class Reading:
         return values
 
     def refuse_short(self, formula: f.Formula) -> None:
-        """Refuse windows shorter than the median period if conditions are evaluated at the samples only.
+        """Refuse windows shorter than the median period if conditions are evaluated only at the samples.
 
         Raises:
             SamplingError: a window is shorter.
@@ -212,7 +212,7 @@ class Reading:
         """Return a reading extended by the formula's horizon; each signal holds its last sample.
 
         Raises:
-            UsageError: the samples lie on no regular grid, or too many would be added.
+            UsageError: the samples do not lie on a regular grid, or too many would be added.
         """
         needed, last = self.needs(formula), self.times[-1]
         if self.grid and samples_needed(formula, self.grid) > MOST_HELD:

@@ -62,7 +62,7 @@ class Explanation:
         rho: the robustness of the requirement, in ``unit``.
         unit: the unit of ρ.
         satisfied: whether the requirement is true there; at ρ = 0 the comparisons decide.
-        parts: from the requirement down to the predicate, each with its own instant.
+        parts: the formulas from the requirement down to the predicate, each with its own instant.
         instant: time at which the predicate is evaluated [s]; None without a predicate.
         predicate: the text of the predicate; "" if no predicate decides ρ.
         line: line of the predicate, or else of the innermost part.
@@ -76,8 +76,8 @@ class Explanation:
         rests: the times of ``responsible`` in words.
         responsible: (from, to) times [s] at which the verdict depends on this predicate: where it fails, or else
             where it must hold; below a negation, where it holds, or else where it must not.
-        unneeded: the right side of an implication that is true because its left side is false; "" without one.
-        reason: why no predicate decides ρ; "" if one does.
+        unneeded: the right side of an implication that is true because its left side is false; "" if there is none.
+        reason: the reason why no predicate decides ρ; "" if one does.
     """
 
     requirement: str
@@ -195,7 +195,7 @@ def explain(formula: f.Formula, reading: Reading, requirement: str, unit: str) -
 
 
 def _unneeded(steps: Sequence[Step]) -> str:
-    """Return the right side of the last implication on the way down whose left side is false; "" without one."""
+    """Return the right side of the last implication on the way down whose left side is false; "" if there is none."""
     for above, below in zip(reversed(steps[:-1]), reversed(steps[1:]), strict=True):
         if below.vacuous and isinstance(above.node, f.Implication):
             return _one_line(above.node.right.span.text)

@@ -163,7 +163,7 @@ def _simplest(low: float, high: float) -> Fraction:
 
 
 def _between(a: int, b: int, c: int, d: int) -> tuple[int, int]:
-    """Return numerator and denominator of the simplest fraction from a/b to c/d."""
+    """Return the numerator and the denominator of the simplest fraction from a/b to c/d."""
     whole, rest = divmod(a, b)
     if not rest:
         return whole, 1

@@ -25,7 +25,7 @@ def horizon(formula: f.Formula) -> float:
 def samples_needed(formula: f.Formula, grid: Grid) -> int:
     """Return the number of samples after an instant that a formula needs on a grid.
 
-    An unbounded window needs its first sample only, since it means the rest of the trace, however long. An open end
+    An unbounded window needs only its first sample, since it means the rest of the trace, of any length. An open end
     does not need the sample on it.
     """
     return _samples(formula, grid.period)
@@ -45,7 +45,7 @@ def _samples(formula: f.Formula, period: Fraction | None) -> int:
 def seconds_needed(formula: f.Formula, step: float, slack: float = 0.0) -> float:
     """Return the time after an instant that a trace must last to decide a formula there [s].
 
-    As :func:`samples_needed`, in time. An unbounded window needs its beginning only.
+    Like :func:`samples_needed`, but in time. An unbounded window needs only its beginning.
 
     Args:
         formula: the formula.

@@ -31,7 +31,7 @@ class Window:
 
     @property
     def length(self) -> float:
-        """Its length [s]."""
+        """Length of the window [s]."""
         return self.interval.high - self.interval.low
 
 
@@ -51,7 +51,7 @@ def windows(formula: f.Formula) -> Iterator[Window]:
 
 
 def narrowest(formula: f.Formula) -> Window | None:
-    """Return the shortest of :func:`windows`; None without one."""
+    """Return the shortest of :func:`windows`; None if there is none."""
     return min(windows(formula), key=lambda window: window.length, default=None)
 
 

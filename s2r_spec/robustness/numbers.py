@@ -47,7 +47,7 @@ class Numbers:
         signals: name → (…, width, n), in the declared unit.
         params: name → (…, 1, 1), in the declared unit.
         clock: the sample times.
-        conditions: makes the evaluator of the conditions in ``if``, ``duration`` and ``count``, to (…, n).
+        conditions: a function that makes the evaluator of conditions in ``if``, ``duration`` and ``count``, to (…, n).
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""A cache for results that depend on a formula alone, for use with many traces."""
+"""A cache for results that depend only on a formula, for use with many traces."""
 
 from __future__ import annotations
 

@@ -33,7 +33,7 @@ class Piece(Generic[A]):
         return array.reshape(self.count, -1)
 
     def read(self, x: Any, flat: A, low: int, fill: float) -> None:
-        """Copy the samples from ``start + low`` on from x (k, n) into ``flat``, with ``fill`` past the end."""
+        """Copy the samples of x (k, n), from ``start + low`` on, into ``flat``, with ``fill`` past the end."""
         part = self.view(flat)
         first = self.start + low
         samples = x[self.rows, first : first + part.shape[1]]

@@ -1,4 +1,4 @@
-"""Robustness on samples: a condition is evaluated at the samples only.
+"""Robustness on samples: a condition is evaluated only at the samples.
 
 Numbers are arrays of shape (…, width, n), conditions arrays of shape (…, n);
 any batch axes come first, time is last.

@@ -2,8 +2,8 @@
 
 On a regular grid, as in :mod:`s2r_spec.robustness.sampled`: numbers are
 (…, width, n), conditions (…, n), any batch axes first. The gradient is an exact
-sub-gradient (:mod:`s2r_spec.robustness.tensor_windows`), or with a temperature
-that of the smooth minimum (:mod:`s2r_spec.robustness.smooth`).
+sub-gradient (:mod:`s2r_spec.robustness.tensor_windows`); with a temperature it
+is the gradient of the smooth minimum (:mod:`s2r_spec.robustness.smooth`).
 """
 
 from __future__ import annotations
@@ -50,24 +50,12 @@ def walk_tensors(
     return Walk(TensorAlgebra(grid, signals, params, temperature), until)
 
 
-def evaluate_tensors(
-    formula: f.Formula,
-    channels: Iterable[Signal],
-    declared: Mapping[str, Param],
-    signals: Mapping[str, Tensor],
-    values: Mapping[str, Tensor],
-    period: float,
-    until: Witness,
-    temperature: float,
-) -> Tensor:
-    """Return (…, n): ρ of a formula; see :meth:`s2r_spec.spec.Spec.robustness_tensor`.
+def read_tensors(channels: Iterable[Signal], signals: Mapping[str, Tensor]) -> dict[str, Tensor]:
+    """Return name → (…, width, n) of every channel.
 
     Raises:
-        UsageError: a signal or a parameter is missing, a time bound is a parameter, or a window is shorter
-            than the period.
+        UsageError: a channel has no signal, or there is no channel.
     """
-    import torch
-
     read: dict[str, Tensor] = {}
     for channel in channels:
         if channel.name not in signals:
@@ -76,18 +64,55 @@ def evaluate_tensors(
         read[channel.name] = tensor if channel.vector else tensor.unsqueeze(-2)
     if not read:
         raise UsageError("this requirement reads no signal, so there is nothing to differentiate")
+    return read
+
+
+def read_numbers(
+    formula: f.Formula, declared: Mapping[str, Param], values: Mapping[str, Tensor], like: Tensor
+) -> dict[str, Tensor]:
+    """Return name → (…, 1, 1) of the parameters that a formula reads, of the type and on the device of ``like``.
+
+    Raises:
+        UsageError: a time bound is a parameter, or a parameter has no value.
+    """
+    import torch
+
     if names(formula).times:
         raise UsageError("a time bound that is a parameter has no gradient; make it a constant")
-    like = next(iter(read.values()))
     numbers: dict[str, Tensor] = {}
     for name in names(formula).params:
         number = values.get(name, declared[name].default)
         if number is None:
             raise UsageError(f"the parameter {name!r} has no value: give params={{{name!r}: …}}")
         numbers[name] = torch.as_tensor(number, dtype=like.dtype, device=like.device)[..., None, None]
-    grid = Grid(like.shape[-1], Fraction(period).limit_denominator(10**9))
+    return numbers
+
+
+def evaluate_tensors(
+    formula: f.Formula,
+    signals: Mapping[str, Tensor],
+    params: Mapping[str, Tensor],
+    period: float,
+    until: Witness,
+    temperature: float,
+) -> Tensor:
+    """Return (…, n): ρ of a formula; see :meth:`s2r_spec.spec.Spec.robustness_tensor`.
+
+    Args:
+        formula: without parameters in its time bounds.
+        signals: result of :func:`read_tensors`, not empty.
+        params: result of :func:`read_numbers`.
+        period: sample period [s].
+        until: see :class:`s2r_spec.robustness.evaluate.Walk`.
+        temperature: see :func:`walk_tensors`.
+
+    Raises:
+        UsageError: a window is shorter than the period.
+    """
+    samples = next(iter(signals.values())).shape[-1]
+    grid = Grid(samples, Fraction(period).limit_denominator(10**9))
     refuse_short(narrowest(formula), grid.step)
-    return walk_tensors(grid, read, numbers, until, temperature)(formula)
+    return walk_tensors(grid, signals, params, until, temperature)(formula)
 
 
 class Windows(Protocol):

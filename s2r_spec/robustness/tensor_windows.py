@@ -1,8 +1,8 @@
 """Window and until operators on torch tensors, with the exact sub-gradient.
 
-The numbers and the method are those of :mod:`s2r_spec.robustness.kernels`. Each result is one of the input samples.
-Its index is computed along with it, and the whole gradient goes to that sample (to the earliest of equal ones). A
-gradient through every pass would take ten times as long.
+The numbers and the method are the same as in :mod:`s2r_spec.robustness.kernels`. Each result is one of the input
+samples. Its index is computed along with it, and the whole gradient goes to that sample (to the earliest of equal
+ones). A gradient through every pass would take ten times as long.
 
 This module needs torch, so it is imported only when there is a tensor.
 """

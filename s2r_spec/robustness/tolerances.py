@@ -157,7 +157,7 @@ def _bands(
 
 
 def _reach(values: list[float]) -> tuple[float, float]:
-    """Return centre and half width of the values to try: three times the range of the plotted values."""
+    """Return the centre and the half width of the values to try: three times the range of the plotted values."""
     low, high = min(values), max(values)
     return (low + high) / 2, 1.5 * max(high - low, 0.1 * abs(high), 1e-3)
 

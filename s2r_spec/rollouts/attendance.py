@@ -45,7 +45,7 @@ def refuse_terms(backend: Backend, terms: Terms) -> None:
         attendance_of(backend, terms.operator)
     elif terms.void != AGAIN:
         raise UsageError(
-            f"--void {terms.void} applies to machines only, and {backend.name} is not one: leave --void out"
+            f"--void {terms.void} applies only to machines, and {backend.name} is not one: leave --void out"
         )
 
 

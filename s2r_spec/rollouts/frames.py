@@ -62,7 +62,7 @@ class Reader:
         self._buffer = bytearray()
 
     def read(self) -> tuple[int, bytes]:
-        """Return number and data of the next message.
+        """Return the number and the data of the next message.
 
         Raises:
             EOFError: the writer or this process has closed the pipe.

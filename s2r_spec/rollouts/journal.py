@@ -253,7 +253,7 @@ class Journal:
         return tuple(self._attempts.open.values())
 
     def place(self, record: Record) -> str:
-        """Return file and line of a rollout, for a message."""
+        """Return the file and the line of a rollout, for a message."""
         return f"{self.path}:{self._entries[record.query, record.replicate].line}"
 
     def check_traces(self) -> None:

@@ -1,4 +1,4 @@
-"""The lines of a journal. The reader checks everything, because a file may be damaged, edited or of another kind."""
+"""The lines of a journal. The reader checks everything, because a file may be damaged, edited or something else."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _REMEDY = "restore the journal from a copy, or begin a new run"
 
 
 class JournalError(UsageError):
-    """The journal of a run is missing, damaged, or of another run."""
+    """The journal of a run is missing or damaged, or belongs to another run."""
 
 
 def read(path: Path) -> tuple[list[bytes], bytes]:

@@ -1,4 +1,4 @@
-"""Lines of a machine's journal besides its rollouts: attempts that began, and attempts without an outcome.
+"""Further lines of a machine's journal, beyond its rollouts: attempts that began, and attempts without an outcome.
 
 A machine's rollout cannot be undone, so the journal announces each one before it begins. One of these ends it:
 
@@ -66,7 +66,7 @@ class Void:
 
     Attributes:
         rollout: the attempt that was void.
-        word: what ended it: "link", "operator", "killed", …
+        word: the cause of its end: "link", "operator", "killed", …
         reason: the same as a sentence.
         trace: file with its trace, relative to the run's folder; None if there is none.
         seconds: duration of the attempt [s].
@@ -202,7 +202,7 @@ class Attempts:
         if not wrong and kind != BEGUN:
             attempt = self.open.get(key)  # type: ignore[arg-type]
             if attempt is None or attempt.attempt != values["attempt"]:
-                wrong = "it ends an attempt that no line before it begins"
+                wrong = "it ends an attempt that no earlier line began"
         if wrong:
             raise JournalError(
                 f"{path}:{number}: not a line of a machine's journal: {wrong}; restore the journal from a copy, or "

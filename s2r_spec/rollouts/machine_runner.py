@@ -307,9 +307,9 @@ class _Ended:
     Attributes:
         trace: the trace of the rollout; None if there is none.
         seconds: the duration of the rollout [s].
-        word: what ended it, if that was not the robot; None for an outcome.
+        word: the cause of its end, if that was not the robot; None for an outcome.
         reason: the same as a sentence.
-        not_begun: why the rollout did not begin; None if it did.
+        not_begun: the reason why the rollout did not begin; None if it did.
         error: error that ends the run; None if the run goes on.
     """
 

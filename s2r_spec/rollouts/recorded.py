@@ -50,7 +50,7 @@ class _Row:
 
 
 class LogBackend:
-    """A backend that returns recorded rollouts; it runs nothing, and has the recorded tests only.
+    """A backend that returns recorded rollouts; it runs nothing, and has only the recorded tests.
 
     Args:
         folder: folder with ``rollouts.csv`` and a trace for each of its rows; options may follow a ``?``.
@@ -174,12 +174,13 @@ def _difference(name: str, trace: Trace, first: Trace, other: str) -> str:
     if name not in trace.channels:
         return f" lacks the channel {name!r}, which {other} has"
     if trace[name].shape[1:] != first[name].shape[1:]:
-        return f": the channel {name!r} has another width than in {other}"
+        return f": the channel {name!r} has a different width from {other}"
     unit, other_unit = trace.units.get(name), first.units.get(name)
     if unit != other_unit:
+        here, there = (f"has the unit {each}" if each else "has no unit" for each in (unit, other_unit))
         return (
-            f", line 1: the channel {name!r} is in {unit or 'no unit'}, "
-            f"but in {other_unit or 'no unit'} in {other}; write a header such as {name} [{unit or other_unit}]"
+            f", line 1: the channel {name!r} {here}, but {there} in {other}; "
+            f"write a header such as {name} [{unit or other_unit}]"
         )
     return ""
 
@@ -286,7 +287,7 @@ def _table(path: Path) -> tuple[dict[str, str], list[_Row]]:
 
 
 def _parameter(text: str) -> tuple[str, str]:
-    """Return name and unit ("" if there is none) from a cell such as "vd [m/s]"; ("", "") for another form."""
+    """Return the name and the unit ("" if there is none) in a cell such as "vd [m/s]"; ("", "") for another form."""
     name, bracket, rest = text.partition("[")
     unit = rest.removesuffix("]")
     fits = not any(mark in name + unit for mark in "[]") and (rest != unit or not bracket)
@@ -322,7 +323,7 @@ def _files(root: Path, rows: Sequence[_Row]) -> dict[str, Path]:
     for name in by_id.keys() - {row.id for row in rows}:
         raise LogError(
             f"{by_id[name][0]} has no row in {TABLE}; add one with its parameters, "
-            f"because leaving out a recording is selection"
+            f"because leaving out a recording biases the bound"
         )
     return {row.id: by_id[row.id][0] for row in rows}
 

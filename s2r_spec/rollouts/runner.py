@@ -26,7 +26,7 @@ class Runner:
     """Runs tasks on a pool, and makes a new pool when one breaks. A context manager.
 
     Args:
-        factory: makes a pool.
+        factory: a function that makes a pool.
         timeout: time limit of a rollout [s], ``inf`` for none; None for the limit of each task.
     """
 

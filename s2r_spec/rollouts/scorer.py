@@ -131,7 +131,7 @@ def _number(value: object) -> float:
     """Return the value of a measure as a float.
 
     Raises:
-        BackendError: it is no number, or not finite.
+        BackendError: it is not a finite number.
     """
     scalar = hasattr(value, "__float__") and getattr(value, "ndim", 0) == 0
     if scalar and not isinstance(value, str | bytes | complex):

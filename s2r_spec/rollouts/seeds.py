@@ -1,4 +1,4 @@
-"""One seed per rollout, a function of the run's seed and the rollout's query and replicate alone."""
+"""One seed per rollout, a function of only the run's seed and the rollout's query and replicate."""
 
 from __future__ import annotations
 

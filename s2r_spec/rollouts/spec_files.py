@@ -67,7 +67,7 @@ def spec_texts(spec: Spec) -> dict[str, str]:
 
 
 def load_run_spec(journal: Journal) -> Spec:
-    """Return the specification of a run, read from the run's folder alone.
+    """Return the specification of a run, read only from the run's folder.
 
     Raises:
         JournalError: the run has no specification, or a file was changed after the run began.

@@ -174,8 +174,8 @@ def _open(task: Task) -> Backend:
         backend = _keeping(backend, task.raw)
     if task.model_hash is not None and backend.model_hash != task.model_hash:
         raise BackendError(
-            f"the worker on {gethostname()} has another model ({short(backend.model_hash)}) than the start of the run "
-            f"({short(task.model_hash)}); install the same versions on both machines;"
+            f"the worker on {gethostname()} has the model {short(backend.model_hash)}, but the run began with "
+            f"{short(task.model_hash)}; install the same versions on both computers;"
         )
     return backend
 

@@ -144,7 +144,7 @@ def _answer(question: bytes) -> bytes:
     try:
         function, arguments = pickle.loads(question)
     except Exception as error:
-        # For instance, a worker on another machine lacks a module.
+        # For instance, a worker on another computer lacks a module.
         return _raised(BackendError(f"a worker cannot run this: {type(error).__name__}: {error}"))
     try:
         return pickle.dumps(("returned", function(*arguments)))

@@ -1,9 +1,9 @@
-"""One worker process for each thread that runs rollouts: a crash or a hang in a rollout loses that rollout only.
+"""One worker process for each thread that runs rollouts: a crash or a hang in a rollout loses only that rollout.
 
 A thread sends a function to its worker process (:mod:`s2r_spec.rollouts.worker`) and waits for the result. A worker
 that dies is replaced, and only its current call is lost. A call sets its own time limit
 (:func:`s2r_spec.rollouts.worker.limit`); a worker that exceeds it is ended with all its descendants. The thread may
-belong to a pool of this process or to a Dask worker on another machine.
+belong to a pool of this process or to a Dask worker on another computer.
 """
 
 from __future__ import annotations
@@ -178,7 +178,7 @@ def call_in_worker(run: str, function: Callable[..., Any], *arguments: Any) -> A
     """Call a function in the worker process of this thread; see :meth:`WorkerProcess.call`.
 
     Args:
-        run: id of the run. A worker serves one run only, because the modules that it loaded may have changed since.
+        run: id of the run. A worker serves only one run, because the modules that it loaded may have changed since.
         function: a function that can be imported by its name.
         arguments: values that can be pickled.
     """

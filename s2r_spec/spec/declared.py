@@ -55,7 +55,7 @@ class Declared:
         )
 
     def read_params(self, texts: Iterable[str]) -> dict[str, float]:
-        """Return name → value in the declared unit, of texts like ``vd=0.3`` or ``vd=30 cm/s``.
+        """Return name → value in the declared unit, from texts like ``vd=0.3`` or ``vd=30 cm/s``.
 
         Raises:
             UsageError: a text is not of this form, a name is unknown, or a unit does not fit.
@@ -63,7 +63,7 @@ class Declared:
         return dict(read_param(self.params, text) for text in texts)
 
     def unit(self, requirement: str) -> str:
-        """Return the unit of ρ: "" without one, "mixed" if ρ combines margins of different dimensions."""
+        """Return the unit of ρ: "" if it has none, "mixed" if ρ combines margins of different dimensions."""
         unit = self._formula(requirement).unit
         return "" if unit is None else unit.text
 

@@ -52,7 +52,7 @@ class Spec(Declared):
         fall) has the ρ that the ``certify`` line declares for it, whatever its samples are.
 
         Args:
-            trace: with every channel of :meth:`channels`.
+            trace: a trace with every channel of :meth:`channels`.
             params: name → value in the declared unit, for every parameter used that has no default.
             interpolation: see :meth:`evaluate`.
             until: see :meth:`evaluate`.
@@ -92,7 +92,7 @@ class Spec(Declared):
         The sign of ρ decides. At ρ = 0 the comparisons decide: x <= c holds at x = c, and x < c does
         not. A trace with a failure satisfies nothing whose declared ``fall`` is not positive.
 
-        Args and errors are those of :meth:`robustness`.
+        For args and errors see :meth:`robustness`.
         """
         names = tuple(self.formulas) if only is None else (only,)
         if trace.failure is not None:
@@ -131,7 +131,7 @@ class Spec(Declared):
         until: Witness = "open",
         end: End = "clip",
     ) -> FloatArray:
-        """Return (n,): ρ of one requirement at every sample; the values of :meth:`evaluate`."""
+        """Return (n,): ρ of one requirement at every sample, as :meth:`evaluate` computes it."""
         evaluation = self.evaluate(
             trace, requirement, params, interpolation=interpolation, until=until, end=end
         )
@@ -157,7 +157,7 @@ class Spec(Declared):
             trace: see :meth:`robustness`.
             requirement: one of :attr:`requirements`.
             params: see :meth:`robustness`.
-            interpolation: "samples" evaluates a condition at the samples only. "hold" and "linear" evaluate it at
+            interpolation: "samples" evaluates a condition only at the samples. "hold" and "linear" evaluate it at
                 every instant from the first sample to the last; between samples, signals hold the last one or
                 are linear.
             until: whether the left side of an until must hold before the witness only
@@ -202,13 +202,12 @@ class Spec(Declared):
             until: see :meth:`evaluate`.
             temperature: the temperature of a smooth minimum, in the unit of ρ; 0 for the exact one.
         """
-        from s2r_spec.robustness.tensor import evaluate_tensors
+        from s2r_spec.robustness.tensor import evaluate_tensors, read_numbers, read_tensors
 
         formula = self._formula(requirement)
-        channels = [self.signals[name] for name in self.channels(requirement)]
-        return evaluate_tensors(
-            formula, channels, self.params, signals, params or {}, period, until, temperature
-        )
+        read = read_tensors([self.signals[name] for name in self.channels(requirement)], signals)
+        numbers = read_numbers(formula, self.params, params or {}, like=next(iter(read.values())))
+        return evaluate_tensors(formula, read, numbers, period, until, temperature)
 
     def monitor(
         self,
@@ -257,7 +256,7 @@ class Spec(Declared):
         Its values, in order, are :meth:`robustness_signal` of the whole trace. A sample takes constant time on
         average, for any length of windows.
 
-        Args and errors are those of :meth:`monitor`. No operator may depend on the whole rest of the trace.
+        For args and errors see :meth:`monitor`. No operator may depend on the whole rest of the trace.
         """
         return RobustnessStream(
             replace(self._followed(params, requirement, period, until, nan), sparse=sparse)
@@ -372,7 +371,7 @@ class Spec(Declared):
     ) -> str:
         """Return in words how far the horizon of a requirement is past the end of a trace.
 
-        Args and errors are those of :meth:`evaluate`.
+        For args and errors see :meth:`evaluate`.
         """
         reading = self._reading(trace, params, requirement, "samples", "open", nan)
         return shortfall(reading.bound(self._formula(requirement)), reading)

@@ -306,7 +306,7 @@ def test_a_local_port_that_is_none_is_an_error():
 
 @pytest.mark.parametrize("host", ["192.168.123.10", "8.8.8.8", "no.such.host.invalid"])
 def test_lock_step_is_refused_with_another_machine(host):
-    with pytest.raises(LinkError, match="this machine"):
+    with pytest.raises(LinkError, match="this computer"):
         opened((host, 8007), lockstep=True)
 
 

@@ -207,6 +207,7 @@ def test_the_recording_holds_what_the_robot_saw_and_makes_the_same_trace_alone(s
     assert same(trace, recording.trace_of(path))
 
 
+@pytest.mark.slow
 def test_a_fall_after_the_command_is_the_robot_s_failure(session, first):
     trace = session.rollout({"vd": 0.2}, 5, session.inject(trot(5) + 20, "tilt=0.7"))
     session.twin.injects = ()

@@ -25,7 +25,8 @@ from tests.terminals import person
 
 MIDDLE = 1000
 """Rounds of a walk: trotting in place takes 600 to 800, and the test of 1.5 s is 750 more."""
-PATIENCE = 120.0
+PATIENCE = 300.0
+"""Seconds that a wait may take: no more than a safety net, for the machine may be busy."""
 
 
 class Held(Steered):
@@ -132,6 +133,26 @@ def lab(tmp_path, monkeypatch):
             twin.walking = lambda n: None
 
 
+def test_a_search_that_is_killed_leaves_a_damped_robot_and_goes_on_with_the_same_test(lab):
+    with lab.start("--run", "r") as search, lab.middle() as status:
+        worker = status["client"]
+        assert worker != search.process.pid
+        os.kill(search.process.pid, signal.SIGKILL)
+        until(lambda: not lives(worker))  # nobody is left to ask it for anything
+    came = lab.until_damped("operator")
+    assert all(damping(data) for data in came)
+    assert len(came) > 1000
+    first = lab.journal()
+    (open_test,) = Journal.read(lab.folder).open
+
+    with lab.start("--resume", "r"):
+        until(lambda: lab.journal().count(b'"begun"') == 2, PATIENCE)
+    assert lab.journal().startswith(first)
+    assert lab.voids() == [("killed", open_test.key)]
+    assert [attempt.key for attempt in Journal.read(lab.folder).open] == [open_test.key]
+
+
+@pytest.mark.slow
 def test_whoever_is_killed_the_robot_is_damped_and_the_run_goes_on_with_the_same_test(lab):
     with lab.start("--run", "r") as search, lab.middle() as status:
         worker, guard = status["client"], status["pid"]
@@ -171,7 +192,7 @@ def test_whoever_is_killed_the_robot_is_damped_and_the_run_goes_on_with_the_same
     assert len(set(keys)) == 1
 
 
-def test_one_ctrl_c_rests_two_damp_and_a_terminal_that_goes_damps(lab):
+def test_one_ctrl_c_brings_the_robot_to_rest(lab):
     with person() as someone, lab.start("--run", "r", terminal=someone.name) as search:
         with lab.middle():
             someone.types("\x03")
@@ -183,10 +204,12 @@ def test_one_ctrl_c_rests_two_damp_and_a_terminal_that_goes_damps(lab):
     came = lab.came()
     assert not any(damping(data) for data in came[:1000])
     assert damping(came[-1])
-    first = lab.journal()
+    assert [word for word, _ in lab.voids()] == ["operator"]
 
-    lab.twin.hold()
-    with person() as someone, lab.start("--resume", "r", terminal=someone.name) as search:
+
+@pytest.mark.slow
+def test_two_ctrl_c_damp_and_a_terminal_that_goes_damps(lab):
+    with person() as someone, lab.start("--run", "r", terminal=someone.name) as search:
         with lab.middle():
             someone.types("\x03")
             until(lambda: lab.guard()["event"]["event"] == "wanted")
@@ -195,6 +218,7 @@ def test_one_ctrl_c_rests_two_damp_and_a_terminal_that_goes_damps(lab):
         done = search.finish(PATIENCE)
     assert done.returncode == 130, done.stderr
     assert all(damping(data) for data in lab.until_damped("operator")[1:])
+    first = lab.journal()
 
     lab.twin.hold()
     with person() as someone, lab.start("--resume", "r", terminal=someone.name) as search:
@@ -205,9 +229,9 @@ def test_one_ctrl_c_rests_two_damp_and_a_terminal_that_goes_damps(lab):
             until(lambda: not lives(status["client"]))
         assert all(damping(data) for data in lab.until_damped("operator")[1:])
     assert lab.journal().startswith(first)
-    words, keys = zip(*lab.voids(), strict=True)
-    assert words == ("operator", "operator")
-    assert len(set(keys)) == 1
+    ((word, key),) = lab.voids()
+    assert word == "operator"
+    assert [attempt.key for attempt in Journal.read(lab.folder).open] == [key]
 
 
 # In real time, where the clock on the wall decides.
@@ -262,6 +286,7 @@ def test_a_client_that_was_stopped_finds_a_robot_that_is_damped_when_it_wakes(wa
     assert moves_after(received, damped) == 0
 
 
+@pytest.mark.slow
 def test_what_a_guard_that_is_killed_leaves_to_the_robot_and_no_lock(walking):
     pid = walking.status()["pid"]
     walking.kill_guard()

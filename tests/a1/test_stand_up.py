@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from s2r_a1.guard import moves
-from s2r_a1.twin import PLACES
+from s2r_a1.twin.places import NOMINAL, PLACES
 from s2r_sim.plant.physics import FallLimits
 from tests.a1.steering import LIMP, steer, twin
 
@@ -21,7 +21,10 @@ def moved(robot, motion, rounds):
     return reading, max(errors), max(tilts)
 
 
-@pytest.mark.parametrize("place", PLACES)
+@pytest.mark.parametrize(
+    "place",
+    [pytest.param(place, marks=() if place in (NOMINAL, "sand") else pytest.mark.slow) for place in PLACES],
+)
 def test_it_stands_up_holds_and_lies_down_again(place):
     robot = twin(place=place)
     lying = steer(robot, LIMP, 5)
@@ -45,7 +48,7 @@ def test_it_stands_up_holds_and_lies_down_again(place):
     assert resting.position[2] < 0.11
     assert np.abs(resting.dq).max() < 1.0  # it sinks onto its belly, braked
 
-    if place == PLACES[0]:
+    if place == NOMINAL:
         moved(robot, moves.standing_up(reading.q, 0), up)
         assert robot.truth().position[2] > FallLimits().height
 

@@ -6,6 +6,7 @@ import math
 import sys
 from collections import Counter
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +32,10 @@ from s2r_spec.rollouts.recorded import LogBackend
 BLIND = Path(__file__).parents[2] / "benchmarks" / "blind"
 MACHINES = {"arm": arm, "quad": quad, "car": car, "segway": segway}
 each = pytest.mark.parametrize("name", MACHINES)
+each_that_runs = pytest.mark.parametrize(
+    "name", [pytest.param("arm", marks=pytest.mark.slow), "quad", "car", "segway"]
+)
+"""The arm takes as long to compile as the three others together, and is held to the same."""
 
 
 @pytest.fixture(scope="module")
@@ -44,16 +49,23 @@ def simulators():
     backend._factory.cache_clear()
 
 
+def few(patch):
+    """Make cases of six rollouts, of which two say how far the effects move ρ."""
+    for name, count in {"BUDGET": 6, "DIFFERENT": 4, "PROBES": 2}.items():
+        patch.setattr(outsiders, name, count)
+
+
 @pytest.fixture(scope="module")
 def cases():
-    """Return set → kind → a case, of six rollouts."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(outsiders, "BUDGET", 6)
-        patch.setattr(outsiders, "DIFFERENT", 4)
-        return {
-            name: {kind: make_case(machine, np.random.default_rng(5), kind) for kind in KINDS}
-            for name, machine in MACHINES.items()
-        }
+    """Return a function of a set: kind → a case, of six rollouts."""
+
+    @cache
+    def made(name):
+        with pytest.MonkeyPatch.context() as patch:
+            few(patch)
+            return {kind: make_case(MACHINES[name], np.random.default_rng(5), kind) for kind in KINDS}
+
+    return made
 
 
 def same(some, others):
@@ -93,15 +105,12 @@ def test_known_causes_are_the_catalogue_and_unknown_ones_are_not(name, simulator
             assert parameter.low <= cause.made(size) <= parameter.high, cause.name
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=pytest.mark.slow if name == "arm" else ()) for name in MACHINES]
-)
+@each_that_runs
 def test_a_case_is_a_function_of_its_random_numbers(name, cases, monkeypatch):
-    monkeypatch.setattr(outsiders, "BUDGET", 6)
-    monkeypatch.setattr(outsiders, "DIFFERENT", 4)
+    few(monkeypatch)
     again = make_case(MACHINES[name], np.random.default_rng(5), "pair")
-    assert again.label == cases[name]["pair"].label
-    same(again.rollouts, cases[name]["pair"].rollouts)
+    assert again.label == cases(name)["pair"].label
+    same(again.rollouts, cases(name)["pair"].rollouts)
 
 
 @each
@@ -114,8 +123,9 @@ def test_tests_cover_the_space_and_a_quarter_of_them_is_repeated(name):
         assert axis.high >= values.max() > axis.high - 0.1 * axis.width
 
 
-@each
+@each_that_runs
 def test_the_command_makes_a_set_that_can_be_read_and_says_nothing_of_its_labels(name, tmp_path, monkeypatch):
+    few(monkeypatch)
     for out in ("one", "two"):
         words = [
             "generate",
@@ -140,13 +150,13 @@ def test_the_command_makes_a_set_that_can_be_read_and_says_nothing_of_its_labels
     assert spec.hash == load_spec(MACHINES[name].SPEC).hash
     assert all(math.isfinite(spec.robustness(trace, test)[spec.requirements[0]]) for test, trace in first)
     assert {key for _, trace in first for key in trace.meta} <= {"source", "failure"}
-    names = [f"run-{k:02d}.npz" for k in range(30)]
+    names = [f"run-{k:02d}.npz" for k in range(6)]
     assert sorted(path.name for path in folders[0].iterdir()) == ["rollouts.csv", *names, "spec.stl"]
 
 
-@each
+@each_that_runs
 def test_a_written_case_is_read_as_it_was_run(name, cases, tmp_path):
-    case = cases[name]["unknown"]
+    case = cases(name)["unknown"]
     further = Case(case.rollouts[:3], case.rollouts[3:4], case.label)
     write_case(further, "0123", tmp_path, MACHINES[name].SPEC)
     same(LogBackend(str(tmp_path / "public" / "0123")).recorded(), further.rollouts)
@@ -154,10 +164,10 @@ def test_a_written_case_is_read_as_it_was_run(name, cases, tmp_path):
     assert json.loads((tmp_path / "sealed" / "0123.json").read_text()) == {"id": "0123", **case.label}
 
 
-@each
+@each_that_runs
 def test_labels_have_what_scoring_needs(name, cases):
     machine = MACHINES[name]
-    for kind, case in cases[name].items():
+    for kind, case in cases(name).items():
         label = case.label
         group = {cause.name: cause for cause in (machine.UNKNOWN if kind == "unknown" else machine.KNOWN)}
         count = {"null": 0, "pair": 2, "triple": 3}.get(kind, 1)
@@ -181,7 +191,7 @@ def test_labels_have_what_scoring_needs(name, cases):
         },
         "how_far": None,
     }
-    scores = score([(case.label, answer) for case in cases[name].values()])
+    scores = score([(case.label, answer) for case in cases(name).values()])
     assert scores["cases"] == len(KINDS)
     assert scores["unknown detected, all"]["of"] == 1
 
@@ -191,7 +201,7 @@ def test_labels_have_what_scoring_needs(name, cases):
     # channel 0.0005 rad, 0.0142 m, 0.018 m and 0.021 m/s; twice that.
     ("name", "rho", "channel", "near"),
     [
-        ("arm", 0.0006, "q", 0.001),
+        pytest.param("arm", 0.0006, "q", 0.001, marks=pytest.mark.slow),
         ("quad", 0.023, "x", 0.03),
         ("car", 0.042, "y", 0.036),
         ("segway", 0.05, "speed", 0.042),
@@ -225,7 +235,7 @@ def split(one, other):
     # arm's dead time is four fifths of its delay, and the rest a lag.
     ("name", "delay", "dead", "noise", "column", "size", "channel"),
     [
-        ("arm", {"delay": 0.02}, 0.016, "encoder", 0, 0.05, "q"),
+        pytest.param("arm", {"delay": 0.02}, 0.016, "encoder", 0, 0.05, "q", marks=pytest.mark.slow),
         ("quad", {"command_delay": 0.06}, 0.06, "noise", 1, 50.0, "z"),
         ("car", {"steer_delay": 0.07}, 0.07, "noise", 0, 1.0, "steer_m"),
         ("segway", {"latency": 0.035}, 0.035, "noise", 0, 0.5, "speed"),
@@ -253,8 +263,9 @@ def test_a_machine_moves_no_earlier_than_its_first_command_arrives(
         assert late < at <= late + 2.5 * step
 
 
+@pytest.mark.parametrize("name", [pytest.param("arm", marks=pytest.mark.slow), "quad"])
 @pytest.mark.parametrize("delay", [0.0, 0.03])
-def test_a_simulated_machine_moves_no_earlier_either(simulators, delay):
+def test_a_simulated_machine_moves_no_earlier_either(simulators, name, delay):
     import s2r_arm
     import s2r_quad
 
@@ -278,11 +289,13 @@ def test_a_simulated_machine_moves_no_earlier_either(simulators, delay):
         found, _ = s2r_quad._fly(1.0, 1.0, 0.0, effects, meas, np.zeros((s2r_quad.N, 2)), np.zeros(5))
         return found[:, 1]
 
-    for moves, step in ((arm_moves, s2r_arm.TS), (quad_flies, s2r_quad.TC * s2r_quad.EVERY)):
-        at = step * split(moves(0.0), moves(0.05))
-        assert delay < at <= delay + 2.5 * step
+    machines = {"arm": (arm_moves, s2r_arm.TS), "quad": (quad_flies, s2r_quad.TC * s2r_quad.EVERY)}
+    moves, step = machines[name]
+    at = step * split(moves(0.0), moves(0.05))
+    assert delay < at <= delay + 2.5 * step
 
 
+@pytest.mark.slow
 def test_an_arm_is_held_where_it_is_until_its_first_command_arrives(simulators):
     import s2r_arm
 

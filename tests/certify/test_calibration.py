@@ -47,7 +47,7 @@ def wrong_runs(name: str, mode: str, runs: int = RUNS) -> int:
 
 @pytest.mark.parametrize("mode", MODES)
 @pytest.mark.parametrize("name", ["rbf", "matern52"])
-@pytest.mark.parametrize("runs", [12, pytest.param(60, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("runs", [6, pytest.param(60, marks=pytest.mark.slow)])
 def test_the_bound_holds(name, mode, runs):
     assert wrong_runs(name, mode, runs) == 0
 

@@ -1,5 +1,7 @@
 """Bounds on probabilities hold, and a broken one is caught."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 from scipy.stats import binom
@@ -39,14 +41,19 @@ def rollouts(function, rng, seed):
     return done
 
 
+@cache
+def searched(seed):
+    """Return a random probability, its norm, and the rollouts of a search: all bounds are of the same ones."""
+    rng = np.random.default_rng([3, seed])
+    function, norm = probability(rng)
+    return function, norm, rollouts(function, rng, seed)
+
+
 def wrong_or_refused(runs=RUNS):
     count = 0
     for seed in range(runs):
-        rng = np.random.default_rng([3, seed])
-        function, norm = probability(rng)
-        found = bound_failure_probability(
-            LINE, rollouts(function, rng, seed), [0.0], kernel=KERNEL, B=2 * norm, delta=DELTA
-        )[0]
+        function, norm, done = searched(seed)
+        found = bound_failure_probability(LINE, done, [0.0], kernel=KERNEL, B=2 * norm, delta=DELTA)[0]
         truth = function(np.linspace(-0.2, 0.3, 1001)[:, None]).max()
         count += bool(found.refused) or not found.lower <= truth <= found.upper
     return count
@@ -78,6 +85,17 @@ def test_a_norm_that_the_rollouts_contradict_is_refused():
     tests = [({"vd": vd}, [-1.0] * 200) for vd in (-0.2, 0.0, 0.3)]
     found = bound_failure_probability(LINE, tests, [0.0], kernel=KERNEL, B=0.5, delta=0.1)[0]
     assert "B = 0.5" in found.refused
+
+
+def test_a_norm_of_less_than_twice_what_the_rollouts_show_is_refused():
+    tests = [({"vd": vd}, [-1.0] * 200) for vd in (-0.2, 0.0, 0.3)]
+
+    def bounded(B):
+        return bound_failure_probability(LINE, tests, [0.0], kernel=KERNEL, B=B, delta=0.1)[0]
+
+    least = bounded(5.0).B_low
+    assert bounded(1.5 * least).refused
+    assert not bounded(2.5 * least).refused
 
 
 def test_nothing_is_bounded_by_nothing():

@@ -88,9 +88,7 @@ def test_tests_outside_the_space_and_with_another_fixed_value_are_named_and_not_
     text = SPEC.replace("require", "param  load {kg} = 2\nrequire")
     result = check(tmp_path, record(tmp_path / "log", tests, header="id,vd [m/s],load [kg]"), text)
     assert result.certificate.rollouts == 3
-    assert any(
-        "5 of 8 recordings are of tests outside the spec's test space" in t for t in result.assumptions
-    )
+    assert any("5 of 8 recordings have tests outside the spec's test space" in t for t in result.assumptions)
 
 
 def test_units_are_converted_and_the_ends_of_the_range_survive_it(tmp_path):

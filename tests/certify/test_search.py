@@ -32,8 +32,11 @@ def test_a_finished_search_is_certified_and_as_narrow_as_asked():
 
 
 def test_before_any_data_the_norm_bound_alone_speaks():
-    certificate = Search(LINE, **USUAL).certificate()
+    search = Search(LINE, **USUAL)
+    certificate = search.certificate()
     assert (certificate.lower, certificate.rollouts) == (-1.5, 0)
+    lower, upper = search.band([[0.0], [0.05]])
+    assert (lower.tolist(), upper.tolist()) == ([-1.5, -1.5], [1.5, 1.5])
     assert certificate.upper == pytest.approx(1.5 + certificate.discretisation)
     assert certificate.label is Label.RUNNING
 

@@ -1,11 +1,10 @@
 from __future__ import annotations
 
 import json
-import os
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from functools import cache
 from pathlib import Path
 
@@ -25,7 +24,13 @@ FINE = SPEC.replace("epsilon = 0.1", "epsilon = 0.05")
 """Four times as many rollouts: for what depends on how narrow an interval is."""
 
 
-_schema = cache(schema)
+@cache
+def _validator(name: str) -> jsonschema.protocols.Validator:
+    """Return what holds objects against a schema, which is checked once."""
+    of = schema(name)
+    kind = jsonschema.validators.validator_for(of)
+    kind.check_schema(of)
+    return kind(of)
 
 
 class CommandLine:
@@ -40,7 +45,7 @@ class CommandLine:
         return path.name
 
     def command(self, *words: object) -> list[str]:
-        """Return what a user's shell would start: for what is killed, or whose pipes matter."""
+        """Return what a user's shell would start: for a command whose pipes matter."""
         return [sys.executable, "-m", "s2r_spec", *map(str, words)]
 
     def __call__(self, *words: object, code: int | None = None) -> subprocess.CompletedProcess[str]:
@@ -51,7 +56,7 @@ class CommandLine:
     def json(self, *words: object, code: int) -> dict:
         """Return the one object on stdout, which is what its schema says."""
         found = json.loads(self(*words, "--json", code=code).stdout)
-        jsonschema.validate(found, _schema(found["schema"]))
+        _validator(found["schema"]).validate(found)
         return found
 
 
@@ -62,17 +67,27 @@ def s2r(tmp_path, toy, monkeypatch) -> CommandLine:
 
 
 @contextmanager
-def waiting(s2r: CommandLine, *words: object, **more: object) -> Iterator[subprocess.Popen]:
-    """Start a command as a user does, whose rollouts of ``toy:waits`` wait until the end of the block."""
+def held_rollouts(s2r: CommandLine) -> Iterator[None]:
+    """Let the rollouts of ``toy:waits`` wait until the end of the block, in commands that start inside it."""
     stop = s2r.folder / "waits"
     stop.touch()
-    environment = os.environ | {"S2R_TOY_WAITS": str(stop)}
-    process = subprocess.Popen(s2r.command(*words), cwd=s2r.folder, env=environment, **more)
-    try:
-        yield process
-    finally:
-        stop.unlink()
-        process.wait(300)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("S2R_TOY_WAITS", str(stop))
+        try:
+            yield
+        finally:
+            stop.unlink()
+
+
+@contextmanager
+def waiting(s2r: CommandLine, *words: object) -> Iterator[forked.Command]:
+    """Start a command whose rollouts of ``toy:waits`` wait until the end of the block; then let it finish."""
+    with ExitStack() as held:
+        held.enter_context(held_rollouts(s2r))
+        with forked.started([*map(str, words)], s2r.folder) as command:
+            yield command
+            held.close()
+            command.finish()
 
 
 def rollouts_in(journal: Path) -> int:

@@ -3,7 +3,7 @@ import subprocess
 
 import pytest
 
-from tests.cli.conftest import SPEC, rollouts_in, waiting
+from tests.cli.conftest import SPEC, held_rollouts, rollouts_in, waiting
 from tests.conftest import rewrite
 from tests.errors import states
 from tests.processes import until
@@ -43,28 +43,24 @@ def test_a_budget_too_small_to_tell_says_unknown(s2r):
 
 
 def test_the_result_depends_on_the_seed_and_not_on_the_workers(s2r):
-    spec = s2r.spec()
-    one, two, other = (
-        without_timing(
-            s2r.json("check", spec, "-b", "toy", "-q", "--workers", workers, "--seed", seed, code=0)
-        )
-        for workers, seed in ((1, 0), (2, 0), (2, 1))
+    words = ("check", s2r.spec(), "-b", "toy", "-q")
+    in_a_thread, in_processes, other = (
+        without_timing(s2r.json(*words, *more, code=0)) for more in ((), ("--workers", 2), ("--seed", 1))
     )
-    assert one == two
-    assert one["search"] != other["search"]
+    assert in_a_thread == in_processes
+    assert in_a_thread["search"] != other["search"]
 
 
 def test_kill_9_in_the_middle_leaves_no_workers_and_resume_gives_the_same_certificate(s2r):
-    spec = s2r.spec()
-    words = ("check", spec, "-b", "toy:waits", "-q", "--workers", 2)
+    words = ("check", s2r.spec(), "-b", "toy:waits", "-q")
     whole = without_timing(s2r.json(*words, "--run", "whole", code=0))
-    with waiting(s2r, *words, "--run", "cut", start_new_session=True) as process:
-        journal = s2r.folder / "cut" / "walking" / "journal.jsonl"
+    with waiting(s2r, *words, "--workers", 2, "--run", "cut") as command:
+        pid, journal = command.process.pid, s2r.folder / "cut" / "walking" / "journal.jsonl"
         until(lambda: rollouts_in(journal) > 10, 300)
-        assert members(process.pid) > {process.pid}
-        process.kill()
-        process.wait()
-        until(lambda: not members(process.pid))  # no worker is left behind
+        assert members(pid) > {pid}
+        command.process.kill()
+        command.process.join()
+        until(lambda: not members(pid))  # no worker is left behind
     before = journal.read_bytes().count(b"\n")
     assert before < whole["search"]["rollouts"]
     resumed = s2r.json(*words, "--resume", "cut", code=0)
@@ -94,7 +90,10 @@ def test_a_fall_counts_as_the_declared_value(s2r):
 
 @pytest.mark.parametrize(
     ("habit", "words", "facts"),
-    [("die", (), ["crash", "3"]), ("hang", ("--timeout", 0.5), ["crash", "0.5 s"])],
+    [
+        pytest.param("die", (), ["crash", "3"], marks=pytest.mark.slow),
+        ("hang", ("--timeout", 0.5), ["crash", "0.5 s"]),
+    ],
 )
 def test_a_worker_that_dies_or_hangs_counts_as_a_crash(s2r, habit, words, facts):
     # A test at 0.3 m/s, the end of the range, is in the first batch of this seed.
@@ -115,8 +114,8 @@ def test_a_worker_that_dies_or_hangs_counts_as_a_crash(s2r, habit, words, facts)
 def test_dask_gives_the_numbers_of_this_machine(s2r):
     distributed = pytest.importorskip("distributed", reason="the extra [dask] is not installed")
     spec = s2r.spec()
-    quiet = {"n_workers": 1, "threads_per_worker": 2, "dashboard_address": None, "silence_logs": 50}
-    with distributed.LocalCluster(**quiet) as cluster:
+    quiet = {"processes": False, "protocol": "tcp", "dashboard_address": None, "silence_logs": 50}
+    with distributed.LocalCluster(1, threads_per_worker=2, **quiet) as cluster:
         words = ("check", spec, "-b", "toy", "--scheduler", cluster.scheduler_address, "-q")
         there = without_timing(s2r.json(*words, code=0))
         assert states(s2r(*words, "--workers", 2, code=2).stderr, "--workers", "--scheduler")
@@ -285,10 +284,10 @@ def test_each_requirement_reads_only_what_it_needs(s2r):
 
 def test_two_processes_do_not_write_to_one_run(s2r):
     words = ("check", s2r.spec(), "-b", "toy:waits", "-q")
-    with waiting(s2r, *words, "--run", "r", stdout=subprocess.DEVNULL) as first:
+    with waiting(s2r, *words, "--run", "r") as first:
         until(lambda: rollouts_in(s2r.folder / "r" / "walking" / "journal.jsonl") > 2, 300)
         assert states(s2r(*words, "--resume", "r", code=2).stderr, "r/walking", "another process")
-    assert first.wait(300) == 0
+    assert first.process.exitcode == 0
 
 
 @pytest.mark.parametrize("left", ["", '{"schema": "s2r.jour'])
@@ -320,9 +319,10 @@ def test_what_the_command_line_refuses_is_one_object_too(s2r):
 
 def test_a_reader_that_goes_away_is_not_told_that_the_requirement_is_violated(s2r):
     words = ("check", s2r.spec(), "-b", "toy:waits", "--run", "cut")
-    with waiting(s2r, *words, stderr=subprocess.PIPE) as process:
+    with held_rollouts(s2r):
+        process = subprocess.Popen(s2r.command(*words), cwd=s2r.folder, stderr=subprocess.PIPE)
         process.stderr.readline()
         process.stderr.close()
-    assert process.wait(timeout=300) == 141
+    assert process.wait(300) == 141
     # It goes on from what there is.
     assert s2r.json("check", s2r.spec(), "-b", "toy:waits", "-q", "--resume", "cut", code=0)["results"]

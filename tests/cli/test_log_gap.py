@@ -4,6 +4,8 @@ import re
 import shutil
 from pathlib import Path
 
+import pytest
+
 from tests.certify.logs import record_from
 from tests.cli.conftest import FINE
 from tests.errors import states
@@ -23,6 +25,7 @@ def test_the_commands_take_a_log_as_the_real_machine(s2r):
     assert "Traceback" not in done.stderr
 
 
+@pytest.mark.slow
 def test_the_page_shows_what_the_commands_print(s2r, monkeypatch):
     (s2r.folder / "specs").mkdir()
     shutil.copy(ROOT / "specs/turtlebot.stl", s2r.folder / "specs")

@@ -55,7 +55,7 @@ def test_the_comparisons_decide_at_zero(s2r):
         assert [one["rho"] for one in result["requirements"]] == [0, 0, 0, 1]
         last = follow(s2r, name, "--json", spec="rules.stl").stdout.splitlines()[-1]
         assert {one["requirement"]: one["satisfied"] for one in json.loads(last)["requirements"]} == broken
-        s2r("monitor", "rules.stl", name, "-r", "idle", code=0)
+    s2r("monitor", "rules.stl", name, "-r", "idle", code=0)
 
 
 def test_what_must_not_hold_is_said_so(s2r):

@@ -184,14 +184,8 @@ def test_a_machine_whose_records_lack_what_a_residual_needs_is_not_heard(felt):
     np.testing.assert_array_equal(heard.seen, 0.0)
 
 
-@pytest.mark.parametrize(
-    ("cost", "strong"),
-    [
-        pytest.param(1e-3, False, marks=pytest.mark.slow),
-        pytest.param(1e-3, True, marks=pytest.mark.slow),
-        (0.3, True),
-    ],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("cost", "strong"), [(1e-3, False), (1e-3, True), (0.3, True)])
 def test_whose_names_and_sizes_are_from_the_equations(quick, tmp_path, monkeypatch, cost, strong):
     """Names where instruments are strong or the simulator is dear, sizes where it is dear."""
     dear, told, cache = cost > 0.1, [], quick

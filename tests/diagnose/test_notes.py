@@ -12,6 +12,7 @@ from s2r_spec.backend import Channel
 from s2r_spec.diagnose import bank as banks
 from s2r_spec.diagnose.ask import as_simulated, cut, read_at, real_rollouts
 from s2r_spec.diagnose.axes import line, lines
+from s2r_spec.diagnose.cache import Cache
 from s2r_spec.diagnose.held_out import mostly_of_one
 from s2r_spec.diagnose.how_far import how_far
 from s2r_spec.diagnose.next_test import next_test
@@ -100,6 +101,7 @@ def test_a_unit_that_does_not_convert_gets_one_sentence(unit, words):
         assert word in str(raised.value)
 
 
+@pytest.mark.slow
 def test_declared_units_do_not_change_the_diagnosis(cache):
     rng = np.random.default_rng(4)
     tests = [{"vd": rng.uniform(0.2, 1), "acc": rng.uniform(1, 4)} for _ in range(12)]
@@ -166,7 +168,7 @@ def test_falls_missing_channels_few_tests_and_a_cut_budget_are_told():
         "1 of 7 real rollouts ended early (fall)"
     )
     [one] = notes(BENCH, Used(many(12, 1), 12, False, 4, 12), ENOUGH)
-    assert one.startswith("all real rollouts are of one test")
+    assert one.startswith("all real rollouts repeat one test")
 
 
 @pytest.mark.parametrize(("times", "words"), [(1e3, "about 1000 times"), (np.pi / 180.0, "about a 57th of")])
@@ -276,15 +278,21 @@ def test_a_rollout_that_rho_cannot_be_told_of_is_named():
         real_rollouts(BENCH, runs, None, 0)
 
 
-def test_a_channel_with_the_other_sign_is_told_and_comes_first(cache):
-    def flipped(trace):
-        channels = dict(trace.channels) | {"u": -trace["u"]}
-        return Trace(trace.times, channels, trace.units)
+def flipped(trace):
+    channels = dict(trace.channels) | {"u": -trace["u"]}
+    return Trace(trace.times, channels, trace.units)
 
+
+def test_a_channel_with_the_other_sign_is_told():
     odd = misread(BENCH, many(8, 8, flipped))
     assert list(odd) == ["u"]
     assert "sign" in odd["u"]
     assert misread(BENCH, many(8, 8)) == {}
+
+
+@pytest.mark.slow
+def test_a_channel_with_the_other_sign_comes_first(cache):
+    odd = misread(BENCH, many(8, 8, flipped))
     found = s2r.diagnose(s2r.parse_spec(SPEC), Cart(), many(12, 9, flipped), cache=cache, where=False)
     assert found.misread == ("u",)
     assert found.notes[0].startswith(odd["u"])
@@ -537,10 +545,13 @@ def test_a_prior_that_should_have_a_scale_and_has_none_gets_one_sentence(prior, 
         assert line(first, first.parameters[0]).typical == pytest.approx(4.0 * typical)
 
 
-def test_a_test_that_was_run_is_not_asked_for_again():
-    bench = bench_of(s2r.parse_spec(SPEC), "tracking", Cart())
-    bank = banks.simulate(bench)
-    bench, signatures = replace(bench, features=bank.features), Signatures.of(bank)
+@pytest.fixture(scope="module")
+def bank(cache):
+    return banks.bank(BENCH, cache=Cache(cache))
+
+
+def test_a_test_that_was_run_is_not_asked_for_again(bank):
+    bench, signatures = replace(BENCH, features=bank.features), Signatures.of(bank)
     rivals = [("payload", {"payload": {"mass": 1.0}}), ("viscous", {"viscous": {"coefficient": 4.0}})]
     first = next_test(bench, signatures, rivals, [], protocols=False)
     again = next_test(bench, signatures, rivals, [first.params], protocols=False)
@@ -549,10 +560,8 @@ def test_a_test_that_was_run_is_not_asked_for_again():
     assert next_test(bench, signatures, rivals, bank.tests, protocols=False) is None
 
 
-def test_no_test_is_said_to_tell_apart_what_laws_a_little_off_would_make_the_same():
-    bench = bench_of(s2r.parse_spec(SPEC), "tracking", Cart())
-    bank = banks.simulate(bench)
-    bench, signatures = replace(bench, features=bank.features), Signatures.of(bank)
+def test_no_test_is_said_to_tell_apart_what_laws_a_little_off_would_make_the_same(bank):
+    bench, signatures = replace(BENCH, features=bank.features), Signatures.of(bank)
 
     def rivals(more):
         return [("payload", {"payload": {"mass": 1.0}}), ("more", {"payload": {"mass": 1.0 + more}})]

@@ -137,7 +137,7 @@ def test_scatter_alone_is_rarely_a_material_gap_and_one_bad_test_is_one(machines
     alarms = 0
     for _ in range(machines):
         real = spread * rng.normal(size=9)
-        alarms += how_far(real, np.zeros(9), None, np.zeros(9), tests, 0.01, 0.0, 3, "m").material
+        alarms += how_far(real, np.zeros(9), None, None, tests, 0.01, 0.0, 3, "m").material
     assert alarms < 0.1 * machines
     bad = np.array([1e-4, 2e-4, 1e-4, 0.4])
     found = how_far(bad, np.zeros(4), None, np.zeros(4), tests[:4], 2e-4, 0.0, 3, "m")

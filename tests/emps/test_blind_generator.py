@@ -38,11 +38,6 @@ def test_the_generator_knows_neither_the_simulators_dynamics_nor_the_diagnosis()
         assert all(name.startswith((*allowed, "benchmarks.blind.emps.")) for name in ours), path
 
 
-def test_nothing_that_is_installed_knows_the_generator():
-    for path in [*(ROOT / "s2r_spec").rglob("*.py"), *(ROOT / "backends").rglob("*.py")]:
-        assert not {name for name in imported(path) if name.startswith("benchmarks")}, path
-
-
 def test_every_member_of_the_catalogue_can_be_a_cause_and_unknown_ones_are_not_in_it():
     assert set(KNOWN) == set(CATALOGUE)
     others = {kind.name: kind.relative_of for kind in (*UNLIKE, *NEAR)}

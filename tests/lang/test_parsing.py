@@ -160,7 +160,7 @@ WORDS = (
 PIECES = st.sampled_from(WORDS.split(" "))
 
 
-@settings(max_examples=examples(300), deadline=None)
+@settings(max_examples=examples(200), deadline=None)
 @given(st.one_of(st.text(max_size=60), st.lists(PIECES, max_size=25).map(" ".join)))
 def test_any_text_is_a_specification_or_a_list_of_mistakes(text: str) -> None:
     with suppress(SpecError):

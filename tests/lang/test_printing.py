@@ -63,8 +63,8 @@ def test_what_is_shipped_is_formatted(path: Path) -> None:
 SPACE = [" ", "  ", "\n", "\n\n\n", "\t", " # why\n", "// so\n", "\n#\n", " # a\n # b\n\n"]
 
 
-@settings(max_examples=examples(300), deadline=None)
-@given(st.lists(FORMULAS, min_size=1, max_size=3), st.randoms(use_true_random=False), st.integers(0, 8))
+@settings(max_examples=examples(200), deadline=None)
+@given(st.lists(FORMULAS, min_size=1, max_size=2), st.randoms(use_true_random=False), st.integers(0, 8))
 def test_any_text(formulas, random, plain) -> None:
     text = (
         "signal x {m/s} in [-1, 1] signal y[3] const c {m} = 1 let a = y[0] param p = 2 in [0, 3]"

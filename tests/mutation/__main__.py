@@ -1,6 +1,7 @@
 """Mutation testing: are small faults in the code caught by its tests?
 
-    python -m tests.mutation [PART | MODULE …] [--sample N | --all | --again] [--minutes M] [--jobs N] [--write]
+    python -m tests.mutation [PART | MODULE …] [--sample N | --all | --again] [--first LINE] [--minutes M] [--jobs N]
+        [--write]
 
 Needs the extra ``mutation``. PART is ``certify``, ``robustness`` or ``guard``; MODULE is a file of one. The working
 tree is copied, and each mutant meets the tests that run its line, the fastest first. Survivors are printed with what
@@ -71,6 +72,7 @@ def tried(
         "part": part.modules(results.ROOT),
         "samples": samples,
         "seed": words.seed,
+        "first": words.first,
         "most": words.seconds,
         "minutes": words.minutes,
     }
@@ -124,6 +126,9 @@ def words_of_the_command() -> argparse.Namespace:
     )
     parser.add_argument("--all", action="store_true", help="every mutant of every module")
     parser.add_argument("--again", action="store_true", help="only the survivors that are kept")
+    parser.add_argument(
+        "--first", type=int, default=1, metavar="LINE", help="from this line on; adds to what is kept"
+    )
     parser.add_argument("--seed", type=int, default=0, help="of the random sample and of its order")
     parser.add_argument(
         "--seconds", type=float, default=20.0, help="of CPU, of the tests that a mutant meets at most"
@@ -177,6 +182,8 @@ def main() -> None:
             (module, row["was"], row["now"]) for module, one in before.items() for row in one["survivors"]
         ]
     fresh = results.scores(rows_of(words), before if words.again else None)
+    if words.first > 1:
+        fresh = {module: results.joined(before.get(module), one) for module, one in fresh.items()}
     kept["modules"] = (before if words.write else {}) | fresh
     if words.write:
         kept["about"] = about()

@@ -54,6 +54,14 @@ def scores(rows: list[Row], before: Row | None) -> Row:
     return found
 
 
+def joined(old: Row | None, new: Row) -> Row:
+    """Return the score of a module from two runs on different lines of it, the earlier lines first."""
+    if old is None:
+        return new
+    left = (*old["survivors"], *new["survivors"])
+    return vars(Score(new["mutants"], old["tried"] + new["tried"], old["killed"] + new["killed"], left))
+
+
 def not_judged(modules: Row) -> list[Row]:
     """Return the survivors of which nothing was judged."""
     known = judged()

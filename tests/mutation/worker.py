@@ -195,7 +195,8 @@ def main() -> None:
             sys.exit(f"the tests do not run the copy of {module}")
         print(json.dumps({"module": module, "mutants": len(every)}), flush=True)
         count = task["samples"][module]
-        drawn += [(module, site) for site in made.sample(every, count, f"{task['seed']} {Path(module).name}")]
+        later = [site for site in every if site.line >= task["first"]]
+        drawn += [(module, site) for site in made.sample(later, count, f"{task['seed']} {Path(module).name}")]
     random.Random(task["seed"]).shuffle(drawn)  # so that a run that is cut short is a random sample, too
     again = None if task["again"] is None else {tuple(one) for one in task["again"]}
     for module, site in drawn:

@@ -19,7 +19,7 @@ ROOT = Path(__file__).resolve().parents[2]
 HELP = "s2r --help"
 """Name of the page of the command line's help."""
 
-_LEAST = 5
+LEAST = 5
 """A string literal with fewer words is a name, a key or a label, and no sentence."""
 
 _STRINGS = (ast.Constant, ast.JoinedStr, ast.BinOp)
@@ -63,8 +63,8 @@ def _plain(text: str) -> str:
     return re.sub(r"``[^`]+``|`[^`]+`", SPAN, _MATH.sub(SPAN, text))
 
 
-def literals(tree: ast.AST) -> Iterator[str]:
-    """Yield the messages of a module: its string literals that are sentences and no docstrings.
+def literals(tree: ast.AST) -> Iterator[tuple[int, str]]:
+    """Yield the line and the text of each message of a module: string literals with sentences, not docstrings.
 
     A field of an f-string is one word. Strings that are added are one string.
     """
@@ -78,14 +78,15 @@ def literals(tree: ast.AST) -> Iterator[str]:
             todo.extend(reversed(_children(node)))
             continue
         for paragraph in re.split(r"\n\s*\n|\n(?=\s)", text):
-            if " " in paragraph.strip() and len(_WORD.findall(paragraph)) >= _LEAST:
-                yield _plain(paragraph)
+            if " " in paragraph.strip() and len(_WORD.findall(paragraph)) >= LEAST:
+                yield node.lineno, _plain(paragraph)
 
 
 def _children(node: ast.AST) -> list[ast.AST]:
-    """Return the nodes directly below a node that can hold a string; names and contexts cannot."""
+    """Return the nodes directly below a node that can hold a sentence; a name or the key of a dictionary cannot."""
     found: list[ast.AST] = []
-    for value in map(node.__dict__.get, node._fields):
+    fields = ("values",) if isinstance(node, ast.Dict) else node._fields
+    for value in map(node.__dict__.get, fields):
         if isinstance(value, list):
             found += [one for one in value if isinstance(one, ast.AST)]
         elif isinstance(value, ast.AST) and not isinstance(value, _EMPTY):
@@ -133,13 +134,17 @@ def command_help() -> Iterator[str]:
         todo += getattr(command, "commands", {}).values()
 
 
+def markdown_files() -> list[Path]:
+    """Return every Markdown page of the repository."""
+    files = [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *(ROOT / "benchmarks").rglob("*.md")]
+    return sorted(file for file in files if not {"_build", "runs"} & set(file.relative_to(ROOT).parts))
+
+
 def markdown_pages() -> dict[str, Measure]:
     """Return the measure of every Markdown page of the repository, by its path."""
-    files = [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *(ROOT / "benchmarks").rglob("*.md")]
-    files = [file for file in files if not {"_build", "runs"} & set(file.relative_to(ROOT).parts)]
     return {
         file.relative_to(ROOT).as_posix(): measure(*markdown(file.read_text(encoding="utf-8")))
-        for file in sorted(files)
+        for file in markdown_files()
     }
 
 
@@ -150,7 +155,7 @@ def package_pages() -> dict[str, Measure]:
         for file in sorted((ROOT / top).rglob("*.py")):
             place = "/".join(file.relative_to(ROOT).parts[:2]) if file.parent != ROOT / top else top
             tree = ast.parse(file.read_text(encoding="utf-8"))
-            gathered.setdefault(f"{place}: messages", []).extend(literals(tree))
+            gathered.setdefault(f"{place}: messages", []).extend(text for _, text in literals(tree))
             gathered.setdefault(f"{place}: docstrings", []).extend(docstrings(tree))
     return {name: measure(paragraphs) for name, paragraphs in gathered.items()}
 

@@ -58,7 +58,9 @@ def test_messages_are_strings_with_their_fields_and_no_docstrings():
         'def f(x):\n    """Not this one, it is a docstring."""\n'
         '    raise E(f"there is no file {x} in the folder; " "make one" + x.y)\n    g("key", "a b")\n'
     )
-    assert list(sources.literals(tree)) == [f"there is no file {SPAN} in the folder; make one{SPAN}"]
+    assert [text for _, text in sources.literals(tree)] == [
+        f"there is no file {SPAN} in the folder; make one{SPAN}"
+    ]
     assert list(sources.docstrings(tree)) == ["Not this one, it is a docstring."]
 
 

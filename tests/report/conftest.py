@@ -39,6 +39,17 @@ def plugin():
         cached.cache_clear()
 
 
+@contextmanager
+def undrawn():
+    """Paint pictures, but neither lay them out nor write them down: for tests that read a page's words."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(
+            "matplotlib.figure.Figure.savefig",
+            lambda self, file, **_: file.write('<svg viewBox="0 0 1 1"></svg>'),
+        )
+        yield
+
+
 def one_thread() -> ThreadPoolExecutor:
     return ThreadPoolExecutor(1)
 

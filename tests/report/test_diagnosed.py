@@ -28,6 +28,7 @@ from s2r_spec.report.figures.robot import is_quadruped, robot
 from s2r_spec.report.nextstep import next_step
 from s2r_spec.trace import Trace
 from tests.errors import states
+from tests.report.conftest import undrawn
 from tests.report.test_html import Page
 
 NASTY = '<script>alert("x")</script> & $x$ | `d` 漢字🤖 ' + "long" * 200
@@ -97,9 +98,25 @@ LEAST = (
 )
 
 
+@functools.cache
+def far_of(dim):
+    """Return a gap that friction closes, at the tests of ``where_of``."""
+    tests, _ = where_of(dim)
+    rng = np.random.default_rng(2)
+    real = -0.3 + 0.02 * rng.normal(size=len(tests))
+    patched, tuned = (real + scatter * rng.normal(size=len(tests)) for scatter in (0.03, 0.02))
+    return how_far(real, np.zeros(len(tests)), patched, tuned, tests, 0.01, 0.02, 3, "m")
+
+
+def page_of(found, spec):
+    """Return a page whose pictures are painted, but not written down."""
+    with undrawn():
+        return Page(diagnosed_page.render(found, spec))
+
+
 def diagnosis(dim, verdict=Verdict.NAMED, body=None, near=8.0, **changes):
     spec = spec_of(dim)
-    tests, found = where_of(dim)
+    _, found = where_of(dim)
     found = replace(found, body=body, no_body="" if body else "the backend computes no residuals")
     sigma = np.array([[0, near, 20], [near, 0, 99], [20, 15, 0.0]])
     answer = ("friction",) if verdict in (Verdict.NAMED, Verdict.CONFOUNDED) else ()
@@ -116,25 +133,12 @@ def diagnosis(dim, verdict=Verdict.NAMED, body=None, near=8.0, **changes):
         isolability=Isolability(EFFECTS, sigma, np.array([9.0, 20.0, 30.0]), 1.0 - np.eye(3), LEAST),
         next_test=NextTest(upcoming | {"gait": 2.0}, "with gait = 2", ("friction", "delay"), 4.0),
     )
-    rng = np.random.default_rng(2)
-    real = -0.3 + 0.02 * rng.normal(size=len(tests))
-    far = how_far(
-        real,
-        np.zeros(len(tests)),
-        real + 0.03 * rng.normal(size=len(tests)),
-        real + 0.02 * rng.normal(size=len(tests)),
-        tests,
-        0.01,
-        0.02,
-        3,
-        "m",
-    )
     one = Diagnosis(
         verdict=verdict,
         reason="friction explains the data best",
         where=found,
         which=which,
-        how_far=far,
+        how_far=far_of(dim),
         patch={"friction": {"force": 1.5}} if answer else {},
         tuned={"friction": {"force": 1.5}, "delay": {"time": 0.0001}},
         provenance={
@@ -219,7 +223,7 @@ def test_what_no_effect_leaves_is_said_in_every_form():
     found, spec = diagnosis(1, left=(PUSH, QUIET))
     words = "−3.25 N·m of torque at FR calf between 0.5 and 0.6 s"
     assert diagnosed.text(found, spec).count(words) == 1
-    assert words in Page(diagnosed_page.render(found, spec)).text
+    assert words in page_of(found, spec).text
     assert words in markdown(found, spec)
     assert "where u is below" not in diagnosed.text(found, spec)
     written = json.loads(diagnosed.as_json(found, spec))
@@ -263,7 +267,7 @@ def test_what_no_data_tell_apart_is_said_to_be_so():
     assert words.count("friction and delay") == 2
     assert "payload" not in words
     assert words in diagnosed.text(alike, spec)
-    for shown in (markdown(alike, spec), Page(diagnosed_page.render(alike, spec)).text):
+    for shown in (markdown(alike, spec), page_of(alike, spec).text):
         assert f"{words[1:]}." in shown
     assert diagnosed.doubt(replace(found.which, answer=())) == ""
     beside = replace(found.which, answer=("friction", "delay"), confounded=("friction", "delay", "payload"))
@@ -298,7 +302,7 @@ def test_no_cause_is_named_that_a_mistake_of_the_recordings_explains_as_well(sam
     assert late.text in note
     assert head.startswith(verdict.value.upper())
     assert said.count(late.text) == markdown(odd, spec).count(late.text) == 1
-    assert Page(diagnosed_page.render(odd, spec)).text.count("by one clock?") == 1
+    assert page_of(odd, spec).text.count("by one clock?") == 1
     assert diagnosed.record(odd, spec)["findings"] == [
         {"code": "late", "channel": "x and y", "text": late.text}
     ]
@@ -312,7 +316,7 @@ def test_a_mistake_in_one_rollout_takes_no_cause_away():
 
 
 def test_confounded_pairs_are_marked():
-    page = Page(diagnosed_page.render(*diagnosis(0, Verdict.CONFOUNDED, near=1.0)))
+    page = page_of(*diagnosis(0, Verdict.CONFOUNDED, near=1.0))
     assert any("less than 3, or of one kind: friction and delay" in alt for alt in page.pictures)
     assert "run the test again with gait = 2" in page.text
 
@@ -407,7 +411,7 @@ def test_the_schema_notices_a_damaged_object(one, damage):
 
 def test_without_where_or_held_out_tests_the_page_says_so():
     found, spec = diagnosis(0)
-    page = Page(diagnosed_page.render(replace(found, where=None, how_far=None), spec))
+    page = page_of(replace(found, where=None, how_far=None), spec)
     assert "No real rollouts were held out" in page.text
     assert len(page.pictures) == 1
 

@@ -10,7 +10,6 @@ from xml.etree import ElementTree as ET
 import jsonschema
 import pytest
 
-from s2r_spec.certify.check import Verdict
 from s2r_spec.certify.gap import gap as bound
 from s2r_spec.certify.rounding import between, down
 from s2r_spec.errors import UsageError
@@ -19,9 +18,10 @@ from s2r_spec.report import REPORTERS, certified, gapped, html, reporter
 from s2r_spec.report.numberline import bars
 from s2r_spec.report.recompute import Kind, kind, recompute_certify, recompute_gap
 from s2r_spec.rollouts.task import open_backend
+from s2r_spec.verdict import Verdict
 from tests.certify.logs import record_from
 from tests.errors import naming, states
-from tests.report.conftest import one_thread, plugin, spec_of
+from tests.report.conftest import one_thread, plugin, spec_of, undrawn
 from tests.report.test_html import Page
 from tests.report.test_reporters import NASTY
 
@@ -118,11 +118,13 @@ def test_the_page_of_a_promise(promised):
 
 
 def test_the_page_of_a_gap_and_of_a_refusal(promised, refused_in_simulation):
-    page = Page(html.render([recompute_gap(promised[2] / "gap")]))
+    with undrawn():
+        page = Page(html.render([recompute_gap(promised[2] / "gap")]))
     assert re.search(r"^.{0,130}✓ BOUNDED .{0,40}Δ ≥ -0\.\d+ m/s.{0,40}1 − 0\.001", page.text)
     assert len(page.pictures) == 3
     _, result, folder = refused_in_simulation
-    page = Page(html.render([recompute_certify(folder, result.real)]))
+    with undrawn():
+        page = Page(html.render([recompute_certify(folder, result.real)]))
     assert re.search(r"^.{0,160}UNKNOWN.{0,60}toy:drag", page.text)
     assert "1 − 0.002" not in page.text
 
@@ -131,7 +133,8 @@ def test_a_fall_of_the_real_side_is_told(unpromised):
     spec, result, folder = unpromised
     assert result.gap.failures
     assert "fell [/leg]" in reporter("text")(certified.report(spec, result))
-    page = Page(html.render([recompute_certify(folder)])).text
+    with undrawn():
+        page = Page(html.render([recompute_certify(folder)])).text
     assert "fell [/leg]" in page
     assert "UNKNOWN" in page
 
@@ -145,14 +148,15 @@ def test_a_gap_that_was_cut_off_is_reported_as_far_as_it_is_whole(promised, tmp_
     run = recompute_gap(folder)
     assert run.waiting > 0
     assert run.history[-1].rollouts + run.waiting == len(run.real)
-    assert states(html.render([run]), f"{run.waiting} rollouts")
+    with undrawn():
+        assert states(html.render([run]), f"{run.waiting} rollouts")
     journal.write_text(lines[0])
     with pytest.raises(UsageError, match=naming(str(folder))):
         recompute_gap(folder)
 
 
 def test_recordings_are_drawn_where_they_lie(tmp_path):
-    with plugin():
+    with plugin(), undrawn():
         log = record_from("toy:drag", [vd / 10 for vd in range(-2, 4)] * 2, tmp_path / "night")
         result = bound(spec_of(0.15), "toy", log, tmp_path / "gap", executor=one_thread)
         run = recompute_gap(tmp_path / "gap")

@@ -11,7 +11,7 @@ from s2r_spec.report import html
 from s2r_spec.report.recompute import recompute, runs_in
 from tests.conftest import rewrite
 from tests.errors import naming, states
-from tests.report.conftest import invented
+from tests.report.conftest import invented, undrawn
 
 VOID = {"meta", "br", "hr", "img", "link", "input"}
 TWO = """\
@@ -69,8 +69,9 @@ def runs(holds, violated, undecided, refused):
 
 @pytest.fixture(scope="module")
 def pages(runs):
-    """A page for each run."""
-    return [html.render([run]) for run in runs]
+    """The words of a page for each run."""
+    with undrawn():
+        return [html.render([run]) for run in runs]
 
 
 def test_a_run_recomputed_from_its_folder_is_the_run(holds, violated, undecided, refused, runs):
@@ -80,8 +81,9 @@ def test_a_run_recomputed_from_its_folder_is_the_run(holds, violated, undecided,
         assert again.waiting == 0
 
 
-def test_the_page_is_whole_small_offline_and_the_same_again(runs, pages):
-    for text, count in ((pages[0], 1), (html.render(runs[1:3]), 2)):
+def test_the_page_is_whole_small_offline_and_the_same_again(runs):
+    first = html.render(runs[:1])
+    for text, count in ((first, 1), (html.render(runs[1:3]), 2)):
         assert len(text.encode()) < 1_000_000
         page = Page(text)
         assert not page.fetched
@@ -89,7 +91,7 @@ def test_the_page_is_whole_small_offline_and_the_same_again(runs, pages):
         assert "#1aa0" not in text  # every colour became a variable
         assert len(page.pictures) == 4 * count
         assert all(page.pictures)
-    assert html.render([recompute(runs[0].result.folder)]) == pages[0]
+    assert html.render([recompute(runs[0].result.folder)]) == first
 
 
 def test_the_verdict_and_the_bound_come_first(pages):
@@ -120,10 +122,12 @@ def test_a_run_that_was_cut_off_is_reported_as_far_as_it_is_whole(undecided, tmp
     run = recompute(folder)
     assert 0 < run.waiting < 8
     assert run.history[-1].rollouts + run.waiting == len(lines) - 4
-    assert states(html.render([run]), f"{run.waiting} rollouts")
+    with undrawn():
+        assert states(html.render([run]), f"{run.waiting} rollouts")
     journal.write_text("".join(lines[:4]))
     assert not (run := recompute(folder)).history
-    assert "UNKNOWN" in Page(html.render([run])).text
+    with undrawn():
+        assert "UNKNOWN" in Page(html.render([run])).text
     journal.write_text(lines[0])
     with pytest.raises(UsageError, match=naming(str(folder))):
         recompute(folder)
@@ -131,7 +135,8 @@ def test_a_run_that_was_cut_off_is_reported_as_far_as_it_is_whole(undecided, tmp
 
 def test_traces_that_are_gone_are_done_without(undecided, tmp_path):
     shutil.copytree(undecided[1].folder, tmp_path / "walking", ignore=shutil.ignore_patterns("*.npz"))
-    gone = Page(html.from_runs([tmp_path / "walking"]))
+    with undrawn():
+        gone = Page(html.from_runs([tmp_path / "walking"]))
     assert len(gone.pictures) == 2
     assert "trace" in gone.text
 

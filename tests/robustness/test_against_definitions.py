@@ -39,19 +39,19 @@ def agrees(case) -> None:
     assert found.truth.tolist() == by_definition(case, Truth)
 
 
-@settings(max_examples=examples(700), deadline=None)
+@settings(max_examples=examples(450), deadline=None)
 @given(case=cases("regular"))
 def test_every_sample_is_as_defined(case) -> None:
     agrees(case)
 
 
-@settings(max_examples=examples(500), deadline=None)
+@settings(max_examples=examples(350), deadline=None)
 @given(case=cases("irregular"))
 def test_irregular_samples_are_as_defined(case) -> None:
     agrees(case)
 
 
-@settings(max_examples=examples(600), deadline=None)
+@settings(max_examples=examples(350), deadline=None)
 @given(case=cases("hold"))
 def test_held_signals_are_as_defined(case) -> None:
     agrees(case)

@@ -1,6 +1,7 @@
 """Functions of the past against loops, boolean signals, and both in continuous time."""
 
 import math
+from functools import cache
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from s2r_spec.errors import TraceError
-from s2r_spec.spec import parse_spec
+from s2r_spec.spec import Spec, parse_spec
 from s2r_spec.trace import Trace
 from tests.errors import naming, states
 
@@ -53,6 +54,11 @@ DEFINITIONS = {
 }
 
 
+@cache
+def spec_of(text: str) -> Spec:
+    return parse_spec(f"signal x require it: {text} > 0")
+
+
 @pytest.mark.parametrize("text", DEFINITIONS)
 @settings(max_examples=40, deadline=None)
 @given(
@@ -63,12 +69,10 @@ DEFINITIONS = {
 def test_functions_as_defined(text: str, x, gaps, regular) -> None:
     steps = [1] * 11 if regular else gaps
     times = np.cumsum([0, *steps])[: len(x)] / 10
-    found = parse_spec(f"signal x require it: {text} > 0").robustness_signal(Trace(times + 3, {"x": x}), "it")
+    found = spec_of(text).robustness_signal(Trace(times + 3, {"x": x}), "it")
     expected = [DEFINITIONS[text](times, x, t) for t in range(len(x))]
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9)
-    held = parse_spec(f"signal x require it: {text} > 0").robustness_signal(
-        Trace(times, {"x": x}), "it", interpolation="hold"
-    )
+    held = spec_of(text).robustness_signal(Trace(times, {"x": x}), "it", interpolation="hold")
     np.testing.assert_allclose(held, expected, rtol=0, atol=1e-9)
 
 

@@ -103,11 +103,11 @@ def test_a_stream_costs_the_same_whatever_the_window_and_the_time(counter, formu
     for window in (0.1, 2):  # 10 and 200 samples
         spec = parse_spec(f"signal x signal y const W {{s}} = {window} require it: {formula}")
         stream = spec.robustness_stream(period=0.01)
-        run(stream, 0, 600)
+        run(stream, 0, 500)
         size = held(stream._recorder)
-        costs[window], numbers = per_sample(counter, stream, 600, 1000)
-        run(stream, 1000, 2000)
-        later, _ = per_sample(counter, stream, 2000, 2400)
+        costs[window], numbers = per_sample(counter, stream, 500, 700)
+        run(stream, 700, 1300)
+        later, _ = per_sample(counter, stream, 1300, 1500)
         assert later == pytest.approx(costs[window], rel=0.05)
         assert held(stream._recorder) <= 1.3 * size
         assert numbers == 0
@@ -145,7 +145,7 @@ def test_a_window_at_the_first_instant_needs_no_memory(counter) -> None:
     )
     monitor = spec.monitor(period=0.01)
     first, numbers = per_sample(counter, monitor, 100, 500)
-    run(monitor, 500, 3000)
-    last, _ = per_sample(counter, monitor, 3000, 3400)
+    run(monitor, 500, 1500)
+    last, _ = per_sample(counter, monitor, 1500, 1700)
     assert (last, numbers) == (pytest.approx(first, rel=0.05), 0)
     assert held(monitor._recorder) <= 7 * 64

@@ -1,7 +1,9 @@
 """Rollouts of a machine: what happens to it, what the journal has, and what is never run again by itself."""
 
 import json
+import shutil
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import pytest
 
@@ -24,6 +26,7 @@ from s2r_spec.rollouts.task import Task, run_task
 from tests.cli.conftest import FINE
 from tests.conftest import rewrite
 from tests.errors import naming, states
+from tests.report.conftest import one_thread, plugin
 
 
 @dataclass
@@ -58,9 +61,47 @@ def robot(toy, tmp_path, monkeypatch):
     ]
 
 
+def parsed():
+    return s2r.parse_spec(FINE.replace("LIMIT", "0.1"), "spec.stl")
+
+
 @pytest.fixture
 def spec():
-    return s2r.parse_spec(FINE.replace("LIMIT", "0.1"), "spec.stl")
+    return parsed()
+
+
+@dataclass(frozen=True)
+class Made:
+    """A run of eight rollouts that was made once, its certificate, and a copy of its folder."""
+
+    result: object
+    folder: Path
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """Runs of eight rollouts: one that nobody attends to, and one with an operator and a void rollout."""
+    kept = tmp_path_factory.mktemp("made")
+    with plugin(), pytest.MonkeyPatch.context() as patch:
+        patch.setenv("S2R_ROBOT", str(kept / "robot.log"))
+        runs = {}
+        for name, habit in (("alone", "auto"), ("attended", "link=3")):
+            (kept / "robot.log").write_text("")
+            more = {} if name == "alone" else {"operator": Operator()}
+            runs[name] = s2r.check(parsed(), f"robot:{habit}", kept / name, budget=8, **more)
+    return kept, runs
+
+
+@pytest.fixture
+def alone(made, tmp_path):
+    kept, runs = made
+    return Made(runs["alone"], Path(shutil.copytree(kept / "alone", tmp_path / "r")))
+
+
+@pytest.fixture
+def attended(made, tmp_path):
+    kept, runs = made
+    return Made(runs["attended"], Path(shutil.copytree(kept / "attended", tmp_path / "attended")))
 
 
 def lines(folder):
@@ -88,7 +129,7 @@ def test_rollouts_run_one_at_a_time_in_one_process_whatever_the_pool(robot, spec
 def test_the_outcomes_are_those_of_a_simulator_bit_for_bit(robot, spec, tmp_path):
     """Same seeds, same tests: what attends to a rollout changes no number."""
     machine = s2r.check(spec, "robot:auto", tmp_path / "r", budget=16)
-    simulator = s2r.check(spec, "toy", tmp_path / "s", budget=16)
+    simulator = s2r.check(spec, "toy", tmp_path / "s", budget=16, executor=one_thread)
     assert (machine.lower, machine.upper, machine.worst) == (
         simulator.lower,
         simulator.upper,
@@ -100,25 +141,22 @@ def test_the_outcomes_are_those_of_a_simulator_bit_for_bit(robot, spec, tmp_path
     assert "voids" not in to_json(checked.requirement_record(simulator))
 
 
-def test_what_the_operator_answers_is_kept_with_the_rollout(robot, spec, tmp_path):
-    s2r.check(spec, "robot:link=3", tmp_path / "r", budget=8, operator=Operator())
-    begun = [line for line in lines(tmp_path / "r") if line.get("kind") == "begun"]
+def test_what_the_operator_answers_is_kept_with_the_rollout(alone, attended):
+    begun = [line for line in lines(attended.folder) if line.get("kind") == "begun"]
     assert [line["answers"] for line in begun] == [{"battery": "full"}] * 9
-    journal = Journal.read(tmp_path / "r")
+    journal = Journal.read(attended.folder)
     (void,) = journal.voids
     assert void.rollout.answers == {"battery": "full"}
     for kept in (void.trace, journal.get(0, 0).trace):
-        assert logs.read(tmp_path / "r" / kept).meta["answers"] == {"battery": "full"}
-    s2r.check(spec, "robot:auto", tmp_path / "auto", budget=8)
-    assert not any("answers" in line for line in lines(tmp_path / "auto"))
+        assert logs.read(attended.folder / kept).meta["answers"] == {"battery": "full"}
+    assert not any("answers" in line for line in lines(alone.folder))
 
 
 @pytest.mark.parametrize("answers", ["full", {"battery": 2}, None])
-def test_answers_that_are_no_texts_are_no_line_of_a_journal(robot, spec, tmp_path, answers):
-    s2r.check(spec, "robot", tmp_path / "r", budget=8, operator=Operator())
-    rewrite(tmp_path / "r", lambda line: line | ({"answers": answers} if "answers" in line else {}))
+def test_answers_that_are_no_texts_are_no_line_of_a_journal(attended, answers):
+    rewrite(attended.folder, lambda line: line | ({"answers": answers} if "answers" in line else {}))
     with pytest.raises(JournalError, match=naming(f"{FILE}:2", "answers")):
-        Journal.read(tmp_path / "r")
+        Journal.read(attended.folder)
 
 
 @pytest.mark.parametrize(("habit", "word"), [("link=3", "link"), ("die=3", "killed")])
@@ -153,12 +191,11 @@ def test_what_the_robot_ended_counts_whatever_else_came(robot, spec, tmp_path):
     assert result.voids == {}
 
 
-def test_more_than_one_void_in_twenty_refuses_the_certificate(robot, spec, tmp_path):
-    result = s2r.check(spec, "robot:link=3", tmp_path / "r", budget=8, operator=Operator())
-    assert result.certificate.label is Label.REFUSED
-    assert states(result.reason, "1", "20")
-    assert result.verdict.exit_code == 3
-    assert recompute(tmp_path / "r").result.certificate.label is Label.REFUSED
+def test_more_than_one_void_in_twenty_refuses_the_certificate(robot, attended):
+    assert attended.result.certificate.label is Label.REFUSED
+    assert states(attended.result.reason, "1", "20")
+    assert attended.result.verdict.exit_code == 3
+    assert recompute(attended.folder).result.certificate.label is Label.REFUSED
 
 
 def test_counted_as_falls_voids_are_outcomes_and_one_refutes_the_proxy(robot, spec, tmp_path):
@@ -208,9 +245,9 @@ def test_an_error_of_the_backend_ends_the_run_and_the_rollout_is_void(robot, spe
     assert robot()[-1] == "end"
 
 
-def test_a_machine_s_certificate_does_not_say_that_void_rollouts_are_counted(robot, spec, tmp_path):
-    for backend, machine in (("robot:auto", True), ("toy", False)):
-        result = s2r.check(spec, backend, tmp_path / backend.partition(":")[0], budget=8)
+def test_a_machine_s_certificate_does_not_say_that_void_rollouts_are_counted(robot, alone, spec, tmp_path):
+    simulated = s2r.check(spec, "toy", tmp_path / "toy", budget=8, executor=one_thread)
+    for result, machine in ((alone.result, True), (simulated, False)):
         assert any("not void" in text for text in result.assumptions) == machine
 
 
@@ -260,7 +297,9 @@ def test_of_a_run_that_was_killed_the_rollout_is_void_and_asked_again(robot, spe
 
 
 def test_a_gap_counts_the_voids_of_the_machine(robot, spec, tmp_path):
-    result = gap(spec, "toy", "robot:link=3", tmp_path / "g", budget=24, operator=Operator())
+    result = gap(
+        spec, "toy", "robot:link=3", tmp_path / "g", budget=24, operator=Operator(), executor=one_thread
+    )
     assert result.voids == {"link": 1}
     assert result.certificate.label.bounds
     assert any("1 × link" in text for text in result.assumptions)
@@ -361,21 +400,19 @@ def test_a_replay_shows_what_was_recorded_and_sends_nothing(robot, spec, tmp_pat
     ],
     ids=lambda change: "-".join(map(str, change.values())),
 )
-def test_a_line_that_is_none_is_named(robot, spec, tmp_path, change):
-    s2r.check(spec, "robot:auto", tmp_path / "r", budget=8)
+def test_a_line_that_is_none_is_named(alone, change):
     first = {"query": 0, "replicate": 0, "attempt": 1}
     rewrite(
-        tmp_path / "r",
+        alone.folder,
         lambda line: line | change if {key: line.get(key) for key in first} == first else line,
     )
     with pytest.raises(JournalError, match=naming(f"{FILE}:2")):
-        Journal.read(tmp_path / "r")
+        Journal.read(alone.folder)
 
 
-def test_a_void_trace_that_was_exchanged_is_noticed(robot, spec, tmp_path):
-    s2r.check(spec, "robot:link=3", tmp_path / "r", budget=8, operator=Operator())
-    journal = Journal.read(tmp_path / "r")
+def test_a_void_trace_that_was_exchanged_is_noticed(attended):
+    journal = Journal.read(attended.folder)
     (void,) = journal.voids
-    (tmp_path / "r" / void.trace).write_bytes(b"another")
+    (attended.folder / void.trace).write_bytes(b"another")
     with pytest.raises(JournalError, match=naming(void.trace)):
         journal.check_traces()

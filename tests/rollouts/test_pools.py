@@ -103,9 +103,9 @@ def test_a_worker_that_segfaults_takes_nobody_with_it(engine):
 
 def test_a_rollout_that_hangs_is_ended_and_takes_nobody_with_it(engine):
     jobs = tasks("toy:hang", [0.3, *HARMLESS])
-    found = outcomes(engine[0], jobs, timeout=2)
-    assert found[0].failure == "crash: no answer within 2 s"
-    assert found[0].seconds == 2
+    found = outcomes(engine[0], jobs, timeout=1)
+    assert found[0].failure == "crash: no answer within 1 s"
+    assert found[0].seconds == 1
     assert numbers(found) == here(jobs[1:])
 
 
@@ -113,8 +113,8 @@ def test_on_a_cluster_too_a_rollout_that_hangs_in_processes_of_its_own_is_ended_
     address = cluster.scheduler_address
     with import_module("distributed").Client(address, set_as_default=False) as client:
         client.run(exec, f"import os; os.environ['S2R_FORKS'] = {os.environ['S2R_FORKS']!r}")
-    found = outcomes(dask_pool(address), tasks("forks:pool-hang", [0.3, 0.1]), timeout=2)
-    assert [found[i].failure for i in range(2)] == ["crash: no answer within 2 s", None]
+    found = outcomes(dask_pool(address), tasks("forks:pool-hang", [0.3, 0.1]), timeout=1)
+    assert [found[i].failure for i in range(2)] == ["crash: no answer within 1 s", None]
     assert len(noted()) == 3
     assert not [pid for pid, _ in noted() if lives(pid)]
 

@@ -11,13 +11,16 @@ from s2r_sim.effects import CATALOGUE, with_effects
 from s2r_sim.plant.noise import Noise
 from s2r_sim.plant.physics import Physics
 from s2r_sim.robot.figures import A1
+from s2r_sim.settings import Settings
 from s2r_spec.backend import HasEffects
 from s2r_spec.effects import choose
 from s2r_spec.errors import UsageError
 from tests.errors import naming
 
-SHORT = SimBackend(duration=0.2)
-QUIET = SimBackend(duration=2.0, noise=Noise.off())
+SHORT_WARM_UP = Settings(warm_up=0.2)
+"""Every effect makes a world of its own, which is warmed up first: by default for a second."""
+SHORT = SimBackend(duration=0.2, settings=SHORT_WARM_UP)
+QUIET = SimBackend(duration=1.6, noise=Noise.off(), settings=SHORT_WARM_UP)
 FAMILIES = {"actuation", "sensing", "contact", "terrain", "inertia", "timing"}
 
 
@@ -50,7 +53,7 @@ def short():
 
 
 def steady(trace):
-    return (trace.times >= 1.2) & (trace.times < 2.0)
+    return (trace.times >= 0.8) & (trace.times < 1.6)
 
 
 def test_the_backend_offers_the_catalogue():
@@ -168,7 +171,9 @@ def test_strength_decays_from_the_command_on():
 
 @pytest.mark.parametrize("delay", [0.0, 0.005, 0.012])
 def test_a_command_moves_the_robot_after_the_delay_and_not_before(delay):
-    late = SimBackend(duration=0.04, noise=Noise.off()).with_effects({"latency": {"delay": delay}})
+    late = SimBackend(duration=0.04, noise=Noise.off(), settings=SHORT_WARM_UP).with_effects(
+        {"latency": {"delay": delay}}
+    )
     stays, goes = (late.rollout({"vd": vd}, 0) for vd in (0.0, 0.3))
     assert not np.array_equal(stays["tau_cmd"][0], goes["tau_cmd"][0])
     apart = (stays["q"] != goes["q"]).any(axis=1)
@@ -204,7 +209,7 @@ def test_a_biased_estimate_shifts_the_true_velocity_by_most_of_it():
 
 
 def test_a_biased_imu_makes_the_trunk_lean_the_other_way():
-    seen = SimBackend("record=truth", duration=2.0, noise=Noise.off())
+    seen = SimBackend("record=truth", duration=1.6, noise=Noise.off(), settings=SHORT_WARM_UP)
     tilted, level = (seen.with_effects(e).rollout({}, 0) for e in ({"attitude_bias": {"pitch": 3.0}}, {}))
     lean, said = (
         np.degrees(tilted[name][steady(tilted)].mean() - level["pitch"][-400:].mean())

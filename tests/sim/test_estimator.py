@@ -76,9 +76,7 @@ def test_odometry_is_exact_for_a_foot_that_rolls():
     spatial = pin.getFrameVelocity(MODEL, data, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
     # Give the base the velocity with which this foot's lowest point stands still.
     state.velocity[:] -= spatial.linear + np.cross(spatial.angular, [0.0, 0.0, -A1.foot_radius])
-    height, velocity = estimator.leg_odometry(
-        A1, state.rpy, state.omega, state.q, state.dq, (False, True, False, False), sin, cos
-    )
+    height, velocity = estimator.leg_odometry(A1, state, (False, True, False, False), sin, cos)
     np.testing.assert_allclose(velocity, state.velocity, atol=1e-12)
     assert height == pytest.approx(state.position[2] - data.oMf[frame].translation[2] + A1.foot_radius)
 

@@ -8,8 +8,10 @@ from s2r_sim.controller.gains import Gains
 from s2r_sim.effects import CATALOGUE
 from s2r_sim.plant.channels import CHANNELS, FROM_OUTSIDE, TRUE_CHANNELS
 from s2r_sim.plant.noise import Noise
+from s2r_sim.settings import Settings
 
-SHORT = SimBackend("record=truth", duration=0.2)
+SHORT_WARM_UP = Settings(warm_up=0.2)
+SHORT = SimBackend("record=truth", duration=0.2, settings=SHORT_WARM_UP)
 
 
 def rollout(effects, backend=SHORT):
@@ -24,7 +26,7 @@ def test_without_sensor_errors_what_is_measured_is_true():
 
 def test_truth_is_recorded_on_demand_and_changes_nothing_else():
     effects = {"encoder_offset": {"thigh": 0.02}}
-    measured, both = rollout(effects, SimBackend(duration=0.2)), rollout(effects)
+    measured, both = rollout(effects, SimBackend(duration=0.2, settings=SHORT_WARM_UP)), rollout(effects)
     assert list(measured.channels) == [channel.name for channel in CHANNELS]
     assert list(both.channels) == [channel.name for channel in SHORT.channels]
     assert SHORT.channels == CHANNELS + TRUE_CHANNELS
@@ -113,7 +115,7 @@ def test_every_sensing_effect_is_listed_here():
 @pytest.mark.parametrize("effect", DIRECTLY)
 def test_a_sensing_effect_shows_in_a_recorded_channel_from_the_first_sample_on(effect):
     values, channel = DIRECTLY[effect]
-    quiet = SimBackend("record=truth", duration=0.2, noise=Noise.off())
+    quiet = SimBackend("record=truth", duration=0.2, noise=Noise.off(), settings=SHORT_WARM_UP)
     trace = rollout({effect: values}, quiet)
     said, true = {
         "vx_est": lambda: (trace["vx_est"], trace["vx"]),
@@ -144,7 +146,7 @@ def test_what_is_seen_from_outside_has_no_error_of_the_robots_sensors(effect):
 def test_an_offset_written_as_a_robot_writes_it_is_known():
     """Residuals that reckon with the offset leave what the nominal ones leave without any."""
     offset = {"encoder_offset": {"thigh": 0.03}}
-    quiet = SimBackend(duration=0.3)
+    quiet = SimBackend(duration=0.3, settings=SHORT_WARM_UP)
     trace, usual = rollout(offset, quiet), rollout({}, quiet)
     bare = quiet.residuals(trace, {"vd": 0.2})
     known = quiet.with_effects(offset).residuals(trace, {"vd": 0.2})

@@ -3,7 +3,14 @@
 import numpy as np
 import pytest
 
-from s2r_sim.controller.reduction import condense, distribute, in_joint_space, solve
+from s2r_sim.controller.reduction import (
+    base_acceleration,
+    distribute,
+    force_cost,
+    in_joint_space,
+    laws_of_motion,
+    solve,
+)
 
 
 @pytest.mark.parametrize("n", [1, 3, 6])
@@ -40,7 +47,10 @@ def test_forces_explain_all_of_the_motion(loaded):
     n = len(loaded)
     law, acceleration, cost = np.empty((18, 7)), np.empty((7, n + 1)), np.empty((n + 1, n + 1))
     legs = in_joint_space(jacobian, feet, known)
-    condense(np.triu(mass), bias, jacobian, legs, base, loaded, share, law, acceleration, cost)
+    upper = np.asfortranarray(np.triu(mass))  # by columns, as Pinocchio has it: for this a tick is compiled
+    laws_of_motion(upper, bias, legs, law)
+    base_acceleration(law, jacobian, loaded, acceleration)
+    force_cost(base, acceleration, share, cost)
     f = np.random.default_rng(1).normal(size=n)
     everything = distribute(law, acceleration, jacobian, loaded, f)
     forces, torque, a = everything[:12], everything[12:24], everything[24:]

@@ -23,12 +23,13 @@ from s2r_sim.residuals.motion import hann, recorded
 from s2r_sim.residuals.world import Motion
 from s2r_sim.residuals.yielding import yielding
 from s2r_sim.robot.figures import LEGS
+from s2r_sim.settings import Settings
 from s2r_spec.backend import HasResiduals
 from s2r_spec.errors import TraceError
 from s2r_spec.trace import Trace
 from tests.errors import naming
 
-SIM = SimBackend(duration=0.8)
+SIM = SimBackend(duration=0.8, settings=Settings(warm_up=0.5))
 # Two to five times what a nominal rollout shows at vd = 0.3 m/s, mean absolute value over time and columns, in the
 # channels' units.
 NOMINAL = {
@@ -44,9 +45,15 @@ def size(values):
     return float(np.mean(np.abs(values)))
 
 
+@cache
+def plain(vd=0.3, seed=1):
+    """Return a walk of the nominal machine."""
+    return SIM.rollout({"vd": vd}, seed)
+
+
 @pytest.fixture(scope="module")
 def nominal():
-    return SIM.residuals(SIM.rollout({"vd": 0.3}, seed=1), {"vd": 0.3})
+    return SIM.residuals(plain(), {"vd": 0.3})
 
 
 @cache
@@ -88,18 +95,20 @@ def test_the_nominal_simulator_leaves_next_to_nothing(vd, seed):
         ("torque_constant", {"factor": 0.85}, ("joint_torque",), ("motor", "base_force")),
         ("dry_friction", {"torque": 0.5}, ("joint_torque",), ("motor", "base_force")),
         ("armature", {"inertia": 0.01}, ("joint_torque",), ("motor", "base_force", "slip")),
-        ("payload", {"mass": 1.0}, ("base_force",), ("motor", "joint_torque", "velocity_estimate")),
-        ("com_offset", {"x": 0.02}, ("base_torque",), ("motor", "joint_torque")),
-        ("foot_drag", {"coefficient": 15.0}, ("base_force", "joint_torque"), ("motor",)),
+        ("payload", {"mass": 2.0, "x": 0.05}, ("base_force",), ("motor", "joint_torque", "velocity_estimate")),
+        ("com_offset", {"x": 0.03, "y": 0.02}, ("base_torque",), ("motor", "joint_torque")),
+        ("foot_drag", {"coefficient": 10.0}, ("base_force", "joint_torque"), ("motor",)),
         ("soft_ground", {"sink": 0.01}, ("sinking",), ("motor", "base_force", "joint_torque")),
         ("roughness", {"height": 0.004}, ("unevenness",), ("motor",)),
         ("slope", {"angle": 4.0}, ("sinking",), ("motor",)),
-        ("shear_creep", {"stiffness": 0.02}, ("slip",), ("motor", "base_force", "joint_torque")),
-        ("ground_friction", {"factor": 0.25}, ("grip", "slip"), ("motor", "joint_torque")),
+        ("shear_creep", {"stiffness": 0.01}, ("slip",), ("motor", "base_force", "joint_torque")),
+        ("ground_friction", {"factor": 0.2}, ("grip", "slip"), ("motor", "joint_torque")),
         ("backlash", {"half_gap": 0.02}, ("joint_torque", "foot_place", "slip"), ("sinking",)),
-        ("velocity_bias", {"forward": 0.05}, ("velocity_estimate",), ("motor", "joint_torque", "base_force")),
-        ("encoder_offset", {"thigh": 0.02}, ("joint_torque", "base_torque", "foot_place"), ("motor", "sinking")),
-        ("attitude_bias", {"pitch": 2.0}, ("acceleration", "foot_place"), ("motor", "sinking")),
+        ("velocity_bias", {"forward": 0.05, "left": -0.03}, ("velocity_estimate",),
+         ("motor", "joint_torque", "base_force")),
+        ("encoder_offset", {"hip": 0.03, "calf": -0.02},
+         ("joint_torque", "base_torque", "foot_place"), ("motor", "sinking")),
+        ("attitude_bias", {"pitch": 3.0}, ("acceleration", "foot_place"), ("motor", "sinking")),
     ],
 )  # fmt: skip
 def test_every_effect_shows_where_it_acts_and_not_elsewhere(nominal, effect, values, shows, quiet):
@@ -173,15 +182,15 @@ def test_the_roughness_that_footholds_ask_for_is_that_of_the_ground(vd):
 
 
 def test_a_slope_is_no_roughness_and_feet_that_never_stood_say_nothing():
-    sloped = SIM.with_effects({"slope": {"angle": 4.0}}).rollout({"vd": 0.3}, seed=1)
-    assert np.abs(SIM.residuals(sloped, {"vd": 0.3})["unevenness"]).mean() < 1e-4
+    sloped = residuals_of("slope", (("angle", 4.0),))
+    assert np.abs(sloped["unevenness"]).mean() < 1e-4
     for stood in (np.zeros((5, 4)), np.eye(5, 4)):
         found = footing(stood, np.zeros((5, 4)), np.zeros((5, 4)))
         assert found.spread(found.expected).tolist() == np.zeros((5, 4)).tolist()
 
 
 def test_a_foothold_that_was_not_recorded_takes_no_other_with_it():
-    trace = SIM.with_effects({"roughness": {"height": 0.004}}).rollout({"vd": 0.3}, seed=1)
+    _, trace = walked("roughness", (("height", 0.004),))
     whole = SIM.residuals(trace, {"vd": 0.3})["unevenness"]
     for name in ("foot_position", "foot_force"):
         holed = trace[name].copy()
@@ -206,8 +215,7 @@ def test_footholds_are_told_foot_by_foot_and_stand_by_stand():
 def test_noise_of_a_velocity_is_no_slide():
     rng = np.random.default_rng(0)
 
-    def lacking(machine, knowing):
-        trace = machine.rollout({"vd": 0.3}, seed=1)
+    def lacking(trace, knowing):
         of = {"dq": 0.1, "vx": 0.02, "vy": 0.02, "foot_velocity": 0.02}
         noisy = {
             name: values + of.get(name, 0.0) * rng.normal(size=values.shape)
@@ -217,15 +225,15 @@ def test_noise_of_a_velocity_is_no_slide():
             knowing.residuals(Trace(trace.times, noisy, trace.units, trace.meta), {"vd": 0.3})["grip"]
         )
 
-    slippery = SIM.with_effects({"ground_friction": {"factor": 0.2}})
-    bare = lacking(slippery, SIM)
-    assert lacking(SIM, SIM) < 0.05 * bare
-    assert lacking(slippery, slippery) < 0.05 * bare
+    slippery, trace = walked("ground_friction", (("factor", 0.2),))
+    bare = lacking(trace, SIM)
+    assert lacking(plain(), SIM) < 0.05 * bare
+    assert lacking(trace, slippery) < 0.05 * bare
 
 
 def test_a_residual_is_shown_every_field_of_the_world_that_changes_it():
     """What it is not shown it takes for nominal, in silence: so here all fields at once, and one by one."""
-    trace = SIM.rollout({"vd": 0.3}, seed=1)
+    trace = plain()
     log = recorded(trace, SIM.settings.robot)
     test, bare = read_test({"vd": 0.3}), SIM.settings.physics
     ends = [
@@ -294,7 +302,7 @@ def test_effects_that_are_known_together_leave_little_together(nominal):
 
 def test_a_residual_does_not_depend_on_what_was_asked_before(nominal):
     machines = [SIM.with_effects({"slope": {"angle": a}, "payload": {"mass": 1.0}}) for a in (-3.0, 0.0, 5.0)]
-    trace = SIM.rollout({"vd": 0.3}, seed=1)
+    trace = plain()
     asked = [machine.residuals(trace, {"vd": 0.3}) for machine in machines]
     copied = Trace(trace.times, trace.channels, trace.units)
     for machine, before in zip(reversed(machines), reversed(asked), strict=True):
@@ -328,7 +336,7 @@ def test_a_declared_payload_and_slope_leave_little(nominal):
 
 
 def test_what_cannot_be_computed_is_left_out_and_nothing_at_all_is_said():
-    trace = SIM.rollout({"vd": 0.1}, seed=0)
+    trace = plain(0.1, 0)
     assert SIM.residuals(trace.only(["vx", "vy", "vx_est", "vy_est"])).channels.keys() == {
         "velocity_estimate"
     }
@@ -341,8 +349,7 @@ def test_what_cannot_be_computed_is_left_out_and_nothing_at_all_is_said():
 
 
 def test_what_rotors_do_in_their_gears_is_no_slide_of_a_foot_that_is_seen():
-    machine = SIM.with_effects({"backlash": {"half_gap": 0.02}})
-    trace = machine.rollout({"vd": 0.3}, seed=1)
+    _, trace = walked("backlash", (("half_gap", 0.02),))
     by_joints = trace.only([name for name in trace.channels if name != "foot_velocity"])
     seen, told = (size(SIM.residuals(each, {"vd": 0.3})["grip"]) for each in (trace, by_joints))
     assert seen < 0.05 * told
@@ -353,6 +360,13 @@ def test_what_rotors_do_in_their_gears_is_no_slide_of_a_foot_that_is_seen():
     assert seen < size(SIM.residuals(holed, {"vd": 0.3})["grip"]) < told
 
 
+@cache
+def of_channels(*left_out):
+    """Return the residuals of a walk of which some channels were not recorded."""
+    trace = plain(0.1, 0)
+    return SIM.residuals(trace.only([name for name in trace.channels if name not in left_out]))
+
+
 @pytest.mark.parametrize("one", RESIDUALS, ids=lambda one: one.name)
 def test_a_residual_needs_no_channel_but_those_that_it_lists(one):
     machine = SIM.with_effects(
@@ -361,17 +375,16 @@ def test_a_residual_needs_no_channel_but_those_that_it_lists(one):
             for effect in SIM.effects()
         }
     )
-    trace = SIM.rollout({"vd": 0.1}, seed=0)
-    few = trace.only(list(one.needs))
-    by_joints = trace.only([name for name in trace.channels if name != "foot_velocity"])
-    np.testing.assert_array_equal(SIM.residuals(few)[one.name], SIM.residuals(by_joints)[one.name])
+    few = plain(0.1, 0).only(list(one.needs))
+    alone = SIM.residuals(few)[one.name]
+    np.testing.assert_array_equal(alone, of_channels("foot_velocity")[one.name])
     # Feet that are seen from outside move as the joints have it, if nothing is wrong with the encoders.
-    np.testing.assert_allclose(SIM.residuals(few)[one.name], SIM.residuals(trace)[one.name], atol=2e-3)
+    np.testing.assert_allclose(alone, of_channels()[one.name], atol=2e-3)
     assert np.isfinite(machine.residuals(few)[one.name]).all()
 
 
 def test_it_is_cheap_and_pure():
-    trace = SIM.rollout({"vd": 0.1}, seed=0)
+    trace = plain(0.1, 0)
     first, spent = SIM.residuals(trace), []
     for _ in range(5):
         copied = Trace(trace.times, trace.channels, trace.units)

@@ -54,7 +54,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 _COMMANDS = {
     "status": "Print the state of the guard, and the reason for it.",
-    "lie": "Make the robot come to a stand and lie down.",
+    "lie": "Make the robot stop and stand, and then lie down.",
     "damp": "Damp the robot at once; only a reset ends the damping.",
     "stop": "Make the robot lie down if it stands, and end the guard.",
 }
@@ -87,15 +87,15 @@ def _found(host: str | None, port: int) -> Any:
         files = place(host, port)
         if not _runs(files.control.stem):
             raise BackendError(
-                f"no guard of {host}:{port} is running; start one by a run with a1:host={host}"
+                f"no guard of {host}:{port} is running; start one with a run on a1:host={host}"
             )
         return files.control
     running = [path for path in sorted(folder().glob("*.sock")) if _runs(path.stem)]
     if not running:
-        raise BackendError("no guard is running; start one by a run with a1:host=…")
+        raise BackendError("no guard is running; start one with a run on a1:host=…")
     if len(running) > 1:
         names = ", ".join(path.stem.replace("_", ":") for path in running)
-        raise UsageError(f"{len(running)} guards are running, for {names}; name one by --host and --port")
+        raise UsageError(f"{len(running)} guards are running, for {names}; name one with --host and --port")
     return running[0]
 
 
@@ -121,7 +121,7 @@ def _await_end(connection: Connection) -> None:
         except ControlError:
             return
         time.sleep(0.02)
-    raise BackendError("the guard has not ended yet; check it by: python -m s2r_a1.guard status")
+    raise BackendError("the guard has not ended yet; check it with: python -m s2r_a1.guard status")
 
 
 def _lines_of(status: dict[str, Any]) -> str:

@@ -261,7 +261,7 @@ def status(guard: Guard) -> dict[str, Any]:
 
 
 def unready(guard: Guard) -> str | None:
-    """Return the reason why a robot must not be armed now, or None."""
+    """Return why a robot must not be armed now, or None."""
     if guard.robot.layout not in JUDGED:
         return unjudged(guard)
     return states.unready(guard.machine, guard.conditions(), guard.limits)
@@ -290,7 +290,7 @@ def silent(guard: Guard) -> str:
         clock = " --clock lockstep" if guard.lockstep else ""
         return (
             f"no twin of the {guard.layout.name} answers at {where}; "
-            f"start one by: python -m s2r_a1.twin --port {guard.robot.port}{clock}"
+            f"start one with: python -m s2r_a1.twin --port {guard.robot.port}{clock}"
         )
     return f"no {guard.layout.name} answers at {where}; check that it is on, its address, and the cable"
 

@@ -91,7 +91,9 @@ class Connection:
             self._socket.connect(str(path))
         except OSError as error:
             self._socket.close()
-            raise ControlError(f"no guard listens at {path}: {error.strerror}; start one by a run") from None
+            raise ControlError(
+                f"no guard listens at {path}: {error.strerror}; start one with s2r check, gap or certify"
+            ) from None
         self._socket.setblocking(False)
 
     def request(self, do: str, /, **fields: Any) -> dict[str, Any]:

@@ -1,7 +1,7 @@
 """Compute the positions of the feet and the height of the base, in plain Python numbers.
 
 Data: joint angles q and the attitude of the base as a unit quaternion (w, x, y, z). The guard has its own kinematics
-because it must not load a simulator; ``tests/a1/test_limits.py`` compares them with those of ``s2r_sim``. Legs in the
+because it must not load a simulator; ``tests/a1/test_limits.py`` compares them with ``s2r_sim``. Legs in the
 order FR, FL, RR, RL; axes x forward, y left, z up; m and rad.
 """
 
@@ -56,7 +56,7 @@ def heights(legs: Legs, q: Sequence[float], quaternion: Sequence[float]) -> Iter
 
 
 def standing(legs: Legs, height: float) -> tuple[float, float, float]:
-    """Return hip, thigh and calf angle [rad] of a stand with the base at this height [m] and the feet below the hips.
+    """Return the hip, thigh and calf angles [rad] of a stand: the base at this height [m], the feet below the hips.
 
     Thigh and calf must have equal lengths.
     """

@@ -69,7 +69,7 @@ class Limits:
     highest: Annotated[
         Vector3, Figure("rad", "Safety of SDK for the A1: hip, thigh, calf", "legs may strike their stops")
     ] = (0.802, 4.19, -0.916)
-    legs: Annotated[leg.Legs, Figure("m", "the A1's URDF", "the height is wrong by as much")] = leg.A1
+    legs: Annotated[leg.Legs, Figure("m", "the A1's URDF", "the height is off by the same amount")] = leg.A1
     margin: Annotated[
         float,
         Figure(
@@ -117,17 +117,18 @@ class Limits:
         float, Figure("°C", "WP warns there; no test begins above it", "heat ends tests, and they are lost")
     ] = 50.0
     tilt: Annotated[
-        float, Figure("rad", "FE stops at 0.555, a specification's fall is 0.7", "falls end in an impact")
+        float, Figure("rad", "FE stops at 0.555; a specification's fall is 0.7", "falls end in an impact")
     ] = 0.5
     height: Annotated[
-        float, Figure("m", "FE; a specification's fall is 0.16", "a stand of 0.28 m counts as a fall")
+        float,
+        Figure("m", "FE uses it, too; a specification's fall is 0.16", "a stand of 0.28 m counts as a fall"),
     ] = 0.18
     deviation: Annotated[
         float,
         Figure(
             "rad",
             "a pose out of reach burnt a motor (locomotion_simulation issue 7)",
-            "the position gain asks for 2 × 40 N·m",
+            "the position gain commands 2 × 40 N·m",
         ),
     ] = 0.5
     still: Annotated[
@@ -155,14 +156,14 @@ class Limits:
         int,
         Figure(
             "ns",
-            "for states without motion; changing a battery takes longer",
+            "only in states without motion; changing a battery takes longer",
             "a robot that was switched off and on stays armed",
         ),
     ] = SECOND
     dropped: Annotated[int, Figure("packets", "five rounds are 10 ms", "torque acts on old states")] = 5
     kp: Annotated[float, Figure("N·m/rad", "the stiffest stand published (FE, WP)", "joints ring")] = 100.0
     kd: Annotated[float, Figure("N·m·s/rad", "the guide's stand has 7", "joints ring")] = 10.0
-    speed: Annotated[float, Figure("rad/s", "the A1's URDF", "kd alone asks for 200 N·m")] = 21.0
+    speed: Annotated[float, Figure("rad/s", "the A1's URDF", "kd alone commands 200 N·m")] = 21.0
     wild_speed: Annotated[
         float, Figure("rad/s", "twice the joints' largest speed", "a broken encoder acts for longer")
     ] = 42.0

@@ -168,7 +168,7 @@ class Guard:
             self._socket = opened(peer, lockstep=self.lockstep, port=robot.local)
             return UdpLink(self._socket, self.layout)
         if self.lockstep:
-            raise LinkError("the vendor's module runs in real time only; leave out module or clock=lockstep")
+            raise LinkError("the vendor's module runs only in real time; leave out module or clock=lockstep")
         from s2r_a1 import vendor  # imported only if the user names a third-party module
 
         return vendor.opened(robot.module, self.layout, peer, robot.local)
@@ -327,7 +327,7 @@ class Guard:
         return self.moving()
 
     def moving(self) -> bool:
-        """Return whether the robot moves without a client, so that rounds must go on."""
+        """Return whether the robot moves without a client; rounds must then go on."""
         machine = self.machine
         return ROWS[machine.state].moves or machine.wanted is not None or self._sinking()
 

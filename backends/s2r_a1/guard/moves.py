@@ -20,7 +20,7 @@ from s2r_a1.wire import MOTORS, Orders
 FloatArray = NDArray[np.float64]
 
 STAND_HEIGHT = 0.28
-"""A definition [m]: height of the base in a stand, equal to that of the walking controller of ``s2r_sim``."""
+"""A definition [m]: height of the base in a stand, as in the walking controller of ``s2r_sim``."""
 STAND_UP = 2_000_000_000
 """A level [ns]: time to stand up. Source: unitree_guide. Twice as long heats the motors longer."""
 LIE_DOWN = 2_000_000_000

@@ -133,7 +133,7 @@ def claim(place: Place) -> None:
     except OSError:
         name.close()
         raise BackendError(
-            f"another guard on this machine uses the robot at {place.lock.stem.replace('_', ':')}, by another user "
+            f"another guard on this computer uses the robot at {place.lock.stem.replace('_', ':')}, by another user "
             "or with another S2R_A1_RUN; end it first"
         ) from None
     name.detach()

@@ -48,7 +48,7 @@ def attach(robot: Robot, role: Role | None = None, **hello: Any) -> tuple[Connec
             if answer[name] != getattr(robot, name):
                 raise UsageError(
                     f"the guard of {robot.host}:{robot.port} has {name}={answer[name]}, not "
-                    f"{name}={getattr(robot, name)}; end it by: python -m s2r_a1.guard stop --host {robot.host} "
+                    f"{name}={getattr(robot, name)}; end it with: python -m s2r_a1.guard stop --host {robot.host} "
                     f"--port {robot.port}"
                 )
     except (UsageError, RefusedError):

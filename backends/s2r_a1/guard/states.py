@@ -399,7 +399,7 @@ def request(
 ) -> tuple[Machine, str | None]:
     """Return the machine after a request for a motion, and a message if it is refused.
 
-    Requests are those of :data:`BEGINNINGS`, and halt, lie and damp. A request for the present state changes nothing
+    Requests are the keys of :data:`BEGINNINGS`, and halt, lie and damp. A request for the present state changes nothing
     and is not refused.
     """
     now = machine.memory.now

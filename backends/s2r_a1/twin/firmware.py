@@ -51,7 +51,7 @@ class Firmware:
     """Delays commands on their way to the motors, and applies the rule for silence.
 
     Attributes:
-        mode: (12,) modes that the motors report: those of the last received command.
+        mode: (12,) modes that the motors report: the modes of the last received command.
     """
 
     def __init__(self, delay: int, rule: Silence) -> None:

@@ -2,7 +2,7 @@
 
     KIND[=VALUE][@ROUND[-[ROUND]]]      nan=gyro@100-101    loss=0.01    heat=3:65@500-    silence@200-210
 
-A round is 2 ms; round 0 is that of the first command. ``@100`` is this round alone, ``@100-`` this round and all later
+A round is 2 ms; the first command arrives in round 0. ``@100`` is only this round, ``@100-`` this round and all later
 ones; without ``@`` the fault acts in every round. A value for motors may begin with the number of a motor (0…11 in the
 order of the wire), or with ``hip``, ``thigh``, ``calf`` or ``all``: ``joint=calf:-2.6``.
 """

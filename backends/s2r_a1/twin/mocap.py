@@ -1,7 +1,7 @@
 """Motion capture of a twin: its true pose at 200 Hz, on a clock of its own.
 
 A line is JSON: ``{"t", "x", "y", "z", "qw", "qx", "qy", "qz"}``, with time [s], position of the base origin [m] and
-attitude in the world frame. ``t`` differs from the robot's clock by a constant that depends on the seed only.
+attitude in the world frame. ``t`` differs from the robot's clock by a constant that depends only on the seed.
 """
 
 from __future__ import annotations

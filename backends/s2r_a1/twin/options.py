@@ -31,7 +31,7 @@ class Options:
 
     Attributes:
         twin: settings of the twin.
-        address: address at which it listens, on this computer only; port 0 is any free one.
+        address: address at which it listens, only on this computer; port 0 is any free one.
         clock: whether rounds follow the computer's clock or the received datagrams.
         mocap: port of this computer to which it sends its true pose, or None.
         record: file for all received and sent packets, or None.
@@ -78,7 +78,7 @@ def read_options(arguments: list[str]) -> Options:
 def _parser() -> argparse.ArgumentParser:
     parser = _Parser(
         prog="python -m s2r_a1.twin",
-        description="Run a twin of an A1: a simulated robot behind the robot's wire protocol, on this machine only.",
+        description="Run a twin of an A1: a simulated robot behind the robot's wire protocol, only on this computer.",
         epilog="Injects: " + "; ".join(f"{name} {kind.does}" for name, kind in KINDS.items()) + ". "
         "Each may have =VALUE and @ROUND, @FIRST-LAST or @FIRST-, in rounds of 2 ms from the first command on.",
         allow_abbrev=False,
@@ -138,6 +138,6 @@ def _loopback(host: str) -> str:
         address = None
     if address is None or not address.is_loopback:
         raise UsageError(
-            f"a twin listens on this machine only, and {host!r} is not 127.0.0.1; leave --host out"
+            f"a twin listens only on this computer, and {host!r} is not 127.0.0.1; leave --host out"
         )
     return str(address)

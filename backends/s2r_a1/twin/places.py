@@ -1,4 +1,4 @@
-"""The environments of a robot's twin: those of the backend `twin`, and one without effects."""
+"""The environments of a robot's twin: the places of the backend `twin`, and one without effects."""
 
 from __future__ import annotations
 

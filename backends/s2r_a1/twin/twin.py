@@ -79,7 +79,7 @@ class Twin:
 
     Attributes:
         settings: settings of the twin.
-        injects: faults, at first those of the settings; they may be replaced between rounds.
+        injects: faults, at first the faults of the settings; they may be replaced between rounds.
         rounds: number of rounds so far; 0 before the first valid command.
         counts: counts of received packets.
     """

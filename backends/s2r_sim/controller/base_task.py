@@ -19,7 +19,7 @@ Vector3 = tuple[float, float, float]
 class Reference(NamedTuple):
     """Reference pose of the base: (x, y) [m] and yaw [rad] in the world.
 
-    Along the heading it is tied to the robot, since only speed is commanded
+    Along the heading it moves with the robot, since only the speed is commanded
     there; across the heading it moves with the command.
     """
 
@@ -53,14 +53,14 @@ def base_task(
     height: float,
     gains: FloatArray,
 ) -> FloatArray:
-    """Return (6, 7) the base's task (L, −L a): the cost of a deviation is |(L, −L a) (a_is, 1)|².
+    """Return (6, 7) the base's task (L, −L a): an acceleration x costs |(L, −L a) (x, 1)|².
 
-    The wanted spatial acceleration a is proportional-derivative in the heading
+    The desired spatial acceleration a is proportional-derivative in the heading
     frame and in roll, pitch, yaw; L'L is the weight of a deviation from it.
 
     p̈ = kp (p_des − p) + kd (v_des − v), no integral. The spatial acceleration
-    is R'p̈ − ω × (R'v). The weights, too, are those of the heading frame, turned
-    into base axes by H = Ry(pitch) Rx(roll): the linear part of L is √w H.
+    is R'p̈ − ω × (R'v). The weights w are given in the heading frame, too;
+    H = Ry(pitch) Rx(roll) turns base axes into it, so that the linear part of L is √w H.
 
     Args:
         measured: ``State.flat``.

@@ -1,4 +1,4 @@
-"""Rigid-body quantities that one control tick needs, computed by Pinocchio."""
+"""Rigid-body quantities of one control tick, computed by Pinocchio."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ FloatArray = NDArray[np.float64]
 
 
 class RigidBody:
-    """The controller's picture of the robot at one measured state.
+    """Kinematics and dynamics of the controller's model at one measured state.
 
     Base twists and wrenches are in base axes; foot quantities in world axes.
 
     Attributes:
         twist: (18,) base linear and angular velocity in base axes, joint speeds.
-        mass_upper: (18, 18) mass matrix; what is below the diagonal is undefined.
+        mass_upper: (18, 18) mass matrix; the part below the diagonal is undefined.
         bias: (18,) Coriolis, centrifugal and gravity forces.
         jacobian: (12, 18) foot velocities per twist; a leg's rows have only its own joints' columns.
         base_jacobian, leg_jacobian: (12, 6) and (12, 12), its two parts.
-        known: (3, 12) what the joints need not bring about: the feet's acceleration at zero joint and base
-            acceleration (J̇ v), zero, and their velocity if the joints stood still.
-        drift: (12,) the first row of it.
-        feet, thighs: (4, 3) ball centres and thigh joint positions [m].
-        speeds: (4, 3) velocities of the ball centres [m/s].
+        known: (3, 12) motion of the feet without the joints: their acceleration at zero joint and base
+            acceleration (J̇ v), zero, and their velocity at zero joint speed.
+        drift: (12,) the first row of ``known``.
+        legs: (3, 4, 3) ball centres and thigh joint positions [m], velocities of the ball centres [m/s].
+        feet, thighs, speeds: (4, 3), its three parts.
     """
 
     def __init__(self, robot: Robot, rotor_inertia: float) -> None:
@@ -39,12 +39,13 @@ class RigidBody:
         self._q = np.zeros(19)
         feet = [self._model.getFrameId(name) for name in pinocchio_model.FEET]
         thighs = [self._model.getJointId(f"{leg.name}_thigh_joint") for leg in LEGS]
-        # These are live views of Pinocchio's own memory: taking them once saves a wrapper per tick.
+        # Live views of Pinocchio's memory: to take them once saves the wrapper objects of every tick.
         self._points = [self._data.oMf[frame].translation for frame in feet]
         self._points += [self._data.oMi[joint].translation for joint in thighs]
         self._bodies: FloatArray = self._data.J
-        self._at = np.zeros(24)
-        self.feet, self.thighs = self._at.reshape(2, 4, 3)
+        self.legs = np.zeros((3, 4, 3))
+        self.feet, self.thighs, self.speeds = self.legs
+        self._at = self.legs[:2].reshape(24)
         self.twist = np.zeros(18)
         self.mass_upper: FloatArray = self._data.M
         self.bias: FloatArray = self._data.nle
@@ -53,7 +54,6 @@ class RigidBody:
         self.leg_jacobian = self.jacobian[:, 6:]
         self.known = np.zeros((3, 12))
         self.drift = self.known[0]
-        self.speeds = np.zeros((4, 3))
 
     @property
     def mass_matrix(self) -> FloatArray:
@@ -62,7 +62,7 @@ class RigidBody:
         return upper + np.triu(upper, 1).T
 
     def update(self, state: State) -> None:
-        """Compute everything at this state."""
+        """Compute all attributes at this state."""
         model, data, q, twist = self._model, self._data, self._q, self.twist
         to_pinocchio(state.flat, q, twist)
         # In this convention the algorithm also leaves the bodies' Jacobian behind.

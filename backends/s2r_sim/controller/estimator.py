@@ -3,8 +3,8 @@
 A standing foot's ball rolls: its centre, a radius r above the ground, moves at
 ω_shank × r ẑ and not at zero. Without that term the trot reads 7 % too slow.
 
-The formulas hold for one tick in plain numbers (``sin`` and ``cos`` of
-``math``) and for a whole recording in arrays (numpy's).
+The formulas take the numbers of one tick (with ``sin`` and ``cos`` of ``math``),
+or arrays of a whole recording (with NumPy's).
 """
 
 from __future__ import annotations
@@ -63,19 +63,22 @@ def specific_force(rpy: Any, change: Sequence[Any], noise: Any, sin: Any, cos: A
 
 
 def leg_odometry(
-    robot: Robot, rpy: Any, omega: Any, q: Any, dq: Any, stance: Any, sin: Any, cos: Any
+    robot: Robot, measured: State, stance: Any, sin: Any, cos: Any
 ) -> tuple[Any, tuple[Any, Any, Any]]:
     """Return height above the ground [m] and velocity [m/s] of the base, as the mean over standing feet.
 
-    v = ω_shank × r ẑ − R (ω × p + ṗ), each in the world, for a foot at p in base axes.
+    v = ω_shank × r ẑ − R (ω × p + ṗ), each in the world, for a foot at p in base axes. The position and the
+    velocity in ``measured`` have no influence.
     """
-    roll, pitch, yaw = rpy
-    wx, wy, wz = omega
+    roll, pitch, yaw = measured.rpy
+    wx, wy, wz = measured.omega
     radius = robot.foot_radius
     height = vx = vy = vz = 0.0
     for i, leg in enumerate(LEGS):
         joints, stands = slice(3 * i, 3 * i + 3), stance[i]
-        (x, y, z), (dx, dy, dz), (sx, sy, sz) = foot_motion(robot, leg, q[joints], dq[joints], sin, cos)
+        (x, y, z), (dx, dy, dz), (sx, sy, sz) = foot_motion(
+            robot, leg, measured.q[joints], measured.dq[joints], sin, cos
+        )
         _, _, foot = turned(roll, pitch, yaw, (x, y, z), sin, cos)
         moved = (dx + wy * z - wz * y, dy + wz * x - wx * z, dz + wx * y - wy * x)
         ux, uy, uz = turned(roll, pitch, yaw, moved, sin, cos)
@@ -89,14 +92,17 @@ def leg_odometry(
 
 
 def motion(robot: Robot, measured: State, force: Sequence[Any], stance: Any, sin: Any, cos: Any) -> Motion:
-    """Return the motion of the base, from joints and IMU; ``force`` is the accelerometer's reading [m/s²], base axes.
+    """Return the motion of the base, from joints and IMU.
 
-    ``measured`` holds numbers, or arrays of n of them; of it the attitude, the
-    rates, the joint angles and their speeds are used.
+    Args:
+        robot: the robot, for its kinematics.
+        measured: attitude, rates, joint angles and speeds, as numbers or as arrays of n samples.
+        force: the accelerometer's reading [m/s²], base axes.
+        stance: (4,) 1 for feet that stand, else 0; or (4, n).
+        sin: the sine of ``math``, or NumPy's.
+        cos: the cosine of the same module.
     """
-    height, velocity = leg_odometry(
-        robot, measured.rpy, measured.omega, measured.q, measured.dq, stance, sin, cos
-    )
+    height, velocity = leg_odometry(robot, measured, stance, sin, cos)
     roll, pitch, yaw = measured.rpy
     ax, ay, az = turned(roll, pitch, yaw, force, sin, cos)
     return Motion(height, velocity, (ax, ay, az - GRAVITY))
@@ -105,7 +111,7 @@ def motion(robot: Robot, measured: State, force: Sequence[Any], stance: Any, sin
 def blend(
     before: Vector, odometry: Sequence[float], acceleration: Sequence[float], ticks: float = 1.0
 ) -> Vector:
-    """Return the velocity so many control ticks later: integrated from the IMU, drawn towards leg odometry."""
+    """Return the velocity ``ticks`` control ticks later: the IMU's integral, corrected towards leg odometry."""
     trust = min(1.0, ticks / (BLEND * RATE))
     x, y, z = (v + a * ticks / RATE for v, a in zip(before, acceleration, strict=True))
     return (x + trust * (odometry[0] - x), y + trust * (odometry[1] - y), z + trust * (odometry[2] - z))
@@ -118,9 +124,9 @@ def update(
 
     Args:
         robot: the robot, for its kinematics.
-        before: the estimate so many ``ticks`` earlier; None at the first.
+        before: the estimate ``ticks`` control ticks earlier; None at the first.
         measured: attitude, rates, joint angles and speeds; of the position, (x, y) at the first tick.
-        force: the accelerometer's reading [m/s²], base axes. Where ticks were missed it stands for them, too.
+        force: the accelerometer's reading [m/s²], base axes. After missed ticks it also counts for these.
         stance: (4,) 1 for feet that stand, else 0.
         ticks: time since ``before`` on the robot's own clock, in control ticks of 2 ms.
     """
@@ -134,7 +140,7 @@ def update(
 
 
 def replay(robot: Robot, measured: State, force: Sequence[Any], stance: Any) -> FloatArray:
-    """Return (n, 3) the velocities that the estimator would have given in a recording of n ticks."""
+    """Return (n, 3) the estimator's velocities over a recording of n ticks."""
     _, odometry, acceleration = motion(robot, measured, force, stance, np.sin, np.cos)
     rows = zip(np.transpose(odometry).tolist(), np.transpose(acceleration).tolist(), strict=True)
     x, y, z = next(rows)[0]

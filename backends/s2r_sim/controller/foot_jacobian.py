@@ -29,17 +29,17 @@ def at_feet(
 ) -> None:
     """Move the bodies' Jacobian from the world's origin to the feet, v = v₀ + ω × p, and the motion with it.
 
-    A foot's drift J̇ v is its acceleration under no acceleration of joints and
-    base. Every joint's own part s of a motion is carried along by the motion m of what
-    it sits on: spatially that makes Σ m × s, and at the foot a₀ + α × p + ω × v.
+    A foot's drift J̇ v is its acceleration while joints and base have none. The
+    motion m of its parent link turns the spatial velocity s of every joint. Their sum
+    Σ m × s is a spatial acceleration (a₀, α). At the foot it is a₀ + α × p + ω × v.
 
     Args:
-        J: (6, 18) spatial velocity at the world's origin per twist; a body's has only its own joints' columns.
+        J: (6, 18) spatial velocity at the world's origin per twist; a body moves with its own joints' columns only.
         feet: (4, 3) positions of the feet [m].
         twist: (18,) velocity of base and joints.
-        jacobian: (12, 18) on return that of the feet; columns of other legs are left alone.
+        jacobian: (12, 18) on return that of the feet; the columns of other legs do not change.
         speeds: (4, 3) on return those of the feet [m/s].
-        known: (3, 12) on return the drift, nothing, and the feet's velocity if the joints stood still.
+        known: (3, 12) on return the drift, and the feet's velocity at zero joint speed; row 1 does not change.
     """
     for leg in range(4):
         rows, foot = slice(3 * leg, 3 * leg + 3), feet[leg]

@@ -55,8 +55,9 @@ def raibert(
 def swing(start: Point, end: Point, height: float, s: float, duration: float) -> FootTarget:
     """Return the target at progress ``s`` in [0, 1] of a swing that lasts ``duration`` [s].
 
-    Minimum-jerk polynomial 10 s³ − 15 s⁴ + 6 s⁵ from start to end, and in z the
-    twice continuously differentiable bump 64 s³ (1 − s)³ of the given height [m].
+    The foot moves from start to end by the minimum-jerk polynomial 10 s³ − 15 s⁴ + 6 s⁵.
+    In z it adds the bump 64 s³ (1 − s)³, twice continuously differentiable, times the
+    height [m].
     """
     r = 1.0 - s
     line = s * s * s * (10.0 - 15.0 * s + 6.0 * s * s)
@@ -75,7 +76,7 @@ def swing(start: Point, end: Point, height: float, s: float, duration: float) ->
 
 @compiled
 def note_stance(progress: FloatArray, feet: FloatArray, lift_off: FloatArray) -> float:
-    """Note the positions of standing feet in ``lift_off``, and return their mean height [m]."""
+    """Copy the positions of standing feet to ``lift_off``, and return their mean height [m]."""
     height, standing = 0.0, 0
     for leg in range(4):
         if progress[leg] == STANDS:
@@ -86,60 +87,88 @@ def note_stance(progress: FloatArray, feet: FloatArray, lift_off: FloatArray) ->
 
 
 @compiled
-def foot_task(
+def footholds(
     progress: FloatArray,
-    lift_off: FloatArray,
-    feet: FloatArray,
     thighs: FloatArray,
-    speeds: FloatArray,
     measured: FloatArray,
     command: Point,
-    landing_height: float,
+    height: float,
     times: Pair,
-    gains: tuple[float, float, float, float, float],
+    gain: float,
 ) -> FloatArray:
-    """Return the (3, 12) task of the four feet at this tick, world axes, three numbers a foot.
-
-    Its rows are the wanted acceleration [m/s²], the error to the target
-    position [m] and the target's velocity [m/s]; the last two are 0 in stance.
+    """Return (4, 3) the points where swing feet are to touch down [m], world axes; 0 for a standing foot.
 
     Args:
         progress: (4,) progress of each swing, in [0, 1), or ``STANDS``.
-        lift_off: (4, 3) last position of each foot in stance [m].
-        feet: (4, 3) positions of the feet [m].
         thighs: (4, 3) positions of the thigh joints [m].
-        speeds: (4, 3) velocities of the feet [m/s].
         measured: ``State.flat``.
         command: forward, left [m/s] and yaw rate [rad/s].
-        landing_height: height of the ball centre at touch-down [m].
+        height: height of the ball centre at touch-down [m].
         times: duration of a swing and of a stance [s].
-        gains: kp and kd of the swing, damping of the stance, swing height, foothold gain.
+        gain: the gain of :func:`raibert` [s].
     """
-    kp, kd, brake, height, foothold_gain = gains
     swing_time, stance_time = times
     x, y, yaw, vx, vy = measured[0], measured[1], measured[5], measured[6], measured[7]
     forward, left, turn = command
     commanded_x = cos(yaw) * forward - sin(yaw) * left
     commanded_y = sin(yaw) * forward + cos(yaw) * left
+    landing = np.zeros((4, 3))
+    for leg in range(4):
+        s = progress[leg]
+        if s != STANDS:
+            thigh_x, thigh_y = thighs[leg, 0], thighs[leg, 1]
+            # The hip also moves because the base turns; the commanded rate has less noise than the measured one.
+            turn_x, turn_y = -turn * (thigh_y - y), turn * (thigh_x - x)
+            landing[leg, 0], landing[leg, 1] = raibert(
+                (thigh_x, thigh_y),
+                (vx + turn_x, vy + turn_y),
+                (commanded_x + turn_x, commanded_y + turn_y),
+                (1.0 - s) * swing_time,
+                stance_time,
+                gain,
+            )
+            landing[leg, 2] = height
+    return landing
+
+
+@compiled
+def foot_task(
+    progress: FloatArray,
+    lift_off: FloatArray,
+    legs: FloatArray,
+    measured: FloatArray,
+    command: Point,
+    landing_height: float,
+    constants: tuple[float, float, float, float, float, float, float],
+) -> FloatArray:
+    """Return the (3, 12) task of the four feet at this tick, world axes, three numbers a foot.
+
+    Its rows are the desired acceleration [m/s²], the error to the target
+    position [m] and the target's velocity [m/s]; the last two are 0 in stance.
+
+    Args:
+        progress: (4,) progress of each swing, in [0, 1), or ``STANDS``.
+        lift_off: (4, 3) last position of each foot in stance [m].
+        legs: (3, 4, 3) positions of the feet and of the thigh joints [m], velocities of the feet [m/s].
+        measured: ``State.flat``.
+        command: forward, left [m/s] and yaw rate [rad/s].
+        landing_height: height of the ball centre at touch-down [m].
+        constants: kp [1/s²] and kd [1/s] of the swing, damping of the stance [1/s], swing height [m], foothold
+            gain [s], duration of a swing and of a stance [s].
+    """
+    kp, kd, damping, height, foothold_gain, swing_time, stance_time = constants
+    feet, thighs, speeds = legs[0], legs[1], legs[2]
+    times = (swing_time, stance_time)
+    landing = footholds(progress, thighs, measured, command, landing_height, times, foothold_gain)
     task = np.zeros((3, 12))
     for leg in range(4):
         s = progress[leg]
         if s == STANDS:
-            task[0, 3 * leg : 3 * leg + 3] = -brake * speeds[leg]
+            task[0, 3 * leg : 3 * leg + 3] = -damping * speeds[leg]
             continue
-        thigh_x, thigh_y = thighs[leg, 0], thighs[leg, 1]
-        # The hip also moves because the base turns; the commanded rate is the less noisy one to use.
-        turn_x, turn_y = -turn * (thigh_y - y), turn * (thigh_x - x)
-        landing_x, landing_y = raibert(
-            (thigh_x, thigh_y),
-            (vx + turn_x, vy + turn_y),
-            (commanded_x + turn_x, commanded_y + turn_y),
-            (1.0 - s) * swing_time,
-            stance_time,
-            foothold_gain,
-        )
         start = (lift_off[leg, 0], lift_off[leg, 1], lift_off[leg, 2])
-        target = swing(start, (landing_x, landing_y, landing_height), height, s, swing_time)
+        end = (landing[leg, 0], landing[leg, 1], landing[leg, 2])
+        target = swing(start, end, height, s, swing_time)
         for axis in range(3):
             missing = target.position[axis] - feet[leg, axis]
             speed = target.velocity[axis]

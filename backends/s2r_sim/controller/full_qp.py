@@ -1,8 +1,8 @@
 """The plain inverse-dynamics QP: 18 accelerations and 12 foot forces, every law of motion a row.
 
-x = (base acceleration 6, joint accelerations 12, foot forces 12). The rows keep
-their places in every gait phase, so one workspace serves the whole rollout.
-It is the reference for the condensed form in :mod:`s2r_sim.controller.stance_qp`.
+x = (base acceleration 6, joint accelerations 12, foot forces 12). A row has the
+same place in every gait phase, so one workspace serves the whole rollout.
+This QP is the reference for the condensed form in :mod:`s2r_sim.controller.stance_qp`.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class FullQP:
         return Solution(x[18:], self._G[16:] @ x + body.bias[6:], x[:6], iterations)
 
     def _laws_of_motion(self, body: RigidBody, task: Task) -> tuple[FloatArray, FloatArray]:
-        """Six floating-base rows; per foot its acceleration (stance) or no force (swing)."""
+        """Return A and b: six floating-base rows, then each foot's acceleration (stance) or zero force (swing)."""
         A = np.zeros((18, 30), order="F")
         b = np.empty(18)
         A[:6, :18] = body.mass_matrix[:6]
@@ -83,11 +83,11 @@ class FullQP:
         return P, c
 
     def _row_bounds(self, body: RigidBody, task: Task) -> tuple[FloatArray, FloatArray]:
-        """Friction pyramids, then |τ| ≤ limit with τ = M a + h − J'f eliminated."""
+        """Return the bounds of the friction pyramids, then of |τ| ≤ limit with τ = M a + h − J'f."""
         G = self._G
         G[16:, :18] = body.mass_matrix[6:]
         G[16:, 18:] = -body.leg_jacobian.T
-        # f = 0 in swing leaves 0 ≤ 0, which has no interior: give those rows slack.
+        # In swing f = 0 makes a row 0 ≤ 0, without interior points: these rows get slack.
         slack = np.repeat([0.0 if stands else 1.0 for stands in task.stance], 4)
         lower = np.concatenate([np.full(16, -np.inf), -self._torque_limit - body.bias[6:]])
         upper = np.concatenate([slack, self._torque_limit - body.bias[6:]])

@@ -14,9 +14,9 @@ Vector3 = tuple[float, float, float]
 RATE = 500
 """Control ticks per second; one tick is 2 ms."""
 Form = Literal["condensed", "full"]
-"""Unknowns of the QP: the forces of the stance feet, or all 30."""
+"""Unknowns of the QP: the forces of the stance feet, or all 30 accelerations and forces."""
 Feedback = Literal["truth", "estimate"]
-"""Base position and velocity that the controller is given: the true ones under noise, or its own estimate."""
+"""Base position and velocity for the controller: the true ones under noise, or its own estimate."""
 
 
 @dataclass(frozen=True)
@@ -24,10 +24,10 @@ class Gains:
     """Gait, foothold, tasks, force distribution, joint level and failure handling.
 
     Base tasks act on (forward, left, up) in the heading frame and on
-    (roll, pitch, yaw). There is no integral action: it would remove the small
-    steady error, overshoot, and hide steady disturbances, which are what a
-    sim-to-real gap is made of. ``kd_linear[0]`` sets how strongly a hidden
-    horizontal force shows in the velocity (offset = acceleration / kd).
+    (roll, pitch, yaw). There is no integral action. It would overshoot, and it
+    would hide steady disturbances, which make up a sim-to-real gap.
+    ``kd_linear[0]`` sets the velocity offset under an unknown horizontal force
+    (offset = acceleration / kd).
     """
 
     period: float = 0.40
@@ -51,16 +51,16 @@ class Gains:
     weight_angular: Vector3 = (10.0, 10.0, 5.0)
 
     stance_damping: float = 20.0
-    """[1/s] stance feet are asked to stop: acceleration = −20 · velocity."""
+    """[1/s] damping of stance feet: desired acceleration = −20 · velocity."""
     kp_swing: float = 500.0
     kd_swing: float = 40.0
     weight_swing: float = 1.0
     weight_force: float = 1e-3
-    """Pull of the stance forces towards equal shares of the weight."""
+    """Weight of the stance forces' deviation from equal shares of the robot's weight."""
     weight_acceleration: float = 1e-4
 
     friction: float = 0.5
-    """Friction coefficient of the pyramid that the QP keeps to; below the plant's 0.8."""
+    """Friction coefficient of the QP's pyramid; below the plant's 0.8."""
     min_force: float = 2.0
     max_force: float = 200.0
     """[N] vertical force of a stance foot."""
@@ -71,10 +71,10 @@ class Gains:
     """[rad] bound on q_des − q."""
 
     rotor_inertia: float = 0.005
-    """[kg m²] inertia of every motor, seen at the joint, that the controller reckons with."""
+    """[kg m²] inertia of every motor in the controller's model, seen at the joint."""
 
     hold_ticks: int = 5
-    """So many failed QPs in a row are bridged with the last good forces; after that, damping."""
+    """Largest number of failed QPs in a row that the last good forces bridge; then the joints brake."""
     kd_damping: float = 3.0
 
     @cached_property
@@ -85,5 +85,5 @@ class Gains:
 
     @cached_property
     def swing(self) -> tuple[float, float, float, float, float]:
-        """Gains that :func:`s2r_sim.controller.foot_task.foot_task` takes."""
+        """The gains of :func:`s2r_sim.controller.foot_task.foot_task`."""
         return self.kp_swing, self.kd_swing, self.stance_damping, self.swing_height, self.raibert

@@ -16,7 +16,7 @@ OFFSETS = (0.0, 0.5, 0.5, 0.0)
 
 @dataclass(frozen=True)
 class Gait:
-    """A clock that counts whole ticks, so that it stays exact however long the rollout is."""
+    """A clock that counts whole ticks, so that it stays exact in a rollout of any length."""
 
     period: int
     stance: int

@@ -22,9 +22,9 @@ class Task(NamedTuple):
 
     Attributes:
         base: (6, 7) cost of a deviation of the base's spatial acceleration (:func:`base_task`).
-        feet: (12,) wanted foot accelerations, world axes.
-        legs: (12, 9), in its first columns N (6) and e (1): joint accelerations that leave the feet alone
-            under a base acceleration a, and that give ``feet`` with the base at rest: q̈ = N a + e.
+        feet: (12,) desired foot accelerations, world axes.
+        legs: (12, 9), in its first columns N (6) and e (1) with joint accelerations q̈ = N a + e. N a moves no
+            foot under a base acceleration a, and e gives ``feet`` with the base at rest.
         stance: which feet carry load.
     """
 
@@ -54,7 +54,7 @@ class InverseDynamics(Protocol):
     """A form of the QP: a task in, forces and torques out; None when the solver fails."""
 
     def reset(self) -> None:
-        """Forget every earlier problem, so that a rollout does not depend on what ran before it."""
+        """Drop the state of earlier problems, so that a rollout does not depend on earlier rollouts."""
         ...
 
     def solve(self, body: RigidBody, task: Task) -> Solution | None:
@@ -84,7 +84,7 @@ class Solver:
     def solve(self, fixed: dict[str, FloatArray], **problem: FloatArray) -> tuple[FloatArray, int] | None:
         """Return (x, iterations), or None when no optimum was found; the next call overwrites x.
 
-        ``fixed`` never changes: it is given to PIQP once, and the rest at every call.
+        ``fixed`` never changes: PIQP receives it once, and ``problem`` at every call.
         """
         if self._solver is None:
             self._solver = piqp.DenseSolver()

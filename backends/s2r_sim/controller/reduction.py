@@ -1,8 +1,8 @@
-"""From accelerations, torques and forces to forces alone: the linear algebra of one tick.
+"""The linear algebra of one tick: accelerations and torques as functions of the stance forces.
 
-Compiled as one file, because what it calls for systems this small (3 x 3, 6 x 6)
-costs more than it computes. Numbers that are not finite pass through: a state
-that has diverged must end as a fall, not as an error.
+The file is compiled, because a call of LAPACK takes longer than the solution of
+systems this small (3 x 3, 6 x 6). Numbers that are not finite pass through: a
+diverged state must end as a fall, not as an error.
 """
 
 from __future__ import annotations
@@ -45,13 +45,13 @@ def solve(A: FloatArray, B: FloatArray) -> None:
 def in_joint_space(jacobian: FloatArray, task: FloatArray, known: FloatArray) -> FloatArray:
     """Return (12, 9): response N (6 columns), joint accelerations e, joint steps, joint speeds.
 
-    One factorisation of every leg's Jacobian serves q̈ = N a + e and both joint
-    targets.
+    One factorisation of each leg's Jacobian gives q̈ = N a + e, the joint steps and
+    the joint speeds.
 
     Args:
         jacobian: (12, 18) Jacobian of the feet.
         task: (3, 12) result of :func:`foot_task`.
-        known: (3, 12) the part of it that the joints need not bring about.
+        known: (3, 12) motion of the feet without the joints; see :class:`s2r_sim.controller.dynamics.RigidBody`.
     """
     solved = np.empty((12, 9))
     for leg in range(4):
@@ -68,33 +68,15 @@ def in_joint_space(jacobian: FloatArray, task: FloatArray, known: FloatArray) ->
 
 
 @compiled
-def condense(
-    mass_upper: FloatArray,
-    bias: FloatArray,
-    jacobian: FloatArray,
-    legs: FloatArray,
-    base: FloatArray,
-    loaded: IntArray,
-    share: FloatArray,
-    law: FloatArray,
-    acceleration: FloatArray,
-    cost: FloatArray,
-) -> None:
-    """Write the laws of motion, the base acceleration and the cost as functions of the stance forces.
+def laws_of_motion(mass_upper: FloatArray, bias: FloatArray, legs: FloatArray, law: FloatArray) -> None:
+    """Write the generalised forces M q̈ + h as a function of the base acceleration a; the joints have q̈ = N a + e.
 
     Args:
-        mass_upper: (18, 18) mass matrix, of which the upper triangle is read.
-        bias: (18,) Coriolis, centrifugal and gravity forces.
-        jacobian: (12, 18) Jacobian of the feet.
+        mass_upper: (18, 18) mass matrix M; only its upper triangle is read.
+        bias: (18,) Coriolis, centrifugal and gravity forces h.
         legs: (12, 9) result of :func:`in_joint_space`: N and e in its first seven columns.
-        base: (6, 7) the base's task.
-        loaded: (n,) indices of the force components.
-        share: (n + 1, n + 1) cost of a deviation from equal shares.
-        law: (18, 7) on return M (I, 0; N, e) + (0, h): forces on base and joints per base acceleration and one.
-        acceleration: (7, n + 1) on return the base's, per forces and one; its last row gives that one.
-        cost: (n + 1, n + 1) on return the quadratic cost of forces and one.
+        law: (18, 7) on return M (I, 0; N, e) + (0, h), a matrix that acts on (a, 1).
     """
-    n = len(loaded)
     motion = np.zeros((18, 7))
     motion[6:] = legs[:, :7]
     law[:, :6] = 0.0
@@ -109,6 +91,21 @@ def condense(
             if j > i:
                 for k in range(7):
                     law[j, k] += mass * motion[i, k]
+
+
+@compiled
+def base_acceleration(
+    law: FloatArray, jacobian: FloatArray, loaded: IntArray, acceleration: FloatArray
+) -> None:
+    """Write the base acceleration as a function of the stance forces f, from the six laws without a motor.
+
+    Args:
+        law: (18, 7) result of :func:`laws_of_motion`.
+        jacobian: (12, 18) Jacobian of the feet.
+        loaded: (n,) indices of the force components.
+        acceleration: (7, n + 1) on return the matrix (A, a₀; 0, 1), which turns (f, 1) into (a, 1).
+    """
+    n = len(loaded)
     for row in range(6):
         for k in range(n):
             acceleration[row, k] = jacobian[loaded[k], row]
@@ -116,6 +113,18 @@ def condense(
     acceleration[6, :n] = 0.0
     acceleration[6, n] = 1.0
     solve(law[:6, :6].copy(), acceleration[:6])
+
+
+@compiled
+def force_cost(base: FloatArray, acceleration: FloatArray, share: FloatArray, cost: FloatArray) -> None:
+    """Write the cost (f, 1)' C (f, 1) of stance forces f: the deviation from the base's task, and unequal shares.
+
+    Args:
+        base: (6, 7) the base's task.
+        acceleration: (7, n + 1) result of :func:`base_acceleration`.
+        share: (n + 1, n + 1) the cost of a deviation from equal shares.
+        cost: (n + 1, n + 1) on return C.
+    """
     deviation = base @ acceleration
     cost[:] = share + deviation.T @ deviation
 
@@ -124,9 +133,9 @@ def condense(
 def distribute(
     law: FloatArray, acceleration: FloatArray, jacobian: FloatArray, loaded: IntArray, forces: FloatArray
 ) -> FloatArray:
-    """Return (30,) forces on all feet, torques, and base acceleration that (n,) stance forces bring about.
+    """Return (30,) forces on all feet, torques, and base acceleration that (n,) stance forces cause.
 
-    The other arguments are those of :func:`condense`.
+    The other arguments are those of :func:`base_acceleration`, after that function.
     """
     n = len(forces)
     everything = np.zeros(30)

@@ -1,14 +1,14 @@
 """The condensed inverse-dynamics QP: only the forces of the stance feet are unknown.
 
 With every foot's acceleration prescribed, joint accelerations follow from the
-base's, q̈ = N a + e, and the laws of motion leave both the base acceleration and
-the torques affine in the foot forces:
+base's, q̈ = N a + e. By the laws of motion the base acceleration and the torques
+are then affine in the foot forces:
 
     (M_bb + M_bj N) a = J_b'f − h_b − M_bj e                      a = A f + a₀
     τ = (M_jb + M_jj N) a + M_jj e + h_j − J_j'f                  τ = T f + τ₀
 
-so 6 variables remain on two feet and 12 on four, with no equalities. It differs
-from :mod:`s2r_sim.controller.full_qp` only in that swing accelerations are exact here and
+So 6 variables remain on two feet and 12 on four, without equalities. There is one
+difference from :mod:`s2r_sim.controller.full_qp`: swing accelerations are exact here and
 weighted there.
 """
 
@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from s2r_sim.controller.dynamics import RigidBody
 from s2r_sim.controller.gains import Gains
 from s2r_sim.controller.qp import Solution, Solver, Stance, Task, pyramid
-from s2r_sim.controller.reduction import condense, distribute
+from s2r_sim.controller.reduction import base_acceleration, distribute, force_cost, laws_of_motion
 from s2r_sim.robot.figures import GRAVITY, Robot
 
 FloatArray = NDArray[np.float64]
@@ -31,9 +31,9 @@ FloatArray = NDArray[np.float64]
 class StanceQP:
     """3 variables per stance foot; 4 pyramid rows each, and 12 torque rows where they matter.
 
-    They rarely do, and cost half as much again. So the solver is asked without
-    them first: an optimum that keeps to constraints it was not told of is the
-    optimum under them, too. Otherwise it is asked again with all of them.
+    The torque rows rarely matter, and take half as much time again. So the first
+    problem omits them: if its optimum satisfies them, it is the optimum with them,
+    too. Otherwise a second problem has all rows.
     """
 
     def __init__(self, gains: Gains, robot: Robot) -> None:
@@ -55,18 +55,7 @@ class StanceQP:
         """Return the optimum, or None when the solver fails."""
         problem = self._problems[task.stance]
         freely, within_limits = self._solvers[problem.feet]
-        condense(
-            body.mass_upper,
-            body.bias,
-            body.jacobian,
-            task.legs,
-            task.base,
-            problem.loaded,
-            problem.share,
-            problem.law,
-            problem.acceleration,
-            problem.cost,
-        )
+        problem.condense(body, task)
         found = freely.solve(problem.friction, P=problem.P, c=problem.c)
         if found is None:
             return None
@@ -82,13 +71,13 @@ class StanceQP:
 
 
 class _Problem:
-    """What stays the same for one set of stance feet, and room for what does not, with the views of it in use.
+    """The QP of one set of stance feet: its constant parts, and memory for the parts that change each tick.
 
     Attributes:
         loaded: (n,) indices of the force components.
-        law, acceleration, cost, share: those of :func:`condense`.
+        law, acceleration, cost, share: see :mod:`s2r_sim.controller.reduction`.
         bounds: bounds of the vertical forces.
-        friction: the same, and the friction pyramids.
+        friction: these bounds, and the friction pyramids.
     """
 
     def __init__(self, gains: Gains, robot: Robot, stance: Stance) -> None:
@@ -108,10 +97,16 @@ class _Problem:
         pyramids = np.kron(np.eye(feet), pyramid(gains))
         self.friction = {**self.bounds, "G": np.asfortranarray(pyramids), "h_u": np.zeros(4 * feet)}
 
+    def condense(self, body: RigidBody, task: Task) -> None:
+        """Write the laws of motion, the base acceleration and the cost of a tick."""
+        laws_of_motion(body.mass_upper, body.bias, task.legs, self.law)
+        base_acceleration(self.law, body.jacobian, self.loaded, self.acceleration)
+        force_cost(task.base, self.acceleration, self.share, self.cost)
+
     def solution(self, body: RigidBody, forces: FloatArray, iterations: int) -> Solution:
-        """Return the solution of the QP that belongs to (n,) forces on the stance feet."""
-        brought = distribute(self.law, self.acceleration, body.jacobian, self.loaded, forces)
-        return Solution(brought[:12], brought[12:24], brought[24:], iterations)
+        """Return the solution of the QP with these (n,) forces on the stance feet."""
+        solved = distribute(self.law, self.acceleration, body.jacobian, self.loaded, forces)
+        return Solution(solved[:12], solved[12:24], solved[24:], iterations)
 
     def with_torque_rows(self, body: RigidBody, limit: float) -> dict[str, FloatArray]:
         """Return the friction pyramids and |τ| ≤ limit, with τ = T f + τ₀."""

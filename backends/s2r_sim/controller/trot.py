@@ -29,7 +29,7 @@ FORMS: dict[Form, Callable[[Gains, Robot], InverseDynamics]] = {"condensed": Sta
 
 @dataclass
 class Memory:
-    """All that the controller carries from tick to tick; a copy of it restores the controller."""
+    """The controller's state between two ticks; a copy of it restores the controller."""
 
     reference: Reference = field(default_factory=lambda: Reference(0.0, 0.0, 0.0))
     tick: int = 0
@@ -57,11 +57,11 @@ class Controller:
         self._body = RigidBody(robot, gains.rotor_inertia)
         self._qp = FORMS[form](gains, robot)
         self._base_gains = gains.base
-        self._swing_gains, self._times = gains.swing, (self._gait.swing_time, self._gait.stance_time)
+        self._swing = (*gains.swing, self._gait.swing_time, self._gait.stance_time)
         self.memory = Memory()
 
     def restore(self, memory: Memory) -> None:
-        """Continue from a copy of this memory, and from nothing else."""
+        """Continue from a copy of this memory alone."""
         self.memory = deepcopy(memory)
         self._qp.reset()
 
@@ -71,16 +71,16 @@ class Controller:
 
     @property
     def stance(self) -> Stance:
-        """Feet that the clock has on the ground at the coming tick."""
+        """Feet that stand at the next tick, by the gait's clock."""
         return self._schedule[self.memory.tick % len(self._schedule)].stance
 
     def skip(self, ticks: int, measured: State, command: Command) -> None:
-        """Pass over ticks at which nothing was computed: the gait's clock and the reference go on.
+        """Advance the gait's clock and the reference over ticks that were missed.
 
         Args:
-            ticks: that were missed.
+            ticks: number of missed ticks.
             measured: the last state before them.
-            command: that held during them.
+            command: the command during them.
         """
         memory = self.memory
         memory.tick += ticks
@@ -96,19 +96,16 @@ class Controller:
         contact = note_stance(phase.progress, body.feet, memory.lift_off)
         memory.reference = reference = memory.reference.advanced(measured, command)
         x, y, z, _, _, yaw = measured.flat[:6].tolist()
-        ordered = (command.vx, command.vy, command.wz)
+        desired = (command.vx, command.vy, command.wz)
 
         feet = foot_task(
             phase.progress,
             memory.lift_off,
-            body.feet,
-            body.thighs,
-            body.speeds,
+            body.legs,
             measured.flat,
-            ordered,
+            desired,
             contact - gains.touch_down_depth,
-            self._times,
-            self._swing_gains,
+            self._swing,
         )
         legs = in_joint_space(body.jacobian, feet, body.known)
         base = base_task(
@@ -116,7 +113,7 @@ class Controller:
             body.twist,
             reference.left_of(x, y),
             reference.left_to_turn(yaw),
-            ordered,
+            desired,
             gains.base_height - (z - (contact - self._foot_radius)),
             self._base_gains,
         )
@@ -130,7 +127,7 @@ class Controller:
         return Tick(motors, phase.stance, solution)
 
     def _feedforward(self, solution: Solution | None, stance: Stance) -> FloatArray | None:
-        """Return (12,) torques: the QP's, or for a few ticks those of the last good forces, or None."""
+        """Return (12,) torques: the QP's, or for ``hold_ticks`` ticks those of the last good forces, or None."""
         memory, body = self.memory, self._body
         if solution is not None:
             memory.forces = solution.forces

@@ -1,4 +1,4 @@
-"""The catalogue of effects: physics that the nominal simulator leaves out, by family, one small file each."""
+"""The catalogue of effects: physics that the nominal simulator omits. A family has a folder, an effect a file."""
 
 from __future__ import annotations
 

@@ -13,9 +13,9 @@ from s2r_spec.backend import Effect
 class PhysicsEffect(Effect):
     """An effect of this simulator.
 
-    ``apply(physics, **values)`` changes only fields of its own, or multiplies
-    or adds to what is there: that makes the order of effects irrelevant. With
-    every value at its nominal it returns an equal table.
+    ``apply(physics, **values)`` changes only fields of its own, or multiplies a
+    field or adds to it, so that the order of effects has no influence. At nominal
+    values it returns an equal table.
     """
 
     apply: Callable[..., Physics]

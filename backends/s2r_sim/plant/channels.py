@@ -1,7 +1,7 @@
 """The channels of a trace: names and units.
 
-What a robot can log comes from its own sensors and loops, with their systematic errors and without white noise;
-base, feet and ground are true, as motion capture and force plates see them.
+Channels that a robot can log come from its own sensors and loops, with their systematic errors and without white
+noise. Base, feet and ground are true, as motion capture and force plates measure them.
 """
 
 from __future__ import annotations
@@ -87,4 +87,4 @@ TRUE_CHANNELS = (
     Channel("pitch_true", "rad", "true base attitude"),
     Channel("wz_true", "rad/s", "true yaw rate"),
 )
-"""Further channels of ``record=truth``: true values of what the robot's sensors measure. No robot logs them."""
+"""Further channels of ``record=truth``: true values of the measured quantities. No robot logs them."""

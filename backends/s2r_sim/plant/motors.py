@@ -1,4 +1,4 @@
-"""The twelve motors: from a command to what MuJoCo's actuators do, with what real motors add to it."""
+"""The twelve motors: from a command to MuJoCo's actuators, with delay, limits, weakness and backlash."""
 
 from __future__ import annotations
 
@@ -13,10 +13,11 @@ from s2r_sim.robot.signals import MotorCommand
 from s2r_spec.compiled import compiled
 
 FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
 
 
 class Law(NamedTuple):
-    """A motor law, force = control − Kp q − Kd q̇ before strength and limits; each (12,)."""
+    """A motor law, torque = control − Kp q − Kd q̇ before strength and limits; each (12,)."""
 
     control: FloatArray
     kp: FloatArray
@@ -24,10 +25,10 @@ class Law(NamedTuple):
 
 
 class MotorState(NamedTuple):
-    """All that the motors carry from step to step.
+    """The motors' state between two physics steps.
 
     Attributes:
-        pending: laws on their way to the motors, the oldest first.
+        pending: delayed laws that have not reached the motors, the oldest first.
         play, play_speed: (12,) angle [rad] and speed of every rotor relative to its joint.
     """
 
@@ -52,14 +53,15 @@ class Motors:
         self._q, self._dq = data.qpos[7:], data.qvel[6:]
         self._control, self._force = data.ctrl, data.actuator_force
         self._gain = model.actuator_gainprm[:, 0]
-        self._minus_kp, self._minus_kd = model.actuator_biasprm[:, 1], model.actuator_biasprm[:, 2]
+        self._bias = model.actuator_biasprm
+        self._minus_kp, self._minus_kd = self._bias[:, 1], self._bias[:, 2]
         self._range = model.actuator_forcerange
         self.every_step = bool(self._delay or physics.voltage < 1.0 or physics.backlash)
-        """Whether the motors must be looked after at every physics step, and not once a tick."""
+        """Whether :meth:`act` must run at every physics step instead of once a tick."""
         self.reset()
 
     def reset(self) -> None:
-        """Forget everything."""
+        """Return to the state before the first step."""
         self._driven: FloatArray | None = None
         self.state = MotorState((), np.zeros(12), np.zeros(12))
         self._gain[:] = 1.0
@@ -67,15 +69,15 @@ class Motors:
 
     @property
     def reported_torque(self) -> FloatArray:
-        """(12,) [N m] as the drives report it, from their current: blind to the torque constant's error.
+        """(12,) torque that the drives report from their currents [N m], without the torque constant's error.
 
-        Also while a rotor crosses the gap of its gear: then its torque turns the rotor, and no joint.
+        While a rotor crosses the gap of its gear, this is the torque on the rotor, and none acts on the joint.
         """
         made = self._force if self._driven is None else self._driven
         return np.array(made) / self._physics.torque_constant
 
     def law(self, motors: MotorCommand) -> Law:
-        """Return τ_ff + Kp (q_des − q) + Kd (q̇_des − q̇) with its constant part summed up."""
+        """Return the law τ_ff + Kp (q_des − q) + Kd (q̇_des − q̇), with its constant terms as one control."""
         control = motors.tau + motors.kp * motors.q + motors.kd * motors.dq
         if self._offset is not None:
             control -= motors.kp * self._offset
@@ -102,29 +104,27 @@ class Motors:
             self._cross_the_gap(law, strength)
 
     def _delayed(self, law: Law) -> Law:
-        """Return the law that was given ``_delay`` steps ago.
+        """Return the law of ``_delay`` steps ago.
 
-        Before it there is the first of the warm-up, by which the robot stands; no rollout begins so early.
+        In the first steps of the warm-up this is the first law, which lets the robot stand; no rollout begins so early.
         """
         pending = (*self.state.pending, law)
         self.state = self.state._replace(pending=pending[-self._delay :])
         return pending[0]
 
     def _limit_at_speed(self, strength: float) -> None:
-        """Torque that drives a joint is limited by a line through no torque at v times the top speed."""
+        """Limit the driving torque by a line over speed, which is 0 at ``voltage`` times the top speed."""
         _limited(self._dq, self._range, self._physics.voltage, self._top_speed, strength * self._limit)
 
     def _cross_the_gap(self, law: Law, strength: float) -> None:
         """Let rotors turn freely between the flanks of their gears, and push only against a flank."""
-        physics, dt = self._physics, self._physics.timestep
-        gap = physics.backlash
+        physics, gap = self._physics, self._physics.backlash
         _, play, speed = self.state
         # The loop is closed on the rotor's side, at q + play.
         self._control -= law.kp * play + law.kd * speed
-        motion = (self._q, self._dq, self._control, self._range)
-        actuators = (self._gain, self._minus_kp, self._minus_kd)
+        motion, actuators = (self._q, self._dq), (self._control, self._gain, self._bias, self._range)
         play, speed, self._driven = _crossed(
-            *motion, *actuators, play, speed, strength, gap, physics.armature, dt
+            motion, actuators, (play, speed), strength, gap, physics.armature, physics.timestep
         )
         self.state = self.state._replace(play=play, play_speed=speed)
 
@@ -140,35 +140,89 @@ def _limited(dq: FloatArray, within: FloatArray, voltage: float, top_speed: floa
 
 @compiled
 def _crossed(
-    q: FloatArray,
-    dq: FloatArray,
-    control: FloatArray,
-    within: FloatArray,
-    gain: FloatArray,
-    minus_kp: FloatArray,
-    minus_kd: FloatArray,
-    play: FloatArray,
-    speed: FloatArray,
+    motion: tuple[FloatArray, FloatArray],
+    actuators: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
+    rotors: tuple[FloatArray, FloatArray],
     strength: float,
     gap: float,
     armature: float,
     dt: float,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return (12,) angle and speed of rotors a step later, and the torque that drives them.
+    """Return (12,) angle and speed of the rotors a step later, and the torque on them [N m].
 
-    Where one is on no flank, the joint loses its actuator.
+    Args:
+        motion: (12,) joint angles [rad] and speeds [rad/s].
+        actuators: control, gain, bias and range; see :func:`_actuator_torque`. On return the actuators of joints
+            whose rotor pushes against no flank give no torque.
+        rotors: (12,) angle [rad] and speed [rad/s] of each rotor relative to its joint.
+        strength: torque that the motors deliver, as a fraction of their command.
+        gap: half of the play of a gear [rad].
+        armature: inertia of a rotor, seen at the joint [kg m²].
+        dt: duration of the step [s].
     """
-    now, pace, driven = np.empty_like(play), np.empty_like(speed), np.empty_like(play)
+    q, dq = motion
+    control, gain, bias, within = actuators
+    play, speed = rotors
+    gain[:] = strength
+    torque = _actuator_torque(q, dq, control, gain, bias, within)
+    angles, speeds, pushes = _rotor_step(torque, play, speed, gap, armature, dt)
+    _disengage(pushes, gain, bias)
+    return angles, speeds, torque
+
+
+@compiled
+def _actuator_torque(
+    q: FloatArray,
+    dq: FloatArray,
+    control: FloatArray,
+    gain: FloatArray,
+    bias: FloatArray,
+    within: FloatArray,
+) -> FloatArray:
+    """Return (12,) the torque of MuJoCo's affine actuators [N m]: gain · control + bias · (1, q, q̇), clipped.
+
+    Args:
+        q: (12,) joint angles [rad].
+        dq: (12,) joint speeds [rad/s].
+        control: (12,) ``ctrl``.
+        gain: (12,) ``actuator_gainprm``, its first column.
+        bias: (12, 10) ``actuator_biasprm``; only columns 1 and 2 count.
+        within: (12, 2) the least and the largest torque [N m].
+    """
+    torque = np.empty_like(control)
+    for j in range(torque.shape[0]):
+        whole = gain[j] * control[j] + bias[j, 1] * q[j] + bias[j, 2] * dq[j]
+        torque[j] = min(max(whole, within[j, 0]), within[j, 1])
+    return torque
+
+
+@compiled
+def _rotor_step(
+    torque: FloatArray, play: FloatArray, speed: FloatArray, gap: float, armature: float, dt: float
+) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """Return (12,) angle and speed of the rotors a step later, and whether each pushes against a flank.
+
+    Args:
+        torque: (12,) torque on the rotors [N m].
+        play: (12,) angle of each rotor relative to its joint [rad], within ±gap.
+        speed: (12,) speed of each rotor relative to its joint [rad/s].
+        gap: half of the play of a gear [rad].
+        armature: inertia of a rotor, seen at the joint [kg m²].
+        dt: duration of the step [s].
+    """
+    angles, speeds, pushes = np.empty_like(play), np.empty_like(speed), np.empty(play.shape[0], np.bool_)
     for j in range(play.shape[0]):
-        torque = strength * control[j] + minus_kp[j] * q[j] + minus_kd[j] * dq[j]
-        torque = min(max(torque, within[j, 0]), within[j, 1])
-        driven[j] = torque
-        pushes = (play[j] >= gap and torque > 0.0) or (play[j] <= -gap and torque < 0.0)
-        pace[j] = 0.0 if pushes else speed[j] + torque / armature * dt
-        now[j] = min(max(play[j] + pace[j] * dt, -gap), gap)
-        if abs(now[j]) >= gap:
-            pace[j] = 0.0
-        gain[j] = strength if pushes else 0.0
-        minus_kp[j] = minus_kp[j] if pushes else 0.0
-        minus_kd[j] = minus_kd[j] if pushes else 0.0
-    return now, pace, driven
+        pushes[j] = (play[j] >= gap and torque[j] > 0.0) or (play[j] <= -gap and torque[j] < 0.0)
+        speeds[j] = 0.0 if pushes[j] else speed[j] + torque[j] / armature * dt
+        angles[j] = min(max(play[j] + speeds[j] * dt, -gap), gap)
+        if abs(angles[j]) >= gap:
+            speeds[j] = 0.0
+    return angles, speeds, pushes
+
+
+@compiled
+def _disengage(pushes: BoolArray, gain: FloatArray, bias: FloatArray) -> None:
+    """Set the actuator of each joint to zero torque whose rotor pushes against no flank."""
+    for j in range(pushes.shape[0]):
+        if not pushes[j]:
+            gain[j] = bias[j, 1] = bias[j, 2] = 0.0

@@ -20,14 +20,14 @@ _REDUCE_TO_NET_FORCE = 3  # `reduce="netforce"` of MuJoCo's contact sensor; it h
 _TRUNK_BIT = 1 << len(LEGS)
 _ALL_BITS = 2 * _TRUNK_BIT - 1
 KNEE_RADIUS = 0.02
-"""A definition: [m] of the balls at the knees. Source: half a thigh's width in the vendor's URDF, and a cover."""
+"""Definition: radius of the balls at the knees [m]. Source: half a thigh's width in the vendor's URDF, and a cover."""
 
 
 def build(robot: Robot, physics: Physics, knees: bool = False) -> Any:
     """Return the ``MjModel``: nq 19, nv 18, nu 12, and per foot the net contact force in world axes.
 
-    Only the four ball feet and the trunk box collide, and only with the ground; with ``knees`` these do, too,
-    without which the folded legs of a robot that lies would sink into it.
+    Only the four ball feet and the trunk box collide, and only with the ground. With ``knees`` the knees collide,
+    too, so that the folded legs of a lying robot do not sink into the ground.
     """
     spec = specify(robot, physics)
     if knees:
@@ -35,14 +35,14 @@ def build(robot: Robot, physics: Physics, knees: bool = False) -> Any:
     model = spec.compile()
     model.dof_damping[6:] = physics.damping
     if physics.roughness:
-        # By default MuJoCo would not look at the place of a plane that began at the origin again.
+        # By default MuJoCo would ignore the new position of a plane that began at the origin.
         planes = [model.geom(name).id for name in GROUNDS]
         model.geom_sameframe[planes] = mujoco.mjtSameFrame.mjSAMEFRAME_NONE
     return model
 
 
 def specify(robot: Robot, physics: Physics) -> Any:
-    """Return the ``MjSpec`` of the model, to which pictures can add what only the eye needs."""
+    """Return the ``MjSpec`` of the model, to which pictures can add limbs, textures and lights."""
     robot = robot.loaded(physics.payloads, physics.com_shift)
     spec = mujoco.MjSpec()
     spec.modelname = "a1"
@@ -83,12 +83,12 @@ def _set_options(option: Any, physics: Physics) -> None:
     option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     # A diverged state must stay visible, and end as a fall; by default MuJoCo would restart it.
-    # One robot is one island: looking for more costs a fifteenth of a step.
+    # One robot is one island: the search for more islands takes a fifteenth of a step.
     option.disableflags = mujoco.mjtDisableBit.mjDSBL_AUTORESET | mujoco.mjtDisableBit.mjDSBL_ISLAND
 
 
 def _surface(physics: Physics) -> dict[str, Any]:
-    """Return the properties of all geoms. Sinking softens the contact's spring and spreads its onset over a depth."""
+    """Return the properties of all geoms. A larger ``sink`` gives a softer contact, with its onset over a depth."""
     yielding = min(physics.sink / 0.02, 1.0)
     return {
         "mass": 0.0,
@@ -146,7 +146,7 @@ def _add_leg(spec: Any, base: Any, leg: Leg, bit: int, robot: Robot, physics: Ph
 
 
 def _add_knees(spec: Any, robot: Robot, physics: Physics) -> None:
-    """Add a ball at the end of every thigh, which lies on the same plane as the trunk."""
+    """Add a ball at the end of every thigh; it collides with the same plane as the trunk."""
     for leg in LEGS:
         spec.body(f"{leg.name}_thigh").add_geom(
             name=f"{leg.name}_knee",

@@ -14,12 +14,12 @@ _DRAWN = (12, 12, 3, 3, 3)
 _FIELD = 100.0
 """[m] half the side of the field on which rollouts begin."""
 _AS_STATE = [*range(27, 33), *range(24, 27), *range(24)]
-"""The same in the order of ``State.flat`` from ``rpy`` on."""
+"""Columns of these numbers in the order of ``State.flat``, from ``rpy`` on."""
 
 
 @dataclass(frozen=True)
 class Noise:
-    """Standard deviations, white and normal; everything is drawn from the rollout's seed alone."""
+    """Standard deviations of white normal noise. The rollout's seed alone determines every draw."""
 
     encoder: float = 0.001
     """[rad] joint angles."""
@@ -40,11 +40,11 @@ class Noise:
     initial_joint: float = 0.01
     """[rad]"""
     gait_phase: float = 1.0
-    """Part of the gait period over which the phase at the command is spread evenly."""
+    """Fraction of the gait period in which the phase at the command is uniform."""
 
     @classmethod
     def off(cls) -> Noise:
-        """Return the table of a rollout in which nothing is random."""
+        """Return the table of a rollout without randomness."""
         return cls(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
@@ -79,7 +79,7 @@ def draw(noise: Noise, seed: int, ticks: int, period: int) -> Draws:
     tilt = rng.normal(size=3) * noise.initial_attitude
     joints = rng.normal(size=12) * noise.initial_joint
     sensors = sensor_errors(noise, rng, ticks)
-    # A stream of its own: what was added later must not move what was drawn before.
+    # A second stream: a quantity that was added later must not change the earlier draws.
     rng = np.random.default_rng([seed, 1])
     x, y = rng.uniform(-_FIELD, _FIELD, 2).tolist()
     accelerometer = accelerometer_errors(noise, rng, ticks)
@@ -87,7 +87,7 @@ def draw(noise: Noise, seed: int, ticks: int, period: int) -> Draws:
 
 
 def sensor_errors(noise: Noise, rng: np.random.Generator, ticks: int) -> FloatArray:
-    """Return (ticks, 36) errors of the measured state, in the order of ``State.flat``; the next ones at every call."""
+    """Return (ticks, 36) errors of the measured state, ordered as ``State.flat``; each call continues the stream."""
     scales = (noise.encoder, noise.joint_speed, noise.gyro, noise.attitude, noise.velocity)
     errors = np.zeros((ticks, 36))
     errors[:, 3:] = (rng.normal(size=(ticks, sum(_DRAWN))) * np.repeat(scales, _DRAWN))[:, _AS_STATE]
@@ -95,5 +95,5 @@ def sensor_errors(noise: Noise, rng: np.random.Generator, ticks: int) -> FloatAr
 
 
 def accelerometer_errors(noise: Noise, rng: np.random.Generator, ticks: int) -> FloatArray:
-    """Return (ticks, 3) errors of the accelerometer [m/s²]; the next ones at every call."""
+    """Return (ticks, 3) errors of the accelerometer [m/s²]; each call continues the stream."""
     return rng.normal(size=(ticks, 3)) * noise.accelerometer

@@ -1,4 +1,4 @@
-"""The plant's table of assumptions: all physics of the robot and of the world around it."""
+"""The plant's table of assumptions: all physical constants of robot and world."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ PAYLOAD_HEIGHT = 0.08
 
 @dataclass(frozen=True)
 class Physics:
-    """The world as it is, of which the controller knows nothing.
+    """Physical constants of the simulated world; the controller does not read them.
 
-    The defaults are the nominal plant. Effects are functions from one such
-    table to another, so that they compose without knowing of each other.
+    The defaults are the nominal plant. Effects are functions from one table to
+    another, so that they compose.
     """
 
     timestep: float = 0.001
@@ -52,20 +52,21 @@ class Physics:
     fade: float = 0.0
     """[1/s] fraction of strength lost per second from the command on."""
     voltage: float = 1.0
-    """Part of the supply voltage that is left; below 1 it limits torque at speed."""
+    """Fraction of the supply voltage that is left; below 1 it limits torque at speed."""
     latency: float = 0.0
     """[s] delay from a command to the motors."""
     torque_constant: float = 1.0
-    """True over assumed: torque that the current sensor does not see."""
+    """True over assumed torque constant; torque reported from the current does not contain this factor."""
 
     payloads: tuple[tuple[float, Vector3], ...] = ()
-    """Point masses on the trunk: [kg] and where [m], base axes; sorted, so that their order is no matter."""
+    """Point masses on the trunk [kg] with positions [m], base axes; sorted, so that their order has no influence."""
     com_shift: Vector3 = (0.0, 0.0, 0.0)
     """[m] displacement of the trunk's centre of mass, base axes."""
 
     velocity_bias: tuple[float, float] = (0.0, 0.0)
-    """[m/s] forward and left, of the velocity that the controller is given."""
+    """[m/s] forward and left, error of the velocity for the controller."""
     velocity_scale: float = 1.0
+    """Factor on that velocity."""
     attitude_bias: tuple[float, float] = (0.0, 0.0)
     """[deg] roll and pitch of the IMU on the trunk."""
     encoder_offset: Vector3 = (0.0, 0.0, 0.0)
@@ -80,7 +81,7 @@ class Physics:
 
 @dataclass(frozen=True)
 class FallLimits:
-    """Beyond these the robot has fallen: lowest base height [m], largest tilt of its z axis [rad]."""
+    """Limits of a fall: lowest base height [m], largest tilt of its z axis [rad]."""
 
     height: float = 0.16
     tilt: float = 0.7

@@ -25,7 +25,7 @@ _TERRAIN_GROWS = 0.2
 
 
 class Saved(NamedTuple):
-    """Everything that decides the future of a plant."""
+    """The complete state of a plant."""
 
     world: FloatArray
     motors: MotorState
@@ -38,7 +38,7 @@ class Plant:
         self.model = mujoco_model.build(robot, physics, knees)
         self.data = mujoco.MjData(self.model)
         self.origin = (0.0, 0.0)
-        """(x, y) [m] of the terrain at the world's origin."""
+        """Point (x, y) of the terrain that lies at the world's origin [m]."""
         self._physics = physics
         self._steps = round(1.0 / (RATE * physics.timestep))
         self._motors = Motors(robot, physics, self.model, self.data)
@@ -49,14 +49,14 @@ class Plant:
         grounds = mujoco_model.GROUNDS if physics.roughness else ()
         self._planes = [int(self.model.geom(name).id) for name in grounds]
         self._calves = [int(self.model.geom_bodyid[foot]) for foot in self._feet]
-        # Live views of MuJoCo's own memory: asking for them at every tick would cost a wrapper each.
+        # Live views of MuJoCo's memory: to take them once saves the wrapper objects of every tick.
         self._qpos, self._qvel = self.data.qpos, self.data.qvel
         self._position, self._attitude, self._q = self._qpos[:3], self._qpos[3:7], self._qpos[7:]
         self._push, self._sensors = self.data.xfrc_applied[base, :3], self.data.sensordata
 
     @property
     def foot_forces(self) -> FloatArray:
-        """(12,) ground on feet, world axes [N], in the last physics step."""
+        """(12,) forces of the ground on the feet, world axes [N], in the last physics step."""
         return np.array(self._sensors)
 
     @property
@@ -74,7 +74,7 @@ class Plant:
         return State(rotation.from_mujoco(self._qpos, self._qvel))
 
     def place(self, position: FloatArray, rpy: FloatArray, q: FloatArray) -> None:
-        """Put the robot at rest in a pose, with everything else as at the start of time."""
+        """Put the robot at rest in a pose, and reset the rest of the state."""
         mujoco.mj_resetData(self.model, self.data)
         self._motors.reset()
         self._set_pose(position, rpy, q)
@@ -118,7 +118,7 @@ class Plant:
             self.model.geom_quat[plane] = terrain.plane_attitude(slope_x, slope_y)
 
     def _drag_feet(self) -> None:
-        """Hold back low feet, at the ball's centre."""
+        """Apply drag to low feet, at the ball's centre."""
         model, data, physics = self.model, self.data, self._physics
         data.qfrc_applied[:] = 0.0
         velocity = np.empty(6)
@@ -131,16 +131,16 @@ class Plant:
             mujoco.mj_applyFT(model, data, force, np.zeros(3), at, calf, data.qfrc_applied)
 
     def save(self) -> Saved:
-        """Return everything that decides the future, to restore later."""
+        """Return the complete state, to restore later."""
         world = np.empty(mujoco.mj_stateSize(self.model, _STATE))
         mujoco.mj_getState(self.model, self.data, world, _STATE)
         return Saved(world, self._motors.state)
 
     def restore(self, saved: Saved) -> None:
-        """Continue from a saved plant, and from nothing else."""
+        """Continue from a saved state alone."""
         mujoco.mj_resetData(self.model, self.data)
         mujoco.mj_setState(self.model, self.data, saved.world, _STATE)
-        # Terrain and drag look at where the feet are before the first step.
+        # Terrain and drag read the positions of the feet before the first step.
         mujoco.mj_kinematics(self.model, self.data)
         self._motors.state = saved.motors
 

@@ -1,4 +1,4 @@
-"""Writes down what happened at every control tick, and makes channels of it at the end."""
+"""The recorder: it stores the states and decisions of every control tick, and computes the channels at the end."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ FloatArray = NDArray[np.float64]
 
 
 class Recorder:
-    """Keeps references tick by tick and computes over whole arrays once, which costs a tenth."""
+    """Stores references tick by tick and computes over whole arrays once, in a tenth of the time."""
 
     def __init__(self, robot: Robot, physics: Physics, command: Command, truth: bool = False) -> None:
         """Record a rollout under one command; with ``truth``, also the :data:`TRUE_CHANNELS`."""
@@ -53,14 +53,16 @@ class Recorder:
     def channels(self, estimate: FloatArray, fallen: bool) -> dict[str, FloatArray]:
         """Return name → (n,) or (n, width) samples, in the order of ``CHANNELS``, then of ``TRUE_CHANNELS``.
 
-        Joints, attitude and rates, and what the controller makes of them, are those of the robot's own
-        sensors; base, feet and ground are seen from outside, by motion capture, and true.
-        ``estimate`` is the robot's own of its velocity, (n, 3) in world axes;
-        ``fallen`` says whether the last sample is that of a fall.
+        Joints, attitude, rates and the controller's results are those of the robot's own sensors. Base,
+        feet and ground are true, as motion capture measures them from outside.
+
+        Args:
+            estimate: (n, 3) the robot's own estimate of its velocity, world axes [m/s].
+            fallen: whether the robot has fallen at the last sample.
         """
         n = len(self)
         truth = State(np.array(self._truth).T)
-        # Where no sensor errs they are the same arrays.
+        # Without sensor errors they are the same arrays.
         own = truth if self._own[0] is self._truth[0] else State(np.array(self._own).T)
         roll, pitch, yaw = own.rpy
         vx, vy, vz = truth.velocity
@@ -94,7 +96,7 @@ class Recorder:
             "stance": np.array([done.stance for done in self._done], dtype=float),
             "q": own.q.T,
             "dq": own.dq.T,
-            "tau_cmd": self._asked(own),
+            "tau_cmd": self._commanded(own),
             "tau": np.array(self._torque),
             "foot_position": foot_position,
             "foot_velocity": foot_velocity,
@@ -103,7 +105,7 @@ class Recorder:
         } | (self._true(truth) if self._with_truth else {})
 
     def _true(self, truth: State) -> dict[str, FloatArray]:
-        """Return the truth of what the robot's own sensors say, in the order of ``TRUE_CHANNELS``."""
+        """Return the true values of the quantities that the robot's own sensors measure, as in ``TRUE_CHANNELS``."""
         roll, pitch, _ = truth.rpy
         values = (truth.q.T, truth.dq.T, roll, pitch, yaw_rate(truth))
         return dict(zip((channel.name for channel in TRUE_CHANNELS), values, strict=True))
@@ -135,11 +137,11 @@ class Recorder:
         acceleration = (forward + wy * vz - wz * vy, left + wz * vx - wx * vz, up + wx * vy - wy * vx)
         return np.where([d.solution is None for d in self._done], 0.0, acceleration).T
 
-    def _asked(self, own: State) -> FloatArray:
+    def _commanded(self, own: State) -> FloatArray:
         """Return (n, 12) torque commands of the motors' own loops, from encoder readings, before saturation [N m]."""
         q, dq, kp, kd, tau = (np.array(rows) for rows in zip(*(d.motors for d in self._done), strict=True))
-        asked: FloatArray = tau + kp * (q - own.q.T) + kd * (dq - own.dq.T)
-        return asked
+        torque: FloatArray = tau + kp * (q - own.q.T) + kd * (dq - own.dq.T)
+        return torque
 
 
 def yaw_rate(state: State) -> FloatArray:

@@ -1,4 +1,4 @@
-"""From the truth to what the controller is given: noise, systematic errors, the velocity estimate."""
+"""The controller's measurements of the true state: noise, systematic errors, the velocity estimate."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ FloatArray = NDArray[np.float64]
 
 
 class SensorMemory(NamedTuple):
-    """The last estimate, and the last true velocity (3,): an IMU integrates between two ticks."""
+    """The last estimate, and the last true velocity (3,) [m/s]: an accelerometer averages between two ticks."""
 
     estimate: Estimate
     velocity: FloatArray
@@ -31,8 +31,8 @@ class SensorMemory(NamedTuple):
 class Sensors:
     """Measurements of the robot, tick by tick.
 
-    Where its own velocity estimate is fed back it is made at every tick;
-    otherwise once for the whole rollout, which costs a tenth.
+    With ``feedback="estimate"`` the velocity estimate is computed at every tick;
+    otherwise once for the whole rollout, in a tenth of the time.
     """
 
     def __init__(self, robot: Robot, physics: Physics, feedback: Feedback) -> None:
@@ -45,7 +45,7 @@ class Sensors:
         self.begin(None, None)
 
     def begin(self, random: Draws | None, memory: SensorMemory | None) -> None:
-        """Start a rollout, under this noise or none, from this memory or none."""
+        """Start a rollout with this noise and this memory, or without."""
         self._random = random
         self.memory = memory
         self._truth: list[FloatArray] = []
@@ -54,10 +54,10 @@ class Sensors:
         self._own: list[Sequence[float]] = []
 
     def reported(self, truth: State, play: tuple[FloatArray, FloatArray]) -> State:
-        """Return the state as encoders, IMU and velocity feedback report it, but for their white noise.
+        """Return the state as encoders, IMU and velocity feedback report it, without their white noise.
 
-        This is what the motors' own loops act on and what a robot logs. Position and yaw are true; it is
-        ``truth`` itself where no sensor errs. ``play`` is that of the rotors, with the encoders.
+        The motors' own loops act on this state, and a robot logs it. Position and yaw are true; without sensor errors
+        it is ``truth`` itself. ``play`` is the angle [rad] and the speed of the rotors, which carry the encoders.
         """
         if self._bias is None and not self._physics.backlash and self._velocity_is_right:
             return truth
@@ -66,9 +66,9 @@ class Sensors:
         return own
 
     def disturbed(self, truth: State, play: tuple[FloatArray, FloatArray], noise: FloatArray | None) -> State:
-        """Return the state with all errors of encoders and IMU on it; ``noise`` is (36,) white, or none.
+        """Return the state with all errors of encoders and IMU; ``noise`` is (36,) white, or none.
 
-        ``play`` is that of the rotors, with the encoders.
+        ``play`` is the angle [rad] and the speed of the rotors, which carry the encoders.
         """
         flat = truth.flat.copy() if noise is None else truth.flat + noise
         if self._bias is not None:
@@ -79,7 +79,7 @@ class Sensors:
         return State(flat)
 
     def read(self, truth: State, play: tuple[FloatArray, FloatArray], stance: Stance) -> State:
-        """Return the state as the controller is given it; ``play`` is that of the rotors, with the encoders."""
+        """Return the controller's measurement of the state; for ``play`` see :meth:`disturbed`."""
         tick = len(self._truth)
         measured = self.disturbed(truth, play, None if self._random is None else self._random.sensors[tick])
         self._truth.append(truth.flat)
@@ -92,7 +92,7 @@ class Sensors:
         return measured
 
     def _feed_back(self, truth: State, measured: State, tick: int) -> None:
-        """Replace position and velocity by the robot's own."""
+        """Replace position and velocity by the robot's own estimate."""
         memory = self.memory
         noise = (0.0, 0.0, 0.0) if self._random is None else self._random.accelerometer[tick].tolist()
         change = (truth.velocity - (truth.velocity if memory is None else memory.velocity)).tolist()
@@ -120,7 +120,7 @@ class Sensors:
     def _distorted(
         self, velocity: Sequence[Any] | FloatArray, yaw: Any, sin: Any = math.sin, cos: Any = math.cos
     ) -> Sequence[Any]:
-        """Return a velocity [m/s] with the errors of scale and bias on it."""
+        """Return a velocity [m/s] with the errors of scale and bias."""
         x, y, z = velocity
         if self._velocity_is_right:
             return x, y, z

@@ -1,4 +1,4 @@
-"""The shape of the ground: a slope, and smooth random unevenness upon it."""
+"""The shape of the ground: a slope with smooth random unevenness."""
 
 from __future__ import annotations
 
@@ -41,9 +41,9 @@ def surface(
 ) -> tuple[float, float, float]:
     """Return height [m] and its derivatives along x and y.
 
-    A sum of plane waves of random direction, length and phase; ``amplitude`` in
-    [0, 1] scales it, so that it can grow under a robot that stands on the flat;
-    ``origin`` [m] is the place on it that lies at the world's origin.
+    The unevenness is a sum of plane waves of random direction, length and phase.
+    ``amplitude`` in [0, 1] scales it, so that it can grow under a robot on flat
+    ground. ``origin`` [m] is the point of it that lies at the world's origin.
     """
     scale = amplitude * physics.roughness * sqrt(2.0 / _WAVES)
     height, slope_x, slope_y = mean_height(physics, x), tan(radians(physics.slope)), 0.0
@@ -64,7 +64,7 @@ def covariance(dx: FloatArray, dy: FloatArray) -> FloatArray:
 def _added(
     waves: FloatArray, scale: float, x: float, y: float, height: float, slope_x: float
 ) -> tuple[float, float, float]:
-    """Return height and slopes with (waves, 3) on top of them."""
+    """Return height and slopes plus those of (waves, 3) plane waves."""
     slope_y = 0.0
     for k in range(waves.shape[0]):
         kx, ky = waves[k, 0], waves[k, 1]

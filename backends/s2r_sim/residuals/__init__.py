@@ -1,22 +1,26 @@
 """Residuals of a recorded motion for a robot in a world: inverse dynamics, motors, sensors, feet.
 
-The motion between two samples is put through the laws of motion (Pinocchio's
+Data: a recorded motion with forces and torques. The laws of motion (Pinocchio's
 recursive Newton–Euler algorithm; Featherstone, *Rigid Body Dynamics Algorithms*,
-2008, §5.3) and what it took is compared with what was recorded:
+2008, §5.3) give the forces that the motion between two samples requires. A residual
+is the required force minus the recorded one:
 
     base wrench    Mq̈ + h − Σ Jᵀf − push            on the base's six rows
     joint torque   Mq̈ + h − Jᵀf − τ + friction      on the joints' twelve
 
-A motor that is weak, a gear that rubs, a payload, a push: each shows on the
-rows on which it acts, whatever the controller made of it, and is gone once the
-world has it. ``motion.py`` holds what no world changes, and is asked once for a
-trace; ``world.py`` what a world makes of it; ``yielding.py``, ``footing.py`` and
-``play.py`` how its ground yields, how uneven it is, and how its gears rattle. Joints and attitude
-are as the robot's own sensors have them: the motion that is put through the laws is the one
-of which sensors with the world's errors report what was recorded. Accelerations are differences of recorded
-velocities; all residuals are averaged over :data:`WINDOW` with Hann weights, which
-keep the gait (2.5 Hz) and drop the noise. Nothing here decides a trace, and
-all of it is left out of the model's hash.
+A weak motor, friction in a gear, a payload, a push: each appears in the rows on
+which it acts, under any reaction of the controller. It disappears when the model of
+the world contains it.
+
+``motion.py`` has the quantities that depend on no world, computed once for a trace.
+``world.py`` has the quantities of a world. ``yielding.py`` gives the compliance of its
+ground, ``footing.py`` the unevenness, and ``play.py`` the rotors in the play of their gears.
+
+Recorded joints and attitude come from the robot's own sensors. The true motion is the
+one that sensors with the world's errors would report as recorded. Accelerations are
+differences of recorded velocities. All residuals are averaged over :data:`WINDOW` with
+Hann weights, which keep the gait (2.5 Hz) and remove noise. This code has no influence on a
+trace, and is not part of the model's hash.
 """
 
 from __future__ import annotations
@@ -44,7 +48,7 @@ from s2r_spec.trace import Trace
 FloatArray = NDArray[np.float64]
 
 WINDOW = 0.03
-"""[s] width of the Hann weights over what was differentiated."""
+"""[s] width of the Hann weights over differences."""
 
 _POSE = ("x", "y", "z", "roll", "pitch", "yaw")
 _MOTION = (*_POSE, "vx", "vy", "vz", "omega", "q", "dq")
@@ -58,12 +62,12 @@ class _Residual:
     Attributes:
         name: name of its channel.
         unit: unit of its channel.
-        needs: channels of the trace. Of some more it makes use where they are there: of ``foot_force`` for how far
-            a ground gives under feet, of ``foot_velocity`` for how they slide, of ``roll`` and ``pitch`` for a frame
-            that is askew, of ``tau`` for where rotors are in the play of their gears.
-        knows: fields of the world that change it; it is shown no other, and asked once for each of their values.
-        parts: parts of the robot to which its columns belong.
-        of: a motion in a world → (n − 1, columns).
+        needs: channels that the trace must have. Some more improve the residual. ``foot_force`` gives the sinkage
+            and creep of feet, and ``foot_velocity`` their sliding. ``roll`` and ``pitch`` give the tilt of a misaligned
+            IMU, and ``tau`` the position of rotors in the play of their gears.
+        knows: fields of the world that change the residual; all other fields are at their defaults.
+        parts: the part of the robot of each column.
+        of: function from a motion in a world to (n − 1, columns).
     """
 
     name: str
@@ -79,8 +83,8 @@ def residuals(
 ) -> Trace:
     """Return the residuals; see :meth:`s2r_spec.backend.HasResiduals.residuals`.
 
-    The world is that of ``settings.physics`` with the test's slope, payload and push, and
-    with these effects where an effect says what would have been recorded.
+    The world has the physics of ``settings.physics`` with the test's slope, payload and push, and with those
+    of these effects that predict the record.
     """
     test = read_test(params or {})
     possible = [one for one in RESIDUALS if all(name in trace.channels for name in one.needs)]
@@ -114,13 +118,13 @@ def residuals(
 def _averaged(
     one: _Residual, log: Recorded, gains: Gains, bare: Physics, here: Physics, test: Test
 ) -> FloatArray:
-    """Return the (m, columns) averaged values of a residual; kept, for most worlds change one or two of them."""
+    """Return the (m, columns) averages of a residual; cached, for most worlds change only one or two residuals."""
     window = hann(log.trace.times, WINDOW)
     return _inner(convolve1d(one.of(_moving(log, gains, bare, here, test)), window, axis=0), window)
 
 
 def _inner(values: FloatArray, window: FloatArray) -> FloatArray:
-    """Return the rows around which there is a whole window."""
+    """Return the rows with a whole window around them."""
     half = len(window) // 2
     return values[half : len(values) - half]
 
@@ -131,7 +135,7 @@ def _moving(log: Recorded, gains: Gains, bare: Physics, here: Physics, test: Tes
 
 
 def _shown(world: Physics, fields: tuple[str, ...]) -> Physics:
-    """Return a world of defaults but for these fields, which are another's."""
+    """Return a world with these fields of another one, and defaults for the rest."""
     return Physics(**{name: getattr(world, name) for name in fields})
 
 
@@ -143,13 +147,13 @@ def _base_wrench(motion: Motion) -> FloatArray:
 
 
 def _motor(motion: Motion) -> FloatArray:
-    """Reported torque of the motors less that of the law at the end of the tick, since the joints have moved."""
+    """Reported torque of the motors minus that of the law, with the joints at the end of the tick."""
     left: FloatArray = motion.recorded.at("tau") - motion.delivered
     return left
 
 
 def _acceleration(motion: Motion) -> FloatArray:
-    """Acceleration expected from the QP's prediction less the recorded one; forward, left, up."""
+    """Acceleration expected from the QP's prediction minus the recorded one; forward, left, up."""
     log = motion.recorded
     left: FloatArray = motion.follows - _ahead(log, log.rate(log.velocity))
     return left
@@ -174,7 +178,7 @@ def _sinking(motion: Motion) -> FloatArray:
 
 
 def _unevenness(motion: Motion) -> FloatArray:
-    """Distance of footholds from the plane through all of them, in excess of that expected from the roughness."""
+    """Distance of footholds from the plane through all of them, minus the distance expected from the roughness."""
     footing = motion.recorded.footing
     away = np.abs(footing.about @ footing.mean(motion.below))
     return footing.spread(away - motion.world.roughness * footing.expected)
@@ -275,6 +279,6 @@ RESIDUALS = (
     ),
     _Residual("foot_place", "m", (*_POSE, "q", "foot_position"), _SENSES, _EACH_AXIS, _foot_place),
 )
-"""``slip`` is forward, then left, both of the feet that touch; ``contact_timing`` is +1 where a foot touches
-while the gait has it in the air, −1 where it misses the ground."""
+"""``slip`` has the forward, then the left velocities of the feet that touch. ``contact_timing`` is +1 where a foot
+touches in its swing, −1 where it does not touch in its stance."""
 _FEWEST = min(RESIDUALS, key=lambda one: len(one.needs))

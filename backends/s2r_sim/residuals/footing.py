@@ -1,9 +1,9 @@
 """Unevenness of the ground, from the distances of footholds to the plane through all of them.
 
-A plane takes with it what a slope, a soft ground or a wrong origin of the height makes of all footholds alike, and a
-part of the unevenness, too. How much of it is left follows from how alike the ground is at two places: with R the
-residual operator of the plane (least squares, weighted by how long a foot stood) and K the covariance of heights of
-a ground of unit roughness, the covariance of what is left is R K Rᵀ; heights are taken for Gaussian.
+Data: heights of footholds, one for each stretch of time in which a foot stood. The plane absorbs the common part: a
+slope, a soft ground, a wrong origin of the height, and also a part of the unevenness. Model: heights are Gaussian with
+covariance K on ground of unit roughness. R is the residual operator of the plane (least squares, weighted by the
+duration of each stand). Then the distances from the plane have the covariance R K Rᵀ.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ IntArray = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Footing:
-    """m stretches of time over each of which one foot stood.
+    """The m stretches of time in which one foot stood.
 
     Attributes:
-        of: (ticks, 4) number of the stretch that a foot stands in, −1 where it does not stand.
-        weight: (m,) ticks that it took.
-        about: (m, m) operator that takes from heights the plane through them.
+        of: (ticks, 4) number of the stretch in which a foot stands, −1 where it does not stand.
+        weight: (m,) duration of each stretch [ticks].
+        about: (m, m) the operator R: heights minus the plane through them.
         expected: (m,) mean distance from the plane on ground of unit roughness.
     """
 
@@ -42,7 +42,7 @@ class Footing:
         return mean
 
     def spread(self, values: FloatArray) -> FloatArray:
-        """Return (m,) values as (ticks, 4), each at the ticks of its stretch; 0 where no foot stands."""
+        """Return (ticks, 4) the value of (m,) at the ticks of its stretch; 0 where no foot stands."""
         return np.append(values, 0.0)[self.of]
 
 
@@ -52,11 +52,11 @@ def footing(touches: FloatArray, x: FloatArray, y: FloatArray) -> Footing:
     Args:
         touches: (ticks, feet) 1 where a foot is on the ground.
         x: (ticks, feet) position of the foot [m]; used only where it touches.
-        y: likewise.
+        y: the same along y [m].
     """
     stands = touches > 0.0
     begins = stands & ~np.vstack((np.zeros_like(stands[:1]), stands[:-1]))
-    # Feet one after the other, so that a stretch is one run of numbers.
+    # One foot after the other, so that a stretch is one run of numbers.
     number = np.cumsum(begins.T.ravel(), dtype=np.int64).reshape(begins.T.shape).T - 1
     of: IntArray = np.where(stands, number, -1)
     count = int(begins.sum())

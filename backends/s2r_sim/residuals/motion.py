@@ -1,7 +1,7 @@
-"""A recorded motion put through the laws of motion, tick by tick, over whole arrays: what no world changes.
+"""Kinematics and inverse dynamics of a recorded motion, over whole arrays: the quantities that depend on no world.
 
-Many worlds are asked about the same trace. What depends on the robot, on errors of its sensors and on the slope
-alone is computed once for each of them.
+A diagnosis computes residuals of one trace in many worlds. The quantities here depend only on the robot, its sensors'
+errors and the slope. They are computed once for each of these.
 """
 
 from __future__ import annotations
@@ -118,7 +118,7 @@ class Recorded:
 
     @cached_property
     def footing(self) -> Footing:
-        """Footholds, as far as they were recorded: a missing sample must not take all others with it."""
+        """Footholds with recorded positions: a missing sample must not spoil the others."""
         place = self.mid("foot_position").reshape(-1, 4, 3)
         known = np.isfinite(place).all(axis=-1)
         if "foot_force" in self.trace.channels:
@@ -160,7 +160,7 @@ class Recorded:
 
     @cached_property
     def needed(self) -> FloatArray:
-        """(n − 1, 18) generalized force that the motion required of the robot as built, without rotors.
+        """(n − 1, 18) generalized force that the motion required of the nominal robot, without rotors.
 
         Wrench on the base in base axes [N], [N m], torque on joints [N m].
         """
@@ -175,9 +175,9 @@ class Recorded:
         return torque
 
     def base_needs(self, inertia: Inertia) -> FloatArray:
-        """Return (n − 1, 6) the wrench that a body fixed to the base takes, base axes [N], [N m].
+        """Return (n − 1, 6) the wrench that moves a body fixed to the base, base axes [N], [N m].
 
-        Newton and Euler about the base's origin.
+        The Newton–Euler equations about the base's origin.
         """
         moves, speeds_up = self.twist
         spin, turned = moves[:, 3:6], speeds_up[:, 3:6]
@@ -190,7 +190,7 @@ class Recorded:
         return np.hstack((force, torque))
 
     def less(self, **errors: FloatArray) -> Recorded:
-        """Return the motion without these errors of its channels; a channel that was not recorded has none."""
+        """Return the motion with these errors subtracted from its channels; a channel without a record is skipped."""
         channels = self.trace.channels
         truer = {name: channels[name] - error for name, error in errors.items() if name in channels}
         return Recorded(replace(self.trace, channels={**channels, **truer}), self.robot)
@@ -212,13 +212,13 @@ class Ground:
 
     @cached_property
     def arm(self) -> FloatArray:
-        """(n − 1, 3) from a ball's centre to where it touches the ground, base axes [m]."""
+        """(n − 1, 3) vector from a ball's centre to its contact point with the ground, base axes [m]."""
         arm: FloatArray = -self.motion.robot.foot_radius * (self.normal @ self.motion.attitude)
         return arm
 
     @cached_property
     def contact_speed(self) -> FloatArray:
-        """(n − 1, 4, 3) velocity of what would touch the ground, world axes [m/s]."""
+        """(n − 1, 4, 3) velocity of each ball's material point at ``arm``, world axes [m/s]."""
         own = self.motion.foot_speed + np.cross(self.motion.shank_spin, self.arm[:, None])
         speed: FloatArray = np.einsum("nij,nkj->nki", self.motion.attitude, own)
         return speed
@@ -230,7 +230,7 @@ class Ground:
 
 
 def hann(times: FloatArray, width: float) -> FloatArray:
-    """Return Hann weights over so many seconds: an odd number of them, three at least, that add up to 1."""
+    """Return Hann weights over ``width`` [s]: an odd number of them, at least three, with sum 1."""
     period = float(np.median(np.diff(times))) if times.size > 1 else width
     weights: FloatArray = np.hanning(2 * max(1, round(width / period / 2)) + 3)[1:-1]
     weights /= weights.sum()
@@ -239,7 +239,7 @@ def hann(times: FloatArray, width: float) -> FloatArray:
 
 @lru_cache(maxsize=2)
 def recorded(trace: Trace, robot: Robot) -> Recorded:
-    """Return the motion of a trace; the same object for as long as one trace is asked about."""
+    """Return the motion of a trace; the cache returns the same object for the last traces."""
     return Recorded(trace, robot)
 
 
@@ -247,7 +247,7 @@ def recorded(trace: Trace, robot: Robot) -> Recorded:
 def corrected(
     motion: Recorded, encoder_offset: tuple[float, float, float], attitude_bias: tuple[float, float]
 ) -> Recorded:
-    """Return the motion of which sensors with these errors [rad], [deg] report what was recorded, likewise."""
+    """Return the motion that sensors with these errors [rad], [deg] report as the recorded one; cached."""
     errors: dict[str, FloatArray] = {}
     if any(encoder_offset):
         errors["q"] = np.tile(encoder_offset, 4)
@@ -259,7 +259,7 @@ def corrected(
 
 @lru_cache(maxsize=4)
 def ground(motion: Recorded, slope: float) -> Ground:
-    """Return the motion on a slope [deg], likewise."""
+    """Return the motion on a slope [deg]; cached."""
     return Ground(motion, slope)
 
 

@@ -1,7 +1,7 @@
-"""Position of every rotor within the play of its gear in a recording, and the torque that it passed on.
+"""Position of every rotor within the play of its gear in a recording, and the torque that reached its joint.
 
-Encoders sit on the rotor's side: a recorded angle is that of the joint and the play. While a rotor crosses the
-gap its torque, which the drive reports, turns the rotor alone.
+Encoders sit on the rotor's side: a recorded angle is the sum of the joint's angle and the play. While a rotor crosses
+the gap, the reported torque accelerates the rotor alone.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A recorded motion in a world: what ground, joints, motors, loads and sensors of it make of the motion."""
+"""A recorded motion in a world: its forces by ground, joints, motors and loads, and its expected measurements."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 _STILL = 0.1
-"""[rad/s] below which a joint's dry friction holds anything up to itself."""
+"""[rad/s] below which a joint's dry friction balances any torque up to its own size."""
 _STICKS, _SLIDES = 0.06, 0.12
-"""[m/s] below the first a foot sticks, above the second it slides and its friction is used up; between, in part."""
+"""[m/s] Below the first speed a foot sticks; above the second it slides with full friction; linear in between."""
 _SLIDE_TIME = 0.06
-"""[s] averaging time of the sliding speed: noisy velocities, or giving way under a first load, are not a slide."""
+"""[s] averaging time of the sliding speed, against noise and the creep under a first load."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,10 +35,10 @@ class Motion:
     """Arrays of one row for every tick, as :class:`~s2r_sim.residuals.motion.Recorded`.
 
     Attributes:
-        recorded: the motion, as the robot's own sensors and motion capture have it.
+        recorded: the motion by the robot's own sensors and by motion capture.
         gains: gains of the controller.
-        bare: the nominal world in which the test takes place.
-        world: the same with the effects that are reckoned with.
+        bare: the nominal world of the test.
+        world: the same world with effects.
         test: the requested test.
     """
 
@@ -50,7 +50,7 @@ class Motion:
 
     @property
     def robot(self) -> Robot:
-        """The robot as built, and as the controller knows it."""
+        """The nominal robot, which is also the controller's model."""
         return self.recorded.robot
 
     @property
@@ -60,7 +60,7 @@ class Motion:
 
     @cached_property
     def moved(self) -> Recorded:
-        """The motion itself, if the world's sensors err as they say: of which they report what was recorded."""
+        """The true motion, if the world's sensors had reported the record."""
         motion = corrected(self.recorded, self.world.encoder_offset, self.world.attitude_bias)
         if self._gears is None:
             return motion
@@ -69,7 +69,7 @@ class Motion:
 
     @cached_property
     def _gears(self) -> tuple[FloatArray, FloatArray, FloatArray] | None:
-        """What :func:`crossed` returns, if there is play in the gears and torque was recorded."""
+        """Play, its rate and the joints' torque by :func:`crossed`; None without backlash or recorded torque."""
         log, world = self.recorded, self.world
         if not world.backlash or "tau" not in log.trace.channels:
             return None
@@ -94,7 +94,7 @@ class Motion:
 
     @cached_property
     def joints(self) -> FloatArray:
-        """(n − 1, 12) torque that the joints' motion takes beyond ground, motors and friction [N m]."""
+        """(n − 1, 12) torque that the joints' motion requires minus that of ground, motors and friction [N m]."""
         log, world = self.moved, self.world
         speed = log.mid("dq")
         _, ground = self.forces
@@ -106,7 +106,7 @@ class Motion:
 
     @cached_property
     def forces(self) -> tuple[FloatArray, FloatArray]:
-        """(n − 1, 6) wrench on the base and (n − 1, 12) torque on the joints, of ground and grass."""
+        """(n − 1, 6) wrench on the base and (n − 1, 12) torque on the joints, from ground and grass."""
         base, joints = self.ground.forces
         if not self.world.drag:
             return base, joints
@@ -115,7 +115,7 @@ class Motion:
 
     @cached_property
     def _drag(self) -> FloatArray:
-        """(n − 1, 4, 3) on low feet, base axes [N]."""
+        """(n − 1, 4, 3) drag on low feet, base axes [N]."""
         log = self.moved
         place, _, _ = log.feet
         rise = np.array([-self.ground.rise, 0.0, 1.0])
@@ -146,13 +146,13 @@ class Motion:
 
     @cached_property
     def delivered(self) -> FloatArray:
-        """(n − 1, 12) torque that the motors should report [N m]: late and limited."""
+        """(n − 1, 12) torque that the motors should report [N m], with latency and limits."""
         log, gains = self.recorded, self.gains
         swings = 1.0 - np.repeat(log.at("stance"), 3, axis=1)
         kp, kd = gains.kp_joint_swing * swings, gains.kd_joint
         asked, given = log.at("tau_cmd"), self._given
         low, high = self._limits
-        # What is reported is of the last step of a tick, and so are the law and the joints in it.
+        # The motors report the last step of a tick: its law, with the joints of that step.
         law, last = given[:, -1], (given.shape[1] - 1) / given.shape[1]
         moved, turned = (
             log.at(name) + last * np.diff(log.trace[name], axis=0) - log.at(name)[law] for name in ("q", "dq")
@@ -177,7 +177,7 @@ class Motion:
 
     @cached_property
     def _limits(self) -> tuple[FloatArray, FloatArray]:
-        """(n − 1, 12) least and largest torque that motors are asked for [N m]."""
+        """(n − 1, 12) least and largest torque of the motors [N m]."""
         speed, limit, voltage = self.recorded.mid("dq"), self.robot.torque_limit, self.world.voltage
         low, high = np.full_like(speed, -limit), np.full_like(speed, limit)
         if voltage < 1.0:
@@ -187,10 +187,10 @@ class Motion:
 
     @cached_property
     def follows(self) -> FloatArray:
-        """(n − 1, 3) acceleration that should follow from the QP's prediction, forward, left, up [m/s²].
+        """(n − 1, 3) expected acceleration after the QP's prediction, forward, left, up [m/s²].
 
-        Forces are what the controller reckons with in its own frame and with its own mass:
-        motors deliver a part of them, they lift another mass, and the frame is askew.
+        The QP predicts with its own mass and frame. In the world, motors deliver a fraction of the forces, the
+        mass is that of the loaded robot, and a misaligned IMU tilts the frame.
         """
         log, gravity = self.recorded, np.array([0.0, 0.0, GRAVITY])
         felt = log.at("acc_pred") + gravity
@@ -207,10 +207,10 @@ class Motion:
 
     @cached_property
     def estimated(self) -> FloatArray:
-        """(n − 1, 2) velocity that the robot should take for its own, forward and left [m/s]."""
+        """(n − 1, 2) expected velocity estimate of the robot, forward and left [m/s]."""
         log, world = self.recorded, self.world
         roll, pitch = np.radians(world.attitude_bias)
-        # An IMU that is askew takes a part of gravity for an acceleration, until leg odometry has corrected it.
+        # A misaligned IMU counts a part of gravity as acceleration, until leg odometry corrects the estimate.
         leak = GRAVITY * BLEND * np.array([np.sin(pitch), -np.sin(roll)])
         true = np.column_stack([log.at(name) for name in ("vx", "vy")])
         seen: FloatArray = world.velocity_scale * (true + leak) + np.array(world.velocity_bias)
@@ -218,7 +218,7 @@ class Motion:
 
     @cached_property
     def grips(self) -> FloatArray:
-        """(n − 1, 4) friction that sliding feet lack, and that others have too much of [N]."""
+        """(n − 1, 4) friction force minus its limit [N]; below the limit only as far as the foot slides."""
         log = self.recorded
         force, normal = self._pressed
         held = np.linalg.norm(force - normal[..., None] * self.ground.normal, axis=-1)
@@ -233,7 +233,7 @@ class Motion:
 
     @cached_property
     def slides(self) -> FloatArray:
-        """(n − 1, 4, 3) velocity of contact points along the ground, in excess of the creep of a known force [m/s]."""
+        """(n − 1, 4, 3) velocity of contact points along the ground, minus the creep under the recorded force [m/s]."""
         speed, normal = self.ground.contact_speed, self.ground.normal
         along = speed - (speed @ normal)[..., np.newaxis] * normal
         if "foot_force" in self.recorded.trace.channels:
@@ -242,7 +242,7 @@ class Motion:
 
     @cached_property
     def below(self) -> FloatArray:
-        """Penetration of each ball foot into the world's ground, in excess of its expected sinkage (n − 1, 4) [m]."""
+        """(n − 1, 4) penetration of each ball foot into the world's ground, minus the expected sinkage [m]."""
         x, _, z = np.moveaxis(self.recorded.mid("foot_position").reshape(-1, 4, 3), -1, 0)
         below: FloatArray = self.robot.foot_radius - (z - self.ground.rise * x) * self.ground.normal[2]
         if "foot_force" in self.recorded.trace.channels:
@@ -251,7 +251,7 @@ class Motion:
 
     @cached_property
     def sinks(self) -> FloatArray:
-        """(n − 1, 4) expected sinkage of the feet in excess of that into bare ground [m]."""
+        """(n − 1, 4) expected sinkage of the feet minus that on nominal ground [m]."""
         _, normal = self._pressed
         here, bare = self._grounds
         further: FloatArray = here.depth_under(normal) - bare.depth_under(normal)
@@ -259,11 +259,11 @@ class Motion:
 
     @cached_property
     def creeps(self) -> FloatArray:
-        """(n − 1, 4, 3) velocity at which loaded feet should creep beyond that on bare ground, world axes [m/s]."""
+        """(n − 1, 4, 3) expected creep velocity of loaded feet minus that on nominal ground, world axes [m/s]."""
         force, normal = self._pressed
         here, bare = self._grounds
         more = here.creep_under(normal) - bare.creep_under(normal)
-        # A foot gives way to what holds the robot.
+        # The creep of a foot is opposite to the ground's tangential force on it.
         gives: FloatArray = -more[..., None] * (force - normal[..., None] * self.ground.normal)
         return gives
 

@@ -1,8 +1,8 @@
 """Sinkage and creep of a foot on the ground of a world, under a steady force.
 
-MuJoCo gives a contact the reference acceleration −b v − k d r and lets it yield by
-R = (1 − d)/d · Â, with an impedance d that grows with the depth r (MuJoCo's documentation,
-"Computation", constraint model). Where nothing accelerates, k d r = R f under a normal force f,
+MuJoCo's contacts have a reference acceleration −b v − k d r and a regularisation
+R = (1 − d)/d · Â. The impedance d grows with the depth r (MuJoCo's documentation,
+"Computation", constraint model). Without acceleration, k d r = R f under a normal force f,
 and b v = (R / impratio) f under a tangential one.
 """
 
@@ -21,17 +21,17 @@ from s2r_sim.robot.figures import LEGS, Robot
 FloatArray = NDArray[np.float64]
 
 _DEEPEST = 0.06
-"""[m]"""
+"""Greatest depth of the table [m]."""
 
 
 @dataclass(frozen=True)
 class Yielding:
-    """The table from force to depth of one world; rising, both (n,).
+    """Depth and creep of a foot over the normal force in one world, (n,) each, in rising order.
 
     Attributes:
-        force: [N] normal, steady.
-        depth: [m] at which the ground bears it.
-        creep: [m/s per N] of tangential force, there.
+        force: steady normal force [N].
+        depth: sinkage under this force [m].
+        creep: creep velocity per tangential force [m/s per N] at this depth.
     """
 
     force: FloatArray
@@ -39,11 +39,11 @@ class Yielding:
     creep: FloatArray
 
     def depth_under(self, force: FloatArray) -> FloatArray:
-        """Return [m] under a normal force [N], any shape."""
+        """Return the sinkage [m] under a normal force [N], any shape."""
         return np.asarray(np.interp(force, self.force, self.depth))
 
     def creep_under(self, force: FloatArray) -> FloatArray:
-        """Return [m/s] per newton of tangential force, under a normal force [N], any shape."""
+        """Return the creep [m/s] per newton of tangential force, under a normal force [N], any shape."""
         return np.asarray(np.interp(force, self.force, self.creep))
 
 
@@ -54,7 +54,7 @@ def yielding(robot: Robot, impratio: float, sink: float) -> Yielding:
     floor = model.geom(mujoco_model.FLOOR)
     constant, _ = floor.solref
     least, most, width, middle, power = floor.solimp
-    # Â [1/kg]: how a shank answers a force, as MuJoCo estimates it once for a model.
+    # Â [1/kg]: inverse of a shank's apparent mass, which MuJoCo estimates once for a model.
     lightness = float(model.body(f"{LEGS[0].name}_calf").invweight0[0])
     depth = np.concatenate([[0.0], np.geomspace(1e-5, _DEEPEST, 200)])
     part = np.clip(depth / width, 0.0, 1.0)

@@ -1,10 +1,10 @@
-"""The robot: every inertial and kinematic figure of the Unitree A1, once.
+"""The robot: all inertial and kinematic figures of the Unitree A1.
 
-Source of the figures: ``a1_description/urdf/a1.urdf`` as the registry package
-``example-robot-data`` 6.0.0 carries it (13.741 kg with a trunk of 6.0 kg; newer
-vendor files say 4.713 kg for the trunk, and which of them is right for a given
-robot is an open question). ``tests/sim/test_figures.py`` holds this table
-against that file. Both the MuJoCo and the Pinocchio model are built from it.
+Source: ``a1_description/urdf/a1.urdf`` in the registry package
+``example-robot-data`` 6.0.0 (13.741 kg with a trunk of 6.0 kg). Newer vendor files
+have a trunk of 4.713 kg; the right mass of a given robot is an open question.
+``tests/sim/test_figures.py`` compares this table with that file. Both the MuJoCo
+and the Pinocchio model are built from the table.
 
 Legs are always in the order FR, FL, RR, RL; joints of a leg hip, thigh, calf.
 Axes: x forward, y left, z up. SI units.
@@ -77,7 +77,7 @@ def fused(parts: Sequence[tuple[Inertia, Vector3]]) -> Inertia:
 
 
 class Leg(NamedTuple):
-    """Name, and on which side it sits: ``sx`` +1 front, −1 rear; ``sy`` +1 left, −1 right."""
+    """Name and side of a leg: ``sx`` +1 front, −1 rear; ``sy`` +1 left, −1 right."""
 
     name: str
     sx: int
@@ -85,7 +85,7 @@ class Leg(NamedTuple):
 
 
 class JointLimit(NamedTuple):
-    """Range [rad]."""
+    """Range of a joint [rad]."""
 
     low: float
     high: float
@@ -171,7 +171,7 @@ class Robot:
 
     @property
     def mass(self) -> float:
-        """Total [kg]."""
+        """Total mass [kg]."""
         return self.base.mass + len(LEGS) * (self.hip.mass + self.thigh.mass + self.shank.mass)
 
     def links(self, leg: Leg) -> tuple[tuple[str, Inertia, Vector3], ...]:

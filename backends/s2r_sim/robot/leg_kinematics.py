@@ -1,4 +1,4 @@
-"""Forward kinematics of one leg in closed form, for single numbers and for whole recordings alike."""
+"""Forward kinematics of one leg in closed form, for single numbers and for whole recordings."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def foot_motion(robot: Robot, leg: Leg, q: Any, dq: Any, sin: Any, cos: Any) -> 
     hip, thigh, knee = q[0], q[1], q[1] + q[2]
     d_hip, d_thigh, d_knee = dq[0], dq[1], dq[1] + dq[2]
     upper, lower = robot.thigh_length, robot.calf_length
-    # In the plane of the leg, before the hip rolls it; all below the thigh joint.
+    # In the plane of the leg, before the roll of the hip, relative to the thigh joint.
     x = -upper * sin(thigh) - lower * sin(knee)
     z = -upper * cos(thigh) - lower * cos(knee)
     dx = -upper * cos(thigh) * d_thigh - lower * cos(knee) * d_knee

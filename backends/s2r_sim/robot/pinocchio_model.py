@@ -15,8 +15,8 @@ FEET = tuple(f"{leg.name}_foot" for leg in LEGS)
 def build(robot: Robot, rotor_inertia: float = 0.0) -> Any:
     """Return the ``pin.Model``: free-flyer and twelve joints, legs FR, FL, RR, RL, a frame per foot.
 
-    Joints are added in that order (a URDF would be sorted by name), so no
-    vector ever needs to be permuted. ``rotor_inertia`` [kg m²] is added to the
+    Joints are added in that order (a URDF would be sorted by name), so that no
+    vector needs a permutation. ``rotor_inertia`` [kg m²] is added to the
     mass matrix of every joint.
     """
     model = pin.Model()

@@ -1,4 +1,4 @@
-"""Attitudes: roll-pitch-yaw, rotation matrices and quaternions (scalar last unless named wxyz); states with them."""
+"""Attitudes: roll-pitch-yaw, rotation matrices, quaternions (scalar last unless named wxyz); conversion of states."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def rpy_from_wxyz(w: float, x: float, y: float, z: float) -> tuple[float, float,
 def turned(
     roll: Any, pitch: Any, yaw: Any, vector: Sequence[Any] | FloatArray, sin: Any, cos: Any
 ) -> tuple[Any, Any, Any]:
-    """Return R · vector, on numbers with ``math``'s sine and cosine or on whole arrays with numpy's."""
+    """Return R · vector, of numbers with ``math``'s sine and cosine, or of arrays with NumPy's."""
     x, y, z = vector
     y, z = cos(roll) * y - sin(roll) * z, sin(roll) * y + cos(roll) * z
     x, z = cos(pitch) * x + sin(pitch) * z, cos(pitch) * z - sin(pitch) * x
@@ -64,7 +64,7 @@ def turned(
 def turned_back(
     roll: Any, pitch: Any, yaw: Any, vector: Sequence[Any] | FloatArray, sin: Any, cos: Any
 ) -> tuple[Any, Any, Any]:
-    """Return R' · vector, likewise."""
+    """Return R' · vector, of numbers or of arrays as in :func:`turned`."""
     x, y, z = vector
     x, y = cos(yaw) * x + sin(yaw) * y, cos(yaw) * y - sin(yaw) * x
     x, z = cos(pitch) * x - sin(pitch) * z, sin(pitch) * x + cos(pitch) * z

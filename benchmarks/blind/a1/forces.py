@@ -10,7 +10,7 @@ from math import asinh, exp, inf, pi, sin, sqrt
 import numba
 import numpy as np
 
-from benchmarks.blind.a1.world import CELL, CORNER, GRID, QUEUE
+from benchmarks.blind.a1.world import CELL, CORNER, GRID, QUEUE, STEP
 
 _RIPPLES, _COGS = 6.0, 12.0
 """Periods a turn of the rotor."""
@@ -27,37 +27,37 @@ _GROWS = 0.2
 
 
 @numba.njit(cache=True, error_model="numpy")
-def act(
-    world, state, elapsed, dt, qpos, qvel, sites, twists, centre, masses_at, shanks, ground, joints, wrenches
-):
+def act(world, state, elapsed, bodies, ground, forces):
     """Advance drives and soil by a step, and write the forces on the bodies.
 
     Args:
         world: (1,) record.
         state: (1,) record, advanced.
-        elapsed: [s] since the command, negative before.
-        dt: [s]
-        qpos: (19,) of MuJoCo.
-        qvel: (18,)
-        sites: (4, 3) ball centres [m].
-        twists: (nbody, 6) angular and linear velocity of the bodies, at ``centre``.
-        centre: (3,) centre of mass of the robot [m].
-        masses_at: (nbody, 3) centres of mass of the bodies [m]; the trunk is body 1.
-        shanks: (4,) bodies.
+        elapsed: time since the command, negative before [s].
+        bodies: the rigid bodies' motion, a tuple of
+
+            - (19,) ``qpos`` and (18,) ``qvel`` of MuJoCo,
+            - (4, 3) ball centres [m],
+            - (nbody, 6) angular and linear velocity of the bodies, at the robot's centre of mass,
+            - (3,) the robot's centre of mass [m],
+            - (nbody, 3) centres of mass of the bodies [m]; the trunk is body 1,
+            - (4,) numbers of the shanks' bodies.
         ground: the patch of uneven ground, in standard deviations.
-        joints: (18,) generalised forces to write; of the joints only.
-        wrenches: (nbody, 6) force and torque at the centre of mass, to write.
+        forces: two arrays to write: (18,) generalised forces, of the joints only, and (nbody, 6) force and
+            torque at the bodies' centres of mass.
     """
     w, s = world[0], state[0]
-    _drives(w, s, elapsed, dt, qpos, qvel, joints)
+    joints, wrenches = forces
+    _drives(w, s, elapsed, bodies, joints)
     for foot in range(4):
-        _foot(w, s, foot, elapsed, dt, sites, twists, centre, masses_at, shanks[foot], ground, wrenches)
-    _trunk(w, s, elapsed, dt, qpos, qvel, masses_at, wrenches)
-    s.clock += dt
+        _foot(w, s, foot, elapsed, bodies, ground, wrenches)
+    _trunk(w, s, elapsed, bodies, wrenches)
+    s.clock += STEP
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _drives(w, s, elapsed, dt, qpos, qvel, joints):
+def _drives(w, s, elapsed, bodies, joints):
+    qpos, qvel, _, _, _, _, _ = bodies
     for sent in range(max(s.in_force + 1, s.sent - QUEUE), s.sent):
         if s.due[sent % QUEUE] <= s.clock + 1e-9:
             s.in_force = sent
@@ -77,13 +77,13 @@ def _drives(w, s, elapsed, dt, qpos, qvel, joints):
         asked /= (1.0 + (asked / bound) ** 8) ** 0.125
         turn = w.gear_ratio * angle
         asked *= w.strength[j] * (1.0 - s.sag) * (1.0 + w.strength_ripple * sin(_RIPPLES * turn))
-        s.current[j] += (asked - s.current[j]) * dt / (w.lag + dt)
+        s.current[j] += (asked - s.current[j]) * STEP / (w.lag + STEP)
         load += s.current[j] ** 2
         torque = w.torque_constant[j] * (1.0 - s.heat) * s.current[j] + w.cogging * sin(_COGS * turn)
 
         # The rubbed surface gives way a little before it slides (Dahl), and holds more at rest.
         grip = w.coulomb[j] * (1.0 + w.stribeck * exp(-((speed / w.stribeck_speed) ** 2)))
-        bent = (s.presliding[j] + speed * dt) / (1.0 + abs(speed) * dt / w.presliding)
+        bent = (s.presliding[j] + speed * STEP) / (1.0 + abs(speed) * STEP / w.presliding)
         s.presliding[j] = bent
         thin = w.viscous[j] * _USUAL_SPEED * asinh(speed / w.thinning) / asinh(_USUAL_SPEED / w.thinning)
 
@@ -96,15 +96,15 @@ def _drives(w, s, elapsed, dt, qpos, qvel, joints):
             through += w.gear_damping * (speed - dq) * abs(meshed) / (abs(meshed) + 2e-5)
             if through * meshed < 0.0:
                 through = 0.0
-        speed += (torque - grip * bent / w.presliding - thin - through) / w.rotor[j] * dt
+        speed += (torque - grip * bent / w.presliding - thin - through) / w.rotor[j] * STEP
         s.speed[j] = speed
-        s.angle[j] = angle + speed * dt
+        s.angle[j] = angle + speed * STEP
         beyond = q - min(w.high[j], max(w.low[j], q))
         stop = _STOP * beyond + (_STOP_DAMPING * dq if beyond != 0.0 else 0.0)
         joints[6 + j] = through - stop
     if elapsed >= 0.0:
-        s.sag += (w.sag_rate * load / w.usual_load - s.sag / w.sag_recovery) * dt
-        s.heat += w.warming * load / w.usual_load * dt
+        s.sag += (w.sag_rate * load / w.usual_load - s.sag / w.sag_recovery) * STEP
+        s.heat += w.warming * load / w.usual_load * STEP
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -139,7 +139,9 @@ def _surface(w, elapsed, x, y, origin, ground):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _foot(w, s, foot, elapsed, dt, sites, twists, centre, masses_at, body, ground, wrenches):
+def _foot(w, s, foot, elapsed, bodies, ground, wrenches):
+    _, _, sites, twists, centre, masses_at, shanks = bodies
+    body = shanks[foot]
     x, y, z = sites[foot]
     wx, wy, wz, ux, uy, uz = twists[body]
     rx, ry, rz = x - centre[0], y - centre[1], z - centre[2]
@@ -170,8 +172,8 @@ def _foot(w, s, foot, elapsed, dt, sites, twists, centre, masses_at, body, groun
         c = w.tangent_damping / (1.0 + w.tangent_damping / k / w.creep_time)
         sx, sy, sz = s.shear[foot, 0], s.shear[foot, 1], s.shear[foot, 2]
         hurry = sqrt(k * sqrt(sx * sx + sy * sy + sz * sz) / _CREEP_FORCE)
-        keep = 1.0 / (1.0 + dt / w.creep_time * hurry)
-        sx, sy, sz = sx * keep + tx * dt, sy * keep + ty * dt, sz * keep + tz * dt
+        keep = 1.0 / (1.0 + STEP / w.creep_time * hurry)
+        sx, sy, sz = sx * keep + tx * STEP, sy * keep + ty * STEP, sz * keep + tz * STEP
         fx, fy, fz = -k * sx - c * tx, -k * sy - c * ty, -k * sz - c * tz
         slip = sqrt(tx * tx + ty * ty + tz * tz)
         most = w.mu * (1.0 + w.mu_rest * exp(-slip / 0.05)) * normal
@@ -187,7 +189,7 @@ def _foot(w, s, foot, elapsed, dt, sites, twists, centre, masses_at, body, groun
     if w.soil_stiffness < inf:
         # Soil under the foot: a spring and a damper side by side, in series with the rubber; implicit in both springs.
         # It gives way at once, and comes back slowly.
-        sunk, part = s.yield_[foot], dt / w.soil_viscosity
+        sunk, part = s.yield_[foot], STEP / w.soil_viscosity
         rubber = 1.5 * normal / depth if depth > 0.0 else 0.0
         soil = w.soil_stiffness * sunk**0.2
         if normal < soil * sunk:
@@ -205,7 +207,8 @@ def _foot(w, s, foot, elapsed, dt, sites, twists, centre, masses_at, body, groun
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _trunk(w, s, elapsed, dt, qpos, qvel, masses_at, wrenches):
+def _trunk(w, s, elapsed, bodies, wrenches):
+    qpos, qvel, _, _, _, masses_at, _ = bodies
     fx = fy = fz = tx = ty = 0.0
     if w.gust_start <= elapsed < w.gust_end:
         shape = sin(pi * (elapsed - w.gust_start) / (w.gust_end - w.gust_start))
@@ -219,8 +222,8 @@ def _trunk(w, s, elapsed, dt, qpos, qvel, masses_at, wrenches):
             away = s.slosh[axis] - masses_at[1, axis]
             rate = s.slosh_speed[axis] - qvel[axis]
             pull = -(w.slosh_rate**2) * away - 2.0 * w.slosh_damping * w.slosh_rate * rate
-            s.slosh_speed[axis] += pull * dt
-            s.slosh[axis] += s.slosh_speed[axis] * dt
+            s.slosh_speed[axis] += pull * STEP
+            s.slosh[axis] += s.slosh_speed[axis] * STEP
             if axis == 0:
                 fx -= w.slosh_mass * pull
                 ty -= w.slosh_height * w.slosh_mass * pull

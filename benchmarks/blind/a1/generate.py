@@ -89,7 +89,7 @@ def one(out: Path, seed: int, number: int, kind: CaseKind, budget: int, held_out
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--cases", type=int, required=True)
-    parser.add_argument("--seed", type=int, help="for a set that can be made again; without it, a fresh one")
+    parser.add_argument("--seed", type=int, help="seed of a set that can be made again; random by default")
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--budget", type=int, help="rollouts of every case; by default 20, 30 or 60")

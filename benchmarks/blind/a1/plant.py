@@ -92,9 +92,7 @@ class Plant:
         data, step2, step1 = self._data, mujoco.mj_step2, mujoco.mj_step1
         data.qfrc_applied[:6] = 0.0 if shove is None else shove
         for step in range(STEPS):
-            act(
-                self.world, self.state, elapsed + step * STEP, STEP, *self._bodies, self.ground, *self._forces
-            )
+            act(self.world, self.state, elapsed + step * STEP, self._bodies, self.ground, self._forces)
             step2(self._model, data)
             step1(self._model, data)
 
@@ -103,8 +101,7 @@ class Plant:
 
         Positions, velocities and attitude are those in the world, in which the ground is tilted.
         """
-        qpos, qvel, sites, twists, centre, _, shanks = self._bodies
-        _observe(self.world, self.state, qpos, qvel, sites, twists, centre, shanks, truth, rotors, feet)
+        _observe(self.world, self.state, self._bodies, truth, rotors, feet)
 
     @property
     def ground_force(self) -> FloatArray:
@@ -130,7 +127,8 @@ def _queue(state, motors, delay):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def _observe(world, state, qpos, qvel, sites, twists, centre, shanks, truth, rotors, feet):  # type: ignore[no-untyped-def]
+def _observe(world, state, bodies, truth, rotors, feet):  # type: ignore[no-untyped-def]
+    qpos, qvel, sites, twists, centre, _, shanks = bodies
     lean = world[0].slope
     for joint in range(12):
         rotors[joint] = state[0].angle[joint] + world[0].encoder_offset[joint]

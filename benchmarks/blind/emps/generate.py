@@ -80,11 +80,11 @@ def asked(parser: argparse.ArgumentParser) -> tuple[argparse.Namespace, np.rando
     """Return what the command line asks for, of any machine, and the random numbers of the set."""
     parser.add_argument("--cases", type=int, default=200)
     parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--seed", type=int, help="for a set that can be made again; without it, a fresh one")
-    parser.add_argument("--held-out", type=int, default=20, help="further rollouts a case, for scoring")
+    parser.add_argument("--seed", type=int, help="seed of a set that can be made again; random by default")
+    parser.add_argument("--held-out", type=int, default=20, help="further rollouts of each case, for scoring")
     arguments = parser.parse_args()
     if arguments.out.exists() and any(arguments.out.iterdir()):
-        parser.error(f"{arguments.out} is not empty; a set goes into a folder of its own")
+        parser.error(f"{arguments.out} is not empty; give a new folder for each set")
     seed = secrets.randbits(128) if arguments.seed is None else arguments.seed
     return arguments, np.random.default_rng(seed)
 

@@ -32,8 +32,8 @@ def scale(c: Comparison) -> list[Suspect]:
         percent = 100.0 * abs(factor - 1.0)
         text = (
             f"{named(c, group)} of the real rollouts {'is' if len(group) == 1 else 'are'} {percent:.2g} % too "
-            f"{'large' if factor > 1.0 else 'small'}, measured from {about}, by the other channels. Check the scale"
-            f"{f', or the unit {unit},' if unit else ''} in the recordings"
+            f"{'large' if factor > 1.0 else 'small'}, measured from {about} and judged by other channels. Check the "
+            f"scale{f', or the unit {unit},' if unit else ''} in the recordings"
         )
         said = Finding("scale", named(c, group), text, "a wrong scale")
         found.append(Suspect(said, values, None, 1.0, price(factor, group)))

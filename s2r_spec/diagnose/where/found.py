@@ -163,5 +163,5 @@ def body_of(
         return None, f"{few}: {said}" if said else few
     found = body(unit_box(bench.spec.space, at), own, other, bench.backend.duration)
     if not found.asked:
-        return None, f"in no window of time do {FEWEST} real rollouts have residuals"
+        return None, f"no window of time has residuals of {FEWEST} real rollouts"
     return found, ""

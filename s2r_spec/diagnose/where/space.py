@@ -158,7 +158,7 @@ def grid_of(space: Space) -> FloatArray:
     """
     if space.dim not in _COUNTS:
         raise UsageError(
-            f"the place of the gap in the test space needs one to four parameters, and the spec has {space.dim}"
+            f"s2r locates the gap in a test space of one to four parameters, and the spec has {space.dim}"
         )
     return space.grid(_COUNTS[space.dim])
 
@@ -184,7 +184,7 @@ def in_space(
     """
     if not tests:
         raise UsageError(
-            "the place of the gap in the test space needs at least one real rollout, and there is none"
+            "s2r needs at least one real rollout to locate the gap in the test space, and there is none"
         )
     grid = grid_of(space)
     at = np.array([space.vector(test.params) for test in tests])

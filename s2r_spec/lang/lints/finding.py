@@ -30,7 +30,7 @@ class Finding:
         code: a key of :data:`CODES`.
         message: one sentence without a full stop.
         span: the place.
-        fix: what to write instead.
+        fix: the text to write instead.
         edits: (position, text to insert), which do not change the meaning.
     """
 

@@ -21,7 +21,7 @@ def certify_targets(parsed: Parsed) -> Iterator[Diagnostic]:
         word = item.name
         if word is None:
             if general is not None:
-                message = "there already is a certify line for all requirements"
+                message = "there is already a certify line for all requirements"
                 yield Diagnostic(
                     "E15", message, item.span, general.span, "put all settings on one certify line"
                 )

@@ -13,7 +13,7 @@ from s2r_spec.diagnose.where.found import Where
 from s2r_spec.errors import S2RError
 from s2r_spec.report.checked import test_words
 from s2r_spec.report.figures.canvas import BAD, BAND, GOOD, INK, Picture, draw, with_unit
-from s2r_spec.report.figures.tolerance import Margins, held, margins, reads
+from s2r_spec.report.figures.tolerance import Component, Margins, held, margins, reads
 from s2r_spec.report.figures.traces import Panel, limits, paint_panel
 from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
@@ -95,7 +95,7 @@ def _panels(where: Where, spec: Spec) -> list[Panel]:
             name, own, other = f"{label} − simulated", own - other, np.zeros(other.size)
         else:
             allowed, name = _limits(where, spec, trace, label, None, 0.0), label
-        unit = spec.signals[label.partition("[")[0]].unit
+        unit = spec.signals[Component.of_label(label).channel].unit
         panels.append(Panel(with_unit(name, unit), pair.times, own, (), ((pair.times, other),), allowed))
     return panels
 
@@ -109,16 +109,14 @@ def _limits(
     """
     if trace is None:
         return ()
-    signal, _, index = label.partition("[")
-    column = int(index[:-1]) if index else None
+    component = Component.of_label(label)
     try:
         if around is None:
-            own = trace[signal] if column is None else trace[signal][:, column]
-            return limits(spec, where.pair.requirement, trace, where.test, signal, column, own)
+            return limits(spec, where.pair.requirement, trace, where.test, component)
         found = []
         for must in held(spec.formulas[where.pair.requirement]):
-            if reads(must.predicate, signal, column):
-                margins_at = partial(margins, spec, trace, where.test, must, signal, column, around=around)
+            if reads(must.predicate, component):
+                margins_at = partial(margins, spec, trace, where.test, must, component, around=around)
                 here = margins_at(np.zeros(1))
                 if here is not None:
                     reach = 2.5 * max(difference, float(np.abs(here.margins).max()))

@@ -74,7 +74,7 @@ def draw(name: str, alt: str, size: tuple[float, float], paint: Callable[[Figure
         name: the name of the figure, unique in the page.
         alt: the text alternative of the figure.
         size: width and height [inch].
-        paint: draws on an empty figure.
+        paint: a function that draws on an empty figure.
     """
     import matplotlib as mpl
     from matplotlib.figure import Figure

@@ -31,7 +31,7 @@ class Field:
         name: "expected robustness".
         unit: the unit of the value.
         title: the title of the picture.
-        dots: what one dot is: "means over a test's rollouts".
+        dots: the meaning of a dot: "means over a test's rollouts".
         remark: one more sentence under the picture, or "".
     """
 

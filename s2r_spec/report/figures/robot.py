@@ -32,7 +32,7 @@ def strengths(body: Body) -> dict[str, float]:
 
 
 def is_quadruped(body: Body) -> bool:
-    """Return whether the parts are those of four legs with three joints each."""
+    """Return whether the parts belong to four legs with three joints each."""
     names = {part.name for part in body.parts}
     return all(f"{leg} {joint}" in names for leg in LEGS for joint in JOINTS)
 
@@ -57,7 +57,7 @@ def robot(body: Body, name: str) -> Picture:
     alt = f"{many} have residuals that the model does not explain" + (f": {words}" if words else "")
     caption = (
         "Residuals are the part of a recorded motion that the simulator's equations do not explain. They are "
-        "compared with those of nominal rollouts at the same tests. Darker colours are larger, relative to the "
+        "compared with the residuals of nominal rollouts at the same tests. Darker colours are larger, relative to the "
         f"scatter between runs. The picture shows the shifts that are significant at a false-discovery rate of "
         f"{100 * body.level:g} %, out of {body.asked} comparisons (residuals times time windows)."
     )

@@ -223,11 +223,13 @@ def _maps(space: InSpace, held: Sequence[HeldOut], name: str) -> Picture:
 
 def _caption(space: InSpace, held: bool) -> str:
     words = (
-        "Δρ is the robustness of the real machine less that of the simulator: below 0 the real machine is worse. "
+        "Δρ is ρ of the real machine minus ρ of the simulator: below 0 the real machine is worse. "
         "The band holds its expected value with 95 % simultaneously for all tests."
     )
     if space.space.dim == 2:
-        words = "Δρ is the robustness of the real machine less that of the simulator: red, below 0, is worse."
+        words = (
+            "Δρ is ρ of the real machine minus ρ of the simulator. Red, below 0: the real machine is worse."
+        )
     if held:
         words += " Rings are gaps at held-out tests; dots are the gaps with the named effects added."
     if space.tolerance and space.space.dim != 2:

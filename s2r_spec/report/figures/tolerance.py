@@ -18,6 +18,34 @@ _MOST_SAMPLES = 240
 
 
 @dataclass(frozen=True)
+class Component:
+    """A scalar channel, or one component of a vector channel.
+
+    Attributes:
+        channel: the name of the channel.
+        index: the number of the component, from 0; None for a scalar channel.
+    """
+
+    channel: str
+    index: int | None = None
+
+    @classmethod
+    def of_label(cls, label: str) -> Component:
+        """Return the component of a label such as ``u[1]``, or the scalar channel ``x``."""
+        channel, _, index = label.partition("[")
+        return cls(channel, int(index[:-1]) if index else None)
+
+    @property
+    def label(self) -> str:
+        """The name, with the index of a component: ``u[1]``."""
+        return self.channel if self.index is None else f"{self.channel}[{self.index}]"
+
+    def samples(self, trace: Trace) -> FloatArray:
+        """Return (n,): its samples in a trace."""
+        return trace[self.channel] if self.index is None else trace[self.channel][:, self.index]
+
+
+@dataclass(frozen=True)
 class Held:
     """A predicate that must hold from ``start`` to ``end`` [s] after the trace's first time."""
 
@@ -57,13 +85,15 @@ def held(formula: f.Formula, start: float = 0.0, end: float = 0.0) -> Iterator[H
             pass
 
 
-def reads(predicate: f.Comparison, channel: str, component: int | None) -> bool:
-    """Return whether a predicate reads a channel, or a component of it, at the present instant."""
+def reads(predicate: f.Comparison, component: Component) -> bool:
+    """Return whether a predicate reads a component at the present instant."""
     nodes = list(f.walk(predicate))
     if any(isinstance(node, f.Initial) for node in nodes):
         return False  # one value cannot stand for the first sample and for the present one
     return any(
-        isinstance(node, f.SignalValue) and node.name == channel and node.index in (None, component)
+        isinstance(node, f.SignalValue)
+        and node.name == component.channel
+        and node.index in (None, component.index)
         for node in nodes
     )
 
@@ -73,12 +103,11 @@ def margins(
     trace: Trace,
     params: Mapping[str, float],
     must: Held,
-    channel: str,
-    component: int | None,
+    component: Component,
     values: FloatArray,
     around: FloatArray | None = None,
 ) -> Margins | None:
-    """Return a predicate's margins for other values of a channel; None if the trace ends before its window.
+    """Return a predicate's margins for other values of a component; None if the trace ends before its window.
 
     With ``around`` (samples of the trace,) the values are differences from these.
     """
@@ -92,19 +121,17 @@ def margins(
     alone = replace(spec, formulas={"predicate": must.predicate}, certify={})
     middle = np.zeros(len(kept)) if around is None else around[kept]
     rows = [
-        alone.robustness_signal(_with(trace, kept, channel, component, middle + value), "predicate", params)
+        alone.robustness_signal(_with(trace, kept, component, middle + value), "predicate", params)
         for value in values
     ]
     return Margins(trace.times[chosen], values, np.array(rows)[:, np.isin(kept, chosen)])
 
 
-def _with(
-    trace: Trace, kept: NDArray[np.intp], channel: str, component: int | None, value: FloatArray
-) -> Trace:
-    """Return some samples of a trace, with other values of one channel or of one component of it."""
+def _with(trace: Trace, kept: NDArray[np.intp], component: Component, value: FloatArray) -> Trace:
+    """Return some samples of a trace, with other values of one component."""
     channels = {name: np.array(samples[kept]) for name, samples in trace.channels.items()}
-    if component is None:
-        channels[channel][:] = value
+    if component.index is None:
+        channels[component.channel][:] = value
     else:
-        channels[channel][:, component] = value
+        channels[component.channel][:, component.index] = value
     return Trace(trace.times[kept], channels, trace.units, trace.meta)

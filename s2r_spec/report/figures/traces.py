@@ -14,7 +14,7 @@ from s2r_spec import logs
 from s2r_spec.errors import S2RError
 from s2r_spec.report.checked import test_words
 from s2r_spec.report.figures.canvas import BAD, BAND, INK, MUTED, Picture, draw, with_unit
-from s2r_spec.report.figures.tolerance import Margins, held, margins, reads
+from s2r_spec.report.figures.tolerance import Component, Margins, held, margins, reads
 from s2r_spec.rollouts.journal import Record
 from s2r_spec.rollouts.scorer import Scorer
 from s2r_spec.rollouts.task import run_task
@@ -38,7 +38,7 @@ class Runs:
     """The rollouts of one journal, with their spec and requirement.
 
     Attributes:
-        spec: as the run keeps it.
+        spec: the specification that the run keeps.
         requirement: the name of the requirement.
         unit: the unit of ρ.
         folder: the folder of the journal.
@@ -170,7 +170,7 @@ def _panels(runs: Runs, trace: Trace, record: Record, beside: tuple[Trace, ...])
     for name in runs.spec.channels(runs.requirement):
         columns = range(trace[name].shape[1]) if trace[name].ndim == 2 else [None]
         for column in columns:
-            panels.append(_panel(runs, trace, others, beside, record, name, column))
+            panels.append(_panel(runs, trace, others, beside, record, Component(name, column)))
     return panels[:_MOST_PANELS]
 
 
@@ -180,21 +180,16 @@ def _panel(
     others: Sequence[Trace],
     beside: Sequence[Trace],
     record: Record,
-    name: str,
-    column: int | None,
+    component: Component,
 ) -> Panel:
-    def samples(one: Trace) -> FloatArray:
-        return one[name] if column is None else one[name][:, column]
-
-    unit = trace.units.get(name, runs.spec.signals[name].unit)
-    own = samples(trace)
+    unit = trace.units.get(component.channel, runs.spec.signals[component.channel].unit)
     return Panel(
-        with_unit(name if column is None else f"{name}[{column}]", unit),
+        with_unit(component.label, unit),
         trace.times,
-        own,
-        tuple((one.times, samples(one)) for one in others),
-        tuple((one.times, samples(one)) for one in beside),
-        limits(runs.spec, runs.requirement, trace, record.params, name, column, own),
+        component.samples(trace),
+        tuple((one.times, component.samples(one)) for one in others),
+        tuple((one.times, component.samples(one)) for one in beside),
+        limits(runs.spec, runs.requirement, trace, record.params, component),
     )
 
 
@@ -203,28 +198,25 @@ def limits(
     requirement: str,
     trace: Trace,
     params: Mapping[str, float],
-    name: str,
-    column: int | None,
-    own: FloatArray,
+    component: Component,
 ) -> tuple[Margins, ...]:
-    """Return the requirement's margins for other values of a signal, or of one component of it.
+    """Return the requirement's margins for other values of one component of a signal.
 
     Args:
         spec: the specification.
         requirement: one of its requirements.
         trace: the recorded trace; the values lie around its samples.
         params: the test.
-        name: the name of the signal.
-        column: the column of the signal; None for a scalar signal.
-        own: (n,) its samples.
+        component: the component.
     """
+    own = component.samples(trace)
     low, high = float(own.min()), float(own.max())
     span = (high - low) or abs(high) or 1.0
     values = np.linspace(low - 2 * span, high + 2 * span, _VALUES)
     found = [
-        margins(spec, trace, params, must, name, column, values)
+        margins(spec, trace, params, must, component, values)
         for must in held(spec.formulas[requirement])
-        if reads(must.predicate, name, column)
+        if reads(must.predicate, component)
     ]
     return tuple(limit for limit in found if limit is not None)
 

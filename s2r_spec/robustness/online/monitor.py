@@ -221,7 +221,7 @@ class _Recorder:
 class Monitor:
     """The robust interval of requirements at the first time of a trace; see :meth:`s2r_spec.spec.Spec.monitor`.
 
-    The interval is that of Deshmukh et al., "Robust online monitoring of signal temporal
+    The interval is defined by Deshmukh et al., "Robust online monitoring of signal temporal
     logic", 2017: every predicate at a later instant takes any value that its signals allow.
     """
 
@@ -242,14 +242,14 @@ class Monitor:
 
     @property
     def decided(self) -> bool:
-        """Whether every ρ is known, so that further samples change nothing."""
+        """Whether every ρ is known. Further samples then change nothing."""
         return all(interval.decided for interval in self._now.values())
 
     def update(self, time: float, sample: Mapping[str, Any]) -> dict[str, RobustInterval]:
         """Take one more sample, and return requirement → the possible values of ρ at the first time.
 
         Args:
-            time: the time of the sample [s], later than that of the sample before.
+            time: the time of the sample [s], later than the time of the sample before.
             sample: signal → its value in the declared unit, a sequence for a vector.
 
         Raises:
@@ -305,7 +305,7 @@ class RobustnessStream:
     def update(self, time: float, sample: Mapping[str, Any]) -> dict[str, list[tuple[float, float]]]:
         """Take one more sample, and return requirement → [(time [s], ρ), …] of the instants that it decides.
 
-        Args and errors are those of :meth:`Monitor.update`.
+        For args and errors see :meth:`Monitor.update`.
         """
         self._recorder.take(time, sample)
         self._times.append(time)

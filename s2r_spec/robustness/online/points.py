@@ -1,6 +1,6 @@
 """Robustness at one instant, as an interval that only shrinks.
 
-If a formula needs an operator at the first instant only, nothing has to be computed for later instants: the minimum
+If a formula needs an operator only at the first instant, nothing has to be computed for later instants: the minimum
 so far is enough, however long the window is. Instants in the window whose values are not known yet enter with the
 bounds of :meth:`~s2r_spec.robustness.online.terms.Term.bound`.
 """
@@ -226,7 +226,7 @@ class Window(Point):
         return self.bounds(self._unsettled(), not closed), False
 
     def _looks_away(self) -> bool:
-        """Return whether to treat undecided instants as unknown this time, so that a sample costs constant time."""
+        """Return whether to treat undecided instants as unknown this time, to keep the cost of a sample constant."""
         return self.clock.now - self.looked < (self.clock.now - self.new + 1) // OFTEN
 
     def _unsettled(self) -> tuple[int, int, int]:

@@ -102,7 +102,7 @@ class Spans:
 
 
 def spread(left: tuple[Span, ...], right: tuple[Span, ...]) -> list[tuple[Span, Span]]:
-    """Pair the components of two values, of which one may be a single number."""
+    """Pair the components of two values; one of them may be a single number."""
     width = max(len(left), len(right))
     return [(left[k % len(left)], right[k % len(right)]) for k in range(width)]
 

@@ -52,7 +52,7 @@ class Term(ABC):
 
     @abstractmethod
     def foresee(self) -> None:
-        """Compute :attr:`ahead` from that of the operands."""
+        """Compute :attr:`ahead` from the operands' ``ahead``."""
 
     @abstractmethod
     def _bound(self, first: int, last: int, side: int) -> FloatArray:

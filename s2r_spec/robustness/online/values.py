@@ -60,7 +60,7 @@ class Values:
         signals: name → a tape for each component.
         params: name → value.
         roots: all formulas that will be evaluated.
-        condition: makes the evaluator of the conditions in ``if``, ``duration`` and ``count``.
+        condition: a function that makes the evaluator of the conditions in ``if``, ``duration`` and ``count``.
     """
 
     def __init__(

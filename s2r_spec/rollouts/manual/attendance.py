@@ -161,7 +161,7 @@ class Attendance:
         """Wait until the robot works again; then the same test is requested again."""
         self.tests.skip(test)
         self.operator.choose(
-            "s2r recorded nothing. It requests the same test again, now or when the run goes on with --resume.",
+            "s2r recorded nothing. It requests the same test again, now or when you resume the run with --resume.",
             {"": "the robot works again"},
         )
         return False
@@ -185,7 +185,7 @@ class Attendance:
         else:
             names = ", ".join(path.name for path in logs[:5])
             self.operator.say(
-                f"There are several logs in {where} ({names}): leave only the one of this test."
+                f"There are several logs in {where} ({names}): leave only the log of this test."
             )
         return None
 
@@ -212,11 +212,11 @@ class Attendance:
             return False
         moved = f" It is in {self.tests.root / REFUSED} now." if where != path else ""
         self.operator.say(f"{path.name} is refused: {checked.refusal}.{moved}")
-        self.operator.say("A test that ran counts: give its right log, or answer f or n.")
+        self.operator.say("A test that ran counts: give the right log, or answer f or n.")
         return False
 
     def _check(self, path: Path, test: PendingTest, failure: str | None) -> _Checked:
-        """Read a log, and check that it is of the test."""
+        """Read a log, and check that it belongs to the test."""
         try:
             loaded = self.options.load(path)
         except TraceError as error:

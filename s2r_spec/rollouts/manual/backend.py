@@ -34,12 +34,12 @@ VOID_REASON = "the operator says that the test ran and left no log"
 
 @dataclass(frozen=True)
 class ManualBackend:
-    """A person as the backend; its channels and parameters are those of the specification.
+    """A person as the backend, with the channels and parameters of the specification.
 
     Args:
         folder: folder of the rollouts; options for reading logs may follow a ``?``.
         duration: horizon of the specification [s]; 0 if it reads a trace to its end.
-        needs: channels and parameters of the specification; None for those of the folder's last run.
+        needs: channels and parameters of the specification; None to take them from the folder's last run.
 
     Raises:
         UsageError: the folder is missing, or an option is unknown.
@@ -102,7 +102,7 @@ class ManualBackend:
     def assumptions(self) -> tuple[str, ...]:
         """Assumptions of every statement about these tests."""
         return (
-            f"a person ran the tests of {self.name}: each log is of the requested test",
+            f"a person ran the tests of {self.name}: each log is from the requested test",
             f"every test of {self.name} that began has a log, or is recorded as a fall or as void; "
             f"no skipped test began",
         )

@@ -1,4 +1,4 @@
-"""Check that a log is of the requested test. Each check returns the reason for a refusal, or None.
+"""Check that a log belongs to the requested test. Each check returns the reason for a refusal, or None.
 
 Data: the trace as read, the parameters of the test, and the channels of the specification. The checks are pure and run
 in the order of :data:`CHECKS`; a check may rely on the ones before it.
@@ -88,7 +88,7 @@ def channels(trace: Trace, test: RequestedTest) -> str | None:
         if channel.name not in trace.channels:
             return (
                 f"it has no channel {channel.name!r}{suggest(channel.name, trace.channels)} it has "
-                f"{one_of(trace.channels)}; map another name by manual:FOLDER?map={channel.name}=NAME"
+                f"{one_of(trace.channels)}; map another name with manual:FOLDER?map={channel.name}=NAME"
             )
         width = math.prod(trace[channel.name].shape[1:])
         if width != channel.width:
@@ -109,7 +109,7 @@ def clock(trace: Trace, test: RequestedTest) -> str | None:
         step = float(np.median(np.diff(trace.times)))
         return (
             f"its clock is wrong: it lasts {trace.duration:g} s with a sample every {step:g} s, the test only "
-            f"{test.seconds:g} s; read times in ms by manual:FOLDER?time-unit=ms"
+            f"{test.seconds:g} s; read times in ms with manual:FOLDER?time-unit=ms"
         )
     return None
 
@@ -146,7 +146,7 @@ def samples(trace: Trace, test: RequestedTest) -> str | None:
             at = float(trace.times[int(np.argmax(lacking))] - trace.times[0])
             return (
                 f"its channel {channel.name!r} has no value {at:.4g} s after its beginning; take the sample before it "
-                f"by manual:FOLDER?nan=hold"
+                f"with manual:FOLDER?nan=hold"
             )
     return None
 

@@ -91,7 +91,7 @@ class TestFolder:
         columns, expected = table.read(self.root / TABLE)[0], table.header(parameters)
         if columns and columns != expected:
             raise UsageError(
-                f"{self.root / TABLE} is of another specification: its columns are {', '.join(columns)}, and this "
+                f"{self.root / TABLE} belongs to another specification: its columns are {', '.join(columns)}, and this "
                 f"one needs {', '.join(expected)}; use another folder"
             )
         if (test := self.pending()) is not None:
@@ -215,7 +215,7 @@ class TestFolder:
     ) -> Trace:
         """Write a trace and its row, and return the trace as read back.
 
-        A channel that no format can hold stays in the original only; every format can hold the spec's channels.
+        A channel that no format can hold stays only in the original; every format can hold the spec's channels.
 
         Raises:
             UsageError: a file cannot be written.
@@ -323,7 +323,7 @@ def _json(path: Path) -> dict[str, Any] | None:
     """Return the object in a file of the manual backend; None if there is no file.
 
     Raises:
-        UsageError: the file is damaged, or of another program.
+        UsageError: the file is damaged, or another program wrote it.
     """
     try:
         record = json.loads(path.read_text(encoding="utf-8"))

@@ -1,1 +1,1 @@
-"""Effects of motors and gears: strength, friction, play, and torques that are reported wrongly."""
+"""Effects of motors and gears: strength, friction, play, and errors of the reported torque."""

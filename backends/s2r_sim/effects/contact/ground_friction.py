@@ -1,4 +1,4 @@
-"""A more or less slippery ground."""
+"""Another friction coefficient of the ground."""
 
 from __future__ import annotations
 

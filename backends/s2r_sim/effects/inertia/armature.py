@@ -16,7 +16,7 @@ def _apply(physics: Physics, inertia: float) -> Physics:
 ARMATURE = PhysicsEffect(
     name="armature",
     family="inertia",
-    physics="Rotor inertia is added to every joint, beyond what the controller reckons with.",
+    physics="Rotor inertia is added to every joint, beyond that of the controller's model.",
     parameters=(
         EffectParameter(
             "inertia", "kg*m^2", low=0.0, high=0.03, nominal=0.0, prior="half-normal, 0.008 kg*m^2"

@@ -17,7 +17,7 @@ def _apply(physics: Physics, roll: float, pitch: float) -> Physics:
 ATTITUDE_BIAS = PhysicsEffect(
     name="attitude_bias",
     family="sensing",
-    physics="The IMU sits askew on the trunk, and reports roll and pitch with these errors.",
+    physics="The IMU is misaligned on the trunk, and reports roll and pitch with these errors.",
     parameters=(
         EffectParameter("roll", "deg", low=-6.0, high=6.0, nominal=0.0, prior="normal, 1.5 deg"),
         EffectParameter("pitch", "deg", low=-6.0, high=6.0, nominal=0.0, prior="normal, 1.5 deg"),

@@ -1,4 +1,4 @@
-"""Joint encoders that were calibrated badly."""
+"""Calibration errors of the joint encoders."""
 
 from __future__ import annotations
 

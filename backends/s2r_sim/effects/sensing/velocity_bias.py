@@ -17,7 +17,7 @@ def _apply(physics: Physics, forward: float, left: float) -> Physics:
 VELOCITY_BIAS = PhysicsEffect(
     name="velocity_bias",
     family="sensing",
-    physics="The velocity that the controller is given is off by this much, in the heading frame.",
+    physics="The controller's velocity has this error, in the heading frame.",
     parameters=(
         EffectParameter("forward", "m/s", low=-0.15, high=0.15, nominal=0.0, prior="normal, 0.03 m/s"),
         EffectParameter("left", "m/s", low=-0.15, high=0.15, nominal=0.0, prior="normal, 0.03 m/s"),

@@ -16,7 +16,7 @@ def _apply(physics: Physics, factor: float) -> Physics:
 VELOCITY_SCALE = PhysicsEffect(
     name="velocity_scale",
     family="sensing",
-    physics="The velocity that the controller is given is this multiple of what it should be.",
+    physics="The controller's velocity is multiplied by this factor.",
     parameters=(
         EffectParameter(
             "factor", "", low=0.7, high=1.4, nominal=1.0, prior="normal around 1, standard deviation 0.1"

@@ -1,4 +1,4 @@
-"""A slope that nobody told the controller of."""
+"""A slope that the controller's model does not have."""
 
 from __future__ import annotations
 
