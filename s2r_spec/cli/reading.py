@@ -74,7 +74,7 @@ def read(request: Request, path: Path) -> list[Recorded]:
     from s2r_spec.rollouts.excerpts import excerpt
 
     horizon = max(request.spec.horizon(name) for name in request.requirements)
-    found = excerpt(path, request.spec, request.wanted, horizon, request.excerpts)
+    found = excerpt(path, request.spec.signals, request.wanted, horizon, request.excerpts)
     notes = list(found.notes)
     if found.dated:
         notes.append(f"times count from the first sample, at {found.dated}")
@@ -83,7 +83,8 @@ def read(request: Request, path: Path) -> list[Recorded]:
     recorded = []
     for episode in found.episodes:
         with named(path):
-            params, taken = parameters(request, episode.trace.meta, episode.name, episode.params)
+            read = request.spec.read_params(episode.texts())
+            params, taken = parameters(request, episode.trace.meta, episode.name, read)
         recorded.append(Recorded(episode.name, episode.trace, params, taken, tuple(notes)))
     return recorded
 

@@ -11,8 +11,11 @@ import numpy as np
 
 from s2r_spec import logs
 from s2r_spec.errors import TraceError, UsageError
+from s2r_spec.lang.declarations import Signal
 from s2r_spec.logs.episodes import Cut, cut, part
+from s2r_spec.logs.mapping import ANY
 from s2r_spec.logs.times import TIME
+from s2r_spec.logs.topics.formats import opener
 from s2r_spec.logs.topics.join import Joining
 from s2r_spec.spec import Spec, parse_spec
 from s2r_spec.trace import Trace
@@ -94,34 +97,43 @@ class Episode:
     Args:
         name: the file, with the number of the episode if there can be several.
         trace: the trace, with times from 0 on if it was cut.
-        params: test parameter → value from the log, in the declared unit.
+        values: test parameter → its value in the log, and the unit of its column ("" if none is written).
         begins: time of its start from the log's first sample [s]; None if nothing was cut.
     """
 
     name: str
     trace: Trace
-    params: Mapping[str, float]
+    values: Mapping[str, tuple[float, str]]
     begins: float | None = None
+
+    def texts(self) -> list[str]:
+        """Return the parameters as ``--param`` takes them, such as ``vd=0.3 m/s``."""
+        return [f"{name}={value!r} {unit}".rstrip() for name, (value, unit) in self.values.items()]
 
 
 @dataclass(frozen=True)
 class Excerpt:
-    """The episodes of a file, and notes for the user."""
+    """The episodes of a file, notes for the user, the date from which times count, and how the episodes were cut."""
 
     episodes: tuple[Episode, ...]
     notes: tuple[str, ...]
     dated: str = ""
+    cut: tuple[str, ...] = ()
 
 
 def excerpt(
-    path: Path, spec: Spec, wanted: Mapping[str, int | None], horizon: float, excerpts: Excerpts
+    path: Path,
+    signals: Mapping[str, Signal],
+    wanted: Mapping[str, int | None] | None,
+    horizon: float,
+    excerpts: Excerpts,
 ) -> Excerpt:
     """Return the traces of a file.
 
     Args:
         path: the file, or the folder of a ROS 2 bag.
-        spec: declares the signals.
-        wanted: signal → None for a number, else its width.
+        signals: the declared signals, for the units in the condition.
+        wanted: signal → None for a number, else its width; None for all that the file has.
         horizon: duration that the requirements need [s]; inf if they need the whole rest.
         excerpts: how they are read.
 
@@ -130,44 +142,61 @@ def excerpt(
         SpecError: the condition is not valid.
         UsageError: the length of an episode is not known.
     """
-    others = {name: None for name in excerpts.columns if name != TIME and name not in spec.signals}
-    read = {source.column: None for source in excerpts.sources.values()}
+    sources = {source.column for source in excerpts.sources.values()}
     loaded = logs.load(
         path,
         excerpts.columns,
-        {**wanted, **others, **read},
+        _read(path, signals, wanted, excerpts),
         time_unit=excerpts.time_unit,
         joining=excerpts.joining,
     )
+    trace = loaded.trace
+    kept = (
+        tuple(wanted) if wanted is not None else tuple(name for name in trace.channels if name not in sources)
+    )
     if not excerpts.cuts:
-        return Excerpt(
-            (_episode(str(path), loaded.trace, wanted, spec, excerpts),), loaded.notes, loaded.begins
-        )
+        episode = Episode(str(path), trace.only(kept), _values(str(path), trace, excerpts))
+        return Excerpt((episode,), loaded.notes, loaded.begins)
     duration = horizon if excerpts.duration is None else excerpts.duration
     if math.isinf(duration):
         raise UsageError(
             "the requirement looks at the whole rest of a trace; state the length of an episode by --duration"
         )
-    trace = loaded.trace
-    if excerpts.when is None:
-        found, notes = _one(trace, excerpts.start or 0.0, duration), []
-    else:
-        found = _cut(trace, spec, others, excerpts, duration)
-        notes = found.notes(excerpts.when)
+    found, notes = _cut(trace, signals, excerpts, duration)
     if not found.spans:
         raise TraceError(f"{path}: no complete episode: {'; '.join(notes) or 'the log is too short'}")
-    episodes = tuple(
-        _episode(
-            f"{path}#{number}",
-            part(trace, *span),
-            wanted,
-            spec,
-            excerpts,
-            float(trace.times[span[0]] - trace.times[0]),
-        )
-        for number, span in enumerate(found.spans, 1)
-    )
-    return Excerpt(episodes, (*loaded.notes, *notes), loaded.begins)
+    episodes = []
+    for number, (first, end) in enumerate(found.spans, 1):
+        name = f"{path}#{number}"
+        one = part(trace, first, end)
+        begins = float(trace.times[first] - trace.times[0])
+        episodes.append(Episode(name, one.only(kept), _values(name, one, excerpts), begins))
+    return Excerpt(tuple(episodes), (*loaded.notes, *notes), loaded.begins, tuple(notes))
+
+
+def _read(
+    path: Path, signals: Mapping[str, Signal], wanted: Mapping[str, int | None] | None, excerpts: Excerpts
+) -> dict[str, int | None] | None:
+    """Return the channels to read: of a log of topics only those that somebody names; None for all of a table."""
+    if wanted is None and opener(path) is None:
+        return None
+    mapped: dict[str, int | None] = {
+        name: ANY for name in excerpts.columns if name != TIME and name not in signals
+    }
+    return {**(wanted or {}), **mapped, **{source.column: ANY for source in excerpts.sources.values()}}
+
+
+def _cut(
+    trace: Trace, signals: Mapping[str, Signal], excerpts: Excerpts, duration: float
+) -> tuple[Cut, list[str]]:
+    """Return the episodes of a log, and sentences on how they were cut."""
+    start = excerpts.start or 0.0
+    if excerpts.when is None:
+        return _one(trace, start, duration), []
+    condition = _condition(trace, signals, excerpts.when)
+    found = condition.evaluate(trace.only(condition.channels(_CONDITION)), _CONDITION)
+    episodes = cut(trace.times, found.truth & found.complete, duration, float(trace.times[0]) + start)
+    return episodes, episodes.notes(excerpts.when)
 
 
 def _one(trace: Trace, start: float, duration: float) -> Cut:
@@ -180,47 +209,41 @@ def _one(trace: Trace, start: float, duration: float) -> Cut:
     return Cut(((begin, end),) if complete else (), False, 0, int(not complete))
 
 
-def _cut(trace: Trace, spec: Spec, others: Iterable[str], excerpts: Excerpts, duration: float) -> Cut:
-    """Return the episodes that begin where the condition becomes true."""
-    assert excerpts.when is not None
-    condition = _condition(trace, spec, others, excerpts.when)
-    signals = condition.channels(_CONDITION)
-    found = condition.evaluate(trace.only(signals), _CONDITION)
-    earliest = float(trace.times[0]) + (excerpts.start or 0.0)
-    return cut(trace.times, found.truth & found.complete, duration, earliest)
-
-
-def _condition(trace: Trace, spec: Spec, others: Iterable[str], text: str) -> Spec:
-    lines = [f"signal {name}{_shape(spec, name)}" for name in trace.channels if name in spec.signals]
-    lines += [f"signal {name}{_braced(trace.units.get(name, ''))}" for name in others]
+def _condition(trace: Trace, signals: Mapping[str, Signal], text: str) -> Spec:
+    """Return a specification of the condition, which may name every channel that was read."""
+    lines = [
+        f"signal {name}{_shape(trace, signals.get(name), name)}"
+        for name in trace.channels
+        if name.isidentifier()
+    ]
     return parse_spec("\n".join([*lines, f"require {_CONDITION}: {text}"]), "--when")
 
 
-def _shape(spec: Spec, name: str) -> str:
-    signal = spec.signals[name]
-    if signal.boolean:
+def _shape(trace: Trace, signal: Signal | None, name: str) -> str:
+    """Return the declaration of a channel after its name: as the specification has it, else as the log has it."""
+    if signal is not None and signal.boolean:
         return " bool"
-    return f"[{signal.dim}]" * signal.vector + _braced(signal.unit)
+    width = "" if trace[name].ndim == 1 else f"[{trace[name].shape[1]}]"
+    unit = trace.units.get(name, "") if signal is None else signal.unit
+    return width + (f" {{{unit}}}" if unit else "")
 
 
-def _braced(unit: str) -> str:
-    return f" {{{unit}}}" if unit else ""
+def _values(name: str, trace: Trace, excerpts: Excerpts) -> dict[str, tuple[float, str]]:
+    """Return the test parameters that the log holds; a trace's times begin with its episode.
 
-
-def _episode(
-    name: str,
-    trace: Trace,
-    wanted: Iterable[str],
-    spec: Spec,
-    excerpts: Excerpts,
-    begins: float | None = None,
-) -> Episode:
-    params: dict[str, float] = {}
+    Raises:
+        TraceError: a value is not a finite number.
+    """
+    values: dict[str, tuple[float, str]] = {}
     for parameter, source in excerpts.sources.items():
+        samples = trace[source.column]
+        if samples.ndim != 1:
+            raise TraceError(
+                f"{name}: the parameter {parameter} is a vector, from {source.column}; name a component"
+            )
         at = int(np.searchsorted(trace.times - trace.times[0], source.at * (1.0 + 1e-9), side="right")) - 1
-        value = float(trace[source.column][max(at, 0)])
+        value = float(samples[max(at, 0)])
         if not math.isfinite(value):
             raise TraceError(f"{name}: the parameter {parameter} is {value}, from {source.column}")
-        unit = trace.units.get(source.column, "")
-        params |= spec.read_params([f"{parameter}={value!r} {unit}".rstrip()])
-    return Episode(name, trace.only(wanted), params, begins)
+        values[parameter] = (value, trace.units.get(source.column, ""))
+    return values

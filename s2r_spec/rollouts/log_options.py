@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 from urllib.parse import unquote
 
 import numpy as np
@@ -15,9 +17,29 @@ from s2r_spec.errors import UsageError
 from s2r_spec.logs.interpret import Loaded
 from s2r_spec.logs.mapping import read_map
 from s2r_spec.logs.times import unit_of_option
+from s2r_spec.logs.topics.join import RULES, Joining
+from s2r_spec.logs.topics.topic import STAMPS
+from s2r_spec.rollouts.excerpts import Excerpts, read_sources
 from s2r_spec.trace import Trace
 
 FloatArray = NDArray[np.float64]
+
+
+WORDS = {
+    "nan": "hold",
+    "time-unit": "UNIT",
+    "map": "NAME=COLUMN",
+    "when": "CONDITION",
+    "start": "SECONDS",
+    "duration": "SECONDS",
+    "join": "RULE",
+    "clock": "TOPIC",
+    "stamps": "STAMPS",
+    "param": "NAME=COLUMN@SECONDS",
+}
+"""Definition: the options after the ``?``, each with the form of its value."""
+REPEATED = ("map", "param")
+"""Definition: options that may be given several times."""
 
 
 @dataclass(frozen=True)
@@ -27,15 +49,13 @@ class LogOptions:
     Args:
         folder: the folder.
         text: the text after the ``?``; "" if there is none.
-        columns: channel or ``t`` → name of its column in the files.
-        time_unit: unit of times that are plain numbers; None if not stated.
+        excerpts: how a log becomes traces.
         hold: whether a missing sample takes the value of the sample before it.
     """
 
     folder: Path
     text: str
-    columns: Mapping[str, str]
-    time_unit: str | None
+    excerpts: Excerpts
     hold: bool
 
     @classmethod
@@ -51,30 +71,31 @@ class LogOptions:
         """
         name, mark, options = text.partition("?")
         if not mark or Path(text).is_dir():
-            return cls(Path(text), "", {}, None, False)
-        values: dict[str, list[str]] = {"nan": [], "time-unit": [], "map": []}
-        for option in filter(None, options.split("&")):
-            key, _, value = option.partition("=")
-            if key not in values:
-                raise UsageError(
-                    f"{backend}:{text}: the options after the ? are nan=hold, time-unit=UNIT and map=NAME=COLUMN, "
-                    f"not {option!r}"
-                )
-            values[key].append(unquote(value))
-        if not set(values["nan"]) <= {"hold", "error"} or len(set(values["nan"])) > 1:
-            raise UsageError(
-                f"{backend}:{text}: nan must be error or hold, not {' and '.join(values['nan'])}"
-            )
-        if len(set(values["time-unit"])) > 1:
-            raise UsageError(
-                f"{backend}:{text}: time-unit has several values, {' and '.join(values['time-unit'])}; give one"
-            )
-        unit = unit_of_option(values["time-unit"][0]) if values["time-unit"] else None
-        return cls(Path(name), options, read_map(values["map"]), unit, "hold" in values["nan"])
+            return cls(Path(text), "", Excerpts(), False)
+        where = f"{backend}:{text}"
+        values = _values(where, options)
+        if values.get("nan", "error") not in ("hold", "error"):
+            raise UsageError(f"{where}: nan must be error or hold, not {values['nan']}")
+        stated, sources = read_sources(values["param"])
+        if stated:
+            raise UsageError(f"{where}: param={stated[0]} names no column; write param=vd=COLUMN@0")
+        excerpts = Excerpts(
+            read_map(values["map"]),
+            unit_of_option(values.get("time-unit")),
+            _joining(where, values),
+            values.get("when"),
+            _seconds(where, values, "start"),
+            _seconds(where, values, "duration"),
+            sources,
+        )
+        return cls(Path(name), options, excerpts, values.get("nan") == "hold")
 
     def load(self, path: Path) -> Loaded:
         """Read a file; numbered columns become vectors, because no spec says which form is meant."""
-        return logs.load(path, self.columns, time_unit=self.time_unit, gather=True)
+        excerpts = self.excerpts
+        return logs.load(
+            path, excerpts.columns, time_unit=excerpts.time_unit, gather=True, joining=excerpts.joining
+        )
 
     def fill_gaps(self, trace: Trace) -> Trace:
         """Return the trace with each missing sample replaced by the one before, if ``nan=hold`` is set."""
@@ -90,3 +111,45 @@ def _last_known(values: FloatArray) -> FloatArray:
     samples = np.arange(len(values)).reshape(-1, *(1,) * (values.ndim - 1))
     known = np.maximum.accumulate(np.where(np.isnan(values), 0, samples), axis=0)
     return np.take_along_axis(values, known, axis=0)
+
+
+def _values(where: str, options: str) -> dict[str, Any]:
+    """Return option → its value; a list for one that may be repeated.
+
+    Raises:
+        UsageError: an option is unknown, or has two values.
+    """
+    values: dict[str, Any] = {key: [] for key in REPEATED}
+    for option in filter(None, options.split("&")):
+        key, _, value = option.partition("=")
+        value = unquote(value)
+        if key not in WORDS:
+            known = ", ".join(f"{word}={form}" for word, form in WORDS.items())
+            raise UsageError(f"{where}: the options after the ? are {known}, not {option!r}")
+        if key in REPEATED:
+            values[key].append(value)
+        elif values.setdefault(key, value) != value:
+            raise UsageError(f"{where}: {key} has several values, {values[key]} and {value}; give one")
+    return values
+
+
+def _joining(where: str, values: Mapping[str, Any]) -> Joining | None:
+    rule, clock, stamps = (values.get(key) for key in ("join", "clock", "stamps"))
+    for key, value, allowed in (("join", rule, RULES), ("stamps", stamps, STAMPS)):
+        if value not in (None, *allowed):
+            raise UsageError(f"{where}: {key} must be {' or '.join(allowed)}, not {value!r}")
+    if rule is clock is stamps is None:
+        return None
+    return Joining(clock, rule or "hold", stamps)
+
+
+def _seconds(where: str, values: Mapping[str, Any], key: str) -> float | None:
+    if key not in values:
+        return None
+    try:
+        seconds = float(values[key])
+    except ValueError:
+        seconds = math.nan
+    if not 0.0 <= seconds < math.inf:
+        raise UsageError(f"{where}: {key} must be a number of seconds, not {values[key]!r}")
+    return seconds

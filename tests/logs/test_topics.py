@@ -36,23 +36,23 @@ def episodes(path, columns, joining=None):
     excerpts = Excerpts(
         columns, None, joining, "vx_cmd > 0.05", sources={"vd": Source(columns["vx_cmd"], 0.0)}
     )
-    return excerpt(path, SPEC, {"vx": None}, SPEC.horizon(), excerpts)
+    return excerpt(path, SPEC.signals, {"vx": None}, SPEC.horizon(), excerpts)
 
 
 @pytest.mark.parametrize("name", FORMATS)
 def test_every_format_of_one_drive_gives_the_same_robustness(name, tmp_path):
     write, columns = FORMATS[name]
     (episode,) = episodes(write(tmp_path), columns).episodes
-    assert episode.params == {"vd": 0.3}
+    assert SPEC.read_params(episode.texts()) == {"vd": 0.3}
     assert episode.begins == pytest.approx(robot_logs.STEP, abs=1e-6)
-    assert SPEC.robustness(episode.trace, episode.params)["reaches"] == pytest.approx(RHO, abs=1e-9)
+    assert SPEC.robustness(episode.trace, {"vd": 0.3})["reaches"] == pytest.approx(RHO, abs=1e-9)
 
 
 def test_a_table_with_empty_cells_gives_it_too(tmp_path):
     path = robot_logs.plotjuggler(tmp_path / "drive.csv")
     columns = {"t": "__time", "vx": "/odom/vx", "vx_cmd": "/cmd/vx"}
     (episode,) = episodes(path, columns, Joining(clock="vx")).episodes
-    assert SPEC.robustness(episode.trace, episode.params)["reaches"] == pytest.approx(RHO, abs=1e-9)
+    assert SPEC.robustness(episode.trace, {"vd": 0.3})["reaches"] == pytest.approx(RHO, abs=1e-9)
 
 
 def test_stamps_are_those_of_the_headers_only_if_all_topics_have_one(tmp_path):

@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,7 @@ from s2r_spec.logs.table import Column
 from s2r_spec.logs.topics.topic import Stamps, Topic
 
 Rule = Literal["hold", "linear"]
+RULES: tuple[Rule, ...] = get_args(Rule)
 FloatArray = NDArray[np.float64]
 NANOSECOND = Fraction(1, 10**9)
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal, Protocol
+from typing import Any, Literal, Protocol, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from s2r_spec.logs.table import Column
 
 Stamps = Literal["header", "received"]
+STAMPS: tuple[Stamps, ...] = get_args(Stamps)
 """Which stamps of a message count: those its sender wrote into its header, or the times at which it was recorded."""
 
 

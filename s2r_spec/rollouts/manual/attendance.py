@@ -13,6 +13,7 @@ from pathlib import Path
 from s2r_spec.backend import Coming, Needs, Operator
 from s2r_spec.errors import TraceError, UsageError
 from s2r_spec.logs import FORMATS
+from s2r_spec.rollouts.log_folder import digest
 from s2r_spec.rollouts.log_options import LogOptions
 from s2r_spec.rollouts.manual.checks import (
     RequestedTest,
@@ -23,7 +24,6 @@ from s2r_spec.rollouts.manual.checks import (
 )
 from s2r_spec.rollouts.manual.folder import INCOMING, ORIGINALS, REFUSED, PendingTest, TestFolder
 from s2r_spec.rollouts.manual.words import channel_words, test_words
-from s2r_spec.rollouts.recorded import digest
 from s2r_spec.trace import Trace
 
 FALL = "fall"

@@ -30,9 +30,10 @@ from s2r_spec import logs
 from s2r_spec.backend import Channel, Parameter
 from s2r_spec.errors import TraceError, TraceNote, UsageError
 from s2r_spec.files import replacing, save
+from s2r_spec.rollouts.log_folder import TABLE, digest
 from s2r_spec.rollouts.manual import table
 from s2r_spec.rollouts.manual.checks import within_horizon
-from s2r_spec.rollouts.recorded import TABLE, LogBackend, digest
+from s2r_spec.rollouts.recorded import LogBackend
 from s2r_spec.trace import Trace
 
 SCHEMA = "s2r.manual/1"
