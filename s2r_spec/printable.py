@@ -8,7 +8,9 @@ Every escape is also valid in JSON, and none is escaped twice.
 
 from __future__ import annotations
 
+import html
 import re
+from collections.abc import Iterable, Sequence
 
 _SHORT = {"\n": "\\n", "\r": "\\r", "\t": "\\t"}
 # C0, DEL and C1; marks of writing direction; line and paragraph separator; byte order mark; surrogates.
@@ -43,6 +45,20 @@ def spelled(unit: str) -> str:
 def without_controls(text: str) -> str:
     """Return a text whose control characters are escaped, except line breaks."""
     return _CONTROL.sub(_escaped, text)
+
+
+def html_text(text: object) -> str:
+    """Return a text as one line of HTML: markup and control characters are escaped."""
+    return html.escape(one_line(text))
+
+
+def html_table(title: str, head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return a table for a notebook, without style or script; every text is escaped."""
+    top = "".join(f"<th>{html_text(word)}</th>" for word in head)
+    cells = ("".join(f"<td>{html_text(cell)}</td>" for cell in row) for row in rows)
+    body = "".join(f"<tr>{row}</tr>" for row in cells)
+    above = f"<thead><tr>{top}</tr></thead>" if head else ""
+    return f"<table><caption>{html_text(title)}</caption>{above}<tbody>{body}</tbody></table>"
 
 
 def _escaped(match: re.Match[str]) -> str:

@@ -2,23 +2,37 @@
 
 from __future__ import annotations
 
+import math
+import warnings
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from s2r_spec import stamps
-from s2r_spec.errors import TraceError, one_of, suggest
-from s2r_spec.instants import instant
-from s2r_spec.printable import one_line
+from s2r_spec.errors import TraceError, TraceNote, one_of, suggest
+from s2r_spec.instants import DATES, instant
+from s2r_spec.printable import html_table, one_line
+from s2r_spec.upper import upper
 
 FloatArray = NDArray[np.float64]
 
+ROUNDING = 1e-6
+"""Tolerance: rounding error of a time [sampling periods]. Twice as much changes nothing that is not rounding."""
+MOST_SAMPLES = 2**25
+"""Budget: samples of a trace that is resampled, 34 million. Twice as many take twice the memory, 0.5 GB a channel."""
+SHOWN = 8
+"""Definition: signals that the one line of a trace names."""
 
-@dataclass(frozen=True, eq=False)
+
+Rule = Literal["hold", "linear"]
+"""How a signal has a value between two samples; see :meth:`Trace.resample`."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
 class Trace:
     """Channels over common time stamps. Frozen: arrays are read-only copies.
 
@@ -116,6 +130,222 @@ class Trace:
         units = {name: unit for name, unit in self.units.items() if name in kept}
         return Trace(self.times, kept, units, self.meta)
 
+    # -- other times and names -----------------------------------------------------------------------------------
+
+    def between(self, start: Any, end: Any) -> Trace:
+        """Return the samples from ``start`` to ``end``, both included; they keep their times.
+
+        ``meta`` stays as it is, so that the ρ of a trace with a failure is the declared one, also for a part.
+
+        Args:
+            start: time [s] on the clock of the trace, or a duration (``timedelta``).
+            end: time [s]; ``float("inf")`` for the last sample.
+
+        Raises:
+            TraceError: an argument is no time, the end is before the start, or no sample lies between the two.
+        """
+        low, high = _seconds(start, "start"), _seconds(end, "end")
+        if high < low:
+            raise TraceError(f"the end, {high:g} s, is before the start, {low:g} s")
+        close = ROUNDING * self._period
+        first, stop = np.searchsorted(self.times, (low - close, high + close), side="left")
+        if first == stop:
+            ends = f"{instant(self.times, self.times[0])} to {instant(self.times, self.times[-1])}"
+            raise TraceError(f"no sample lies between {low:g} s and {high:g} s; the trace has {ends}")
+        return self._at(slice(first, stop), self.times[first:stop])
+
+    def shift(self, by: Any) -> Trace:
+        """Return this trace with all times later by so many seconds (or a ``timedelta``); earlier if negative.
+
+        ``trace.shift(-trace.times[0])`` begins at 0.
+
+        Raises:
+            TraceError: the argument is not a finite duration.
+        """
+        return self._at(slice(None), self.times + _finite(by, "the shift"))
+
+    def resample(self, period: Any, rule: Rule | Mapping[str, Rule] = "hold") -> Trace:
+        """Return this trace at regular times, from its first time on.
+
+        The rules are those that join the topics of a log:
+
+            hold     the last sample up to this time, as a controller sees a signal
+            linear   between the samples before and after it
+
+        Nothing is extrapolated: the last time is at most the last one of the trace. No filter is applied. So a longer
+        period keeps single samples, and noise above half the new rate folds back.
+
+        Args:
+            period: time from one sample to the next [s], or a ``timedelta``.
+            rule: "hold" or "linear" for all channels; or channel → rule, and the other channels hold.
+
+        Raises:
+            TraceError: the period is not positive, is longer than the trace, or gives too many samples; or a rule
+                is not one of the two, or is for no channel.
+        """
+        step = _finite(period, "the period")
+        if step <= 0:
+            raise TraceError(f"the period is {step:g} s; it must be positive")
+        if step > self.duration * (1 + ROUNDING):
+            raise TraceError(f"the period, {step:g} s, is longer than the trace, {self.duration:g} s")
+        if self.duration / step > MOST_SAMPLES:
+            raise TraceError(
+                f"a period of {step:g} s gives {self.duration / step:.3g} samples; s2r makes at most {MOST_SAMPLES:.3g}"
+            )
+        rules = self._rules(rule)
+        count = int(self.duration / step * (1 + 1e-12) + ROUNDING) + 1
+        times = self.times[0] + step * np.arange(count)
+        close = ROUNDING * min(step, self._period)
+        at = np.searchsorted(self.times, times + close, side="right") - 1
+        times = np.where(np.abs(times - self.times[at]) <= close, self.times[at], times)
+        channels = {
+            name: values[at] if rules[name] == "hold" else between(times, self.times, values)
+            for name, values in self.channels.items()
+        }
+        return Trace(times, channels, self.units, self.meta)
+
+    def rename(self, names: Mapping[str, str]) -> Trace:
+        """Return this trace with other names of channels: old name → new name; units go with them.
+
+        Raises:
+            TraceError: there is no such channel, or two channels would have one name.
+        """
+        for old, new in names.items():
+            self[old]
+            if not isinstance(new, str) or not new:
+                raise TraceError(f"the new name of channel {old!r} is {new!r}; it must be a text")
+        kept = [names.get(name, name) for name in self.channels]
+        if twice := [name for name in kept if kept.count(name) > 1]:
+            raise TraceError(f"two channels would be called {twice[0]!r}; give them different names")
+        channels = dict(zip(kept, self.channels.values(), strict=True))
+        return Trace(
+            self.times, channels, {names.get(n, n): unit for n, unit in self.units.items()}, self.meta
+        )
+
+    def _at(self, chosen: slice, times: FloatArray) -> Trace:
+        """Return chosen samples, at these times."""
+        channels = {name: values[chosen] for name, values in self.channels.items()}
+        return Trace(times, channels, self.units, self.meta)
+
+    def _rules(self, rule: Rule | Mapping[str, Rule]) -> dict[str, str]:
+        """Return channel → its rule.
+
+        Raises:
+            TraceError: a rule is not one of the two, or is for no channel.
+        """
+        given = dict(rule) if isinstance(rule, Mapping) else dict.fromkeys(self.channels, rule)
+        for name, one in given.items():
+            self[name]
+            if one not in ("hold", "linear"):
+                raise TraceError(f"the rule {one!r} of channel {name!r} is not one of hold, linear")
+        return {name: given.get(name, "hold") for name in self.channels}
+
+    @property
+    def _period(self) -> float:
+        """Median time from one sample to the next [s]; 0 for a single sample."""
+        return float(np.median(np.diff(self.times))) if len(self) > 1 else 0.0
+
+    # -- data frames -----------------------------------------------------------------------------------------------
+
+    @classmethod
+    def from_dataframe(
+        cls,
+        frame: Any,
+        time: str | None = None,
+        units: Mapping[str, str] | None = None,
+        *,
+        time_unit: str | None = None,
+    ) -> Trace:
+        """Return the trace of a data frame of pandas or polars, of an Arrow table, or of another Arrow object.
+
+        A frame is read like a file with the same columns. Columns that hold no numbers are left out, with a warning
+        (:class:`~s2r_spec.errors.TraceNote`). Columns ``q[0]``, ``q[1]`` make one vector, and a header ``vx [m/s]``
+        states its unit. Needs ``pip install 's2r[frames]'``.
+
+        Args:
+            frame: the frame.
+            time: name of the column, or of the index, with the times; None for the column ``t``, or else for an
+                index of dates or durations. Durations become seconds, and dates seconds since the first of them.
+            units: channel → unit ("m/s"), on top of those in ``frame.attrs["units"]``.
+            time_unit: unit of times that are plain numbers ("ms", "ns"); None for seconds.
+
+        Raises:
+            TraceError: there is no column of times, a time is missing, or the times do not increase.
+            UsageError: it is not a frame.
+        """
+        loaded = upper("logs.dataframe").read(frame, time, units, time_unit)
+        left_out = [f"the column {name!r} is left out: {reason}" for name, reason in loaded.left_out.items()]
+        for note in (*loaded.notes, *left_out):
+            warnings.warn(note, TraceNote, stacklevel=2)
+        trace: Trace = loaded.trace
+        return trace
+
+    def to_dataframe(self, library: Literal["pandas", "polars", "pyarrow"] = "pandas") -> Any:
+        """Return a data frame with a column for each channel; a vector has columns ``q[0]``, ``q[1]``.
+
+        A frame of pandas has the times [s] as its index ``t``, and units and meta in ``attrs``. The others have a
+        column ``t``. :meth:`from_dataframe` returns the same trace again; a frame of polars holds neither units nor
+        meta. Needs ``pip install 's2r[frames]'``.
+
+        Raises:
+            TraceError: the library is not installed, or two columns would have one name.
+        """
+        return upper("logs.dataframe").frame_of(self, library)
+
+    def to_xarray(self) -> Any:
+        """Return an ``xarray.Dataset`` over ``t`` [s]; each variable has its unit in ``attrs["units"]``.
+
+        Needs ``pip install 's2r[frames]'``.
+
+        Raises:
+            TraceError: xarray is not installed, or a channel is called ``t``.
+        """
+        return upper("logs.dataframe").dataset_of(self)
+
+    # -- for readers -----------------------------------------------------------------------------------------------
+
+    def __repr__(self) -> str:
+        """Return one line: samples, rate, span, and the signals with their units."""
+        names = [self._signal(name) for name in list(self.channels)[:SHOWN]]
+        if len(self.channels) > SHOWN:
+            names.append(f"and {len(self.channels) - SHOWN} more")
+        failed = f"; failure: {self.failure}" if self.failure else ""
+        return f"Trace({self._sampling()}; {', '.join(names) or 'no signals'}{failed})"
+
+    def _repr_html_(self) -> str:
+        """Return a small table for a notebook: range and unit of every signal."""
+        rows = []
+        for name, values in self.channels.items():
+            known = values[~np.isnan(values)]
+            ends = (f"{known.min():.6g}", f"{known.max():.6g}") if known.size else ("", "")
+            missing = values.size - known.size
+            rows.append((self._signal(name, unit=False), self.units.get(name, ""), *ends, str(missing or "")))
+        failed = f"; failure: {self.failure}" if self.failure else ""
+        head = ("signal", "unit", "lowest", "highest", "missing")
+        return html_table(f"Trace: {self._sampling()}{failed}", head, rows)
+
+    def _signal(self, name: str, unit: bool = True) -> str:
+        """Return a signal with the width of a vector, and with its unit."""
+        values = self.channels[name]
+        width = f"({values.shape[1]})" if values.ndim == 2 else ""
+        return one_line(
+            f"{name}{width} [{self.units[name]}]" if unit and name in self.units else f"{name}{width}"
+        )
+
+    def _sampling(self) -> str:
+        """Return the number of samples, their rate and their span in words."""
+        first, last = self.times[0], self.times[-1]
+        if len(self) == 1:
+            return f"1 sample at {instant(self.times, first)}"
+        steps = np.diff(self.times)
+        about = "" if np.abs(steps - self._period).max() <= 0.01 * self._period else "about "
+        span = (
+            f"{instant(self.times, first)} to {instant(self.times, last)}"
+            if abs(first) < DATES
+            else f"{self.duration:.6g} s from {first:.3f} s since 1970"
+        )
+        return f"{len(self)} samples at {about}{1 / self._period:.4g} Hz, {span}"
+
 
 def _frozen(values: ArrayLike, name: str, *, dates: bool = False) -> tuple[FloatArray, str | None]:
     """Return a read-only copy as float64, and the unit that the type states: "s" for durations, else None."""
@@ -139,6 +369,33 @@ def _filled(values: Any) -> Any:
     """Return a masked array of numbers with NaN for masked values; numpy's own conversion would unmask them."""
     masked = isinstance(values, np.ma.MaskedArray) and values.dtype.kind in "biuf"
     return values.astype(np.float64).filled(np.nan) if masked else values
+
+
+def _seconds(value: Any, what: str) -> float:
+    """Return a time or a duration in seconds.
+
+    Raises:
+        TraceError: it is neither a number nor a duration.
+    """
+    try:
+        raw = stamps.typed(np.asarray(value).reshape(1))
+        known = raw.dtype.kind in "iuf" or (raw.dtype.kind == "m" and not np.isnat(raw[0]))
+    except (TypeError, ValueError, TraceError):
+        known = False
+    if not known:
+        raise TraceError(f"{what} is {value!r}; it must be a number of seconds, or a timedelta")
+    number = float(raw[0] / np.timedelta64(1, "ns") / 1e9 if raw.dtype.kind == "m" else raw[0])
+    if math.isnan(number):
+        raise TraceError(f"{what} is {value!r}; it must be a number of seconds, or a timedelta")
+    return number
+
+
+def _finite(value: Any, what: str) -> float:
+    """Return a finite duration in seconds; see :func:`_seconds`."""
+    number = _seconds(value, what)
+    if math.isinf(number):
+        raise TraceError(f"{what} is {value!r}; it must be finite")
+    return number
 
 
 def _texts(units: Any) -> dict[str, str]:

@@ -33,7 +33,7 @@ LAYERS = [
     {"stamps"},
     {"instants"},
     {"errors", "compiled", "magnitude"},
-    {"documentation", "json_values", "printable", "verdict"},
+    {"documentation", "json_values", "printable", "upper", "verdict"},
 ]
 SIMULATOR_LAYERS = [
     {"twins"},

@@ -81,3 +81,87 @@ def test_stamps_that_do_not_increase_are_printed_to_the_sample():
     epoch = 1718000000.0
     with pytest.raises(TraceError, match=naming("sample 2", "1.512 s", "1718000001.512 s")):
         Trace([epoch, epoch + 1.513, epoch + 1.512], {})
+
+
+WALK = Trace(np.arange(31) / 20, {"vx": np.arange(31.0), "q": np.arange(62.0).reshape(31, 2)}, {"vx": "m/s"})
+
+
+def test_a_part_has_both_of_its_ends_and_keeps_its_times():
+    part = WALK.between(0.15, 0.3)
+    assert part.times.tolist() == [0.15, 0.2, 0.25, 0.3]
+    assert part["q"][0].tolist() == [6, 7]
+    assert part.shift(-part.times[0]).times[0] == 0
+    assert len(WALK.between(timedelta(milliseconds=150), float("inf"))) == 28
+    assert Trace([0, 0.1 + 0.2], {}).between(0, 0.3).times.size == 2  # rounding is no reason to lose a sample
+
+
+def test_a_failure_stays_with_a_part():
+    fell = Trace([0, 1, 2], {}, meta={"failure": "fall"})
+    assert fell.between(0, 1).failure == "fall"
+
+
+def test_resampled_at_its_own_times_a_trace_is_unchanged():
+    for rule in ("hold", "linear"):
+        again = WALK.resample(0.05, rule)
+        assert np.array_equal(again.times, WALK.times)
+        assert np.array_equal(again["q"], WALK["q"])
+        assert again.units == WALK.units
+
+
+def test_hold_takes_the_sample_before_and_linear_a_value_between():
+    trace = Trace([0, 1, 3], {"a": [0, 1, 3], "b": [0, 1, 3]}).resample(0.5, {"a": "linear"})
+    assert trace.times.tolist() == [0, 0.5, 1, 1.5, 2, 2.5, 3]
+    assert trace["a"].tolist() == [0, 0.5, 1, 1.5, 2, 2.5, 3]
+    assert trace["b"].tolist() == [0, 0, 1, 1, 1, 1, 3]
+
+
+def test_a_resampled_trace_never_ends_after_the_trace():
+    assert Trace([0, 1], {"v": [0, 1]}).resample(0.3).times.tolist() == pytest.approx([0, 0.3, 0.6, 0.9])
+
+
+def test_renamed_channels_keep_their_units():
+    trace = WALK.rename({"vx": "speed"})
+    assert list(trace.channels) == ["speed", "q"]
+    assert trace.units == {"speed": "m/s"}
+    assert WALK.rename({"vx": "q", "q": "vx"})["q"].ndim == 1
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        lambda t: t.between(2, 3),
+        lambda t: t.between(1, 0),
+        lambda t: t.between("a", 1),
+        lambda t: t.between(0, float("nan")),
+        lambda t: t.shift("1"),
+        lambda t: t.shift(float("inf")),
+        lambda t: t.resample(0),
+        lambda t: t.resample(2),
+        lambda t: t.resample(1e-12),
+        lambda t: t.resample(0.1, "cubic"),
+        lambda t: t.resample(0.1, {"vy": "hold"}),
+        lambda t: t.rename({"vy": "v"}),
+        lambda t: t.rename({"vx": "q"}),
+        lambda t: t.rename({"vx": 3}),
+    ],
+)
+def test_nonsense_gets_one_sentence(wrong):
+    with pytest.raises(TraceError) as caught:
+        wrong(WALK)
+    assert "\n" not in str(caught.value)
+
+
+def test_the_one_line_of_a_trace_has_rate_span_and_units():
+    assert repr(WALK) == "Trace(31 samples at 20 Hz, 0 s to 1.5 s; vx [m/s], q(2))"
+    dated = Trace(1718000000.0 + np.arange(3) / 10, {}, meta={"failure": "fall"})
+    assert all(word in repr(dated) for word in ("10 Hz", "1718000000", "fall"))
+    assert "about 1 Hz" in repr(Trace([0, 1, 2, 9], {}))
+    many = Trace([0], {f"c{k}": [0] for k in range(99)})
+    assert len(repr(many)) < 150
+
+
+def test_the_table_of_a_trace_is_escaped_and_has_no_script():
+    text = Trace([0], {"<script>alert(1)</script>\n": [np.nan]}, {})._repr_html_()
+    assert "<script" not in text
+    assert "\n" not in text
+    assert "&lt;script&gt;" in text

@@ -28,7 +28,8 @@ from s2r_spec.logs.table import (
 )
 from s2r_spec.trace import Trace
 
-_NOTES = b"s2r"
+NOTES = b"s2r"
+"""Definition: key of the metadata with units and meta."""
 _ROWS = 8192
 """Budget: rows of one read; twice as many take twice the memory before it is counted."""
 
@@ -55,7 +56,7 @@ def load(path: Path, choose: Chooser) -> Table:
 
 def _table(arrow: Any, file: Any, choose: Chooser) -> Table:
     few(file.metadata.num_columns)
-    notes = (file.metadata.metadata or {}).get(_NOTES, b"{}")
+    notes = (file.metadata.metadata or {}).get(NOTES, b"{}")
     try:
         units, meta = described(json.loads(notes), "the metadata 's2r'")
     except (ValueError, RecursionError) as error:
@@ -70,7 +71,7 @@ def _table(arrow: Any, file: Any, choose: Chooser) -> Table:
     needed = sorted(set(choose(heads)))
     roots = {leaves[number][1][0] for number in needed}
     table = _read(arrow, file, sorted(roots))
-    columns = {number: _column(arrow, _leaf(arrow, table, leaves[number][1])) for number in needed}
+    columns = {number: as_column(arrow, _leaf(arrow, table, leaves[number][1])) for number in needed}
 
     def place(sample: int, number: int) -> str:
         return f"row {sample} of the column {quoted(heads[number].name)}"
@@ -126,7 +127,7 @@ def _numbers(column: Any) -> int:
     return max(len(column) * (TEXT_SIZE if texts else 1), int(column.nbytes) // 8)
 
 
-def _column(arrow: Any, column: Any) -> Column:
+def as_column(arrow: Any, column: Any) -> Column:
     """Return a column in the type that it has in the file."""
     kind, types = column.type, arrow.types
     if types.is_dictionary(kind):
@@ -163,7 +164,7 @@ def _vectors(arrow: Any, column: Any) -> Column:
     width = set(lengths[~missing].tolist())
     if len(width) > 1:
         return Column.without("holds lists of different lengths")
-    inner = _column(arrow, column.flatten())
+    inner = as_column(arrow, column.flatten())
     if inner.fault or inner.texts or inner.values.dtype.kind not in "biuf" or inner.values.ndim != 1:
         return Column.without("holds lists of values that are not numbers")
     values = np.full((len(column), width.pop() if width else 0), np.nan)
@@ -186,7 +187,7 @@ def write(trace: Trace, path: Path) -> None:
             flat if values.ndim == 1 else arrow.FixedSizeListArray.from_arrays(flat, values.shape[1])
         )
     notes = json.dumps({"units": dict(trace.units), "meta": dict(trace.meta)}).encode()
-    table = arrow.table(columns).replace_schema_metadata({_NOTES: notes})
+    table = arrow.table(columns).replace_schema_metadata({NOTES: notes})
     parquet.write_table(table, path)
 
 
