@@ -66,12 +66,17 @@ class Parameter:
     default: float
     description: str
 
-    def check(self, value: float) -> float:
-        """Return the value as a float.
+    def check(self, value: Any) -> float:
+        """Return the value as a float in this parameter's unit.
+
+        Args:
+            value: a number in this unit, a text with a unit ("30 cm/s"), or a pint Quantity.
 
         Raises:
-            UsageError: the value is not a number, or lies outside the range.
+            UsageError: the value is not a number, lies outside the range, or has a unit that does not fit.
         """
+        if not isinstance(value, float | int):
+            value = self._read(value)
         try:
             number = float(value)
         except (TypeError, ValueError):
@@ -84,6 +89,20 @@ class Parameter:
                 f"[{self.low:g}, {self.high:g}] {self.unit}"
             )
         return number
+
+    def _read(self, value: Any) -> Any:
+        """Return a value that has a unit as a number in this parameter's unit; any other value unchanged."""
+        from s2r_spec.lang.amounts import Quantity, read_amount
+        from s2r_spec.lang.units import UnknownUnitError, parse_unit
+
+        if not isinstance(value, str | Quantity):
+            return value
+        try:
+            return read_amount(value, parse_unit(self.unit), self.name)
+        except UnknownUnitError:
+            raise UsageError(
+                f"{self.name} = {value!r}: the backend declares it in {self.unit!r}, which is not a unit; give a number"
+            ) from None
 
 
 def refuse_unknown(name: str, parameters: Iterable[Parameter], params: Iterable[str]) -> None:

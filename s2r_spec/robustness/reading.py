@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from s2r_spec.errors import TraceError, UsageError, one_of, suggest
 from s2r_spec.instants import instant
+from s2r_spec.lang.amounts import NUMBER_AND_UNIT, Amount, converted, read_amount
 from s2r_spec.lang.declarations import Param, Signal
 from s2r_spec.lang.units import UnknownUnitError, parse_unit
 from s2r_spec.trace import Trace
@@ -86,23 +87,22 @@ def conversion(signal: Signal, unit: str | None) -> tuple[float, float]:
 
 
 def read_params(
-    params: Mapping[str, Param], used: Set[str], given: Mapping[str, float]
+    params: Mapping[str, Param], used: Set[str], given: Mapping[str, Amount]
 ) -> dict[str, FloatArray]:
     """Return name → (1, 1) of every parameter in ``used``: its given value, or else its default.
 
     Raises:
-        UsageError: a name is unknown or missing, or its value is not a finite number.
+        UsageError: a name is unknown or missing, its value is not a finite number, or its unit does not fit.
     """
+    values: dict[str, float] = {}
     for name, value in given.items():
-        _known(params, name)
-        if isinstance(value, str):
-            raise UsageError(f"the parameter {name} = {value!r} is text, not a number")
-        if not math.isfinite(value):
+        values[name] = read_amount(value, _known(params, name).measure, name)
+        if not math.isfinite(values[name]):
             raise UsageError(f"the parameter {name} = {value} is not a finite number")
     numbers: dict[str, FloatArray] = {}
     for name, param in params.items():
         if name in used:
-            number = given[name] if name in given else param.default  # noqa: SIM401  (mypy: get widens)
+            number = values.get(name, param.default)
             if number is None:
                 raise UsageError(
                     f"the parameter {name!r} has no value: give params={{{name!r}: …}}, "
@@ -121,17 +121,8 @@ def read_param(params: Mapping[str, Param], text: str) -> tuple[str, float]:
     match = _GIVEN.fullmatch(text)
     if match is None:
         raise UsageError(f"{text!r} is not a value of a parameter, such as vd=0.3 or 'vd=30 cm/s'")
-    param, number, unit = _known(params, match["name"]), float(match["number"]), match["unit"]
-    if not unit:
-        return param.name, number
-    try:
-        found = parse_unit(unit)
-    except UnknownUnitError:
-        raise UsageError(f"{text!r}: {unit!r} is not a unit") from None
-    if not found.fits(param.measure):
-        raise UsageError(f"{text!r}: {unit} does not convert to {param.measure}, the unit of {param.name!r}")
-    factor, offset = found.to(param.measure)
-    return param.name, factor * number + offset
+    param = _known(params, match["name"])
+    return param.name, converted(float(match["number"]), match["unit"], param.measure, repr(text), param.name)
 
 
 def _known(params: Mapping[str, Param], name: str) -> Param:
@@ -140,6 +131,4 @@ def _known(params: Mapping[str, Param], name: str) -> Param:
     return params[name]
 
 
-_GIVEN = re.compile(
-    r"\s*(?P<name>\w+)\s*=\s*(?P<number>[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?)\s*\{?\s*(?P<unit>[^{}]*?)\s*\}?\s*"
-)
+_GIVEN = re.compile(rf"\s*(?P<name>\w+)\s*=\s*{NUMBER_AND_UNIT}")

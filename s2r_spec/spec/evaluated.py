@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from s2r_spec.errors import TraceError, UsageError
 from s2r_spec.lang import formula as f
+from s2r_spec.lang.amounts import Amount
 from s2r_spec.robustness.binding import bound, names
 from s2r_spec.robustness.evaluate import Witness
 from s2r_spec.robustness.evaluation import End, Evaluation, Interpolation, Reading, evaluate
@@ -36,7 +37,7 @@ class Spec(Declared):
     def robustness(
         self,
         trace: Trace,
-        params: Mapping[str, float] | None = None,
+        params: Mapping[str, Amount] | None = None,
         *,
         interpolation: Interpolation = "samples",
         until: Witness = "open",
@@ -53,7 +54,8 @@ class Spec(Declared):
 
         Args:
             trace: a trace with every channel of :meth:`channels`.
-            params: name → value in the declared unit, for every parameter used that has no default.
+            params: name → value, for every parameter used that has no default: a number in the declared unit, a text
+                with a unit ("30 cm/s"), or a pint Quantity.
             interpolation: see :meth:`evaluate`.
             until: see :meth:`evaluate`.
             end: see :meth:`evaluate`; without it a trace that is shorter than the horizon is refused.
@@ -79,7 +81,7 @@ class Spec(Declared):
     def satisfied(
         self,
         trace: Trace,
-        params: Mapping[str, float] | None = None,
+        params: Mapping[str, Amount] | None = None,
         *,
         interpolation: Interpolation = "samples",
         until: Witness = "open",
@@ -103,7 +105,7 @@ class Spec(Declared):
     def _at_start(
         self,
         trace: Trace,
-        params: Mapping[str, float] | None,
+        params: Mapping[str, Amount] | None,
         only: str | None,
         interpolation: Interpolation,
         until: Witness,
@@ -125,7 +127,7 @@ class Spec(Declared):
         self,
         trace: Trace,
         requirement: str,
-        params: Mapping[str, float] | None = None,
+        params: Mapping[str, Amount] | None = None,
         *,
         interpolation: Interpolation = "samples",
         until: Witness = "open",
@@ -141,7 +143,7 @@ class Spec(Declared):
         self,
         trace: Trace,
         requirement: str,
-        params: Mapping[str, float] | None = None,
+        params: Mapping[str, Amount] | None = None,
         *,
         interpolation: Interpolation = "samples",
         until: Witness = "open",
@@ -211,7 +213,7 @@ class Spec(Declared):
 
     def monitor(
         self,
-        params: Mapping[str, float] | None = None,
+        params: Mapping[str, Amount] | None = None,
         requirement: str | None = None,
         *,
         period: float | None = None,
@@ -243,7 +245,7 @@ class Spec(Declared):
 
     def robustness_stream(
         self,
-        params: Mapping[str, float] | None = None,
+        params: Mapping[str, Amount] | None = None,
         requirement: str | None = None,
         *,
         period: float | None = None,
@@ -266,7 +268,7 @@ class Spec(Declared):
         self,
         trace: Trace,
         requirement: str,
-        params: Mapping[str, float] | None = None,
+        params: Mapping[str, Amount] | None = None,
         *,
         until: Witness = "open",
         nan: Missing = "error",
@@ -304,7 +306,7 @@ class Spec(Declared):
         return explain(formula, reading, requirement, unit)
 
     def tolerances(
-        self, trace: Trace, requirement: str, params: Mapping[str, float] | None = None
+        self, trace: Trace, requirement: str, params: Mapping[str, Amount] | None = None
     ) -> Tolerances:
         """Return the signals that a requirement reads, with their allowed values over time.
 
@@ -320,7 +322,7 @@ class Spec(Declared):
     def _reading(
         self,
         trace: Trace,
-        params: Mapping[str, float] | None,
+        params: Mapping[str, Amount] | None,
         requirement: str | None,
         interpolation: Interpolation,
         until: Witness,
@@ -333,14 +335,14 @@ class Spec(Declared):
         signals = read_signals([self.signals[name] for name in self.channels(requirement)], trace, nan)
         return Reading.of(trace.times, signals, numbers, interpolation, until)
 
-    def _numbers(self, params: Mapping[str, float] | None, requirement: str | None) -> dict[str, FloatArray]:
+    def _numbers(self, params: Mapping[str, Amount] | None, requirement: str | None) -> dict[str, FloatArray]:
         """Return name → (1, 1) of the parameters that a requirement (or any) uses."""
         used = {name for formula in self._chosen(requirement) for name in names(formula).params}
         return read_params(self.params, used, params or {})
 
     def _followed(
         self,
-        params: Mapping[str, float] | None,
+        params: Mapping[str, Amount] | None,
         requirement: str | None,
         period: float | None,
         until: Witness,
@@ -366,7 +368,7 @@ class Spec(Declared):
         self,
         trace: Trace,
         requirement: str,
-        params: Mapping[str, float] | None = None,
+        params: Mapping[str, Amount] | None = None,
         nan: Missing = "error",
     ) -> str:
         """Return in words how far the horizon of a requirement is past the end of a trace.
