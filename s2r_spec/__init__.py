@@ -17,14 +17,19 @@ if TYPE_CHECKING:
     from s2r_spec.certify.certificate import Certificate, Label
     from s2r_spec.certify.check import CheckResult, check
     from s2r_spec.certify.compose import Composition, compose
+    from s2r_spec.certify.gap import gap
+    from s2r_spec.certify.gap_result import GapResult
     from s2r_spec.certify.kernels import Kernel
     from s2r_spec.certify.measure import check_measure
+    from s2r_spec.certify.real_machine import CertifyResult, certify
     from s2r_spec.certify.search import Query, Search
     from s2r_spec.diagnose import Diagnosis, diagnose
     from s2r_spec.errors import S2RError
+    from s2r_spec.function_backend import FunctionBackend
     from s2r_spec.logs import read as read_trace
     from s2r_spec.logs import write as write_trace
     from s2r_spec.robustness.profiles import profile
+    from s2r_spec.rollouts.replay import Replay, replay
     from s2r_spec.space import Axis, Space
     from s2r_spec.spec import (
         Evaluation,
@@ -43,6 +48,7 @@ __all__ = [
     "Axis",
     "Backend",
     "Certificate",
+    "CertifyResult",
     "Channel",
     "CheckResult",
     "Composition",
@@ -51,11 +57,14 @@ __all__ = [
     "EffectParameter",
     "Evaluation",
     "Explanation",
+    "FunctionBackend",
+    "GapResult",
     "Kernel",
     "Label",
     "Monitor",
     "Parameter",
     "Query",
+    "Replay",
     "RobustInterval",
     "RobustnessStream",
     "S2RError",
@@ -64,15 +73,18 @@ __all__ = [
     "Spec",
     "Trace",
     "Verdict",
+    "certify",
     "check",
     "check_measure",
     "compose",
     "diagnose",
+    "gap",
     "load_backend",
     "load_spec",
     "parse_spec",
     "profile",
     "read_trace",
+    "replay",
     "write_trace",
 ]
 
@@ -83,13 +95,18 @@ _HOMES = {
     "certify.certificate": ("Certificate", "Label"),
     "certify.check": ("CheckResult", "check"),
     "certify.compose": ("Composition", "compose"),
+    "certify.gap": ("gap",),
+    "certify.gap_result": ("GapResult",),
     "certify.kernels": ("Kernel",),
     "certify.measure": ("check_measure",),
+    "certify.real_machine": ("CertifyResult", "certify"),
     "certify.search": ("Query", "Search"),
     "diagnose": ("Diagnosis", "diagnose"),
     "errors": ("S2RError",),
+    "function_backend": ("FunctionBackend",),
     "logs": ("read_trace", "write_trace"),
     "robustness.profiles": ("profile",),
+    "rollouts.replay": ("Replay", "replay"),
     "space": ("Axis", "Space"),
     "spec": (
         "Evaluation",
@@ -109,7 +126,7 @@ _HOME = {name: home for home, names in _HOMES.items() for name in names}
 
 
 class _Package(ModuleType):
-    """Keeps s2r.diagnose the function: the package of that name would take its place as soon as it is imported."""
+    """Keeps s2r.diagnose and s2r.certify functions: a package of that name would take the place as it is imported."""
 
     def __setattr__(self, name: str, value: Any) -> None:
         if not (name in _HOME and isinstance(value, ModuleType)):

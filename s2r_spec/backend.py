@@ -6,6 +6,7 @@ parameters and effects before anything runs.
 
 from __future__ import annotations
 
+import inspect
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
@@ -577,12 +578,10 @@ def load_backend(name: str) -> Backend:
         raise
     except Exception as error:
         raise BackendError(f"backend {name!r} cannot be opened: {type(error).__name__}: {error}") from error
-    if not isinstance(backend, Backend):
-        lacking = [word for word in _REQUIRED if not hasattr(backend, word)]
-        raise BackendError(
-            f"backend {name!r} ({type(backend).__name__}) lacks {', '.join(lacking)} of the protocol Backend"
-        )
-    return backend
+    if words := fault(backend):
+        raise BackendError(f"backend {name!r} ({type(backend).__name__}) {words}")
+    found: Backend = backend
+    return found
 
 
 def described(name: str) -> tuple[Backend, tuple[Option, ...]]:
@@ -596,6 +595,27 @@ def described(name: str) -> tuple[Backend, tuple[Option, ...]]:
     if not isinstance(factory, HasOptions):
         return load_backend(name), ()
     return load_backend(name if colon else f"{kind}:{factory.example}"), factory.offered
+
+
+def fault(backend: object) -> str:
+    """Return how an object breaks the protocol :class:`Backend`, as words after its name; "" if it keeps it."""
+    lacking = [word for word in _REQUIRED if not hasattr(backend, word)]
+    if lacking:
+        return f"lacks {', '.join(lacking)} of the protocol Backend"
+    assert isinstance(backend, Backend)
+    try:
+        signature = inspect.signature(backend.rollout)
+    except (TypeError, ValueError):  # not a function; or one of a library, which does not tell
+        return "" if callable(backend.rollout) else "has a rollout that is not a method"
+    try:
+        signature.bind({}, 0)
+    except TypeError:
+        return f"has rollout{signature}, but it is called with a test and a seed: rollout(params, seed)"
+    for word, kind in (("channels", Channel), ("parameters", Parameter)):
+        declared = getattr(backend, word)
+        if isinstance(declared, str | Mapping) or not all(isinstance(one, kind) for one in declared):
+            return f"has {word} = {declared!r}; they must be a tuple of s2r.{kind.__name__}"
+    return ""
 
 
 _REQUIRED = ("name", "channels", "parameters", "deterministic", "duration", "cost", "model_hash", "rollout")

@@ -24,7 +24,7 @@ LAYERS = [
     {"certify"},
     {"rollouts"},
     {"spec"},
-    {"backend", "effects", "space"},
+    {"backend", "effects", "function_backend", "space"},
     {"robustness"},
     {"logs"},
     {"lang"},

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from s2r_spec.backend import Backend
+from s2r_spec.backend import Backend, fault
 from s2r_spec.errors import UsageError
 from s2r_spec.rollouts.journal import Journal
 from s2r_spec.spec import Spec
@@ -25,19 +25,27 @@ def as_spec(spec: Any) -> Spec:
     raise UsageError(f"a specification is needed, not {what}; s2r.load_spec reads one from a file")
 
 
-def as_name(backend: Any, what: str = "backend") -> str:
-    """Return the name of a backend.
+def as_backend(backend: Any, what: str = "backend") -> Backend | str:
+    """Return a backend, or the name of one.
 
     Raises:
-        UsageError: it is a backend itself or another value, but every worker opens a backend by its name.
+        UsageError: it is another value, or breaks the protocol of a backend.
     """
     if isinstance(backend, str):
         return backend
-    own = getattr(backend, "name", None)
-    example = f", such as {own!r}" if isinstance(own, str) else ", such as 'sim'"
-    raise UsageError(
-        f"{what} must be the name of an installed backend{example}, not {_kind(backend)}: every worker opens it by name"
-    )
+    if isinstance(backend, type):
+        raise UsageError(
+            f"{what} is the class {backend.__name__}; give an object, such as {backend.__name__}()"
+        )
+    if not hasattr(backend, "rollout"):
+        remedy = "; wrap the function as s2r.FunctionBackend(f)" if callable(backend) else ""
+        raise UsageError(
+            f"{what} must be a backend or the name of an installed one, such as 'sim', not {_kind(backend)}{remedy}"
+        )
+    if words := fault(backend):
+        raise UsageError(f"{what} ({type(backend).__name__}) {words}")
+    found: Backend = backend
+    return found
 
 
 def as_simulator(backend: Any) -> Backend | str:

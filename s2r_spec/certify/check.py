@@ -10,8 +10,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Unpack
 
-from s2r_spec.backend import HasRecordings, is_exclusive
-from s2r_spec.certify.arguments import as_folder, as_name, as_spec, require_begun
+from s2r_spec.backend import Backend, HasRecordings, is_exclusive
+from s2r_spec.certify.arguments import as_backend, as_folder, as_spec, require_begun
 from s2r_spec.certify.check_result import CheckResult, conclude, of_recordings
 from s2r_spec.certify.experiments import Rollouts, run_search
 from s2r_spec.certify.from_spec import only_requirement, rho_unit, search_for
@@ -31,12 +31,14 @@ from s2r_spec.spec import Spec
 __all__ = ["CheckResult", "check", "check_with"]
 
 
-def check(spec: Spec, backend: str, folder: Path | str, **keywords: Unpack[RunKeywords]) -> CheckResult:
+def check(
+    spec: Spec, backend: Backend | str, folder: Path | str, **keywords: Unpack[RunKeywords]
+) -> CheckResult:
     """Certify the worst expected robustness of one requirement over the spec's test space.
 
     Args:
         spec: a specification with a test space and a certify line.
-        backend: the name of the backend; it is opened in every worker.
+        backend: a backend object, or the name of an installed one. Every worker process has its own copy.
         folder: the folder of the journal and the traces.
         keywords: see :class:`~s2r_spec.certify.options.RunOptions`; all of them may be left out.
 
@@ -45,7 +47,7 @@ def check(spec: Spec, backend: str, folder: Path | str, **keywords: Unpack[RunKe
         BackendError: a rollout raised; every rollout before it is in the journal.
     """
     options = RunOptions(**keywords)
-    spec, backend, folder = as_spec(spec), as_name(backend), as_folder(folder)
+    spec, backend, folder = as_spec(spec), as_backend(backend), as_folder(folder)
     requirement = options.requirement or only_requirement(spec)
     if options.resume:
         require_begun([folder], folder)
@@ -54,7 +56,7 @@ def check(spec: Spec, backend: str, folder: Path | str, **keywords: Unpack[RunKe
 
 
 def check_with(
-    search: Search, spec: Spec, requirement: str, backend: str, folder: Path, options: RunOptions
+    search: Search, spec: Spec, requirement: str, backend: Backend | str, folder: Path, options: RunOptions
 ) -> CheckResult:
     """Run a search for the worst expected robustness to its end; see :func:`check`."""
     scorer = Scorer.for_spec(spec, requirement, backend)
@@ -65,7 +67,7 @@ def check_with(
         "spec": Path(spec.name).name,
         "spec_hash": spec.hash,
         "requirement": requirement,
-        "backend": backend,
+        "backend": scorer.name,
         "model_hash": scorer.backend.model_hash,
         "duration": scorer.backend.duration,
         "seed": options.seed,
@@ -80,13 +82,13 @@ def check_with(
         journal = Journal.create(folder, provenance, spec_texts(spec))
     attended = is_exclusive(scorer.backend)
     options.watching.begin(
-        Phase("ρ", rho_unit(spec, requirement), backend, spec.space.units, search.budget, attended)
+        Phase("ρ", rho_unit(spec, requirement), scorer.name, spec.space.units, search.budget, attended)
     )
     if design is not None:
         observe(search, design, Recorded(design, scorer, journal), options.watching)
     else:
         with (
-            options.runner() as pool,
+            options.runner(scorer.passed) as pool,
             runner_for(pool, scorer.backend, journal, options.terms, search.budget) as runner,
         ):
             run_search(search, Rollouts(scorer, options.seed, journal, runner), options.watching)

@@ -12,8 +12,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Unpack
 
-from s2r_spec.backend import is_exclusive
-from s2r_spec.certify.arguments import as_folder, as_name, as_spec, require_begun
+from s2r_spec.backend import Backend, is_exclusive
+from s2r_spec.certify.arguments import as_backend, as_folder, as_spec, require_begun
 from s2r_spec.certify.experiments import Experiment, Pairs, Rollouts, run_search
 from s2r_spec.certify.from_spec import only_requirement, rho_unit, search_for
 from s2r_spec.certify.gap_result import GapResult, conclude_gap
@@ -44,14 +44,18 @@ def gap_search(
 
 
 def gap(
-    spec: Spec, simulated: str, real: str, folder: Path | str, **keywords: Unpack[RunKeywords]
+    spec: Spec,
+    simulated: Backend | str,
+    real: Backend | str,
+    folder: Path | str,
+    **keywords: Unpack[RunKeywords],
 ) -> GapResult:
     """Bound the signed gap between two backends over the spec's test space.
 
     Args:
         spec: a specification with a test space and a certify line.
-        simulated: the simulator's backend, by name.
-        real: the real machine's backend, by name: a robot, its logs, a twin. Every recording inside the test space
+        simulated: the simulator: a backend object, or the name of an installed one.
+        real: the real machine, as an object or a name: a robot, its logs, a twin. Every recording inside the test space
             counts once, and the simulator runs at the same tests (or its own logs are read). The search then chooses
             no test.
         folder: the folder of the journals and traces of both backends.
@@ -63,7 +67,7 @@ def gap(
     """
     options = RunOptions(**keywords)
     spec, folder = as_spec(spec), as_folder(folder)
-    simulated, real = as_name(simulated, "simulated"), as_name(real, "real")
+    simulated, real = as_backend(simulated, "simulated"), as_backend(real, "real")
     requirement = options.requirement or only_requirement(spec)
     if options.resume:
         require_begun([folder / side for side in SYSTEMS], folder)
@@ -106,7 +110,7 @@ def gap_with(
         )
     )
     with (
-        options.runner() as runner,
+        options.runner(pairing.sim.passed, pairing.real.passed) as runner,
         runner_for(runner, machine, journals["real"], terms, search.budget) as attended,
     ):
         simulated: Experiment = Rollouts(

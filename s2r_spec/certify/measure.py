@@ -7,7 +7,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Unpack
 
-from s2r_spec.certify.arguments import as_folder, as_name, require_begun
+from s2r_spec.backend import Backend
+from s2r_spec.certify.arguments import as_backend, as_folder, require_begun
 from s2r_spec.certify.certificate import Certificate
 from s2r_spec.certify.experiments import Rollouts, run_search
 from s2r_spec.certify.options import MeasureKeywords, MeasureOptions
@@ -17,14 +18,13 @@ from s2r_spec.errors import UsageError
 from s2r_spec.rollouts.attendance import Terms, refuse_terms
 from s2r_spec.rollouts.journal import Journal
 from s2r_spec.rollouts.machine_runner import runner_for
-from s2r_spec.rollouts.scorer import Measure, Scorer
-from s2r_spec.rollouts.task import open_backend
+from s2r_spec.rollouts.scorer import Measure, Scorer, opened, passing
 
 
 def check_measure(
     measure: Measure,
     name: str,
-    backend: str,
+    backend: Backend | str,
     search: Search,
     folder: Path | str,
     **keywords: Unpack[MeasureKeywords],
@@ -38,7 +38,8 @@ def check_measure(
         measure: the function of a trace that did not fail, and its test; runs in this process. Its kernel norm B, its
             noise R and its ``fall`` are declared with the search, as in a spec.
         name: the name of the measure in the journal; a resumed run must have the same name.
-        backend: the name of the backend; the search's parameters must be the backend's, in its units.
+        backend: a backend object, or the name of an installed one; the search's parameters must be the backend's, in
+            its units.
         search: new, over the test space.
         folder: the folder of the journal and the traces.
         keywords: ``fall`` must be given, the others may be; see
@@ -50,7 +51,7 @@ def check_measure(
             rollout and its test. Every rollout before it is in the journal, and that trace is kept.
     """
     options = MeasureOptions(**keywords)
-    backend, folder = as_name(backend), as_folder(folder)
+    backend, folder = as_backend(backend), as_folder(folder)
     if not callable(measure):
         raise UsageError(f"measure must be a function of a trace and its test, not {measure!r}")
     if not isinstance(name, str):
@@ -60,13 +61,14 @@ def check_measure(
     if options.resume:
         require_begun([folder], folder)
     search.refuse_hopeless()
-    machine, terms = open_backend(backend, options.duration), Terms()
+    (called, machine), terms = opened(backend, options.duration), Terms()
     refuse_terms(machine, terms)
-    scorer = Scorer(backend, machine, measure, options.fall)
+    passed = None if isinstance(backend, str) else passing(machine)
+    scorer = Scorer(called, machine, measure, options.fall, passed=passed)
     header: dict[str, Any] = {
         "s2r": version("s2r"),
         "measure": name,
-        "backend": backend,
+        "backend": called,
         "model_hash": machine.model_hash,
         "duration": machine.duration,
         "seed": options.seed,
@@ -76,11 +78,11 @@ def check_measure(
     header |= machine_fields(machine, terms.void)
     journal = Journal.resume(folder, header) if options.resume else Journal.create(folder, header, {})
     with (
-        options.runner() as pool,
+        options.runner(passed) as pool,
         runner_for(pool, machine, journal, terms, search.budget) as runner,
     ):
         run_search(search, Rollouts(scorer, options.seed, journal, runner), options.watching)
-    certificate = without_too_many(search.certificate(), backend, journal)
+    certificate = without_too_many(search.certificate(), called, journal)
     return replace(
-        certificate, assumptions=(*certificate.assumptions, *machine_assumptions(backend, header, journal))
+        certificate, assumptions=(*certificate.assumptions, *machine_assumptions(called, header, journal))
     )

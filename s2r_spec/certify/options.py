@@ -11,7 +11,8 @@ from s2r_spec.certify.observers import Observer, Silent
 from s2r_spec.errors import UsageError
 from s2r_spec.rollouts.attendance import Terms, terms_of
 from s2r_spec.rollouts.machine_journal import AGAIN
-from s2r_spec.rollouts.pools import ExecutorFactory, process_pool
+from s2r_spec.rollouts.passed import PassedBackend
+from s2r_spec.rollouts.pools import ExecutorFactory, in_this_process, process_pool
 from s2r_spec.rollouts.runner import Runner
 
 
@@ -49,7 +50,8 @@ class Execution:
 
     Args:
         seed: the seed of the whole run.
-        executor: a function that makes the pool of workers; two local processes by default.
+        executor: a function that makes the pool of workers. By default two processes of this computer, or one
+            thread of this process for a backend object that no other process can load (a class of a notebook).
         timeout: a rollout that takes longer is ended, and counts as a crash [s]; ``inf`` for never, None for
             :func:`s2r_spec.rollouts.scorer.default_timeout`.
         resume: go on with the run in the folder.
@@ -62,9 +64,11 @@ class Execution:
     resume: bool = False
     observer: Observer | None = None
 
-    def runner(self) -> Runner:
-        """Return a runner with a pool of its own; close it."""
-        return Runner(self.executor or process_pool(2), self.timeout)
+    def runner(self, *passed: PassedBackend | None) -> Runner:
+        """Return a runner with a pool of its own, for these backend objects; close it."""
+        portable = all(one is None or one.portable for one in passed)
+        usual = process_pool(2) if portable else in_this_process
+        return Runner(self.executor or usual, self.timeout)
 
     @property
     def watching(self) -> Observer:

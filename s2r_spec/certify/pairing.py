@@ -44,7 +44,9 @@ class Pairing:
         return {"sim": self.sim, "real": self.real}
 
     @classmethod
-    def for_spec(cls, spec: Spec, requirement: str, simulated: str, real: str, budget: int | None) -> Pairing:
+    def for_spec(
+        cls, spec: Spec, requirement: str, simulated: Backend | str, real: Backend | str, budget: int | None
+    ) -> Pairing:
         """Open both backends, and pair their recordings; nothing runs.
 
         Raises:
@@ -53,17 +55,17 @@ class Pairing:
         sim, machine = Scorer.for_spec(spec, requirement, simulated), Scorer.for_spec(spec, requirement, real)
         if is_exclusive(sim.backend):
             raise UsageError(
-                f"{simulated} is a machine, not a simulator: give it as --real, and a simulator as --sim"
+                f"{sim.name} is a machine, not a simulator: give it as --real, and a simulator as --sim"
             )
         if not isinstance(machine.backend, HasRecordings):
             if isinstance(sim.backend, HasRecordings):
                 raise UsageError(
-                    f"{simulated} has only the tests that were recorded, but {real} needs others: "
+                    f"{sim.name} has only the tests that were recorded, but {machine.name} needs others: "
                     f"give a --sim that runs, or a recorded --real"
                 )
             return cls(sim, machine)
         if budget is not None:
-            raise UsageError(f"a budget does not apply to {real}: s2r uses all of its recordings")
+            raise UsageError(f"a budget does not apply to {machine.name}: s2r uses all of its recordings")
         recorded = fixed_design(spec, requirement, machine.backend, machine.backend.recordings)
         about = "the statement is about the machine as it was when it was recorded"
         if not isinstance(sim.backend, HasRecordings):
@@ -71,7 +73,7 @@ class Pairing:
             return cls(sim, machine, recorded, notes=notes)
         if sim.backend.model_hash == machine.backend.model_hash:
             raise UsageError(
-                f"{simulated} and {real} are the same recordings: a gap needs two different ones"
+                f"{sim.name} and {machine.name} are the same recordings: a gap needs two different ones"
             )
         others = fixed_design(spec, requirement, sim.backend, sim.backend.recordings)
         real_tests, sim_tests, note = _paired(spec, recorded, others)

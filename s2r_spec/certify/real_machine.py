@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Unpack
 
-from s2r_spec.certify.arguments import as_folder, as_name, as_spec, require_begun
+from s2r_spec.backend import Backend
+from s2r_spec.certify.arguments import as_backend, as_folder, as_spec, require_begun
 from s2r_spec.certify.certificate import Label
 from s2r_spec.certify.check import check_with
 from s2r_spec.certify.check_result import CheckResult
@@ -46,7 +47,11 @@ class CertifyResult:
 
 
 def certify(
-    spec: Spec, simulated: str, real: str, folder: Path | str, **keywords: Unpack[RunKeywords]
+    spec: Spec,
+    simulated: Backend | str,
+    real: Backend | str,
+    folder: Path | str,
+    **keywords: Unpack[RunKeywords],
 ) -> CertifyResult:
     """Run both searches and combine them; for the arguments see :func:`s2r_spec.certify.gap.gap`.
 
@@ -59,7 +64,7 @@ def certify(
     """
     options = RunOptions(**keywords)
     spec, folder = as_spec(spec), as_folder(folder)
-    simulated, real = as_name(simulated, "simulated"), as_name(real, "real")
+    simulated, real = as_backend(simulated, "simulated"), as_backend(real, "real")
     requirement = options.requirement or only_requirement(spec)
     if options.resume:
         require_begun([folder / SIMULATION], folder)
@@ -72,7 +77,7 @@ def certify(
         second.refuse_hopeless()
     checked = check_with(first, spec, requirement, simulated, folder / SIMULATION, of_simulator)
     if not checked.certificate.label.bounds:
-        return refused_in_simulation(checked, real)
+        return refused_in_simulation(checked, pairing.real.name)
     bounded = gap_with(second, spec, requirement, pairing, folder / GAP, options)
     return conclude_certify(first, second, checked, bounded)
 

@@ -26,6 +26,11 @@ def process_pool(workers: int) -> ExecutorFactory:
     return lambda: ProcessPool(workers)
 
 
+def in_this_process() -> Executor:
+    """Return a pool of one thread of this process, which knows every class of a notebook; it cannot end a rollout."""
+    return ThreadPoolExecutor(1, thread_name_prefix="s2r")
+
+
 def dask_pool(address: str) -> ExecutorFactory:
     """Return a factory of pools on a Dask scheduler, such as ``tcp://10.0.0.5:8786``.
 

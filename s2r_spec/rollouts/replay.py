@@ -66,8 +66,12 @@ class Replay:
                 raise UsageError(str(error).replace(temporary.name, path.name)) from None
 
 
-def replay(rollout: str) -> Replay:
+def replay(rollout: str, backend: Backend | None = None) -> Replay:
     """Run the rollout ``FOLDER#QUERY.REPLICATE`` again, or read its trace if a machine ran it.
+
+    Args:
+        rollout: folder of the run, and number of the rollout, as results print it.
+        backend: the backend object, if the run had one; None to open it by its name.
 
     Raises:
         UsageError: the text has another form, the run has no such rollout, or its files were changed.
@@ -83,7 +87,7 @@ def replay(rollout: str) -> Replay:
     spec = load_run_spec(journal)
     header, point = checked_header(journal), dict(record.params)
     requirement = header["requirement"]
-    scorer = _scorer(spec, header, journal)
+    scorer = _scorer(spec, header, journal, backend)
     # All channels, because a replay is for looking at the rollout.
     task = replace(scorer.task(record.query, record.replicate, point, record.seed), channels=None)
     ran = not is_exclusive(scorer.backend)
@@ -135,17 +139,18 @@ def _recorded(journal: Journal, record: Record) -> Trace:
     return logs.read(path)
 
 
-def _scorer(spec: Spec, header: Mapping[str, Any], journal: Journal) -> Scorer:
+def _scorer(spec: Spec, header: Mapping[str, Any], journal: Journal, passed: Backend | None) -> Scorer:
     """Open the backend of a run, with rollouts of the recorded duration.
 
     Raises:
         UsageError: the recorded duration exceeds the one that backend and requirement give now.
     """
     requirement, name, duration = header["requirement"], header["backend"], header["duration"]
-    own = Scorer.for_spec(spec, requirement, name)
+    backend = name if passed is None else passed
+    own = Scorer.for_spec(spec, requirement, backend)
     if duration > own.backend.duration:
         raise UsageError(
             f"{journal.path}:1: duration is {duration:g} s, but rollouts of {name} now last "
             f"{own.backend.duration:g} s; install the version of s2r that began the run"
         )
-    return own if duration == own.backend.duration else Scorer.for_spec(spec, requirement, name, duration)
+    return own if duration == own.backend.duration else Scorer.for_spec(spec, requirement, backend, duration)

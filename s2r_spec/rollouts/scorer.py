@@ -7,10 +7,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Self
 
-from s2r_spec.backend import Backend, Channel, Needs, NeedsSpec, Parameter
+from s2r_spec.backend import Backend, Channel, Needs, NeedsSpec, Parameter, is_exclusive
 from s2r_spec.errors import BackendError, S2RError, UsageError
 from s2r_spec.rollouts.compatibility import check_compatibility
-from s2r_spec.rollouts.task import Done, Task, open_backend
+from s2r_spec.rollouts.passed import PassedBackend
+from s2r_spec.rollouts.task import Done, Task, lasting, open_backend
 from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
 
@@ -31,12 +32,13 @@ class Scorer:
     """A measure on the rollouts of one backend.
 
     Attributes:
-        name: the name of the backend; every worker opens it by this name.
+        name: the name of the backend; every worker opens it by this name, unless it was passed as an object.
         backend: the same backend in this process.
         measure: the function that scores a trace that did not fail.
         fall: value of a rollout that failed, declared before the data.
         to_backend: converts a test point to the backend's parameters and units.
         channels: those that the measure reads; None for all.
+        passed: the backend, if the caller passed it as an object.
     """
 
     name: str
@@ -45,9 +47,12 @@ class Scorer:
     fall: float
     to_backend: Callable[[Mapping[str, float]], dict[str, float]] = dict
     channels: tuple[str, ...] | None = None
+    passed: PassedBackend | None = None
 
     @classmethod
-    def for_spec(cls, spec: Spec, requirement: str, name: str, duration: float | None = None) -> Self:
+    def for_spec(
+        cls, spec: Spec, requirement: str, backend: str | Backend, duration: float | None = None
+    ) -> Self:
         """Open the backend with rollouts as long as the requirement's horizon, and check that the two fit.
 
         Raises:
@@ -56,7 +61,7 @@ class Scorer:
         horizon = spec.horizon(requirement)
         if duration is None and math.isfinite(horizon) and horizon > 0:
             duration = horizon
-        backend = open_backend(name, duration)
+        name, found = opened(backend, duration)
         settings = spec.certify.get(requirement)
         if settings is None or settings.fall is None:
             raise UsageError(
@@ -67,11 +72,12 @@ class Scorer:
         def robustness(trace: Trace, point: Mapping[str, float]) -> float:
             return spec.robustness(trace, params=point, only=requirement)[requirement]
 
-        if isinstance(backend, NeedsSpec):
-            backend = backend.for_spec(needs_of(spec, requirement, robustness))
-            assert isinstance(backend, Backend)
-        matched = check_compatibility(spec, requirement, backend)
-        return cls(name, backend, robustness, settings.fall, matched.to_backend, matched.channels)
+        if isinstance(found, NeedsSpec):
+            found = found.for_spec(needs_of(spec, requirement, robustness))
+            assert isinstance(found, Backend)
+        matched = check_compatibility(spec, requirement, found)
+        passed = None if isinstance(backend, str) else passing(found)
+        return cls(name, found, robustness, settings.fall, matched.to_backend, matched.channels, passed)
 
     def task(self, query: int, replicate: int, point: Mapping[str, float], seed: int) -> Task:
         """Return the task of one rollout at a test point."""
@@ -87,6 +93,7 @@ class Scorer:
             channels=self.channels if self.backend.deterministic else None,
             model_hash=self.backend.model_hash,
             timeout=default_timeout(self.backend),
+            passed=self.passed,
         )
 
     def score(self, point: Mapping[str, float], done: Done) -> tuple[float, str | None]:
@@ -108,6 +115,27 @@ class Scorer:
         except Exception as error:
             raise BackendError(f"its measure raised {type(error).__name__}: {error}") from error
         return _number(value), None
+
+
+def opened(backend: str | Backend, duration: float | None) -> tuple[str, Backend]:
+    """Return the name of a backend, and the backend with rollouts of ``duration`` seconds if that is given."""
+    if isinstance(backend, str):
+        return backend, open_backend(backend, duration)
+    return backend.name, lasting(backend, backend.name, duration)
+
+
+def passing(backend: Backend) -> PassedBackend:
+    """Return a backend object for its rollouts.
+
+    Raises:
+        UsageError: it is a machine, whose rollouts run in a process of their own, which cannot have a copy.
+    """
+    passed = PassedBackend(backend)
+    if is_exclusive(backend) and not passed.portable:
+        raise UsageError(
+            f"{backend.name} is a machine, and a process of its own runs its rollouts; move its class to a module"
+        )
+    return passed
 
 
 def needs_of(spec: Spec, requirement: str, measure: Measure) -> Needs:

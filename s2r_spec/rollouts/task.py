@@ -23,6 +23,7 @@ from s2r_spec.backend import (
     short,
 )
 from s2r_spec.errors import BackendError, NotBegunError, S2RError, one_of, suggest
+from s2r_spec.rollouts.passed import PassedBackend
 from s2r_spec.rollouts.worker import end_copy, limit
 from s2r_spec.trace import Trace
 
@@ -51,6 +52,8 @@ class Task:
     """Whether the operator has confirmed the rollout; a machine runs no other."""
     raw: str | None = None
     """Folder for recordings other than the trace; None to keep none."""
+    passed: PassedBackend | None = None
+    """The backend, if the caller passed it as an object; None to open it by its name."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +76,11 @@ def open_backend(name: str, duration: float | None) -> Backend:
     Raises:
         BackendError: the backend's rollouts have a fixed length that is too short.
     """
-    backend = load_backend(name)
+    return lasting(load_backend(name), name, duration)
+
+
+def lasting(backend: Backend, name: str, duration: float | None) -> Backend:
+    """Return a backend with rollouts of ``duration`` seconds if that is given; see :func:`open_backend`."""
     if duration is None or duration == backend.duration:
         return backend
     if isinstance(backend, HasDuration):
@@ -164,7 +171,8 @@ def _naming(task: Task, kind: type[BackendError] = BackendError) -> Iterator[Non
 
 def _open(task: Task) -> Backend:
     """Return a task's backend; check that its model is the one that the run began with."""
-    backend = open_backend(task.backend, task.duration)
+    passed = task.passed
+    backend = open_backend(task.backend, task.duration) if passed is None else passed.backend
     if is_exclusive(backend) and not task.attended:
         raise BackendError(
             f"backend {task.backend!r} is a machine, and only s2r check, gap and certify ask its operator; use one of "

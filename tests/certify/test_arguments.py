@@ -40,7 +40,7 @@ def search(**more):
 
 
 @pytest.mark.parametrize("given", [object(), None, 3, Path("toy")])
-def test_what_is_no_name_of_a_backend_is_said_by_every_search(spec, tmp_path, given):
+def test_what_is_no_backend_is_said_by_every_search(spec, tmp_path, given):
     for call in (
         lambda: s2r.check(spec, given, tmp_path),
         lambda: gap(spec, given, "toy", tmp_path),
@@ -51,11 +51,6 @@ def test_what_is_no_name_of_a_backend_is_said_by_every_search(spec, tmp_path, gi
         with pytest.raises(UsageError, match=naming("backend", "name")):
             call()
     assert not list(tmp_path.iterdir())
-
-
-def test_a_backend_itself_is_answered_with_its_name(spec, tmp_path):
-    with pytest.raises(UsageError, match="'toy'"):
-        s2r.check(spec, s2r.load_backend("toy"), tmp_path)
 
 
 @pytest.mark.parametrize("given", [None, 3, object()])
