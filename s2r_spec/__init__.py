@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from s2r_spec.function_backend import FunctionBackend
     from s2r_spec.logs import read as read_trace
     from s2r_spec.logs import write as write_trace
+    from s2r_spec.report.results import load_result
     from s2r_spec.robustness.profiles import profile
     from s2r_spec.rollouts.replay import Replay, replay
     from s2r_spec.space import Axis, Space
@@ -80,6 +81,7 @@ __all__ = [
     "diagnose",
     "gap",
     "load_backend",
+    "load_result",
     "load_spec",
     "parse_spec",
     "profile",
@@ -105,6 +107,7 @@ _HOMES = {
     "errors": ("S2RError",),
     "function_backend": ("FunctionBackend",),
     "logs": ("read_trace", "write_trace"),
+    "report.results": ("load_result",),
     "robustness.profiles": ("profile",),
     "rollouts.replay": ("Replay", "replay"),
     "space": ("Axis", "Space"),

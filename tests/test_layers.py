@@ -33,6 +33,7 @@ LAYERS = [
     {"stamps"},
     {"instants"},
     {"errors", "compiled", "magnitude"},
+    {"result"},
     {"documentation", "json_values", "printable", "upper", "verdict"},
 ]
 SIMULATOR_LAYERS = [

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ from s2r_spec.certify.recorded import left_open
 from s2r_spec.certify.rounding import at_most
 from s2r_spec.certify.search import Search
 from s2r_spec.certify.voids import is_machine, machine_assumptions, void_counts, with_voids, without_too_many
+from s2r_spec.result import Result
 from s2r_spec.rollouts.journal import Journal, Record
 from s2r_spec.spec import Spec
 from s2r_spec.verdict import Verdict
@@ -32,8 +33,8 @@ class Tested:
     highest: float
 
 
-@dataclass(frozen=True)
-class CheckResult:
+@dataclass(frozen=True, repr=False)
+class CheckResult(Result):
     """The worst expected robustness ρ̂* = min over D of E ρ lies in [lower, upper] with probability ≥ 1 − δ.
 
     Attributes:
@@ -51,6 +52,7 @@ class CheckResult:
         provenance: version, spec and model hashes, seed.
         folder: the folder of the rollouts.
         seconds: duration of all rollouts, summed over workers and resumed processes.
+        spec: the specification.
         voids: the number of void rollouts of a machine, by word; None for a simulator.
     """
 
@@ -68,6 +70,7 @@ class CheckResult:
     provenance: dict[str, Any]
     folder: Path
     seconds: float
+    spec: Spec = field(compare=False)
     voids: dict[str, int] | None = None
 
 
@@ -121,6 +124,7 @@ def conclude(
         provenance=provenance,
         folder=journal.folder,
         seconds=sum(record.seconds for record in records),
+        spec=spec,
         voids=void_counts(journal) if is_machine(provenance) else None,
     )
 

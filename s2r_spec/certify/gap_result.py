@@ -18,6 +18,7 @@ from s2r_spec.certify.recorded import left_open
 from s2r_spec.certify.search import Search
 from s2r_spec.certify.voids import is_machine, machine_assumptions, void_counts, with_voids, without_too_many
 from s2r_spec.errors import UsageError
+from s2r_spec.result import Result
 from s2r_spec.rollouts.journal import Journal
 from s2r_spec.rollouts.layout import SYSTEMS
 from s2r_spec.spec import Spec
@@ -66,8 +67,8 @@ class Pair:
         object.__setattr__(self, "gap", self.real - self.simulated)
 
 
-@dataclass(frozen=True)
-class GapResult:
+@dataclass(frozen=True, repr=False)
+class GapResult(Result):
     """With probability ≥ 1 − δ, E Δ lies in [low, high] at every test, and its minimum in [lower, upper].
 
     Attributes:
@@ -86,6 +87,7 @@ class GapResult:
         provenance: versions, hashes, seed.
         folder: the folder of the rollouts.
         seconds: duration of all rollouts of both backends, summed over workers and resumed processes.
+        spec: the specification.
         voids: the number of void rollouts of a machine, by word; None for a simulator.
     """
 
@@ -104,6 +106,7 @@ class GapResult:
     provenance: dict[str, Any]
     folder: Path
     seconds: float
+    spec: Spec = field(compare=False)
     voids: dict[str, int] | None = None
 
     @property
@@ -153,6 +156,7 @@ def conclude_gap(
         provenance=provenance,
         folder=folder,
         seconds=sum(record.seconds for journal in journals.values() for record in journal.records()),
+        spec=spec,
         voids=void_counts(journals["real"]) if is_machine(provenance["real"]) else None,
     )
 

@@ -18,6 +18,7 @@ from s2r_spec.certify.gap_result import GapResult
 from s2r_spec.certify.options import RunKeywords, RunOptions
 from s2r_spec.certify.pairing import Pairing
 from s2r_spec.certify.search import Search
+from s2r_spec.result import Result
 from s2r_spec.rollouts.attendance import refuse_terms
 from s2r_spec.rollouts.layout import GAP, SIMULATION
 from s2r_spec.rollouts.machine_journal import AGAIN
@@ -25,8 +26,8 @@ from s2r_spec.spec import Spec
 from s2r_spec.verdict import Verdict
 
 
-@dataclass(frozen=True)
-class CertifyResult:
+@dataclass(frozen=True, repr=False)
+class CertifyResult(Result):
     """Both searches, and the certificate of the real machine that follows from them.
 
     Attributes:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from s2r_spec.diagnose.estimate import Estimate
@@ -12,6 +12,9 @@ from s2r_spec.diagnose.isolability import Isolability
 from s2r_spec.diagnose.quality.finding import Finding
 from s2r_spec.diagnose.remainder import Remainder
 from s2r_spec.diagnose.where.found import Where
+from s2r_spec.result import Result
+from s2r_spec.spec import Spec
+from s2r_spec.upper import upper
 from s2r_spec.verdict import Tone, Toned
 
 SCHEMA = "s2r/diagnosis/1"
@@ -158,8 +161,8 @@ def _parameters(estimates: tuple[Estimate, ...]) -> dict[str, Any]:
     return found
 
 
-@dataclass(frozen=True)
-class Diagnosis:
+@dataclass(frozen=True, repr=False)
+class Diagnosis(Result):
     """A whole diagnosis.
 
     Attributes:
@@ -178,6 +181,8 @@ class Diagnosis:
         by_falls: whether what is named rests on falls alone: no other rollout shows it.
         findings: mistakes that the recordings seem to have; what is said of causes is worth little until these are seen
             to. Their sentences are the first of the notes.
+        spec: the specification; None for a diagnosis that was put together by hand.
+        real: name of the real machine; "" for rollouts without a name.
     """
 
     verdict: Verdict
@@ -193,6 +198,8 @@ class Diagnosis:
     left: tuple[Remainder, ...] = ()
     by_falls: bool = False
     findings: tuple[Finding, ...] = ()
+    spec: Spec | None = field(default=None, compare=False)
+    real: str = ""
 
     @property
     def misread(self) -> tuple[str, ...]:
@@ -210,8 +217,8 @@ class Diagnosis:
         return self.tuned if tuned and self.patch else self.patch
 
     def to_json(self) -> dict[str, Any]:
-        """Return one JSON object."""
-        return {
+        """Return the object that ``s2r diagnose --json`` prints, as plain values."""
+        own = {
             "schema": SCHEMA,
             **self.provenance,
             "verdict": self.verdict.value,
@@ -228,3 +235,4 @@ class Diagnosis:
             "findings": [each.to_json() for each in self.findings],
             "misread": list(self.misread),
         }
+        return own if self.spec is None else own | upper("report.results").added(self)

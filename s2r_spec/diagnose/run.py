@@ -108,6 +108,7 @@ def diagnose(
             "a diagnosis needs scikit-learn, which is not installed: pip install 's2r[diagnose]'"
         )
     spec, sim, real = as_spec(spec), as_simulator(sim), as_rollouts(real)
+    called = real if isinstance(real, str) else str(getattr(real, "name", ""))
     cache, folder = (None if path is None else as_folder(path) for path in (cache, folder))
     name = spec.requirements[0] if requirement is None else requirement
     bench = bench_of(spec, name, sim)
@@ -162,7 +163,7 @@ def diagnose(
                 reason=f"{found.reason} This leaves out {left_out} of {len(rollouts)} rollouts, which ended early.",
             )
         found = replace(found, notes=(*lacking, *dict.fromkeys(kept.said)), findings=odd)
-        return doubted(found)
+        return replace(doubted(found), spec=spec, real=called)
 
 
 def _hidden(bench: Bench, state: State, found: Diagnosis) -> list[str]:

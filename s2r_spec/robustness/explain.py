@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from s2r_spec.instants import DATES, instant
 from s2r_spec.json_values import to_json
 from s2r_spec.lang import formula as f
+from s2r_spec.printable import html_text, one_line
 from s2r_spec.robustness.deciding import Step, descend
 from s2r_spec.robustness.evaluate import Walk
 from s2r_spec.robustness.evaluation import Reading
@@ -53,7 +54,7 @@ class Part:
     rho: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Explanation:
     """The instant and the predicate that decide ρ of a requirement at the trace's first time.
 
@@ -130,6 +131,18 @@ class Explanation:
                 f"  `{self.unneeded}` is not needed there: the left side of its implication is false"
             )
         return "\n".join(lines)
+
+    def __repr__(self) -> str:
+        """Return one line: the verdict, ρ, and the instant and predicate that decide it."""
+        verdict = "holds" if self.satisfied else "violated"
+        why = self.reason or f"decided at t = {self.when} by `{self.predicate}`"
+        rho = f"ρ = {self.rho:+.6g} {self.unit}".rstrip()
+        return one_line(f"Explanation({self.requirement} {verdict}: {rho}; {why})")
+
+    def _repr_html_(self) -> str:
+        """Return the lines of ``print`` for a notebook."""
+        head, *rest = map(html_text, str(self).split("\n"))
+        return f"<pre><b>{head}</b>\n" + "\n".join(rest) + "</pre>"
 
     def to_json(self) -> dict[str, Any]:
         """Return plain data for JSON; an infinite ρ becomes the text "inf" or "-inf"."""

@@ -12,6 +12,7 @@ from s2r_spec import logs
 from s2r_spec.backend import Backend, HasPictures, is_exclusive, short
 from s2r_spec.errors import UsageError
 from s2r_spec.files import saving
+from s2r_spec.printable import one_line
 from s2r_spec.rollouts.journal import Journal, Record
 from s2r_spec.rollouts.scorer import Scorer
 from s2r_spec.rollouts.spec_files import checked_header, load_run_spec
@@ -20,7 +21,7 @@ from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Replay:
     """A simulated rollout that ran again, or a machine's recorded rollout, with its record in the journal."""
 
@@ -44,6 +45,13 @@ class Replay:
     def same(self) -> bool:
         """Whether ρ equals the recorded one, bit for bit."""
         return self.rho == self.recorded
+
+    def __repr__(self) -> str:
+        """Return one line: the test, ρ, and whether it is the recorded one."""
+        test = ", ".join(f"{name} = {value:.6g}" for name, value in self.params.items())
+        same = "as recorded" if self.same else self.difference
+        rho = f"ρ = {self.rho:+.6g} {self.unit}".rstrip()
+        return one_line(f"Replay({test}, seed {self.seed}: {rho}, {same})")
 
     def render(self, path: Path) -> None:
         """Have the backend draw the rollout.

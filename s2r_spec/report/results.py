@@ -1,0 +1,210 @@
+"""The forms of a result in Python; they are methods of :class:`s2r_spec.result.Result`."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from s2r_spec.certify.check_result import CheckResult
+from s2r_spec.certify.gap_result import GapResult
+from s2r_spec.certify.real_machine import CertifyResult
+from s2r_spec.certify.rounding import between
+from s2r_spec.diagnose.diagnosis import SCHEMA as DIAGNOSIS
+from s2r_spec.diagnose.diagnosis import Diagnosis
+from s2r_spec.errors import UsageError
+from s2r_spec.files import save
+from s2r_spec.json_values import to_json
+from s2r_spec.printable import html_table, html_text, one_line
+from s2r_spec.report import certified, checked, diagnosed, gapped, jsonform
+from s2r_spec.report.finding import Finding, Report
+from s2r_spec.report.nextstep import next_step
+
+Certified = CheckResult | GapResult | CertifyResult
+Known = Certified | Diagnosis
+_FILES = {
+    CheckResult: "check.json", GapResult: "gap.json", CertifyResult: "certify.json", Diagnosis: "diagnosis.json",
+}  # fmt: skip
+
+_RUNS: dict[str, Callable[[Any], str | Path]] = {
+    "s2r.check/1": lambda found: found["results"][0]["folder"],
+    "s2r.gap/1": lambda found: found["folder"],
+    "s2r.certify/1": lambda found: Path(found["simulation"]["folder"]).parent,
+}
+"""Schema of a saved result → the folder of its run."""
+
+
+def line(result: Known) -> str:
+    """Return one line: the verdict, and the bounds or the reason."""
+    name = type(result).__name__
+    if isinstance(result, Diagnosis):
+        return one_line(f"{name}({result})")
+    if isinstance(result, CheckResult):
+        bound = _bound("ρ", result.lower, result.upper, result)
+        return one_line(f"{name}({result.requirement} {result.verdict.name}: {bound})")
+    if isinstance(result, GapResult):
+        return one_line(f"{name}({result.requirement}: {_bound('Δ', result.lower, result.upper, result)})")
+    first, both = result.simulated, result.composition
+    words = result.reason
+    if both is not None:
+        interval = f"{between(both.lower, both.upper)} {first.unit}".rstrip()
+        words = f"worst expected ρ of {result.real} in {interval}, with probability ≥ 1 − {both.delta:g}"
+    return one_line(f"{name}({first.requirement} {result.verdict.name}: {words})")
+
+
+def _bound(symbol: str, lower: float, upper: float, result: CheckResult | GapResult) -> str:
+    """Return the interval of one search in words."""
+    certificate = result.certificate
+    if not certificate.label.bounds:
+        return f"no certificate: {certificate.reason}"
+    interval = f"{between(lower, upper)} {result.unit}".rstrip()
+    return (
+        f"worst expected {symbol} in {interval}, {checked.probability_words(certificate)}, "
+        f"{certificate.rollouts} rollouts"
+    )
+
+
+def table(result: Known) -> str:
+    """Return a table for a notebook: verdict, bounds and effort, and the assumptions to unfold."""
+    if isinstance(result, Diagnosis):
+        return html_table(line(result), (), _diagnosed(result)) + _folded("This assumes", result.assumptions)
+    found = _finding(result)
+    rows = [("", found.reason), *found.facts, ("run", found.provenance)]
+    return html_table(f"{found.name}: {found.word} ({found.about})", (), rows) + "".join(
+        _folded(title, lines) for title, lines in found.sections
+    )
+
+
+def _folded(title: str, lines: Sequence[str]) -> str:
+    """Return a list that a click unfolds."""
+    items = "".join(f"<li>{html_text(one)}</li>" for one in lines)
+    return f"<details><summary>{html_text(title)}</summary><ul>{items}</ul></details>"
+
+
+def _diagnosed(result: Diagnosis) -> list[tuple[str, str]]:
+    """Return the (name, text) rows of a diagnosis."""
+    if result.spec is None:
+        return [("note", note) for note in result.notes]
+    words = diagnosed.describe(result, result.spec)
+    rows = [("note", note) for note in (*words.mistakes, *words.notes)]
+    rows += [("where", "; ".join(words.where))] if words.where else []
+    rows += [("cause", f"{cause}: {p:.3f}") for cause, p in words.causes[: diagnosed.SHOWN]]
+    rows += [(name, value) for name, value, *_ in words.estimates]
+    rows += [("doubt", words.doubt)] if words.doubt else []
+    rows += [(f"gap {name}", row) for name, row in words.gap]
+    return [*rows, ("next", words.next), ("run", words.provenance)]
+
+
+def _finding(result: Certified) -> Finding:
+    (found,) = _report(result).findings
+    return found
+
+
+def _report(result: Certified) -> Report:
+    """Return the report that the command makes of a result."""
+    if isinstance(result, CheckResult):
+        return checked.report([(result.spec, result)])
+    if isinstance(result, GapResult):
+        return gapped.report(result.spec, result)
+    return certified.report(result.simulated.spec, result)
+
+
+def as_json(result: Certified) -> Any:
+    """Return the object of the command's ``--json`` as plain values."""
+    return to_json(_report(result).record)
+
+
+def added(result: Diagnosis) -> dict[str, Any]:
+    """Return what the command adds to a diagnosis: its exit code, and the next step."""
+    spec = result.spec
+    assert spec is not None
+    return {"exit_code": diagnosed.exit_code(result), "next": next_step(result, spec)}
+
+
+def save_result(result: Known, path: str | os.PathLike[str]) -> Path:
+    """Write a result as JSON, the same bytes as ``--json --output``; see :meth:`s2r_spec.result.Result.save`."""
+    file = Path(path)
+    if file.is_dir() or not file.suffix:
+        file = file / _FILES[type(result)]
+        try:
+            file.parent.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise UsageError(f"cannot make the folder {file.parent}: {error.strerror or error}") from None
+    elif file.suffix.lower() != ".json":
+        remedy = "; report() writes a page" if file.suffix.lower() in (".html", ".htm") else ""
+        raise UsageError(f"{file.name!r}: the file name of a saved result ends in .json{remedy}")
+    if isinstance(result, Diagnosis):
+        text = json.dumps(result.to_json(), allow_nan=False, indent=2, ensure_ascii=False)
+    else:
+        text = jsonform.render(_report(result))
+    save(file, text + "\n")
+    return file
+
+
+def save_page(result: Known, path: str | os.PathLike[str]) -> Path:
+    """Write the page of a result; see :meth:`s2r_spec.result.Result.report`."""
+    from s2r_spec.report import diagnosed_page, html, recompute
+
+    file = Path(path)
+    if file.suffix.lower() not in (".html", ".htm"):
+        raise UsageError(f"{file.name!r}: the file name of a page ends in .html")
+    html.require_packages()
+    if isinstance(result, Diagnosis):
+        if result.spec is None:
+            raise UsageError("this diagnosis has no specification, so there is no page of it")
+        text = diagnosed_page.render(result, result.spec, result.real)
+    elif isinstance(result, CheckResult):
+        text = html.render([recompute.recompute(result.folder)])
+    elif isinstance(result, GapResult):
+        text = html.render([recompute.recompute_gap(result.folder)])
+    else:
+        text = html.render([recompute.recompute_certify(result.simulated.folder.parent, result.real)])
+    save(file, text)
+    return file
+
+
+def load_result(path: str | os.PathLike[str]) -> Certified:
+    """Return the result of a run, computed again from its rollouts as ``s2r report`` does; nothing is simulated.
+
+    Args:
+        path: the folder of a run with one requirement, or a file that ``save`` wrote while that folder is still there.
+
+    Raises:
+        UsageError: there is no run, its files were changed, or the file is a diagnosis.
+    """
+    from s2r_spec.report.recompute import Kind, kind, recompute, recompute_certify, recompute_gap, runs_in
+
+    place = Path(path)
+    folder = _folder_in(place) if place.is_file() else place
+    match kind(folder):
+        case Kind.GAP:
+            return recompute_gap(folder).result
+        case Kind.CERTIFY:
+            return recompute_certify(folder).result
+        case Kind.CHECK:
+            runs = runs_in(folder)
+            if len(runs) > 1:
+                raise UsageError(
+                    f"{folder} has {len(runs)} requirements; give one of {', '.join(map(str, runs))}"
+                )
+            return recompute(runs[0]).result
+
+
+def _folder_in(file: Path) -> Path:
+    """Return the folder of the run in a saved result.
+
+    Raises:
+        UsageError: the file is not a saved result, or the folder is gone.
+    """
+    try:
+        found = json.loads(file.read_text(encoding="utf-8"))
+        if found["schema"] == DIAGNOSIS:
+            raise UsageError(f"{file} is a diagnosis; read it as plain values: json.loads(path.read_text())")
+        folder = Path(_RUNS[found["schema"]](found))
+    except (OSError, ValueError, LookupError, TypeError):
+        raise UsageError(f"{file} is not a saved result") from None
+    if not folder.is_dir():
+        raise UsageError(f"the run of {file} is not in {folder}; give the folder of the run instead")
+    return folder
