@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from s2r_spec.errors import TraceError, TraceNote
@@ -109,16 +110,19 @@ def load_episodes(
     time_unit: str | None = None,
     gather: bool = False,
     joining: Joining | None = None,
+    early: bool = False,
 ) -> list[Loaded]:
     """Read the traces of a file: one for each episode of a table that numbers its episodes, else one.
 
-    The arguments and errors are those of :func:`load`.
+    The arguments and errors are those of :func:`load`. With ``early``, joined topics have samples before their first
+    message, which are NaN.
     """
     path = Path(path)
     open_log = formats.opener(path)
-    parser = (
-        _PARSERS[_ending(path, READABLE)] if open_log is None else _of_topics(open_log, joining or Joining())
-    )
+    if open_log is None:
+        parser = _PARSERS[_ending(path, READABLE)]
+    else:
+        parser = _of_topics(open_log, _with_clock(joining or Joining(), columns or {}), early)
     requested = request(columns, wanted, time_unit, gather, gather and open_log is not None)
     plans: list[Plan] = []
     episode: list[int] = []
@@ -133,7 +137,10 @@ def load_episodes(
         table = parser(path, choose)
         parts = split.split(table, episode[0]) if episode else [table]
         found = [build_trace(part, plans[-1], requested) for part in parts]
-        return [sparse.joined(one, joining) if joining and open_log is None else one for one in found]
+        if joining is None or open_log is not None:
+            return found
+        by_column = {column: name for name, column in (columns or {}).items()}
+        return [sparse.joined(one, _with_clock(joining, by_column), early) for one in found]
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
         raise TraceError(f"cannot read {path}: {getattr(error, 'strerror', None) or error}") from None
     except TraceError as error:
@@ -158,8 +165,17 @@ def write(trace: Trace, path: str | Path) -> None:
         raise TraceError(f"{path}: {error}") from None
 
 
-def _of_topics(open_log: Callable[[Path], TopicLog], joining: Joining) -> Callable[[Path, Chooser], Table]:
-    return lambda path, choose: topic_table.load(open_log, path, choose, joining)
+def _with_clock(joining: Joining, names: Mapping[str, str]) -> Joining:
+    """Return a joining whose clock has the name that the file, or the trace, has for it."""
+    return (
+        joining if joining.clock is None else replace(joining, clock=names.get(joining.clock, joining.clock))
+    )
+
+
+def _of_topics(
+    open_log: Callable[[Path], TopicLog], joining: Joining, early: bool
+) -> Callable[[Path, Chooser], Table]:
+    return lambda path, choose: topic_table.load(open_log, path, choose, joining, early)
 
 
 def _ending(path: Path, allowed: Sequence[str]) -> str:

@@ -158,6 +158,7 @@ def excerpt(
         time_unit=excerpts.time_unit,
         gather=wanted is None,
         joining=excerpts.joining,
+        early=excerpts.when is not None,
     )
     spans: list[tuple[Trace, tuple[int, int] | None]]
     sentences: list[str] = []
@@ -236,9 +237,22 @@ def _cut(
     if excerpts.when is None:
         return _one(trace, start, duration), []
     condition = _condition(trace, signals, excerpts.when)
-    found = condition.evaluate(trace.only(condition.channels(_CONDITION)), _CONDITION)
-    episodes = cut(trace.times, found.truth & found.complete, duration, float(trace.times[0]) + start)
+    named = trace.only(condition.channels(_CONDITION))
+    first = _known(named)
+    truth = np.zeros(len(trace), dtype=bool)
+    if first < len(trace):
+        found = condition.evaluate(part(named, first, len(trace)), _CONDITION)
+        truth[first:] = found.truth & found.complete
+    episodes = cut(trace.times, truth, duration, float(trace.times[0]) + start)
     return episodes, episodes.notes(excerpts.when)
+
+
+def _known(trace: Trace) -> int:
+    """Return the number of the first sample that has all channels: before, a topic has had no message."""
+    known = np.ones(len(trace), dtype=bool)
+    for values in trace.channels.values():
+        known &= ~np.isnan(values.reshape(len(trace), -1)).any(axis=1)
+    return int(np.argmax(known)) if known.any() else len(trace)
 
 
 def _one(trace: Trace, start: float, duration: float) -> Cut:

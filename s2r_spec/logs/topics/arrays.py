@@ -78,12 +78,19 @@ class ArrayLog:
 
     def read(self, wanted: Mapping[str, Sequence[str]], stamps: Stamps) -> dict[str, Topic]:
         """Read arrays; see :meth:`s2r_spec.logs.topics.topic.TopicLog.read`."""
-        shapes = [self._arrays[_path(topic, name)].shape for topic, names in wanted.items() for name in names]
+        paths = [_path(topic, name) for topic, names in wanted.items() for name in names]
+        shapes = [self._arrays[path].shape for path in (*paths, *(self._times[topic] for topic in wanted))]
         affordable(sum(int(np.prod(shape)) for shape in shapes))
         topics: dict[str, Topic] = {}
         first = None  # dates of all topics count from the same stamp
         for topic, names in wanted.items():
             found = self._stamps(topic, first)
+            if topics and (found.first is None) != (first is None):
+                dated, other = (topic, next(iter(topics))) if first is None else (next(iter(topics)), topic)
+                raise TraceError(
+                    f"the times of {quoted(dated)} are dates and those of {quoted(other)} are not, so they come from "
+                    f"different clocks; save both with the same clock"
+                )
             first = found.first
             columns = {name: Column(self._arrays[_path(topic, name)].read()) for name in names}
             topics[topic] = Topic(topic, found.seconds, columns)
