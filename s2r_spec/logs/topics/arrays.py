@@ -83,10 +83,12 @@ class ArrayLog:
         affordable(sum(int(np.prod(shape)) for shape in shapes))
         topics: dict[str, Topic] = {}
         first = None  # dates of all topics count from the same stamp
+        dates: dict[bool, str] = {}
         for topic, names in wanted.items():
             found = self._stamps(topic, first)
-            if topics and (found.first is None) != (first is None):
-                dated, other = (topic, next(iter(topics))) if first is None else (next(iter(topics)), topic)
+            dates.setdefault(bool(found.begins), topic)
+            if len(dates) == 2:
+                dated, other = dates[True], dates[False]
                 raise TraceError(
                     f"the times of {quoted(dated)} are dates and those of {quoted(other)} are not, so they come from "
                     f"different clocks; save both with the same clock"
