@@ -108,6 +108,21 @@ def test_dates_beside_durations_are_refused(tmp_path):
         logs.load(path, FIELDS, {"vx": None, "vx_cmd": None})
 
 
+@pytest.mark.parametrize(("unit", "per_second"), [("ns", 10**9), ("ms", 1e3), ("s", 1.0)])
+def test_dates_of_two_topics_agree_whatever_their_units(unit, per_second, tmp_path):
+    import h5py
+
+    with h5py.File(tmp_path / "drive.h5", "w") as stream:
+        stream["odom/t"], stream["odom/vx"] = robot_logs.EPOCH + robot_logs.VX_NS, robot_logs.VX
+        stream["odom/t"].attrs["units"] = "ns"
+        stream["cmd/t"] = (robot_logs.EPOCH + robot_logs.CMD_NS) * (per_second / 10**9)
+        stream["cmd/t"].attrs["units"], stream["cmd/vx"] = unit, robot_logs.CMD
+    (episode,) = episodes(tmp_path / "drive.h5", FIELDS).episodes
+    # A float64 of nanoseconds since 1970 resolves 256 ns, so that a command may come a sample late.
+    assert episode.begins == pytest.approx(robot_logs.STEP, abs=0.02 + 1e-6)
+    assert SPEC.robustness(episode.trace, {"vd": 0.3})["reaches"] == pytest.approx(RHO, abs=1e-3)
+
+
 def test_a_joint_is_found_by_its_name_wherever_it_stands(tmp_path):
     bag = robot_logs.joints(tmp_path / "bag", [(1, 2, 3), (3, 1, 2), (2, 3)] * 5)
     columns = {"q2": "/joint_states.position.leg/2", "q1": "/joint_states.position.leg/1"}
