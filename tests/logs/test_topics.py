@@ -108,7 +108,7 @@ def test_dates_beside_durations_are_refused(tmp_path):
         logs.load(path, FIELDS, {"vx": None, "vx_cmd": None})
 
 
-@pytest.mark.parametrize(("unit", "per_second"), [("ns", 10**9), ("ms", 1e3), ("s", 1.0)])
+@pytest.mark.parametrize(("unit", "per_second"), [("ns", 10**9), ("us", 1e6), ("ms", 1e3)])
 def test_dates_of_two_topics_agree_whatever_their_units(unit, per_second, tmp_path):
     import h5py
 
