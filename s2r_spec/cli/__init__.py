@@ -12,6 +12,7 @@ import traceback
 
 import typer
 
+from s2r_spec import distribution
 from s2r_spec.cli import (
     backends,
     certify,
@@ -80,9 +81,7 @@ def _root(
     version: bool = typer.Option(False, "--version", "-V", help="Print the version and exit."),
 ) -> None:
     if version:
-        from importlib.metadata import version as version_of
-
-        print(f"s2r {version_of('s2r')}")
+        print(f"s2r {distribution.version()}")
         raise typer.Exit
 
 
