@@ -12,6 +12,7 @@ import pytest
 from packaging.markers import default_environment
 from packaging.requirements import Requirement
 
+import s2r_spec
 from s2r_spec import distribution
 from s2r_spec.distribution import installing
 from s2r_spec.errors import MissingPackageError, UsageError, require
@@ -154,6 +155,12 @@ def test_the_extra_of_a_backend_is_one_of_its_own_distribution(toy):
     own = distribution.own()
     assert distribution.offering("sim").metadata["Name"] == own.metadata["Name"]
     assert distribution.offering("needy").metadata["Name"] == "s2r-toy"
+
+
+def test_the_package_has_the_version_of_its_metadata(monkeypatch):
+    assert s2r_spec.__version__ == distribution.own().version
+    monkeypatch.setattr(distribution, "own", lambda: None)
+    assert s2r_spec.__version__ == distribution.UNKNOWN
 
 
 def test_what_is_installed_is_not_missing():

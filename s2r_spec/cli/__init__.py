@@ -21,6 +21,7 @@ from s2r_spec.cli import (
     common,
     diagnose,
     docs,
+    examples,
     fmt,
     gap,
     lint,
@@ -73,6 +74,7 @@ app.command(epilog=_epilog("monitor specs/a1_velocity.stl specs/traces/a1_veloci
 app.command(epilog=_epilog("log night.mcap"))(log.log)
 app.command(epilog=_epilog("fmt --check specs/a1_velocity.stl"))(fmt.fmt)
 app.command(epilog=_epilog("lint specs/a1_velocity.stl"))(lint.lint)
+app.command(epilog=_epilog("examples"))(examples.examples)
 app.command(epilog=_epilog("docs how-to/runs"))(docs.docs)
 
 
