@@ -34,6 +34,7 @@ LAYERS = [
     {"instants"},
     {"errors", "compiled", "magnitude"},
     {"documentation", "json_values", "printable", "verdict"},
+    {"distribution", "shipped"},
 ]
 SIMULATOR_LAYERS = [
     {"twins"},

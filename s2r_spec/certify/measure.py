@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Unpack
 
@@ -13,6 +12,7 @@ from s2r_spec.certify.experiments import Rollouts, run_search
 from s2r_spec.certify.options import MeasureKeywords, MeasureOptions
 from s2r_spec.certify.search import Search
 from s2r_spec.certify.voids import machine_assumptions, machine_fields, without_too_many
+from s2r_spec.distribution import version
 from s2r_spec.errors import UsageError
 from s2r_spec.rollouts.attendance import Terms, refuse_terms
 from s2r_spec.rollouts.journal import Journal
@@ -64,7 +64,7 @@ def check_measure(
     refuse_terms(machine, terms)
     scorer = Scorer(backend, machine, measure, options.fall)
     header: dict[str, Any] = {
-        "s2r": version("s2r"),
+        "s2r": version(),
         "measure": name,
         "backend": backend,
         "model_hash": machine.model_hash,

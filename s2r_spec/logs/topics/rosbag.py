@@ -145,9 +145,8 @@ class RosBag:
 
     @contextmanager
     def _open(self) -> Iterator[Any]:
-        highlevel, typesys = (
-            library(name, "ROS bags", "logs") for name in ("rosbags.highlevel", "rosbags.typesys")
-        )
+        highlevel = library("rosbags.highlevel", "ROS bags")
+        typesys = library("rosbags.typesys", "ROS bags")
         with _errors(self._path):
             # Bags of ROS 2 before Iron have no definitions of their messages; those of ROS itself are then assumed.
             known = typesys.get_typestore(typesys.Stores.LATEST)
