@@ -8,6 +8,8 @@ from datetime import date
 from importlib.metadata import version
 from pathlib import Path
 
+from s2r_spec import distribution
+
 
 def describe(*packages: str) -> dict[str, object]:
     """Return processor, cores, Python and package versions, and the day."""
@@ -22,5 +24,5 @@ def describe(*packages: str) -> dict[str, object]:
         "processor": model,
         "cores": os.cpu_count(),
         "python": platform.python_version(),
-        "versions": {name: version(name) for name in ("s2r", *packages)},
+        "versions": {"s2r": distribution.version()} | {name: version(name) for name in packages},
     }

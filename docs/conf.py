@@ -6,12 +6,12 @@ build time: `reference/command-line.md` from the typer application, `reference/p
 
 import re
 import sys
-from importlib.metadata import version as version_of
 from pathlib import Path
 
 from pygments.lexers.special import TextLexer
 from sphinx.application import Sphinx
 
+from s2r_spec import distribution
 from s2r_spec.lang.highlight import StlLexer
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -19,7 +19,7 @@ sys.path[:0] = [str(ROOT), str(ROOT / "backends")]
 
 project = "s2r"
 author = "the s2r authors"
-version = release = version_of("s2r")
+version = release = distribution.version()
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 exclude_patterns = ["_build"]
 html_theme = "furo"

@@ -45,6 +45,8 @@ if TYPE_CHECKING:
     from s2r_spec.trace import Trace
     from s2r_spec.verdict import Verdict
 
+    __version__: str
+
 __all__ = [
     "Axis",
     "Backend",
@@ -141,6 +143,10 @@ sys.modules[__name__].__class__ = _Package
 
 def __getattr__(name: str) -> Any:
     """Import what is asked for."""
+    if name == "__version__":
+        from s2r_spec.distribution import version
+
+        return version()
     if name not in _HOME:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     found = getattr(import_module(f"{__name__}.{_HOME[name]}"), _RENAMED.get(name, name))

@@ -16,6 +16,7 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any, Protocol, Self, runtime_checkable
 
+from s2r_spec.distribution import BACKENDS
 from s2r_spec.errors import (
     BackendError,
     MissingPackageError,
@@ -26,8 +27,6 @@ from s2r_spec.errors import (
     one_of,
 )
 from s2r_spec.trace import Trace
-
-GROUP = "s2r.backends"
 
 
 @dataclass(frozen=True)
@@ -529,7 +528,7 @@ class HasOptions(Protocol):
 def installed() -> dict[str, EntryPoint]:
     """Return name → entry point of every installed backend, without any import of them."""
     points: dict[str, EntryPoint] = {}
-    for point in entry_points(group=GROUP):
+    for point in entry_points(group=BACKENDS):
         if point.name in points and point.value != points[point.name].value:
             raise BackendError(
                 f"two installed packages offer a backend named {point.name!r}: "

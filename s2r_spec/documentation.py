@@ -1,29 +1,25 @@
 """The pages of the documentation: where they are on this computer, and how a message names one.
 
-A checkout has them in ``docs``. A wheel installs them in ``share/doc/s2r`` of its environment, as text; the command
-``s2r docs`` prints them.
+A checkout has them in ``docs``, a wheel in this package, as text; the command ``s2r docs`` prints them.
 """
 
 from __future__ import annotations
 
 from functools import cache
-from importlib.metadata import PackageNotFoundError, files, metadata
 from pathlib import Path
 
-_CHECKOUT = Path(__file__).resolve().parents[1]
-_INSTALLED = ("share", "doc", "s2r", "index.md")
-"""Definition: the end of the path at which a wheel installs the first page (``shared-data`` in pyproject.toml)."""
+from s2r_spec.distribution import own
+from s2r_spec.shipped import shipped
 
 
 @cache
 def _address() -> str | None:
     """Return the address of the documentation's site, from the project's URLs; None if it has none."""
-    try:
-        urls = metadata("s2r").get_all("Project-URL") or []
-    except PackageNotFoundError:  # a source tree on the path, not installed
+    distribution = own()
+    if distribution is None:
         return None
-    named = dict(url.split(", ", 1) for url in urls)
-    return named.get("Documentation")
+    urls = distribution.metadata.get_all("Project-URL") or []
+    return dict(url.split(", ", 1) for url in urls).get("Documentation")
 
 
 def page(name: str) -> str:
@@ -39,15 +35,8 @@ def page(name: str) -> str:
 
 
 def folder() -> Path | None:
-    """Return the folder of the pages, of the checkout or of the installed package; None if there is neither."""
-    if (_CHECKOUT / "pyproject.toml").exists():
-        return _CHECKOUT / "docs"
-    try:
-        installed = files("s2r") or []
-    except PackageNotFoundError:
-        return None
-    found = [Path(str(file.locate())) for file in installed if file.parts[-4:] == _INSTALLED]
-    return found[0].resolve().parent if found else None
+    """Return the folder of the pages, of the installed package or of the checkout; None if there is neither."""
+    return shipped("docs")
 
 
 def pages(place: Path) -> dict[str, Path]:

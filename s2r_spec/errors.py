@@ -8,9 +8,14 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable
-from typing import ClassVar, Literal
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, ClassVar, Literal
 
+from s2r_spec import distribution
 from s2r_spec.printable import one_line
+
+if TYPE_CHECKING:
+    from importlib.metadata import Distribution
 
 MOST_NAMES = 60
 """Budget: names that an error lists; twice as many fill a screen."""
@@ -102,6 +107,34 @@ class MissingPackageError(UsageError):
 
     def __init__(self, backend: str, package: str) -> None:
         super().__init__(
-            f"backend {backend!r} needs the package {package!r}, which is not installed; "
-            f"try: pip install 's2r[{backend}]'"
+            not_installed(f"backend {backend!r} needs", [package], distribution.offering(backend))
         )
+
+
+def require(need: str, *modules: str) -> None:
+    """Check that modules are installed.
+
+    Args:
+        need: who needs them, with the verb, such as ``plots need``.
+        modules: names of packages without dots.
+
+    Raises:
+        UsageError: one of them is not installed; the message has the command that installs them all.
+    """
+    if not all(map(find_spec, modules)):
+        raise UsageError(not_installed(need, modules, distribution.own()))
+
+
+def not_installed(need: str, modules: Iterable[str], owner: Distribution | None) -> str:
+    """Return the message about modules that are not installed.
+
+    Args:
+        need: who needs them, with the verb, such as ``plots need``.
+        modules: names of the modules.
+        owner: the distribution of the code that needs them.
+    """
+    names = [distribution.package(module) for module in modules]
+    missing = (
+        f"the package {names[0]!r}, which is" if len(names) == 1 else f"{' and '.join(names)}, which are"
+    )
+    return f"{need} {missing} not installed; try: {distribution.installing(modules, owner)}"

@@ -45,8 +45,8 @@ class Result:
     def report(self, path: str | PathLike[str]) -> Path:
         """Write the page of ``s2r report`` or ``--report``, which opens offline, and return its path.
 
-        A certificate is computed again from its run, whose folder must still be there. Needs
-        ``pip install 's2r[report]'``.
+        A certificate is computed again from its run, whose folder must still be there. Needs the extra
+        ``report``.
 
         Args:
             path: a file that ends in ``.html``.

@@ -260,7 +260,7 @@ class Trace:
 
         A frame is read like a file with the same columns. Columns that hold no numbers are left out, with a warning
         (:class:`~s2r_spec.errors.TraceNote`). Columns ``q[0]``, ``q[1]`` make one vector, and a header ``vx [m/s]``
-        states its unit. Needs ``pip install 's2r[frames]'``.
+        states its unit. Needs the extra ``tables``.
 
         Args:
             frame: the frame.
@@ -285,7 +285,7 @@ class Trace:
 
         A frame of pandas has the times [s] as its index ``t``, and units and meta in ``attrs``. The others have a
         column ``t``. :meth:`from_dataframe` returns the same trace again; a frame of polars holds neither units nor
-        meta. Needs ``pip install 's2r[frames]'``.
+        meta. Needs the extra ``tables``.
 
         Raises:
             TraceError: the library is not installed, or two columns would have one name.
@@ -295,7 +295,7 @@ class Trace:
     def to_xarray(self) -> Any:
         """Return an ``xarray.Dataset`` over ``t`` [s]; each variable has its unit in ``attrs["units"]``.
 
-        Needs ``pip install 's2r[frames]'``.
+        Needs the extra ``tables``.
 
         Raises:
             TraceError: xarray is not installed, or a channel is called ``t``.

@@ -5,12 +5,12 @@ import re
 import shutil
 import tomllib
 from email.message import Message
-from importlib.metadata import PathDistribution
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
-from s2r_spec import documentation
+from s2r_spec import documentation, shipped
 from tests import forked
 
 ROOT = Path(__file__).parents[1]
@@ -58,7 +58,7 @@ def test_every_page_that_a_message_names_exists():
 def test_a_page_has_the_address_that_the_installed_package_states(monkeypatch):
     about = Message()
     about["Project-URL"] = "Source, https://example.org/code"
-    monkeypatch.setattr(documentation, "metadata", lambda name: about)
+    monkeypatch.setattr(documentation, "own", lambda: SimpleNamespace(metadata=about))
     assert documentation.page("how-to/effects") == "`s2r docs how-to/effects`"
     documentation._address.cache_clear()
     about["Project-URL"] = "Documentation, https://example.org/s2r/"
@@ -78,18 +78,12 @@ def test_the_command_lists_every_page_and_prints_one():
 
 
 def test_a_wheel_has_the_pages_where_the_command_looks_for_them(tmp_path, monkeypatch):
-    """What an installer makes of a wheel: the package, and its pages in ``share/doc/s2r``."""
+    """The place of the pages in a wheel, as pyproject.toml says it."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())
-    (place,) = project["tool"]["hatch"]["build"]["targets"]["wheel"]["shared-data"].values()
+    place = project["tool"]["hatch"]["build"]["targets"]["wheel"]["force-include"]["docs"]
     installed = tmp_path / place
     shutil.copytree(ROOT / "docs", installed)
-    about = tmp_path / "lib" / "s2r-0.dist-info"
-    about.mkdir(parents=True)
-    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: s2r\nVersion: 0\n")
-    (about / "RECORD").write_text(f"../{place}/index.md,,\ns2r_spec/documentation.py,,\n")
-    found = PathDistribution(about)
-    monkeypatch.setattr(documentation, "files", lambda name: found.files)
-    monkeypatch.setattr(documentation, "_CHECKOUT", tmp_path)
+    monkeypatch.setattr(shipped, "_PACKAGE", tmp_path / "s2r_spec")
     assert documentation.folder() == installed
     assert len(documentation.pages(installed)) == len(PAGES)
 

@@ -35,6 +35,7 @@ LAYERS = [
     {"errors", "compiled", "magnitude"},
     {"result"},
     {"documentation", "json_values", "printable", "upper", "verdict"},
+    {"distribution", "shipped"},
 ]
 SIMULATOR_LAYERS = [
     {"twins"},

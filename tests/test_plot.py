@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from s2r_spec import errors
 from s2r_spec.errors import UsageError
 from s2r_spec.report import plot as module
 from s2r_spec.spec import parse_spec
@@ -16,8 +17,8 @@ TRACE = Trace(np.linspace(0.0, 1.0, 11), {"v": np.linspace(0.0, 0.5, 11)}, {"v":
 
 
 def test_without_matplotlib_a_sentence_says_what_to_install(monkeypatch):
-    monkeypatch.setattr(module, "find_spec", lambda name: None)
-    with pytest.raises(UsageError, match=naming("matplotlib", "pip install 's2r[pictures]'")):
+    monkeypatch.setattr(errors, "find_spec", lambda name: None)
+    with pytest.raises(UsageError, match=naming("matplotlib", "pip install", "[pictures]")):
         module.plot(SPEC.tolerances(TRACE, "slow"), SPEC.explain(TRACE, "slow"), "toy", Path("a.svg"))
 
 

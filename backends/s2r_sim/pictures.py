@@ -11,7 +11,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from importlib import import_module
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +23,7 @@ from s2r_sim.plant import mujoco_model
 from s2r_sim.robot import rotation
 from s2r_sim.robot.figures import LEGS
 from s2r_sim.settings import Settings
-from s2r_spec.errors import UsageError, one_of
+from s2r_spec.errors import UsageError, one_of, require
 from s2r_spec.trace import Trace
 
 Image = NDArray[np.uint8]
@@ -49,10 +48,7 @@ def draw(settings: Settings, trace: Trace, path: Path) -> None:
         raise UsageError(
             f"{path.name!r}: a picture ends in {one_of(STILLS)} (tiles) or {one_of(VIDEOS)} (video)"
         )
-    if find_spec("PIL") is None:
-        raise UsageError(
-            "pictures need the package 'pillow', which is not installed; try: pip install pillow"
-        )
+    require("pictures need", "PIL")
     from PIL import Image as Pictures
 
     if kind in STILLS:

@@ -6,7 +6,6 @@ outcome goes to the search.
 
 from __future__ import annotations
 
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Unpack
 
@@ -20,6 +19,7 @@ from s2r_spec.certify.options import RunKeywords, RunOptions
 from s2r_spec.certify.recorded import Design, Recorded, fixed_design, observe
 from s2r_spec.certify.search import Search
 from s2r_spec.certify.voids import machine_fields
+from s2r_spec.distribution import version
 from s2r_spec.errors import UsageError
 from s2r_spec.rollouts.attendance import refuse_terms
 from s2r_spec.rollouts.journal import Journal
@@ -63,7 +63,7 @@ def check_with(
     refuse_terms(scorer.backend, options.terms)
     design = _design(search, spec, requirement, scorer)
     provenance: dict[str, Any] = {
-        "s2r": version("s2r"),
+        "s2r": version(),
         "spec": Path(spec.name).name,
         "spec_hash": spec.hash,
         "requirement": requirement,

@@ -8,7 +8,6 @@ as an estimate.
 from __future__ import annotations
 
 import math
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Unpack
 
@@ -23,6 +22,7 @@ from s2r_spec.certify.pairing import SIMULATED_PER_REAL, Pairing
 from s2r_spec.certify.recorded import Recorded, observe
 from s2r_spec.certify.search import Search
 from s2r_spec.certify.voids import machine_fields
+from s2r_spec.distribution import version
 from s2r_spec.rollouts.attendance import refuse_terms
 from s2r_spec.rollouts.journal import Journal
 from s2r_spec.rollouts.layout import SYSTEMS
@@ -85,7 +85,7 @@ def gap_with(
     if pairing.recorded is None:
         search.refuse_hopeless()
     provenance: dict[str, Any] = {
-        "s2r": version("s2r"),
+        "s2r": version(),
         "spec": Path(spec.name).name,
         "spec_hash": spec.hash,
         "requirement": requirement,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Unpack
 
@@ -14,6 +13,7 @@ from s2r_spec.certify.experiments import Rollouts, run_search
 from s2r_spec.certify.options import MeasureKeywords, MeasureOptions
 from s2r_spec.certify.search import Search
 from s2r_spec.certify.voids import machine_assumptions, machine_fields, without_too_many
+from s2r_spec.distribution import version
 from s2r_spec.errors import UsageError
 from s2r_spec.rollouts.attendance import Terms, refuse_terms
 from s2r_spec.rollouts.journal import Journal
@@ -66,7 +66,7 @@ def check_measure(
     passed = None if isinstance(backend, str) else passing(machine)
     scorer = Scorer(called, machine, measure, options.fall, passed=passed)
     header: dict[str, Any] = {
-        "s2r": version("s2r"),
+        "s2r": version(),
         "measure": name,
         "backend": called,
         "model_hash": machine.model_hash,

@@ -12,6 +12,7 @@ import traceback
 
 import typer
 
+from s2r_spec import distribution
 from s2r_spec.cli import (
     backends,
     certify,
@@ -20,6 +21,7 @@ from s2r_spec.cli import (
     common,
     diagnose,
     docs,
+    examples,
     fmt,
     gap,
     lint,
@@ -72,6 +74,7 @@ app.command(epilog=_epilog("monitor specs/a1_velocity.stl specs/traces/a1_veloci
 app.command(epilog=_epilog("log night.mcap"))(log.log)
 app.command(epilog=_epilog("fmt --check specs/a1_velocity.stl"))(fmt.fmt)
 app.command(epilog=_epilog("lint specs/a1_velocity.stl"))(lint.lint)
+app.command(epilog=_epilog("examples"))(examples.examples)
 app.command(epilog=_epilog("docs how-to/runs"))(docs.docs)
 
 
@@ -80,9 +83,7 @@ def _root(
     version: bool = typer.Option(False, "--version", "-V", help="Print the version and exit."),
 ) -> None:
     if version:
-        from importlib.metadata import version as version_of
-
-        print(f"s2r {version_of('s2r')}")
+        print(f"s2r {distribution.version()}")
         raise typer.Exit
 
 

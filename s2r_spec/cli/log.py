@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from s2r_spec.cli.common import note, sentences
-from s2r_spec.cli.options import AsJson, Columns, TimeUnit
+from s2r_spec.cli.log_options import Columns, TimeUnit
+from s2r_spec.cli.options import AsJson
 from s2r_spec.cli.terminal import say
 from s2r_spec.json_values import line
 

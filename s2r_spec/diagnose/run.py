@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
-from importlib.metadata import version
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -52,9 +50,10 @@ from s2r_spec.diagnose.verdict import (
 from s2r_spec.diagnose.watched import Watched
 from s2r_spec.diagnose.where.found import Where
 from s2r_spec.diagnose.where.found import where as find_where
+from s2r_spec.distribution import version
 from s2r_spec.documentation import page
 from s2r_spec.effects import catalogue_of
-from s2r_spec.errors import UsageError
+from s2r_spec.errors import require
 from s2r_spec.rollouts.compatibility import check_compatibility
 from s2r_spec.rollouts.pools import kept_open
 from s2r_spec.rollouts.seeds import Stream, rollout_seed
@@ -103,10 +102,7 @@ def diagnose(
         UsageError: scikit-learn is not installed, the simulator declares no effects, or the
             rollouts do not fit the spec.
     """
-    if find_spec("sklearn") is None:
-        raise UsageError(
-            "a diagnosis needs scikit-learn, which is not installed: pip install 's2r[diagnose]'"
-        )
+    require("a diagnosis needs", "sklearn")
     spec, sim, real = as_spec(spec), as_simulator(sim), as_rollouts(real)
     called = real if isinstance(real, str) else str(getattr(real, "name", ""))
     cache, folder = (None if path is None else as_folder(path) for path in (cache, folder))
@@ -294,7 +290,7 @@ def _answer(
         patch=fitted.values if answer else {},
         tuned=tuned,
         provenance={
-            "s2r": version("s2r"),
+            "s2r": version(),
             "seed": seed,
             "spec_hash": bench.spec.hash,
             "requirement": bench.requirement,

@@ -22,7 +22,7 @@ from s2r_spec.json_objects.monitor import ChangeObject, MonitorObject, OnlineObj
 from s2r_spec.json_objects.parts import Open
 from s2r_spec.json_objects.plan import PilotObject, PlanObject
 from s2r_spec.json_objects.runs import ChoiceObject, OddsObject, ReplayObject
-from s2r_spec.json_objects.specs import FormatObject, LatexObject, LintObject
+from s2r_spec.json_objects.specs import ExamplesObject, FormatObject, LatexObject, LintObject
 from s2r_spec.json_values import optional_fields
 
 OBJECTS: Mapping[str, Any] = {
@@ -32,6 +32,7 @@ OBJECTS: Mapping[str, Any] = {
     "s2r.check/1": CheckObject,
     "s2r.choice/1": ChoiceObject,
     "s2r.error/1": ErrorObject,
+    "s2r.examples/1": ExamplesObject,
     "s2r.fmt/1": FormatObject,
     "s2r.gap/1": GapObject,
     "s2r.latex/1": LatexObject,

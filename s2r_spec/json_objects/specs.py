@@ -1,4 +1,4 @@
-"""The objects of the commands that read only specifications: ``s2r lint`` and ``s2r fmt``."""
+"""The objects of the commands for specifications alone: ``s2r lint``, ``s2r fmt`` and ``s2r examples``."""
 
 from __future__ import annotations
 
@@ -66,3 +66,18 @@ class FormatObject:
     schema: Literal["s2r.fmt/1"] = "s2r.fmt/1"
     check: bool
     changed: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExamplesObject:
+    """The result of ``s2r examples``.
+
+    Attributes:
+        schema: name and version of this object.
+        folder: the folder that got the files.
+        files: the files that were written, specifications first.
+    """
+
+    schema: Literal["s2r.examples/1"] = "s2r.examples/1"
+    folder: str
+    files: tuple[str, ...]

@@ -23,7 +23,6 @@ class StlLexer(RegexLexer):
     name = "s2r signal temporal logic"
     aliases: ClassVar[list[str]] = ["s2r-stl"]
     filenames: ClassVar[list[str]] = []  # .stl is also the ending of mesh files
-    url = "https://github.com/s2r"
 
     tokens: ClassVar[dict[str, list[tuple[object, ...]]]] = {
         "root": [

@@ -30,7 +30,6 @@ from s2r_spec.trace import Trace
 
 Library = Literal["pandas", "polars", "pyarrow"]
 """Where a frame comes from."""
-_EXTRA = "frames"
 
 
 def read(
@@ -162,8 +161,8 @@ def _column(arrow: Any, values: Any) -> Column:
 
 
 def _pyarrow() -> Any:
-    library("pyarrow.compute", "data frames", _EXTRA)
-    return library("pyarrow", "data frames", _EXTRA)
+    library("pyarrow.compute", "data frames")
+    return library("pyarrow", "data frames")
 
 
 # -- frames from a trace ---------------------------------------------------------------------------------------------
@@ -208,14 +207,14 @@ def _columns(trace: Trace) -> list[tuple[str, Any]]:
 
 
 def _to_pandas(times: Any, columns: dict[str, Any], notes: dict[str, Any]) -> Any:
-    pandas = library("pandas", "frames of pandas", _EXTRA)
+    pandas = library("pandas", "frames of pandas")
     frame = pandas.DataFrame(columns, index=pandas.Index(times, name=TIME))
     frame.attrs.update({key: value for key, value in notes.items() if value})
     return frame
 
 
 def _to_polars(times: Any, columns: dict[str, Any], notes: dict[str, Any]) -> Any:
-    return library("polars", "frames of polars", _EXTRA).DataFrame({TIME: times, **columns})
+    return library("polars", "frames of polars").DataFrame({TIME: times, **columns})
 
 
 def _to_arrow(times: Any, columns: dict[str, Any], notes: dict[str, Any]) -> Any:
@@ -235,7 +234,7 @@ def dataset_of(trace: Trace) -> Any:
     Raises:
         TraceError: xarray is not installed, or a channel is called ``t``.
     """
-    xarray = library("xarray", "datasets", _EXTRA)
+    xarray = library("xarray", "datasets")
     if TIME in trace.channels:
         raise TraceError(f"a channel of a dataset cannot be called {TIME!r}; rename it first")
     variables = {

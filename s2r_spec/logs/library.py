@@ -5,16 +5,16 @@ from __future__ import annotations
 from importlib import import_module
 from typing import Any
 
-from s2r_spec.errors import TraceError
+from s2r_spec.distribution import own
+from s2r_spec.errors import TraceError, not_installed
 
 
-def library(name: str, what: str, extra: str) -> Any:
+def library(name: str, what: str) -> Any:
     """Return a module.
 
     Args:
         name: name of the module.
         what: what needs it, in the plural.
-        extra: the extra that installs it.
 
     Raises:
         TraceError: it is not installed.
@@ -22,5 +22,4 @@ def library(name: str, what: str, extra: str) -> Any:
     try:
         return import_module(name)
     except ImportError:
-        package = name.partition(".")[0]
-        raise TraceError(f"{what} need the package {package}; try: pip install 's2r[{extra}]'") from None
+        raise TraceError(not_installed(f"{what} need", [name], own())) from None

@@ -32,12 +32,14 @@ class Request:
         wanted: channel → None for one number per sample, its width for a vector, or :data:`ANY`; None for all columns.
         time_unit: unit of times that are plain numbers without a unit.
         gather: if all columns are read, whether to make vectors of numbered columns.
+        identifiers: if all columns are read, whether to leave out those whose names no spec can have.
     """
 
     columns: Mapping[str, str] = field(default_factory=dict)
     wanted: Mapping[str, int | None] | None = None
     time_unit: str | None = None
     gather: bool = False
+    identifiers: bool = False
 
 
 @dataclass(frozen=True)
@@ -92,7 +94,7 @@ def plan_columns(heads: Sequence[Head], request: Request) -> Plan:
     names.taken = frozenset(times)
     columns = {name: text for name, text in request.columns.items() if name != TIME}
     if request.wanted is None:
-        return _everything(names, times, columns, request.gather)
+        return _everything(names, times, columns, request)
     channels, faults = [], {}
     for name, width in request.wanted.items():
         try:
@@ -102,14 +104,16 @@ def plan_columns(heads: Sequence[Head], request: Request) -> Plan:
     return Plan(times, tuple(channels), faults, tuple(names.notes))
 
 
-def _everything(names: _Names, times: tuple[int, ...], columns: Mapping[str, str], gather: bool) -> Plan:
+def _everything(names: _Names, times: tuple[int, ...], columns: Mapping[str, str], request: Request) -> Plan:
     """Return a plan with every column as a channel, under its own name unless it is mapped."""
     channels, faults = [], {}
     mapped_columns = set(columns.values())
     components = {name.partition("[")[0] for name in columns if name.endswith("]") and "[" in name}
     mapped = [*(name for name in columns if not (name.endswith("]") and "[" in name)), *components]
     names_in_file: dict[str, None] = {
-        head.name: None for i, head in enumerate(names.heads) if head.name and i not in times
+        head.name: None
+        for i, head in enumerate(names.heads)
+        if head.name and i not in times and (head.name.isidentifier() or not request.identifiers)
     }
     own = [name for name in names_in_file if name not in mapped_columns and name not in columns]
     for name in mapped:
@@ -119,10 +123,10 @@ def _everything(names: _Names, times: tuple[int, ...], columns: Mapping[str, str
             channels.append(names.own(name, times))
         except TraceError as error:
             faults[name] = str(error)
-    if gather:
+    if request.gather:
         known = {channel.name for channel in channels}
         for name, parts in names.groups():
-            if name not in known:
+            if name not in known and (name.isidentifier() or not request.identifiers):
                 channels.append(Channel(name, parts, True))
     return Plan(times, tuple(channels), faults, tuple(names.notes))
 

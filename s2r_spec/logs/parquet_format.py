@@ -14,6 +14,7 @@ import numpy as np
 
 from s2r_spec.errors import TraceError, shortened
 from s2r_spec.logs import cells
+from s2r_spec.logs.library import library
 from s2r_spec.logs.table import (
     TEXT_SIZE,
     Chooser,
@@ -192,12 +193,6 @@ def write(trace: Trace, path: Path) -> None:
 
 
 def _libraries() -> tuple[Any, Any]:
-    try:
-        import pyarrow
-        import pyarrow.compute
-        import pyarrow.parquet
-    except ImportError:
-        raise TraceError(
-            "Parquet files need the package pyarrow, which is not installed; try: pip install 's2r[logs]'"
-        ) from None
-    return pyarrow, pyarrow.parquet
+    arrow = library("pyarrow", "Parquet files")
+    library("pyarrow.compute", "Parquet files")
+    return arrow, library("pyarrow.parquet", "Parquet files")

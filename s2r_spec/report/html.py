@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from importlib.resources import files
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from s2r_spec.errors import UsageError
+from s2r_spec.errors import require
 from s2r_spec.report.parts import Run, part
 from s2r_spec.report.recompute import recompute
 from s2r_spec.verdict import Tone
@@ -24,12 +23,7 @@ def require_packages() -> None:
     Raises:
         UsageError: one is missing; the message says what to install.
     """
-    missing = [name for name in PACKAGES if find_spec(name) is None]
-    if missing:
-        raise UsageError(
-            f"an HTML report needs packages that are not installed, {' and '.join(missing)}; "
-            f"try: pip install 's2r[report]'"
-        )
+    require("an HTML report needs", *PACKAGES)
 
 
 def from_runs(folders: Sequence[Path]) -> str:

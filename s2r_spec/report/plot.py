@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from s2r_spec.errors import UsageError, one_of
+from s2r_spec.errors import UsageError, one_of, require
 from s2r_spec.files import saving
 from s2r_spec.robustness.explain import Explanation
 from s2r_spec.robustness.tolerances import Tolerances
@@ -22,10 +21,7 @@ def plot(tolerances: Tolerances, explanation: Explanation, title: str, path: Pat
     """
     if path.suffix.lower() not in ENDINGS:
         raise UsageError(f"{path.name!r}: the file name of a plot ends in one of {one_of(ENDINGS)}")
-    if find_spec("matplotlib") is None:
-        raise UsageError(
-            "plots need the package 'matplotlib', which is not installed; try: pip install 's2r[pictures]'"
-        )
+    require("plots need", "matplotlib")
     # Not pyplot, which keeps figures in memory and looks for a screen.
     from matplotlib.figure import Figure
 

@@ -7,11 +7,10 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError, Executor, Future, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from importlib import import_module
-from importlib.util import find_spec
 from typing import Any
 from uuid import uuid4
 
-from s2r_spec.errors import BackendError, S2RError, UsageError
+from s2r_spec.errors import BackendError, S2RError, UsageError, require
 from s2r_spec.rollouts.worker_process import TimeLimitError, WorkerDiedError, call_in_worker, end_workers
 
 ExecutorFactory = Callable[[], Executor]
@@ -37,10 +36,7 @@ def dask_pool(address: str) -> ExecutorFactory:
     Raises:
         UsageError: Dask is not installed, or the text is not an address.
     """
-    if find_spec("distributed") is None:
-        raise UsageError(
-            "--scheduler needs the package distributed, which is not installed; try: pip install 's2r[dask]'"
-        )
+    require("--scheduler needs", "distributed")
     if "://" not in address:
         raise UsageError(f"--scheduler {address} is not an address such as tcp://10.0.0.5:8786")
     return lambda: DaskPool(address)

@@ -19,7 +19,7 @@ TRACE = Trace(
 
 def test_without_pyarrow_it_says_what_to_install(tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setitem(sys.modules, "pyarrow", None)
-    with pytest.raises(TraceError, match=naming("pyarrow", "pip install 's2r[logs]'")):
+    with pytest.raises(TraceError, match=naming("pyarrow", "pip install", "[logs]")):
         write(TRACE, tmp_path / "a.parquet")
 
 

@@ -10,6 +10,7 @@ from multiprocessing import get_context
 
 import pytest
 
+from s2r_spec import errors
 from s2r_spec.backend import load_backend
 from s2r_spec.errors import BackendError, UsageError
 from s2r_spec.rollouts import crashes, pools, worker_process
@@ -200,8 +201,8 @@ def test_a_scheduler_that_is_not_there(monkeypatch):
 
 
 def test_without_the_extra_one_sentence_says_what_to_install(monkeypatch):
-    monkeypatch.setattr(pools, "find_spec", lambda name: None)
-    with pytest.raises(UsageError, match=naming("--scheduler", "distributed", "pip install 's2r[dask]'")):
+    monkeypatch.setattr(errors, "find_spec", lambda name: None)
+    with pytest.raises(UsageError, match=naming("--scheduler", "distributed", "pip install", "[dask]")):
         dask_pool("tcp://127.0.0.1:1")
 
 

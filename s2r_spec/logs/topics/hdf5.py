@@ -28,7 +28,7 @@ def open_hdf5(path: Path) -> ArrayLog:
         TraceError: h5py is not installed, or the file is not HDF5.
     """
     regular(path)
-    h5py = library("h5py", "HDF5 files", "logs")
+    h5py = library("h5py", "HDF5 files")
     arrays: dict[str, Array] = {}
 
     def visit(name: str, item: Any) -> None:

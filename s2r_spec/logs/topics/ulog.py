@@ -28,7 +28,7 @@ class ULog:
 
     def __init__(self, path: Path) -> None:
         regular(path)
-        pyulog = library("pyulog", "ULog files", "logs")
+        pyulog = library("pyulog", "ULog files")
         try:
             with path.open("rb") as stream:
                 log = pyulog.ULog(stream)

@@ -1,0 +1,64 @@
+"""``s2r examples``: the specifications and traces that come with s2r, as files to try and to change."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from s2r_spec.cli.common import sentences
+from s2r_spec.cli.options import AsJson
+from s2r_spec.cli.terminal import say
+from s2r_spec.errors import UsageError
+from s2r_spec.files import save
+from s2r_spec.json_objects.specs import ExamplesObject
+from s2r_spec.json_values import line
+from s2r_spec.shipped import shipped
+
+_FIRST = "a1_velocity.stl", "traces/a1_velocity_fails.csv"
+"""Definition: specification and trace of the first command to try."""
+
+
+def examples(
+    folder: Annotated[Path, typer.Argument(help="Folder for the files; made if it does not exist.")] = Path(
+        "specs"
+    ),
+    as_json: AsJson = False,
+) -> None:
+    """Write the shipped specifications and traces into a folder. No file is overwritten."""
+    with sentences(as_json):
+        contents = _contents()
+        targets = {folder / name: content for name, content in contents.items()}
+        _refuse_overwriting(folder, targets)
+        for target, content in targets.items():
+            target.parent.mkdir(parents=True, exist_ok=True)
+            save(target, content)
+        if as_json:
+            print(line(ExamplesObject(folder=str(folder), files=tuple(map(str, targets)))))
+            return
+        for target in targets:
+            print(target)
+        first = (str(folder / name) for name in _FIRST)
+        say(f"Next: {shlex.join(['s2r', 'monitor', *first])}", error=True)
+
+
+def _contents() -> dict[str, bytes]:
+    """Return name → content of every shipped file, specifications first."""
+    place = shipped("specs")
+    if place is None:
+        raise UsageError("this installation has no examples; install s2r again, from a wheel or a checkout")
+    paths = [*sorted(place.glob("*.stl")), *sorted(place.glob("traces/*.csv"))]
+    return {path.relative_to(place).as_posix(): path.read_bytes() for path in paths}
+
+
+def _refuse_overwriting(folder: Path, targets: dict[Path, bytes]) -> None:
+    if folder.exists() and not folder.is_dir():
+        raise UsageError(f"cannot write the examples into {folder}: it is not a folder")
+    existing = [target for target in targets if target.exists()]
+    if existing:
+        more = f" and {len(existing) - 1} more files exist" if len(existing) > 1 else " exists"
+        raise UsageError(
+            f"{existing[0]}{more} already, and nothing was written; give a folder without them: s2r examples FOLDER"
+        )
