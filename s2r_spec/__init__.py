@@ -13,6 +13,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from s2r_spec.asserting import assert_robust
     from s2r_spec.backend import Backend, Channel, Effect, EffectParameter, Parameter, load_backend
     from s2r_spec.certify.certificate import Certificate, Label
     from s2r_spec.certify.check import CheckResult, check
@@ -76,6 +77,7 @@ __all__ = [
     "Spec",
     "Trace",
     "Verdict",
+    "assert_robust",
     "certify",
     "check",
     "check_measure",
@@ -95,6 +97,7 @@ __all__ = [
 # Where each name is found when it is first asked for: the help and every worker process import this package,
 # and need next to none of it.
 _HOMES = {
+    "asserting": ("assert_robust",),
     "backend": ("Backend", "Channel", "Effect", "EffectParameter", "Parameter", "load_backend"),
     "certify.certificate": ("Certificate", "Label"),
     "certify.check": ("CheckResult", "check"),

@@ -23,6 +23,8 @@ LAYERS = [
     {"conformance"},
     {"certify"},
     {"rollouts"},
+    {"pytest_plugin"},
+    {"asserting"},
     {"spec"},
     {"backend", "effects", "function_backend", "space"},
     {"robustness"},
