@@ -1,6 +1,7 @@
 """Imports go one way, and the light modules stay light."""
 
 import ast
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -85,6 +86,22 @@ def test_imports_go_down(package, path):
     assert own in rank, f"{own} has no layer: add it to the layers of {package.name}"
     upwards = {name for name in imported(path, package.name) & rank.keys() if rank[name] < rank[own]}
     assert not upwards, f"{path.name} imports upwards: {upwards}"
+
+
+def test_only_methods_that_users_look_for_reach_upwards():
+    """A method finds the work of a higher layer by name, when it is called; see `upper.py`."""
+    found = {
+        (place(path), name)
+        for path in PACKAGE.rglob("*.py")
+        for name in re.findall(r"\bupper\((\S+?)\)", path.read_text())
+        if path.name != "upper.py"
+    }
+    assert found == {
+        ("s2r_spec/diagnose/diagnosis.py", '"report.results"'),
+        ("s2r_spec/result.py", "_FORMS"),
+        ("s2r_spec/spec/evaluated.py", '"report.plot"'),
+        ("s2r_spec/trace.py", '"logs.dataframe"'),
+    }
 
 
 def test_a_backend_imports_no_more_of_s2r_than_it_must():

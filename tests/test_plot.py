@@ -27,3 +27,18 @@ def test_a_plot_is_written(tmp_path):
     path = tmp_path / "a.png"
     module.plot(SPEC.tolerances(TRACE, "slow"), SPEC.explain(TRACE, "slow"), "toy", path)
     assert path.read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_plot_of_a_spec_is_shown_and_saved(tmp_path):
+    pytest.importorskip("matplotlib")
+    plot = SPEC.plot(TRACE, "slow")
+    assert repr(plot) == "Plot(slow: ρ = +0.5 m/s)"
+    assert plot._repr_svg_() == SPEC.plot(TRACE, "slow")._repr_svg_()
+    assert "<script" not in plot._repr_svg_()
+    assert plot.save(str(tmp_path / "a.svg")).read_text().count("<svg") == 1
+    with pytest.raises(UsageError, match=naming("a.gif")):
+        plot.save(tmp_path / "a.gif")
+
+
+def test_a_spec_is_one_line():
+    assert repr(SPEC) == "Spec('<string>': slow; signals v [m/s])"

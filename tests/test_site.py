@@ -15,7 +15,9 @@ ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 OUTSIDE = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "benchmarks").rglob("*.md"))]
 """Pages that the repository shows, and the site does not."""
-PAGES = sorted(path.relative_to(DOCS).with_suffix("") for path in DOCS.rglob("*.md"))
+PAGES = sorted(
+    path.relative_to(DOCS).with_suffix("") for path in DOCS.rglob("*") if path.suffix in (".md", ".ipynb")
+)
 
 
 def built(docs: Path, site: Path) -> subprocess.CompletedProcess[str]:

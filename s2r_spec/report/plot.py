@@ -2,25 +2,77 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from io import BytesIO
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
 from s2r_spec.errors import UsageError, one_of, require
 from s2r_spec.files import saving
+from s2r_spec.printable import one_line
 from s2r_spec.robustness.explain import Explanation
 from s2r_spec.robustness.tolerances import Tolerances
 
 ENDINGS = (".svg", ".png", ".pdf")
 
 
+@dataclass(frozen=True, repr=False)
+class Plot:
+    """A plot of a requirement on a trace; a notebook shows it.
+
+    Attributes:
+        figure: the ``matplotlib.figure.Figure``, to change or to add to.
+        title: what it shows, in one line.
+    """
+
+    figure: Any
+    title: str
+
+    def save(self, path: str | PathLike[str]) -> Path:
+        """Write the plot to a file that ends in ``.svg``, ``.png`` or ``.pdf``, and return its path.
+
+        Raises:
+            UsageError: the file name has another ending, or the file cannot be written.
+        """
+        file = Path(path)
+        if file.suffix.lower() not in ENDINGS:
+            raise UsageError(f"{file.name!r}: the file name of a plot ends in one of {one_of(ENDINGS)}")
+        with saving(file) as temporary:
+            self.figure.savefig(temporary, dpi=150)
+        return file
+
+    def __repr__(self) -> str:
+        """Return one line."""
+        return one_line(f"Plot({self.title})")
+
+    def _repr_svg_(self) -> str:
+        """Return the picture for a notebook: the same text for the same plot."""
+        import matplotlib as mpl
+
+        file = BytesIO()
+        with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "s2r"}):
+            self.figure.savefig(file, format="svg", metadata={"Date": None})
+        return file.getvalue().decode()
+
+
 def plot(tolerances: Tolerances, explanation: Explanation, title: str, path: Path) -> None:
-    """Draw every signal that the requirement reads, its tubes, and the instant that decides ρ.
+    """Draw a plot into a file; see :func:`drawn`.
 
     Raises:
         UsageError: the file name has another ending, or matplotlib is not installed.
     """
     if path.suffix.lower() not in ENDINGS:
         raise UsageError(f"{path.name!r}: the file name of a plot ends in one of {one_of(ENDINGS)}")
+    drawn(tolerances, explanation, title).save(path)
+
+
+def drawn(tolerances: Tolerances, explanation: Explanation, title: str = "") -> Plot:
+    """Draw every signal that the requirement reads, its tubes, and the instant that decides ρ.
+
+    Raises:
+        UsageError: matplotlib is not installed.
+    """
     require("plots need", "matplotlib")
     # Not pyplot, which keeps figures in memory and looks for a screen.
     from matplotlib.figure import Figure
@@ -41,9 +93,9 @@ def plot(tolerances: Tolerances, explanation: Explanation, title: str, path: Pat
         f"margin {explanation.margin:+.4g} {explanation.margin_unit}".rstrip()
     )
     # A dollar sign would begin a formula.
-    figure.suptitle(f"{title}\n{verdict}\n{why}".replace("$", r"\$"), fontsize="small")
-    with saving(path) as temporary:
-        figure.savefig(temporary, dpi=150)
+    words = "\n".join(filter(None, (title, verdict, why)))
+    figure.suptitle(words.replace("$", r"\$"), fontsize="small")
+    return Plot(figure, verdict)
 
 
 def _signal(axis: Any, tolerances: Tolerances, label: str) -> None:

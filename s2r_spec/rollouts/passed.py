@@ -50,7 +50,7 @@ class PassedBackend:
         if self._fault:
             raise BackendError(
                 f"the backend {self.backend.name!r} cannot go to a worker process, because {self._fault}; move its "
-                f"code to a module, or leave out executor: its rollouts then run in this process"
+                f"code to a module, or run it here, without executor"
             )
         return _copy, (self._pickled[0],)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from s2r_spec.errors import TraceError, UsageError
 from s2r_spec.lang import formula as f
 from s2r_spec.lang.amounts import Amount
+from s2r_spec.lang.declarations import Param, Signal
+from s2r_spec.printable import one_line
 from s2r_spec.robustness.binding import bound, names
 from s2r_spec.robustness.evaluate import Witness
 from s2r_spec.robustness.evaluation import End, Evaluation, Interpolation, Reading, evaluate
@@ -24,6 +26,7 @@ from s2r_spec.robustness.ties import plain_number
 from s2r_spec.robustness.tolerances import Tolerances, tolerances
 from s2r_spec.spec.declared import Declared
 from s2r_spec.trace import Trace
+from s2r_spec.upper import upper
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -33,6 +36,14 @@ FloatArray = NDArray[np.float64]
 
 class Spec(Declared):
     """A checked specification. Made by :func:`parse_spec` and :func:`load_spec`; can be pickled."""
+
+    def __repr__(self) -> str:
+        """Return one line: requirements, signals and parameters with their units."""
+        signals, params = (", ".join(map(_declared, of.values())) for of in (self.signals, self.params))
+        with_params = f"; params {params}" if params else ""
+        return one_line(
+            f"Spec({self.name!r}: {', '.join(self.requirements)}; signals {signals or 'none'}{with_params})"
+        )
 
     def robustness(
         self,
@@ -305,6 +316,33 @@ class Spec(Declared):
             self._long_enough(requirement, formula, reading)
         return explain(formula, reading, requirement, unit)
 
+    def plot(
+        self,
+        trace: Trace,
+        requirement: str,
+        params: Mapping[str, Amount] | None = None,
+        *,
+        title: str = "",
+    ) -> Any:
+        """Return a plot of the signals that a requirement reads, and of the values that it allows.
+
+        The :class:`~s2r_spec.report.plot.Plot` is shown by a notebook, and its ``save`` writes a file. A line marks the
+        instant that decides ρ. Needs the extra ``pictures``.
+
+        Args:
+            trace: see :meth:`robustness`.
+            requirement: one of :attr:`requirements`.
+            params: see :meth:`robustness`.
+            title: a line above the plot.
+
+        Raises:
+            TraceError: see :meth:`robustness`.
+            UsageError: see :meth:`robustness`; or matplotlib is not installed.
+        """
+        drawn = upper("report.plot").drawn
+        reason = self.explain(trace, requirement, params, partial=True)
+        return drawn(self.tolerances(trace, requirement, params), reason, title)
+
     def tolerances(
         self, trace: Trace, requirement: str, params: Mapping[str, Amount] | None = None
     ) -> Tolerances:
@@ -386,6 +424,11 @@ class Spec(Declared):
                 f"add a line such as `certify {requirement}: fall = -1`"
             )
         return settings.fall
+
+
+def _declared(one: Signal | Param) -> str:
+    """Return a declaration as ``vd [m/s]``."""
+    return f"{one.name} [{one.unit}]" if one.unit else one.name
 
 
 def _choice(name: str, value: str, choices: tuple[str, ...]) -> None:
