@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
+from s2r_spec.certify import gap_result
 from s2r_spec.certify.gap_result import pairs_of
 
 
@@ -13,7 +14,7 @@ def record(query, replicate, rho):
 
 def test_the_mean_of_simulated_rollouts_is_the_same_in_any_order(monkeypatch):
     rng = np.random.default_rng(0)
-    monkeypatch.setattr("s2r_spec.certify.gap_result.SIMULATED_PER_REAL", 7)
+    monkeypatch.setattr(gap_result, "SIMULATED_PER_REAL", 7)
     sim = [record(0, k, rho) for k, rho in enumerate(rng.normal(size=7) * 10.0 ** rng.integers(-8, 3, 7))]
     real = SimpleNamespace(records=lambda: [record(0, 0, 0.5)])
     found = set()
