@@ -97,5 +97,5 @@ def test_the_first_command_prints_what_is_shown():
 def test_the_library_example_runs(monkeypatch, capsys):
     monkeypatch.chdir(ROOT)
     page = (ROOT / "docs" / "how-to" / "runs.md").read_text()
-    exec(re.search(r"```python\n(.*?)```", page, re.S)[1], {})
+    exec(re.search(r"## From Python\n\n```python\n(.*?)```", page, re.S)[1], {})
     assert re.match(r"\{'walking': 0\.0\d+\}", capsys.readouterr().out)
