@@ -1,5 +1,7 @@
 """A backend passed as an object gives what the installed one of the same code gives."""
 
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import pytest
 import s2r_toy
@@ -15,11 +17,24 @@ from tests.errors import naming
 
 pytestmark = pytest.mark.usefixtures("toy")
 KEYWORDS = {"budget": 8}
+TEXT = SPEC.replace("LIMIT", "0.1")
+
+
+def one_thread():
+    return ThreadPoolExecutor(1)
 
 
 @pytest.fixture
 def spec():
-    return s2r.parse_spec(SPEC.replace("LIMIT", "0.1"), "spec.stl")
+    return s2r.parse_spec(TEXT, "spec.stl")
+
+
+@pytest.fixture(scope="module")
+def named(tmp_path_factory):
+    """The check and the gap of installed backends, by their names."""
+    spec, place = s2r.parse_spec(TEXT, "spec.stl"), tmp_path_factory.mktemp("named")
+    check = s2r.check(spec, "toy", place / "check", executor=one_thread, **KEYWORDS)
+    return check, s2r.gap(spec, "toy", "toy:drag", place / "gap", executor=one_thread, **KEYWORDS)
 
 
 def glides(params, seed):
@@ -36,12 +51,11 @@ def local():
 
 
 @pytest.mark.parametrize("made", [s2r_toy.Toy, local])
-def test_an_object_gives_the_certificate_of_the_installed_backend(spec, tmp_path, made):
-    named = s2r.check(spec, "toy", tmp_path / "named", **KEYWORDS)
-    passed = s2r.check(spec, made(), tmp_path / "passed", **KEYWORDS)
-    assert passed.certificate == named.certificate
-    assert passed.lowest.rho == named.lowest.rho
-    assert passed.provenance == named.provenance
+def test_an_object_gives_the_certificate_of_the_installed_backend(spec, tmp_path, made, named):
+    passed = s2r.check(spec, made(), tmp_path, **KEYWORDS)
+    assert passed.certificate == named[0].certificate
+    assert passed.lowest.rho == named[0].lowest.rho
+    assert passed.provenance == named[0].provenance
 
 
 def test_only_a_class_of_a_module_goes_to_another_process():
@@ -55,13 +69,12 @@ def test_processes_that_cannot_import_the_class_are_refused_with_the_remedy(spec
     assert "\n" not in str(caught.value)
 
 
-def test_gap_and_certify_take_objects_on_either_side(spec, tmp_path):
-    named = s2r.gap(spec, "toy", "toy:drag", tmp_path / "named", **KEYWORDS)
+def test_gap_and_certify_take_objects_on_either_side(spec, tmp_path, named):
     passed = s2r.gap(spec, local(), s2r_toy.Toy("drag"), tmp_path / "passed", **KEYWORDS)
-    assert passed.certificate == named.certificate
-    assert passed.provenance == named.provenance
-    found = s2r.certify(spec, s2r_toy.Toy(), "toy:drag", tmp_path / "both", **KEYWORDS)
-    assert (found.real, found.gap.certificate) == ("toy:drag", named.certificate)
+    assert passed.certificate == named[1].certificate
+    assert passed.provenance == named[1].provenance
+    found = s2r.certify(spec, s2r_toy.Toy(), "toy:drag", tmp_path / "both", executor=one_thread, **KEYWORDS)
+    assert (found.real, found.gap.certificate) == ("toy:drag", named[1].certificate)
 
 
 def test_a_measure_takes_an_object(tmp_path):
@@ -80,7 +93,9 @@ def test_a_measure_takes_an_object(tmp_path):
         return trace["vx"][-1]
 
     named, passed = (
-        s2r.check_measure(last, "m", robot, search(), tmp_path / str(k), fall=-1.0)
+        s2r.check_measure(
+            last, "m", robot, search(), tmp_path / str(k), fall=-1.0, executor=one_thread if k == 0 else None
+        )
         for k, robot in enumerate(("toy", local()))
     )
     assert named == passed
@@ -88,8 +103,9 @@ def test_a_measure_takes_an_object(tmp_path):
 
 def test_a_run_of_an_object_goes_on_and_its_rollouts_are_repeated(spec, tmp_path):
     robot = s2r.FunctionBackend(glides)
-    first = s2r.check(spec, robot, tmp_path, **KEYWORDS)
-    assert s2r.check(spec, robot, tmp_path, resume=True, **KEYWORDS).certificate == first.certificate
+    first = s2r.check(spec, robot, tmp_path, executor=one_thread, **KEYWORDS)
+    again = s2r.check(spec, robot, tmp_path, executor=one_thread, resume=True, **KEYWORDS)
+    assert again.certificate == first.certificate
     lowest = f"{first.folder}#{first.lowest.query}.{first.lowest.replicate}"
     again = s2r.replay(lowest, robot)
     assert again.same
@@ -98,15 +114,15 @@ def test_a_run_of_an_object_goes_on_and_its_rollouts_are_repeated(spec, tmp_path
         s2r.replay(lowest)
 
 
-def test_a_function_is_a_backend_with_the_interface_of_the_spec(spec, tmp_path):
-    named = s2r.check(spec, "toy", tmp_path / "named", **KEYWORDS)
+def test_a_function_is_a_backend_with_the_interface_of_the_spec(spec, tmp_path, named):
     robot = s2r.FunctionBackend(glides)
-    assert s2r.check(spec, robot, tmp_path / "passed", **KEYWORDS).certificate == named.certificate
+    passed = s2r.check(spec, robot, tmp_path / "passed", executor=one_thread, **KEYWORDS)
+    assert passed.certificate == named[0].certificate
     assert robot.name == "glides"
     other = s2r.FunctionBackend(lambda params, seed: glides(params, seed))
     assert other.model_hash != robot.model_hash
     assert not PassedBackend(other).portable
-    assert s2r.check(spec, other, tmp_path / "other", **KEYWORDS).certificate == named.certificate
+    assert s2r.check(spec, other, tmp_path / "other", **KEYWORDS).certificate == named[0].certificate
 
 
 def test_what_is_no_function_has_no_hash(spec):
@@ -184,7 +200,7 @@ class Raises(Short):
 
 def test_an_error_of_the_object_names_the_rollout_and_the_test(spec, tmp_path):
     with pytest.raises(BackendError, match=naming("'short'", "ZeroDivisionError", "vd", "seed")):
-        s2r.check(spec, Raises(), tmp_path, **KEYWORDS)
+        s2r.check(spec, Raises(), tmp_path, executor=one_thread, **KEYWORDS)
 
 
 class Machine(Short):

@@ -1,5 +1,6 @@
 """Data frames become traces and back: a frame is read as a file with the same columns."""
 
+import sys
 import warnings
 from datetime import UTC, datetime, timedelta
 
@@ -145,6 +146,21 @@ def test_an_index_of_two_levels_and_a_name_that_is_taken_are_refused():
         Trace([0], {"t": [1]}).to_dataframe()
     with pytest.raises(UsageError, match="dask"):
         TRACE.to_dataframe("dask")
+
+
+@pytest.mark.parametrize(
+    ("module", "use"),
+    [
+        ("pandas", lambda: TRACE.to_dataframe()),
+        ("polars", lambda: TRACE.to_dataframe("polars")),
+        ("pyarrow", lambda: Trace.from_dataframe(pd.DataFrame({"t": [0]}))),
+        ("xarray", lambda: TRACE.to_xarray()),
+    ],
+)
+def test_without_its_library_a_sentence_says_what_to_install(module, use, monkeypatch):
+    monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(TraceError, match=naming(module, "pip install")):
+        use()
 
 
 def test_a_dataset_has_units_and_meta():
