@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from s2r_spec.errors import TraceError, TraceNote
+from s2r_spec.errors import NoTimesError, TraceError, TraceNote
 from s2r_spec.files import replacing
 from s2r_spec.logs import csv_format, npz_format, parquet_format, split
 from s2r_spec.logs.interpret import Loaded, build_trace, request
@@ -143,6 +143,8 @@ def load_episodes(
         return [sparse.joined(one, _with_clock(joining, by_column), early) for one in found]
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
         raise TraceError(f"cannot read {path}: {getattr(error, 'strerror', None) or error}") from None
+    except NoTimesError as error:
+        raise NoTimesError(f"{path}: {error}", error.likely) from None
     except TraceError as error:
         raise TraceError(f"{path}: {error}") from None
 

@@ -10,7 +10,7 @@ from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from s2r_spec.errors import TraceError, UsageError, one_of, suggest
+from s2r_spec.errors import NoTimesError, TraceError, UsageError, one_of, suggest
 from s2r_spec.lang.units import UnknownUnitError, parse_unit
 from s2r_spec.logs import time_units
 from s2r_spec.logs.table import Head, quoted
@@ -177,14 +177,17 @@ class _Names:
         hint = ""
         if width is None and any((text, separator) in self.numbered for separator in _SEPARATORS):
             hint = f"; {name!r} is one number: map it to a component, such as --map {name}={text}[0]"
-        raise TraceError(f"the trace has no channel {text!r}{hint}") if hint else self._missing(text)
+        raise TraceError(f"the trace has no channel {text!r}{hint}") if hint else self._missing(text, name)
 
-    def _missing(self, text: str) -> TraceError:
-        """Return the error for a name that the file lacks; it lists the file's names."""
+    def _missing(self, text: str, name: str) -> TraceError:
+        """Return the error for a channel whose column the file lacks; it lists the file's names."""
         names = dict.fromkeys(
             head.text for number, head in enumerate(self.heads) if head.name and number not in self.taken
         )
-        return TraceError(f"the trace has no channel {text!r}{suggest(text, names)} it has {one_of(names)}")
+        mapped = "" if name != text else f". Map one of them, as in --map {name}=NAME"
+        return TraceError(
+            f"the trace has no channel {text!r}{suggest(text, names)} it has {one_of(names)}{mapped}"
+        )
 
     def own(self, name: str, times: Sequence[int]) -> Channel:
         """Return the channel with exactly this name in the file."""
@@ -216,7 +219,7 @@ class _Names:
             exact = [n for n in self.by_name.get(text, []) if self.heads[n].index is None]
             part = Part(exact[0]) if len(exact) == 1 else self._component(text)
             if part is None:
-                raise self._missing(text)
+                raise self._missing(text, key)
             parts[int(digits)] = part
         if width is None:
             raise TraceError(
@@ -342,9 +345,10 @@ class _Names:
         likely = next((name for name in names if TIME_WORDS & {*_words(name)}), "time")
         for stem, (whole, below) in self._halves().items():
             likely = stem or f"{self.heads[whole].name}+{self.heads[below].name}"
-        raise TraceError(
+        raise NoTimesError(
             f"there is no column {text!r} with the times; the columns are {one_of(names)}. "
-            f"Map another name, for example --map {TIME}={likely}"
+            f"Map another name, for example --map {TIME}={likely}",
+            likely,
         )
 
     def _refuse_half(self, text: str) -> None:

@@ -150,6 +150,53 @@ def plotjuggler(file: Path) -> Path:
     return file
 
 
+EXAMPLE = Path(__file__).parents[2] / "specs" / "traces" / "drive.mcap"
+"""The log that s2r ships. Nothing measured it: :func:`example` makes it."""
+COMMANDS = ((0.0, 0.0), (3.2, 0.3), (5.5, 0.0), (7.1, -0.2), (9.4, 0.0), (11.0, 0.25), (13.3, 0.0))
+"""Commands of the shipped log: (from [s], velocity [m/s])."""
+
+
+def example(file: Path) -> Path:
+    """Write the shipped log: three steps of the command, of which the last one overshoots."""
+    from shutil import move
+    from tempfile import TemporaryDirectory
+
+    from rosbags.rosbag2 import Writer
+    from rosbags.rosbag2.enums import StoragePlugin
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    types = store.types
+
+    def twist(x):
+        vector, still = types["geometry_msgs/msg/Vector3"], (0.0, 0.0, 0.0)
+        return types[TOPICS["/cmd_vel"]](linear=vector(x, 0.0, 0.0), angular=vector(*still))
+
+    rows = []
+    position = velocity = command = 0.0
+    for tick in range(15_000):  # 1 kHz: a mass on a spring to its command, well damped but in the last step
+        now = tick / 1000
+        command = [value for begin, value in COMMANDS if begin <= now][-1]
+        damping = 0.45 if now > 10.0 else 0.9
+        velocity += 1e-3 * (400.0 * (command - position) - 2.0 * damping * 20.0 * velocity)
+        position += 1e-3 * velocity
+        at = EPOCH + tick * 10**6
+        if tick % 20 == 0:
+            time = types["builtin_interfaces/msg/Time"](sec=at // 10**9, nanosec=at % 10**9)
+            header = types["std_msgs/msg/Header"](stamp=time, frame_id="base")
+            rows.append((at, "/odom", types[TOPICS["/odom"]](header=header, twist=twist(position))))
+        if tick % 50 == 0:
+            rows.append((at, "/cmd_vel", twist(command)))
+    with TemporaryDirectory() as folder:
+        bag = Path(folder) / "drive"
+        with Writer(bag, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+            made = {name: writer.add_connection(name, kind, typestore=store) for name, kind in TOPICS.items()}
+            for at, topic, message in rows:
+                writer.write(made[topic], at, store.serialize_cdr(message, TOPICS[topic]))
+        move(bag / "drive.mcap", file)
+    return file
+
+
 def joints(folder: Path, orders) -> Path:
     """Write joint states whose joints stand in another order from message to message: joint k is at k rad."""
     from rosbags.rosbag2 import Writer

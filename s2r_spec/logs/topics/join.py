@@ -168,4 +168,4 @@ def stamp_text(stamp: Any) -> str:
     """Return a date, or seconds, as text."""
     if isinstance(stamp, np.datetime64):
         return text(stamp)
-    return f"{float(seconds(np.array([stamp]))[0]):.9g} s"
+    return f"{float(seconds(np.array([stamp]))[0]):.12g} s"
