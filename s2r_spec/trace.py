@@ -39,7 +39,8 @@ class Trace:
     Args:
         times: (n,) time stamps [s], strictly increasing, n ≥ 1. Durations (``timedelta64``) become
             seconds; dates (``datetime64``, ``datetime``) seconds since the first of them.
-        channels: name → (n,) or (n, k) samples, read as float64. Masked samples become NaN, and durations seconds.
+        channels: name → (n,) or (n, k) samples, read as float64. Masked samples become NaN, and durations seconds. A
+            pint Quantity keeps its unit.
         units: name → unit as a text ("m/s"); a channel without an entry has no unit.
         meta: values that can be written as JSON. ``meta["failure"]`` is reserved for a short word ("fall") if the
             rollout ended early; see :attr:`failure`.
@@ -96,6 +97,12 @@ class Trace:
     def __len__(self) -> int:
         return int(self.times.size)
 
+    __iter__ = None  # its length counts samples, but its keys are names: neither is meant by a loop
+
+    def __contains__(self, name: object) -> bool:
+        """Return whether there is a channel of this name."""
+        return name in self.channels
+
     def __getitem__(self, name: str) -> FloatArray:
         """Return the samples of a channel.
 
@@ -106,7 +113,7 @@ class Trace:
             return self.channels[name]
         except KeyError:
             raise TraceError(
-                f"the trace has no channel {name!r}{suggest(name, self.channels)} "
+                f"the trace has no channel {name!r}{suggest(str(name), self.channels)} "
                 f"it has {one_of(self.channels)}"
             ) from None
 
@@ -349,7 +356,7 @@ class Trace:
 
 def _frozen(values: ArrayLike, name: str, *, dates: bool = False) -> tuple[FloatArray, str | None]:
     """Return a read-only copy as float64, and the unit that the type states: "s" for durations, else None."""
-    unit = None
+    values, unit = _magnitude(values, dates)
     try:
         raw = stamps.typed(np.asarray(_filled(values)))
         if stamps.is_typed(raw) and raw.dtype.kind == "M" and not dates:
@@ -363,6 +370,22 @@ def _frozen(values: ArrayLike, name: str, *, dates: bool = False) -> tuple[Float
         raise TraceError(f"channel {name!r} is not numeric: {error}") from None
     array.setflags(write=False)
     return array, unit
+
+
+def _magnitude(values: Any, times: bool) -> tuple[Any, str | None]:
+    """Return the numbers and the unit of a pint Quantity, times in seconds; any other value, and None.
+
+    Raises:
+        TraceError: the times are of another dimension.
+    """
+    if not (hasattr(values, "magnitude") and hasattr(values, "units")):
+        return values, None
+    if not times:
+        return values.magnitude, f"{values.units:~C}"
+    try:
+        return values.to("s").magnitude, None
+    except Exception as error:  # of pint, which the caller has loaded
+        raise TraceError(f"the times are in {values.units}, which is not a unit of time: {error}") from None
 
 
 def _filled(values: Any) -> Any:

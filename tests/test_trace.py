@@ -3,8 +3,11 @@
 from datetime import UTC, datetime, timedelta, timezone
 
 import numpy as np
+import pandas as pd
+import pint
 import pytest
 
+import s2r_spec as s2r
 from s2r_spec.errors import TraceError
 from s2r_spec.trace import Trace
 from tests.errors import naming
@@ -165,3 +168,41 @@ def test_the_table_of_a_trace_is_escaped_and_has_no_script():
     assert "<script" not in text
     assert "\n" not in text
     assert "&lt;script&gt;" in text
+
+
+def test_a_quantity_keeps_its_unit_and_times_become_seconds():
+    units = pint.UnitRegistry()
+    trace = Trace(
+        units.Quantity(np.array([0, 20]), "ms"), {"v": units.Quantity(np.array([3.6, 7.2]), "km/hour")}
+    )
+    assert trace.times.tolist() == pytest.approx([0, 0.02])
+    spec = s2r.parse_spec("signal v {m/s}\nrequire slow: v <= 2 {m/s}")
+    assert spec.robustness(trace)["slow"] == pytest.approx(1)
+    with pytest.raises(TraceError, match="meter"):
+        Trace(units.Quantity(np.array([0, 20]), "m"), {})
+
+
+def test_names_are_looked_up_and_a_loop_is_refused():
+    assert "vx" in WALK
+    assert "vy" not in WALK
+    with pytest.raises(TypeError):
+        iter(WALK)
+    with pytest.raises(TraceError, match=naming("0", "vx")):
+        WALK[0]
+
+
+@pytest.mark.parametrize(
+    ("given", "remedy"),
+    [(pd.DataFrame({"t": [0]}), "from_dataframe"), ("walk.csv", "read_trace"), (None, "Trace")],
+)
+def test_what_is_no_trace_is_said_with_the_remedy(given, remedy):
+    spec = s2r.parse_spec("signal v {m/s}\nrequire slow: v <= 2 {m/s}")
+    for call in (
+        spec.robustness,
+        spec.satisfied,
+        lambda trace: spec.explain(trace, "slow"),
+        lambda trace: spec.evaluate(trace, "slow"),
+        lambda trace: spec.plot(trace, "slow"),
+    ):
+        with pytest.raises(TraceError, match=remedy):
+            call(given)

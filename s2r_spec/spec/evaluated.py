@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from os import PathLike
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -81,6 +82,7 @@ class Spec(Declared):
                 failure.
         """
         names = tuple(self.formulas) if only is None else (only,)
+        trace = _as_trace(trace)
         if trace.failure is not None:
             return {name: self._fallen(name, trace.failure) for name in names}
         if end is not None:
@@ -108,6 +110,7 @@ class Spec(Declared):
         For args and errors see :meth:`robustness`.
         """
         names = tuple(self.formulas) if only is None else (only,)
+        trace = _as_trace(trace)
         if trace.failure is not None:
             return {name: self._fallen(name, trace.failure) > 0 for name in names}
         signed = self._at_start(trace, params, only, interpolation, until, nan, partial)
@@ -304,6 +307,7 @@ class Spec(Declared):
             UsageError: see :meth:`robustness`.
         """
         unit = self.unit(requirement)
+        trace = _as_trace(trace)
         if trace.failure is not None:
             reason = f"the trace ended with {trace.failure!r}, for which the certify line declares this ρ"
             rho = self._fallen(requirement, trace.failure)
@@ -369,6 +373,7 @@ class Spec(Declared):
         _choice("interpolation", interpolation, ("samples", "hold", "linear"))
         _choice("until", until, ("open", "closed"))
         _choice("nan", nan, ("error", "hold"))
+        trace = _as_trace(trace)
         numbers = self._numbers(params, requirement)
         signals = read_signals([self.signals[name] for name in self.channels(requirement)], trace, nan)
         return Reading.of(trace.times, signals, numbers, interpolation, until)
@@ -429,6 +434,22 @@ class Spec(Declared):
 def _declared(one: Signal | Param) -> str:
     """Return a declaration as ``vd [m/s]``."""
     return f"{one.name} [{one.unit}]" if one.unit else one.name
+
+
+def _as_trace(trace: Any) -> Trace:
+    """Return a trace.
+
+    Raises:
+        TraceError: it is another value.
+    """
+    if isinstance(trace, Trace):
+        return trace
+    remedy = (
+        "s2r.Trace.from_dataframe(frame) makes one" if hasattr(trace, "columns") else "s2r.Trace makes one"
+    )
+    if isinstance(trace, str | PathLike):
+        remedy = "s2r.read_trace(path) reads one"
+    raise TraceError(f"a trace is needed, not a value of type {type(trace).__name__}; {remedy}")
 
 
 def _choice(name: str, value: str, choices: tuple[str, ...]) -> None:
