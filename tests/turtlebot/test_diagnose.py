@@ -2,11 +2,13 @@
 
 from pathlib import Path
 
+import jsonschema
 import numpy as np
 import pytest
 
 import s2r_spec as s2r
 from s2r_spec.diagnose.diagnosis import Verdict
+from s2r_spec.json_objects.schema import schema
 from s2r_turtlebot.effects import CATALOGUE, TurtlebotWithEffects
 
 SPEC = (Path(__file__).parents[2] / "specs" / "turtlebot.stl").read_text()
@@ -41,6 +43,9 @@ def test_what_was_added_is_named_among_three(find):
     found = find({"motor_lag": {"time": 0.3}}, 3, LINE, Few)
     assert found.which.answer == ("motor_lag",), found.reason
     assert found.patch["motor_lag"]["time"] == pytest.approx(0.3, rel=0.15)
+    jsonschema.validate(found.to_json(), schema("s2r/diagnosis/1"))
+    assert "motor_lag" in found._repr_html_()
+    assert repr(found).startswith("Diagnosis(")
 
 
 @pytest.mark.slow
