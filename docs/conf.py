@@ -4,16 +4,14 @@ The pages are MyST Markdown, so that they also read well in the repository. Two 
 build time: `reference/command-line.md` from the typer application, `reference/python-api.md` from docstrings.
 """
 
-import json
 import re
 import sys
 from pathlib import Path
-from typing import Any
 
 from pygments.lexers.special import TextLexer
 from sphinx.application import Sphinx
 
-from s2r_spec import distribution
+from s2r_spec import distribution, documentation
 from s2r_spec.lang.highlight import StlLexer
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -65,26 +63,6 @@ def _commands() -> str:
     return text
 
 
-def _page(notebook: str) -> str:
-    """Return the cells of a notebook with their outputs as one page in Markdown; nothing runs."""
-    parts = []
-    for cell in json.loads(notebook)["cells"]:
-        text = "".join(cell["source"])
-        parts.append(f"```python\n{text}\n```" if cell["cell_type"] == "code" else text)
-        parts += map(_output, cell.get("outputs", ()))
-    return "\n\n".join(parts)
-
-
-def _output(output: dict[str, Any]) -> str:
-    """Return an output of a cell: a picture or a table if it is one, else its text."""
-    data = output.get("data", {"text/plain": output.get("text", "")})
-    for kind in ("image/svg+xml", "text/html"):
-        if kind in data:
-            text = "".join(data[kind])
-            return f"```{{raw}} html\n{text[text.index('<svg') :] if '<svg' in text else text}\n```"
-    return f"```text\n{''.join(data['text/plain']).rstrip()}\n```"
-
-
 def _fill(app: Sphinx, docname: str, source: list[str]) -> None:
     """Put the commands in the place of their mark, and make links out of the site work in it.
 
@@ -99,7 +77,7 @@ def _fill(app: Sphinx, docname: str, source: list[str]) -> None:
         return f"[{found[1]}](path:{found[2]})" if target.is_file() else found[0]
 
     if app.env.doc2path(docname).suffix == ".ipynb":
-        source[0] = _page(source[0])
+        source[0] = documentation.of_notebook(source[0], rich=("image/svg+xml", "text/html"))
     source[0] = OUTSIDE.sub(link, source[0])
     if COMMANDS in source[0]:
         source[0] = source[0].replace(COMMANDS, _commands())

@@ -5,11 +5,16 @@ A checkout has them in ``docs``, a wheel in this package, as text; the command `
 
 from __future__ import annotations
 
+import json
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 from s2r_spec.distribution import own
 from s2r_spec.shipped import shipped
+
+NOTEBOOK = ".ipynb"
 
 
 @cache
@@ -41,5 +46,35 @@ def folder() -> Path | None:
 
 def pages(place: Path) -> dict[str, Path]:
     """Return name → file of every page below a folder, in the order of their names."""
-    found = {path.relative_to(place).with_suffix("").as_posix(): path for path in place.rglob("*.md")}
+    paths = [path for path in place.rglob("*") if path.suffix in (".md", NOTEBOOK)]
+    found = {path.relative_to(place).with_suffix("").as_posix(): path for path in paths}
     return dict(sorted(found.items()))
+
+
+def read(path: Path) -> str:
+    """Return a page as Markdown."""
+    text = path.read_text(encoding="utf-8")
+    return of_notebook(text) if path.suffix == NOTEBOOK else text
+
+
+def of_notebook(notebook: str, rich: Sequence[str] = ()) -> str:
+    """Return the cells of a notebook with their outputs as one page in Markdown; nothing runs.
+
+    Args:
+        notebook: the text of its file.
+        rich: kinds of outputs that the page shows as HTML, such as "image/svg+xml"; other outputs are shown as text.
+    """
+    parts = []
+    for cell in json.loads(notebook)["cells"]:
+        text = "".join(cell["source"])
+        parts.append(f"```python\n{text}\n```" if cell["cell_type"] == "code" else text)
+        parts += [_output(output, rich) for output in cell.get("outputs", ())]
+    return "\n\n".join(parts) + "\n"
+
+
+def _output(output: dict[str, Any], rich: Sequence[str]) -> str:
+    data = output.get("data", {"text/plain": output.get("text", "")})
+    for kind in (kind for kind in rich if kind in data):
+        text = "".join(data[kind])
+        return f"```{{raw}} html\n{text[max(text.find('<svg'), 0) :]}\n```"  # without the declaration of XML
+    return f"```text\n{''.join(data['text/plain']).rstrip()}\n```"

@@ -14,7 +14,7 @@ from s2r_spec import documentation, shipped
 from tests import forked
 
 ROOT = Path(__file__).parents[1]
-PAGES = sorted((ROOT / "docs").rglob("*.md"))
+PAGES = sorted(path for path in (ROOT / "docs").rglob("*") if path.suffix in (".md", documentation.NOTEBOOK))
 SOURCES = {
     path: path.read_text(encoding="utf-8")
     for name in ("s2r_spec", "backends")
@@ -72,6 +72,9 @@ def test_the_command_lists_every_page_and_prints_one():
     assert all(len(line.split()) > 1 for line in listed)  # each with its title
     printed = forked.run(["docs", "how-to/effects"])
     assert printed.stdout == (ROOT / "docs" / "how-to" / "effects.md").read_text(encoding="utf-8")
+    notebook = forked.run(["docs", "tutorials/ten-things"]).stdout
+    assert notebook.startswith("# Ten everyday things\n")
+    assert "<svg" not in notebook
     wrong = forked.run(["docs", "how-to/effect"])
     assert wrong.returncode == 2
     assert "how-to/effects" in wrong.stderr
@@ -113,7 +116,7 @@ def unfounded(page: str) -> list[str]:
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_what_something_takes_stands_beside_a_command(page):
-    assert not unfounded(page.read_text(encoding="utf-8"))
+    assert not unfounded(documentation.read(page))
 
 
 def test_a_cost_without_a_command_is_noticed():

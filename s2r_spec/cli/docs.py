@@ -26,9 +26,9 @@ def docs(name: Name = None) -> None:
         if name is None:
             widest = max(map(len, pages))
             for each, path in pages.items():
-                print(f"{each:{widest}}  {_title(path.read_text(encoding='utf-8'))}")
-        elif name.removesuffix(".md") in pages:
-            print(pages[name.removesuffix(".md")].read_text(encoding="utf-8"), end="")
+                print(f"{each:{widest}}  {_title(documentation.read(path))}")
+        elif (bare := name.removesuffix(".md").removesuffix(documentation.NOTEBOOK)) in pages:
+            print(documentation.read(pages[bare]), end="")
         else:
             raise UsageError(f"no page {name!r}{suggest(name, pages)} `s2r docs` lists all pages")
 

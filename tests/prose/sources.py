@@ -13,6 +13,7 @@ import typer
 from markdown_it import MarkdownIt
 from markdown_it.token import Token
 
+from s2r_spec import documentation
 from tests.prose.sentences import SPAN, Measure, measure
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -136,14 +137,18 @@ def command_help() -> Iterator[str]:
 
 def markdown_files() -> list[Path]:
     """Return every Markdown page of the repository."""
-    files = [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *(ROOT / "benchmarks").rglob("*.md")]
+    files = [
+        *ROOT.glob("*.md"),
+        *documentation.pages(ROOT / "docs").values(),
+        *(ROOT / "benchmarks").rglob("*.md"),
+    ]
     return sorted(file for file in files if not {"_build", "runs"} & set(file.relative_to(ROOT).parts))
 
 
 def markdown_pages() -> dict[str, Measure]:
     """Return the measure of every Markdown page of the repository, by its path."""
     return {
-        file.relative_to(ROOT).as_posix(): measure(*markdown(file.read_text(encoding="utf-8")))
+        file.relative_to(ROOT).as_posix(): measure(*markdown(documentation.read(file)))
         for file in markdown_files()
     }
 
