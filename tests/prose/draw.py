@@ -6,6 +6,7 @@ import ast
 import random
 from collections.abc import Iterator, Mapping
 
+from s2r_spec import documentation
 from tests.prose.sentences import SPAN, split, words
 from tests.prose.sources import HELP, LEAST, ROOT, command_help, literals, markdown, markdown_files
 
@@ -32,7 +33,7 @@ def draw(count: int, seed: int) -> list[str]:
 def _pages() -> Iterator[Line]:
     pages = {HELP: list(command_help())}
     for file in markdown_files():
-        name, text = file.relative_to(ROOT).as_posix(), markdown(file.read_text(encoding="utf-8"))
+        name, text = file.relative_to(ROOT).as_posix(), markdown(documentation.read(file))
         if not name.startswith(OTHER_PAGES):
             pages[name] = [*text.paragraphs, *text.fragments]
     for place, paragraphs in pages.items():
