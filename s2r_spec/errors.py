@@ -69,6 +69,19 @@ class TraceError(UsageError):
     """A trace breaks the contract of :class:`s2r_spec.trace.Trace`, or does not fit the spec."""
 
 
+class NoTimesError(TraceError):
+    """A table has no column with the name of the times.
+
+    Args:
+        sentence: what is wrong.
+        likely: the column that may hold them, as ``--map t=`` takes it.
+    """
+
+    def __init__(self, sentence: str, likely: str) -> None:
+        super().__init__(sentence)
+        self.likely = likely
+
+
 class TraceNote(UserWarning):
     """Warning of a file reader about a change that matters to the user, such as a truncated row left out."""
 

@@ -2,6 +2,7 @@
 
 import json
 import re
+import shlex
 from pathlib import Path
 
 import pytest
@@ -19,6 +20,7 @@ PAGES = {
             "tutorials/first-spec.md",
             "tutorials/certify-a1.md",
             "how-to/choose-B-R-and-kernel.md",
+            "how-to/robot-logs.md",
             "how-to/coming-from-rtamt-breach-sysid.md",
         )
     )
@@ -49,7 +51,7 @@ def test_its_commands_print_what_it_shows(page, tmp_path):
     assert len(outputs) == PAGES[page].count("<!-- output of: ")
     for typed, command, text in outputs:
         assert typed == command
-        done = forked.run(command.split(), tmp_path)
+        done = forked.run(shlex.split(command), tmp_path)
         printed = iter(done.stdout.splitlines() + done.stderr.splitlines())
         for shown in text.splitlines():
             if shown != "…":

@@ -10,9 +10,8 @@ from typing import Any
 import typer
 
 from s2r_spec.cli.common import begun, interrupted, refuse_without_operator, seconds, sentences
+from s2r_spec.cli.log_options import LogReading, reads_logs
 from s2r_spec.cli.options import (
-    Columns,
-    Nan,
     OneRequirement,
     Quiet,
     RealBudget,
@@ -24,10 +23,8 @@ from s2r_spec.cli.options import (
     Simulator,
     SpecFile,
     Timeout,
-    TimeUnit,
     Void,
     Workers,
-    logs,
 )
 from s2r_spec.cli.output import AsJson, Format, Output, Page, emit, pageable, settle
 from s2r_spec.cli.terminal import console
@@ -54,6 +51,7 @@ class Search:
 def against(prefix: str, help_: str, search: Callable[[], Search]) -> Callable[..., None]:
     """Return a command: ``prefix`` begins the name of its runs' folders; ``search`` is loaded when it is called."""
 
+    @reads_logs
     def command(
         spec: SpecFile,
         real: RealMachine,
@@ -65,9 +63,8 @@ def against(prefix: str, help_: str, search: Callable[[], Search]) -> Callable[.
         scheduler: Scheduler = None,
         timeout: Timeout = None,
         void: Void = "again",
-        nan: Nan = None,
-        time_unit: TimeUnit = None,
-        columns: Columns = None,
+        *,
+        reading: LogReading,
         run: Run = None,
         resume: Resume = None,
         as_json: AsJson = False,
@@ -91,7 +88,8 @@ def against(prefix: str, help_: str, search: Callable[[], Search]) -> Callable[.
             name = f"{prefix}{spec.stem}-{sim}-{real}"
             if resume is not None:
                 resume = with_any(resume, chosen.places, Journal.exists)
-            simulator, machine = logs([sim, real], nan, time_unit, columns)
+            compared = [requirement] if requirement else list(parsed.requirements)
+            simulator, machine = reading.backends([sim, real], parsed, compared)
             executor, folder, opening = begun(run, resume, name, seed, workers, scheduler, machine)
             try:
                 with Live(console(stderr=True), quiet, opening=opening) as live:

@@ -17,9 +17,8 @@ from s2r_spec.cli.common import (
     sentences,
     takes_turns,
 )
+from s2r_spec.cli.log_options import LogReading, reads_logs
 from s2r_spec.cli.options import (
-    Columns,
-    Nan,
     Quiet,
     Resume,
     Run,
@@ -27,16 +26,15 @@ from s2r_spec.cli.options import (
     Seed,
     SpecFile,
     Timeout,
-    TimeUnit,
     Void,
     Workers,
-    logs,
 )
 from s2r_spec.cli.output import AsJson, Format, Output, Page, emit, pageable, settle
 from s2r_spec.cli.terminal import console
 from s2r_spec.files import save
 
 
+@reads_logs
 def check(
     spec: SpecFile,
     backend: Annotated[
@@ -73,9 +71,8 @@ def check(
     engine: Annotated[
         str, typer.Option(help="Implementation of the Gaussian process: spectral or gpytorch.")
     ] = "spectral",
-    nan: Nan = None,
-    time_unit: TimeUnit = None,
-    columns: Columns = None,
+    *,
+    reading: LogReading,
     run: Run = None,
     resume: Resume = None,
     as_json: AsJson = False,
@@ -111,7 +108,7 @@ def check(
             search_for(
                 parsed, name, RunOptions(seed=seed, budget=budget, mode=mode, engine=engine, void=void)
             )
-        (machine,) = logs([backend], nan, time_unit, columns)
+        (machine,) = reading.backends([backend], parsed, names)
         executor, machines = pool(workers, scheduler)
         if takes_turns(machine):
             machines = "one rollout at a time"

@@ -8,9 +8,8 @@ from typing import Annotated
 import typer
 
 from s2r_spec.cli.common import begun, interrupted, sentences
+from s2r_spec.cli.log_options import LogReading, reads_logs
 from s2r_spec.cli.options import (
-    Columns,
-    Nan,
     OneRequirement,
     Quiet,
     RealMachine,
@@ -20,9 +19,7 @@ from s2r_spec.cli.options import (
     Seed,
     Simulator,
     SpecFile,
-    TimeUnit,
     Workers,
-    logs,
 )
 from s2r_spec.cli.output import AsJson, Output, Page, pageable, settle
 from s2r_spec.cli.terminal import console, print_json
@@ -58,6 +55,7 @@ Tuned = Annotated[
 ]
 
 
+@reads_logs
 def diagnose(
     spec: SpecFile,
     real: RealMachine,
@@ -67,9 +65,8 @@ def diagnose(
     budget: Budget = None,
     workers: Workers = None,
     scheduler: Scheduler = None,
-    nan: Nan = None,
-    time_unit: TimeUnit = None,
-    columns: Columns = None,
+    *,
+    reading: LogReading,
     run: Run = None,
     resume: Resume = None,
     apply: Apply = None,
@@ -96,7 +93,8 @@ def diagnose(
             raise UsageError("--tuned changes what --apply writes; give --apply FILE with it")
         parsed = load_spec(spec)
         name = f"diagnose-{spec.stem}-{sim}-{Path(real).name}"
-        (machine,) = logs([real], nan, time_unit, columns)
+        compared = [requirement] if requirement else list(parsed.requirements)
+        (machine,) = reading.backends([real], parsed, compared)
         if resume is not None:
             resume = _recorded(resume)
         executor, folder, opening = begun(run, resume, name, seed, workers, scheduler, machine)

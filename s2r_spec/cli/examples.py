@@ -49,7 +49,7 @@ def _contents() -> dict[str, bytes]:
     place = shipped("specs")
     if place is None:
         raise UsageError("this installation has no examples; install s2r again, from a wheel or a checkout")
-    paths = [*sorted(place.glob("*.stl")), *sorted(place.glob("traces/*.csv"))]
+    paths = [*sorted(place.glob("*.stl")), *sorted(place.glob("traces/*.*"))]
     return {path.relative_to(place).as_posix(): path.read_bytes() for path in paths}
 
 

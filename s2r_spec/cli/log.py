@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from s2r_spec.cli.common import note, sentences
-from s2r_spec.cli.options import AsJson, Columns, TimeUnit
+from s2r_spec.cli.log_options import Columns, TimeUnit
+from s2r_spec.cli.options import AsJson
 from s2r_spec.cli.terminal import say
 from s2r_spec.json_values import line
 
@@ -48,6 +49,8 @@ def log(
 def _lines(topic: TopicSummary) -> list[str]:
     kind = f" ({topic.kind})" if topic.kind else ""
     head = f"{topic.name or 'table'}{kind}: {topic.messages} {'messages' if topic.name else 'rows'}"
+    if topic.episodes > 1:
+        head += f" in {topic.episodes} episodes"
     if topic.messages:
         head += f" from {topic.begins}"
     if topic.period is not None:
@@ -56,5 +59,6 @@ def _lines(topic: TopicSummary) -> list[str]:
     for field in topic.fields:
         unit = f" [{field.unit}]" if field.unit else ""
         missing = f", {field.missing} missing" if field.missing else ""
-        lines.append(f"  {field.name}{unit}{missing}")
+        vector = f", {field.components} components" if field.components is not None else ""
+        lines.append(f"  {field.name}{unit}{vector}{missing}")
     return [*lines, *(f"  left out: {sentence}" for sentence in topic.left_out)]

@@ -10,8 +10,19 @@ import typer
 
 from s2r_spec.cli import terminal
 from s2r_spec.cli.common import answered, sentences
+from s2r_spec.cli.log_options import (
+    Clock,
+    Columns,
+    Duration,
+    Join,
+    Nan,
+    Stamped,
+    Start,
+    TimeUnit,
+    When,
+    missing,
+)
 from s2r_spec.cli.online import Settings, follow
-from s2r_spec.cli.options import Clock, Columns, Duration, Join, Nan, Stamped, Start, TimeUnit, When, missing
 from s2r_spec.cli.reading import Recorded, Request, named, read
 from s2r_spec.json_values import line
 from s2r_spec.printable import lines, one_line

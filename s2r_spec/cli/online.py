@@ -111,14 +111,21 @@ def _follow(request: Request, source: _Input, settings: Settings) -> int:
 
 def _rows(request: Request) -> _Input:
     """Read a table from standard input row by row."""
+    from s2r_spec.errors import UsageError
     from s2r_spec.logs.follow import follow as rows_of
     from s2r_spec.logs.interpret import request as columns_to_read
 
+    excerpts = request.excerpts
+    if excerpts.cuts or excerpts.sources or excerpts.joining is not None:
+        raise UsageError(
+            "rows from stdin are one whole trace: leave out --when, --start, --duration, --join, --clock, --stamps, "
+            "and parameters from a column"
+        )
     if hasattr(sys.stdin, "reconfigure"):
         sys.stdin.reconfigure(errors="replace")  # other columns may hold bytes that are not text
     rows = rows_of(
         sys.stdin.readline,
-        columns_to_read(request.excerpts.columns, request.wanted, request.excerpts.time_unit),
+        columns_to_read(excerpts.columns, request.wanted, excerpts.time_unit),
     )
     params, _ = parameters(request, rows.meta, "the trace")
     return _Input(rows.units, rows.meta, rows.samples, None, params, rows.notes)

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import typer
-
-from s2r_spec.errors import UsageError
 
 SpecFile = Annotated[Path, typer.Argument(help="Specification, an .stl file.", show_default=False)]
 Simulator = Annotated[str, typer.Option(help="Backend that simulates; see `s2r backends`.")]
@@ -64,108 +61,3 @@ Run = Annotated[
 Resume = Annotated[Path | None, typer.Option(help="Folder of a run to continue.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print no progress.")]
-Nan = Annotated[
-    str | None,
-    typer.Option(
-        "--nan",
-        help="Missing samples of a log: error, or hold to repeat the sample before.",
-        show_default="error",
-    ),
-]
-TimeUnit = Annotated[
-    str | None,
-    typer.Option(
-        "--time-unit",
-        help="Unit of times that a log gives as plain numbers: s, ms, us, ns or min.",
-        show_default="the log's own, or else s",
-    ),
-]
-Columns = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--map",
-        "-m",
-        help="Column of a log for a signal or the time t, such as vx=velocity.x, 'q[0]=q_0' or "
-        "t=stamp.sec+stamp.nanosec. May be repeated.",
-        show_default="the signal's own name",
-    ),
-]
-
-
-When = Annotated[
-    str | None,
-    typer.Option(
-        help="Condition on channels of a log, such as 'vx_cmd > 0.05'. An episode begins where it becomes true.",
-        show_default="the whole log is one trace",
-    ),
-]
-Start = Annotated[
-    float | None,
-    typer.Option(min=0, help="Time of a log before which no episode begins, in seconds.", show_default="0"),
-]
-Duration = Annotated[
-    float | None,
-    typer.Option(
-        min=0, help="Length of an episode in seconds.", show_default="as long as the requirement looks ahead"
-    ),
-]
-Join = Annotated[
-    Literal["hold", "linear"] | None,
-    typer.Option(
-        help="Values between the messages of a topic: hold the last one, or interpolate. For a table with empty cells, "
-        "each column is a topic.",
-        show_default="hold for a log of topics",
-    ),
-]
-Clock = Annotated[
-    str | None,
-    typer.Option(help="Topic whose stamps the trace has.", show_default="the one with the most messages"),
-]
-Stamped = Annotated[
-    Literal["header", "received"] | None,
-    typer.Option(
-        "--stamps",
-        help="Stamps of ROS messages: those in their headers, or the times of receipt.",
-        show_default="header if all topics have one, else received",
-    ),
-]
-
-
-READ = ("log:", "manual:")
-"""Definition: prefixes of the backends that read logs."""
-
-
-def missing(nan: str | None) -> Literal["error", "hold"]:
-    """Return the value of ``--nan``: "error" or "hold".
-
-    Raises:
-        UsageError: it is neither.
-    """
-    if nan is None or nan == "error":
-        return "error"
-    if nan == "hold":
-        return "hold"
-    raise UsageError(f"--nan must be error or hold, not {nan!r}")
-
-
-def logs(names: Sequence[str], nan: str | None, unit: str | None, columns: Sequence[str] | None) -> list[str]:
-    """Return the names of backends; the options for logs are added to those that read logs.
-
-    Raises:
-        UsageError: an option for logs is given but no backend reads logs, or its value is invalid.
-    """
-    from urllib.parse import quote
-
-    words = [] if nan is None else [f"nan={missing(nan)}"]
-    words += [] if unit is None else [f"time-unit={quote(unit)}"]
-    words += [f"map={quote(text, safe='=[]+/:.')}" for text in columns or ()]
-    if words and not any(name.startswith(READ) for name in names):
-        raise UsageError(
-            "--nan, --time-unit and --map are for recorded traces, but no log:FOLDER or manual:FOLDER is given"
-        )
-    if not words:
-        return list(names)
-    return [
-        f"{name}{'&' if '?' in name else '?'}{'&'.join(words)}" if name.startswith(READ) else name
-        for name in names
-    ]

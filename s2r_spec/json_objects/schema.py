@@ -18,6 +18,7 @@ from s2r_spec.json_objects.check import CheckObject
 from s2r_spec.json_objects.diagnosis import DiagnosisObject
 from s2r_spec.json_objects.error import ErrorObject
 from s2r_spec.json_objects.gap import GapObject
+from s2r_spec.json_objects.log import LogObject
 from s2r_spec.json_objects.monitor import ChangeObject, MonitorObject, OnlineObject
 from s2r_spec.json_objects.parts import Open
 from s2r_spec.json_objects.plan import PilotObject, PlanObject
@@ -37,6 +38,7 @@ OBJECTS: Mapping[str, Any] = {
     "s2r.gap/1": GapObject,
     "s2r.latex/1": LatexObject,
     "s2r.lint/1": LintObject,
+    "s2r.log/1": LogObject,
     "s2r.monitor/1": MonitorObject,
     "s2r.odds/1": OddsObject,
     "s2r.online/1": ChangeObject | OnlineObject,

@@ -85,6 +85,21 @@ def comments(source: Source) -> list[Token]:
     return [token for token in grammar().lex(source.text, dont_ignore=True) if token.type == "COMMENT"]
 
 
+def names(text: str) -> list[str]:
+    """Return the names of signals, parameters and constants that a formula uses, in order; never raises."""
+    tokens = list(grammar().lex(text))
+    found = [
+        str(token)
+        for before, token, after in zip([None, *tokens], tokens, [*tokens[1:], None], strict=False)
+        if token.type == "NAME"
+        and str(token) not in ALIASES
+        and after != "("
+        # after a number it is a unit, as in [0, 2 s]
+        and (before is None or before.type != "NUMBER")
+    ]
+    return list(dict.fromkeys(found))
+
+
 def _statements(tokens: list[Token], declared: Set[str]) -> Iterator[tuple[Token, ...]]:
     starts = [i for i, token in enumerate(tokens) if token.type in STATEMENTS]
     for start, end in zip([0, *starts], [*starts, len(tokens)], strict=True):

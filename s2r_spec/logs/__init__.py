@@ -9,15 +9,17 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
-from s2r_spec.errors import TraceError, TraceNote
+from s2r_spec.errors import NoTimesError, TraceError, TraceNote
 from s2r_spec.files import replacing
-from s2r_spec.logs import csv_format, npz_format, parquet_format
+from s2r_spec.logs import csv_format, npz_format, parquet_format, split
 from s2r_spec.logs.interpret import Loaded, build_trace, request
 from s2r_spec.logs.mapping import Plan, plan_columns
 from s2r_spec.logs.table import Chooser, Head, Table
-from s2r_spec.logs.topics import formats, sparse, table
+from s2r_spec.logs.topics import formats, sparse
+from s2r_spec.logs.topics import table as topic_table
 from s2r_spec.logs.topics.join import Joining
 from s2r_spec.logs.topics.topic import TopicLog
 from s2r_spec.trace import Trace
@@ -31,6 +33,8 @@ _WRITERS: dict[str, Callable[[Trace, Path], None]] = {
 
 FORMATS = tuple(sorted(_PARSERS))
 """Endings that can be read and written."""
+READABLE = tuple(sorted({*_PARSERS, *formats.FORMATS}))
+"""Endings that can be read."""
 
 
 def read(
@@ -53,8 +57,8 @@ def read(
         time_unit: unit of times that are plain numbers without a unit: "s", "ms", "us", "ns", "min".
 
     Raises:
-        TraceError: the ending is not one of :data:`FORMATS`, the file cannot be read, or it is not a trace. The message
-            names the file and, if possible, the line.
+        TraceError: the ending is not one of :data:`READABLE`, the file cannot be read, or it is not a trace. The
+            message names the file and, if possible, the line.
         UsageError: the unit is not a unit of time.
     """
     loaded = load(path, columns, wanted, time_unit=time_unit)
@@ -80,29 +84,67 @@ def load(
         columns: see :func:`read`.
         wanted: see :func:`read`.
         time_unit: see :func:`read`.
-        gather: if all columns are read, whether to make vectors of numbered columns (``q_0``, ``q_1``).
+        gather: if all columns are read, whether to make vectors of numbered columns (``q_0``, ``q_1``), and to leave
+            out fields of topics that are not mapped and whose names no spec can have.
         joining: how topics come to common stamps; None for the defaults of a log of topics, and for a table whose
             rows have all channels.
 
     Raises:
-        TraceError: see :func:`read`.
+        TraceError: see :func:`read`; also if the file has several episodes.
         UsageError: see :func:`read`.
+    """
+    found = load_episodes(path, columns, wanted, time_unit=time_unit, gather=gather, joining=joining)
+    if len(found) > 1:
+        raise TraceError(
+            f"{path}: the file has {len(found)} episodes, numbered by {split.EPISODE!r}, and a trace is one of them; "
+            f"save each in a file of its own, or evaluate all by `s2r monitor`"
+        )
+    return found[0]
+
+
+def load_episodes(
+    path: str | Path,
+    columns: Mapping[str, str] | None = None,
+    wanted: Mapping[str, int | None] | Sequence[str] | None = None,
+    *,
+    time_unit: str | None = None,
+    gather: bool = False,
+    joining: Joining | None = None,
+    early: bool = False,
+) -> list[Loaded]:
+    """Read the traces of a file: one for each episode of a table that numbers its episodes, else one.
+
+    The arguments and errors are those of :func:`load`. With ``early``, joined topics have samples before their first
+    message, which are NaN.
     """
     path = Path(path)
     open_log = formats.opener(path)
-    parser = _PARSERS[_ending(path)] if open_log is None else _of_topics(open_log, joining or Joining())
-    requested = request(columns, wanted, time_unit, gather)
+    if open_log is None:
+        parser = _PARSERS[_ending(path, READABLE)]
+    else:
+        parser = _of_topics(open_log, _with_clock(joining or Joining(), columns or {}), early)
+    requested = request(columns, wanted, time_unit, gather, gather and open_log is not None)
     plans: list[Plan] = []
+    episode: list[int] = []
 
     def choose(heads: tuple[Head, ...]) -> set[int]:
         plans.append(plan_columns(heads, requested))
-        return plans[-1].needed
+        number = split.numbering(heads) if open_log is None else None
+        episode.extend([] if number is None else [number])
+        return plans[-1].needed | {*episode}
 
     try:
-        loaded = build_trace(parser(path, choose), plans[-1], requested)
-        return sparse.joined(loaded, joining) if joining and open_log is None else loaded
+        table = parser(path, choose)
+        parts = split.split(table, episode[0]) if episode else [table]
+        found = [build_trace(part, plans[-1], requested) for part in parts]
+        if joining is None or open_log is not None:
+            return found
+        by_column = {column: name for name, column in (columns or {}).items()}
+        return [sparse.joined(one, _with_clock(joining, by_column), early) for one in found]
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
         raise TraceError(f"cannot read {path}: {getattr(error, 'strerror', None) or error}") from None
+    except NoTimesError as error:
+        raise NoTimesError(f"{path}: {error}", error.likely) from None
     except TraceError as error:
         raise TraceError(f"{path}: {error}") from None
 
@@ -115,7 +157,7 @@ def write(trace: Trace, path: str | Path) -> None:
             cannot be written.
     """
     path = Path(path)
-    writer = _WRITERS[_ending(path)]
+    writer = _WRITERS[_ending(path, FORMATS)]
     try:
         with replacing(path) as temporary:
             writer(trace, temporary)
@@ -125,14 +167,23 @@ def write(trace: Trace, path: str | Path) -> None:
         raise TraceError(f"{path}: {error}") from None
 
 
-def _of_topics(open_log: Callable[[Path], TopicLog], joining: Joining) -> Callable[[Path, Chooser], Table]:
-    return lambda path, choose: table.load(open_log, path, choose, joining)
+def _with_clock(joining: Joining, names: Mapping[str, str]) -> Joining:
+    """Return a joining whose clock has the name that the file, or the trace, has for it."""
+    return (
+        joining if joining.clock is None else replace(joining, clock=names.get(joining.clock, joining.clock))
+    )
 
 
-def _ending(path: Path) -> str:
+def _of_topics(
+    open_log: Callable[[Path], TopicLog], joining: Joining, early: bool
+) -> Callable[[Path, Chooser], Table]:
+    return lambda path, choose: topic_table.load(open_log, path, choose, joining, early)
+
+
+def _ending(path: Path, allowed: Sequence[str]) -> str:
     ending = path.suffix.lower()
-    if ending not in _PARSERS:
+    if ending not in allowed:
         raise TraceError(
-            f"{path}: the ending {ending!r} is not a trace format; use one of {', '.join(FORMATS)}"
+            f"{path}: the ending {ending!r} is not a trace format; use one of {', '.join(allowed)}"
         )
     return ending

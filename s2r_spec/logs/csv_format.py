@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import json
+import sys
 from array import array
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -19,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.errors import TraceError
-from s2r_spec.logs import cells
+from s2r_spec.logs import cells, csv_bulk
 from s2r_spec.logs.table import (
     TEXT_SIZE,
     Chooser,
@@ -54,7 +55,12 @@ def load(path: Path, choose: Chooser) -> Table:
     with path.open(newline="", encoding="utf-8-sig", errors="replace") as stream:
         text = Text.of(lambda: stream.readline(LONGEST))
         needed = sorted(set(choose(text.heads)))
-        return _table(text, needed)
+        first = text.first_line
+        found = None if first is None else csv_bulk.numbers(path, first - 1, len(text.heads), needed)
+        if first is None or found is None:
+            return _table(text, needed)
+    columns = {number: Column(values) for number, values in found.items()}
+    return Table(text.heads, columns, text.meta, _placed(text.heads, range(first, sys.maxsize)))
 
 
 @dataclass
@@ -64,15 +70,16 @@ class Text:
     Attributes:
         heads: heads of the columns.
         meta: meta from the first line, as in :class:`Trace`.
+        first_line: number of the line of the first row, from 1; None if rows stand before the line of the names.
         notes: notes on rows left out so far.
     """
 
     heads: tuple[Head, ...]
     meta: dict[str, Any]
+    first_line: int | None
     notes: list[str] = field(default_factory=list)
     _lines: _Lines = field(repr=False, kw_only=True)
     _rows: Iterator[list[str]] = field(repr=False, kw_only=True)
-    _skipped: int = field(repr=False, kw_only=True)
 
     @classmethod
     def of(cls, readline: Callable[[], str]) -> Text:
@@ -106,18 +113,17 @@ class Text:
                 "this is not UTF-8 text: it has zero bytes between its letters; save it as UTF-8"
             )
         rows: Iterator[list[str]] = iter(lambda: _next(reader, lines), None)
+        first_line: int | None = lines.number + 1
         above = next(csv.reader([comment.lstrip("# ")]), [])
         if len(above) == len(header) and any(map(_is_number, header)):
-            header, rows = (
-                above,
-                chain([header], rows),
-            )  # numpy.savetxt and others write the names as a comment
+            # numpy.savetxt and others write the names as a comment
+            header, rows, first_line = above, chain([header], rows), None
         few(len(header))
         if len(header) == 1 and (mark := next((mark for mark in ";\t" if mark in header[0]), None)):
             raise TraceError(
                 f"line {skipped + 1} separates values by {mark!r}; separate them by commas, and write decimal points"
             )
-        return cls(tuple(map(head_of, header)), meta, _lines=lines, _rows=rows, _skipped=skipped)
+        return cls(tuple(map(head_of, header)), meta, first_line, _lines=lines, _rows=rows)
 
     def rows(self, needed: Sequence[int]) -> Iterator[tuple[int, list[str]]]:
         """Yield (line, cells) of every complete row; an incomplete last row becomes a note.
@@ -264,10 +270,16 @@ def _table(text: Text, needed: Sequence[int]) -> Table:
     to_arrays()
     columns = {number: _joined(parts) for number, parts in pieces.items()}
 
-    def place(sample: int, number: int) -> str:
-        return f"line {lines[sample]}, column {number + 1} ({text.heads[number].name})"
+    return Table(text.heads, columns, text.meta, _placed(text.heads, lines), tuple(text.notes))
 
-    return Table(text.heads, columns, text.meta, place, tuple(text.notes))
+
+def _placed(heads: Sequence[Head], lines: Sequence[int]) -> Callable[[int, int], str]:
+    """Return what names the place of a sample, from the number of its line."""
+
+    def place(sample: int, number: int) -> str:
+        return f"line {lines[sample]}, column {number + 1} ({heads[number].name})"
+
+    return place
 
 
 def _joined(pieces: Sequence[NDArray[Any]]) -> Column:

@@ -151,6 +151,7 @@ def request(
     wanted: Mapping[str, int | None] | Sequence[str] | None,
     time_unit: str | None,
     gather: bool = False,
+    identifiers: bool = False,
 ) -> Request:
     """Return a request; names without a width may be numbers or vectors.
 
@@ -159,4 +160,4 @@ def request(
     """
     if wanted is not None and not isinstance(wanted, Mapping):
         wanted = dict.fromkeys(wanted, ANY)
-    return Request(dict(columns or {}), wanted, times.unit_of_option(time_unit), gather)
+    return Request(dict(columns or {}), wanted, times.unit_of_option(time_unit), gather, identifiers)

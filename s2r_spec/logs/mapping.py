@@ -10,7 +10,7 @@ from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from s2r_spec.errors import TraceError, UsageError, one_of, suggest
+from s2r_spec.errors import NoTimesError, TraceError, UsageError, one_of, suggest
 from s2r_spec.lang.units import UnknownUnitError, parse_unit
 from s2r_spec.logs import time_units
 from s2r_spec.logs.table import Head, quoted
@@ -32,12 +32,14 @@ class Request:
         wanted: channel → None for one number per sample, its width for a vector, or :data:`ANY`; None for all columns.
         time_unit: unit of times that are plain numbers without a unit.
         gather: if all columns are read, whether to make vectors of numbered columns.
+        identifiers: if all columns are read, whether to leave out those whose names no spec can have.
     """
 
     columns: Mapping[str, str] = field(default_factory=dict)
     wanted: Mapping[str, int | None] | None = None
     time_unit: str | None = None
     gather: bool = False
+    identifiers: bool = False
 
 
 @dataclass(frozen=True)
@@ -92,7 +94,7 @@ def plan_columns(heads: Sequence[Head], request: Request) -> Plan:
     names.taken = frozenset(times)
     columns = {name: text for name, text in request.columns.items() if name != TIME}
     if request.wanted is None:
-        return _everything(names, times, columns, request.gather)
+        return _everything(names, times, columns, request)
     channels, faults = [], {}
     for name, width in request.wanted.items():
         try:
@@ -102,14 +104,16 @@ def plan_columns(heads: Sequence[Head], request: Request) -> Plan:
     return Plan(times, tuple(channels), faults, tuple(names.notes))
 
 
-def _everything(names: _Names, times: tuple[int, ...], columns: Mapping[str, str], gather: bool) -> Plan:
+def _everything(names: _Names, times: tuple[int, ...], columns: Mapping[str, str], request: Request) -> Plan:
     """Return a plan with every column as a channel, under its own name unless it is mapped."""
     channels, faults = [], {}
     mapped_columns = set(columns.values())
     components = {name.partition("[")[0] for name in columns if name.endswith("]") and "[" in name}
     mapped = [*(name for name in columns if not (name.endswith("]") and "[" in name)), *components]
     names_in_file: dict[str, None] = {
-        head.name: None for i, head in enumerate(names.heads) if head.name and i not in times
+        head.name: None
+        for i, head in enumerate(names.heads)
+        if head.name and i not in times and (head.name.isidentifier() or not request.identifiers)
     }
     own = [name for name in names_in_file if name not in mapped_columns and name not in columns]
     for name in mapped:
@@ -119,10 +123,10 @@ def _everything(names: _Names, times: tuple[int, ...], columns: Mapping[str, str
             channels.append(names.own(name, times))
         except TraceError as error:
             faults[name] = str(error)
-    if gather:
+    if request.gather:
         known = {channel.name for channel in channels}
         for name, parts in names.groups():
-            if name not in known:
+            if name not in known and (name.isidentifier() or not request.identifiers):
                 channels.append(Channel(name, parts, True))
     return Plan(times, tuple(channels), faults, tuple(names.notes))
 
@@ -173,14 +177,17 @@ class _Names:
         hint = ""
         if width is None and any((text, separator) in self.numbered for separator in _SEPARATORS):
             hint = f"; {name!r} is one number: map it to a component, such as --map {name}={text}[0]"
-        raise TraceError(f"the trace has no channel {text!r}{hint}") if hint else self._missing(text)
+        raise TraceError(f"the trace has no channel {text!r}{hint}") if hint else self._missing(text, name)
 
-    def _missing(self, text: str) -> TraceError:
-        """Return the error for a name that the file lacks; it lists the file's names."""
+    def _missing(self, text: str, name: str) -> TraceError:
+        """Return the error for a channel whose column the file lacks; it lists the file's names."""
         names = dict.fromkeys(
             head.text for number, head in enumerate(self.heads) if head.name and number not in self.taken
         )
-        return TraceError(f"the trace has no channel {text!r}{suggest(text, names)} it has {one_of(names)}")
+        mapped = "" if name != text else f". Map one of them, as in --map {name}=NAME"
+        return TraceError(
+            f"the trace has no channel {text!r}{suggest(text, names)} it has {one_of(names)}{mapped}"
+        )
 
     def own(self, name: str, times: Sequence[int]) -> Channel:
         """Return the channel with exactly this name in the file."""
@@ -212,7 +219,7 @@ class _Names:
             exact = [n for n in self.by_name.get(text, []) if self.heads[n].index is None]
             part = Part(exact[0]) if len(exact) == 1 else self._component(text)
             if part is None:
-                raise self._missing(text)
+                raise self._missing(text, key)
             parts[int(digits)] = part
         if width is None:
             raise TraceError(
@@ -338,9 +345,10 @@ class _Names:
         likely = next((name for name in names if TIME_WORDS & {*_words(name)}), "time")
         for stem, (whole, below) in self._halves().items():
             likely = stem or f"{self.heads[whole].name}+{self.heads[below].name}"
-        raise TraceError(
+        raise NoTimesError(
             f"there is no column {text!r} with the times; the columns are {one_of(names)}. "
-            f"Map another name, for example --map {TIME}={likely}"
+            f"Map another name, for example --map {TIME}={likely}",
+            likely,
         )
 
     def _refuse_half(self, text: str) -> None:

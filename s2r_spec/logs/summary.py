@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec import logs
-from s2r_spec.errors import TraceError
+from s2r_spec.errors import NoTimesError, TraceError
+from s2r_spec.logs.times import TIME
 from s2r_spec.logs.topics import formats
 from s2r_spec.logs.topics.join import seconds, stamp_text
 
@@ -24,11 +25,13 @@ class FieldSummary:
         name: as ``--map`` names it.
         unit: unit as written; None if there is none.
         missing: samples without a value; 0 for a topic.
+        components: length of its vectors; None for a number, and where only the messages tell.
     """
 
     name: str
     unit: str | None
     missing: int = 0
+    components: int | None = None
 
 
 @dataclass(frozen=True)
@@ -39,8 +42,9 @@ class TopicSummary:
         name: name of the topic; "" for a table.
         kind: type of its messages; "" if it has none.
         messages: their number.
+        episodes: parts of a table whose times begin anew; 1 for a topic.
         begins: the first stamp, as text; "" without messages.
-        span: time from the first message to the last [s].
+        span: time from the first message to the last, summed over episodes [s].
         period: median time from a message to the next [s]; None below two messages.
         gap: longest time from a message to the next [s]; None below two messages.
         fields: what can be read.
@@ -50,6 +54,7 @@ class TopicSummary:
     name: str
     kind: str
     messages: int
+    episodes: int
     begins: str
     span: float
     period: float | None
@@ -79,7 +84,7 @@ def summary(path: Path, columns: Mapping[str, str] | None = None, time_unit: str
     """
     open_log = formats.opener(path)
     if open_log is None:
-        return _table(path, columns, time_unit)
+        return _table(path, columns or {}, time_unit)
     try:
         log = open_log(path)
         topics = log.read({topic.name: () for topic in log.heads}, "received")
@@ -92,7 +97,7 @@ def summary(path: Path, columns: Mapping[str, str] | None = None, time_unit: str
             _topic(
                 head.name,
                 head.kind,
-                np.sort(topics[head.name].stamps),
+                [np.sort(topics[head.name].stamps)],
                 [FieldSummary(head.path(name), head.units.get(name)) for name in head.fields],
                 [f"{head.path(name)} {fault}" for name, fault in head.faults.items()],
             )
@@ -102,32 +107,57 @@ def summary(path: Path, columns: Mapping[str, str] | None = None, time_unit: str
     )
 
 
-def _table(path: Path, columns: Mapping[str, str] | None, time_unit: str | None) -> LogSummary:
-    loaded = logs.load(path, columns, time_unit=time_unit)
-    trace = loaded.trace
+def _table(path: Path, columns: Mapping[str, str], time_unit: str | None) -> LogSummary:
+    notes: list[str] = []
+    try:
+        episodes = logs.load_episodes(path, columns, time_unit=time_unit)
+    except NoTimesError as error:
+        if TIME in columns:
+            raise
+        episodes = logs.load_episodes(path, {**columns, TIME: error.likely}, time_unit=time_unit)
+        notes.append(
+            f"the times are taken from {error.likely!r}; other commands need --map {TIME}={error.likely}"
+        )
+    traces = [loaded.trace for loaded in episodes]
+    missing = {
+        name: sum(int(np.isnan(trace[name].reshape(len(trace), -1)).any(axis=1).sum()) for trace in traces)
+        for name in traces[0].channels
+    }
+    first = traces[0]
     fields = [
         FieldSummary(
-            name, trace.units.get(name), int(np.isnan(values.reshape(len(trace), -1)).any(axis=1).sum())
+            name, first.units.get(name), count, first[name].shape[1] if first[name].ndim == 2 else None
         )
-        for name, values in trace.channels.items()
+        for name, count in missing.items()
     ]
-    topic = _topic("", "", trace.times, fields, [f"{name}: {why}" for name, why in loaded.left_out.items()])
-    notes = (*loaded.notes, *([f"times count from {loaded.begins}"] if loaded.begins else []))
-    return LogSummary((topic,), notes)
+    left_out = [f"{name}: {why}" for name, why in episodes[0].left_out.items()]
+    topic = _topic("", "", [trace.times for trace in traces], fields, left_out)
+    notes += dict.fromkeys(note for loaded in episodes for note in loaded.notes)
+    notes += [f"times count from {episodes[0].begins}"] if episodes[0].begins else []
+    if any(missing.values()):
+        notes.append("cells are empty; --join hold treats each column as a topic with its own stamps")
+    return LogSummary((topic,), tuple(notes))
 
 
 def _topic(
-    name: str, kind: str, stamps: NDArray[Any], fields: Sequence[FieldSummary], left_out: Sequence[str]
+    name: str,
+    kind: str,
+    episodes: Sequence[NDArray[Any]],
+    fields: Sequence[FieldSummary],
+    left_out: Sequence[str],
 ) -> TopicSummary:
-    steps = seconds(np.diff(stamps)) if len(stamps) > 1 else None
+    """Return a topic from the sorted stamps of its episodes."""
+    steps = np.concatenate([seconds(np.diff(stamps)) for stamps in episodes])
+    first = episodes[0]
     return TopicSummary(
         name,
         kind,
-        len(stamps),
-        stamp_text(stamps[0]) if len(stamps) else "",
-        0.0 if steps is None else float(steps.sum()),
-        None if steps is None else float(np.median(steps)),
-        None if steps is None else float(steps.max()),
+        sum(map(len, episodes)),
+        len(episodes),
+        stamp_text(first[0]) if len(first) else "",
+        float(steps.sum()),
+        float(np.median(steps)) if steps.size else None,
+        float(steps.max()) if steps.size else None,
         tuple(fields),
         tuple(left_out),
     )

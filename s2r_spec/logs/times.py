@@ -36,12 +36,14 @@ class Times:
         first: the first stamp as in the file; later rows of a followed trace count from it.
         begins: the date or clock time from which the times count; "" if they are unchanged.
         notes: a note if the unit comes from the name of the column.
+        since: the date from which the times count, in seconds since 1970, exactly; None if they are no dates.
     """
 
     seconds: FloatArray
     first: Any
     begins: str = ""
     notes: tuple[str, ...] = ()
+    since: Fraction | None = None
 
 
 def unit_of_option(text: str | None) -> str | None:
@@ -116,7 +118,10 @@ def _typed(values: NDArray[Any], unit: str | None, first: Any) -> Times:
         )
     seconds = stamps.seconds(values, first)
     start = values[0] if first is None and values.size else first
-    return Times(seconds, start, dates.text(start) if dated and start is not None else "")
+    if not dated or start is None:
+        return Times(seconds, start)
+    since = Fraction(int(start.astype("M8[ns]").astype(np.int64)), 10**9)
+    return Times(seconds, start, dates.text(start), since=since)
 
 
 def _pair(columns: Sequence[Column], heads: Sequence[Head], unit: str | None, first: Any) -> Times:
@@ -163,7 +168,7 @@ def _counts(values: NDArray[Any], head: Head, unit: str | None, first: Any) -> T
             )
         size = Fraction(1)
     times = _since(values, size, first)
-    return Times(times.seconds, times.first, times.begins, notes)
+    return replace(times, notes=notes)
 
 
 def _since(values: NDArray[Any], size: Fraction, first: Any) -> Times:
@@ -175,8 +180,8 @@ def _since(values: NDArray[Any], size: Fraction, first: Any) -> Times:
         return Times(seconds, start)
     since = Fraction(start.item()) * size
     if DATES <= since < dates.LAST:
-        return Times(seconds, start, dates.text(np.datetime64(int(since * 10**9), "ns")))
-    return Times(seconds, start, f"{float(since):.9g} s")
+        return Times(seconds, start, dates.text(np.datetime64(int(since * 10**9), "ns")), since=since)
+    return Times(seconds, start, f"{float(since):.9g} s", since=since)
 
 
 def _size(head: Head, unit: str | None) -> tuple[Fraction | None, tuple[str, ...]]:

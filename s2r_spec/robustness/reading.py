@@ -17,7 +17,7 @@ from s2r_spec.lang.units import UnknownUnitError, parse_unit
 from s2r_spec.trace import Trace
 
 FloatArray = NDArray[np.float64]
-HOLD = 'nan="hold" (--nan hold) repeats the sample before it'
+HOLD = 'nan="hold" (--nan hold) repeats the sample before it; --join hold joins columns of different rates'
 LEADING = "there is no sample before it to repeat"
 Missing = Literal["error", "hold"]
 

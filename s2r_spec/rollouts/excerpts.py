@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -12,9 +12,9 @@ import numpy as np
 from s2r_spec import logs
 from s2r_spec.errors import TraceError, UsageError
 from s2r_spec.lang.declarations import Signal
+from s2r_spec.lang.lexing import names
 from s2r_spec.logs.episodes import Cut, cut, part
 from s2r_spec.logs.mapping import ANY
-from s2r_spec.logs.times import TIME
 from s2r_spec.logs.topics.formats import opener
 from s2r_spec.logs.topics.join import Joining
 from s2r_spec.spec import Spec, parse_spec
@@ -67,7 +67,7 @@ class Excerpts:
     """How a log becomes traces.
 
     Args:
-        columns: signal, other name for ``when``, or ``t`` → name of its column.
+        columns: signal, other name in ``when``, or ``t`` → name of its column.
         time_unit: unit of times that are plain numbers; None if not stated.
         joining: how topics come to common stamps; None for the defaults.
         when: condition that begins an episode as it becomes true; None for one episode.
@@ -113,12 +113,21 @@ class Episode:
 
 @dataclass(frozen=True)
 class Excerpt:
-    """The episodes of a file, notes for the user, the date from which times count, and how the episodes were cut."""
+    """What a file gives.
+
+    Args:
+        episodes: its traces.
+        notes: notes for the user.
+        dated: the date from which times count; "" if they are unchanged.
+        cut: how the episodes were cut, a sentence each.
+        left_out: column that was not requested → why it is not in the traces.
+    """
 
     episodes: tuple[Episode, ...]
     notes: tuple[str, ...]
     dated: str = ""
     cut: tuple[str, ...] = ()
+    left_out: Mapping[str, str] = field(default_factory=dict)
 
 
 def excerpt(
@@ -142,48 +151,82 @@ def excerpt(
         SpecError: the condition is not valid.
         UsageError: the length of an episode is not known.
     """
-    sources = {source.column for source in excerpts.sources.values()}
-    loaded = logs.load(
+    found = logs.load_episodes(
         path,
-        excerpts.columns,
-        _read(path, signals, wanted, excerpts),
+        {**{source.column: source.column for source in excerpts.sources.values()}, **excerpts.columns},
+        _read(wanted, excerpts),
         time_unit=excerpts.time_unit,
+        gather=wanted is None,
         joining=excerpts.joining,
+        early=excerpts.when is not None,
     )
-    trace = loaded.trace
-    kept = (
-        tuple(wanted) if wanted is not None else tuple(name for name in trace.channels if name not in sources)
+    spans: list[tuple[Trace, tuple[int, int] | None]]
+    sentences: list[str] = []
+    if excerpts.cuts:
+        spans, sentences = _spans([loaded.trace for loaded in found], signals, excerpts, horizon)
+        if not spans:
+            raise TraceError(f"{path}: no complete episode: {'; '.join(sentences) or 'the log is too short'}")
+    else:
+        spans = [(loaded.trace, None) for loaded in found]
+    kept = _kept(path, found[0].trace, wanted, excerpts)
+    several = excerpts.cuts or len(spans) > 1
+    episodes = tuple(
+        _episode(f"{path}#{number}" if several else str(path), trace, span, kept, excerpts)
+        for number, (trace, span) in enumerate(spans, 1)
     )
-    if not excerpts.cuts:
-        episode = Episode(str(path), trace.only(kept), _values(str(path), trace, excerpts))
-        return Excerpt((episode,), loaded.notes, loaded.begins)
+    notes = dict.fromkeys(note for loaded in found for note in loaded.notes)
+    return Excerpt(episodes, (*notes, *sentences), found[0].begins, tuple(sentences), found[0].left_out)
+
+
+def _episode(
+    name: str, trace: Trace, span: tuple[int, int] | None, kept: Sequence[str], excerpts: Excerpts
+) -> Episode:
+    """Return an episode, which is a range of samples if a span is given."""
+    if span is None:
+        return Episode(name, trace.only(kept), _values(name, trace, excerpts))
+    one = part(trace, *span)
+    begins = float(trace.times[span[0]] - trace.times[0])
+    return Episode(name, one.only(kept), _values(name, one, excerpts), begins)
+
+
+def _kept(
+    path: Path, trace: Trace, wanted: Mapping[str, int | None] | None, excerpts: Excerpts
+) -> tuple[str, ...]:
+    """Return the channels of the traces: without those that were read for the test parameters alone."""
+    if wanted is not None:
+        return tuple(wanted)
+    if opener(path) is None:
+        return tuple(trace.channels)
+    sources = {source.column for source in excerpts.sources.values()}
+    return tuple(name for name in trace.channels if name in excerpts.columns or name not in sources)
+
+
+def _read(wanted: Mapping[str, int | None] | None, excerpts: Excerpts) -> dict[str, int | None] | None:
+    """Return the channels to read, with those of the condition and of the test parameters; None for all."""
+    if wanted is None:
+        return None
+    others = [*names(excerpts.when or ""), *(source.column for source in excerpts.sources.values())]
+    return {**dict.fromkeys(others, ANY), **wanted}
+
+
+def _spans(
+    traces: Sequence[Trace], signals: Mapping[str, Signal], excerpts: Excerpts, horizon: float
+) -> tuple[list[tuple[Trace, tuple[int, int] | None]], list[str]]:
+    """Return the episodes as ranges of samples, and sentences on how they were cut.
+
+    Raises:
+        UsageError: the length of an episode is not known.
+    """
     duration = horizon if excerpts.duration is None else excerpts.duration
     if math.isinf(duration):
-        raise UsageError(
-            "the requirement looks at the whole rest of a trace; state the length of an episode by --duration"
-        )
-    found, notes = _cut(trace, signals, excerpts, duration)
-    if not found.spans:
-        raise TraceError(f"{path}: no complete episode: {'; '.join(notes) or 'the log is too short'}")
-    episodes = []
-    for number, (first, end) in enumerate(found.spans, 1):
-        name = f"{path}#{number}"
-        one = part(trace, first, end)
-        begins = float(trace.times[first] - trace.times[0])
-        episodes.append(Episode(name, one.only(kept), _values(name, one, excerpts), begins))
-    return Excerpt(tuple(episodes), (*loaded.notes, *notes), loaded.begins, tuple(notes))
-
-
-def _read(
-    path: Path, signals: Mapping[str, Signal], wanted: Mapping[str, int | None] | None, excerpts: Excerpts
-) -> dict[str, int | None] | None:
-    """Return the channels to read: of a log of topics only those that somebody names; None for all of a table."""
-    if wanted is None and opener(path) is None:
-        return None
-    mapped: dict[str, int | None] = {
-        name: ANY for name in excerpts.columns if name != TIME and name not in signals
-    }
-    return {**(wanted or {}), **mapped, **{source.column: ANY for source in excerpts.sources.values()}}
+        raise UsageError("the length of an episode is not known; state it, such as --duration 2")
+    spans: list[tuple[Trace, tuple[int, int] | None]] = []
+    sentences: list[str] = []
+    for trace in traces:
+        found, notes = _cut(trace, signals, excerpts, duration)
+        spans += [(trace, span) for span in found.spans]
+        sentences += notes
+    return spans, sentences
 
 
 def _cut(
@@ -194,9 +237,22 @@ def _cut(
     if excerpts.when is None:
         return _one(trace, start, duration), []
     condition = _condition(trace, signals, excerpts.when)
-    found = condition.evaluate(trace.only(condition.channels(_CONDITION)), _CONDITION)
-    episodes = cut(trace.times, found.truth & found.complete, duration, float(trace.times[0]) + start)
+    named = trace.only(condition.channels(_CONDITION))
+    first = _known(named)
+    truth = np.zeros(len(trace), dtype=bool)
+    if first < len(trace):
+        found = condition.evaluate(part(named, first, len(trace)), _CONDITION)
+        truth[first:] = found.truth & found.complete
+    episodes = cut(trace.times, truth, duration, float(trace.times[0]) + start)
     return episodes, episodes.notes(excerpts.when)
+
+
+def _known(trace: Trace) -> int:
+    """Return the number of the first sample that has all channels: before, a topic has had no message."""
+    known = np.ones(len(trace), dtype=bool)
+    for values in trace.channels.values():
+        known &= ~np.isnan(values.reshape(len(trace), -1)).any(axis=1)
+    return int(np.argmax(known)) if known.any() else len(trace)
 
 
 def _one(trace: Trace, start: float, duration: float) -> Cut:

@@ -1,7 +1,7 @@
 """The folder of a ``log`` backend: its recordings, with the parameters of each.
 
-Either ``rollouts.csv`` lists the parameters of whole files, or the files are long logs, from which episodes are cut and
-whose channels hold the parameters.
+Every log of the folder is a recording, or several if episodes are cut from it. The parameters of a log are in its row
+of ``rollouts.csv``, or in its channels.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import hashlib
 import io
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -20,8 +20,8 @@ from s2r_spec import logs
 from s2r_spec.errors import TraceError, UsageError, one_of, shortened
 from s2r_spec.logs.interpret import Loaded
 from s2r_spec.logs.table import regular
-from s2r_spec.logs.topics.formats import FORMATS, opener
-from s2r_spec.rollouts.excerpts import excerpt
+from s2r_spec.logs.topics.formats import opener
+from s2r_spec.rollouts.excerpts import Excerpt, excerpt
 from s2r_spec.rollouts.log_options import LogOptions
 from s2r_spec.trace import Trace
 
@@ -40,6 +40,14 @@ class _Row:
     line: int
     id: str
     params: dict[str, float]
+
+
+@dataclass(frozen=True)
+class _Tests:
+    """What ``rollouts.csv`` says: parameter → its unit ("" if none is written), and the rows."""
+
+    units: Mapping[str, str] = field(default_factory=dict)
+    rows: Sequence[_Row] = ()
 
 
 @dataclass(frozen=True)
@@ -68,68 +76,86 @@ class Folder:
     assumptions: tuple[str, ...] = ()
 
 
-def tabulated(options: LogOptions) -> Folder:
-    """Return the whole files that ``rollouts.csv`` lists.
+def read(options: LogOptions) -> Folder:
+    """Return the recordings of a folder.
 
     Raises:
-        LogError: the table or a file is missing or wrong, or episodes are to be cut.
-        TraceError: a file is not a trace.
-    """
-    root = options.folder
-    if options.excerpts.cuts or options.excerpts.sources:
-        raise LogError(
-            f"{root / TABLE} lists the tests of whole files; leave out when, start, duration and param, "
-            f"or remove the table"
-        )
-    units, rows = _table(root / TABLE)
-    files = _files(root, rows)
-    loaded = _with_placeholders({row.id: options.load(files[row.id]) for row in rows})
-    entries = tuple(Entry(str(files[row.id]), row.params, loaded[row.id]) for row in rows)
-    return Folder(units, entries, (root / TABLE, *sorted(files.values())))
-
-
-def episodes(options: LogOptions) -> Folder:
-    """Return the episodes of all logs of a folder.
-
-    Raises:
-        LogError: the folder has no logs, or a parameter has several units.
+        LogError: the table is wrong, a log has no row, or a parameter has several values or units.
         TraceError: a file is not a log, or has no complete episode.
     """
-    paths = _logs(options.folder)
-    units: dict[str, str] = {}
+    root, wanted = options.folder, options.excerpts
+    listed = (root / TABLE).exists() or not (wanted.cuts or wanted.sources)
+    table = _table(root / TABLE) if listed else _Tests()
+    paths = _logs(root)
+    if listed:
+        files = _files(root, table.rows, paths)
+        tests = [(files[row.id], row.params) for row in table.rows]
+    else:
+        tests = [(path, {}) for path in paths]
+    if not tests:
+        raise LogError(f"{root} has no log; s2r reads {', '.join(logs.READABLE)}, and folders of ROS 2 bags")
+    for name in wanted.sources:
+        if name in table.units:
+            raise LogError(
+                f"{root / TABLE} gives the parameter {name}, and so does param={name}; leave one out"
+            )
+    units = dict(table.units)
     entries: list[Entry] = []
     sentences: list[str] = []
-    for path in paths:
-        found = excerpt(path, {}, None, math.inf, options.excerpts)
-        for episode in found.episodes:
-            for name, (_, unit) in episode.values.items():
-                if units.setdefault(name, unit) != unit:
-                    raise LogError(
-                        f"{episode.name}: the parameter {name} is in {unit!r}, and before in {units[name]!r}"
-                    )
-            params = {name: value for name, (value, _) in episode.values.items()}
-            entries.append(Entry(episode.name, params, Loaded(episode.trace, found.notes, found.dated, {})))
+    for path, params in tests:
+        found = excerpt(path, {}, None, math.inf, wanted)
+        entries += _entries(found, params, units)
         sentences += [f"{path.name}: {note}" for note in found.cut]
-    assumption = (
-        f"the {len(entries)} episodes of {len(paths)} logs are all tests that were run, chosen before their results "
-        f"were known ({'; '.join(sentences)})"
+    if listed and not wanted.cuts:
+        entries = _with_placeholders(entries)
+    return Folder(
+        units,
+        tuple(entries),
+        (*([root / TABLE] if listed else []), *_parts(sorted(path for path, _ in tests))),
+        _choice(len(entries), len(tests), sentences) if sentences or not listed else (),
     )
-    return Folder(units, tuple(entries), tuple(_parts(paths)), (assumption,))
+
+
+def _entries(found: Excerpt, params: Mapping[str, float], units: dict[str, str]) -> list[Entry]:
+    """Return the recordings of a log; add the units of its parameters.
+
+    Raises:
+        LogError: a parameter has several units.
+    """
+    entries = []
+    for episode in found.episodes:
+        for name, (_, unit) in episode.values.items():
+            if units.setdefault(name, unit) != unit:
+                raise LogError(
+                    f"{episode.name}: the parameter {name} is in {unit!r}, and before in {units[name]!r}"
+                )
+        values = {**params, **{name: value for name, (value, _) in episode.values.items()}}
+        entries.append(
+            Entry(episode.name, values, Loaded(episode.trace, found.notes, found.dated, found.left_out))
+        )
+    return entries
+
+
+def _choice(episodes: int, count: int, sentences: Sequence[str]) -> tuple[str, ...]:
+    """Return the assumption about how the recordings were chosen."""
+    how = f" ({'; '.join(sentences)})" if sentences else ""
+    return (
+        f"the {episodes} episodes of {count} logs are all tests that were run, chosen before their results were "
+        f"known{how}",
+    )
 
 
 def _logs(root: Path) -> list[Path]:
-    """Return the logs of a folder; hidden files are incomplete."""
+    """Return the logs of a folder; a hidden file is incomplete, since some program still writes it or was killed."""
     if not root.is_dir():
         raise LogError(f"there is no folder {root}; log:FOLDER needs one with recordings")
-    known = (*logs.FORMATS, *FORMATS)
-    found = [
+    return [
         path
         for path in sorted(root.iterdir())
-        if not path.name.startswith(".") and (opener(path) is not None or path.suffix.lower() in known)
+        if (opener(path) is not None or path.suffix.lower() in logs.FORMATS)
+        and path.name != TABLE
+        and not path.name.startswith(".")
     ]
-    if not found:
-        raise LogError(f"{root} has no log; s2r reads {', '.join(known)}, and folders of ROS 2 bags")
-    return found
 
 
 def _parts(paths: Sequence[Path]) -> list[Path]:
@@ -137,24 +163,22 @@ def _parts(paths: Sequence[Path]) -> list[Path]:
     return [file for path in paths for file in (sorted(path.iterdir()) if path.is_dir() else [path])]
 
 
-def _with_placeholders(loaded: Mapping[str, Loaded]) -> dict[str, Loaded]:
-    """Return the loaded files; a placeholder (a failed rollout without a log) gets the first recording's channels.
+def _with_placeholders(entries: Sequence[Entry]) -> list[Entry]:
+    """Return the entries; a placeholder (a failed rollout without a log) gets the first recording's channels.
 
     Its samples are NaN, so that no channel is left out because the placeholder lacks it.
     """
-    first = next((one.trace for one in loaded.values() if not _is_placeholder(one.trace)), None)
-    if first is None:
-        return dict(loaded)
-    completed = {}
-    for name, one in loaded.items():
-        if _is_placeholder(one.trace):
-            count = len(one.trace)
-            samples = {key: np.full((count, *v.shape[1:]), np.nan) for key, v in first.channels.items()}
-            one = replace(
-                one, trace=Trace(one.trace.times, samples, first.units, one.trace.meta), left_out={}
-            )
-        completed[name] = one
-    return completed
+    first = next((one.loaded.trace for one in entries if not _is_placeholder(one.loaded.trace)), None)
+    return [one if first is None else _completed(one, first) for one in entries]
+
+
+def _completed(entry: Entry, first: Trace) -> Entry:
+    trace = entry.loaded.trace
+    if not _is_placeholder(trace):
+        return entry
+    samples = {key: np.full((len(trace), *v.shape[1:]), np.nan) for key, v in first.channels.items()}
+    filled = Trace(trace.times, samples, first.units, trace.meta)
+    return replace(entry, loaded=replace(entry.loaded, trace=filled, left_out={}))
 
 
 def digest(trace: Trace) -> bytes | None:
@@ -175,8 +199,7 @@ def _is_placeholder(trace: Trace) -> bool:
     return trace.failure is not None and digest(trace) is None
 
 
-def _table(path: Path) -> tuple[dict[str, str], list[_Row]]:
-    """Return parameter → unit ("" if none is written), and the rows."""
+def _table(path: Path) -> _Tests:
     if not path.parent.is_dir():
         raise LogError(f"there is no folder {path.parent}; log:FOLDER needs one with recordings and {TABLE}")
     try:
@@ -193,7 +216,8 @@ def _table(path: Path) -> tuple[dict[str, str], list[_Row]]:
     except OSError as error:
         raise LogError(
             f"cannot read {path}: {error.strerror or error}; this file must list the parameters of each "
-            f"recording: a header id,<parameter>,… and one row per recording"
+            f"recording: a header id,<parameter>,… and one row per recording. Or name the column of each parameter, "
+            f"such as --param vd=vx_cmd@0"
         ) from None
     except (UnicodeDecodeError, csv.Error) as error:
         raise LogError(f"{path} is not comma-separated UTF-8 text: {error}") from None
@@ -224,7 +248,9 @@ def _table(path: Path) -> tuple[dict[str, str], list[_Row]]:
         params = {key: _number(path, line, key, text) for key, text in zip(names[1:], cells[1:], strict=True)}
         params.pop(_SEED, None)
         rows[name] = _Row(line, name, params)
-    return {name: unit for name, unit in units.items() if name not in (_ID, _SEED)}, list(rows.values())
+    return _Tests(
+        {name: unit for name, unit in units.items() if name not in (_ID, _SEED)}, list(rows.values())
+    )
 
 
 def _parameter(text: str) -> tuple[str, str]:
@@ -246,19 +272,17 @@ def _number(path: Path, line: int, name: str, text: str) -> float:
     return value
 
 
-def _files(root: Path, rows: Sequence[_Row]) -> dict[str, Path]:
-    """Return id → file; each row has exactly one file, and each file a row."""
+def _files(root: Path, rows: Sequence[_Row], paths: Sequence[Path]) -> dict[str, Path]:
+    """Return id → log; each row has exactly one log, and each log a row."""
     by_id: dict[str, list[Path]] = {}
-    for path in sorted(root.iterdir()):
-        # A hidden file is incomplete: some program still writes it, or was killed.
-        if path.suffix.lower() in logs.FORMATS and path.name != TABLE and not path.name.startswith("."):
-            by_id.setdefault(path.stem, []).append(path)
+    for path in paths:
+        by_id.setdefault(path.name if path.is_dir() else path.stem, []).append(path)
     for row in rows:
-        paths = by_id.get(row.id, [])
-        if len(paths) != 1:
-            endings = ", ".join(f"{row.id}{ending}" for ending in logs.FORMATS)
-            fault = f"has no file; there must be one of {endings}" if not paths else (
-                f"has several files: {one_of(path.name for path in paths)}; keep one"
+        found = by_id.get(row.id, [])
+        if len(found) != 1:
+            endings = ", ".join(f"{row.id}{ending}" for ending in logs.READABLE)
+            fault = f"has no file; there must be one of {endings}" if not found else (
+                f"has several files: {one_of(path.name for path in found)}; keep one"
             )  # fmt: skip
             raise LogError(f"{root / TABLE}, line {row.line}: the id {row.id!r} {fault}")
     for name in by_id.keys() - {row.id for row in rows}:

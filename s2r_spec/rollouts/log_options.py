@@ -88,6 +88,10 @@ class LogOptions:
             _seconds(where, values, "duration"),
             sources,
         )
+        if backend == "manual" and (excerpts.cuts or sources):
+            raise UsageError(
+                f"{where}: a person runs each test by itself: leave out when, start, duration and param"
+            )
         return cls(Path(name), options, excerpts, values.get("nan") == "hold")
 
     def load(self, path: Path) -> Loaded:

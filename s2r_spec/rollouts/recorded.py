@@ -1,12 +1,13 @@
 """The ``log`` backend: a folder of recorded rollouts.
 
-    run-a.npz  run-b.csv  run-c.parquet      one trace each, a file's name is its id
-    rollouts.csv                             id,<param>,<param>,…[,seed]
+    run-a.npz  run-b.csv  run-c.mcap      a trace each, or several episodes; a file's name is its id
+    rollouts.csv                          id,<param>,<param>,…[,seed]
 
 A parameter's unit may follow its name in brackets, ``vd [m/s]``. Without a unit its values are in the unit of the
-specification. The folder is checked when it is opened; an error names file and line.
+specification. The table may be missing if the logs themselves hold the parameters. The folder is checked when it is
+opened; an error names file and line.
 
-Options for reading follow the folder's name: ``log:FOLDER?nan=hold&time-unit=ms&map=t=stamp&map=vx=v.x``.
+Options for reading follow the folder's name: ``log:FOLDER?nan=hold&map=vx=v.x&when=go&param=vd=v_cmd@0``.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from collections.abc import Collection, Mapping, Sequence
 from s2r_spec.backend import Backend, Channel, Parameter, Recording
 from s2r_spec.errors import TraceNote, UsageError
 from s2r_spec.logs.interpret import Loaded
-from s2r_spec.rollouts.log_folder import TABLE, Entry, LogError, digest, episodes, tabulated
+from s2r_spec.rollouts.log_folder import Entry, LogError, digest, read
 from s2r_spec.rollouts.log_options import LogOptions
 from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
@@ -51,8 +52,7 @@ class LogBackend:
         if not folder:
             raise UsageError("the log backend needs a folder: --backend log:FOLDER")
         options = LogOptions.parse("log", folder)
-        cuts = options.excerpts.cuts or options.excerpts.sources
-        found = episodes(options) if cuts and not (options.folder / TABLE).exists() else tabulated(options)
+        found = read(options)
         self.name = f"log:{folder}"
         self.lacking = _lacking([(entry.source, entry.loaded) for entry in found.entries])
         self.recordings = tuple(

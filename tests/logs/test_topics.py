@@ -86,6 +86,91 @@ def test_a_file_that_is_cut_off_or_empty_is_refused_or_told(name, left, tmp_path
         logs.load(path, columns, {"vx": None})
 
 
+def test_stamps_of_two_clocks_are_refused_not_joined(tmp_path):
+    """Headers in simulated time beside headers with dates: each looks right by itself."""
+    bag = robot_logs.two_clocks(tmp_path / "bag")
+    columns = {"vx": "/odom.twist.linear.x", "wz": "/imu.twist.angular.z"}
+    with pytest.raises(TraceError, match=r"different clocks.*/imu.*/odom|different clocks.*/odom.*/imu"):
+        logs.load(bag, columns, {"vx": None, "wz": None})
+    received = logs.load(bag, columns, {"vx": None, "wz": None}, joining=Joining(stamps="received"))
+    assert len(received.trace) == 100
+
+
+def test_dates_beside_durations_are_refused(tmp_path):
+    path = tmp_path / "drive.h5"
+    import h5py
+
+    with h5py.File(path, "w") as stream:
+        stream["odom/t"], stream["odom/vx"] = robot_logs.EPOCH + robot_logs.VX_NS, robot_logs.VX
+        stream["odom/t"].attrs["units"] = "ns"
+        stream["cmd/t"], stream["cmd/vx"] = robot_logs.CMD_NS * 1e-9, robot_logs.CMD
+    with pytest.raises(TraceError, match=path.name):
+        logs.load(path, FIELDS, {"vx": None, "vx_cmd": None})
+
+
+@pytest.mark.parametrize(("unit", "per_second"), [("ns", 10**9), ("us", 1e6), ("ms", 1e3)])
+def test_dates_of_two_topics_agree_whatever_their_units(unit, per_second, tmp_path):
+    import h5py
+
+    with h5py.File(tmp_path / "drive.h5", "w") as stream:
+        stream["odom/t"], stream["odom/vx"] = robot_logs.EPOCH + robot_logs.VX_NS, robot_logs.VX
+        stream["odom/t"].attrs["units"] = "ns"
+        stream["cmd/t"] = (robot_logs.EPOCH + robot_logs.CMD_NS) * (per_second / 10**9)
+        stream["cmd/t"].attrs["units"], stream["cmd/vx"] = unit, robot_logs.CMD
+    (episode,) = episodes(tmp_path / "drive.h5", FIELDS).episodes
+    # A float64 of nanoseconds since 1970 resolves 256 ns, so that a command may come a sample late.
+    assert episode.begins == pytest.approx(robot_logs.STEP, abs=0.02 + 1e-6)
+    assert SPEC.robustness(episode.trace, {"vd": 0.3})["reaches"] == pytest.approx(RHO, abs=1e-3)
+
+
+def test_a_joint_is_found_by_its_name_wherever_it_stands(tmp_path):
+    bag = robot_logs.joints(tmp_path / "bag", [(1, 2, 3), (3, 1, 2), (2, 3)] * 5)
+    columns = {"q2": "/joint_states.position.leg/2", "q1": "/joint_states.position.leg/1"}
+    trace = logs.load(bag, columns, {"q1": None, "q2": None}).trace
+    assert set(trace["q2"].tolist()) == {2.0}
+    assert np.isnan(trace["q1"]).sum() == 5  # a message without the joint has no value of it
+
+
+def test_the_episodes_of_a_lerobot_table_are_traces_of_their_own(tmp_path):
+    path = robot_logs.lerobot(tmp_path / "data.parquet")
+    columns = {"t": "timestamp", "vx": "observation.state[1]"}
+    found = excerpt(path, SPEC.signals, {"vx": None}, SPEC.horizon(), Excerpts(columns))
+    assert [episode.trace["vx"][0] for episode in found.episodes] == pytest.approx([0.0, 0.1, 0.2])
+    assert all(len(episode.trace) == 100 for episode in found.episodes)
+    sources = {"vd": Source("observation.state[0]", 0.0)}
+    found = excerpt(path, SPEC.signals, {"vx": None}, SPEC.horizon(), Excerpts(columns, sources=sources))
+    assert [episode.values["vd"][0] for episode in found.episodes] == pytest.approx([0.3] * 3)
+    with pytest.raises(TraceError, match="3 episodes"):
+        logs.load(path, columns, {"vx": None})
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_a_wrong_topic_is_named_with_those_that_the_log_has(name, tmp_path):
+    write, columns = FORMATS[name]
+    path = write(tmp_path)
+    wrong = columns["vx"].replace("odom", "odometry")
+    with pytest.raises(TraceError, match=re.escape(columns["vx"])) as caught:
+        logs.load(path, {"vx": wrong}, {"vx": None})
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_more_than_the_memory_holds_is_refused_before_it_is_read(name, tmp_path, monkeypatch):
+    write, columns = FORMATS[name]
+    path = write(tmp_path)
+    monkeypatch.setattr("s2r_spec.logs.table.MOST_NUMBERS", 500)
+    with pytest.raises(TraceError, match="million"):
+        logs.load(path, columns, {"vx": None})
+
+
+def test_an_episode_may_begin_with_the_first_message_of_its_command(tmp_path):
+    """A teleoperated robot has no command before the first one."""
+    bag = robot_logs.ros2(tmp_path / "bag", "MCAP", idle=False)
+    (episode,) = episodes(bag, ROS).episodes
+    assert episode.begins == pytest.approx(robot_logs.STEP, abs=1e-6)
+    assert SPEC.robustness(episode.trace, {"vd": 0.3})["reaches"] == pytest.approx(RHO, abs=1e-9)
+
+
 def topic(name, stamps, values):
     return Topic(name, np.array(stamps, dtype=float), {"y": Column(np.array(values, dtype=float))})
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from s2r_spec.errors import TraceError, one_of
 from s2r_spec.logs import times
+from s2r_spec.logs.dates import LAST
 from s2r_spec.logs.mapping import TIME_WORDS
 from s2r_spec.logs.table import Column, Head, affordable, few, quoted
 from s2r_spec.logs.topics.topic import Stamps, Topic, TopicHead
@@ -78,24 +79,38 @@ class ArrayLog:
 
     def read(self, wanted: Mapping[str, Sequence[str]], stamps: Stamps) -> dict[str, Topic]:
         """Read arrays; see :meth:`s2r_spec.logs.topics.topic.TopicLog.read`."""
-        shapes = [self._arrays[_path(topic, name)].shape for topic, names in wanted.items() for name in names]
+        paths = [_path(topic, name) for topic, names in wanted.items() for name in names]
+        shapes = [self._arrays[path].shape for path in (*paths, *(self._times[topic] for topic in wanted))]
         affordable(sum(int(np.prod(shape)) for shape in shapes))
         topics: dict[str, Topic] = {}
-        first = None  # dates of all topics count from the same stamp
+        dated: dict[bool, str] = {}
         for topic, names in wanted.items():
-            found = self._stamps(topic, first)
-            first = found.first
+            found = self._stamps(topic)
+            dated.setdefault(found.dtype.kind == "M", topic)
+            if len(dated) == 2:
+                raise TraceError(
+                    f"the times of {quoted(dated[True])} are dates and those of {quoted(dated[False])} are not, so "
+                    f"they come from different clocks; save both with the same clock"
+                )
             columns = {name: Column(self._arrays[_path(topic, name)].read()) for name in names}
-            topics[topic] = Topic(topic, found.seconds, columns)
+            topics[topic] = Topic(topic, found, columns)
         return topics
 
-    def _stamps(self, topic: str, first: Any) -> times.Times:
+    def _stamps(self, topic: str) -> NDArray[Any]:
+        """Return (n,) dates to the nanosecond, or seconds of a clock without a date."""
         clock = self._times[topic]
         array = self._arrays[clock]
         head = Head(clock.rpartition(".")[2], None, array.unit)
-        return times.read(
-            [Column(array.read())], [head], None, lambda sample: f"sample {sample} of {quoted(clock)}", first
+        found = times.read(
+            [Column(array.read())], [head], None, lambda sample: f"sample {sample} of {quoted(clock)}", None
         )
+        if found.since is None:
+            return found.seconds
+        # Dates of two topics must be comparable, whatever unit each is in.
+        if found.since >= LAST:
+            raise TraceError(f"the times of {quoted(clock)} begin at {found.begins}, which is no date")
+        stamps: NDArray[Any] = round(found.since * 10**9) + np.rint(found.seconds * 1e9).astype(np.int64)
+        return stamps.view("M8[ns]")
 
     def _clock(self, folder: str, shape: tuple[int, ...]) -> str | None:
         """Return the array of times of an array in a folder: the nearest one above with as many samples."""

@@ -5,8 +5,9 @@ Data: topics i with stamps t_i1 < t_i2 < … and values y_ik. Result at a stamp 
     hold     y_ik of the last message with t_ik ≤ t, as a controller sees a topic
     linear   between the messages before and after t
 
-Nothing is extrapolated to the past: the result begins when every topic has had a message. With ``linear`` it ends with
-the first topic that ends. The notes say which clock, which rule, and for how long a value was held.
+Nothing is extrapolated to the past. The result begins when every topic has had a message; or, if ``early``, with the
+clock's first stamp, and a topic has no value before its first message. With ``linear`` the result ends with the first
+topic that ends. The notes say which clock, which rule, and for how long a value was held.
 """
 
 from __future__ import annotations
@@ -55,8 +56,13 @@ class Joined(NamedTuple):
     notes: list[str]
 
 
-def join(topics: Mapping[str, Topic], joining: Joining) -> Joined:
+def join(topics: Mapping[str, Topic], joining: Joining, early: bool = False) -> Joined:
     """Return all fields of topics at the stamps of the clock.
+
+    Args:
+        topics: name → topic.
+        joining: the clock and the rule.
+        early: whether to keep stamps before the first message of a topic, where its values are missing.
 
     Raises:
         TraceError: the clock is not one of the topics, a topic has no messages, or the topics do not overlap.
@@ -73,11 +79,11 @@ def join(topics: Mapping[str, Topic], joining: Joining) -> Joined:
             )
     clock = _clock(ordered, joining.clock)
     grid = ordered[clock].stamps
-    late = max(topic.stamps[0] for topic in ordered.values())
-    kept = grid >= late
+    known = grid >= max(topic.stamps[0] for topic in ordered.values())
+    kept = known | early
     if joining.rule == "linear":
         kept &= grid <= min(topic.stamps[-1] for topic in ordered.values())
-    if not kept.any():
+    if not (kept & known).any():
         raise TraceError(f"the topics have no time in common: {_ranges(ordered)}; their clocks may differ")
     if len(grid) != kept.sum():
         notes.append(
@@ -90,7 +96,7 @@ def join(topics: Mapping[str, Topic], joining: Joining) -> Joined:
     for name, topic in ordered.items():
         at = np.searchsorted(topic.stamps, grid, side="right") - 1
         if name != clock and joining.rule == "hold":
-            longest = float(seconds(grid - topic.stamps[at]).max())
+            longest = float(seconds((grid - topic.stamps[at])[at >= 0]).max())
             held.append(f"{_named(name)} is held, for at most {longest:.3g} s")
         elif name != clock:
             held.append(f"{_named(name)} is interpolated")
@@ -117,10 +123,11 @@ def _clock(topics: Mapping[str, Topic], chosen: str | None) -> str:
 
 
 def _at(column: Column, at: NDArray[np.int64]) -> Column:
-    """Return the values of messages."""
+    """Return the values of messages; a value is missing where the number of the message is negative."""
     if column.fault:
         return column
-    return Column(column.values[at], None if column.missing is None else column.missing[at])
+    missing = at < 0 if column.missing is None else (at < 0) | column.missing[at]
+    return Column(column.values[at], missing if missing.any() else None)
 
 
 def _between(column: Column, own: NDArray[Any], grid: NDArray[Any], at: NDArray[np.int64]) -> Column:
@@ -129,12 +136,13 @@ def _between(column: Column, own: NDArray[Any], grid: NDArray[Any], at: NDArray[
         return column
     if column.values.dtype.kind not in "iuf" or column.missing is not None:
         return Column.without("holds no numbers that could be interpolated; join it by hold")
-    after = np.minimum(at + 1, len(own) - 1)
-    width = seconds(own[after] - own[at])
-    part = np.divide(seconds(grid - own[at]), width, out=np.zeros(len(grid)), where=width > 0)
+    before, after = np.maximum(at, 0), np.minimum(at + 1, len(own) - 1)
+    width = seconds(own[after] - own[before])
+    part = np.divide(seconds(grid - own[before]), width, out=np.zeros(len(grid)), where=width > 0)
     part = part.reshape(-1, *(1,) * (column.values.ndim - 1))
     values = column.values.astype(np.float64)
-    return Column((1.0 - part) * values[at] + part * values[after])
+    missing = at < 0
+    return Column((1.0 - part) * values[before] + part * values[after], missing if missing.any() else None)
 
 
 def seconds(durations: NDArray[Any]) -> FloatArray:
@@ -160,4 +168,4 @@ def stamp_text(stamp: Any) -> str:
     """Return a date, or seconds, as text."""
     if isinstance(stamp, np.datetime64):
         return text(stamp)
-    return f"{float(seconds(np.array([stamp]))[0]):.9g} s"
+    return f"{float(seconds(np.array([stamp]))[0]):.12g} s"

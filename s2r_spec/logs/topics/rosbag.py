@@ -1,6 +1,8 @@
-"""ROS 1 bags, ROS 2 bags and MCAP files of ROS 2 messages, read by ``rosbags`` (the extra ``bags``), without ROS.
+"""ROS 1 bags, ROS 2 bags and MCAP files of ROS 2 messages, read by ``rosbags`` (the extra ``logs``), without ROS.
 
-Only messages of the chosen topics are decoded, one after the other, and only their chosen numbers are kept.
+Only messages of the chosen topics are decoded, one after the other, and only their chosen numbers are kept. A joint
+state names its joints: ``/joint_states.position.FL_hip`` is the position of this joint in every message, whatever its
+place there.
 """
 
 from __future__ import annotations
@@ -8,6 +10,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from operator import attrgetter
 from pathlib import Path
 from typing import Any
@@ -44,6 +47,20 @@ _BASE, _NAME, _ARRAY, _SEQUENCE = 1, 2, 3, 4
 _DEEPEST = 20
 """Budget: levels of messages within messages. Twice as many list deeper fields."""
 _HEADER = "header.stamp"
+_NAMES = ("name", "names", "joint_names")
+"""Definition: fields with the names of the elements of a message's vectors, as in ``sensor_msgs/JointState``."""
+
+
+class _Element:
+    """Reads the element of a vector that has a name: its number, or NaN where the message lacks it."""
+
+    def __init__(self, names: str, vector: str, name: str) -> None:
+        self._names, self._vector, self._name = attrgetter(names), attrgetter(vector), name
+
+    def __call__(self, message: Any) -> float:
+        names, values = self._names(message), self._vector(message)
+        place = names.index(self._name) if self._name in names else len(values)
+        return float(values[place]) if place < len(values) else np.nan
 
 
 class RosBag:
@@ -66,15 +83,20 @@ class RosBag:
                 counts[connection.topic] += connection.msgcount
                 kinds.setdefault(connection.topic, connection.msgtype)
             few(len(kinds))
-            self.heads = tuple(
-                _head(bag.typestore, topic, kind, counts[topic]) for topic, kind in kinds.items()
-            )
+            heads = [_head(bag.typestore, topic, kind, counts[topic]) for topic, kind in kinds.items()]
+            vectors = {head.name: _named_vectors(bag.typestore, head) for head in heads}
+        self._elements: dict[tuple[str, str], _Element] = {}
+        self.heads = tuple(self._with_elements(head, *vectors[head.name]) for head in heads)
 
     def read(self, wanted: Mapping[str, Sequence[str]], stamps: Stamps) -> dict[str, Topic]:
         """Read fields of topics; see :meth:`s2r_spec.logs.topics.topic.TopicLog.read`."""
         counts = {head.name: head.count for head in self.heads if head.name in wanted}
         affordable(sum(counts[name] * (1 + len(fields)) for name, fields in wanted.items()))
-        readers = {name: [attrgetter(one) for one in fields] for name, fields in wanted.items()}
+        readers = {
+            name: [self._elements.get((name, one)) or attrgetter(one) for one in fields]
+            for name, fields in wanted.items()
+        }
+        taken = 0
         times: dict[str, list[int]] = {name: [] for name in wanted}
         values: dict[str, list[list[Any]]] = {name: [[] for _ in fields] for name, fields in wanted.items()}
         ages: dict[str, list[int]] = {name: [] for name in wanted}
@@ -85,7 +107,10 @@ class RosBag:
             times[topic].append(stamp)
             ages[topic].append(received - stamp)
             for column, reader in zip(values[topic], readers[topic], strict=True):
-                column.append(reader(message))
+                value = reader(message)
+                taken += np.size(value)
+                column.append(value)
+            affordable(taken)
         return {
             name: Topic(
                 name,
@@ -95,6 +120,18 @@ class RosBag:
             )
             for name in wanted
         }
+
+    def _with_elements(self, head: TopicHead, names: str, vectors: Sequence[str]) -> TopicHead:
+        """Return a topic with a field for each named element of its vectors, by the names in the first message."""
+        if not (names and vectors and head.count):
+            return head
+        _, _, first = next(self._messages({head.name}, {head.name}))
+        fields = list(head.fields)
+        for vector in vectors:
+            for name in dict.fromkeys(getattr(first, names)):
+                fields.append(f"{vector}.{name}")
+                self._elements[head.name, fields[-1]] = _Element(names, vector, name)
+        return replace(head, fields=tuple(fields))
 
     def _messages(self, topics: set[str], decode: set[str]) -> Iterator[tuple[str, int, Any]]:
         """Yield (topic, time of receipt [ns], message) of some topics, decoded for some of these."""
@@ -152,6 +189,20 @@ def _head(store: Any, topic: str, kind: str, count: int) -> TopicHead:
         faults[""] = f"has messages of the type {kind}, whose definition the bag lacks"
         return TopicHead(topic, (), count, kind, False, faults=faults)
     return TopicHead(topic, tuple(fields), count, kind, header)
+
+
+def _named_vectors(store: Any, head: TopicHead) -> tuple[str, tuple[str, ...]]:
+    """Return the field with the names of a message's elements ("" if it has none), and its vectors of numbers."""
+    if head.faults:
+        return "", ()
+    fields = store.get_msgdef(head.kind).fields
+    names = [
+        name
+        for name, (shape, content) in fields
+        if name in _NAMES and shape == _SEQUENCE and content[0] == (_BASE, ("string", 0))
+    ]
+    vectors = [name for name, (shape, _) in fields if name in head.fields and shape == _SEQUENCE]
+    return (names[0] if names else ""), tuple(vectors)
 
 
 def _nanoseconds(stamp: Any) -> int:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 from s2r_spec.errors import TraceError, one_of
@@ -17,8 +18,17 @@ APART = 1.0
 from two clocks. Twice as much accepts clocks that are 2 s apart; no buffer on a robot holds a message for so long."""
 
 
-def load(open_log: Callable[[Path], TopicLog], path: Path, choose: Chooser, joining: Joining) -> Table:
+def load(
+    open_log: Callable[[Path], TopicLog], path: Path, choose: Chooser, joining: Joining, early: bool = False
+) -> Table:
     """Read the chosen fields of a log, at the stamps of its clock.
+
+    Args:
+        open_log: opens the log.
+        path: its file or folder.
+        choose: chooses the fields.
+        joining: how the topics come to common stamps.
+        early: whether to keep stamps before the first message of a topic, where its values are missing.
 
     Raises:
         TraceError: the file is damaged, its topics have no time in common, or their stamps come from several clocks.
@@ -36,7 +46,8 @@ def load(open_log: Callable[[Path], TopicLog], path: Path, choose: Chooser, join
         topic, field = fields[number - 1]
         wanted[topic.name].append(field)
     topics = {topic.name: topic for topic in log.heads}
-    if joining.clock in topics:
+    joining = replace(joining, clock=_topic_of(joining.clock, topics))
+    if joining.clock is not None and joining.clock in topics:
         wanted.setdefault(joining.clock, [])
     if not topics:
         raise TraceError("the file has no topics")
@@ -45,7 +56,7 @@ def load(open_log: Callable[[Path], TopicLog], path: Path, choose: Chooser, join
     which, notes = _stamps([topics[name] for name in wanted], joining.stamps)
     read = log.read(wanted, which)
     _one_clock(read)
-    joined = join(read, joining)
+    joined = join(read, joining, early)
     columns: dict[int, Column] = {0: Column(joined.stamps)}
     for number in chosen:
         topic, field = fields[number - 1]
@@ -55,6 +66,14 @@ def load(open_log: Callable[[Path], TopicLog], path: Path, choose: Chooser, join
         return f"{heads[number].text} at sample {sample}"
 
     return Table(tuple(heads), columns, {}, place, [*log.notes, *notes, *joined.notes])
+
+
+def _topic_of(clock: str | None, topics: Mapping[str, TopicHead]) -> str | None:
+    """Return the topic of a clock that is named by one of its fields; any other name as it is."""
+    if clock is None or clock in topics:
+        return clock
+    owners = (topic.name for topic in topics.values() for field in topic.fields if topic.path(field) == clock)
+    return next(owners, clock)
 
 
 def _head(topic: TopicHead, field: str) -> Head:

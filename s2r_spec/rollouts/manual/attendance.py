@@ -12,7 +12,7 @@ from pathlib import Path
 
 from s2r_spec.backend import Coming, Needs, Operator
 from s2r_spec.errors import TraceError, UsageError
-from s2r_spec.logs import FORMATS
+from s2r_spec.logs import READABLE
 from s2r_spec.rollouts.log_folder import digest
 from s2r_spec.rollouts.log_options import LogOptions
 from s2r_spec.rollouts.manual.checks import (
@@ -181,7 +181,9 @@ class Attendance:
         if len(logs) == 1:
             return logs[0]
         if not logs:
-            self.operator.say(f"There is no log in {where}: put one there that ends in {', '.join(FORMATS)}.")
+            self.operator.say(
+                f"There is no log in {where}: put one there that ends in {', '.join(READABLE)}."
+            )
         else:
             names = ", ".join(path.name for path in logs[:5])
             self.operator.say(
@@ -192,9 +194,9 @@ class Attendance:
     def _typed(self) -> Path | None:
         """Return the path that the person types, if it can be a log."""
         path = Path(self.operator.line("Path of the log: ")).expanduser()
-        if path.suffix.lower() in FORMATS and path.is_file():
+        if path.suffix.lower() in READABLE and path.is_file():
             return path
-        self.operator.say(f"There is no log {path}: it must be a file that ends in {', '.join(FORMATS)}.")
+        self.operator.say(f"There is no log {path}: it must be a file that ends in {', '.join(READABLE)}.")
         return None
 
     def _try(self, path: Path, test: PendingTest, failure: str | None) -> bool:

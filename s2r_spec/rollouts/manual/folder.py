@@ -169,7 +169,7 @@ class TestFolder:
         return sorted(
             path
             for path in (self.root / INCOMING).iterdir()
-            if path.suffix.lower() in logs.FORMATS and not path.name.startswith(".")
+            if path.suffix.lower() in logs.READABLE and not path.name.startswith(".")
         )
 
     def taken(self, test: PendingTest) -> Path | None:

@@ -1,0 +1,62 @@
+"""Tables of several episodes, one after the other, as LeRobot writes them: a column numbers the episodes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec.errors import TraceError
+from s2r_spec.logs.table import Column, Head, Table
+
+EPISODE = "episode_index"
+"""Definition: the column that numbers the episodes of a LeRobot data set (version 3.0 of its format)."""
+
+
+def numbering(heads: Iterable[Head]) -> int | None:
+    """Return the number of the column that numbers the episodes; None if there is none."""
+    return next((number for number, head in enumerate(heads) if head.text == EPISODE), None)
+
+
+def split(table: Table, number: int) -> list[Table]:
+    """Return a table for each episode.
+
+    Args:
+        table: the table, with the column of the episodes.
+        number: number of this column.
+
+    Raises:
+        TraceError: the column is not readable, or the rows of an episode are not together.
+    """
+    column = table.columns[number]
+    if column.fault:
+        raise TraceError(f"the column {EPISODE!r} {column.fault}")
+    values = column.values
+    begins = [0, *(np.flatnonzero(values[1:] != values[:-1]) + 1).tolist()]
+    numbers = values[begins].tolist() if len(values) else []
+    repeated = next((one for place, one in enumerate(numbers) if one in numbers[:place]), None)
+    if repeated is not None:
+        raise TraceError(f"the rows of episode {repeated} are not together; sort the table by {EPISODE!r}")
+    return [_rows(table, first, end) for first, end in zip(begins, [*begins[1:], len(values)], strict=True)]
+
+
+def _rows(table: Table, first: int, end: int) -> Table:
+    columns = {number: _part(column, first, end) for number, column in table.columns.items()}
+    return replace(table, columns=columns, place=_Place(table, first))
+
+
+def _part(column: Column, first: int, end: int) -> Column:
+    missing: NDArray[np.bool_] | None = None if column.missing is None else column.missing[first:end]
+    return column if column.fault else replace(column, values=column.values[first:end], missing=missing)
+
+
+@dataclass(frozen=True)
+class _Place:
+    table: Table
+    first: int
+
+    def __call__(self, sample: int, number: int) -> str:
+        """Return the place of a sample in the file."""
+        return self.table.place(self.first + sample, number)
