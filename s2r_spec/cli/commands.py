@@ -29,7 +29,7 @@ EXAMPLES = {
     "report": "report s2r-runs/night --output night.html",
     "backends": "backends sim",
     "monitor": "monitor specs/a1_velocity.stl specs/traces/a1_velocity_fails.csv",
-    "log": "log night.mcap",
+    "log": "log specs/traces/drive.mcap",
     "fmt": "fmt --check specs/a1_velocity.stl",
     "lint": "lint specs/a1_velocity.stl",
     "examples": "examples",
@@ -51,6 +51,13 @@ class Group(TyperGroup):
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)
         self.commands = _Commands(EXAMPLES)
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Parse the options before the command's name."""
+        for parameter in self.get_params(ctx):
+            if parameter.default is None:  # a flag of typer: to convert None, it would import pydantic
+                parameter.default = False
+        return super().parse_args(ctx, args)
 
     def list_commands(self, ctx: Any) -> list[str]:
         """Return the names of all commands, in the order of the help."""
