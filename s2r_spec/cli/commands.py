@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections import UserDict
 from collections.abc import Callable
+from functools import cache
 from importlib import import_module
 from inspect import getdoc
 from typing import Any
@@ -74,10 +75,14 @@ class _Commands(UserDict[str, Any]):
     """Name → command of typer, made when it is looked up."""
 
     def __getitem__(self, name: str) -> Any:
-        example = super().__getitem__(name)
-        application = typer.Typer(add_completion=False, rich_markup_mode=None)
-        application.command(name, epilog=epilog(example, name in WITH_VERDICT))(_function(name))
-        return typer.main.get_command(application)
+        return _command(name, super().__getitem__(name))
+
+
+@cache
+def _command(name: str, example: str) -> Any:
+    application = typer.Typer(add_completion=False, rich_markup_mode=None)
+    application.command(name, epilog=epilog(example, name in WITH_VERDICT))(_function(name))
+    return typer.main.get_command(application)
 
 
 def _function(name: str) -> Callable[..., None]:
