@@ -91,7 +91,7 @@ def pools(kind: str, workers: int) -> Iterator[tuple[ExecutorFactory, Any]]:
         yield process_pool(workers), None
         return
     distributed = import_module("distributed")
-    settings = {"n_workers": workers, "threads_per_worker": 1, "dashboard_address": None, "silence_logs": 50}
+    settings = {"n_workers": workers, "threads_per_worker": 1, "dashboard_address": ":0", "silence_logs": 50}
     with distributed.LocalCluster(**settings) as cluster, distributed.Client(cluster) as client:
         yield dask_pool(cluster.scheduler_address), client
 

@@ -119,9 +119,7 @@ class MissingPackageError(UsageError):
     """A backend is installed, but a package that it needs is not."""
 
     def __init__(self, backend: str, package: str) -> None:
-        super().__init__(
-            not_installed(f"backend {backend!r} needs", [package], distribution.offering(backend))
-        )
+        super().__init__(not_installed(f"backend {backend!r} needs", package, distribution.offering(backend)))
 
 
 def require(need: str, *modules: str) -> None:
@@ -134,20 +132,25 @@ def require(need: str, *modules: str) -> None:
     Raises:
         UsageError: one of them is not installed; the message has the command that installs them all.
     """
-    if not all(map(find_spec, modules)):
-        raise UsageError(not_installed(need, modules, distribution.own()))
+    missing = [module for module in modules if find_spec(module) is None]
+    if missing:
+        raise UsageError(_not_installed(need, missing, distribution.installing(modules, distribution.own())))
 
 
-def not_installed(need: str, modules: Iterable[str], owner: Distribution | None) -> str:
-    """Return the message about modules that are not installed.
+def not_installed(need: str, module: str, owner: Distribution | None) -> str:
+    """Return the message about a module that is not installed.
 
     Args:
-        need: who needs them, with the verb, such as ``plots need``.
-        modules: names of the modules.
-        owner: the distribution of the code that needs them.
+        need: who needs it, with the verb, such as ``plots need``.
+        module: its name.
+        owner: the distribution of the code that needs it.
     """
+    return _not_installed(need, [module], distribution.installing([module], owner))
+
+
+def _not_installed(need: str, modules: Iterable[str], command: str) -> str:
     names = [distribution.package(module) for module in modules]
     missing = (
         f"the package {names[0]!r}, which is" if len(names) == 1 else f"{' and '.join(names)}, which are"
     )
-    return f"{need} {missing} not installed; try: {distribution.installing(modules, owner)}"
+    return f"{need} {missing} not installed; try: {command}"

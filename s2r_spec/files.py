@@ -7,7 +7,6 @@ a full disk, a crash or a kill the old content remains.
 from __future__ import annotations
 
 import os
-import secrets
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -75,7 +74,7 @@ def replacing(path: Path) -> Iterator[Path]:
         return
     if before is not None and not os.access(target, os.W_OK):
         raise PermissionError(13, "Permission denied", str(path))
-    temporary = target.with_name(f".{target.stem[:100]}.{secrets.token_hex(4)}.part{target.suffix[:50]}")
+    temporary = target.with_name(f".{target.stem[:100]}.{os.urandom(4).hex()}.part{target.suffix[:50]}")
     handle = os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666)
     try:
         os.close(handle)

@@ -1,6 +1,7 @@
 """Imports go one way, and the light modules stay light."""
 
 import ast
+import json
 import re
 import subprocess
 import sys
@@ -9,8 +10,10 @@ from pathlib import Path
 import pytest
 
 import s2r_spec as s2r
+from s2r_spec.cli.commands import EXAMPLES
 
-PACKAGE = Path(__file__).parents[1] / "s2r_spec"
+ROOT = Path(__file__).parents[1]
+PACKAGE = ROOT / "s2r_spec"
 SIMULATOR = PACKAGE.parent / "backends" / "s2r_sim"
 
 # A module may import those on its own line and below.
@@ -152,6 +155,51 @@ HEAVY = {
 def test_a_light_import_brings_nothing_heavy(statement):
     code = f"{statement}; import sys; print(' '.join(sys.modules))"
     assert not HEAVY & printed(code)
+
+
+def loaded(lines: list[list[str]]) -> dict[str, list[str]]:
+    """Return what each of these command lines has loaded, run one after the other by a fresh interpreter."""
+    code = f"""
+import contextlib, io, json, sys
+from s2r_spec.cli import main
+found = {{}}
+for words in {lines}:
+    sys.argv = ["s2r", *words]
+    with contextlib.suppress(SystemExit), contextlib.redirect_stdout(io.StringIO()):
+        main()
+    found[" ".join(words)] = sorted(sys.modules)
+print(json.dumps(found))
+"""
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    return json.loads(done.stdout)
+
+
+def test_no_help_loads_a_library_of_numbers_or_of_pictures():
+    every = loaded([["--help"], *([name, "--help"] for name in EXAMPLES)])
+    assert len(every) > 15
+    for words, modules in every.items():
+        assert not HEAVY & {*modules}, words
+        # Each of these takes as long as typer itself, in its other layout of a help or for the value of a flag.
+        assert not {"pydantic", "rich.console", "rich.markdown"} & {*modules}, words
+
+
+def test_a_command_that_fits_no_surrogate_loads_no_torch(tmp_path):
+    """Commands whose result needs a Gaussian process find out first whether their files exist."""
+    spec, trace = "specs/a1_velocity.stl", "specs/traces/a1_velocity_fails.csv"
+    whole = [
+        ["monitor", spec, trace], ["fmt", "--check", spec], ["lint", spec], ["log", trace], ["docs"], ["--version"],
+        ["examples", str(tmp_path / "examples")], ["backends"], ["backends", "turtlebot"], ["backends", "sim"],
+    ]  # fmt: skip
+    missing = [
+        ["check", "none.stl", "--backend", "sim"], ["plan", "none.stl", "--backend", "sim"],
+        ["gap", "none.stl", "--sim", "sim", "--real", "log:none"], ["report", "none"], ["replay", "none#1"],
+        ["certify", "none.stl", "--sim", "sim", "--real", "log:none"], ["odds", "none", "--B", "1", "--below", "0"],
+        ["diagnose", "none.stl", "--sim", "sim", "--real", "log:none"], ["choose", "none", "none"],
+    ]  # fmt: skip
+    for words, modules in loaded([*whole, *missing]).items():
+        assert not {"torch", "gpytorch", "linear_operator", "matplotlib", "mujoco", "numba"} & {*modules}, (
+            words
+        )
 
 
 def test_workers_and_the_language_need_neither_torch_nor_a_simulator():

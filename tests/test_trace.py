@@ -39,7 +39,7 @@ def test_typed_times_that_are_none():
     with pytest.raises(TraceError, match=naming("1")):
         Trace(np.array(["2024-01-01", "NaT"], "M8[s]"), {})
     with pytest.raises(TraceError, match="unit"):
-        Trace(np.array([1, 2], "m8"), {})
+        Trace(np.array([1, 2]).view("m8"), {})
 
 
 def test_channels_that_numpy_would_bend():

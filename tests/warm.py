@@ -26,6 +26,7 @@ SPEC = "signal x {m/s}\nparam p {rad} in [0, 1]\nrequire r: always[0 s, 1 s] (x 
 
 # Typer makes every command of the application anew whenever it is called: here once, for all forks.
 typer.main.get_command = functools.cache(typer.main.get_command)
+list(typer.main.get_command(app).commands.values())
 
 # One command loads what a command line loads when it is first parsed.
 with TemporaryDirectory() as folder, redirect_stdout(StringIO()), suppress(SystemExit):

@@ -19,7 +19,6 @@ import typer
 
 from s2r_spec.cli.terminal import say
 from s2r_spec.errors import ErrorCode, S2RError, StoppedError, TraceNote, UsageError
-from s2r_spec.json_objects.error import ErrorObject
 from s2r_spec.json_values import line
 from s2r_spec.printable import one_line
 
@@ -93,6 +92,8 @@ def note(sentence: str) -> None:
 
 def print_error(exit_code: ErrorCode, sentence: str) -> None:
     """Print an error as the one JSON object on stdout."""
+    from s2r_spec.json_objects.error import ErrorObject
+
     global _json_was_printed
     _json_was_printed = True
     print(line(ErrorObject(exit_code=exit_code, error=sentence)))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from pathlib import Path
 from typing import Annotated
 
@@ -13,22 +12,22 @@ from s2r_spec.cli.options import AsJson
 from s2r_spec.cli.terminal import say
 from s2r_spec.errors import UsageError
 from s2r_spec.files import save
-from s2r_spec.json_objects.specs import ExamplesObject
 from s2r_spec.json_values import line
 from s2r_spec.shipped import shipped
 
 _FIRST = "a1_velocity.stl", "traces/a1_velocity_fails.csv"
 """Definition: specification and trace of the first command to try."""
 
+Folder = Annotated[Path, typer.Argument(help="Folder for the files; made if it does not exist.")]
 
-def examples(
-    folder: Annotated[Path, typer.Argument(help="Folder for the files; made if it does not exist.")] = Path(
-        "specs"
-    ),
-    as_json: AsJson = False,
-) -> None:
+
+def examples(folder: Folder = Path("specs"), as_json: AsJson = False) -> None:
     """Write the shipped specifications and traces into a folder. No file is overwritten."""
     with sentences(as_json):
+        from shlex import join
+
+        from s2r_spec.json_objects.specs import ExamplesObject
+
         contents = _contents()
         targets = {folder / name: content for name, content in contents.items()}
         _refuse_overwriting(folder, targets)
@@ -41,7 +40,7 @@ def examples(
         for target in targets:
             print(target)
         first = (str(folder / name) for name in _FIRST)
-        say(f"Next: {shlex.join(['s2r', 'monitor', *first])}", error=True)
+        say(f"Next: {join(['s2r', 'monitor', *first])}", error=True)
 
 
 def _contents() -> dict[str, bytes]:

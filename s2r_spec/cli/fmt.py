@@ -11,7 +11,6 @@ import typer
 from s2r_spec.cli.common import sentences
 from s2r_spec.cli.terminal import say
 from s2r_spec.files import save
-from s2r_spec.json_objects.specs import FormatObject, LatexObject
 from s2r_spec.json_values import line
 
 
@@ -35,6 +34,7 @@ def fmt(
 ) -> None:
     """Format specifications in the standard layout; comments stay."""
     with sentences(as_json):
+        from s2r_spec.json_objects.specs import FormatObject, LatexObject
         from s2r_spec.lang.files import read_text
         from s2r_spec.lang.latex import to_latex
         from s2r_spec.lang.printing import format_text

@@ -9,7 +9,6 @@ import typer
 
 from s2r_spec.cli.common import sentences
 from s2r_spec.files import save
-from s2r_spec.json_objects.specs import LintFinding, LintObject
 from s2r_spec.json_values import line
 
 
@@ -25,6 +24,7 @@ def lint(
 ) -> None:
     """Report parts of a specification that are easily misread. Exit code 1 if there are any."""
     with sentences(as_json):
+        from s2r_spec.json_objects.specs import LintFinding, LintObject
         from s2r_spec.lang.files import read_text
         from s2r_spec.lang.lints import fixed
         from s2r_spec.lang.lints import lint as findings_of

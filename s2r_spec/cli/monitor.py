@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
-from rich.text import Text
 
 from s2r_spec.cli import terminal
 from s2r_spec.cli.common import answered, sentences
@@ -250,6 +249,8 @@ def _print(results: list[MonitoredTrace | UnreadTrace]) -> None:
         if isinstance(result, UnreadTrace):
             continue  # printed on stderr
         taken = ", ".join(f"{name} = {result.params[name]:g}" for name in result.from_trace)
+        from rich.text import Text
+
         head = Text(one_line(result.trace), style="bold")
         console.print(head.append(f", {taken} as recorded", style="not bold") if taken else head)
         for one in result.requirements:

@@ -11,13 +11,14 @@ import os
 import re
 import sys
 import unicodedata
-from typing import IO, Any
-
-from rich.console import Console
-from rich.text import Text
+from typing import IO, TYPE_CHECKING, Any
 
 from s2r_spec.printable import one_line, without_controls
-from s2r_spec.verdict import Verdict
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from s2r_spec.verdict import Verdict
 
 ERRORS = "s2r.readable"
 """Name of the error handler that replaces characters that an encoding lacks."""
@@ -44,7 +45,9 @@ def prepare() -> None:
 
 def console(*, stderr: bool = False) -> Console:
     """Return standard output, whose lines are not broken, or standard error, where live views fit the screen."""
-    return _Console(stderr=stderr, highlight=False, soft_wrap=not stderr)
+    from s2r_spec.cli.safe_console import SafeConsole
+
+    return SafeConsole(stderr=stderr, highlight=False, soft_wrap=not stderr)
 
 
 def say(line: object, *, error: bool = False) -> None:
@@ -54,6 +57,8 @@ def say(line: object, *, error: bool = False) -> None:
 
 def print_verdict(lines: str, verdict: Verdict) -> None:
     """Print a result of one requirement; its verdict has the verdict's colour."""
+    from rich.text import Text
+
     from s2r_spec.report.text import STYLES
 
     text = Text(lines)
@@ -74,13 +79,6 @@ def print_json(text: str) -> None:
     except (UnicodeEncodeError, LookupError):
         text = re.sub(r"[^\x00-\x7f]", _as_json, text)
     print(text)
-
-
-class _Console(Console):
-    """A console that escapes the control characters of strings."""
-
-    def print(self, *objects: Any, **how: Any) -> None:
-        super().print(*(without_controls(one) if isinstance(one, str) else one for one in objects), **how)
 
 
 class _Guarded:

@@ -22,4 +22,4 @@ def library(name: str, what: str) -> Any:
     try:
         return import_module(name)
     except ImportError:
-        raise TraceError(not_installed(f"{what} need", [name], own())) from None
+        raise TraceError(not_installed(f"{what} need", name, own())) from None

@@ -114,7 +114,7 @@ def test_a_worker_that_dies_or_hangs_counts_as_a_crash(s2r, habit, words, facts)
 def test_dask_gives_the_numbers_of_this_machine(s2r):
     distributed = pytest.importorskip("distributed", reason="the extra [dask] is not installed")
     spec = s2r.spec()
-    quiet = {"processes": False, "protocol": "tcp", "dashboard_address": None, "silence_logs": 50}
+    quiet = {"processes": False, "protocol": "tcp", "dashboard_address": ":0", "silence_logs": 50}
     with distributed.LocalCluster(1, threads_per_worker=2, **quiet) as cluster:
         words = ("check", spec, "-b", "toy", "--scheduler", cluster.scheduler_address, "-q")
         there = without_timing(s2r.json(*words, code=0))

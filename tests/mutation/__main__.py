@@ -127,7 +127,11 @@ def words_of_the_command() -> argparse.Namespace:
     parser.add_argument("--all", action="store_true", help="every mutant of every module")
     parser.add_argument("--again", action="store_true", help="only the survivors that are kept")
     parser.add_argument(
-        "--first", type=int, default=1, metavar="LINE", help="from this line on; adds to what is kept"
+        "--first",
+        type=int,
+        default=1,
+        metavar="LINE",
+        help="from this line on; adds to what is kept, and counts twice what was tried before",
     )
     parser.add_argument("--seed", type=int, default=0, help="of the random sample and of its order")
     parser.add_argument(

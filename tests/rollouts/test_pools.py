@@ -34,7 +34,7 @@ def dask_cluster(workers):
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("PYTHONPATH", str(PLUGIN), prepend=os.pathsep)
         # What another program's cluster logs is not what is tested here.
-        quiet = {"n_workers": workers, "threads_per_worker": 2, "dashboard_address": None, "silence_logs": 50}
+        quiet = {"n_workers": workers, "threads_per_worker": 2, "dashboard_address": ":0", "silence_logs": 50}
         with distributed.LocalCluster(**quiet) as cluster:
             yield cluster
 
