@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import warnings
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -14,22 +13,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from s2r_spec import stamps
 from s2r_spec.errors import TraceError, TraceNote, one_of, suggest
-from s2r_spec.instants import DATES, instant
+from s2r_spec.instants import instant
 from s2r_spec.printable import html_table, one_line
+from s2r_spec.samples import Rule, finite_seconds, inside, regular, sampling, seconds_of
+from s2r_spec.samples import between as between
 from s2r_spec.upper import upper
 
 FloatArray = NDArray[np.float64]
 
-ROUNDING = 1e-6
-"""Tolerance: rounding error of a time [sampling periods]. Twice as much changes nothing that is not rounding."""
-MOST_SAMPLES = 2**25
-"""Budget: samples of a trace that is resampled, 34 million. Twice as many take twice the memory, 0.5 GB a channel."""
 SHOWN = 8
 """Definition: signals that the one line of a trace names."""
-
-
-Rule = Literal["hold", "linear"]
-"""How a signal has a value between two samples; see :meth:`Trace.resample`."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -151,15 +144,8 @@ class Trace:
         Raises:
             TraceError: an argument is no time, the end is before the start, or no sample lies between the two.
         """
-        low, high = _seconds(start, "start"), _seconds(end, "end")
-        if high < low:
-            raise TraceError(f"the end, {high:g} s, is before the start, {low:g} s")
-        close = ROUNDING * self._period
-        first, stop = np.searchsorted(self.times, (low - close, high + close), side="left")
-        if first == stop:
-            ends = f"{instant(self.times, self.times[0])} to {instant(self.times, self.times[-1])}"
-            raise TraceError(f"no sample lies between {low:g} s and {high:g} s; the trace has {ends}")
-        return self._at(slice(first, stop), self.times[first:stop])
+        chosen = inside(self.times, seconds_of(start, "start"), seconds_of(end, "end"))
+        return self._at(chosen, self.times[chosen])
 
     def shift(self, by: Any) -> Trace:
         """Return this trace with all times later by so many seconds (or a ``timedelta``); earlier if negative.
@@ -169,7 +155,7 @@ class Trace:
         Raises:
             TraceError: the argument is not a finite duration.
         """
-        return self._at(slice(None), self.times + _finite(by, "the shift"))
+        return self._at(slice(None), self.times + finite_seconds(by, "the shift"))
 
     def resample(self, period: Any, rule: Rule | Mapping[str, Rule] = "hold") -> Trace:
         """Return this trace at regular times, from its first time on.
@@ -190,21 +176,8 @@ class Trace:
             TraceError: the period is not positive, is longer than the trace, or gives too many samples; or a rule
                 is not one of the two, or is for no channel.
         """
-        step = _finite(period, "the period")
-        if step <= 0:
-            raise TraceError(f"the period is {step:g} s; it must be positive")
-        if step > self.duration * (1 + ROUNDING):
-            raise TraceError(f"the period, {step:g} s, is longer than the trace, {self.duration:g} s")
-        if self.duration / step > MOST_SAMPLES:
-            raise TraceError(
-                f"a period of {step:g} s gives {self.duration / step:.3g} samples; s2r makes at most {MOST_SAMPLES:.3g}"
-            )
         rules = self._rules(rule)
-        count = int(self.duration / step * (1 + 1e-12) + ROUNDING) + 1
-        times = self.times[0] + step * np.arange(count)
-        close = ROUNDING * min(step, self._period)
-        at = np.searchsorted(self.times, times + close, side="right") - 1
-        times = np.where(np.abs(times - self.times[at]) <= close, self.times[at], times)
+        times, at = regular(self.times, finite_seconds(period, "the period"))
         channels = {
             name: values[at] if rules[name] == "hold" else between(times, self.times, values)
             for name, values in self.channels.items()
@@ -246,11 +219,6 @@ class Trace:
             if one not in ("hold", "linear"):
                 raise TraceError(f"the rule {one!r} of channel {name!r} is not one of hold, linear")
         return {name: given.get(name, "hold") for name in self.channels}
-
-    @property
-    def _period(self) -> float:
-        """Median time from one sample to the next [s]; 0 for a single sample."""
-        return float(np.median(np.diff(self.times))) if len(self) > 1 else 0.0
 
     # -- data frames -----------------------------------------------------------------------------------------------
 
@@ -317,7 +285,7 @@ class Trace:
         if len(self.channels) > SHOWN:
             names.append(f"and {len(self.channels) - SHOWN} more")
         failed = f"; failure: {self.failure}" if self.failure else ""
-        return f"Trace({self._sampling()}; {', '.join(names) or 'no signals'}{failed})"
+        return f"Trace({sampling(self.times)}; {', '.join(names) or 'no signals'}{failed})"
 
     def _repr_html_(self) -> str:
         """Return a small table for a notebook: range and unit of every signal."""
@@ -329,7 +297,7 @@ class Trace:
             rows.append((self._signal(name, unit=False), self.units.get(name, ""), *ends, str(missing or "")))
         failed = f"; failure: {self.failure}" if self.failure else ""
         head = ("signal", "unit", "lowest", "highest", "missing")
-        return html_table(f"Trace: {self._sampling()}{failed}", head, rows)
+        return html_table(f"Trace: {sampling(self.times)}{failed}", head, rows)
 
     def _signal(self, name: str, unit: bool = True) -> str:
         """Return a signal with the width of a vector, and with its unit."""
@@ -338,20 +306,6 @@ class Trace:
         return one_line(
             f"{name}{width} [{self.units[name]}]" if unit and name in self.units else f"{name}{width}"
         )
-
-    def _sampling(self) -> str:
-        """Return the number of samples, their rate and their span in words."""
-        first, last = self.times[0], self.times[-1]
-        if len(self) == 1:
-            return f"1 sample at {instant(self.times, first)}"
-        steps = np.diff(self.times)
-        about = "" if np.abs(steps - self._period).max() <= 0.01 * self._period else "about "
-        span = (
-            f"{instant(self.times, first)} to {instant(self.times, last)}"
-            if abs(first) < DATES
-            else f"{self.duration:.6g} s from {first:.3f} s since 1970"
-        )
-        return f"{len(self)} samples at {about}{1 / self._period:.4g} Hz, {span}"
 
 
 def _frozen(values: ArrayLike, name: str, *, dates: bool = False) -> tuple[FloatArray, str | None]:
@@ -394,33 +348,6 @@ def _filled(values: Any) -> Any:
     return values.astype(np.float64).filled(np.nan) if masked else values
 
 
-def _seconds(value: Any, what: str) -> float:
-    """Return a time or a duration in seconds.
-
-    Raises:
-        TraceError: it is neither a number nor a duration.
-    """
-    try:
-        raw = stamps.typed(np.asarray(value).reshape(1))
-        known = raw.dtype.kind in "iuf" or (raw.dtype.kind == "m" and not np.isnat(raw[0]))
-    except (TypeError, ValueError, TraceError):
-        known = False
-    if not known:
-        raise TraceError(f"{what} is {value!r}; it must be a number of seconds, or a timedelta")
-    number = float(raw[0] / np.timedelta64(1, "ns") / 1e9 if raw.dtype.kind == "m" else raw[0])
-    if math.isnan(number):
-        raise TraceError(f"{what} is {value!r}; it must be a number of seconds, or a timedelta")
-    return number
-
-
-def _finite(value: Any, what: str) -> float:
-    """Return a finite duration in seconds; see :func:`_seconds`."""
-    number = _seconds(value, what)
-    if math.isinf(number):
-        raise TraceError(f"{what} is {value!r}; it must be finite")
-    return number
-
-
 def _texts(units: Any) -> dict[str, str]:
     """Return the units after a check that they are texts.
 
@@ -447,13 +374,6 @@ def _failure(meta: Mapping[str, Any]) -> str | None:
     if isinstance(word, bool | np.bool_ | int | float):
         return "failure" if word else None
     raise TraceError(f'meta["failure"] is {word!r}; it must be a short word, such as "fall"')
-
-
-def between(times: FloatArray, own: FloatArray, values: FloatArray) -> FloatArray:
-    """Return (m,) or (m, k) values at times (m,), by linear interpolation of (n,) or (n, k) values at ``own`` (n,)."""
-    if values.ndim == 1:
-        return np.interp(times, own, values)
-    return np.stack([np.interp(times, own, column) for column in values.T], axis=1)
 
 
 def thinned(trace: Trace, step: float) -> Trace:

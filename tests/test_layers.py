@@ -35,6 +35,7 @@ LAYERS = [
     {"logs"},
     {"lang"},
     {"trace"},
+    {"samples"},
     {"files"},
     {"stamps"},
     {"instants"},

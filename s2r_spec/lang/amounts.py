@@ -42,6 +42,8 @@ def read_amount(value: Any, unit: Unit, name: str) -> float:
     Raises:
         UsageError: it is none of these, or its unit does not fit.
     """
+    if type(value) is float:  # the common case, once for each rollout
+        return value
     what = f"{name} = {str(value) if isinstance(value, Quantity) else repr(value)}"
     if isinstance(value, str):
         match = _TEXT.fullmatch(value)

@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Any, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,8 +25,8 @@ from s2r_spec.errors import TraceError, one_of, suggest
 from s2r_spec.logs.dates import text
 from s2r_spec.logs.table import Column
 from s2r_spec.logs.topics.topic import Stamps, Topic
+from s2r_spec.samples import Rule
 
-Rule = Literal["hold", "linear"]
 RULES: tuple[Rule, ...] = get_args(Rule)
 FloatArray = NDArray[np.float64]
 NANOSECOND = Fraction(1, 10**9)
