@@ -10,7 +10,7 @@ from typing import Any
 
 from s2r_spec import logs
 from s2r_spec.backend import Backend, HasPictures, is_exclusive, short
-from s2r_spec.errors import UsageError
+from s2r_spec.errors import UnknownBackendError, UsageError
 from s2r_spec.files import saving
 from s2r_spec.printable import one_line
 from s2r_spec.rollouts.journal import Journal, Record
@@ -155,7 +155,13 @@ def _scorer(spec: Spec, header: Mapping[str, Any], journal: Journal, passed: Bac
     """
     requirement, name, duration = header["requirement"], header["backend"], header["duration"]
     backend = name if passed is None else passed
-    own = Scorer.for_spec(spec, requirement, backend)
+    try:
+        own = Scorer.for_spec(spec, requirement, backend)
+    except UnknownBackendError:
+        raise UsageError(
+            f"the backend {name!r} of {journal.folder} is not installed; if the run had an object, repeat its rollout "
+            f"from Python: s2r.replay(rollout, backend)"
+        ) from None
     if duration > own.backend.duration:
         raise UsageError(
             f"{journal.path}:1: duration is {duration:g} s, but rollouts of {name} now last "

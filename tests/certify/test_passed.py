@@ -110,7 +110,7 @@ def test_a_run_of_an_object_goes_on_and_its_rollouts_are_repeated(spec, tmp_path
     again = s2r.replay(lowest, robot)
     assert again.same
     assert again.trace["vx"].shape == (151,)
-    with pytest.raises(UsageError, match=naming("'glides'")):
+    with pytest.raises(UsageError, match=naming("'glides'", "s2r.replay(rollout, backend)")):
         s2r.replay(lowest)
 
 
