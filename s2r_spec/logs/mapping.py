@@ -7,8 +7,9 @@ from 0 or 1 without a gap. ``position[3]`` is one component of either form.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from difflib import get_close_matches
 
 from s2r_spec.errors import NoTimesError, TraceError, UsageError, one_of, suggest
 from s2r_spec.lang.units import UnknownUnitError, parse_unit
@@ -113,7 +114,10 @@ def _everything(names: _Names, times: tuple[int, ...], columns: Mapping[str, str
     names_in_file: dict[str, None] = {
         head.name: None
         for i, head in enumerate(names.heads)
-        if head.name and i not in times and (head.name.isidentifier() or not request.identifiers)
+        if head.name
+        and i not in times
+        and not head.fault
+        and (head.name.isidentifier() or not request.identifiers)
     }
     own = [name for name in names_in_file if name not in mapped_columns and name not in columns]
     for name in mapped:
@@ -149,7 +153,7 @@ class _Names:
         if self._numbered is None:
             self._numbered = defaultdict(lambda: defaultdict(list))
             for number, head in enumerate(self.heads):
-                for stem, separator, index in _numbered(head):
+                for stem, separator, index in () if head.fault else _numbered(head):
                     self._numbered[stem, separator][index].append(number)
         return self._numbered
 
@@ -182,11 +186,13 @@ class _Names:
     def _missing(self, text: str, name: str) -> TraceError:
         """Return the error for a channel whose column the file lacks; it lists the file's names."""
         names = dict.fromkeys(
-            head.text for number, head in enumerate(self.heads) if head.name and number not in self.taken
+            head.text
+            for number, head in enumerate(self.heads)
+            if head.name and number not in self.taken and not head.fault
         )
         mapped = "" if name != text else f". Map one of them, as in --map {name}=NAME"
         return TraceError(
-            f"the trace has no channel {text!r}{suggest(text, names)} it has {one_of(names)}{mapped}"
+            f"the trace has no channel {text!r}{suggest(text, names)} it has {_likely(text, names)}{mapped}"
         )
 
     def own(self, name: str, times: Sequence[int]) -> Channel:
@@ -235,6 +241,8 @@ class _Names:
     def _exact(self, name: str, text: str, exact: Sequence[int]) -> Channel:
         """Return the channel of the columns with exactly this name."""
         plain = [number for number in exact if self.heads[number].index is None]
+        if len(exact) == 1 and (fault := self.heads[exact[0]].fault):
+            raise TraceError(f"{quoted(text)} {fault}")
         if len(plain) == 1 == len(exact):
             return Channel(name, (Part(plain[0]),), False)
         if plain:
@@ -329,6 +337,10 @@ class _Names:
             TraceError: there is none; the message lists all columns.
         """
         exact = [number for number in self.by_name.get(text, []) if self.heads[number].index is None]
+        if exact and (fault := self.heads[exact[0]].fault):
+            raise TraceError(
+                f"{quoted(text)} {fault}; --clock and --stamps choose the times of a log of topics"
+            )
         if len(exact) > 1:
             raise TraceError(
                 f"{len(exact)} columns are called {text!r}; only one may hold the times, so rename the others"
@@ -341,7 +353,7 @@ class _Names:
             return pair
         if (loose := self._loose(text)) is not None:
             return (loose.number,)
-        names = dict.fromkeys(head.text for head in self.heads if head.name)
+        names = dict.fromkeys(head.text for head in self.heads if head.name and not head.fault)
         likely = next((name for name in names if TIME_WORDS & {*_words(name)}), "time")
         for stem, (whole, below) in self._halves().items():
             likely = stem or f"{self.heads[whole].name}+{self.heads[below].name}"
@@ -371,7 +383,7 @@ class _Names:
         for name in (whole.strip(), below.strip()):
             heads = [number for number in self.by_name.get(name, []) if self.heads[number].index is None]
             if len(heads) != 1:
-                names = dict.fromkeys(head.text for head in self.heads if head.name)
+                names = dict.fromkeys(head.text for head in self.heads if head.name and not head.fault)
                 raise TraceError(
                     f"there is no column {name!r}{suggest(name, names)} the columns are {one_of(names)}"
                 )
@@ -399,6 +411,21 @@ class _Names:
             for stem in whole
             if len(whole[stem]) == 1 == len(below.get(stem, []))
         }
+
+
+_SHOWN = 12
+"""Budget: names that an error lists in full. Twice as many make it twice as long."""
+
+
+def _likely(text: str, names: Collection[str]) -> str:
+    """Return the names for an error: all, or of many the fields of the topic that was named, else the closest."""
+    if len(names) <= _SHOWN:
+        return one_of(names)
+    below = [name for name in names if name.startswith(f"{text}.")]
+    close = below[:_SHOWN] or get_close_matches(text, list(names)[:10_000], n=_SHOWN // 2, cutoff=0.5)
+    if not close:
+        return f"{one_of(names)} (`s2r log` lists the names)"
+    return f"{one_of(close)} and {len(names) - len(close)} more, which `s2r log` lists"
 
 
 TIME_WORDS = frozenset(("time", "times", "timestamp", "stamp", "stamps", "clock", "datetime"))

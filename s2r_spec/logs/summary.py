@@ -99,7 +99,10 @@ def summary(path: Path, columns: Mapping[str, str] | None = None, time_unit: str
                 head.kind,
                 [np.sort(topics[head.name].stamps)],
                 [FieldSummary(head.path(name), head.units.get(name)) for name in head.fields],
-                [f"{head.path(name)} {fault}" for name, fault in head.faults.items()],
+                [
+                    *(f"{head.path(name)} {fault}" for name, fault in head.faults.items()),
+                    *([] if head.fields or head.faults else ["its messages hold no numbers that s2r reads"]),
+                ],
             )
             for head in log.heads
         ),

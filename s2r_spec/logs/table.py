@@ -29,11 +29,13 @@ class Head:
         name: name without unit and number.
         index: number of the component, if the format numbers components of a vector (``u[0]`` in CSV); else None.
         unit: unit as written; None if there is none.
+        fault: why the column cannot be read, as text after its name; "" if it can, as far as its head tells.
     """
 
     name: str
     index: int | None = None
     unit: str | None = None
+    fault: str = ""
 
     @property
     def text(self) -> str:

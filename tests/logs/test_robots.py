@@ -1,0 +1,141 @@
+"""Logs as real robots leave them: clocks that begin anew, unset stamps, several senders of one topic, silences."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from s2r_spec import logs
+from s2r_spec.errors import TraceError
+from s2r_spec.logs.topics.join import Joining
+from tests.errors import naming, states
+from tests.logs import robot_logs
+
+SPEED = {"vx": "/odom.twist.linear.x"}
+RECEIVED = Joining(stamps="received")
+
+
+def bag(folder: Path, rows) -> Path:
+    """Write a ROS 2 bag.
+
+    Args:
+        folder: the bag.
+        rows: (received [s], topic, type, arguments of its message as a function of the types).
+    """
+    from rosbags.rosbag2 import Writer
+    from rosbags.rosbag2.enums import StoragePlugin
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    connections = {}
+    with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        for received, topic, kind, make in rows:
+            if topic not in connections:
+                connections[topic] = writer.add_connection(topic, kind, typestore=store)
+            at = robot_logs.EPOCH + round(received * 1e9)
+            writer.write(connections[topic], at, store.serialize_cdr(make(store.types), kind))
+    return folder
+
+
+def header(types, stamp):
+    time = types["builtin_interfaces/msg/Time"](sec=int(stamp // 1), nanosec=round(stamp % 1 * 1e9))
+    return types["std_msgs/msg/Header"](stamp=time, frame_id="")
+
+
+def speed(received, stamp, value, topic="/odom"):
+    """Return a row with a velocity, stamped by its sender [s]."""
+
+    def make(types):
+        vector, still = types["geometry_msgs/msg/Vector3"], (0.0, 0.0, 0.0)
+        twist = types["geometry_msgs/msg/Twist"](vector(float(value), 0.0, 0.0), vector(*still))
+        return types["geometry_msgs/msg/TwistStamped"](header=header(types, stamp), twist=twist)
+
+    return received, topic, "geometry_msgs/msg/TwistStamped", make
+
+
+def joints(received, positions):
+    """Return a row with joint states: name → position."""
+
+    def make(types):
+        empty = np.zeros(0)
+        return types["sensor_msgs/msg/JointState"](
+            header(types, received), list(positions), np.array([*positions.values()], dtype=float), empty, empty
+        )
+
+    return received, "/joint_states", "sensor_msgs/msg/JointState", make
+
+
+def text(received, content):
+    return received, "/mode", "std_msgs/msg/String", lambda types: types["std_msgs/msg/String"](data=content)
+
+
+def test_headers_of_a_simulation_that_began_anew_are_not_mixed(tmp_path):
+    rows = [speed(k * 0.1, 5.0 + k % 50 * 0.1, k >= 50) for k in range(100)]
+    path = bag(tmp_path / "bag", rows)
+    with pytest.raises(TraceError, match=naming("/odom", "4.9 s", "message 51", "--stamps received")):
+        logs.load(path, SPEED, {"vx": None})
+    trace = logs.load(path, SPEED, {"vx": None}, joining=RECEIVED).trace
+    assert trace["vx"].tolist() == [0.0] * 50 + [1.0] * 50
+
+
+def test_times_of_a_file_that_begin_anew_are_not_mixed(tmp_path):
+    import h5py
+
+    with h5py.File(tmp_path / "two.h5", "w") as stream:
+        stream["t"], stream["vx"] = np.tile(np.arange(50) * 0.1, 2), np.repeat([0.0, 1.0], 50)
+    with pytest.raises(TraceError, match=naming("4.9 s", "message 51")):
+        logs.load(tmp_path / "two.h5", None, {"vx": None})
+
+
+def test_messages_out_of_order_by_a_little_are_sorted(tmp_path):
+    rows = [speed(k * 0.1, 5.0 + (k ^ 1) * 0.1, k ^ 1) for k in range(20)]
+    trace = logs.load(bag(tmp_path / "bag", rows), SPEED, {"vx": None}).trace
+    assert trace["vx"].tolist() == list(range(20))
+
+
+def test_a_stamp_that_was_not_set_is_no_date(tmp_path):
+    rows = [speed(k * 0.1, 0.0 if k in (0, 7) else 5.0 + k * 0.1, k) for k in range(20)]
+    found = logs.load(bag(tmp_path / "some", rows), SPEED, {"vx": None})
+    assert found.trace["vx"].tolist() == [k for k in range(20) if k not in (0, 7)]
+    assert any(states(note, "2 messages", "/odom") for note in found.notes)
+    path = bag(tmp_path / "all", [speed(k * 0.1, 0.0, k) for k in range(20)])
+    with pytest.raises(TraceError, match=naming("/odom", "--stamps received")):
+        logs.load(path, SPEED, {"vx": None})
+    assert len(logs.load(path, SPEED, {"vx": None}, joining=RECEIVED).trace) == 20
+
+
+def test_a_clock_may_begin_at_zero(tmp_path):
+    path = bag(tmp_path / "bag", [speed(k * 0.1, k * 0.1, k) for k in range(20)])
+    assert logs.load(path, SPEED, {"vx": None}).trace["vx"].tolist() == list(range(20))
+
+
+def test_several_senders_of_joint_states_are_told_apart(tmp_path):
+    rows = []
+    for k in range(20):
+        rows += [joints(k * 0.1, {"hip": k, "knee": -k}), joints(k * 0.1 + 0.01, {"finger": 9.0})]
+    path = bag(tmp_path / "bag", rows)
+    one = logs.load(path, {"q": "/joint_states.position.finger"}, {"q": None})
+    assert one.trace["q"].tolist() == [9.0] * 20
+    columns = {"q[0]": "/joint_states.position.knee", "q[1]": "/joint_states.position.hip"}
+    both = logs.load(path, columns, {"q": 2})
+    assert both.trace["q"].tolist() == [[-k, k] for k in range(20)]
+    assert any(states(note, "20 messages", "/joint_states") for note in both.notes)
+
+
+def test_a_vector_whose_joints_change_places_is_refused(tmp_path):
+    rows = [
+        joints(k * 0.1, {"hip": 1.0, "knee": 2.0} if k % 2 else {"knee": 2.0, "hip": 1.0}) for k in range(9)
+    ]
+    path = bag(tmp_path / "bag", rows)
+    for column in ("/joint_states.position", "/joint_states.position[0]"):
+        with pytest.raises(TraceError, match=naming("/joint_states.position.knee")):
+            logs.load(path, {"q": column}, {"q": None if column.endswith("]") else 2})
+
+
+def test_a_field_without_numbers_is_named_with_what_it_holds(tmp_path):
+    path = bag(tmp_path / "bag", [text(0.0, "walk"), speed(0.1, 0.1, 0)])
+    for column, held in (("/mode.data", "text"), ("/odom.header.stamp", "time")):
+        with pytest.raises(TraceError, match=naming(column, held)):
+            logs.load(path, {"vx": column}, {"vx": None})
+    with pytest.raises(TraceError, match=naming("/odom.header.stamp", "--stamps")):
+        logs.load(path, {"t": "/odom.header.stamp", **SPEED}, {"vx": None})
