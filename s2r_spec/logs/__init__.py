@@ -182,6 +182,8 @@ def _of_topics(
 
 def _ending(path: Path, allowed: Sequence[str]) -> str:
     ending = path.suffix.lower()
+    if ending not in allowed and path.is_dir():
+        raise TraceError(formats.why_not_a_bag(path))
     if ending not in allowed:
         raise TraceError(
             f"{path}: the ending {ending!r} is not a trace format; use one of {', '.join(allowed)}"

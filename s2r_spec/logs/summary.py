@@ -106,7 +106,7 @@ def summary(path: Path, columns: Mapping[str, str] | None = None, time_unit: str
             )
             for head in log.heads
         ),
-        tuple(log.notes),
+        tuple(log.notes) if log.heads else (*log.notes, "the file has no topics"),
     )
 
 

@@ -5,9 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from s2r_spec import logs
-from s2r_spec.errors import TraceError
+from s2r_spec import logs, parse_spec
+from s2r_spec.errors import TraceError, UsageError
 from s2r_spec.logs.topics.join import Joining
+from s2r_spec.rollouts.excerpts import Excerpts, Source, excerpt, read_sources
 from tests.errors import naming, states
 from tests.logs import robot_logs
 
@@ -59,7 +60,11 @@ def joints(received, positions):
     def make(types):
         empty = np.zeros(0)
         return types["sensor_msgs/msg/JointState"](
-            header(types, received), list(positions), np.array([*positions.values()], dtype=float), empty, empty
+            header(types, received),
+            list(positions),
+            np.array([*positions.values()], dtype=float),
+            empty,
+            empty,
         )
 
     return received, "/joint_states", "sensor_msgs/msg/JointState", make
@@ -139,3 +144,64 @@ def test_a_field_without_numbers_is_named_with_what_it_holds(tmp_path):
             logs.load(path, {"vx": column}, {"vx": None})
     with pytest.raises(TraceError, match=naming("/odom.header.stamp", "--stamps")):
         logs.load(path, {"t": "/odom.header.stamp", **SPEED}, {"vx": None})
+
+
+SPEC = parse_spec(robot_logs.SPEC)
+COMMAND = {"vx_cmd": "/cmd.twist.linear.x"}
+TEST = {"vd": Source(COMMAND["vx_cmd"], 0.0)}
+
+
+def drive(folder: Path, without=(), clock: bool = False) -> Path:
+    """Write a drive that follows a step of the command at 1 s, without the messages of /odom between two times [s]."""
+    rows = []
+    for k in range(200):
+        at = k * 0.02
+        if not (without and without[0] < at < without[1]):
+            rows.append(speed(at, at + 50.0, 0.3 * (at >= 1.0)))
+        if k % 5 == 0:
+            rows.append(speed(at + 0.001, at + 50.001, 0.3 * (at >= 1.0), "/cmd"))
+        if clock:
+            rows += [speed(at + shift, at + shift + 50.0, 0.0, "/imu") for shift in (0.002, 0.012)]
+    return bag(folder, rows)
+
+
+def cut_out(path: Path, joining: Joining | None = None, **options):
+    given = {"when": "vx_cmd > 0.05", "sources": TEST} | options
+    excerpts = Excerpts({**SPEED, **COMMAND}, None, joining, **given)
+    return excerpt(path, SPEC.signals, {"vx": None}, SPEC.horizon(), excerpts)
+
+
+@pytest.mark.parametrize("clock", [None, "/imu"])
+def test_a_sensor_that_is_silent_in_an_episode_is_named(clock, tmp_path):
+    joining = Joining(clock=clock)
+    loud = cut_out(drive(tmp_path / "loud", clock=bool(clock)), joining)
+    outside = cut_out(drive(tmp_path / "outside", (0.2, 0.8), bool(clock)), joining)
+    silent = cut_out(drive(tmp_path / "silent", (1.4, 2.1), bool(clock)), joining)
+    assert not [note for found in (loud, outside) for note in found.notes if "episode 1," in note]
+    (note,) = (note for note in silent.notes if "episode 1," in note)
+    assert states(note, "/odom", "0.02 s")
+
+
+def test_commands_are_held_where_signals_are_interpolated(tmp_path):
+    path = drive(tmp_path / "bag", clock=True)
+    for clock in ("/odom", "/imu"):
+        (episode,) = cut_out(path, Joining(clock, "linear")).episodes
+        assert episode.values["vd"] == (0.3, "")
+        assert episode.begins == pytest.approx(1.0, abs=0.021)
+    with pytest.raises(UsageError, match="vd"):
+        read_sources(["vd=a@0", "vd=b@0"])
+
+
+def test_a_test_parameter_after_the_episode_is_refused(tmp_path):
+    path = drive(tmp_path / "bag")
+    (episode,) = cut_out(path, sources={"vd": Source(COMMAND["vx_cmd"], 1.5)}).episodes
+    assert episode.values["vd"] == (0.3, "")
+    with pytest.raises(TraceError, match=naming("vd", "9 s", "1.5 s")):
+        cut_out(path, sources={"vd": Source(COMMAND["vx_cmd"], 9.0)})
+
+
+@pytest.mark.parametrize(("start", "facts"), [(9.0, ["3.96 s", "9 s"]), (1.41, ["1.41 s", "1.91 s"])])
+def test_an_episode_that_the_log_does_not_have_is_named(start, facts, tmp_path):
+    path = drive(tmp_path / "bag", (1.4, 2.1))
+    with pytest.raises(TraceError, match=naming(path.name, *facts)):
+        cut_out(path, when=None, start=start, duration=0.5)

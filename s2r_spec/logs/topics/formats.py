@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+from s2r_spec.errors import one_of
 from s2r_spec.logs.topics.hdf5 import open_hdf5
 from s2r_spec.logs.topics.matlab import open_matlab
 from s2r_spec.logs.topics.rosbag import RosBag
@@ -17,6 +18,17 @@ FORMATS: dict[str, Callable[[Path], TopicLog]] = {
 }  # fmt: skip
 METADATA = "metadata.yaml"
 """Definition: the file that marks a folder as a ROS 2 bag."""
+
+
+def why_not_a_bag(folder: Path) -> str:
+    """Return why a folder cannot be read as one log, with what to do."""
+    files = [file.name for file in folder.iterdir() if file.suffix.lower() in FORMATS]
+    if not files:
+        return f"{folder} is a folder, and no ROS 2 bag: it has no {METADATA}; name a file, or the folder of a bag"
+    return (
+        f"{folder} has no {METADATA}, so its recording did not end well: `ros2 bag reindex {folder}` writes one; "
+        f"or name one of its files, {one_of(files)}"
+    )
 
 
 def opener(path: Path) -> Callable[[Path], TopicLog] | None:

@@ -36,6 +36,8 @@ def load(
         TraceError: the file is damaged, its topics have no time in common, or their stamps come from several clocks.
     """
     log = open_log(path)
+    if not log.heads:
+        raise TraceError("the file has no topics")
     heads: list[Head] = [Head(TIME)]
     fields: list[tuple[TopicHead, str]] = []
     for topic in log.heads:
@@ -53,8 +55,6 @@ def load(
     joining = replace(joining, clock=_topic_of(joining.clock, topics))
     if joining.clock is not None and joining.clock in topics:
         wanted.setdefault(joining.clock, [])
-    if not topics:
-        raise TraceError("the file has no topics")
     if not wanted:  # what is missing is said later; a trace has stamps
         wanted[max(log.heads, key=lambda topic: topic.count).name] = []
     which, notes = _stamps([topics[name] for name in wanted], joining.stamps)
@@ -72,7 +72,7 @@ def load(
     def place(sample: int, number: int) -> str:
         return f"{heads[number].text} at sample {sample}"
 
-    return Table(tuple(heads), columns, {}, place, [*log.notes, *notes, *joined.notes])
+    return Table(tuple(heads), columns, {}, place, [*log.notes, *notes, *joined.notes], joined.arrivals)
 
 
 def _topic_of(clock: str | None, topics: Mapping[str, TopicHead]) -> str | None:
