@@ -1,7 +1,8 @@
 """Map the columns of a file to channels, from their names, the channels of the spec, and ``--map``.
 
 A vector is one column of lists, or one column per component: ``q[0]``, ``q_0``, ``q.0``, ``q/0`` or ``q0``, numbered
-from 0 or 1 without a gap. ``position[3]`` is one component of either form.
+from 0 or 1 without a gap. ``position[3]`` is one component of either form. ``v [m/s]`` states the unit of a column that
+has none in the file.
 """
 
 from __future__ import annotations
@@ -109,8 +110,13 @@ def _everything(names: _Names, times: tuple[int, ...], columns: Mapping[str, str
     """Return a plan with every column as a channel, under its own name unless it is mapped."""
     channels, faults = [], {}
     mapped_columns = set(columns.values())
-    components = {name.partition("[")[0] for name in columns if name.endswith("]") and "[" in name}
-    mapped = [*(name for name in columns if not (name.endswith("]") and "[" in name)), *components]
+    components = {
+        name for name, text in columns.items() if name.endswith("]") and "[" in name and name != text
+    }
+    mapped = [
+        *(name for name in columns if name not in components),
+        *{name.partition("[")[0] for name in components},
+    ]
     names_in_file: dict[str, None] = {
         head.name: None
         for i, head in enumerate(names.heads)
@@ -164,7 +170,9 @@ class _Names:
             TraceError: no column makes it, or the choice is ambiguous.
         """
         parts = {
-            key: text for key, text in columns.items() if key.startswith(f"{name}[") and key.endswith("]")
+            key: text
+            for key, text in columns.items()
+            if key.startswith(f"{name}[") and key.endswith("]") and key != text
         }
         if parts:
             return self._by_parts(name, width, parts)
@@ -176,6 +184,8 @@ class _Names:
             return Channel(name, (component,), False)
         if (loose := self._loose(text)) is not None:
             return Channel(name, (loose,), False)
+        if (stated := self._stated(text)) is not None:
+            return Channel(name, (stated,), False)
         if width is not None and (group := self._group(text, width)) is not None:
             return Channel(name, group, True)
         hint = ""
@@ -223,7 +233,7 @@ class _Names:
                     f"--map {key}={text}: {digits!r} is not the number of a component; numbers begin at 0"
                 )
             exact = [n for n in self.by_name.get(text, []) if self.heads[n].index is None]
-            part = Part(exact[0]) if len(exact) == 1 else self._component(text)
+            part = Part(exact[0]) if len(exact) == 1 else self._component(text) or self._stated(text)
             if part is None:
                 raise self._missing(text, key)
             parts[int(digits)] = part
@@ -291,6 +301,27 @@ class _Names:
             if unit is not None and unit[0] == text and head.unit is None and _is_unit(unit[1]):
                 parts.append(Part(number, None, unit[1]))
         return parts[0] if len(parts) == 1 else None
+
+    def _stated(self, text: str) -> Part | None:
+        """Return the column without a unit for which ``v [m/s]`` states one; None if there is no such column.
+
+        Raises:
+            TraceError: the column has another unit in the file.
+        """
+        split = time_units.bracketed(text)
+        if split is None or not _is_unit(split[1]):
+            return None
+        name, unit = split
+        exact = [number for number in self.by_name.get(name, []) if self.heads[number].index is None]
+        part = Part(exact[0]) if len(exact) == 1 else self._component(name)
+        if part is None or self.heads[part.number].fault:
+            return None
+        written = self.heads[part.number].unit
+        if written not in (None, unit):
+            raise TraceError(
+                f"the unit of {quoted(name)} is {quoted(written)} in the file, not {quoted(unit)}; leave out [{unit}]"
+            )
+        return replace(part, unit=unit)
 
     def _group(self, text: str, width: int) -> tuple[Part, ...] | None:
         """Return the numbered columns of a vector; None if there are none.

@@ -13,15 +13,19 @@ from s2r_spec import logs
 from s2r_spec.errors import TraceError, UsageError
 from s2r_spec.lang.declarations import Signal
 from s2r_spec.lang.lexing import names
+from s2r_spec.lang.units import parse_unit
 from s2r_spec.logs.episodes import Cut, cut, part
 from s2r_spec.logs.interpret import Loaded
 from s2r_spec.logs.mapping import ANY
+from s2r_spec.logs.time_units import bracketed
 from s2r_spec.logs.topics.formats import opener
 from s2r_spec.logs.topics.join import Joining
 from s2r_spec.spec import Spec, parse_spec
 from s2r_spec.trace import Trace
 
 _CONDITION = "when"
+_SI = {parse_unit(text).dimension: text for text in ("rad/s", "m", "m/s", "m/s^2", "s", "K", "rad")}
+"""Definition: units of SI that a sentence shows as an example; a rate in 1/s is most often one of angle."""
 _SILENT = 5.0
 """A tolerance: periods of a topic without a message of it, from which on a note says so. Twice as many hide silences
 twice as long."""
@@ -108,7 +112,7 @@ class Excerpts:
         """Return how topics are joined; commands are held, because nobody sends a value between two of them."""
         if self.joining is None:
             return None
-        stems = {name.rpartition("[")[0] for name in self.commands if name.endswith("]")}
+        stems = {split[0] for name in self.commands if (split := bracketed(name)) is not None}
         return replace(self.joining, held=self.commands | stems)
 
 
@@ -197,13 +201,54 @@ def excerpt(
         for number, (loaded, span) in enumerate(spans, 1)
     )
     notes = dict.fromkeys(note for loaded in found for note in loaded.notes)
+    assumed = [] if opener(path) is None else _assumed(kept, episodes[0], signals, excerpts)
     silences = [
         sentence
         for number, (loaded, span) in enumerate(spans, 1)
         for sentence in _silences(loaded, span, excerpts, f"in episode {number}, " if several else "")
     ]
     return Excerpt(
-        episodes, (*notes, *sentences, *silences), found[0].begins, tuple(sentences), found[0].left_out
+        episodes,
+        (*notes, *assumed, *sentences, *silences),
+        found[0].begins,
+        tuple(sentences),
+        found[0].left_out,
+    )
+
+
+def _assumed(
+    kept: Sequence[str], episode: Episode, signals: Mapping[str, Signal], excerpts: Excerpts
+) -> list[str]:
+    """Return a sentence for each signal without a unit in the log whose declared unit is not that of SI.
+
+    Robots' logs are in SI units as a rule (REP 103 of ROS), so that a declaration in degrees is likely to misread them.
+    """
+    columns = {name: excerpts.columns.get(name, name) for name in kept if name in signals}
+    return [
+        sentence
+        for name, column in columns.items()
+        if not episode.trace.units.get(name)
+        if (sentence := assumed(column, signals[name].unit, f"--map '{name}={column} [UNIT]'"))
+    ]
+
+
+def assumed(column: str, declared: str, remedy: str) -> str:
+    """Return a sentence on a column without a unit that is read in a declared unit; "" if this is of SI.
+
+    Args:
+        column: name of the column.
+        declared: the unit in the specification.
+        remedy: the option that states the unit, with UNIT in its place.
+    """
+    unit = parse_unit(declared)
+    mass = dict(unit.dimension).get("[mass]", 0.0)
+    if math.isclose(unit.factor, 1000.0**mass) and not unit.offset:
+        return ""
+    known = unit.dimension or "deg" in declared
+    likely = _SI.get(unit.dimension, "UNIT") if known else "UNIT"
+    return (
+        f"{column} has no unit in the log, and is read in {declared}; if that is wrong, state its unit, such as "
+        f"{remedy.replace('UNIT', likely)}"
     )
 
 

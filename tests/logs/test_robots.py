@@ -5,10 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from s2r_spec import logs, parse_spec
+from s2r_spec import load_backend, logs, parse_spec
 from s2r_spec.errors import TraceError, UsageError
 from s2r_spec.logs.topics.join import Joining
 from s2r_spec.rollouts.excerpts import Excerpts, Source, excerpt, read_sources
+from s2r_spec.rollouts.log_folder import LogError
 from tests.errors import naming, states
 from tests.logs import robot_logs
 
@@ -154,7 +155,7 @@ TEST = {"vd": Source(COMMAND["vx_cmd"], 0.0)}
 def drive(folder: Path, without=(), clock: bool = False) -> Path:
     """Write a drive that follows a step of the command at 1 s, without the messages of /odom between two times [s]."""
     rows = []
-    for k in range(200):
+    for k in range(140):
         at = k * 0.02
         if not (without and without[0] < at < without[1]):
             rows.append(speed(at, at + 50.0, 0.3 * (at >= 1.0)))
@@ -200,8 +201,69 @@ def test_a_test_parameter_after_the_episode_is_refused(tmp_path):
         cut_out(path, sources={"vd": Source(COMMAND["vx_cmd"], 9.0)})
 
 
-@pytest.mark.parametrize(("start", "facts"), [(9.0, ["3.96 s", "9 s"]), (1.41, ["1.41 s", "1.91 s"])])
+@pytest.mark.parametrize(("start", "facts"), [(9.0, ["2.76 s", "9 s"]), (1.41, ["1.41 s", "1.91 s"])])
 def test_an_episode_that_the_log_does_not_have_is_named(start, facts, tmp_path):
     path = drive(tmp_path / "bag", (1.4, 2.1))
     with pytest.raises(TraceError, match=naming(path.name, *facts)):
         cut_out(path, when=None, start=start, duration=0.5)
+
+
+def test_a_unit_that_the_log_lacks_is_stated_or_named(tmp_path):
+    path = bag(tmp_path / "bag", [speed(k * 0.1, 5.0 + k * 0.1, 0.5) for k in range(20)])
+    field = "/odom.twist.linear.x"
+    for unit, expected in (("deg/s", 1), ("rad/s", 0), ("N", 0), ("1", 0)):
+        spec = parse_spec(f"signal w {{{unit}}}\nrequire r: always (abs(w) <= 10 {{{unit}}})")
+        found = excerpt(path, spec.signals, {"w": None}, spec.horizon(), Excerpts({"w": field}))
+        assert sum(states(note, field, unit) for note in found.notes) == expected
+    spec = parse_spec("signal w {deg/s}\nrequire r: always (abs(w) <= 10 {deg/s})")
+    stated = excerpt(path, spec.signals, {"w": None}, spec.horizon(), Excerpts({"w": f"{field} [rad/s]"}))
+    assert not any(states(note, "deg/s") for note in stated.notes)
+    assert spec.robustness(stated.episodes[0].trace)["r"] == pytest.approx(10 - np.rad2deg(0.5))
+
+
+def test_a_stated_unit_counts_in_conditions_and_for_parameters(tmp_path):
+    columns = {**SPEED, "vx_cmd": f"{COMMAND['vx_cmd']} [m/s]"}
+    source = {"vd": Source(f"{COMMAND['vx_cmd']}[cm/s]", 0.0)}
+    excerpts = Excerpts(columns, when="vx_cmd > 5 {cm/s}", sources=source, joining=Joining(rule="linear"))
+    path = drive(tmp_path / "bag")
+    (episode,) = excerpt(path, SPEC.signals, {"vx": None}, SPEC.horizon(), excerpts).episodes
+    assert episode.texts() == ["vd=0.3 cm/s"]
+
+
+def test_a_stated_unit_must_not_contradict_the_file(tmp_path):
+    (tmp_path / "a.csv").write_text("t,v [m/s],w,q_0,q_1\n0,1,2,3,4\n1,1,2,3,4\n")
+    read = logs.load(tmp_path / "a.csv", {"a": "w (rad)", "b": "q_1 [m]"}, {"a": None, "b": None}).trace
+    assert read.units == {"a": "rad", "b": "m"}
+    with pytest.raises(TraceError, match=naming("m/s", "rad")):
+        logs.load(tmp_path / "a.csv", {"a": "v [rad]"}, {"a": None})
+
+
+@pytest.mark.filterwarnings("ignore::s2r_spec.errors.TraceNote")
+def test_a_parameter_may_be_a_component_of_a_vector(tmp_path):
+    path = bag(tmp_path / "night" / "bag", [joints(k * 0.1, {"hip": 1.0, "knee": k}) for k in range(20)])
+    text = f"log:{path.parent}?map=q=/joint_states.position.hip&param=vd=/joint_states.position[1]@0.5&duration=1"
+    (recording,) = load_backend(text).recordings
+    assert dict(recording.params) == {"vd": 5.0}
+
+
+@pytest.mark.parametrize("name", ["deeper", "packed", "broken"])
+@pytest.mark.filterwarnings("ignore::s2r_spec.errors.TraceNote")
+def test_a_log_of_the_folder_that_is_not_read_is_no_silent_choice(name, tmp_path):
+    drive(tmp_path / "one")
+    options = "map=vx=/odom.twist.linear.x&param=vd=/cmd.twist.linear.x@0&start=1&duration=1.5"
+    (tmp_path / "map.png").write_bytes(b"")
+    (tmp_path / "notes").mkdir()
+    assert len(load_backend(f"log:{tmp_path}?{options}").recordings) == 1
+    place = {"deeper": tmp_path / "monday" / "run", "packed": tmp_path / "run", "broken": tmp_path / "run"}[
+        name
+    ]
+    path = drive(place)
+    if name == "packed":
+        (path / "run.mcap").rename(tmp_path / "run.mcap.zst")
+    if name != "deeper":
+        (path / "metadata.yaml").unlink()
+    with pytest.raises(LogError, match="monday" if name == "deeper" else "run"):
+        load_backend(f"log:{tmp_path}?{options}")
+    if name == "broken":
+        with pytest.raises(TraceError, match=naming("metadata.yaml", "run.mcap")):
+            logs.load(path)
