@@ -14,7 +14,7 @@ from pathlib import Path
 
 from s2r_spec.errors import NoTimesError, TraceError, TraceNote
 from s2r_spec.files import replacing
-from s2r_spec.logs import csv_format, npz_format, parquet_format, split
+from s2r_spec.logs import csv_format, npz_format, parquet_format, split, times
 from s2r_spec.logs.interpret import Loaded, build_trace, request
 from s2r_spec.logs.mapping import Plan, plan_columns
 from s2r_spec.logs.table import Chooser, Head, Table
@@ -118,12 +118,13 @@ def load_episodes(
     message, which are NaN.
     """
     path = Path(path)
-    open_log = formats.opener(path)
+    open_log = formats.opener(path, times.unit_of_option(time_unit))
     if open_log is None:
         parser = _PARSERS[_ending(path, READABLE)]
     else:
         parser = _of_topics(open_log, _with_clock(joining or Joining(), columns or {}), early)
-    requested = request(columns, wanted, time_unit, gather, gather and open_log is not None)
+    remaining = None if path.suffix.lower() in formats.ARRAYS else time_unit  # arrays have it already
+    requested = request(columns, wanted, remaining, gather, gather and open_log is not None)
     plans: list[Plan] = []
     episode: list[int] = []
 

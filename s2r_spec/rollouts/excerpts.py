@@ -189,9 +189,12 @@ def excerpt(
     spans: list[tuple[Loaded, tuple[int, int] | None]]
     sentences: list[str] = []
     if excerpts.cuts:
-        spans, sentences = _spans(found, signals, excerpts, horizon)
+        try:
+            spans, sentences = _spans(found, signals, excerpts, horizon)
+        except TraceError as error:
+            raise TraceError(f"{path}: {error}") from None
         if not spans:
-            raise TraceError(f"{path}: no complete episode: {'; '.join(sentences)}")
+            raise TraceError(f"{path}: no complete episode: {'; '.join(dict.fromkeys(sentences))}")
     else:
         spans = [(loaded, None) for loaded in found]
     kept = _kept(path, found[0].trace, wanted, excerpts)

@@ -7,6 +7,7 @@ import pytest
 
 from s2r_spec import load_backend, logs, parse_spec
 from s2r_spec.errors import TraceError, UsageError
+from s2r_spec.logs.summary import summary
 from s2r_spec.logs.topics.join import Joining
 from s2r_spec.rollouts.excerpts import Excerpts, Source, excerpt, read_sources
 from s2r_spec.rollouts.log_folder import LogError
@@ -267,3 +268,34 @@ def test_a_log_of_the_folder_that_is_not_read_is_no_silent_choice(name, tmp_path
     if name == "broken":
         with pytest.raises(TraceError, match=naming("metadata.yaml", "run.mcap")):
             logs.load(path)
+
+
+def test_a_stated_unit_of_times_counts_before_topics_are_joined(tmp_path):
+    import h5py
+
+    field = {"vx": "odom.vx", "vx_cmd": "cmd.vx"}
+    for first in (0, robot_logs.EPOCH):
+        path = tmp_path / f"{first}.h5"
+        with h5py.File(path, "w") as stream:
+            stream["odom/t"], stream["odom/vx"] = first + robot_logs.VX_NS, robot_logs.VX
+            stream["cmd/t"], stream["cmd/vx"] = first + robot_logs.CMD_NS, robot_logs.CMD
+        found = logs.load(path, field, {"vx": None, "vx_cmd": None}, time_unit="ns")
+        assert found.trace.times == pytest.approx(robot_logs.VX_NS * 1e-9)
+        assert any(states(note, "0.04 s") for note in found.notes)
+        assert [topic.period for topic in summary(path, None, "ns").topics] == pytest.approx([0.05, 0.02])
+
+
+def test_arrays_whose_samples_lie_along_another_axis_are_named_with_their_shape(tmp_path):
+    import h5py
+
+    with h5py.File(tmp_path / "a.h5", "w") as stream:
+        stream["t"], stream["q"] = np.arange(50) * 0.1, np.zeros((3, 50))
+    with pytest.raises(TraceError, match=naming("q", "3×50")):
+        logs.load(tmp_path / "a.h5", None, {"q": 3})
+
+
+def test_an_empty_cell_in_a_condition_is_named_with_its_file(tmp_path):
+    path = robot_logs.plotjuggler(tmp_path / "drive.csv")
+    columns = {"t": "__time", "vx": "/odom/vx", "vx_cmd": "/cmd/vx"}
+    with pytest.raises(TraceError, match=naming("drive.csv", "vx_cmd")):
+        excerpt(path, SPEC.signals, {"vx": None}, SPEC.horizon(), Excerpts(columns, when="vx_cmd > 0.05"))

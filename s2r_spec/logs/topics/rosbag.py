@@ -197,6 +197,7 @@ class RosBag:
 
     @contextmanager
     def _open(self) -> Iterator[Any]:
+        self._path.stat()  # a missing file is no damaged bag
         highlevel = library("rosbags.highlevel", "ROS bags")
         typesys = library("rosbags.typesys", "ROS bags")
         with _errors(self._path):
