@@ -110,12 +110,12 @@ def _everything(names: _Names, times: tuple[int, ...], columns: Mapping[str, str
     """Return a plan with every column as a channel, under its own name unless it is mapped."""
     channels, faults = [], {}
     mapped_columns = set(columns.values())
-    components = {
-        name for name, text in columns.items() if name.endswith("]") and "[" in name and name != text
-    }
+    bracketed = {name: name.partition("[")[0] for name in columns if name.endswith("]") and "[" in name}
+    vectors = {stem for name, stem in bracketed.items() if name != columns[name]}
+    components = {name for name, stem in bracketed.items() if stem in vectors}
     mapped = [
         *(name for name in columns if name not in components),
-        *{name.partition("[")[0] for name in components},
+        *vectors,
     ]
     names_in_file: dict[str, None] = {
         head.name: None
@@ -170,11 +170,9 @@ class _Names:
             TraceError: no column makes it, or the choice is ambiguous.
         """
         parts = {
-            key: text
-            for key, text in columns.items()
-            if key.startswith(f"{name}[") and key.endswith("]") and key != text
+            key: text for key, text in columns.items() if key.startswith(f"{name}[") and key.endswith("]")
         }
-        if parts:
+        if any(key != text for key, text in parts.items()):
             return self._by_parts(name, width, parts)
         text = columns.get(name, name)
         exact = self.by_name.get(text, [])

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from s2r_spec import load_backend, logs, parse_spec
+from s2r_spec import load_backend, logs, parse_spec, read_trace
 from s2r_spec.errors import TraceError, UsageError
 from s2r_spec.logs.summary import summary
 from s2r_spec.logs.topics.join import Joining
@@ -18,20 +18,27 @@ SPEED = {"vx": "/odom.twist.linear.x"}
 RECEIVED = Joining(stamps="received")
 
 
-def bag(folder: Path, rows) -> Path:
+def bag(folder: Path, rows, silent=(), packed: bool = False) -> Path:
     """Write a ROS 2 bag.
 
     Args:
         folder: the bag.
-        rows: (received [s], topic, type, arguments of its message as a function of the types).
+        rows: (received [s], topic, type, message as a function of the types).
+        silent: topic → type, of topics without messages.
+        packed: whether each message is compressed.
     """
     from rosbags.rosbag2 import Writer
-    from rosbags.rosbag2.enums import StoragePlugin
+    from rosbags.rosbag2.enums import CompressionFormat, CompressionMode, StoragePlugin
     from rosbags.typesys import Stores, get_typestore
 
     store = get_typestore(Stores.ROS2_HUMBLE)
     connections = {}
-    with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+    writer = Writer(folder, version=9, storage_plugin=StoragePlugin.SQLITE3 if packed else StoragePlugin.MCAP)
+    if packed:
+        writer.set_compression(CompressionMode.MESSAGE, CompressionFormat.ZSTD)
+    with writer:
+        for topic in silent:
+            writer.add_connection(topic, silent[topic], typestore=store)
         for received, topic, kind, make in rows:
             if topic not in connections:
                 connections[topic] = writer.add_connection(topic, kind, typestore=store)
@@ -299,3 +306,19 @@ def test_an_empty_cell_in_a_condition_is_named_with_its_file(tmp_path):
     columns = {"t": "__time", "vx": "/odom/vx", "vx_cmd": "/cmd/vx"}
     with pytest.raises(TraceError, match=naming("drive.csv", "vx_cmd")):
         excerpt(path, SPEC.signals, {"vx": None}, SPEC.horizon(), Excerpts(columns, when="vx_cmd > 0.05"))
+
+
+@pytest.mark.filterwarnings("ignore::s2r_spec.errors.TraceNote")
+def test_a_topic_without_messages_does_not_hide_the_others(tmp_path):
+    rows = [speed(k * 0.1, 5.0 + k * 0.1, k) for k in range(20)]
+    path = bag(tmp_path / "bag", rows, {"/never": "std_msgs/msg/Float64"})
+    assert "/odom.twist.linear.x" in read_trace(path).channels
+    with pytest.raises(TraceError, match=naming("/never.data")):
+        logs.load(path, {"vx": "/never.data"}, {"vx": None})
+
+
+def test_a_file_of_a_compressed_bag_names_the_bag(tmp_path):
+    path = bag(tmp_path / "bag", [speed(k * 0.1, 5.0, k) for k in range(20)], packed=True)
+    assert len(logs.load(path, SPEED, {"vx": None}, joining=RECEIVED).trace) == 20
+    with pytest.raises(TraceError, match=naming(f"folder {path}")):
+        logs.load(path / "bag.db3", SPEED, {"vx": None}, joining=RECEIVED)

@@ -9,7 +9,7 @@ from pathlib import Path
 from s2r_spec.errors import one_of
 from s2r_spec.logs.topics.hdf5 import open_hdf5
 from s2r_spec.logs.topics.matlab import open_matlab
-from s2r_spec.logs.topics.rosbag import RosBag
+from s2r_spec.logs.topics.rosbag import METADATA, RosBag
 from s2r_spec.logs.topics.topic import TopicLog
 from s2r_spec.logs.topics.ulog import ULog
 
@@ -18,8 +18,6 @@ ARRAYS: dict[str, Callable[..., TopicLog]] = {".mat": open_matlab, ".h5": open_h
 FORMATS: dict[str, Callable[[Path], TopicLog]] = {
     ".bag": RosBag, ".db3": RosBag, ".mcap": RosBag, ".ulg": ULog, **ARRAYS,
 }  # fmt: skip
-METADATA = "metadata.yaml"
-"""Definition: the file that marks a folder as a ROS 2 bag."""
 
 
 def why_not_a_bag(folder: Path) -> str:

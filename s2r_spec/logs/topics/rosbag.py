@@ -50,6 +50,8 @@ _DEEPEST = 20
 _LOOKED_AT = 100
 """Budget: messages of a topic that are searched for names of elements. Twice as many find rarer senders."""
 _HEADER = "header.stamp"
+METADATA = "metadata.yaml"
+"""Definition: the file that marks a folder as a ROS 2 bag."""
 _NAMES = ("name", "names", "joint_names")
 """Definition: fields with the names of the elements of a message's vectors, as in ``sensor_msgs/JointState``."""
 
@@ -216,7 +218,9 @@ def _errors(path: Path) -> Iterator[None]:
         raise
     except Exception as error:
         reason = shortened(one_line(str(error)) or type(error).__name__)
-        raise TraceError(f"this is not a complete ROS bag: {reason}") from None
+        part = path.is_file() and (path.parent / METADATA).is_file()
+        hint = f"; it is a part of a bag, so name the folder {path.parent}" if part else ""
+        raise TraceError(f"this is not a complete ROS bag: {reason}{hint}") from None
 
 
 def _head(store: Any, topic: str, kind: str, count: int) -> TopicHead:

@@ -85,11 +85,12 @@ def _topic_of(clock: str | None, topics: Mapping[str, TopicHead]) -> str | None:
 
 def _head(topic: TopicHead, field: str) -> Head:
     """Return the head of a field; ``q[3]`` is a component of a vector."""
+    fault = "" if topic.count else "belongs to a topic without messages"
     stem, bracket, rest = field.rpartition("[")
     digits = rest.removesuffix("]")
     if bracket and digits.isdecimal():
-        return Head(topic.path(stem), int(digits), topic.units.get(field))
-    return Head(topic.path(field), None, topic.units.get(field))
+        return Head(topic.path(stem), int(digits), topic.units.get(field), fault)
+    return Head(topic.path(field), None, topic.units.get(field), fault)
 
 
 def _stamps(topics: list[TopicHead], chosen: Stamps | None) -> tuple[Stamps, list[str]]:
