@@ -96,8 +96,8 @@ def load(
     found = load_episodes(path, columns, wanted, time_unit=time_unit, gather=gather, joining=joining)
     if len(found) > 1:
         raise TraceError(
-            f"{path}: the file has {len(found)} episodes, numbered by {split.EPISODE!r}, and a trace is one of them; "
-            f"save each in a file of its own, or evaluate all by `s2r monitor`"
+            f"{path}: the file has {len(found)} episodes, numbered by {split.EPISODE!r}, and a trace is one; "
+            f"save each in its own file, or evaluate all by `s2r monitor`"
         )
     return found[0]
 

@@ -415,8 +415,8 @@ def _values(name: str, trace: Trace, excerpts: Excerpts) -> dict[str, tuple[floa
         period = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
         if source.at > times[-1] + period:
             raise TraceError(
-                f"{name}: the parameter {parameter} is wanted from {source.at:g} s after the start, "
-                f"and the trace lasts {times[-1]:.6g} s; state an earlier time or a longer --duration"
+                f"{name}: the parameter {parameter} is wanted at {source.at:g} s, but the trace lasts "
+                f"{times[-1]:.6g} s; state an earlier time or a longer --duration"
             )
         at = int(np.searchsorted(times, source.at * (1.0 + 1e-9), side="right")) - 1
         value = float(samples[max(at, 0)])
