@@ -322,3 +322,15 @@ def test_a_file_of_a_compressed_bag_names_the_bag(tmp_path):
     assert len(logs.load(path, SPEED, {"vx": None}, joining=RECEIVED).trace) == 20
     with pytest.raises(TraceError, match=naming(f"folder {path}")):
         logs.load(path / "bag.db3", SPEED, {"vx": None}, joining=RECEIVED)
+
+
+def test_truth_values_are_held_where_numbers_are_interpolated(tmp_path):
+    rows = [speed(k * 0.1, 5.0 + k * 0.1, k) for k in range(20)]
+    rows += [
+        (k * 0.4, "/on", "std_msgs/msg/Bool", lambda types, on=k > 1: types["std_msgs/msg/Bool"](data=on))
+        for k in range(4)
+    ]
+    path = bag(tmp_path / "bag", sorted(rows, key=lambda row: row[0]))
+    columns = {**SPEED, "on": "/on.data"}
+    trace = logs.load(path, columns, {"vx": None, "on": None}, joining=Joining(rule="linear")).trace
+    assert trace["on"].tolist() == [float(k >= 8) for k in range(20)]

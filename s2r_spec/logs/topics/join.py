@@ -5,8 +5,8 @@ Data: topics i with stamps t_i1 < t_i2 < … and values y_ik. Result at a stamp 
     hold     y_ik of the last message with t_ik ≤ t, as a controller sees a topic
     linear   between the messages before and after t
 
-A command steps, so that fields of test parameters and of a condition are held under either rule. Nothing is
-extrapolated to the past. The result begins when every topic has had a message; or, if ``early``, with the clock's
+A command steps, so that fields of test parameters and of a condition are held under either rule, as truth values are.
+Nothing is extrapolated to the past. The result begins when every topic has had a message; or, if ``early``, with the clock's
 first stamp, and a topic has no value before its first message. It ends with the first interpolated topic that ends.
 The notes say which clock, which rule, and for how long a value was held.
 """
@@ -98,7 +98,11 @@ def join(topics: Mapping[str, Topic], joining: Joining, early: bool = False) -> 
     known = grid >= max(topic.stamps[0] for topic in ordered.values())
     kept = known | early
     between = {
-        name: [field for field in topic.columns if name != clock and joining.interpolates(name, field)]
+        name: [
+            field
+            for field, column in topic.columns.items()
+            if name != clock and _numeric(column) and joining.interpolates(name, field)
+        ]
         for name, topic in ordered.items()
     }
     if any(between.values()):
@@ -153,12 +157,13 @@ def _at(column: Column, at: NDArray[np.int64]) -> Column:
     return Column(column.values[at], missing if missing.any() else None)
 
 
+def _numeric(column: Column) -> bool:
+    """Return whether values can be interpolated: truth values and dates cannot."""
+    return not column.fault and column.missing is None and column.values.dtype.kind in "iuf"
+
+
 def _between(column: Column, own: NDArray[Any], grid: NDArray[Any], at: NDArray[np.int64]) -> Column:
     """Return values (n,) or (n, k) between the messages before and after each stamp."""
-    if column.fault:
-        return column
-    if column.values.dtype.kind not in "iuf" or column.missing is not None:
-        return Column.without("holds no numbers that could be interpolated; join it by hold")
     before, after = np.maximum(at, 0), np.minimum(at + 1, len(own) - 1)
     width = seconds(own[after] - own[before])
     part = np.divide(seconds(grid - own[before]), width, out=np.zeros(len(grid)), where=width > 0)
