@@ -6,9 +6,9 @@ Data: topics i with stamps t_i1 < t_i2 < … and values y_ik. Result at a stamp 
     linear   between the messages before and after t
 
 A command steps, so that fields of test parameters and of a condition are held under either rule, as truth values are.
-Nothing is extrapolated to the past. The result begins when every topic has had a message; or, if ``early``, with the clock's
-first stamp, and a topic has no value before its first message. It ends with the first interpolated topic that ends.
-The notes say which clock, which rule, and for how long a value was held.
+Nothing is extrapolated to the past. The result begins when every topic has had a message; or, if ``early``, with the
+clock's first stamp, and a topic has no value before its first message. It ends with the first interpolated topic that
+ends. The notes say which clock, which rule, and for how long a value was held.
 """
 
 from __future__ import annotations
