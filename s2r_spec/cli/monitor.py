@@ -50,8 +50,8 @@ def monitor(
         typer.Option(
             "--param",
             "-p",
-            help="Value of a test parameter: vd=0.3 in its declared unit, 'vd=30 cm/s', or from a field of the log at "
-            "a time after the start, vd=/cmd.speed@0. May be repeated.",
+            help="Value of a test parameter: vd=0.3 in its declared unit, 'vd=30 cm/s'. vd=/cmd.speed@0 takes it from "
+            "a field of the log, 0 s after the start. May be repeated.",
             show_default="as the trace says",
         ),
     ] = None,
