@@ -43,8 +43,8 @@ Columns = Annotated[
     typer.Option(
         "--map",
         "-m",
-        help="Column or field of a log for a signal or the time t: vx=/odom.twist.twist.linear.x, 'q[0]=q_0', "
-        "t=stamp.sec+stamp.nanosec. `s2r log FILE` lists the names. May be repeated.",
+        help="Column or field of a log for a signal or the time t: vx=/odom.speed, 'q[0]=q_0', 'w=/imu.w (rad/s)', "
+        "t=sec+nanosec. `s2r log FILE` lists the names. May be repeated.",
         show_default="the signal's own name",
     ),
 ]
@@ -93,8 +93,8 @@ FromLog = Annotated[
     typer.Option(
         "--param",
         "-p",
-        help="Test parameter that a log holds: vd=/cmd_vel.linear.x@0 is the value of this field at an episode's "
-        "start. May be repeated.",
+        help="Test parameter that a log holds: vd=/cmd.speed@0 is the value of this field at an episode's start. "
+        "May be repeated.",
         show_default="as rollouts.csv says",
     ),
 ]

@@ -49,8 +49,8 @@ def monitor(
         typer.Option(
             "--param",
             "-p",
-            help="Value of a test parameter: vd=0.3 in its declared unit, 'vd=30 cm/s', or from the log, "
-            "vd=/cmd_vel.linear.x@0, at a time after the start. May be repeated.",
+            help="Value of a test parameter: vd=0.3 in its declared unit, 'vd=30 cm/s'. vd=/cmd.speed@0 takes it from "
+            "a field of the log, 0 s after the start. May be repeated.",
             show_default="as the trace says",
         ),
     ] = None,

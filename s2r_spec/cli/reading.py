@@ -71,11 +71,16 @@ def read(request: Request, path: Path) -> list[Recorded]:
     Raises:
         TraceError: the file cannot be read; the message names it.
     """
-    from s2r_spec.rollouts.excerpts import excerpt
+    from s2r_spec.rollouts.excerpts import assumed, excerpt
 
     horizon = max(request.spec.horizon(name) for name in request.requirements)
     found = excerpt(path, request.spec.signals, request.wanted, horizon, request.excerpts)
     notes = list(found.notes)
+    for name, (_, unit) in found.episodes[0].values.items():
+        if name in request.spec.params and not unit:
+            source = request.excerpts.sources[name]
+            remedy = f"--param '{name}={source.column} [UNIT]@{source.at:g}'"
+            notes += filter(None, [assumed(source.column, request.spec.params[name].unit, remedy)])
     if found.dated:
         notes.append(f"times count from the first sample, at {found.dated}")
     for sentence in notes:

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from s2r_spec.errors import NoTimesError, TraceError, TraceNote
 from s2r_spec.files import replacing
-from s2r_spec.logs import csv_format, npz_format, parquet_format, split
+from s2r_spec.logs import csv_format, npz_format, parquet_format, split, times
 from s2r_spec.logs.interpret import Loaded, build_trace, request
 from s2r_spec.logs.mapping import Plan, plan_columns
 from s2r_spec.logs.table import Chooser, Head, Table
@@ -96,8 +96,8 @@ def load(
     found = load_episodes(path, columns, wanted, time_unit=time_unit, gather=gather, joining=joining)
     if len(found) > 1:
         raise TraceError(
-            f"{path}: the file has {len(found)} episodes, numbered by {split.EPISODE!r}, and a trace is one of them; "
-            f"save each in a file of its own, or evaluate all by `s2r monitor`"
+            f"{path}: the file has {len(found)} episodes, numbered by {split.EPISODE!r}, and a trace is one; "
+            f"save each in its own file, or evaluate all by `s2r monitor`"
         )
     return found[0]
 
@@ -118,12 +118,13 @@ def load_episodes(
     message, which are NaN.
     """
     path = Path(path)
-    open_log = formats.opener(path)
+    open_log = formats.opener(path, times.unit_of_option(time_unit))
     if open_log is None:
         parser = _PARSERS[_ending(path, READABLE)]
     else:
         parser = _of_topics(open_log, _with_clock(joining or Joining(), columns or {}), early)
-    requested = request(columns, wanted, time_unit, gather, gather and open_log is not None)
+    remaining = None if path.suffix.lower() in formats.ARRAYS else time_unit  # arrays have it already
+    requested = request(columns, wanted, remaining, gather, gather and open_log is not None)
     plans: list[Plan] = []
     episode: list[int] = []
 
@@ -182,6 +183,8 @@ def _of_topics(
 
 def _ending(path: Path, allowed: Sequence[str]) -> str:
     ending = path.suffix.lower()
+    if ending not in allowed and path.is_dir():
+        raise TraceError(formats.why_not_a_bag(path))
     if ending not in allowed:
         raise TraceError(
             f"{path}: the ending {ending!r} is not a trace format; use one of {', '.join(allowed)}"

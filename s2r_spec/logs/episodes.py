@@ -43,10 +43,12 @@ class Cut:
         if self.already:
             sentences.append("the condition is true at the first sample, so that its begin is not in the log")
         if self.within:
-            sentences.append(f"{self.within} more begins lie within an episode and start no other one")
+            within = "begin lies" if self.within == 1 else "begins lie"
+            sentences.append(f"{self.within} more {within} within an episode, so that no sample is in two")
         if self.incomplete:
+            left = "begin is" if self.incomplete == 1 else "begins are"
             sentences.append(
-                f"{self.incomplete} more are left out, because the log ends before their episode does"
+                f"{self.incomplete} more {left} left out, because the log ends within the episode"
             )
         return sentences
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,7 @@ from s2r_spec.errors import TraceError
 from s2r_spec.lang.units import LONGEST
 from s2r_spec.logs import times, values
 from s2r_spec.logs.mapping import ANY, Channel, Plan, Request
-from s2r_spec.logs.table import Table, quoted
+from s2r_spec.logs.table import Arrivals, Table, quoted
 from s2r_spec.trace import Trace
 
 FloatArray = NDArray[np.float64]
@@ -27,12 +27,14 @@ class Loaded:
         notes: notes on rows left out and on decisions by names alone, one sentence each.
         begins: the date from which the times count, as text; "" if the times are unchanged.
         left_out: column that was not requested → why it is not in the trace.
+        arrivals: topic → when its messages came; empty for a table that is none of topics.
     """
 
     trace: Trace
     notes: tuple[str, ...]
     begins: str
     left_out: Mapping[str, str]
+    arrivals: Mapping[str, Arrivals] = field(default_factory=dict)
 
 
 def build_trace(table: Table, plan: Plan, request: Request) -> Loaded:
@@ -53,7 +55,7 @@ def build_trace(table: Table, plan: Plan, request: Request) -> Loaded:
         raise TraceError(next(iter(left_out.values())))
     trace = Trace(stamps.seconds, read.samples, read.units, table.meta)
     notes = (*table.notes, *plan.notes, *stamps.notes)
-    return Loaded(trace, notes, stamps.begins, left_out if request.wanted is None else {})
+    return Loaded(trace, notes, stamps.begins, left_out if request.wanted is None else {}, table.arrivals)
 
 
 @dataclass(frozen=True)

@@ -1,14 +1,16 @@
 """Map the columns of a file to channels, from their names, the channels of the spec, and ``--map``.
 
 A vector is one column of lists, or one column per component: ``q[0]``, ``q_0``, ``q.0``, ``q/0`` or ``q0``, numbered
-from 0 or 1 without a gap. ``position[3]`` is one component of either form.
+from 0 or 1 without a gap. ``position[3]`` is one component of either form. ``v [m/s]`` states the unit of a column that
+has none in the file.
 """
 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from difflib import get_close_matches
 
 from s2r_spec.errors import NoTimesError, TraceError, UsageError, one_of, suggest
 from s2r_spec.lang.units import UnknownUnitError, parse_unit
@@ -108,12 +110,20 @@ def _everything(names: _Names, times: tuple[int, ...], columns: Mapping[str, str
     """Return a plan with every column as a channel, under its own name unless it is mapped."""
     channels, faults = [], {}
     mapped_columns = set(columns.values())
-    components = {name.partition("[")[0] for name in columns if name.endswith("]") and "[" in name}
-    mapped = [*(name for name in columns if not (name.endswith("]") and "[" in name)), *components]
+    bracketed = {name: name.partition("[")[0] for name in columns if name.endswith("]") and "[" in name}
+    vectors = {stem for name, stem in bracketed.items() if name != columns[name]}
+    components = {name for name, stem in bracketed.items() if stem in vectors}
+    mapped = [
+        *(name for name in columns if name not in components),
+        *vectors,
+    ]
     names_in_file: dict[str, None] = {
         head.name: None
         for i, head in enumerate(names.heads)
-        if head.name and i not in times and (head.name.isidentifier() or not request.identifiers)
+        if head.name
+        and i not in times
+        and not head.fault
+        and (head.name.isidentifier() or not request.identifiers)
     }
     own = [name for name in names_in_file if name not in mapped_columns and name not in columns]
     for name in mapped:
@@ -149,7 +159,7 @@ class _Names:
         if self._numbered is None:
             self._numbered = defaultdict(lambda: defaultdict(list))
             for number, head in enumerate(self.heads):
-                for stem, separator, index in _numbered(head):
+                for stem, separator, index in () if head.fault else _numbered(head):
                     self._numbered[stem, separator][index].append(number)
         return self._numbered
 
@@ -162,7 +172,7 @@ class _Names:
         parts = {
             key: text for key, text in columns.items() if key.startswith(f"{name}[") and key.endswith("]")
         }
-        if parts:
+        if any(key != text for key, text in parts.items()):
             return self._by_parts(name, width, parts)
         text = columns.get(name, name)
         exact = self.by_name.get(text, [])
@@ -172,6 +182,8 @@ class _Names:
             return Channel(name, (component,), False)
         if (loose := self._loose(text)) is not None:
             return Channel(name, (loose,), False)
+        if (stated := self._stated(text)) is not None:
+            return Channel(name, (stated,), False)
         if width is not None and (group := self._group(text, width)) is not None:
             return Channel(name, group, True)
         hint = ""
@@ -182,11 +194,13 @@ class _Names:
     def _missing(self, text: str, name: str) -> TraceError:
         """Return the error for a channel whose column the file lacks; it lists the file's names."""
         names = dict.fromkeys(
-            head.text for number, head in enumerate(self.heads) if head.name and number not in self.taken
+            head.text
+            for number, head in enumerate(self.heads)
+            if head.name and number not in self.taken and not head.fault
         )
         mapped = "" if name != text else f". Map one of them, as in --map {name}=NAME"
         return TraceError(
-            f"the trace has no channel {text!r}{suggest(text, names)} it has {one_of(names)}{mapped}"
+            f"the trace has no channel {text!r}{suggest(text, names)} it has {_likely(text, names)}{mapped}"
         )
 
     def own(self, name: str, times: Sequence[int]) -> Channel:
@@ -217,7 +231,7 @@ class _Names:
                     f"--map {key}={text}: {digits!r} is not the number of a component; numbers begin at 0"
                 )
             exact = [n for n in self.by_name.get(text, []) if self.heads[n].index is None]
-            part = Part(exact[0]) if len(exact) == 1 else self._component(text)
+            part = Part(exact[0]) if len(exact) == 1 else self._component(text) or self._stated(text)
             if part is None:
                 raise self._missing(text, key)
             parts[int(digits)] = part
@@ -235,6 +249,8 @@ class _Names:
     def _exact(self, name: str, text: str, exact: Sequence[int]) -> Channel:
         """Return the channel of the columns with exactly this name."""
         plain = [number for number in exact if self.heads[number].index is None]
+        if len(exact) == 1 and (fault := self.heads[exact[0]].fault):
+            raise TraceError(f"{quoted(text)} {fault}")
         if len(plain) == 1 == len(exact):
             return Channel(name, (Part(plain[0]),), False)
         if plain:
@@ -284,6 +300,27 @@ class _Names:
                 parts.append(Part(number, None, unit[1]))
         return parts[0] if len(parts) == 1 else None
 
+    def _stated(self, text: str) -> Part | None:
+        """Return the column without a unit for which ``v [m/s]`` states one; None if there is no such column.
+
+        Raises:
+            TraceError: the column has another unit in the file.
+        """
+        split = time_units.bracketed(text)
+        if split is None or not _is_unit(split[1]):
+            return None
+        name, unit = split
+        exact = [number for number in self.by_name.get(name, []) if self.heads[number].index is None]
+        part = Part(exact[0]) if len(exact) == 1 else self._component(name)
+        if part is None or self.heads[part.number].fault:
+            return None
+        written = self.heads[part.number].unit
+        if written not in (None, unit):
+            raise TraceError(
+                f"the unit of {quoted(name)} is {quoted(written)} in the file, not {quoted(unit)}; leave out [{unit}]"
+            )
+        return replace(part, unit=unit)
+
     def _group(self, text: str, width: int) -> tuple[Part, ...] | None:
         """Return the numbered columns of a vector; None if there are none.
 
@@ -329,6 +366,10 @@ class _Names:
             TraceError: there is none; the message lists all columns.
         """
         exact = [number for number in self.by_name.get(text, []) if self.heads[number].index is None]
+        if exact and (fault := self.heads[exact[0]].fault):
+            raise TraceError(
+                f"{quoted(text)} {fault}; --clock and --stamps choose the times of a log of topics"
+            )
         if len(exact) > 1:
             raise TraceError(
                 f"{len(exact)} columns are called {text!r}; only one may hold the times, so rename the others"
@@ -341,7 +382,7 @@ class _Names:
             return pair
         if (loose := self._loose(text)) is not None:
             return (loose.number,)
-        names = dict.fromkeys(head.text for head in self.heads if head.name)
+        names = dict.fromkeys(head.text for head in self.heads if head.name and not head.fault)
         likely = next((name for name in names if TIME_WORDS & {*_words(name)}), "time")
         for stem, (whole, below) in self._halves().items():
             likely = stem or f"{self.heads[whole].name}+{self.heads[below].name}"
@@ -371,7 +412,7 @@ class _Names:
         for name in (whole.strip(), below.strip()):
             heads = [number for number in self.by_name.get(name, []) if self.heads[number].index is None]
             if len(heads) != 1:
-                names = dict.fromkeys(head.text for head in self.heads if head.name)
+                names = dict.fromkeys(head.text for head in self.heads if head.name and not head.fault)
                 raise TraceError(
                     f"there is no column {name!r}{suggest(name, names)} the columns are {one_of(names)}"
                 )
@@ -399,6 +440,21 @@ class _Names:
             for stem in whole
             if len(whole[stem]) == 1 == len(below.get(stem, []))
         }
+
+
+_SHOWN = 12
+"""Budget: names that an error lists in full. Twice as many make it twice as long."""
+
+
+def _likely(text: str, names: Collection[str]) -> str:
+    """Return the names for an error: all, or of many the fields of the topic that was named, else the closest."""
+    if len(names) <= _SHOWN:
+        return one_of(names)
+    below = [name for name in names if name.startswith(f"{text}.")]
+    close = below[:_SHOWN] or get_close_matches(text, list(names)[:10_000], n=_SHOWN // 2, cutoff=0.5)
+    if not close:
+        return f"{one_of(names)} (`s2r log` lists the names)"
+    return f"{one_of(close)} and {len(names) - len(close)} more, which `s2r log` lists"
 
 
 TIME_WORDS = frozenset(("time", "times", "timestamp", "stamp", "stamps", "clock", "datetime"))

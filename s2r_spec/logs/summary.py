@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from s2r_spec import logs
 from s2r_spec.errors import NoTimesError, TraceError
-from s2r_spec.logs.times import TIME
+from s2r_spec.logs.times import TIME, unit_of_option
 from s2r_spec.logs.topics import formats
 from s2r_spec.logs.topics.join import seconds, stamp_text
 
@@ -82,7 +82,7 @@ def summary(path: Path, columns: Mapping[str, str] | None = None, time_unit: str
     Raises:
         TraceError: the file cannot be read; the message names it.
     """
-    open_log = formats.opener(path)
+    open_log = formats.opener(path, unit_of_option(time_unit))
     if open_log is None:
         return _table(path, columns or {}, time_unit)
     try:
@@ -99,11 +99,14 @@ def summary(path: Path, columns: Mapping[str, str] | None = None, time_unit: str
                 head.kind,
                 [np.sort(topics[head.name].stamps)],
                 [FieldSummary(head.path(name), head.units.get(name)) for name in head.fields],
-                [f"{head.path(name)} {fault}" for name, fault in head.faults.items()],
+                [
+                    *(f"{head.path(name)} {fault}" for name, fault in head.faults.items()),
+                    *([] if head.fields or head.faults else ["its messages hold no numbers that s2r reads"]),
+                ],
             )
             for head in log.heads
         ),
-        tuple(log.notes),
+        tuple(log.notes) if log.heads else (*log.notes, "the file has no topics"),
     )
 
 

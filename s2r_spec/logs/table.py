@@ -29,11 +29,13 @@ class Head:
         name: name without unit and number.
         index: number of the component, if the format numbers components of a vector (``u[0]`` in CSV); else None.
         unit: unit as written; None if there is none.
+        fault: why the column cannot be read, as text after its name; "" if it can, as far as its head tells.
     """
 
     name: str
     index: int | None = None
     unit: str | None = None
+    fault: str = ""
 
     @property
     def text(self) -> str:
@@ -67,6 +69,22 @@ class Column:
 
 
 @dataclass(frozen=True)
+class Arrivals:
+    """When the messages of a topic came, seen from the samples of a trace.
+
+    Args:
+        period: median time from a message to the next [s]; 0 below two messages.
+        age: (n,) time since the topic's last message at each sample [s], NaN before its first one; for the clock
+            since the sample before.
+        clock: whether the samples are the messages of this topic.
+    """
+
+    period: float
+    age: NDArray[np.float64]
+    clock: bool
+
+
+@dataclass(frozen=True)
 class Table:
     """The parsed columns of a file.
 
@@ -76,6 +94,7 @@ class Table:
         meta: meta of the trace.
         notes: notes on rows left out, one sentence each.
         place: (sample number, head number) → place in the file, such as "line 3, column 2 (vx)".
+        arrivals: topic → when its messages came; empty for a table that is none of topics.
     """
 
     heads: tuple[Head, ...]
@@ -83,6 +102,7 @@ class Table:
     meta: Mapping[str, Any]
     place: Callable[[int, int], str]
     notes: Sequence[str] = field(default=())
+    arrivals: Mapping[str, Arrivals] = field(default_factory=dict)
 
 
 Chooser = Callable[[tuple[Head, ...]], Iterable[int]]

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,14 +13,22 @@ from s2r_spec import logs
 from s2r_spec.errors import TraceError, UsageError
 from s2r_spec.lang.declarations import Signal
 from s2r_spec.lang.lexing import names
+from s2r_spec.lang.units import parse_unit
 from s2r_spec.logs.episodes import Cut, cut, part
+from s2r_spec.logs.interpret import Loaded
 from s2r_spec.logs.mapping import ANY
+from s2r_spec.logs.time_units import bracketed
 from s2r_spec.logs.topics.formats import opener
 from s2r_spec.logs.topics.join import Joining
 from s2r_spec.spec import Spec, parse_spec
 from s2r_spec.trace import Trace
 
 _CONDITION = "when"
+_SI = {parse_unit(text).dimension: text for text in ("rad/s", "m", "m/s", "m/s^2", "s", "K", "rad")}
+"""Definition: units of SI that a sentence shows as an example; a rate in 1/s is most often one of angle."""
+_SILENT = 5.0
+"""A tolerance: periods of a topic without a message of it, from which on a note says so. Twice as many hide silences
+twice as long."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +48,7 @@ def read_sources(texts: Iterable[str]) -> tuple[list[str], dict[str, Source]]:
     """Return the texts that state a value, and parameter → source of those such as ``vd=/cmd_vel.linear.x@0``.
 
     Raises:
-        UsageError: the text after the @ is not a time in seconds.
+        UsageError: the text after the @ is not a time in seconds, or a parameter has two sources.
     """
     stated: list[str] = []
     sources: dict[str, Source] = {}
@@ -58,7 +66,9 @@ def read_sources(texts: Iterable[str]) -> tuple[list[str], dict[str, Source]]:
             raise UsageError(
                 f"{text}: {at!r} is not a time after the start in seconds; write {name}={column}@0"
             )
-        sources[name.strip()] = Source(column.strip(), seconds)
+        source = Source(column.strip(), seconds)
+        if sources.setdefault(name.strip(), source) != source:
+            raise UsageError(f"{text}: the parameter {name.strip()} has another source, too; give one")
     return stated, sources
 
 
@@ -88,6 +98,22 @@ class Excerpts:
     def cuts(self) -> bool:
         """Whether a trace is a part of the log."""
         return not (self.when is None and self.start is None and self.duration is None)
+
+    @property
+    def commands(self) -> frozenset[str]:
+        """Channels and columns that the condition and the test parameters name."""
+        channels = names(self.when or "")
+        columns = [text for name, text in self.columns.items() if name.partition("[")[0] in channels]
+        sources = [source.column for source in self.sources.values()]
+        mapped = [self.columns[name] for name in sources if name in self.columns]
+        return frozenset((*channels, *columns, *sources, *mapped))
+
+    def held(self) -> Joining | None:
+        """Return how topics are joined; commands are held, because nobody sends a value between two of them."""
+        if self.joining is None:
+            return None
+        stems = {split[0] for name in self.commands if (split := bracketed(name)) is not None}
+        return replace(self.joining, held=self.commands | stems)
 
 
 @dataclass(frozen=True)
@@ -157,25 +183,103 @@ def excerpt(
         _read(wanted, excerpts),
         time_unit=excerpts.time_unit,
         gather=wanted is None,
-        joining=excerpts.joining,
+        joining=excerpts.held(),
         early=excerpts.when is not None,
     )
-    spans: list[tuple[Trace, tuple[int, int] | None]]
+    spans: list[tuple[Loaded, tuple[int, int] | None]]
     sentences: list[str] = []
     if excerpts.cuts:
-        spans, sentences = _spans([loaded.trace for loaded in found], signals, excerpts, horizon)
+        try:
+            spans, sentences = _spans(found, signals, excerpts, horizon)
+        except TraceError as error:
+            raise TraceError(f"{path}: {error}") from None
         if not spans:
-            raise TraceError(f"{path}: no complete episode: {'; '.join(sentences) or 'the log is too short'}")
+            raise TraceError(f"{path}: no complete episode: {'; '.join(dict.fromkeys(sentences))}")
     else:
-        spans = [(loaded.trace, None) for loaded in found]
+        spans = [(loaded, None) for loaded in found]
     kept = _kept(path, found[0].trace, wanted, excerpts)
     several = excerpts.cuts or len(spans) > 1
     episodes = tuple(
-        _episode(f"{path}#{number}" if several else str(path), trace, span, kept, excerpts)
-        for number, (trace, span) in enumerate(spans, 1)
+        _episode(f"{path}#{number}" if several else str(path), loaded.trace, span, kept, excerpts)
+        for number, (loaded, span) in enumerate(spans, 1)
     )
     notes = dict.fromkeys(note for loaded in found for note in loaded.notes)
-    return Excerpt(episodes, (*notes, *sentences), found[0].begins, tuple(sentences), found[0].left_out)
+    assumed = [] if opener(path) is None else _assumed(kept, episodes[0], signals, excerpts)
+    silences = [
+        sentence
+        for number, (loaded, span) in enumerate(spans, 1)
+        for sentence in _silences(loaded, span, excerpts, f"in episode {number}, " if several else "")
+    ]
+    return Excerpt(
+        episodes,
+        (*notes, *assumed, *sentences, *silences),
+        found[0].begins,
+        tuple(sentences),
+        found[0].left_out,
+    )
+
+
+def _assumed(
+    kept: Sequence[str], episode: Episode, signals: Mapping[str, Signal], excerpts: Excerpts
+) -> list[str]:
+    """Return a sentence for each signal without a unit in the log whose declared unit is not that of SI.
+
+    Robots' logs are in SI units as a rule (REP 103 of ROS), so that a declaration in degrees is likely to misread them.
+    """
+    columns = {name: excerpts.columns.get(name, name) for name in kept if name in signals}
+    return [
+        sentence
+        for name, column in columns.items()
+        if not episode.trace.units.get(name)
+        if (sentence := assumed(column, signals[name].unit, f"--map '{name}={column} [UNIT]'"))
+    ]
+
+
+def assumed(column: str, declared: str, remedy: str) -> str:
+    """Return a sentence on a column without a unit that is read in a declared unit; "" if this is of SI.
+
+    Args:
+        column: name of the column.
+        declared: the unit in the specification.
+        remedy: the option that states the unit, with UNIT in its place.
+    """
+    unit = parse_unit(declared)
+    mass = dict(unit.dimension).get("[mass]", 0.0)
+    if math.isclose(unit.factor, 1000.0**mass) and not unit.offset:
+        return ""
+    known = unit.dimension or "deg" in declared
+    likely = _SI.get(unit.dimension, "UNIT") if known else "UNIT"
+    return (
+        f"{column} has no unit in the log, and is read in {declared}; if that is wrong, state its unit, such as "
+        f"{remedy.replace('UNIT', likely)}"
+    )
+
+
+def _silences(loaded: Loaded, span: tuple[int, int] | None, excerpts: Excerpts, where: str) -> Iterator[str]:
+    """Yield a sentence for each topic that is silent within an episode; commands are sent at will."""
+    first, end = span or (0, len(loaded.trace))
+    times = loaded.trace.times[first:end] - (0.0 if span is None else loaded.trace.times[first])
+    for topic, arrivals in loaded.arrivals.items():
+        age = arrivals.age[first:end].copy()
+        if arrivals.clock:
+            age[:1] = 0.0  # the time before the episode
+        elif topic and not _measures(topic, excerpts):
+            continue
+        longest = int(np.argmax(np.nan_to_num(age)))
+        if not age[longest] > _SILENT * arrivals.period > 0.0:
+            continue
+        sent = (
+            f"{where}{topic or 'the file'} has no message in the {age[longest]:.3g} s before t = "
+            f"{times[longest]:.6g} s, though they come every {arrivals.period:.3g} s"
+        )
+        yield f"{sent}: nothing is evaluated there" if arrivals.clock else f"{sent}: its last value is held"
+
+
+def _measures(topic: str, excerpts: Excerpts) -> bool:
+    """Return whether a topic has a field that neither the condition nor a test parameter names."""
+    columns = [*excerpts.columns.values()] or [topic]
+    own = [column for column in columns if column == topic or column.startswith(f"{topic}.")]
+    return any(column not in excerpts.commands for column in own or [topic])
 
 
 def _episode(
@@ -210,8 +314,8 @@ def _read(wanted: Mapping[str, int | None] | None, excerpts: Excerpts) -> dict[s
 
 
 def _spans(
-    traces: Sequence[Trace], signals: Mapping[str, Signal], excerpts: Excerpts, horizon: float
-) -> tuple[list[tuple[Trace, tuple[int, int] | None]], list[str]]:
+    found: Sequence[Loaded], signals: Mapping[str, Signal], excerpts: Excerpts, horizon: float
+) -> tuple[list[tuple[Loaded, tuple[int, int] | None]], list[str]]:
     """Return the episodes as ranges of samples, and sentences on how they were cut.
 
     Raises:
@@ -220,11 +324,11 @@ def _spans(
     duration = horizon if excerpts.duration is None else excerpts.duration
     if math.isinf(duration):
         raise UsageError("the length of an episode is not known; state it, such as --duration 2")
-    spans: list[tuple[Trace, tuple[int, int] | None]] = []
+    spans: list[tuple[Loaded, tuple[int, int] | None]] = []
     sentences: list[str] = []
-    for trace in traces:
-        found, notes = _cut(trace, signals, excerpts, duration)
-        spans += [(trace, span) for span in found.spans]
+    for loaded in found:
+        episodes, notes = _cut(loaded.trace, signals, excerpts, duration)
+        spans += [(loaded, span) for span in episodes.spans]
         sentences += notes
     return spans, sentences
 
@@ -235,7 +339,8 @@ def _cut(
     """Return the episodes of a log, and sentences on how they were cut."""
     start = excerpts.start or 0.0
     if excerpts.when is None:
-        return _one(trace, start, duration), []
+        episode = _one(trace, start, duration)
+        return episode, _shortfall(trace, start, duration) if episode.incomplete else []
     condition = _condition(trace, signals, excerpts.when)
     named = trace.only(condition.channels(_CONDITION))
     first = _known(named)
@@ -261,8 +366,17 @@ def _one(trace: Trace, start: float, duration: float) -> Cut:
     begin = int(np.searchsorted(times, start * (1.0 - 1e-9)))
     period = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
     end = int(np.searchsorted(times, start + duration + 0.5 * period))
-    complete = begin < len(times) and times[-1] >= start + duration - 0.5 * period
+    complete = begin < end and times[-1] >= start + duration - 0.5 * period
     return Cut(((begin, end),) if complete else (), False, 0, int(not complete))
+
+
+def _shortfall(trace: Trace, start: float, duration: float) -> list[str]:
+    """Return why a log has no episode from a time on."""
+    end = f"{start + duration:.6g} s"
+    lasts = trace.times[-1] - trace.times[0]
+    if lasts > start + duration:
+        return [f"the log has no sample from {start:.6g} s to {end}, and an episode needs all of it"]
+    return [f"the log ends {lasts:.6g} s after its first sample, and an episode needs {start:.6g} s to {end}"]
 
 
 def _condition(trace: Trace, signals: Mapping[str, Signal], text: str) -> Spec:
@@ -288,7 +402,7 @@ def _values(name: str, trace: Trace, excerpts: Excerpts) -> dict[str, tuple[floa
     """Return the test parameters that the log holds; a trace's times begin with its episode.
 
     Raises:
-        TraceError: a value is not a finite number.
+        TraceError: a value is not a finite number, or lies after the end.
     """
     values: dict[str, tuple[float, str]] = {}
     for parameter, source in excerpts.sources.items():
@@ -297,7 +411,14 @@ def _values(name: str, trace: Trace, excerpts: Excerpts) -> dict[str, tuple[floa
             raise TraceError(
                 f"{name}: the parameter {parameter} is a vector, from {source.column}; name a component"
             )
-        at = int(np.searchsorted(trace.times - trace.times[0], source.at * (1.0 + 1e-9), side="right")) - 1
+        times = trace.times - trace.times[0]
+        period = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
+        if source.at > times[-1] + period:
+            raise TraceError(
+                f"{name}: the parameter {parameter} is wanted at {source.at:g} s, but the trace lasts "
+                f"{times[-1]:.6g} s; state an earlier time or a longer --duration"
+            )
+        at = int(np.searchsorted(times, source.at * (1.0 + 1e-9), side="right")) - 1
         value = float(samples[max(at, 0)])
         if not math.isfinite(value):
             raise TraceError(f"{name}: the parameter {parameter} is {value}, from {source.column}")

@@ -20,7 +20,7 @@ from s2r_spec import logs
 from s2r_spec.errors import TraceError, UsageError, one_of, shortened
 from s2r_spec.logs.interpret import Loaded
 from s2r_spec.logs.table import regular
-from s2r_spec.logs.topics.formats import opener
+from s2r_spec.logs.topics.formats import FORMATS, opener
 from s2r_spec.rollouts.excerpts import Excerpt, excerpt
 from s2r_spec.rollouts.log_options import LogOptions
 from s2r_spec.trace import Trace
@@ -91,6 +91,7 @@ def read(options: LogOptions) -> Folder:
         files = _files(root, table.rows, paths)
         tests = [(files[row.id], row.params) for row in table.rows]
     else:
+        _complete(root, paths)
         tests = [(path, {}) for path in paths]
     if not tests:
         raise LogError(f"{root} has no log; s2r reads {', '.join(logs.READABLE)}, and folders of ROS 2 bags")
@@ -156,6 +157,29 @@ def _logs(root: Path) -> list[Path]:
         and path.name != TABLE
         and not path.name.startswith(".")
     ]
+
+
+def _complete(root: Path, paths: Sequence[Path]) -> None:
+    """Refuse a folder that holds logs which are not read; no table says that they are none of the tests.
+
+    Raises:
+        LogError: a log lies deeper, is compressed, or its recording did not end well.
+    """
+    for path in sorted(set(root.iterdir()) - set(paths)):
+        if path.name.startswith("."):
+            continue
+        below = sorted(one.name for one in path.iterdir() if opener(one) is not None) if path.is_dir() else []
+        if not below and not any(ending.lower() in FORMATS for ending in path.suffixes[:-1]):
+            continue
+        held = (
+            f" holds {one_of(below)}, which log:{root} does not read"
+            if below
+            else f" is not read by log:{root}"
+        )
+        raise LogError(
+            f"{path}{held}: leaving out a recording biases the bound. Move the logs into {root}, unpack or "
+            f"`ros2 bag reindex` them, or list all tests in {TABLE}"
+        )
 
 
 def _parts(paths: Sequence[Path]) -> list[Path]:

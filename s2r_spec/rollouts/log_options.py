@@ -129,7 +129,9 @@ def _values(where: str, options: str) -> dict[str, Any]:
         value = unquote(value)
         if key not in WORDS:
             known = ", ".join(f"{word}={form}" for word, form in WORDS.items())
-            raise UsageError(f"{where}: the options after the ? are {known}, not {option!r}")
+            raise UsageError(
+                f"{where}: the options after the ? are {known}, not {option!r}; within a value, write & as %26"
+            )
         if key in REPEATED:
             values[key].append(value)
         elif values.setdefault(key, value) != value:

@@ -148,13 +148,14 @@ def _without(trace: Trace, names: Collection[str]) -> Trace:
 def _notes(entries: Sequence[Entry], lacking: Mapping[str, str]) -> list[str]:
     """Return a note for each channel left out, and one for each kind of the files' notes, with the first file."""
     sentences = [f"the channel {name!r} is left out: {reason}" for name, reason in lacking.items()]
-    kinds: dict[str, list[str]] = {}
+    kinds: dict[str, dict[str, str]] = {}
     for source, note in dict.fromkeys(
         (entry.source.partition("#")[0], note) for entry in entries for note in entry.loaded.notes
     ):
-        kinds.setdefault(re.sub(r"\d+", "", note), []).append(f"{source}: {note}")
+        kinds.setdefault(re.sub(r"\d+", "", note), {}).setdefault(source, f"{source}: {note}")
     for notes in kinds.values():
-        sentences.append(notes[0] if len(notes) == 1 else f"{notes[0]}; likewise in {len(notes)} files")
+        first = next(iter(notes.values()))
+        sentences.append(first if len(notes) == 1 else f"{first}; likewise in {len(notes)} files")
     return sentences
 
 

@@ -45,14 +45,15 @@ class ArrayLog:
 
     Args:
         arrays: path → array; the parts of a path are joined by dots.
+        time_unit: unit of times that are plain numbers; None if not stated.
 
     Raises:
         TraceError: no array has times.
     """
 
-    def __init__(self, arrays: Mapping[str, Array]) -> None:
+    def __init__(self, arrays: Mapping[str, Array], time_unit: str | None = None) -> None:
         few(len(arrays))
-        self._arrays = arrays
+        self._arrays, self._time_unit = arrays, time_unit
         self.notes: tuple[str, ...] = ()
         folders: dict[str, list[str]] = defaultdict(list)
         for path in arrays:
@@ -67,10 +68,7 @@ class ArrayLog:
                     self._times[topic] = clock
                     fields[topic].append(path[len(topic) :].lstrip("."))
         if not fields:
-            raise TraceError(
-                f"no array of the file has times; there are {one_of(arrays)}. "
-                f"Save an array of times beside them, called t"
-            )
+            raise TraceError(f"no array of the file has times; {_advice(arrays)}")
         self.heads = tuple(self._head(topic, names) for topic, names in fields.items())
 
     def _head(self, topic: str, names: Sequence[str]) -> TopicHead:
@@ -102,7 +100,11 @@ class ArrayLog:
         array = self._arrays[clock]
         head = Head(clock.rpartition(".")[2], None, array.unit)
         found = times.read(
-            [Column(array.read())], [head], None, lambda sample: f"sample {sample} of {quoted(clock)}", None
+            [Column(array.read())],
+            [head],
+            self._time_unit,
+            lambda sample: f"sample {sample} of {quoted(clock)}",
+            None,
         )
         if found.since is None:
             return found.seconds
@@ -124,6 +126,15 @@ class ArrayLog:
             if not folder:
                 return None
             folder = folder.rpartition(".")[0]
+
+
+def _advice(arrays: Mapping[str, Array]) -> str:
+    """Return what a file without a topic has, and what to save instead."""
+    clocks = [path for path in arrays if path.rpartition(".")[2] in WORDS]
+    if not clocks:
+        return f"there are {one_of(arrays)}. Save an array of times beside them, called t"
+    shapes = one_of(f"{path} of {'×'.join(map(str, array.shape)) or '1'}" for path, array in arrays.items())
+    return f"there are {shapes} numbers. Save the samples along the first axis, as many as {clocks[0]} has"
 
 
 def _path(topic: str, name: str) -> str:

@@ -21,8 +21,8 @@ from s2r_spec.printable import one_line
 _MATLAB = "MATLAB_class"
 
 
-def open_hdf5(path: Path) -> ArrayLog:
-    """Return the arrays of a file.
+def open_hdf5(path: Path, time_unit: str | None = None) -> ArrayLog:
+    """Return the arrays of a file; a unit is for times that are plain numbers.
 
     Raises:
         TraceError: h5py is not installed, or the file is not HDF5.
@@ -42,7 +42,7 @@ def open_hdf5(path: Path) -> ArrayLog:
 
     with _Errors(path), h5py.File(path) as file:
         file.visititems(visit)
-    return ArrayLog(arrays)
+    return ArrayLog(arrays, time_unit)
 
 
 def _read(h5py: Any, path: Path, name: str, turned: bool) -> NDArray[Any]:

@@ -23,8 +23,8 @@ _BLOCK = 512
 """Definition: bytes before the HDF5 part of a MATLAB file."""
 
 
-def open_matlab(path: Path) -> ArrayLog:
-    """Return the arrays of a file.
+def open_matlab(path: Path, time_unit: str | None = None) -> ArrayLog:
+    """Return the arrays of a file; a unit is for times that are plain numbers.
 
     Raises:
         TraceError: the file is not a MATLAB file, or has no arrays with times.
@@ -33,7 +33,7 @@ def open_matlab(path: Path) -> ArrayLog:
     with path.open("rb") as stream:
         start = stream.read(_BLOCK + len(_HDF5))
     if start[_BLOCK:] == _HDF5 or start.startswith(_HDF5):
-        return open_hdf5(path)
+        return open_hdf5(path, time_unit)
     from scipy.io import loadmat
 
     try:
@@ -47,7 +47,8 @@ def open_matlab(path: Path) -> ArrayLog:
         raise TraceError(f"this is not a complete MATLAB file: {reason}") from None
     variables = {name: value for name, value in content.items() if not name.startswith("__")}
     return ArrayLog(
-        {path: Array(found.shape, partial(np.asarray, found)) for path, found in _arrays(variables, "")}
+        {path: Array(found.shape, partial(np.asarray, found)) for path, found in _arrays(variables, "")},
+        time_unit,
     )
 
 

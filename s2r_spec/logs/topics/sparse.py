@@ -43,6 +43,7 @@ def joined(loaded: Loaded, joining: Joining, early: bool = False) -> Loaded:
         loaded,
         trace=Trace(found.stamps, channels, trace.units, trace.meta),
         notes=(*loaded.notes, *found.notes),
+        arrivals=found.arrivals,
     )
 
 

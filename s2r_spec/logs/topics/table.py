@@ -7,10 +7,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from s2r_spec.errors import TraceError, one_of
 from s2r_spec.logs.table import Chooser, Column, Head, Table
 from s2r_spec.logs.times import TIME
-from s2r_spec.logs.topics.join import Joining, join
+from s2r_spec.logs.topics.join import Joining, join, seconds
 from s2r_spec.logs.topics.topic import Stamps, Topic, TopicHead, TopicLog
 
 APART = 1.0
@@ -34,12 +36,16 @@ def load(
         TraceError: the file is damaged, its topics have no time in common, or their stamps come from several clocks.
     """
     log = open_log(path)
+    if not log.heads:
+        raise TraceError("the file has no topics")
     heads: list[Head] = [Head(TIME)]
     fields: list[tuple[TopicHead, str]] = []
     for topic in log.heads:
         for field in topic.fields:
             heads.append(_head(topic, field))
             fields.append((topic, field))
+    for topic in log.heads:
+        heads += [Head(topic.path(field), fault=fault) for field, fault in topic.other.items()]
     chosen = sorted(number for number in choose(tuple(heads)) if number)
     wanted: dict[str, list[str]] = defaultdict(list)
     for number in chosen:
@@ -49,12 +55,13 @@ def load(
     joining = replace(joining, clock=_topic_of(joining.clock, topics))
     if joining.clock is not None and joining.clock in topics:
         wanted.setdefault(joining.clock, [])
-    if not topics:
-        raise TraceError("the file has no topics")
     if not wanted:  # what is missing is said later; a trace has stamps
         wanted[max(log.heads, key=lambda topic: topic.count).name] = []
     which, notes = _stamps([topics[name] for name in wanted], joining.stamps)
-    read = log.read(wanted, which)
+    read = {}
+    for name, one in log.read(wanted, which).items():
+        read[name], left_out = _stamped(one)
+        notes += left_out
     _one_clock(read)
     joined = join(read, joining, early)
     columns: dict[int, Column] = {0: Column(joined.stamps)}
@@ -65,7 +72,7 @@ def load(
     def place(sample: int, number: int) -> str:
         return f"{heads[number].text} at sample {sample}"
 
-    return Table(tuple(heads), columns, {}, place, [*log.notes, *notes, *joined.notes])
+    return Table(tuple(heads), columns, {}, place, [*log.notes, *notes, *joined.notes], joined.arrivals)
 
 
 def _topic_of(clock: str | None, topics: Mapping[str, TopicHead]) -> str | None:
@@ -78,11 +85,12 @@ def _topic_of(clock: str | None, topics: Mapping[str, TopicHead]) -> str | None:
 
 def _head(topic: TopicHead, field: str) -> Head:
     """Return the head of a field; ``q[3]`` is a component of a vector."""
+    fault = "" if topic.count else "belongs to a topic without messages"
     stem, bracket, rest = field.rpartition("[")
     digits = rest.removesuffix("]")
     if bracket and digits.isdecimal():
-        return Head(topic.path(stem), int(digits), topic.units.get(field))
-    return Head(topic.path(field), None, topic.units.get(field))
+        return Head(topic.path(stem), int(digits), topic.units.get(field), fault)
+    return Head(topic.path(field), None, topic.units.get(field), fault)
 
 
 def _stamps(topics: list[TopicHead], chosen: Stamps | None) -> tuple[Stamps, list[str]]:
@@ -106,6 +114,36 @@ def _stamps(topics: list[TopicHead], chosen: Stamps | None) -> tuple[Stamps, lis
     return which, [
         f"the stamps are {'those of the headers' if which == 'header' else 'the times of receipt'}"
     ]
+
+
+def _stamped(topic: Topic) -> tuple[Topic, list[str]]:
+    """Return a topic without the messages whose header has no stamp, and a note on these.
+
+    The stamp 0 means that the sender set none, unless its clock began there.
+
+    Raises:
+        TraceError: no header has a stamp, or the stamps jump back, as those of a simulation that began anew.
+    """
+    counts = topic.stamps.astype("m8[ns]") if topic.stamps.dtype.kind == "M" else topic.stamps
+    ages = seconds(counts) if len(topic) else np.zeros(0)
+    remedy = "save each part in a file of its own" if topic.age is None else "use --stamps received"
+    unset = ages == 0.0
+    if topic.age is None or (not unset.all() and ages[~unset].min() <= APART):
+        unset[:] = False
+    if unset.any() and unset.all():
+        raise TraceError(f"the headers of {topic.name} have no stamps, only zeros; {remedy}")
+    set_ = ages[~unset]
+    back = np.maximum.accumulate(set_) - set_
+    if back.size and back.max() > APART:
+        number = int(np.argmax(back > APART))
+        raise TraceError(
+            f"the stamps of {topic.name or 'the file'} jump back by {back[number]:.6g} s at message "
+            f"{int(np.flatnonzero(~unset)[number]) + 1}, so its clock began anew; {remedy}"
+        )
+    if not unset.any():
+        return topic, []
+    note = f"{int(unset.sum())} messages of {topic.name} have no stamp in their header, and are left out"
+    return topic.only(~unset), [note]
 
 
 def _one_clock(topics: Mapping[str, Topic]) -> None:

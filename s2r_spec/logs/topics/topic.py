@@ -33,6 +33,7 @@ class TopicHead:
         header: whether its messages carry the stamp of their sender.
         units: field → unit as written.
         faults: field → why it cannot be read.
+        other: field that holds no numbers → what it holds, as text after its name.
     """
 
     name: str
@@ -42,6 +43,7 @@ class TopicHead:
     header: bool = False
     units: Mapping[str, str] = field(default_factory=dict)
     faults: Mapping[str, str] = field(default_factory=dict)
+    other: Mapping[str, str] = field(default_factory=dict)
 
     def path(self, field_name: str) -> str:
         """Return the name of a field in the log."""
@@ -76,6 +78,10 @@ class Topic:
         stamps = self.stamps[order]
         last = np.append(stamps[1:] != stamps[:-1], True) if len(stamps) else np.zeros(0, dtype=bool)
         kept = order[last]
+        return self.only(kept), len(self) - len(kept)
+
+    def only(self, kept: NDArray[Any]) -> Topic:
+        """Return some of the messages, by their numbers or as a mask."""
         columns = {
             name: Column(
                 one.values[kept] if not one.fault else one.values,
@@ -84,7 +90,7 @@ class Topic:
             )
             for name, one in self.columns.items()
         }
-        return Topic(self.name, self.stamps[kept], columns, self.age), len(self) - len(kept)
+        return Topic(self.name, self.stamps[kept], columns, self.age)
 
 
 class TopicLog(Protocol):
