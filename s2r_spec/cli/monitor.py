@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -206,6 +207,9 @@ def _evaluated_requirement(
         found = spec.evaluate(trace, requirement, params, nan=nan, sparse=sparse, **conventions)
         sampling = Sampling(period=found.period, duration=found.duration, narrowest_window=found.narrowest)
         lines = [_sampled(found), *(f"  note: {note}" for note in found.notes)]
+        if partial and not found.complete[0] and math.isinf(found.value):
+            text = "\n".join((f"{requirement} unknown: no recorded sample decides it", *lines))
+            return extended(UnknownRequirement, sampling, requirement=requirement, text=text)
         if not (found.complete[0] or partial or held):
             shortfall = spec.shortfall(trace, requirement, params, nan=nan)
             text = "\n".join(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -89,11 +90,13 @@ def _follow(request: Request, source: _Input, settings: Settings) -> int:
     }
     scales = _scales(spec, request.requirements, source.units)
     shown: dict[str, RobustInterval] = {}
+    latest: dict[str, RobustInterval] = {}
     recent: list[float] = []  # the first time and the last two, which set the precision of printed times
     for last, sample in source.samples:
         recent = [*recent[:1], *recent[-1:], last]
         for name, monitor in monitors.items():
             (interval,) = monitor.update(last, _converted(sample, scales)).values()
+            latest[name] = interval
             if interval != shown.get(name) and (name in shown or interval.bounded):
                 shown[name] = interval
                 _changed(spec, name, recent, interval, settings.as_json)
@@ -101,6 +104,8 @@ def _follow(request: Request, source: _Input, settings: Settings) -> int:
     for name, monitor in monitors.items():
         failure = _fallen(spec, name, source.meta)
         ended |= {name: failure} if failure else monitor.finish(partial=settings.partial)
+        if settings.partial and math.isinf(ended[name].lower) and ended[name].decided and name in latest:
+            ended[name] = latest[name]  # windows that the trace cuts to nothing decide nothing
     for sentence in source.notes:
         note(sentence)
     shortfalls = {

@@ -301,3 +301,11 @@ def test_parameters_that_the_trace_recorded(s2r, spec):
     assert last["params"] == {"vd": 0.25}
     wrong = walk(s2r, "wrong.csv", params={"vd": [1]})
     assert "vd = [1]" in s2r("monitor", spec, wrong, code=2).stderr
+
+
+@pytest.mark.parametrize("online", [(), ("--online",)])
+def test_windows_that_a_short_trace_cuts_to_nothing_decide_nothing(s2r, online):
+    (s2r.folder / "late.stl").write_text("signal v {m}\nrequire ok: always[2 s, 3 s] (v <= 1 {m})\n")
+    (s2r.folder / "early.csv").write_text("t,v\n0,5\n1,6\n")
+    shown = s2r("monitor", "late.stl", "early.csv", "--partial", *online, code=3)
+    assert "unknown" in shown.stdout
