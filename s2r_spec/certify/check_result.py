@@ -170,14 +170,20 @@ def distance(spec: Spec, left: Mapping[str, float], right: Mapping[str, float]) 
     return max(abs(left[axis.name] - right[axis.name]) / axis.width for axis in spec.space.axes)
 
 
+def when_decided(label: Label) -> str:
+    """Return the end of a verdict's reason: whether the search ended because the verdict was known."""
+    return "; the search ended as soon as this was known" if label is Label.DECIDED else ""
+
+
 def _judge(certificate: Certificate, lower: float, upper: float) -> tuple[Verdict, str]:
     """Return the verdict on certified bounds of the worst expected robustness, with its reason."""
     if not certificate.label.bounds:
         return Verdict.UNKNOWN, f"no certificate: {certificate.reason}"
+    early = when_decided(certificate.label)
     if lower >= 0:
-        return Verdict.HOLDS, "the worst expected robustness is not negative"
+        return Verdict.HOLDS, f"the worst expected robustness is not negative{early}"
     if upper < 0:
-        return Verdict.VIOLATED, "the worst expected robustness is negative"
+        return Verdict.VIOLATED, f"the worst expected robustness is negative{early}"
     way = "a larger budget" if certificate.label is Label.BUDGET else "a smaller epsilon in its certify line"
     return Verdict.UNKNOWN, (
         f"the interval contains 0 after {certificate.rollouts} rollouts; {way} may decide it"

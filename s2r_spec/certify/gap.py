@@ -22,13 +22,16 @@ from s2r_spec.certify.options import RunKeywords, RunOptions
 from s2r_spec.certify.pairing import SIMULATED_PER_REAL, Pairing
 from s2r_spec.certify.recorded import Recorded, observe
 from s2r_spec.certify.search import Search
+from s2r_spec.certify.stop_options import refuse_rule, with_rule
 from s2r_spec.certify.voids import machine_fields
+from s2r_spec.errors import UsageError
 from s2r_spec.rollouts.attendance import refuse_terms
 from s2r_spec.rollouts.journal import Journal
 from s2r_spec.rollouts.layout import SYSTEMS
 from s2r_spec.rollouts.machine_runner import runner_for
 from s2r_spec.rollouts.seeds import Stream
 from s2r_spec.rollouts.spec_files import spec_texts
+from s2r_spec.rollouts.stop_rule import DECIDED, header_fields
 from s2r_spec.spec import Spec
 
 
@@ -67,6 +70,11 @@ def gap(
     requirement = options.requirement or only_requirement(spec)
     if options.resume:
         require_begun([folder / side for side in SYSTEMS], folder)
+    options = with_rule(options, folder / SYSTEMS[1])
+    if options.stop == DECIDED:
+        raise UsageError(
+            "a gap has no verdict that stop = 'decided' could wait for; use 'epsilon' or 'budget', or run certify"
+        )
     pairing = Pairing.for_spec(spec, requirement, simulated, real, options.budget)
     search = gap_search(spec, requirement, options, pairing.per_real)
     return gap_with(search, spec, requirement, pairing, folder, options)
@@ -80,6 +88,8 @@ def gap_with(
     refuse_terms(machine, terms)
     if pairing.recorded is None:
         search.refuse_hopeless()
+    else:
+        refuse_rule(search.settings.stop, pairing.real.name)
     provenance: dict[str, Any] = {
         "s2r": version("s2r"),
         "spec": Path(spec.name).name,
@@ -89,6 +99,7 @@ def gap_with(
         "simulated_per_real": pairing.per_real,
         "settings": search.certificate().settings,
     }
+    provenance |= header_fields(search.settings.stop)
     for side, scorer in pairing.scorers.items():
         provenance[side] = {"backend": scorer.name, "model_hash": scorer.backend.model_hash}
         provenance[side] |= machine_fields(scorer.backend, terms.void)
