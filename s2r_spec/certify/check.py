@@ -84,7 +84,15 @@ def check_with(
         journal = Journal.create(folder, provenance, spec_texts(spec))
     attended = is_exclusive(scorer.backend)
     options.watching.begin(
-        Phase("ρ", rho_unit(spec, requirement), backend, spec.space.units, search.budget, attended)
+        Phase(
+            "ρ",
+            rho_unit(spec, requirement),
+            backend,
+            spec.space.units,
+            search.budget,
+            attended,
+            search.settings if design is None else None,
+        )
     )
     if design is not None:
         observe(search, design, Recorded(design, scorer, journal), options.watching)

@@ -8,6 +8,7 @@ as an estimate.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Unpack
@@ -22,6 +23,7 @@ from s2r_spec.certify.options import RunKeywords, RunOptions
 from s2r_spec.certify.pairing import SIMULATED_PER_REAL, Pairing
 from s2r_spec.certify.recorded import Recorded, observe
 from s2r_spec.certify.search import Search
+from s2r_spec.certify.settings import SearchSettings
 from s2r_spec.certify.stop_options import refuse_rule, with_rule
 from s2r_spec.certify.voids import machine_fields
 from s2r_spec.errors import UsageError
@@ -31,7 +33,7 @@ from s2r_spec.rollouts.layout import SYSTEMS
 from s2r_spec.rollouts.machine_runner import runner_for
 from s2r_spec.rollouts.seeds import Stream
 from s2r_spec.rollouts.spec_files import spec_texts
-from s2r_spec.rollouts.stop_rule import DECIDED, header_fields
+from s2r_spec.rollouts.stop_rule import DECIDED, EPSILON, header_fields
 from s2r_spec.spec import Spec
 
 
@@ -114,6 +116,7 @@ def gap_with(
             spec.space.units,
             search.budget,
             is_exclusive(machine),
+            _forecast(search) if pairing.recorded is None else None,
         )
     )
     with (
@@ -133,6 +136,12 @@ def gap_with(
             pairs = Pairs(simulated, recorded, watched="simulated")
             observe(search, pairing.recorded, pairs, options.watching)
     return conclude_gap(spec, search, journals, provenance, folder)
+
+
+def _forecast(search: Search) -> SearchSettings:
+    """Return the settings from which an observer may forecast the end; the verdict of certify ends it earlier."""
+    settings = search.settings
+    return replace(settings, stop=EPSILON) if settings.stop == DECIDED else settings
 
 
 def _journals(
