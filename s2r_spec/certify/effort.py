@@ -135,7 +135,7 @@ def _largest(wide: FloatArray, spacing: float) -> float:
 
 @dataclass(frozen=True)
 class _Expected:
-    """Expected evidence and posterior deviation of a design; see :class:`s2r_spec.certify.posterior.Conditioned`."""
+    """Expected evidence and posterior deviation of a design."""
 
     eigenvalues: FloatArray
     loads: FloatArray
@@ -207,11 +207,11 @@ class Effort:
         for _ in range(UPDATES):
             data = _Expected.of(self.part, design, objective)
             total = self.part.number * float(design.sum())
-            bound = self.mode.bound(data, round(total), self.norms, self.delta)  # type: ignore[arg-type]
+            bound = self.mode.bound(data, round(total), self.norms, self.delta)
             half = np.nanmin(bound.widths[0][:, None] * data.deviation(bound.scales), axis=0)
             half = np.minimum(half, self.norms[0])  # |J| ≤ B without any rollout
             excess = half / allowed
-            if excess.max() <= 1 + CONVERGED and (excess[design > 1].size == 0 or _settled(excess, design)):
+            if excess.max() <= 1 + CONVERGED and _settled(excess, design):
                 break
             design = np.clip(design * excess**STEP, LEAST, None)
         return self.part.number * float(design.sum())

@@ -21,7 +21,7 @@ from s2r_spec.certify.stop_options import refuse_rule, with_rule
 from s2r_spec.rollouts.attendance import refuse_terms
 from s2r_spec.rollouts.layout import GAP, SIMULATION, SYSTEMS
 from s2r_spec.rollouts.machine_journal import AGAIN
-from s2r_spec.rollouts.stop_rule import EPSILON
+from s2r_spec.rollouts.stop_rule import BUDGET, EPSILON, stop_of
 from s2r_spec.spec import Spec
 from s2r_spec.verdict import Verdict
 
@@ -119,7 +119,8 @@ def conclude_certify(
         sign = "not negative" if verdict is Verdict.HOLDS else "negative"
         reason = f"the worst expected robustness of {real} is {sign}{when_decided(bounded.certificate.label)}"
     else:
-        way = "more real rollouts" if bounded.certificate.label is Label.BUDGET else "a smaller epsilon"
+        spent = bounded.certificate.label is Label.BUDGET or stop_of(bounded.provenance) == BUDGET
+        way = "more real rollouts" if spent else "a smaller epsilon"
         if "recorded" in bounded.provenance:
             where = ", ".join(f"{name} = {value:.4g}" for name, value in second.suggestion.items())
             way = f"another recorded test, best at {where},"

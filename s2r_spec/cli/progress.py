@@ -115,7 +115,7 @@ class Live:
 
     def begin(self, phase: Phase) -> None:
         """Begin another search. If it has an operator, the screen is left to the operator's dialogue."""
-        self._state = State(phase=phase, since=self._clock())
+        self._state = State(phase=phase, since=self._clock(), pace=Pace(paired=phase.symbol == "Δ"))
         if self._opening and not self._quiet:
             self._console.print(one_line(self._opening), markup=False, soft_wrap=True)
         self._opening = ""

@@ -128,32 +128,38 @@ class Pace:
     The wait for the first result is not counted, for workers start in it.
 
     Attributes:
+        paired: whether each rollout is compared with simulated ones, which run after the batch and are not reported.
         counted: rollouts whose time is known.
         busy: their time [s].
-        thinking: time between the last rollout and the next batch, of the latest batch [s]; None before the second.
+        between: time between the last rollout and the next batch, of the latest batch [s]; None before the second.
+        size: reported rollouts of the latest batch.
     """
 
+    paired: bool = False
     counted: int = 0
     busy: float = 0.0
-    thinking: float | None = None
+    between: float | None = None
+    size: int = 0
     _latest: float | None = field(default=None, repr=False)
-    _began: bool = field(default=False, repr=False)
+    _here: int = field(default=0, repr=False)
 
     def rollout(self, now: float) -> None:
         """Count a rollout that ended."""
-        if self._began and self._latest is not None:
+        if self._latest is not None and (self._here or self.between is not None):
             self.busy += now - self._latest
             self.counted += 1
-        self._began, self._latest = True, now
+        self._here, self._latest = self._here + 1, now
 
     def batch(self, now: float) -> None:
-        """Count the computation that ended with the choice of a batch."""
-        if self._began and self._latest is not None:
-            self.thinking = now - self._latest
+        """Count the time until the choice of a batch."""
+        if self._here and self._latest is not None:
+            self.between, self.size, self._here = now - self._latest, self._here, 0
         self._latest = now
 
     def seconds(self, left: float, batches: int) -> float | None:
         """Return the time of so many rollouts in so many batches [s]; None before the first batch ended."""
-        if not self.counted or self.thinking is None:
+        if not self.counted or self.between is None:
             return None
-        return left * self.busy / self.counted + batches * self.thinking
+        # Simulated rollouts are as many as the others; the search's own computation is the same for every batch.
+        times = left / self.size if self.paired else batches
+        return left * self.busy / self.counted + times * self.between
