@@ -7,13 +7,18 @@ them. The A1 takes minutes for each seed; its earlier complete runs come from ot
 
     OMP_NUM_THREADS=1 python benchmarks/plan_calibration.py             # 7 minutes of one core
     OMP_NUM_THREADS=1 python benchmarks/plan_calibration.py --a1 3      # and the A1 with this seed, 6 minutes
+    OMP_NUM_THREADS=1 python benchmarks/plan_calibration.py --commands  # only how long `s2r plan` takes
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import os
 import re
+import resource
+import subprocess
+import sys
 import tempfile
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -39,6 +44,13 @@ from s2r_spec.cli.progress import Live
 ROOT = Path(__file__).parents[1]
 RESULTS = ROOT / "benchmarks" / "results"
 SEEDS = range(6)
+COMMANDS = {
+    "the paper's hardware setting": "--R 0.1 --eps 0.003 --delta 1e-6 --B 1.5",
+    "the A1's spec": "specs/a1_velocity.stl",
+    "the turtlebot's spec, two budgets": "specs/turtlebot.stl --budget 100 --budget 1000",
+    "four parameters": "--R 0.1 --eps 0.1 --delta 1e-3 --B 1.5 --dim 4",
+}
+"""Settings whose `s2r plan` is timed."""
 TUTORIAL = ROOT / "docs" / "tutorials" / "gap-and-cause.md"
 
 
@@ -141,6 +153,25 @@ def planned_of(spec: s2r.Spec) -> tuple[tuple[int, int], float]:
     return (round(low), round(high)), perf_counter() - began
 
 
+def commands() -> list[dict[str, Any]]:
+    """Return wall and processor time of whole commands [s], from the start of Python to its end."""
+    table = []
+    for name, words in COMMANDS.items():
+        before, began = resource.getrusage(resource.RUSAGE_CHILDREN), perf_counter()
+        command = [sys.executable, "-m", "s2r_spec", "plan", *words.split(), "--quiet"]
+        subprocess.run(command, check=True, cwd=ROOT, stdout=subprocess.DEVNULL)
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        busy = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+        line = {
+            "setting": name,
+            "seconds": round(perf_counter() - began, 1),
+            "processor_seconds": round(busy, 1),
+        }
+        print(f"{line}", flush=True)
+        table.append(line)
+    return table
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run all, print a line for each run and each spec, write the results."""
     parser = argparse.ArgumentParser(
@@ -148,13 +179,22 @@ def main(arguments: Sequence[str] | None = None) -> None:
     )
     parser.add_argument("--a1", type=int, nargs="*", default=[], help="seeds of the A1's spec to run, too")
     parser.add_argument("--output", type=Path, default=RESULTS / "plan_calibration.json")
+    parser.add_argument(
+        "--commands", action="store_true", help="time only the commands, and keep the other results"
+    )
     options = parser.parse_args(arguments)
+    step = step_of_the_a1()
+    timed = {"mujoco_step_us": round(step, 1), "load": os.getloadavg()[0], "commands": commands()}
+    if options.commands:
+        record = json.loads(options.output.read_text()) | {"plan_time": timed}
+        options.output.write_text(json.dumps(record, indent=1, ensure_ascii=False) + "\n")
+        return
     cases: dict[str, tuple[s2r.Spec, str, Sequence[int]]] = {
         "specs/turtlebot.stl": (s2r.load_spec(ROOT / "specs/turtlebot.stl"), "turtlebot", SEEDS),
         "docs/tutorials/gap-and-cause.md": (tutorial(), "turtlebot", SEEDS),
         "specs/a1_velocity.stl": (s2r.load_spec(ROOT / "specs/a1_velocity.stl"), "sim", options.a1),
     }
-    step, table, runs = step_of_the_a1(), [], []
+    table, runs = [], []
     for name, (spec, backend, seeds) in cases.items():
         planned, took = planned_of(spec)
         found = earlier(planned) if backend == "sim" else []
@@ -174,6 +214,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         runs += found
     record = {
         "machine": describe("numpy", "torch") | {"mujoco_step_us": round(step, 1)},
+        "plan_time": timed,
         "plans": table,
         "runs": [asdict(run) for run in runs],
     }

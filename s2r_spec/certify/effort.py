@@ -43,7 +43,7 @@ GRID = 160
 SPACING = 2.0
 """Tolerance: grid spacing over the side of a cell that hides the share ``TOLERANCE`` of ε. With half of it the
 estimates change by a few per cent in one and two parameters."""
-UPDATES = 40
+UPDATES = 25
 """Budget: most updates of a design."""
 STEP = 1.3
 """Tolerance: power of an update. 2 would be exact for independent points; neighbours share their rollouts."""
