@@ -72,7 +72,7 @@ class Plan(Floors):
     """Expected effort of a search.
 
     Attributes:
-        peaked: the low end of the range of rollouts, if the objective varies by three ε; None if beyond ``most``.
+        peaked: the low end of the range of rollouts, if the objective varies by four ε; None if beyond ``most``.
         flat: the high end, if every test is nearly the worst one; None if beyond ``most``.
         expected: the geometric mean of both ends; None if beyond ``most``.
         reachable: (rollouts, expected ε) for each budget.

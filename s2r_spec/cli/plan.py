@@ -140,10 +140,8 @@ def plan(
             "epsilon": eps,
             "mode": mode,
         }
-        budgets = tuple(budget or ())
-        least = planning.floors(
-            planning.settings_of(space, (*budgets, *afforded), planning.MOST, **declaration)
-        )
+        budgets = (*(budget or ()), *afforded)
+        least = planning.floors(planning.settings_of(space, budgets, planning.MOST, **declaration))
         unit = Cost(seconds, "" if is_exclusive(machine) else f" on {cores()} cores")
         if not as_json:  # what needs no estimate is printed before the estimates
             plural = "" if space.dim == 1 else "s"
