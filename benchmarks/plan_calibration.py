@@ -6,7 +6,7 @@ given for rollouts and for seconds. Times depend on the machine, so the time of 
 them. The A1 takes minutes for each seed; its earlier complete runs come from other committed results. ::
 
     OMP_NUM_THREADS=1 python benchmarks/plan_calibration.py             # 7 minutes of one core
-    OMP_NUM_THREADS=1 python benchmarks/plan_calibration.py --a1 3      # and the A1 with this seed, 6 minutes
+    OMP_NUM_THREADS=1 python benchmarks/plan_calibration.py --a1 3      # and the A1, kept afterwards: 6 minutes
     OMP_NUM_THREADS=1 python benchmarks/plan_calibration.py --commands  # only how long `s2r plan` takes
 """
 
@@ -51,6 +51,7 @@ COMMANDS = {
     "four parameters": "--R 0.1 --eps 0.1 --delta 1e-3 --B 1.5 --dim 4",
 }
 """Settings whose `s2r plan` is timed."""
+A1 = "specs/a1_velocity.stl"
 TUTORIAL = ROOT / "docs" / "tutorials" / "gap-and-cause.md"
 
 
@@ -119,16 +120,18 @@ def complete(name: str, spec: s2r.Spec, backend: str, seed: int, stop: str, plan
     return run
 
 
-def earlier(planned: tuple[int, int]) -> list[Run]:
-    """Return the complete runs of the A1's spec that other results have."""
+def earlier(planned: tuple[int, int], output: Path) -> list[Run]:
+    """Return the complete runs of the A1's spec that other results have, and earlier ones of this file."""
     readme = json.loads((RESULTS / "readme_certify.json").read_text())["result"]["simulation"]["search"]
     counts = {0: readme["rollouts"]}
     repeated = json.loads((ROOT / "benchmarks/paper/results/repeatability.json").read_text())
     for run in repeated["complete_runs"]:
         counts[run["settings"]["seed"]] = run["rollouts"]
-    return [
+    before = json.loads(output.read_text())["runs"] if output.exists() else []
+    kept = [Run(**run) for run in before if run["spec"] == A1 and run["seconds"] is not None]
+    return kept + [
         Run(
-            "specs/a1_velocity.stl",
+            A1,
             seed,
             "epsilon",
             "CERTIFIED",
@@ -192,12 +195,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     cases: dict[str, tuple[s2r.Spec, str, Sequence[int]]] = {
         "specs/turtlebot.stl": (s2r.load_spec(ROOT / "specs/turtlebot.stl"), "turtlebot", SEEDS),
         "docs/tutorials/gap-and-cause.md": (tutorial(), "turtlebot", SEEDS),
-        "specs/a1_velocity.stl": (s2r.load_spec(ROOT / "specs/a1_velocity.stl"), "sim", options.a1),
+        A1: (s2r.load_spec(ROOT / A1), "sim", options.a1),
     }
     table, runs = [], []
     for name, (spec, backend, seeds) in cases.items():
         planned, took = planned_of(spec)
-        found = earlier(planned) if backend == "sim" else []
+        found = earlier(planned, options.output) if backend == "sim" else []
         for stop in ("epsilon", "decided") if backend != "sim" else ("epsilon",):
             found += [complete(name, spec, backend, seed, stop, planned) for seed in seeds]
         until = [run for run in found if run.stop == "epsilon"]

@@ -72,7 +72,7 @@ def gap(
     requirement = options.requirement or only_requirement(spec)
     if options.resume:
         require_begun([folder / side for side in SYSTEMS], folder)
-    options = with_rule(options, folder / SYSTEMS[1])
+    options = with_rule(options, *(folder / side for side in SYSTEMS))
     if options.stop == DECIDED:
         raise UsageError(
             "a gap has no verdict that stop = 'decided' could wait for; use 'epsilon' or 'budget', or run certify"

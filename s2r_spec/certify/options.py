@@ -82,7 +82,7 @@ class RunOptions(Execution):
         requirement: the name of the requirement; None if the specification has only one.
         budget: most rollouts; None for as many as the specification's ε takes. Of a gap it bounds the real rollouts.
         stop: when the search ends: "epsilon" (the interval is ε wide), "decided" (the verdict is known) or "budget".
-            None is the rule of a resumed run, and "epsilon" for a new one. The bound holds under every rule.
+            None is the rule of a resumed search, and "epsilon" for a new one. The bound holds under every rule.
         mode: the mode of the confidence set, see :class:`~s2r_spec.certify.settings.SearchSettings`.
         engine: the engine of the Gaussian process, see :class:`~s2r_spec.certify.settings.SearchSettings`.
         void: the treatment of a void rollout, on a machine only: "again" repeats the test, "fall" counts

@@ -66,7 +66,7 @@ def certify(
     requirement = options.requirement or only_requirement(spec)
     if options.resume:
         require_begun([folder / SIMULATION], folder)
-    options = with_rule(options, folder / GAP / SYSTEMS[1])
+    options = with_rule(options, *(folder / GAP / side for side in SYSTEMS))
     pairing = Pairing.for_spec(spec, requirement, simulated, real, options.budget)
     refuse_terms(pairing.real.backend, options.terms)
     of_simulator = replace(options, budget=None, stop=EPSILON, void=AGAIN, operator=None)

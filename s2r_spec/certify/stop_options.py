@@ -11,20 +11,20 @@ from s2r_spec.rollouts.journal import Journal
 from s2r_spec.rollouts.stop_rule import BUDGET, EPSILON, stop_of
 
 
-def with_rule(options: RunOptions, place: Path) -> RunOptions:
+def with_rule(options: RunOptions, *places: Path) -> RunOptions:
     """Return options with a stopping rule.
 
     Args:
         options: the options of the run.
-        place: the folder of the journal whose rule is the default, if the run is resumed.
+        places: the folders of the search's journals; the rule of one that has begun is the default of a resumed run.
 
     Raises:
         UsageError: only a budget ends the search, and there is none; or the journal is damaged.
     """
     stop = options.stop
     if stop is None:
-        resumed = options.resume and Journal.begun(place)
-        stop = stop_of(Journal.read(place).header) if resumed else EPSILON
+        begun = [place for place in places if options.resume and Journal.begun(place)]
+        stop = stop_of(Journal.read(begun[0]).header) if begun else EPSILON
     if stop == BUDGET and options.budget is None:
         raise UsageError("stop = 'budget' needs a budget: the largest number of rollouts")
     return replace(options, stop=stop)

@@ -142,15 +142,15 @@ def plan(
         }
         budgets = (*(budget or ()), *afforded)
         least = planning.floors(planning.settings_of(space, budgets, planning.MOST, **declaration))
-        unit = Cost(seconds, "" if is_exclusive(machine) else f" on {cores()} cores")
+        cost = Cost(seconds, "" if is_exclusive(machine) else f" on {cores()} cores")
         if not as_json:  # what needs no estimate is printed before the estimates
             plural = "" if space.dim == 1 else "s"
             say(
                 f"R = {R:g}, ε = {eps:g}, δ = {delta:g}, B = {B:g}, {shape.name} over {space.dim} parameter{plural}"
             )
-            say(f"  impossible below      {unit.words(least.floor)}, on average, by any method")
+            say(f"  impossible below      {cost.words(least.floor)}, on average, by any method")
             say(
-                f"  at one known test     {unit.words(least.minimax)} (fixed width, Gaussian noise of deviation R)"
+                f"  at one known test     {cost.words(least.minimax)} (fixed width, Gaussian noise of deviation R)"
             )
         with Stages(console(stderr=True), quiet) as stages:
             result = planning.plan(space, budgets=budgets, real=afforded, progress=stages, **declaration)
@@ -158,8 +158,8 @@ def plan(
             values = {"R": R, "epsilon": eps, "delta": delta, "B": B}
             print(line(extended(PlanObject, result, **values, seconds_per_rollout=seconds, pilot=noise)))
             return
-        low, high = unit.count(result.peaked), unit.count(result.flat)
-        say(f"  expected              {unit.between(result.peaked, result.flat)}:")
+        low, high = cost.count(result.peaked), cost.count(result.flat)
+        say(f"  expected              {cost.between(result.peaked, result.flat)}:")
         say(f"                        {low} if E ρ varies by {planning.VARIATION:g} ε over the test space,")
         say(f"                        {high} if every test is nearly the worst one")
         for rollouts, narrow, wide in result.reachable_range:
