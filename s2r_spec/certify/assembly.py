@@ -7,6 +7,15 @@ from typing import Any
 from s2r_spec.certify.certificate import ALL_COUNT, Certificate
 from s2r_spec.certify.state import State
 from s2r_spec.certify.stopping import label
+from s2r_spec.rollouts.stop_rule import BUDGET, DECIDED
+
+RULES = {
+    DECIDED: (
+        "the search may end as soon as the verdict is known (stop = decided); the bound holds at every time",
+    ),
+    BUDGET: ("only the budget ends the search (stop = budget); the bound holds at every time",),
+}
+"""Definition: a sentence on each stopping rule but the usual one."""
 
 
 def certificate(state: State) -> Certificate:
@@ -76,5 +85,6 @@ def _assumptions(state: State) -> tuple[str, ...]:
         f"the noise of one rollout is R-sub-Gaussian with R = {settings.R:g}{unit}, declared before the data",
         f"rollouts are independent given the tests, and {ALL_COUNT}",
         *(fixed if state.fixed else ()),
+        *RULES.get(settings.stop, ()),
         *(inside if state.coverage.axes else ()),
     )

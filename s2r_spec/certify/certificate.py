@@ -18,6 +18,7 @@ class Label(Enum):
     """Status of a certificate; the value is the printed text."""
 
     CERTIFIED = "certified under the stated assumptions"
+    DECIDED = "decided (valid interval)"
     BUDGET = "budget exhausted (valid interval)"
     REFUSED = "refused"
     MODEL_BASED = "model-based (not certified)"

@@ -18,6 +18,7 @@ from s2r_spec.certify.observers import Phase
 from s2r_spec.certify.options import RunKeywords, RunOptions
 from s2r_spec.certify.recorded import Design, Recorded, fixed_design, observe
 from s2r_spec.certify.search import Search
+from s2r_spec.certify.stop_options import refuse_rule, with_rule
 from s2r_spec.certify.voids import machine_fields
 from s2r_spec.distribution import version
 from s2r_spec.errors import UsageError
@@ -26,6 +27,7 @@ from s2r_spec.rollouts.journal import Journal
 from s2r_spec.rollouts.machine_runner import runner_for
 from s2r_spec.rollouts.scorer import Scorer
 from s2r_spec.rollouts.spec_files import spec_texts
+from s2r_spec.rollouts.stop_rule import header_fields
 from s2r_spec.spec import Spec
 
 __all__ = ["CheckResult", "check", "check_with"]
@@ -51,6 +53,7 @@ def check(
     requirement = options.requirement or only_requirement(spec)
     if options.resume:
         require_begun([folder], folder)
+    options = with_rule(options, folder)
     search = search_for(spec, requirement, options)
     return check_with(search, spec, requirement, backend, folder, options)
 
@@ -73,6 +76,7 @@ def check_with(
         "seed": options.seed,
         "settings": search.certificate().settings,
     }
+    provenance |= header_fields(search.settings.stop)
     if design is not None:
         provenance["recorded"] = list(design.notes)
     provenance |= machine_fields(scorer.backend, options.terms.void)
@@ -82,7 +86,15 @@ def check_with(
         journal = Journal.create(folder, provenance, spec_texts(spec))
     attended = is_exclusive(scorer.backend)
     options.watching.begin(
-        Phase("ρ", rho_unit(spec, requirement), scorer.name, spec.space.units, search.budget, attended)
+        Phase(
+            "ρ",
+            rho_unit(spec, requirement),
+            scorer.name,
+            spec.space.units,
+            search.budget,
+            attended,
+            search.settings if design is None else None,
+        )
     )
     if design is not None:
         observe(search, design, Recorded(design, scorer, journal), options.watching)
@@ -100,11 +112,13 @@ def _design(search: Search, spec: Spec, requirement: str, scorer: Scorer) -> Des
     """Return the recorded tests of a backend of recordings, None for one that runs.
 
     Raises:
-        UsageError: recordings have a budget, or none is in the test space; or no rollout could give a certificate.
+        UsageError: recordings have a budget or a stopping rule, or none is in the test space; or no rollout could give
+            a certificate.
     """
     if not isinstance(scorer.backend, HasRecordings):
         search.refuse_hopeless()
         return None
     if search.budget is not None:
         raise UsageError(f"a budget does not apply to {scorer.name}: s2r uses all of its recordings")
+    refuse_rule(search.settings.stop, scorer.name)
     return fixed_design(spec, requirement, scorer.backend, scorer.backend.recordings)

@@ -18,6 +18,7 @@ from s2r_spec.certify.search import Search
 from s2r_spec.certify.voids import is_machine, machine_assumptions, void_counts, with_voids, without_too_many
 from s2r_spec.result import Result
 from s2r_spec.rollouts.journal import Journal, Record
+from s2r_spec.rollouts.stop_rule import BUDGET, stop_of
 from s2r_spec.spec import Spec
 from s2r_spec.verdict import Verdict
 
@@ -97,7 +98,7 @@ def conclude(
     failures = Counter(record.failure for record in records if record.failure is not None)
     lower, upper = -certificate.upper, -certificate.lower
     unit = rho_unit(spec, requirement)
-    verdict, reason = _judge(certificate, lower, upper)
+    verdict, reason = _judge(certificate, lower, upper, stop_of(provenance))
     assumptions = (
         *(
             with_voids(text.replace("the expected outcome", "the expected robustness E ρ"), provenance)
@@ -174,15 +175,22 @@ def distance(spec: Spec, left: Mapping[str, float], right: Mapping[str, float]) 
     return max(abs(left[axis.name] - right[axis.name]) / axis.width for axis in spec.space.axes)
 
 
-def _judge(certificate: Certificate, lower: float, upper: float) -> tuple[Verdict, str]:
+def when_decided(label: Label) -> str:
+    """Return the end of a verdict's reason: whether the search ended because the verdict was known."""
+    return "; the search ended as soon as this was known" if label is Label.DECIDED else ""
+
+
+def _judge(certificate: Certificate, lower: float, upper: float, stop: str) -> tuple[Verdict, str]:
     """Return the verdict on certified bounds of the worst expected robustness, with its reason."""
     if not certificate.label.bounds:
         return Verdict.UNKNOWN, f"no certificate: {certificate.reason}"
+    early = when_decided(certificate.label)
     if lower >= 0:
-        return Verdict.HOLDS, "the worst expected robustness is not negative"
+        return Verdict.HOLDS, f"the worst expected robustness is not negative{early}"
     if upper < 0:
-        return Verdict.VIOLATED, "the worst expected robustness is negative"
-    way = "a larger budget" if certificate.label is Label.BUDGET else "a smaller epsilon in its certify line"
+        return Verdict.VIOLATED, f"the worst expected robustness is negative{early}"
+    spent = certificate.label is Label.BUDGET or stop == BUDGET
+    way = "a larger budget" if spent else "a smaller epsilon in its certify line"
     return Verdict.UNKNOWN, (
         f"the interval contains 0 after {certificate.rollouts} rollouts; {way} may decide it"
     )

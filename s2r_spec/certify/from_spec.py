@@ -7,6 +7,7 @@ from s2r_spec.certify.options import RunOptions
 from s2r_spec.certify.search import Search
 from s2r_spec.certify.settings import SearchSettings
 from s2r_spec.errors import UsageError, one_of
+from s2r_spec.rollouts.stop_rule import EPSILON
 from s2r_spec.spec import CertifySettings, Spec
 
 
@@ -16,7 +17,7 @@ def search_for(spec: Spec, requirement: str, options: RunOptions, noise: float =
     Args:
         spec: a specification with a test space and a certify line.
         requirement: the name of the requirement.
-        options: the seed, the budget, the mode and the engine.
+        options: the seed, the budget, the stopping rule, the mode and the engine.
         noise: factor on the declared R (dimensionless).
 
     Raises:
@@ -51,6 +52,7 @@ def search_for(spec: Spec, requirement: str, options: RunOptions, noise: float =
             epsilon=epsilon,
             seed=options.seed,
             budget=options.budget,
+            stop=options.stop or EPSILON,
             mode=options.mode,
             engine=options.engine,
             unit=rho_unit(spec, requirement),

@@ -8,6 +8,7 @@ as an estimate.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Unpack
 
@@ -21,14 +22,18 @@ from s2r_spec.certify.options import RunKeywords, RunOptions
 from s2r_spec.certify.pairing import SIMULATED_PER_REAL, Pairing
 from s2r_spec.certify.recorded import Recorded, observe
 from s2r_spec.certify.search import Search
+from s2r_spec.certify.settings import SearchSettings
+from s2r_spec.certify.stop_options import refuse_rule, with_rule
 from s2r_spec.certify.voids import machine_fields
 from s2r_spec.distribution import version
+from s2r_spec.errors import UsageError
 from s2r_spec.rollouts.attendance import refuse_terms
 from s2r_spec.rollouts.journal import Journal
 from s2r_spec.rollouts.layout import SYSTEMS
 from s2r_spec.rollouts.machine_runner import runner_for
 from s2r_spec.rollouts.seeds import Stream
 from s2r_spec.rollouts.spec_files import spec_texts
+from s2r_spec.rollouts.stop_rule import DECIDED, EPSILON, header_fields
 from s2r_spec.spec import Spec
 
 
@@ -71,6 +76,11 @@ def gap(
     requirement = options.requirement or only_requirement(spec)
     if options.resume:
         require_begun([folder / side for side in SYSTEMS], folder)
+    options = with_rule(options, *(folder / side for side in SYSTEMS))
+    if options.stop == DECIDED:
+        raise UsageError(
+            "a gap has no verdict that stop = 'decided' could wait for; use 'epsilon' or 'budget', or run certify"
+        )
     pairing = Pairing.for_spec(spec, requirement, simulated, real, options.budget)
     search = gap_search(spec, requirement, options, pairing.per_real)
     return gap_with(search, spec, requirement, pairing, folder, options)
@@ -84,6 +94,8 @@ def gap_with(
     refuse_terms(machine, terms)
     if pairing.recorded is None:
         search.refuse_hopeless()
+    else:
+        refuse_rule(search.settings.stop, pairing.real.name)
     provenance: dict[str, Any] = {
         "s2r": version(),
         "spec": Path(spec.name).name,
@@ -93,6 +105,7 @@ def gap_with(
         "simulated_per_real": pairing.per_real,
         "settings": search.certificate().settings,
     }
+    provenance |= header_fields(search.settings.stop)
     for side, scorer in pairing.scorers.items():
         provenance[side] = {"backend": scorer.name, "model_hash": scorer.backend.model_hash}
         provenance[side] |= machine_fields(scorer.backend, terms.void)
@@ -107,6 +120,7 @@ def gap_with(
             spec.space.units,
             search.budget,
             is_exclusive(machine),
+            _forecast(search) if pairing.recorded is None else None,
         )
     )
     with (
@@ -126,6 +140,12 @@ def gap_with(
             pairs = Pairs(simulated, recorded, watched="simulated")
             observe(search, pairing.recorded, pairs, options.watching)
     return conclude_gap(spec, search, journals, provenance, folder)
+
+
+def _forecast(search: Search) -> SearchSettings:
+    """Return the settings from which an observer may forecast the end; the verdict of certify ends it earlier."""
+    settings = search.settings
+    return replace(settings, stop=EPSILON) if settings.stop == DECIDED else settings
 
 
 def _journals(

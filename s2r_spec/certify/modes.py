@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from s2r_spec.certify import confidence
 from s2r_spec.certify.kernels import FAMILIES, Kernel
-from s2r_spec.certify.posterior import Conditioned
+from s2r_spec.certify.posterior import HasEvidence
 
 FloatArray = NDArray[np.float64]
 
@@ -42,14 +42,14 @@ class Mode:
     def __init__(self, mixture: FloatArray, dual: FloatArray) -> None:
         self.mixture, self._dual = mixture, dual
 
-    def bound(self, data: Conditioned, rollouts: int, norms: FloatArray, delta: float) -> Bound:
-        """Return the bound from conditioned data for (rungs,) norm bounds, in units of R."""
+    def bound(self, data: HasEvidence, rollouts: int, norms: FloatArray, delta: float) -> Bound:
+        """Return the bound from data for (rungs,) norm bounds, in units of R."""
         radius = self.radius(data, delta)
         # Any set of dual scales is valid. Rounding is of order a·rollouts·1e-16.
         dual = self._dual[self._dual * rollouts <= max(LARGEST, float(self._dual[0]) * rollouts)]
         return Bound(dual, confidence.width(norms, dual, radius, data.evidence(dual).quadratic), radius)
 
-    def radius(self, data: Conditioned, delta: float) -> float:
+    def radius(self, data: HasEvidence, delta: float) -> float:
         """Return r_n of the data-fit set."""
         return confidence.data_radius(data.evidence(self.mixture), delta)
 
@@ -62,8 +62,8 @@ class Mode:
 class Paper(Mode):
     """Algorithm 1 of the paper with its published β_i, and the ridge λ_i = 1 + 2/i with which its proof holds."""
 
-    def bound(self, data: Conditioned, rollouts: int, norms: FloatArray, delta: float) -> Bound:
-        """Return the bound from conditioned data; see :class:`Mode`."""
+    def bound(self, data: HasEvidence, rollouts: int, norms: FloatArray, delta: float) -> Bound:
+        """Return the bound from data; see :class:`Mode`."""
         ridge = 1 + 2 / rollouts
         scale = np.array([1 / ridge])
         # ln det(λI + K) over single rollouts, from merged points: det(λI + K) = λⁱ det(I + K/λ).

@@ -8,6 +8,7 @@ from typing import Protocol
 
 from s2r_spec.certify.certificate import Certificate
 from s2r_spec.certify.search import Query
+from s2r_spec.certify.settings import SearchSettings
 from s2r_spec.rollouts.journal import Record
 
 
@@ -21,6 +22,7 @@ class Phase:
         backend: the backend whose rollouts are counted.
         units: unit of each test parameter.
         budget: largest number of rollouts, if there is one.
+        settings: the settings of the search; None if nobody forecasts its end.
         attended: whether the backend is a machine, whose operator answers at the terminal during the search.
     """
 
@@ -30,6 +32,7 @@ class Phase:
     units: Mapping[str, str]
     budget: int | None
     attended: bool = False
+    settings: SearchSettings | None = None
 
 
 class Observer(Protocol):

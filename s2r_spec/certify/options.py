@@ -14,6 +14,7 @@ from s2r_spec.rollouts.machine_journal import AGAIN
 from s2r_spec.rollouts.passed import PassedBackend
 from s2r_spec.rollouts.pools import ExecutorFactory, in_this_process, process_pool
 from s2r_spec.rollouts.runner import Runner
+from s2r_spec.rollouts.stop_rule import as_stop
 
 
 class ExecutionKeywords(TypedDict, total=False):
@@ -31,6 +32,7 @@ class RunKeywords(ExecutionKeywords, total=False):
 
     requirement: str | None
     budget: int | None
+    stop: str | None
     mode: str
     engine: str
     void: str
@@ -83,6 +85,8 @@ class RunOptions(Execution):
     Args:
         requirement: the name of the requirement; None if the specification has only one.
         budget: most rollouts; None for as many as the specification's ε takes. Of a gap it bounds the real rollouts.
+        stop: when the search ends: "epsilon" (the interval is ε wide), "decided" (the verdict is known) or "budget".
+            None is the rule of a resumed search, and "epsilon" for a new one. The bound holds under every rule.
         mode: the mode of the confidence set, see :class:`~s2r_spec.certify.settings.SearchSettings`.
         engine: the engine of the Gaussian process, see :class:`~s2r_spec.certify.settings.SearchSettings`.
         void: the treatment of a void rollout, on a machine only: "again" repeats the test, "fall" counts
@@ -90,11 +94,12 @@ class RunOptions(Execution):
         operator: the person who answers, for a machine; whoever is at this process's terminal if None.
 
     Raises:
-        UsageError: ``void`` is neither word.
+        UsageError: ``void`` is neither word, or there is no such stopping rule.
     """
 
     requirement: str | None = None
     budget: int | None = None
+    stop: str | None = None
     mode: str = "rigorous"
     engine: str = "spectral"
     void: str = AGAIN
@@ -104,6 +109,8 @@ class RunOptions(Execution):
     def __post_init__(self) -> None:
         """Settle how the rollouts of a machine are attended to."""
         object.__setattr__(self, "terms", terms_of(self.void, self.operator))
+        if self.stop is not None:
+            as_stop(self.stop)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,17 +1,30 @@
-"""How many rollouts a certificate takes, and the ε that a budget reaches: simulated before a robot is switched on."""
+"""How many rollouts a certificate takes, and the ε that a budget reaches: estimated before a robot is switched on.
+
+Data: none. Known: the declaration. Unknown: the objective J; all else follows from the model of
+:mod:`s2r_spec.certify.effort`. So the estimate is a range over J:
+
+- **low**: J varies by ``VARIATION`` · ε over the test space: most tests soon turn out not to be the worst one.
+- **high**: J is flat, so that every test is nearly the worst one and none can be left out. Its norm is B/2, since the
+  guard (B ≥ 2 B_low) refuses more. A search ends with a whole batch, a tenth of all rollouts, which may not be needed.
+
+``low`` is the least over a few random functions of the kernel; ``high`` has no random part. Where one number is needed,
+it is their geometric mean. Two *floors* bound every search from below, in closed form.
+
+Units: B, R and ε are in the outcome's unit; rollouts are numbers. ``benchmarks/plan_calibration.py`` compares the range
+with complete runs.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from statistics import NormalDist, median
 from typing import Unpack
 
 import numpy as np
 
-from s2r_spec.certify.certificate import Certificate
-from s2r_spec.certify.feasibility import log_rollouts, tests_apart
+from s2r_spec.certify.coverage import PARTS, Coverage, long_axes
+from s2r_spec.certify.effort import Effort, Objective
 from s2r_spec.certify.pairing import SIMULATED_PER_REAL
 from s2r_spec.certify.sample_complexity import minimax, sequential_lower_bound
 from s2r_spec.certify.search import Search
@@ -20,60 +33,73 @@ from s2r_spec.errors import UsageError
 from s2r_spec.magnitude import whole
 from s2r_spec.space import Space
 
-PEAKED, FLAT = 0.3, 0.03
-"""Definition: norms of the random functions that stand in for the unknown objective, as shares of B, which is declared
-with a margin. A flat objective costs most: every test is nearly the worst one, and none can be left out."""
+VARIATION = 4.0
+"""Definition: change of J over the test space in the easier case, in ε. If ε is half of the worst mean, as the pages
+advise, E ρ rises to three times its worst. With twice as much ``low`` falls by about a quarter."""
+FUNCTIONS = 5
+"""Budget: random functions for ``low``. With twice as many it is a little smaller, and takes twice the time."""
 SECTIONS = 12
 """Definition: kernel sections in a random function."""
+SHARE_VARIED, SHARE_FLAT = 0.4, 0.5
+"""Definition: share of ε below J(z*). Where J varies, the rollouts gather at its worst test. Where it is flat, they
+do not."""
+MOST = 2_000_000
+"""Definition: rollouts beyond which an estimate is only called larger."""
+WIDTHS = 6
+"""Budget: most estimates of the rollouts until the ε of a budget is found."""
+CLOSE = 0.03
+"""Tolerance: relative change of that ε at which it is found. With half as much it takes one more estimate."""
 
 Progress = Callable[[str, int, int], None]
-"""Receives the stage, how many simulated searches are done, and how many there are."""
+"""Receives the stage, how many estimates are done, and how many there are."""
 
 
 @dataclass(frozen=True)
-class Plan:
-    """Expected effort of a search.
+class Floors:
+    """Rollouts below which no search can end.
 
     Attributes:
         floor: rollouts below which no method can make the claim.
         minimax: rollouts for one known point; no search is faster.
-        peaked: median rollouts of simulated searches, on functions of norm 0.3 B; None if one gave up.
-        flat: the same on functions of norm 0.03 B.
-        reachable: (rollouts, median ε on flat functions) for each budget.
-        runs: number of simulated searches for each number.
-        gaps: the same as ``reachable`` for the search of a gap, whose budget is of real rollouts.
     """
 
     floor: float
     minimax: float
+
+
+@dataclass(frozen=True)
+class Plan(Floors):
+    """Expected effort of a search.
+
+    Attributes:
+        peaked: the low end of the range of rollouts, if the objective varies by four ε; None if beyond ``most``.
+        flat: the high end, if every test is nearly the worst one; None if beyond ``most``.
+        expected: the geometric mean of both ends; None if beyond ``most``.
+        reachable: (rollouts, expected ε) for each budget.
+        reachable_range: (rollouts, lowest ε, highest ε) for each budget.
+        runs: number of random functions behind ``peaked``.
+        gaps: the same as ``reachable`` for the search of a gap, whose budget is of real rollouts.
+    """
+
     peaked: int | None
     flat: int | None
+    expected: int | None
     reachable: tuple[tuple[int, float], ...]
+    reachable_range: tuple[tuple[int, float, float], ...]
     runs: int
     gaps: tuple[tuple[int, float], ...] = ()
 
 
-def plan(
-    space: Space,
-    *,
-    budgets: tuple[int, ...] = (),
-    real: tuple[int, ...] = (),
-    runs: int = 3,
-    most: int = 2_000_000,
-    progress: Progress | None = None,
-    **declared: Unpack[Declared],
-) -> Plan:
-    """Simulate the search on random functions of norm 0.3 B and 0.03 B, with Gaussian noise of deviation R.
+def settings_of(
+    space: Space, budgets: tuple[int, ...], most: int, **declared: Unpack[Declared]
+) -> SearchSettings:
+    """Return the declaration of a plan after its checks.
 
     Args:
         space: the test space.
-        budgets: numbers of rollouts; the plan gives the reachable ε of each.
-        real: numbers of real rollouts; the plan gives the reachable ε of a gap for each.
-        runs: simulated searches; the plan has the medians, or None as soon as one search gives up.
-        most: rollouts after which a search for ε gives up.
-        progress: receives the number of finished searches now and then.
-        declared: ``kernel``, ``B``, ``R``, ``delta``, ``epsilon``, ``mode`` and ``seed``, see
-            :class:`~s2r_spec.certify.settings.SearchSettings`.
+        budgets: numbers of rollouts.
+        most: the largest number of rollouts in a plan.
+        declared: as in :func:`plan`.
 
     Raises:
         UsageError: a setting is out of its range, or no rollouts could give a certificate.
@@ -81,86 +107,142 @@ def plan(
     # With a budget, since too small an ε is an answer of a plan and no error.
     settings = SearchSettings(space=space, budget=most, **declared)
     Search.of(settings).refuse_hopeless()
-    for budget in (*budgets, *real):
+    for budget in budgets:
         if whole("budget", budget, 2 * settings.spread) > most:
-            raise UsageError(f"budget = {budget:g}; a plan simulates at most {most:,} rollouts")
-    simulation = _Simulation(settings, runs, runs * (2 + len(budgets) + len(real)), progress)
-    return Plan(
-        floor=sequential_lower_bound(settings.R, settings.epsilon, settings.delta),
-        minimax=minimax(settings.R, settings.epsilon, settings.delta),
-        peaked=simulation.rollouts(PEAKED),
-        flat=simulation.rollouts(FLAT),
-        reachable=tuple((budget, simulation.reachable(budget, settings.R)) for budget in budgets),
-        runs=runs,
-        gaps=tuple(
-            (budget, simulation.reachable(budget, settings.R * math.sqrt(1 + 1 / SIMULATED_PER_REAL)))
-            for budget in real
-        ),
+            raise UsageError(f"budget = {budget:g}; a plan has at most {most:,} rollouts")
+    return settings
+
+
+def floors(settings: SearchSettings) -> Floors:
+    """Return the floors of a declaration, in closed form."""
+    return Floors(
+        sequential_lower_bound(settings.R, settings.epsilon, settings.delta),
+        minimax(settings.R, settings.epsilon, settings.delta),
     )
 
 
-@dataclass
-class _Simulation:
-    """Simulated searches, with a count of those that are done.
+def plan(
+    space: Space,
+    *,
+    budgets: tuple[int, ...] = (),
+    real: tuple[int, ...] = (),
+    most: int = MOST,
+    progress: Progress | None = None,
+    **declared: Unpack[Declared],
+) -> Plan:
+    """Estimate the rollouts of a search, with noise of sub-Gaussian proxy R.
 
-    Attributes:
-        settings: the declaration; its budget is the most rollouts of a search, and its seed fixes the simulation.
-        runs: searches for each number.
-        total: all of them.
-        progress: receives the count.
-        done: the count.
+    Args:
+        space: the test space.
+        budgets: numbers of rollouts; the plan gives the reachable ε of each.
+        real: numbers of real rollouts; the plan gives the reachable ε of a gap for each.
+        most: rollouts beyond which an estimate is None.
+        progress: receives the number of finished estimates.
+        declared: ``kernel``, ``B``, ``R``, ``delta``, ``epsilon``, ``mode`` and ``seed``, see
+            :class:`~s2r_spec.certify.settings.SearchSettings`.
+
+    Raises:
+        UsageError: a setting is out of its range, or no rollouts could give a certificate.
     """
+    settings = settings_of(space, (*budgets, *real), most, **declared)
+    count = 1 + len(budgets) + len(real)
 
-    settings: SearchSettings
-    runs: int
-    total: int
-    progress: Progress | None
-    done: int = 0
+    def report(done: int) -> None:
+        if progress is not None:
+            progress("estimates", done, count)
 
-    def rollouts(self, share: float) -> int | None:
-        """Return the median rollouts until width ε, on functions of norm ``share`` · B; None if a search gives up."""
-        settings, most = self.settings, self.settings.budget
-        assert most is not None
-        fewest = sequential_lower_bound(settings.R, settings.epsilon, settings.delta)
-        tests = tests_apart(settings.space, settings.kernel)
-        if fewest > most or log_rollouts(tests, settings.spread, settings.batch) > math.log10(most):
-            return None
-        reached: list[int] = []
-        for run in range(self.runs):
-            certificate = self._search(replace(settings, seed=run), share)
-            if certificate.epsilon > settings.epsilon:
-                return None
-            reached.append(certificate.rollouts)
-        return int(median(reached))
+    report(0)
+    least = floors(settings)
+    low, high = rollouts(settings)
+    report(1)
+    widths: list[tuple[float, float]] = []
+    noisier = replace(settings, R=settings.R * math.sqrt(1 + 1 / SIMULATED_PER_REAL))
+    for budget, of in [(each, settings) for each in budgets] + [(each, noisier) for each in real]:
+        widths.append(reachable(of, budget))
+        report(1 + len(widths))
+    ends = list(zip((*budgets, *real), widths, strict=True))
+    expected = [(budget, math.sqrt(narrow * wide)) for budget, (narrow, wide) in ends]
+    return Plan(
+        floor=least.floor,
+        minimax=least.minimax,
+        peaked=_whole(low, most),
+        flat=_whole(high, most),
+        expected=_whole(math.sqrt(low * high), most),
+        reachable=tuple(expected[: len(budgets)]),
+        reachable_range=tuple((budget, *width) for budget, width in ends[: len(budgets)]),
+        runs=FUNCTIONS,
+        gaps=tuple(expected[len(budgets) :]),
+    )
 
-    def reachable(self, budget: int, proxy: float) -> float:
-        """Return the median ε after a budget on flat functions, with noise of sub-Gaussian proxy ``proxy``."""
-        # The width wanted is 0.3 of the best that Gaussian noise allows: the budget ends the search, not ε.
-        quantile = -NormalDist().inv_cdf(min(self.settings.delta, 0.3))
-        target = min(self.settings.B, 0.3 * 2 * quantile * proxy / math.sqrt(budget))
-        searches = (
-            replace(self.settings, R=proxy, epsilon=target, seed=run, budget=budget)
-            for run in range(self.runs)
-        )
-        return median(self._search(settings, FLAT).epsilon for settings in searches)
 
-    def _search(self, settings: SearchSettings, share: float) -> Certificate:
-        """Return the certificate of one search on a random function of norm ``share`` · B."""
-        search, space, kernel = Search.of(settings), settings.space, settings.kernel
-        rng = np.random.default_rng([self.settings.seed, settings.seed])
-        centres = rng.uniform(space.lower, space.upper, (SECTIONS, space.dim))
-        weights = rng.normal(size=SECTIONS)
-        weights *= share * settings.B / math.sqrt(weights @ kernel.gram(centres, centres) @ weights)
-        while not search.done:
-            self._report()
-            queries = search.ask()
-            points = np.array([space.vector(query.point) for query in queries])
-            for query, mean in zip(queries, kernel.gram(points, centres) @ weights, strict=True):
-                search.tell(query, mean + settings.R * rng.normal(size=query.replicates))
-        self.done += 1
-        self._report()
-        return search.certificate()
+def rollouts(settings: SearchSettings) -> tuple[float, float]:
+    """Return the low and the high end of the range of rollouts until the interval is ε wide."""
+    low = _low(settings)
+    return low, max(low, _high(settings))
 
-    def _report(self) -> None:
-        if self.progress is not None:
-            self.progress("simulated searches", self.done, self.total)
+
+def _low(settings: SearchSettings) -> float:
+    """Return the low end: the fewest rollouts over a few objectives that vary."""
+    return min(_one(settings, number) for number in range(FUNCTIONS))
+
+
+def _one(settings: SearchSettings, number: int) -> float:
+    """Return the rollouts for one objective that varies."""
+    effort = Effort.of(settings)
+    varied = _varied(effort, settings, np.random.default_rng([settings.seed, number]))
+    return max(_least(settings), effort.rollouts(varied, SHARE_VARIED))
+
+
+def _high(settings: SearchSettings) -> float:
+    """Return the high end: the rollouts for a flat objective, with a last batch that was not needed."""
+    effort = Effort.of(settings)
+    flat = Objective.flat(len(effort.part.points), float(effort.norms[0]) / 2)
+    return max(2 * _least(settings), effort.rollouts(flat, SHARE_FLAT) * (1 + settings.batch))
+
+
+def _least(settings: SearchSettings) -> float:
+    """Return the rollouts of the first batch, of the floor, or of the tests on axes shorter than their lengthscale."""
+    axes = long_axes(settings.space, settings.kernel)
+    needed = Coverage(settings.space, axes).needed(settings.R, settings.epsilon, settings.delta)
+    return max(2.0 * settings.spread, floors(settings).floor, PARTS * needed if axes else 0.0)
+
+
+def reachable(settings: SearchSettings, budget: int) -> tuple[float, float]:
+    """Return the least and the largest ε that a budget may reach."""
+    # The objective that takes the fewest rollouts is the same one for every ε, or nearly so.
+    easiest = min(range(FUNCTIONS), key=lambda number: _one(settings, number))
+    narrow = _reached(settings, budget, lambda changed: _one(changed, easiest))
+    return narrow, max(narrow, _reached(settings, budget, _high))
+
+
+def _reached(settings: SearchSettings, budget: int, count: Callable[[SearchSettings], float]) -> float:
+    """Return the ε at which an end of the range of rollouts equals the budget, by the secant method in logarithms."""
+    largest = math.log(1.99 * settings.B)  # |J| ≤ B needs no rollout
+    x, slope = min(math.log(settings.epsilon), largest), -2.0
+    excess = math.log(count(replace(settings, epsilon=math.exp(x))) / budget)
+    for _ in range(WIDTHS):
+        other = min(largest, x - excess / slope)
+        if abs(other - x) < CLOSE:
+            return math.exp(other)
+        found = math.log(count(replace(settings, epsilon=math.exp(other))) / budget)
+        # More parameters make the rollouts fall faster than the square as ε grows.
+        slope = min(-1.0, (found - excess) / (other - x))
+        x, excess = other, found
+    return math.exp(x)
+
+
+def _varied(effort: Effort, settings: SearchSettings, rng: np.random.Generator) -> Objective:
+    """Return a random function that varies by ``VARIATION`` ε, or less, so that its norm is at most B/2."""
+    part = effort.part
+    centres = rng.uniform(part.space.lower, part.space.upper, (SECTIONS, part.space.dim))
+    weights = rng.normal(size=SECTIONS)
+    values = settings.kernel.gram(part.points, centres) @ weights
+    norm = math.sqrt(float(weights @ settings.kernel.gram(centres, centres) @ weights))
+    spread = float(values.max() - values.min())
+    scale = min(VARIATION * effort.epsilon / spread, float(effort.norms[0]) / 2 / norm)
+    return Objective.of(scale * values)
+
+
+def _whole(number: float, most: int) -> int | None:
+    """Return a number of rollouts; None if it is beyond the most."""
+    return None if number > most else round(number)

@@ -22,12 +22,16 @@ VARIANCE_ROUNDING = 1e-12
 """Tolerance: added to the posterior variance, relative to the prior's, so that rounding can only widen a bound."""
 
 
-class Conditioned(Protocol):
-    """The priors a·k, for any scale a, conditioned on data; everything in units of R."""
+class HasEvidence(Protocol):
+    """Data as a confidence set sees them, in units of R."""
 
     def evidence(self, scales: FloatArray) -> Evidence:
         """Return log-determinants and quadratic forms for (A,) scales."""
         ...
+
+
+class Conditioned(HasEvidence, Protocol):
+    """The priors a·k, for any scale a, conditioned on data; everything in units of R."""
 
     def moments(self, scales: FloatArray, points: FloatArray) -> Moments:
         """Return posterior means and standard deviations at (G, dim) points for (A,) scales."""

@@ -10,7 +10,7 @@ from s2r_spec.backend import Backend
 from s2r_spec.certify.arguments import as_backend, as_folder, as_spec, require_begun
 from s2r_spec.certify.certificate import Label
 from s2r_spec.certify.check import check_with
-from s2r_spec.certify.check_result import CheckResult
+from s2r_spec.certify.check_result import CheckResult, when_decided
 from s2r_spec.certify.compose import Composition, compose
 from s2r_spec.certify.from_spec import only_requirement, search_for
 from s2r_spec.certify.gap import gap_search, gap_with
@@ -18,10 +18,12 @@ from s2r_spec.certify.gap_result import GapResult
 from s2r_spec.certify.options import RunKeywords, RunOptions
 from s2r_spec.certify.pairing import Pairing
 from s2r_spec.certify.search import Search
+from s2r_spec.certify.stop_options import refuse_rule, with_rule
 from s2r_spec.result import Result
 from s2r_spec.rollouts.attendance import refuse_terms
-from s2r_spec.rollouts.layout import GAP, SIMULATION
+from s2r_spec.rollouts.layout import GAP, SIMULATION, SYSTEMS
 from s2r_spec.rollouts.machine_journal import AGAIN
+from s2r_spec.rollouts.stop_rule import BUDGET, EPSILON, stop_of
 from s2r_spec.spec import Spec
 from s2r_spec.verdict import Verdict
 
@@ -56,7 +58,8 @@ def certify(
 ) -> CertifyResult:
     """Run both searches and combine them; for the arguments see :func:`s2r_spec.certify.gap.gap`.
 
-    ``budget`` bounds the real rollouts; the simulator runs as many as its ε takes. Search 2 does not begin when
+    ``budget`` bounds the real rollouts and ``stop`` ends them; the simulator runs as many as its ε takes. With
+    ``stop="decided"`` search 2 ends as soon as the combined interval is ≥ 0 or < 0. Search 2 does not begin when
     search 1 was refused: rollouts of the real machine could not change that.
 
     Raises:
@@ -69,18 +72,29 @@ def certify(
     requirement = options.requirement or only_requirement(spec)
     if options.resume:
         require_begun([folder / SIMULATION], folder)
+    options = with_rule(options, *(folder / GAP / side for side in SYSTEMS))
     pairing = Pairing.for_spec(spec, requirement, simulated, real, options.budget)
     refuse_terms(pairing.real.backend, options.terms)
-    of_simulator = replace(options, budget=None, void=AGAIN, operator=None)
+    of_simulator = replace(options, budget=None, stop=EPSILON, void=AGAIN, operator=None)
     first = search_for(spec, requirement, of_simulator)
     second = gap_search(spec, requirement, options, pairing.per_real)
     if pairing.recorded is None:
         second.refuse_hopeless()
+    else:
+        refuse_rule(second.settings.stop, pairing.real.name)
+    second.end_when(lambda: judge(compose(first, second)) is not Verdict.UNKNOWN)
     checked = check_with(first, spec, requirement, simulated, folder / SIMULATION, of_simulator)
     if not checked.certificate.label.bounds:
         return refused_in_simulation(checked, pairing.real.name)
     bounded = gap_with(second, spec, requirement, pairing, folder / GAP, options)
     return conclude_certify(first, second, checked, bounded)
+
+
+def judge(composition: Composition) -> Verdict:
+    """Return the verdict on the real machine from its combined interval."""
+    if composition.lower >= 0:
+        return Verdict.HOLDS
+    return Verdict.VIOLATED if composition.upper < 0 else Verdict.UNKNOWN
 
 
 def refused_in_simulation(checked: CheckResult, real: str) -> CertifyResult:
@@ -106,14 +120,15 @@ def conclude_certify(
             reason = f"no certificate for {name}: {certificate.reason}"
             return CertifyResult(Verdict.UNKNOWN, reason, real, checked, bounded, None)
     composition = compose(first, second)
-    if composition.lower >= 0:
-        verdict, reason = Verdict.HOLDS, f"the worst expected robustness of {real} is not negative"
-    elif composition.upper < 0:
-        verdict, reason = Verdict.VIOLATED, f"the worst expected robustness of {real} is negative"
+    verdict = judge(composition)
+    if verdict is not Verdict.UNKNOWN:
+        sign = "not negative" if verdict is Verdict.HOLDS else "negative"
+        reason = f"the worst expected robustness of {real} is {sign}{when_decided(bounded.certificate.label)}"
     else:
-        way = "more real rollouts" if bounded.certificate.label is Label.BUDGET else "a smaller epsilon"
+        spent = bounded.certificate.label is Label.BUDGET or stop_of(bounded.provenance) == BUDGET
+        way = "more real rollouts" if spent else "a smaller epsilon"
         if "recorded" in bounded.provenance:
             where = ", ".join(f"{name} = {value:.4g}" for name, value in second.suggestion.items())
             way = f"another recorded test, best at {where},"
-        verdict, reason = Verdict.UNKNOWN, f"the interval contains 0; {way} may decide it"
+        reason = f"the interval contains 0; {way} may decide it"
     return CertifyResult(verdict, reason, real, checked, bounded, composition)

@@ -8,7 +8,7 @@ A search runs nothing. So a simulator, a folder of logs or a person with a robot
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Self, Unpack
 
@@ -82,13 +82,21 @@ class Search:
 
     @property
     def done(self) -> bool:
-        """Whether ε is reached, the budget is spent, or the certificate is refused."""
+        """Whether the stopping rule ends the search, the budget is spent, or the certificate is refused."""
         return not self._open and label(self._state)[0] is not Label.RUNNING
 
     @property
     def budget(self) -> int | None:
         """Most rollouts; None for as many as ε takes."""
         return self._state.budget
+
+    def end_when(self, verdict_known: Callable[[], bool]) -> None:
+        """Decide another verdict than the sign of the maximum, under the rule ``decided``.
+
+        Args:
+            verdict_known: whether the bounds of this search decide the verdict; called after a batch.
+        """
+        self._state.verdict_known = verdict_known
 
     def close(self) -> None:
         """Take the rollouts so far as the budget, so that the search ends."""

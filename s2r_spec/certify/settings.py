@@ -10,6 +10,7 @@ from s2r_spec.certify.modes import MODES
 from s2r_spec.certify.posterior import ENGINES
 from s2r_spec.errors import UsageError, one_of
 from s2r_spec.magnitude import number, positive, whole
+from s2r_spec.rollouts.stop_rule import EPSILON, as_stop
 from s2r_spec.space import Space
 
 MOST_PRECISE = 1e5
@@ -37,6 +38,7 @@ class SearchKeywords(Declared, total=False):
     batch: float
     spread: int
     budget: int | None
+    stop: str
     engine: str
     fitted: tuple[str, ...]
     unit: str
@@ -62,6 +64,9 @@ class SearchSettings:
             are larger than ``batch`` says; they may have fewer tests.
         budget: most rollouts; None for as many as ε takes. The search ends before the first batch that would exceed
             it, so that the tests are the same under every budget.
+        stop: when the search ends before its budget is spent. ``epsilon``: the interval is ε wide. ``decided``: the
+            sign of the maximum is known, too, and R was tested (see :mod:`s2r_spec.certify.stopping`). ``budget``:
+            never. The tests are the same under every rule.
         engine: the engine of the Gaussian process, ``spectral`` or ``gpytorch``; see :mod:`s2r_spec.certify.posterior`.
         fitted: names of settings ("R", "kernel", "B") that were fitted on the outcomes of this same search. The
             result is then model-based and no certificate.
@@ -82,6 +87,7 @@ class SearchSettings:
     batch: float = 0.1
     spread: int = 4
     budget: int | None = None
+    stop: str = EPSILON
     engine: str = "spectral"
     fitted: tuple[str, ...] = ()
     unit: str = ""
@@ -102,6 +108,7 @@ class SearchSettings:
         for name, value, valid in (("mode", self.mode, MODES), ("engine", self.engine, ENGINES)):
             if value not in valid:
                 raise UsageError(f"{name} = {value!r}; it must be one of {one_of(valid)}")
+        self._set("stop", as_stop(self.stop))
         self._set("budget", _budget(self.budget, self.spread))
         self._set("fitted", _names(self.fitted))
 

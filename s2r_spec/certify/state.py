@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -12,8 +13,13 @@ from s2r_spec.certify.coverage import Coverage, long_axes
 from s2r_spec.certify.feasibility import Obstacles
 from s2r_spec.certify.samples import Outcomes
 from s2r_spec.certify.settings import SearchSettings
+from s2r_spec.rollouts.stop_rule import DECIDED
 
 FloatArray = NDArray[np.float64]
+
+LEAST_DEGREES = 20
+"""Level: fewest degrees of freedom of the test of R before a verdict may end a search: rollouts minus replicated tests.
+With twice as many the test refutes smaller errors of R, and the search takes at least twice the rollouts."""
 
 
 @dataclass
@@ -31,6 +37,8 @@ class State:
         batches: number of batches with outcomes.
         fixed: outcomes of tests that the search did not choose.
         final: whether no further test will be asked for.
+        verdict_known: whether the bounds decide the verdict; None for the sign of the maximum.
+        decided: whether the verdict was known after the last batch; only under the rule ``decided``.
         missing: a sentence on outcomes that a caller left out, "" if none were.
     """
 
@@ -44,6 +52,8 @@ class State:
     batches: int = 0
     fixed: int = 0
     final: bool = False
+    verdict_known: Callable[[], bool] | None = None
+    decided: bool = False
     missing: str = ""
 
     @classmethod
@@ -72,3 +82,11 @@ class State:
         self.batches += 1
         if self.outcomes.rollouts:
             self.confidence.update(self.outcomes)
+        if self.settings.stop == DECIDED:
+            tested = self.outcomes.degrees >= LEAST_DEGREES
+            self.decided = tested and (self.verdict_known or self._sign_known)()
+
+    def _sign_known(self) -> bool:
+        """Return whether the interval of the maximum excludes 0, or ends there."""
+        interval = self.confidence.ladder[0]
+        return interval.upper <= 0 or interval.lower > 0

@@ -1,4 +1,15 @@
-"""When a search ends, and the label of its certificate at any time."""
+"""When a search ends, and the label of its certificate at any time.
+
+The band of :mod:`s2r_spec.certify.confidence` holds at all times at once, with probability ≥ 1 − δ. So a search may end
+at any time, for any reason that depends on its outcomes. Its rule (``settings.stop``) is one of:
+
+- ``epsilon``: the interval is at most ε wide.
+- ``decided``: the same, or the verdict is known. The test of R then has 20 degrees of freedom, because an error of R
+  makes intervals narrow and would otherwise go unseen. Every test on axes shorter than their lengthscale is done.
+- ``budget``: only the budget ends it.
+
+Under every rule it also ends when no test can be added, and when the outcomes refute B or R.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +21,7 @@ from s2r_spec.certify.certificate import Label
 from s2r_spec.certify.rounding import at_least
 from s2r_spec.certify.sample_complexity import sequential_lower_bound
 from s2r_spec.certify.state import State
+from s2r_spec.rollouts.stop_rule import BUDGET
 
 
 def label(state: State) -> tuple[Label, str]:
@@ -21,6 +33,8 @@ def label(state: State) -> tuple[Label, str]:
     if state.settings.fitted:
         return Label.MODEL_BASED, f"{', '.join(state.settings.fitted)} fitted on the certificate's own data"
     reached = state.confidence.width <= state.settings.epsilon
+    if not reached and decided(state):
+        return Label.DECIDED, ""
     return (Label.CERTIFIED if reached else Label.BUDGET), ""
 
 
@@ -31,7 +45,14 @@ def settled(state: State) -> bool:
     lacking = sum(replicates for _, replicates in coverage_tests(state))
     size = lacking or batch_size(state)
     spent = state.budget is not None and state.outcomes.rollouts + size > state.budget
-    return spent or (state.confidence.width <= state.settings.epsilon and not lacking)
+    if spent or lacking or state.settings.stop == BUDGET:
+        return spent
+    return state.confidence.width <= state.settings.epsilon or state.decided
+
+
+def decided(state: State) -> bool:
+    """Return whether the verdict is known, R was tested, and no test on a long axis is missing."""
+    return state.decided and not coverage_tests(state)
 
 
 def _refusals(state: State) -> Iterator[str]:

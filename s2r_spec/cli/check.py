@@ -25,6 +25,7 @@ from s2r_spec.cli.options import (
     Scheduler,
     Seed,
     SpecFile,
+    Stop,
     Timeout,
     Void,
     Workers,
@@ -61,6 +62,7 @@ def check(
             min=1, help="Most rollouts for each requirement.", show_default="until the interval is ε wide"
         ),
     ] = None,
+    stop: Stop = None,
     workers: Workers = None,
     scheduler: Scheduler = None,
     timeout: Timeout = None,
@@ -106,7 +108,9 @@ def check(
         names = list(dict.fromkeys(names))
         for name in names:  # report a wrong name before anything runs
             search_for(
-                parsed, name, RunOptions(seed=seed, budget=budget, mode=mode, engine=engine, void=void)
+                parsed,
+                name,
+                RunOptions(seed=seed, budget=budget, stop=stop, mode=mode, engine=engine, void=void),
             )
         (machine,) = reading.backends([backend], parsed, names)
         executor, machines = pool(workers, scheduler)
@@ -130,6 +134,7 @@ def check(
                             requirement=name,
                             seed=seed,
                             budget=budget,
+                            stop=stop,
                             mode=mode,
                             engine=engine,
                             executor=executor,

@@ -23,6 +23,14 @@ Seed = Annotated[int, typer.Option(min=0, help="Seed of all random numbers: the 
 RealBudget = Annotated[
     int | None, typer.Option(min=1, help="Most real rollouts.", show_default="until the interval is ε wide")
 ]
+Stop = Annotated[
+    str | None,
+    typer.Option(
+        help="When the search ends: epsilon (the interval is ε wide), decided (the verdict is known) or budget. The "
+        "interval is valid under every rule.",
+        show_default="epsilon, or the rule of the resumed run",
+    ),
+]
 Workers = Annotated[
     int | None,
     typer.Option(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -89,6 +90,7 @@ def plan(
         from s2r_spec.certify.from_spec import only_requirement
         from s2r_spec.certify.kernels import Kernel
         from s2r_spec.certify.pilot import read_pilot
+        from s2r_spec.certify.settings import Declared
         from s2r_spec.cli.stages import Stages
         from s2r_spec.errors import UsageError
         from s2r_spec.json_objects.parts import extended
@@ -130,50 +132,79 @@ def plan(
         at_once = 1 if is_exclusive(machine) else cores()
         seconds = machine.cost / at_once if machine is not None else None
         afforded = _afforded(time, seconds)
-        with Stages(console(stderr=True), quiet) as stages:
-            result = planning.plan(
-                space,
-                kernel=shape,
-                B=B,
-                R=R,
-                delta=delta,
-                epsilon=eps,
-                mode=mode,
-                budgets=(*(budget or ()), *afforded),
-                real=afforded,
-                progress=stages,
+        declaration: Declared = {
+            "kernel": shape,
+            "B": B,
+            "R": R,
+            "delta": delta,
+            "epsilon": eps,
+            "mode": mode,
+        }
+        budgets = (*(budget or ()), *afforded)
+        least = planning.floors(planning.settings_of(space, budgets, planning.MOST, **declaration))
+        cost = Cost(seconds, "" if is_exclusive(machine) else f" on {cores()} cores")
+        if not as_json:  # what needs no estimate is printed before the estimates
+            plural = "" if space.dim == 1 else "s"
+            say(
+                f"R = {R:g}, ε = {eps:g}, δ = {delta:g}, B = {B:g}, {shape.name} over {space.dim} parameter{plural}"
             )
+            say(f"  impossible below      {cost.words(least.floor)}, on average, by any method")
+            say(
+                f"  at one known test     {cost.words(least.minimax)} (fixed width, Gaussian noise of deviation R)"
+            )
+        with Stages(console(stderr=True), quiet) as stages:
+            result = planning.plan(space, budgets=budgets, real=afforded, progress=stages, **declaration)
         if as_json:
-            declaration = {"R": R, "epsilon": eps, "delta": delta, "B": B}
-            print(line(extended(PlanObject, result, **declaration, seconds_per_rollout=seconds, pilot=noise)))
+            values = {"R": R, "epsilon": eps, "delta": delta, "B": B}
+            print(line(extended(PlanObject, result, **values, seconds_per_rollout=seconds, pilot=noise)))
             return
-
-        def cost(rollouts: float | None) -> str:
-            if rollouts is None:
-                return "more than 2000000 rollouts"
-            where = "" if is_exclusive(machine) else f" on {cores()} cores"
-            time = f", about {rollouts * seconds:.0f} s{where}" if seconds is not None else ""
-            count = f"{rollouts:.0f}" if rollouts < 1e12 else f"{rollouts:.0e}"
-            return f"{count} rollouts{time}"
-
-        plural = "" if space.dim == 1 else "s"
-        say(
-            f"R = {R:g}, ε = {eps:g}, δ = {delta:g}, B = {B:g}, {shape.name} over {space.dim} parameter{plural}"
-        )
-        say(f"  impossible below      {cost(result.floor)}, on average, by any method")
-        say(
-            f"  at one known test     {cost(result.minimax)} (fixed width, Gaussian noise of standard deviation R)"
-        )
-        say(f"  expected, peaked ρ    {cost(result.peaked)} (median of {result.runs} simulated searches)")
-        say(f"  expected, flat ρ      {cost(result.flat)} (the hardest case: every test is nearly the worst)")
-        for rollouts, width in result.reachable:
-            say(f"  with {rollouts} rollouts: ε = {width:.3g}")
+        low, high = cost.count(result.peaked), cost.count(result.flat)
+        say(f"  expected              {cost.between(result.peaked, result.flat)}:")
+        say(f"                        {low} if E ρ varies by {planning.VARIATION:g} ε over the test space,")
+        say(f"                        {high} if every test is nearly the worst one")
+        for rollouts, narrow, wide in result.reachable_range:
+            say(f"  with {rollouts} rollouts: ε = {narrow:.2g} … {wide:.2g}")
         for rollouts, width in result.gaps:
             say(
-                f"  {time} of {backend} ({rollouts} rollouts of {seconds:.3g} s): ε = {width:.3g} for the gap"
+                f"  {time} of {backend} ({rollouts} rollouts of {seconds:.3g} s): ε = {width:.2g} for the gap"
             )
         if noise is not None:
             _print_pilot(noise, as_json=False)
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Words for numbers of rollouts and their time.
+
+    Attributes:
+        seconds: duration of a rollout [s]; None without a backend.
+        where: the place of the rollouts, for the time.
+    """
+
+    seconds: float | None
+    where: str
+
+    def count(self, rollouts: float | None) -> str:
+        """Return a number of rollouts; None is beyond the most that a plan has."""
+        if rollouts is None:
+            return "more than 2000000"
+        return f"{rollouts:.0f}" if rollouts < 1e12 else f"{rollouts:.0e}"
+
+    def words(self, rollouts: float) -> str:
+        """Return a number of rollouts, with its time."""
+        took = f", about {rollouts * self.seconds:.0f} s{self.where}" if self.seconds is not None else ""
+        return f"{self.count(rollouts)} rollouts{took}"
+
+    def between(self, low: float | None, high: float | None) -> str:
+        """Return a range of rollouts, with its time."""
+        counts = (
+            f"{self.count(low)} … {self.count(high)} rollouts"
+            if low is not None
+            else f"{self.count(low)} rollouts"
+        )
+        if self.seconds is None or low is None or high is None:
+            return counts
+        return f"{counts}, about {low * self.seconds:.0f} … {high * self.seconds:.0f} s{self.where}"
 
 
 def _afforded(time: str | None, seconds: float | None) -> tuple[int, ...]:

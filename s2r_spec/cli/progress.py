@@ -20,6 +20,7 @@ from s2r_spec.certify.certificate import Certificate
 from s2r_spec.certify.observers import Phase
 from s2r_spec.certify.rounding import between, wide
 from s2r_spec.certify.search import Query
+from s2r_spec.cli.remaining import Forecast, Pace
 from s2r_spec.printable import one_line
 from s2r_spec.rollouts.journal import Record
 
@@ -38,6 +39,9 @@ class State:
         rollouts: number of rollouts on disk, including the rollouts of an earlier process.
         here: number of them that this process ran.
         since: time at which this process began its first one [s].
+        pace: times of this process.
+        forecast: what was known of the end before the search; None without settings.
+        tests: number and sum of ρ of the rollouts at each test.
         last: ρ of the latest rollouts.
     """
 
@@ -47,25 +51,38 @@ class State:
     rollouts: int = 0
     here: int = 0
     since: float = 0.0
+    pace: Pace = field(default_factory=Pace)
+    forecast: Forecast | None = None
+    tests: dict[tuple[float, ...], tuple[int, float]] = field(default_factory=dict)
     last: deque[float] = field(default_factory=lambda: deque(maxlen=_LAST))
+
+    @property
+    def worst(self) -> float | None:
+        """The lowest mean ρ at a test with at least two rollouts; None before there is one."""
+        return min((total / count for count, total in self.tests.values() if count > 1), default=None)
 
     def left(self) -> int | None:
         """Return an estimate of the rollouts that are left; None before there is one."""
-        certificate, phase = self.certificate, self.phase
-        if certificate is None or phase is None or not certificate.rollouts:
-            return phase.budget if phase is not None else None
-        # The width of the interval falls about as one over the square root of the rollouts.
-        likely = math.ceil(certificate.rollouts * (certificate.epsilon / certificate.target) ** 2)
+        if self.phase is None:
+            return None
+        total = (
+            self.forecast.total(self.certificate, self.worst)
+            if self.forecast is not None
+            else self.phase.budget
+        )
+        if total is None:
+            return None
         # The batch that runs is finished in any case.
-        likely = max(likely, certificate.rollouts + sum(query.replicates for query in self.queries))
-        return max(0, min(likely, phase.budget or likely) - self.rollouts)
+        done = self.certificate.rollouts if self.certificate is not None else 0
+        running = done + sum(query.replicates for query in self.queries)
+        return max(0, math.ceil(max(total, running)) - self.rollouts)
 
-    def seconds_left(self, now: float) -> float | None:
+    def seconds_left(self) -> float | None:
         """Return an estimate of the time left [s], at the pace of this process; None if there is none."""
         left = self.left()
-        if left is None or self.here < 2 or now <= self.since:
+        if left is None or self.forecast is None:
             return None
-        return left * (now - self.since) / self.here
+        return self.pace.seconds(left, self.forecast.batches(self.rollouts, self.rollouts + left) - 1)
 
 
 class Live:
@@ -98,10 +115,13 @@ class Live:
 
     def begin(self, phase: Phase) -> None:
         """Begin another search. If it has an operator, the screen is left to the operator's dialogue."""
-        self._state = State(phase=phase, since=self._clock())
+        self._state = State(phase=phase, since=self._clock(), pace=Pace(paired=phase.symbol == "Δ"))
         if self._opening and not self._quiet:
             self._console.print(one_line(self._opening), markup=False, soft_wrap=True)
         self._opening = ""
+        if phase.settings is not None and not self._quiet:
+            self._state.forecast = Forecast.of(phase.settings)
+            self._state.since = self._clock()
         if phase.attended and self._screen is not None:
             self._screen.stop()
             self._screen = None
@@ -109,12 +129,13 @@ class Live:
     def batch(self, queries: list[Query], certificate: Certificate) -> None:
         """Show the interval so far and the next tests."""
         self._state.certificate, self._state.queries = certificate, queries
+        self._state.pace.batch(self._clock())
         if self._screen is None and not self._quiet:
             words = [
                 f"{certificate.rollouts} rollouts",
                 _interval(self._state),
                 f"next {_next(self._state)}",
-                *_left(self._state, self._clock()),
+                *_left(self._state),
             ]
             self._console.print(one_line(", ".join(words)), markup=False, soft_wrap=True)
 
@@ -123,8 +144,12 @@ class Live:
         state = self._state
         state.rollouts += 1
         state.here += new
+        if new:
+            state.pace.rollout(self._clock())
         if not state.here:
             state.since = self._clock()
+        count, total = state.tests.get(key := tuple(record.params.values()), (0, 0.0))
+        state.tests[key] = count + 1, total + record.rho
         state.last.append(record.rho)
         if new and state.phase is not None and state.phase.attended and not self._quiet:
             failure = "" if record.failure is None else f" ({record.failure})"
@@ -162,7 +187,7 @@ class Live:
         progress.add_row(
             bar,
             Text(one_line(f"{state.rollouts} of {state.phase.backend}")),
-            *_left(state, now),
+            *_left(state),
             f"{now - state.since:.0f} s so far",
         )
         table.add_row("rollouts", progress)
@@ -191,8 +216,8 @@ def _next(state: State) -> str:
     return "; ".join(f"{_test(query.point, units)} ({query.replicates}×)" for query in state.queries)
 
 
-def _left(state: State, now: float) -> list[str]:
-    left, seconds = state.left(), state.seconds_left(now)
+def _left(state: State) -> list[str]:
+    left, seconds = state.left(), state.seconds_left()
     if left is None:
         return []
     words = f"about {left} rollouts left"

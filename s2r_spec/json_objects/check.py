@@ -86,6 +86,7 @@ class Provenance(BackendProvenance):
         duration: the duration of a rollout [s].
         seed: the seed of the run.
         settings: the settings that were declared before the data.
+        stop: the stopping rule; absent for ``epsilon``.
         recorded: the parts of recordings that were left out, each in one sentence; only for recordings.
     """
 
@@ -96,6 +97,7 @@ class Provenance(BackendProvenance):
     duration: Magnitude
     seed: Count
     settings: dict[str, Any]
+    stop: NotRequired[Literal["decided", "budget"]]
     recorded: NotRequired[list[str]]
 
 

@@ -75,6 +75,7 @@ class GapProvenance(Open):
         settings: the settings that were declared before the data.
         sim: the simulator.
         real: the real machine.
+        stop: the stopping rule; absent for ``epsilon``.
         recorded: the parts of recordings that were left out, each in one sentence; only for recordings.
     """
 
@@ -87,6 +88,7 @@ class GapProvenance(Open):
     settings: dict[str, Any]
     sim: BackendProvenance
     real: BackendProvenance
+    stop: NotRequired[Literal["decided", "budget"]]
     recorded: NotRequired[list[str]]
 
 

@@ -10,17 +10,20 @@ from typing import Any
 
 from s2r_spec.certify.certificate import Certificate
 from s2r_spec.certify.check_result import CheckResult, conclude, of_recordings
+from s2r_spec.certify.compose import compose
 from s2r_spec.certify.from_spec import search_for
 from s2r_spec.certify.gap import gap_search
 from s2r_spec.certify.gap_result import GapResult, Pair, conclude_gap, pairs_of
 from s2r_spec.certify.options import RunOptions
-from s2r_spec.certify.real_machine import CertifyResult, conclude_certify, refused_in_simulation
+from s2r_spec.certify.real_machine import CertifyResult, conclude_certify, judge, refused_in_simulation
 from s2r_spec.certify.search import Query, Search
 from s2r_spec.errors import UsageError
 from s2r_spec.rollouts.journal import FILE, Journal, Record
 from s2r_spec.rollouts.layout import GAP, SIMULATION, SYSTEMS
 from s2r_spec.rollouts.spec_files import load_run_spec
+from s2r_spec.rollouts.stop_rule import DECIDED, stop_of
 from s2r_spec.spec import Spec
+from s2r_spec.verdict import Verdict
 
 
 @dataclass(frozen=True)
@@ -143,14 +146,23 @@ def recompute(folder: Path) -> Recomputed:
     return Recomputed(spec, result, search, tuple(history), tuple(records), len(records) - counted)
 
 
-def recompute_gap(folder: Path) -> RecomputedGap:
-    """Return the bound of a finished or unfinished gap; see :func:`recompute`."""
+def recompute_gap(folder: Path, simulated: Search | None = None) -> RecomputedGap:
+    """Return the bound of a finished or unfinished gap; see :func:`recompute`.
+
+    Args:
+        folder: the folder of both journals.
+        simulated: search 1, for the gap of a certify that ended when its verdict was known; else read from the folder
+            beside this one.
+    """
     journals = {side: Journal.read(folder / side) for side in SYSTEMS}
     header = journals["real"].header
     spec = _of_both(folder, journals)
     per_real = header["simulated_per_real"]
     search = gap_search(spec, header["requirement"], _options(header), per_real)
     _same_settings(search, header, folder)
+    if stop_of(header) == DECIDED:
+        first = simulated or recompute(folder.parent / SIMULATION).search
+        search.end_when(lambda: judge(compose(first, search)) is not Verdict.UNKNOWN)
     every = {(pair.query, pair.replicate): pair for pair in pairs_of(journals, per_real)}
     if not every:
         raise UsageError(f"{folder} has no pair of rollouts yet, so there is nothing to report")
@@ -198,7 +210,7 @@ def recompute_certify(folder: Path, real: str | None = None) -> RecomputedCertif
         return RecomputedCertify(
             simulated.spec, refused_in_simulation(simulated.result, real), simulated, None
         )
-    gap = recompute_gap(folder / GAP)
+    gap = recompute_gap(folder / GAP, simulated.search)
     first, second = simulated.result.provenance, gap.result.provenance
     for key in ("spec_hash", "requirement", "seed"):
         if first[key] != second[key]:
@@ -269,7 +281,9 @@ def _tell(search: Search, outcomes: Callable[[Query], list[float]]) -> list[Cert
 
 def _options(header: Mapping[str, Any]) -> RunOptions:
     settings = header["settings"]
-    return RunOptions(seed=header["seed"], mode=settings["mode"], engine=settings["engine"])
+    return RunOptions(
+        seed=header["seed"], mode=settings["mode"], engine=settings["engine"], stop=stop_of(header)
+    )
 
 
 def _same_settings(search: Search, header: Mapping[str, Any], folder: Path) -> None:

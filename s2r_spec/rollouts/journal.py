@@ -7,7 +7,8 @@ A run is a folder::
     traces/            <query>.<replicate>.npz, written before its line
     void/, raw/        machines only: traces of void rollouts, and recordings other than traces
 
-The journal of a machine has further kinds of lines; see machine_journal.py.
+The journal of a machine has further kinds of lines; see machine_journal.py. A run that was resumed under another
+stopping rule has a line for it; see stop_rule.py.
 
 Each line is flushed to the disk (fsync) before the search uses the outcome. If a crash cut the last line short, a
 note says so, the line is dropped, and its rollout runs again. Damage anywhere else is an error that names the line.
@@ -29,9 +30,9 @@ from pathlib import Path
 from typing import Any
 
 from s2r_spec import logs
-from s2r_spec.errors import TraceError
+from s2r_spec.errors import TraceError, one_of
 from s2r_spec.files import onto_disk
-from s2r_spec.rollouts import lines, machine_journal
+from s2r_spec.rollouts import lines, machine_journal, stop_rule
 from s2r_spec.rollouts.layout import run_of
 from s2r_spec.rollouts.lines import JournalError
 from s2r_spec.rollouts.machine_journal import Attempt, Attempts, Void
@@ -183,7 +184,11 @@ class Journal:
         checksum = None if parsed[0]["schema"] == UNCHECKED else lines.check(path, texts)
         entries: dict[tuple[int, int], _Entry] = {}
         attempts = Attempts()
+        header = {key: value for key, value in parsed[0].items() if key not in ("schema", "crc32")}
         for number, line in enumerate(parsed[1:], 2):
+            if line.get("kind") == stop_rule.KIND:
+                header = _with_rule(path, number, header, line)
+                continue
             if "kind" in line:
                 attempts.read(path, number, line)
                 continue
@@ -196,12 +201,13 @@ class Journal:
                 )
             entries[key] = _Entry(record, number, trace_sum)
             attempts.end(key)
-        header = {key: value for key, value in parsed[0].items() if key not in ("schema", "crc32")}
         return cls(folder, header, entries, note, checksum, attempts, len(parsed))
 
     @classmethod
     def resume(cls, folder: Path, header: Mapping[str, Any]) -> Journal:
         """Read a run, cut off an incomplete last line, and check that the header is the same.
+
+        The stopping rule may be another one; the journal gets a line for it.
 
         Raises:
             JournalError: as :meth:`read`; or a field of the header differs. The message gives both values.
@@ -215,7 +221,7 @@ class Journal:
         current = json.loads(json.dumps(dict(header)))
         for key in sorted(current.keys() | journal.header.keys()):
             recorded, now = journal.header.get(key), current.get(key)
-            if recorded != now:
+            if recorded != now and key != stop_rule.KIND:
                 raise JournalError(
                     f"{folder} is another run: its {key} is {lines.shown(recorded)}, now it is {lines.shown(now)}; "
                     f"a certificate cannot mix the two, so begin a new run"
@@ -228,6 +234,9 @@ class Journal:
                     os.fsync(file.fileno())
             except OSError as error:
                 raise JournalError(f"cannot write to {journal.path}: {error.strerror or error}") from error
+        if (rule := stop_rule.stop_of(current)) != stop_rule.stop_of(journal.header):
+            journal._write("the stopping rule", stop_rule.line_of(rule))
+            journal.header = stop_rule.with_line(journal.header, stop_rule.line_of(rule))
         return journal
 
     def __len__(self) -> int:
@@ -405,6 +414,20 @@ class Journal:
         self._checksum = checksum
         self._lines += 1
         return trace_sum
+
+
+def _with_rule(path: Path, number: int, header: Mapping[str, Any], line: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a header after a line that changes the stopping rule.
+
+    Raises:
+        JournalError: there is no such rule.
+    """
+    if line.get(stop_rule.KIND) not in stop_rule.STOPS:
+        raise JournalError(
+            f"{path}:{number}: stop must be one of {one_of(stop_rule.STOPS)}, not "
+            f"{lines.shown(line.get(stop_rule.KIND))}; restore the journal from a copy, or begin a new run"
+        )
+    return stop_rule.with_line(header, line)
 
 
 def _trace_file(query: int, replicate: int) -> str:

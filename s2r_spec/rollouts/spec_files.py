@@ -17,6 +17,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from s2r_spec.errors import one_of
 from s2r_spec.lang.files import read_text
 from s2r_spec.rollouts.journal import Journal, Record
 from s2r_spec.rollouts.layout import SYSTEMS
@@ -28,6 +29,7 @@ from s2r_spec.rollouts.lines import (
     is_text,
 )
 from s2r_spec.rollouts.machine_journal import AGAIN, FALL
+from s2r_spec.rollouts.stop_rule import STOPS, stop_of
 from s2r_spec.spec import Spec, load_spec, parse_spec
 from s2r_spec.spec.declared import hash_of
 
@@ -121,6 +123,8 @@ def checked_header(journal: Journal) -> dict[str, Any]:
                 wrong = f"{name} must be a list of texts"
     if not wrong and any(one.get("void", AGAIN) not in (AGAIN, FALL) for one in [header, *systems]):
         wrong = f"void must be {AGAIN} or {FALL}"
+    if not wrong and stop_of(header) not in STOPS:
+        wrong = f"stop must be one of {one_of(STOPS)}"
     if wrong:
         raise JournalError(f"{journal.path}:1: {wrong}; restore the journal from a copy, or begin a new run")
     return header

@@ -31,3 +31,17 @@ def run(search: Search, function: RandomFunction, noise: float, rng: np.random.G
         for query in search.ask():
             mean = function(search.space.vector(query.point))[0]
             search.tell(query, mean + noise * rng.normal(size=query.replicates))
+
+
+def near_zero(
+    kernel: Kernel, space: Space, norm: float, most: float, rng: np.random.Generator
+) -> RandomFunction:
+    """Return a random function of this norm over an interval, whose maximum is near 0: at most about ``most`` away."""
+    function, knots = RandomFunction(kernel, space, 1.0, rng), space.grid((25,))
+    level = np.linalg.solve(kernel.gram(knots, knots) + 1e-8 * np.eye(25), np.ones(25))  # of a constant 1
+    shift = function(space.grid((501,))).max() - rng.uniform(-most, most) / norm
+    function.centres = np.concatenate([function.centres, knots])
+    function.weights = np.concatenate([function.weights, -shift * level])
+    gram = kernel.gram(function.centres, function.centres)
+    function.weights *= norm / np.sqrt(function.weights @ gram @ function.weights)
+    return function

@@ -3,20 +3,25 @@
 With δ = 0.1 the interval may be wrong in one run of ten; the guarantee has
 slack, so that no wrong run is expected. Each mutant breaks one line of the
 bound, and the same measurement must notice.
+
+The same holds for searches that end as soon as their verdict is known. Their
+functions have maxima near 0, so that the rule matters, and a norm that the guard
+accepts, so that a refusal of B or of the bounds counts as wrong, too.
 """
 
 import dataclasses
 
 import numpy as np
 import pytest
-from scipy.stats import binom
+from scipy.stats import binom, chi2
 
-from s2r_spec.certify import confidence, posterior
+from s2r_spec.certify import confidence, modes, posterior
+from s2r_spec.certify.certificate import Label
 from s2r_spec.certify.kernels import Kernel
 from s2r_spec.certify.modes import MODES
 from s2r_spec.certify.search import Search
 from s2r_spec.space import Space
-from tests.certify.rkhs import RandomFunction, run
+from tests.certify.rkhs import RandomFunction, near_zero, run
 
 RUNS = 20
 LINE = Space.of({"vd": (-0.2, 0.3)})
@@ -69,3 +74,55 @@ def test_with_a_third_of_the_width_it_fails(monkeypatch):
     honest = confidence.width
     monkeypatch.setattr(confidence, "width", lambda *args: honest(*args) / 3)
     assert wrong_runs("rbf", "rigorous") > most_wrong(RUNS)
+
+
+def decided_runs(name: str, runs: int) -> tuple[int, int]:
+    """Return how many searches were wrong, or refused although R is right, and how many a known verdict ended."""
+    kernel, wrong, decided = Kernel(name, 0.2), 0, 0
+    for seed in range(runs):
+        rng = np.random.default_rng([8, seed])
+        function = near_zero(kernel, LINE, 0.45 * B, 0.2, rng)
+        search = Search(
+            LINE, kernel=kernel, B=B, R=R, delta=DELTA, epsilon=0.02, seed=seed, budget=200, stop="decided"
+        )
+        run(search, function, R, rng)
+        certificate = search.certificate()
+        truth = function(LINE.grid((2001,))).max()
+        # Noise exactly at R is refuted with probability ≤ δ, too; this says nothing about the bound.
+        noise = certificate.log_e_value >= -np.log(DELTA)
+        refused = certificate.label is Label.REFUSED and not noise
+        wrong += refused or not certificate.lower <= truth <= certificate.upper
+        decided += certificate.label is Label.DECIDED
+    return wrong, decided
+
+
+@pytest.mark.parametrize(
+    ("name", "runs"), [("rbf", 20), ("matern52", 12), pytest.param("rbf", 1000, marks=pytest.mark.slow)]
+)
+def test_the_bound_holds_when_the_verdict_ends_the_search(name, runs):
+    wrong, decided = decided_runs(name, runs)
+    assert wrong == 0
+    assert decided > runs / 2
+
+
+def test_with_a_third_of_the_width_a_decided_verdict_fails(monkeypatch):
+    honest = confidence.width
+    monkeypatch.setattr(confidence, "width", lambda *args: honest(*args) / 3)
+    assert decided_runs("rbf", RUNS)[0] > most_wrong(RUNS)
+
+
+def test_with_the_variance_in_place_of_the_standard_deviation_a_decided_verdict_fails(monkeypatch):
+    honest = posterior._Spectrum.moments
+
+    def as_typed(self, scales, points):
+        result = honest(self, scales, points)
+        return dataclasses.replace(result, std=result.std**2 * R)
+
+    monkeypatch.setattr(posterior._Spectrum, "moments", as_typed)
+    assert decided_runs("rbf", RUNS)[0] > most_wrong(RUNS)
+
+
+def test_with_the_radius_of_one_look_at_one_test_a_decided_verdict_fails(monkeypatch):
+    """A χ² quantile holds for one test at one time. It leaves out the price of looking after every batch."""
+    monkeypatch.setattr(modes.Mode, "radius", lambda self, data, delta: float(chi2.isf(delta, 1)))
+    assert decided_runs("rbf", RUNS)[0] > most_wrong(RUNS)

@@ -134,6 +134,8 @@ def test_what_cannot_be_paired_gets_a_sentence(tmp_path):
     outside = record_from("toy", [0.4], tmp_path / "outside")
     with pytest.raises(UsageError, match=naming("budget", "log:")):
         run(gap, tmp_path, "toy", log, budget=40)
+    with pytest.raises(UsageError, match=naming("stop", "'decided'", "log:")):
+        run(certify, tmp_path, "toy", log, stop="decided")
     with pytest.raises(UsageError, match=naming(log, "toy")):
         run(gap, tmp_path, log, "toy")
     with pytest.raises(UsageError, match=naming(log, "same")):

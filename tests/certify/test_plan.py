@@ -2,11 +2,13 @@ import numpy as np
 import pytest
 
 from s2r_spec.certify.certificate import Label
+from s2r_spec.certify.effort import Effort, Objective
 from s2r_spec.certify.kernels import Kernel
 from s2r_spec.certify.pilot import read_pilot
 from s2r_spec.certify.plan import plan
 from s2r_spec.certify.sample_complexity import minimax, sequential_lower_bound
 from s2r_spec.certify.search import Search
+from s2r_spec.certify.settings import SearchSettings
 from s2r_spec.errors import UsageError
 from s2r_spec.space import Space
 from tests.certify.rkhs import RandomFunction, run
@@ -31,12 +33,69 @@ def test_a_plan_foretells_what_a_search_then_takes():
     for seed in range(5):
         rng = np.random.default_rng(1000 + seed)
         search = Search(LINE, **settings, seed=seed)
-        run(search, RandomFunction(settings["kernel"], LINE, 0.45, rng), 0.02, rng)
+        # It varies by about two ε.
+        run(search, RandomFunction(settings["kernel"], LINE, 0.04, rng), 0.02, rng)
         taken.append(search.certificate().rollouts)
-    assert foretold.floor < foretold.minimax < foretold.peaked <= foretold.flat
-    assert 0.5 < foretold.peaked / np.median(taken) < 2
+    assert foretold.floor < foretold.minimax < foretold.flat
+    assert foretold.peaked <= foretold.expected <= foretold.flat
+    assert sum(foretold.peaked <= rollouts <= foretold.flat for rollouts in taken) >= 4
     (_, wide), (_, narrow) = foretold.reachable
     assert narrow < wide
+    for (_, expected), (_, low, high) in zip(foretold.reachable, foretold.reachable_range, strict=True):
+        assert low < expected < high
+
+
+def taken_by(settings, space, outcome, seed=0):
+    """Return the rollouts of a search until ε."""
+    search = Search(space, **settings, seed=seed)
+    rng = np.random.default_rng(seed)
+    while not search.done:
+        for query in search.ask():
+            search.tell(query, outcome(query.point) + settings["R"] * rng.normal(size=query.replicates))
+    return search.certificate().rollouts
+
+
+PLANE = Space.of({"x": (0.0, 0.5), "y": (0.0, 0.3)})
+
+
+@pytest.mark.parametrize(
+    ("space", "settings"),
+    [
+        (LINE, {"kernel": Kernel("matern52", 0.2), "B": 1.0, "R": 0.02, "delta": 1e-3, "epsilon": 0.04}),
+        (LINE, {"kernel": Kernel("rbf", 0.2), "B": 1.0, "R": 0.02, "delta": 1e-3, "epsilon": 0.04}),
+        (PLANE, {"kernel": Kernel("rbf", 0.3), "B": 1.0, "R": 0.02, "delta": 1e-3, "epsilon": 0.08}),
+    ],
+    ids=["Matérn", "RBF", "two parameters"],
+)
+def test_a_flat_outcome_takes_what_the_design_of_a_flat_objective_takes(space, settings):
+    """The design has no batches and no discrete tests."""
+    effort = Effort.of(SearchSettings(space=space, **settings))
+    design = effort.rollouts(Objective.flat(len(effort.part.points), 0.0), 0.4)
+    assert 0.6 < taken_by(settings, space, lambda point: 0.0) / design < 1.7
+
+
+def test_the_rollouts_grow_as_the_square_of_the_number_of_lengthscales():
+    """There are more places to test, and the radius grows with their number. A long box is computed as many parts."""
+    counts = []
+    for length in (0.5, 50.0, 100.0):
+        settings = SearchSettings(
+            space=Space.of({"x": (0.0, length)}),
+            kernel=Kernel("rbf", 0.2),
+            B=1.5,
+            R=0.02,
+            delta=1e-3,
+            epsilon=0.03,
+        )
+        effort = Effort.of(settings)
+        counts.append(effort.rollouts(Objective.flat(len(effort.part.points), 0.0), 0.5))
+    assert 2000 < counts[1] / counts[0] < 10_000
+    assert counts[2] / counts[1] == pytest.approx(4, rel=0.2)
+
+
+def test_an_axis_shorter_than_its_lengthscale_takes_the_tests_of_every_eighth():
+    settings = {"kernel": Kernel("rbf", 1.0), "B": 1.5, "R": 0.02, "delta": 1e-3, "epsilon": 0.02}
+    floor = sequential_lower_bound(0.02, 0.02, 1e-3)
+    assert plan(LINE, **settings).peaked >= 8 * floor
 
 
 def test_a_claim_beyond_reach_is_said_to_be():

@@ -127,6 +127,7 @@ def test_a_fall_has_the_declared_value(tmp_path):
         ),
         ([0.0, 0.1], {"header": "id,speed"}, {}, ["'vd'", "log:"]),
         ([0.0, 0.1], {}, {"budget": 20}, ["budget", "log:"]),
+        ([0.0, 0.1], {}, {"stop": "decided"}, ["stop", "'decided'", "log:"]),
     ],
 )  # fmt: skip
 def test_what_cannot_be_used_gets_a_sentence(tmp_path, tests, changes, words, facts):

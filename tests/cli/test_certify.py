@@ -110,6 +110,17 @@ def test_kill_9_then_resume_gives_the_same_promise(s2r):
     assert comparable(s2r.json(*words, "--resume", "cut", code=0)) == comparable(whole)
 
 
+def test_a_known_verdict_on_the_machine_may_end_its_rollouts(s2r):
+    words = (s2r.spec(0.15, FINE), "--sim", "toy", "--real", "toy:drag", "-q")
+    usual = s2r.json("certify", *words, code=0)
+    result = s2r.json("certify", *words, "--stop", "decided", code=0)
+    assert result["gap"]["label"] == "decided (valid interval)"
+    assert result["gap"]["search"]["rollouts"] < usual["gap"]["search"]["rollouts"]
+    assert comparable(result["simulation"]) == comparable(usual["simulation"])
+    assert result["promise"]["lower"] >= 0
+    assert states(s2r("gap", *words, "--stop", "decided", code=2).stderr, "stop", "'decided'", "certify")
+
+
 @pytest.mark.parametrize("command", ["gap", "certify"])
 def test_bad_input_gets_a_sentence(s2r, command):
     spec = s2r.spec()

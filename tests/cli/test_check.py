@@ -3,7 +3,7 @@ import subprocess
 
 import pytest
 
-from tests.cli.conftest import SPEC, held_rollouts, rollouts_in, waiting
+from tests.cli.conftest import FINE, SPEC, held_rollouts, rollouts_in, waiting
 from tests.conftest import rewrite
 from tests.errors import states
 from tests.processes import until
@@ -40,6 +40,20 @@ def test_a_budget_too_small_to_tell_says_unknown(s2r):
     assert result["verdict"] == "unknown"
     assert result["label"] == "budget exhausted (valid interval)"
     assert result["search"]["rollouts"] <= 10
+
+
+def test_a_known_verdict_may_end_the_search(s2r):
+    words = ("check", s2r.spec(text=FINE.replace("LIMIT", "0.1")), "-b", "toy", "-q")
+    usual = s2r.json(*words, code=0)["results"][0]
+    result = s2r.json(*words, "--stop", "decided", "--run", "r", code=0)["results"][0]
+    assert result["label"] == result["search"]["label"] == "decided (valid interval)"
+    assert result["provenance"]["stop"] == "decided"
+    assert result["search"]["rollouts"] < usual["search"]["rollouts"]
+    assert result["worst_expected_robustness"]["lower"] >= 0
+    again = s2r.json("report", "r", code=0)["results"][0]
+    assert (again["label"], again["search"]) == (result["label"], result["search"])
+    on = s2r.json(*words, "--stop", "epsilon", "--resume", "r", code=0)["results"][0]
+    assert on["search"] == usual["search"]
 
 
 def test_the_result_depends_on_the_seed_and_not_on_the_workers(s2r):
@@ -135,6 +149,8 @@ def test_dask_gives_the_numbers_of_this_machine(s2r):
         (SPEC.replace(", fall = -0.5", ""), (), ["'walking'", "fall"]),
         (SPEC.replace("certify walking: ", "# "), (), ["spec.stl", "certify"]),
         (SPEC, ("--budget", "3"), ["3", "8 rollouts"]),
+        (SPEC, ("--stop", "soon"), ["stop", "'soon'", "decided"]),
+        (SPEC, ("--stop", "budget"), ["stop", "'budget'"]),
         (SPEC, ("--engine", "magic"), ["'magic'", "gpytorch", "spectral"]),
         ("solid mesh\n facet normal 0 0 1\nendsolid mesh\n", (), ["spec.stl", "mesh"]),
         ("require a: always (x <= 1", (), ["E01", "spec.stl:1:19"]),

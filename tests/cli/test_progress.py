@@ -1,5 +1,6 @@
 """What is said while a search runs."""
 
+import re
 from dataclasses import replace
 from io import StringIO
 
@@ -9,14 +10,15 @@ from rich.console import Console
 import s2r_spec as s2r
 from s2r_spec.certify.kernels import Kernel
 from s2r_spec.certify.observers import Phase
+from s2r_spec.certify.plan import rollouts
 from s2r_spec.certify.search import Query
 from s2r_spec.cli.progress import Live
 from s2r_spec.cli.stages import Stages
 from s2r_spec.rollouts.journal import Record
 from tests.errors import states
 
-PHASE = Phase("ρ", "m/s", "toy", {"vd": "m/s"}, None)
 SEARCH = s2r.Search({"vd": (-0.2, 0.3)}, kernel=Kernel("rbf", 0.2), B=0.5, R=0.02, delta=1e-3, epsilon=0.05)
+PHASE = Phase("ρ", "m/s", "toy", {"vd": "m/s"}, None, settings=SEARCH.settings)
 CERTIFICATE = replace(SEARCH.certificate(), lower=-0.2, upper=-0.1, rollouts=100)
 QUERIES = [Query(7, {"vd": 0.3}, 12), Query(8, {"vd": -0.1}, 3)]
 
@@ -48,9 +50,16 @@ def shown(view, console):
     return " ".join(capture.get().split())
 
 
-def run(one, clock, old=0, budget=None, certificate=CERTIFICATE):
+def left(words):
+    """Return the rollouts and the seconds that are said to be left; None for no time."""
+    found = re.search(r"about (\d+) rollouts left(?: \((\d+) (s|min)\))?", words)
+    seconds = None if found[2] is None else int(found[2]) * {"s": 1, "min": 60}[found[3]]
+    return int(found[1]), seconds
+
+
+def run(one, clock, old=0, budget=None, certificate=CERTIFICATE, **rule):
     """100 rollouts in 50 s, of which some were on disk before."""
-    one.begin(replace(PHASE, budget=budget))
+    one.begin(replace(PHASE, budget=budget, settings=replace(SEARCH.settings, budget=budget, **rule)))
     for i in range(100):
         clock.now += 0.5 * (i >= old)
         one.rollout(record(0.1 + 0.001 * i), new=i >= old)
@@ -61,8 +70,11 @@ def test_the_view_says_what_a_person_in_a_lab_asks(clock):
     one, console = live(clock, terminal=True)
     run(one, clock)
     words = shown(one.view(), console)
-    # The interval is twice as wide as asked, so that four times the rollouts are likely.
-    assert states(words, "100 of toy", "300 rollouts left", "2 min", "50 s")
+    assert states(words, "100 of toy", "50 s")
+    # The interval is twice as wide as asked: four times the rollouts if the worst test is known, more if not.
+    remaining, seconds = left(words)
+    assert 100 < remaining < 700
+    assert seconds == pytest.approx(remaining / 2, abs=30)
     assert states(words, "ρ in [+0.1000, +0.2000] m/s", "0.1000 wide, target 0.05")
     assert states(words, "vd = 0.3 m/s (12×)", "vd = -0.1 m/s (3×)", "+0.1990", "+0.1760")
     assert "▁" in words
@@ -84,11 +96,42 @@ def test_the_batch_that_runs_is_left_also_when_it_is_expected_to_be_the_last(clo
 def test_what_an_earlier_process_did_tells_no_pace(clock):
     one, console = live(clock, terminal=True)
     run(one, clock, old=90)
-    assert states(shown(one.view(), console), "300 rollouts left", "2 min")
+    remaining, seconds = left(shown(one.view(), console))
+    assert seconds == pytest.approx(remaining / 2, abs=30)
     one, console = live(clock, terminal=True)
     run(one, clock, old=100)
-    assert states(shown(one.view(), console), "300 rollouts left", "0 s")
-    assert "min" not in shown(one.view(), console)
+    assert left(shown(one.view(), console)) == (remaining, None)
+
+
+def test_before_the_first_rollout_the_plan_is_what_is_left(clock):
+    one, console = live(clock, terminal=False)
+    one.begin(PHASE)
+    one.batch(QUERIES, SEARCH.certificate())
+    (line,) = console.file.getvalue().splitlines()
+    low, high = rollouts(SEARCH.settings)
+    assert low < left(line)[0] < high
+    assert left(line)[1] is None
+
+
+@pytest.mark.parametrize(("rule", "least", "most"), [("decided", 15, 40), ("budget", 400, 400)])
+def test_the_stopping_rule_bounds_what_is_left(clock, rule, least, most):
+    """The worst mean is 0.149 m/s, and the interval begins at 0.1 m/s: its verdict is known."""
+    one, console = live(clock, terminal=True)
+    run(one, clock, budget=500, stop=rule)
+    assert least <= left(shown(one.view(), console))[0] <= most
+
+
+def test_the_wait_for_the_first_result_is_not_the_pace(clock):
+    """Workers start in it."""
+    one, console = live(clock, terminal=True)
+    one.begin(PHASE)
+    clock.now += 1000.0
+    for _ in range(8):
+        clock.now += 0.5
+        one.rollout(record(0.1))
+    one.batch(QUERIES, replace(CERTIFICATE, rollouts=8))
+    count, seconds = left(shown(one.view(), console))
+    assert seconds == pytest.approx(count / 2, abs=60)
 
 
 def test_elsewhere_one_line_a_batch(clock):
@@ -100,9 +143,8 @@ def test_elsewhere_one_line_a_batch(clock):
         "100 rollouts",
         "ρ in [+0.1000, +0.2000] m/s",
         "0.1000 wide, target 0.05",
-        "300 rollouts left",
-        "2 min",
     )
+    assert left(line)[0] > 100
     assert states(line, "vd = 0.3 m/s (12×)", "vd = -0.1 m/s (3×)")
 
 
@@ -121,7 +163,8 @@ def test_a_crash_is_said_at_once_unless_nothing_is(clock):
 def test_the_second_search_of_certify_begins_anew(clock):
     one, console = live(clock, terminal=True)
     run(one, clock)
-    one.begin(replace(PHASE, symbol="Δ", backend="toy:drag", budget=40))
+    settings = replace(SEARCH.settings, budget=40)
+    one.begin(replace(PHASE, symbol="Δ", backend="toy:drag", budget=40, settings=settings))
     words = shown(one.view(), console)
     assert states(words, "0 of toy:drag", "40 rollouts left", "0 s")
     assert "+0.1990" not in words

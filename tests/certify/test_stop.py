@@ -1,0 +1,187 @@
+"""Stopping rules: a search ends when ε is reached, when its verdict is known, or when its budget is spent."""
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import s2r_spec as s2r
+from s2r_spec.certify.certificate import Label
+from s2r_spec.certify.gap import gap
+from s2r_spec.certify.kernels import Kernel
+from s2r_spec.certify.real_machine import certify
+from s2r_spec.certify.search import Search
+from s2r_spec.errors import UsageError
+from s2r_spec.report.recompute import recompute, recompute_certify, recompute_gap
+from s2r_spec.rollouts.journal import Journal
+from s2r_spec.space import Space
+from s2r_spec.verdict import Verdict
+from tests.certify.rkhs import run
+from tests.errors import naming
+
+LINE = Space.of({"vd": (0.0, 1.0)}, {"vd": "m/s"})
+KERNEL = Kernel("matern52", 0.3)
+USUAL = {"kernel": KERNEL, "B": 1.5, "R": 0.05, "delta": 0.01, "epsilon": 0.15}
+THREAD = {"executor": partial(ThreadPoolExecutor, 1)}
+TURTLEBOT = Path(__file__).parents[2] / "specs" / "turtlebot.stl"
+SPEC = """\
+signal vx {m/s}
+param  vd {m/s} in [-0.2, 0.3]
+require walking: always[0.5 s, 1.5 s] (abs(vx - vd) <= LIMIT {m/s})
+certify walking: delta = 1e-3, epsilon = 0.05, B = 0.5, R = 0.02, kernel = rbf(0.2 {m/s}), fall = -0.5
+"""
+
+
+def searched(level, scatter=0.02, **changes):
+    """Return a finished search whose J is near ``level`` everywhere."""
+    search = Search(LINE, **(USUAL | changes))
+
+    def function(points):
+        return np.full(len(np.atleast_2d(points)), level)
+
+    run(search, function, scatter, np.random.default_rng(0))
+    return search
+
+
+def check(tmp_path, limit=0.1, backend="toy", run="run", **words):
+    return s2r.check(
+        s2r.parse_spec(SPEC.replace("LIMIT", str(limit)), "spec.stl"), backend, tmp_path / run, **words
+    )
+
+
+def facts(result):
+    """Return a result without clocks and folders."""
+    return replace(result, seconds=0.0, folder=Path(), lowest=replace(result.lowest, seconds=0.0))
+
+
+class TestSearch:
+    @pytest.mark.parametrize("level", [-0.4, 0.4])
+    def test_it_ends_with_the_batch_that_excludes_0(self, level):
+        decided, usual = searched(level, stop="decided").certificate(), searched(level).certificate()
+        assert decided.label is Label.DECIDED
+        assert decided.label.bounds
+        assert decided.upper <= 0 or decided.lower > 0
+        assert decided.lower <= level <= decided.upper
+        assert decided.rollouts < usual.rollouts
+        assert (usual.label, decided.settings) == (Label.CERTIFIED, usual.settings)
+        assert set(usual.assumptions) < set(decided.assumptions)
+
+    def test_near_0_it_ends_when_epsilon_is_reached(self):
+        decided, usual = searched(0.0, stop="decided").certificate(), searched(0.0).certificate()
+        assert decided.label is Label.CERTIFIED
+        assert (decided.rollouts, decided.lower, decided.upper) == (usual.rollouts, usual.lower, usual.upper)
+
+    def test_the_test_of_r_has_20_degrees_of_freedom_before_a_verdict_ends_the_search(self):
+        """One batch is enough for the sign of 0.9."""
+        known = searched(0.9, stop="decided", B=4.0)
+        assert known.certificate().label is Label.DECIDED
+        assert known.degrees >= 20
+        one_batch = searched(0.9, stop="decided", B=4.0, budget=8)
+        assert one_batch.certificate().lower > 0
+        assert one_batch.degrees < 20
+        assert one_batch.certificate().label is Label.BUDGET
+
+    def test_an_r_that_is_too_small_is_refuted_before_a_verdict_counts(self):
+        certificate = searched(0.9, scatter=0.25, stop="decided", B=2.0).certificate()
+        assert certificate.label is Label.REFUSED
+
+    def test_every_eighth_of_a_long_axis_is_tested_before_a_verdict_ends_the_search(self):
+        long = searched(0.5, stop="decided", kernel=Kernel("matern52", 1.5), B=2.0)
+        assert long.certificate().label is Label.DECIDED
+        assert len(set((long.tested[:, 0] * 8).astype(int).clip(0, 7))) == 8
+
+    def test_only_a_budget_ends_a_search_under_the_rule_budget(self):
+        spent, usual = searched(0.3, stop="budget", budget=1000), searched(0.3)
+        assert usual.certificate().rollouts < 900 < spent.certificate().rollouts <= 1000
+        assert spent.certificate().epsilon < usual.certificate().epsilon <= usual.epsilon
+        assert spent.certificate().label is Label.CERTIFIED
+        assert searched(0.3, stop="budget", budget=40).certificate().label is Label.BUDGET
+
+    def test_the_tests_are_the_same_under_every_rule(self):
+        usual = searched(0.3).tested
+        for rule in ("decided", "budget"):
+            other = searched(0.3, stop=rule, budget=600).tested
+            shorter = min(len(usual), len(other))
+            assert np.array_equal(other[:shorter], usual[:shorter])
+
+    def test_another_rule_gets_a_sentence(self):
+        with pytest.raises(UsageError, match=naming("stop", "'soon'", "budget, decided, epsilon")):
+            Search(LINE, **USUAL, stop="soon")
+
+
+def test_the_turtlebot_holds_before_350_rollouts(tmp_path):
+    result = s2r.check(s2r.load_spec(TURTLEBOT), "turtlebot", tmp_path / "run", stop="decided", **THREAD)
+    assert (result.verdict, result.certificate.label) == (Verdict.HOLDS, Label.DECIDED)
+    assert result.certificate.rollouts < 350
+
+
+@pytest.mark.usefixtures("toy")
+class TestRuns:
+    @pytest.mark.parametrize(("limit", "verdict"), [(0.1, Verdict.HOLDS), (-0.05, Verdict.VIOLATED)])
+    def test_the_verdict_is_the_one_of_epsilon_and_its_report_the_same(self, tmp_path, limit, verdict):
+        usual = check(tmp_path, limit, run="usual")
+        decided = check(tmp_path, limit, stop="decided")
+        assert decided.verdict is usual.verdict is verdict
+        assert decided.certificate.rollouts < usual.certificate.rollouts
+        assert facts(recompute(tmp_path / "run").result) == facts(decided)
+
+    def test_a_resumed_run_keeps_its_rule_and_its_next_test(self, tmp_path):
+        whole = check(tmp_path, stop="decided", run="whole")
+        check(tmp_path, stop="decided", budget=20)
+        resumed = check(tmp_path, resume=True)
+        assert facts(resumed) == facts(whole)
+
+    def test_a_decided_run_may_go_on_to_epsilon(self, tmp_path):
+        whole = check(tmp_path, run="whole")
+        early = check(tmp_path, stop="decided")
+        resumed = check(tmp_path, stop="epsilon", resume=True)
+        assert early.certificate.rollouts < resumed.certificate.rollouts
+        assert facts(resumed) == facts(whole)
+        assert facts(recompute(tmp_path / "run").result) == facts(whole)
+        assert facts(check(tmp_path, resume=True)) == facts(whole)
+
+    def test_a_journal_with_an_unknown_rule_gets_a_sentence(self, tmp_path):
+        check(tmp_path, stop="decided")
+        journal = Journal.read(tmp_path / "run")
+        journal._write("the rule", {"kind": "stop", "stop": "soon"})
+        with pytest.raises(UsageError, match=naming("stop", "soon")):
+            check(tmp_path, resume=True)
+
+    def test_a_rule_needs_what_it_waits_for(self, tmp_path):
+        with pytest.raises(UsageError, match=naming("stop", "'budget'")):
+            check(tmp_path, stop="budget")
+        spec = s2r.parse_spec(SPEC.replace("LIMIT", "0.1"), "spec.stl")
+        with pytest.raises(UsageError, match=naming("stop", "'decided'", "certify")):
+            gap(spec, "toy", "toy:drag", tmp_path / "run", stop="decided")
+        with pytest.raises(UsageError, match=naming("stop", "'soon'")):
+            gap(spec, "toy", "toy:drag", tmp_path / "run", stop="soon")
+
+    def test_a_gap_may_spend_its_budget(self, tmp_path):
+        spec = s2r.parse_spec(SPEC.replace("LIMIT", "0.1").replace("0.05, B", "0.1, B"), "spec.stl")
+        usual = gap(spec, "toy", "toy:drag", tmp_path / "usual", **THREAD)
+        spent = gap(spec, "toy", "toy:drag", tmp_path / "run", stop="budget", budget=200, **THREAD)
+        assert usual.certificate.rollouts < spent.certificate.rollouts
+        assert spent.certificate.epsilon < usual.certificate.epsilon
+        assert replace(recompute_gap(tmp_path / "run").result, seconds=0) == replace(spent, seconds=0)
+
+    def test_certify_ends_the_real_rollouts_when_the_verdict_on_the_machine_is_known(self, tmp_path):
+        spec = s2r.parse_spec(SPEC.replace("LIMIT", "0.2"), "spec.stl")
+        usual = certify(spec, "toy", "toy:drag", tmp_path / "usual", **THREAD)
+        early = certify(spec, "toy", "toy:drag", tmp_path / "run", stop="decided", **THREAD)
+        assert early.verdict is usual.verdict is Verdict.HOLDS
+        assert early.composition.lower >= 0
+        assert early.simulated.certificate == usual.simulated.certificate
+        assert early.gap.certificate.label is Label.DECIDED
+        assert early.gap.certificate.rollouts < usual.gap.certificate.rollouts
+        again = recompute_certify(tmp_path / "run").result
+        assert (again.verdict, again.composition, again.gap.certificate) == (
+            early.verdict,
+            early.composition,
+            early.gap.certificate,
+        )
+        assert recompute_gap(tmp_path / "run" / "gap").result.certificate == early.gap.certificate
+        resumed = certify(spec, "toy", "toy:drag", tmp_path / "run", resume=True, **THREAD)
+        assert (resumed.composition, resumed.gap.certificate) == (early.composition, early.gap.certificate)
