@@ -89,6 +89,8 @@ class Forecast:
             found = self._until_epsilon(certificate)
             if stop == DECIDED and worst is not None:
                 found = min(found, _until_decided(certificate, worst))
+        if not math.isfinite(found):
+            return budget
         return found if budget is None else min(found, budget)
 
     def _until_epsilon(self, certificate: Certificate) -> float:
