@@ -49,6 +49,8 @@ STEP = 1.3
 """Tolerance: power of an update. 2 would be exact for independent points; neighbours share their rollouts."""
 CONVERGED = 0.05
 """Tolerance: the largest excess of a half-width over its allowance, as a share, in a finished design."""
+MOST = 1e80
+"""Tolerance: most rollouts at a grid point. Squares of much larger numbers would overflow."""
 LEAST = 1e-6
 """Tolerance: rollouts at a grid point without any."""
 
@@ -107,7 +109,7 @@ class Part:
         wide = (space.upper - space.lower) / lengthscales
         spacing = float((SPACING * kernel.sides_for(TOLERANCE * relative, space.dim) / lengthscales)[0])
         fits = np.minimum(wide, _largest(wide, spacing))
-        counts = np.maximum(2, np.ceil(fits / spacing).astype(int) + 1)
+        counts = np.maximum(2, np.ceil(np.minimum(fits / spacing, GRID - 1)).astype(int) + 1)
         while counts.prod() > GRID and counts.max() > 2:
             counts[counts.argmax()] -= 1
         middle, half = (space.lower + space.upper) / 2, fits / wide * (space.upper - space.lower) / 2
@@ -203,7 +205,7 @@ class Effort:
         allowed = (1 - share) * target + objective.below
         best = int(objective.below.argmin())
         allowed[best] = min(allowed[best], share * target)
-        design = np.full(len(allowed), 1 / target**2 + 1.0)
+        design = np.full(len(allowed), 1 / max(target, MOST**-0.5) ** 2 + 1.0)
         for _ in range(UPDATES):
             data = _Expected.of(self.part, design, objective)
             total = self.part.number * float(design.sum())
@@ -213,7 +215,7 @@ class Effort:
             excess = half / allowed
             if excess.max() <= 1 + CONVERGED and _settled(excess, design):
                 break
-            design = np.clip(design * excess**STEP, LEAST, None)
+            design = np.clip(design * excess**STEP, LEAST, MOST)
         return self.part.number * float(design.sum())
 
 

@@ -41,6 +41,9 @@ PLANNED = 32
 little about the end. With twice as many the plan counts longer."""
 FIRST = 2 * LEAST_DEGREES
 """Definition: rollouts in which the test of R gets its degrees of freedom; the tests spread over the space in them."""
+GROWTH = 0.1
+"""Tolerance: growth of the computation between batches with each batch, as a share of its first duration: every batch
+adds tests. With twice as much the time left is longer where rollouts are quick."""
 WIDTHS = np.array([1.0, 2.0, 4.0, 8.0, 16.0])
 """Tolerance: widths, in ε, at which a flat objective's rollouts are computed; between them ln F is linear in ln w."""
 
@@ -86,6 +89,8 @@ class Forecast:
             found = self._until_epsilon(certificate)
             if stop == DECIDED and worst is not None:
                 found = min(found, _until_decided(certificate, worst))
+        if not math.isfinite(found):
+            return budget
         return found if budget is None else min(found, budget)
 
     def _until_epsilon(self, certificate: Certificate) -> float:
@@ -133,6 +138,7 @@ class Pace:
         busy: their time [s].
         between: time between the last rollout and the next batch, of the latest batch [s]; None before the second.
         size: reported rollouts of the latest batch.
+        batches: batches of this process that ended.
     """
 
     paired: bool = False
@@ -140,6 +146,7 @@ class Pace:
     busy: float = 0.0
     between: float | None = None
     size: int = 0
+    batches: int = 0
     _latest: float | None = field(default=None, repr=False)
     _here: int = field(default=0, repr=False)
 
@@ -154,12 +161,18 @@ class Pace:
         """Count the time until the choice of a batch."""
         if self._here and self._latest is not None:
             self.between, self.size, self._here = now - self._latest, self._here, 0
+            self.batches += 1
         self._latest = now
 
     def seconds(self, left: float, batches: int) -> float | None:
         """Return the time of so many rollouts in so many batches [s]; None before the first batch ended."""
         if not self.counted or self.between is None:
             return None
-        # Simulated rollouts are as many as the others; the search's own computation is the same for every batch.
-        times = left / self.size if self.paired else batches
+        if (
+            self.paired
+        ):  # the simulated rollouts take most of it, and are as many in proportion as the real ones
+            times = left / self.size
+        else:
+            grown = 1 + GROWTH * (self.batches + (batches + 1) / 2)
+            times = batches * grown / (1 + GROWTH * self.batches)
         return left * self.busy / self.counted + times * self.between
