@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from s2r_spec.logs import write as write_trace
     from s2r_spec.report.results import load_result
     from s2r_spec.robustness.profiles import profile
+    from s2r_spec.rollouts.read_episodes import read_episodes
     from s2r_spec.rollouts.replay import Replay, replay
     from s2r_spec.space import Axis, Space
     from s2r_spec.spec import (
@@ -89,6 +90,7 @@ __all__ = [
     "load_spec",
     "parse_spec",
     "profile",
+    "read_episodes",
     "read_trace",
     "replay",
     "write_trace",
@@ -114,6 +116,7 @@ _HOMES = {
     "logs": ("read_trace", "write_trace"),
     "report.results": ("load_result",),
     "robustness.profiles": ("profile",),
+    "rollouts.read_episodes": ("read_episodes",),
     "rollouts.replay": ("Replay", "replay"),
     "space": ("Axis", "Space"),
     "spec": (

@@ -93,3 +93,11 @@ def test_the_speed_up_is_at_most_the_workers_and_the_mean_batch(sizing):
     for workers in sizing.WORKERS:
         assert 1 <= sizing.speed_up(sizes, workers) <= min(workers, sum(sizes) / len(sizes))
     assert sizing.speed_up(sizes, 1) == 1
+
+
+@pytest.mark.filterwarnings("ignore::s2r_spec.errors.TraceNote")
+def test_the_page_on_robot_logs_reads_episodes_in_python(monkeypatch, capsys):
+    monkeypatch.chdir(ROOT)
+    (block,) = re.findall(r"```python\n(.*?)```", (PAGES / "robot-logs.md").read_text(), re.S)
+    exec(block, {})
+    assert json.loads(capsys.readouterr().out) == pytest.approx([0.0297, 0.0298, -0.0205], abs=1e-4)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from s2r_spec import logs, parse_spec
+from s2r_spec import logs, parse_spec, read_episodes
 from s2r_spec.errors import TraceError
 from s2r_spec.logs.episodes import cut
 from s2r_spec.logs.table import Column
@@ -161,6 +161,18 @@ def test_more_than_the_memory_holds_is_refused_before_it_is_read(name, tmp_path,
     monkeypatch.setattr("s2r_spec.logs.table.MOST_NUMBERS", 500)
     with pytest.raises(TraceError, match="million"):
         logs.load(path, columns, {"vx": None})
+
+
+@pytest.mark.filterwarnings("ignore::s2r_spec.errors.TraceNote")
+def test_python_reads_the_episodes_with_their_tests(tmp_path):
+    bag = robot_logs.ros2(tmp_path / "bag", "MCAP")
+    found = read_episodes(bag, SPEC, ROS, when="vx_cmd > 0.05", params={"vd": f"{ROS['vx_cmd']}@0"})
+    ((test, trace),) = found
+    assert test == {"vd": 0.3}
+    assert SPEC.robustness(trace, test)["reaches"] == pytest.approx(RHO, abs=1e-9)
+    ((test, trace),) = read_episodes(bag, SPEC, ROS, params={"vd": "20 cm/s"})
+    assert test == {"vd": 0.2}
+    assert len(trace) == 400
 
 
 def test_an_episode_may_begin_with_the_first_message_of_its_command(tmp_path):
