@@ -74,6 +74,7 @@ def test_a_failure_shows_the_four_lines_of_the_explanation(place):
     assert "asserting.py" not in done.stdout  # the traceback ends in the test
 
 
+@pytest.mark.slow  # beside it, the fixture runs in one process
 def test_it_works_with_xdist(place):
     done = run(place, TESTS, "-n", "1")
     assert re.search("2 failed, 1 passed", done.stdout), done.stdout + done.stderr

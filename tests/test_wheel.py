@@ -97,7 +97,9 @@ def test_examples_are_the_folder_of_the_repository_and_overwrite_nothing(s2r):
 
 def test_it_has_its_pages_its_version_and_its_backends(s2r):
     pages = {
-        path.relative_to(ROOT / "docs").with_suffix("").as_posix() for path in (ROOT / "docs").rglob("*.md")
+        path.relative_to(ROOT / "docs").with_suffix("").as_posix()
+        for ending in ("md", "ipynb")
+        for path in (ROOT / "docs").rglob(f"*.{ending}")
     }
     assert {line.split()[0] for line in s2r("docs").stdout.splitlines()} == pages
     assert s2r("--version").stdout == f"s2r {PROJECT['version']}\n"

@@ -108,6 +108,7 @@ def test_the_commands_pass_the_options_on(rollouts, s2r):
     assert "log:" in s2r("check", spec, "-b", "toy", "--when", "on > 0.5", code=2).stderr
 
 
+@pytest.mark.slow  # beside it, the recordings are held equal to the rollouts
 def test_the_diagnosis_from_bags_is_that_of_the_live_rollouts(tmp_path, cache, toy):
     machine = s2r_package.load_backend("cart:real.coulomb=1.5")
     tests = [{"vd": vd, "acc": acc} for vd in (0.3, 0.5, 0.7, 0.9) for acc in (1.0, 2.5)]

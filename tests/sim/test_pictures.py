@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from s2r_sim import SimBackend, pictures
+from s2r_spec import errors
 from s2r_spec.errors import UsageError
 from tests.errors import naming
 
@@ -49,6 +50,6 @@ def test_without_opengl_a_sentence_says_what_to_install(tmp_path, monkeypatch):
 
 def test_without_pillow_a_sentence_says_what_to_install(tmp_path, monkeypatch):
     find = importlib.util.find_spec
-    monkeypatch.setattr(pictures, "find_spec", lambda name: None if name == "PIL" else find(name))
+    monkeypatch.setattr(errors, "find_spec", lambda name: None if name == "PIL" else find(name))
     with pytest.raises(UsageError, match=naming("'pillow'")):
         SHORT.render({}, 0, tmp_path / "gait.png")
