@@ -186,7 +186,7 @@ def excerpt(
         joining=excerpts.held(),
         early=excerpts.when is not None,
     )
-    spans: list[tuple[Loaded, tuple[int, int] | None]]
+    spans: list[tuple[Loaded, tuple[int, int, bool] | None]]
     sentences: list[str] = []
     if excerpts.cuts:
         try:
@@ -208,7 +208,9 @@ def excerpt(
     silences = [
         sentence
         for number, (loaded, span) in enumerate(spans, 1)
-        for sentence in _silences(loaded, span, excerpts, f"in episode {number}, " if several else "")
+        for sentence in _silences(
+            loaded, span and span[:2], excerpts, f"in episode {number}, " if several else ""
+        )
     ]
     return Excerpt(
         episodes,
@@ -283,9 +285,9 @@ def _measures(topic: str, excerpts: Excerpts) -> bool:
 
 
 def _episode(
-    name: str, trace: Trace, span: tuple[int, int] | None, kept: Sequence[str], excerpts: Excerpts
+    name: str, trace: Trace, span: tuple[int, int, bool] | None, kept: Sequence[str], excerpts: Excerpts
 ) -> Episode:
-    """Return an episode, which is a range of samples if a span is given."""
+    """Return an episode; a span is a range of samples, and whether the log's failure ended it."""
     if span is None:
         return Episode(name, trace.only(kept), _values(name, trace, excerpts))
     one = part(trace, *span)
@@ -315,8 +317,8 @@ def _read(wanted: Mapping[str, int | None] | None, excerpts: Excerpts) -> dict[s
 
 def _spans(
     found: Sequence[Loaded], signals: Mapping[str, Signal], excerpts: Excerpts, horizon: float
-) -> tuple[list[tuple[Loaded, tuple[int, int] | None]], list[str]]:
-    """Return the episodes as ranges of samples, and sentences on how they were cut.
+) -> tuple[list[tuple[Loaded, tuple[int, int, bool] | None]], list[str]]:
+    """Return the episodes as ranges of samples with whether each failed, and sentences on how they were cut.
 
     Raises:
         UsageError: the length of an episode is not known.
@@ -324,11 +326,15 @@ def _spans(
     duration = horizon if excerpts.duration is None else excerpts.duration
     if math.isinf(duration):
         raise UsageError("the length of an episode is not known; state it, such as --duration 2")
-    spans: list[tuple[Loaded, tuple[int, int] | None]] = []
+    spans: list[tuple[Loaded, tuple[int, int, bool] | None]] = []
     sentences: list[str] = []
     for loaded in found:
         episodes, notes = _cut(loaded.trace, signals, excerpts, duration)
-        spans += [(loaded, span) for span in episodes.spans]
+        last = len(episodes.spans) - 1
+        spans += [
+            (loaded, (*span, episodes.failed and number == last))
+            for number, span in enumerate(episodes.spans)
+        ]
         sentences += notes
     return spans, sentences
 
@@ -348,7 +354,8 @@ def _cut(
     if first < len(trace):
         found = condition.evaluate(part(named, first, len(trace)), _CONDITION)
         truth[first:] = found.truth & found.complete
-    episodes = cut(trace.times, truth, duration, float(trace.times[0]) + start)
+    failure = trace.failure is not None
+    episodes = cut(trace.times, truth, duration, float(trace.times[0]) + start, failure)
     return episodes, episodes.notes(excerpts.when)
 
 
@@ -367,7 +374,8 @@ def _one(trace: Trace, start: float, duration: float) -> Cut:
     period = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
     end = int(np.searchsorted(times, start + duration + 0.5 * period))
     complete = begin < end and times[-1] >= start + duration - 0.5 * period
-    return Cut(((begin, end),) if complete else (), False, 0, int(not complete))
+    failed = trace.failure is not None and begin < end and not complete
+    return Cut(((begin, end),) if complete or failed else (), False, 0, int(not (complete or failed)), failed)
 
 
 def _shortfall(trace: Trace, start: float, duration: float) -> list[str]:

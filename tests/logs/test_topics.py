@@ -14,6 +14,7 @@ from s2r_spec.logs.table import Column
 from s2r_spec.logs.topics.join import Joining, join
 from s2r_spec.logs.topics.topic import Topic
 from s2r_spec.rollouts.excerpts import Excerpts, Source, excerpt
+from s2r_spec.trace import Trace
 from tests.logs import robot_logs
 from tests.logs.robot_logs import RHO
 
@@ -228,3 +229,20 @@ def test_no_sample_is_in_two_episodes_and_each_begins_where_the_condition_does(t
     assert all(one[1] <= next_[0] for one, next_ in zip(found.spans, found.spans[1:], strict=False))
     begins = int((truth[1:] & ~truth[:-1]).sum())
     assert len(found.spans) + found.within + found.incomplete == begins
+
+
+@pytest.mark.parametrize("way", [{"when": "vx_cmd > 0.05"}, {"start": 2.0}])
+def test_the_episode_that_a_failure_ends_is_kept_and_only_it_has_failed(tmp_path, way):
+    """Left out, the robot's fall would leave only its successes."""
+    times = np.arange(51) * 0.1
+    command = ((times >= 0.5) & (times < 2.5)) | (times >= 4.0)
+    channels = {"vx": 0.3 * command, "vx_cmd": 0.3 * command}
+    logs.write(Trace(times, channels, {"vx": "m/s"}, {"failure": "fall"}), tmp_path / "fell.npz")
+    found = excerpt(
+        tmp_path / "fell.npz", SPEC.signals, {"vx": None}, 1.5 if "when" in way else 4.0, Excerpts(**way)
+    )
+    assert [one.trace.failure for one in found.episodes] == ([None, "fall"] if "when" in way else ["fall"])
+    logs.write(Trace(times, channels, {"vx": "m/s"}), tmp_path / "ended.npz")
+    if "when" in way:
+        (only,) = excerpt(tmp_path / "ended.npz", SPEC.signals, {"vx": None}, 1.5, Excerpts(**way)).episodes
+        assert only.trace.failure is None
