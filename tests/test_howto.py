@@ -101,3 +101,11 @@ def test_the_page_on_robot_logs_reads_episodes_in_python(monkeypatch, capsys):
     (block,) = re.findall(r"```python\n(.*?)```", (PAGES / "robot-logs.md").read_text(), re.S)
     exec(block, {})
     assert json.loads(capsys.readouterr().out) == pytest.approx([0.0297, 0.0298, -0.0205], abs=1e-4)
+
+
+def test_the_page_on_robot_logs_has_the_figures_of_the_committed_benchmark():
+    found = json.loads((ROOT / "benchmarks/results/big_bag.json").read_text())
+    page = (PAGES / "robot-logs.md").read_text()
+    for command in ("s2r log", "s2r monitor --when"):
+        assert f"{found[command]['seconds']:.1f} s" in page
+        assert f"{found[command]['peak_MB']} MB" in page
