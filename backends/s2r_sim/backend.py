@@ -20,10 +20,12 @@ from s2r_sim.options import read_options, write_options
 from s2r_sim.parameters import PARAMETERS, read_test
 from s2r_sim.plant.channels import CHANNELS, TRUE_CHANNELS
 from s2r_sim.plant.noise import Noise
+from s2r_sim.protocols import PROTOCOLS
 from s2r_sim.settings import Settings
 from s2r_spec.backend import Channel, Effect, Parameter
 from s2r_spec.effects import Choice, Values, as_values, choose
 from s2r_spec.errors import MissingPackageError
+from s2r_spec.protocols import PROTOCOL, Protocol, named
 from s2r_spec.trace import Trace
 
 _MODULES = ("mujoco", "numba", "pinocchio", "piqp")
@@ -151,6 +153,43 @@ class SimBackend:
             np.arange(record.ticks) / RATE,
             record.channels,
             units={channel.name: channel.unit for channel in self.channels},
+            meta=meta,
+        )
+
+    def protocols(self) -> tuple[Protocol, ...]:
+        """Return the excitation protocols; see :class:`s2r_spec.protocols.HasProtocols`."""
+        return PROTOCOLS
+
+    def run(self, protocol: str, params: Mapping[str, float], seed: int) -> Trace:
+        """Run a protocol; samples every 2 ms from its begin to its duration inclusive.
+
+        A fall ends the trace and sets ``meta["failure"]`` to "fall".
+
+        Raises:
+            UsageError: there is no such protocol, or a parameter is unknown or out of range.
+        """
+        values = named(PROTOCOLS, protocol, self.name).values(params)
+        from s2r_sim.protocols.references import reference
+        from s2r_sim.protocols.simulator import protocol_simulator
+
+        channels, fallen = protocol_simulator(self._settings).run(
+            reference(protocol, **values), self.noise, seed
+        )
+        meta: dict[str, Any] = {
+            "backend": self.name,
+            "model_hash": self.model_hash,
+            PROTOCOL: protocol,
+            "params": values,
+            "seed": seed,
+        }
+        if effects := self.chosen():
+            meta["effects"] = effects
+        if fallen:
+            meta["failure"] = "fall"
+        return Trace(
+            np.arange(len(channels["x"])) / RATE,
+            channels,
+            units={channel.name: channel.unit for channel in self.channels if channel.name in channels},
             meta=meta,
         )
 
