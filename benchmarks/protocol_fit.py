@@ -177,7 +177,8 @@ def bank(pool: Any) -> tuple[dict[str, Block], dict[str, float]]:
         signature = np.sqrt(np.nanmean(moved**2, axis=0))
         others = [simulated({}, block, range(2), variant) for variant in SIM.variants().values()]
         form = np.sum([np.nan_to_num(other - base) ** 2 for other in others if other is not None], axis=0)
-        unit = np.sqrt(scatter**2 / 2 + (FORM * signature) ** 2 + form + 1e-12)
+        floor = 0.0 if block in TROTS else 1.0  # protocols are in units of FLOORS
+        unit = np.sqrt(scatter**2 / 2 + (FORM * signature) ** 2 + form + floor + 1e-12)
         made[block] = Block(base, secants, unit, kept)
     return made, cost
 
