@@ -448,10 +448,17 @@ class HasAttendance(Protocol):
 
 @runtime_checkable
 class Prepares(Protocol):
-    """A machine whose worker must prepare before a rollout, for instance compile code or read a file."""
+    """A backend whose worker must prepare before a rollout, for instance compile code or read a file.
+
+    The time limit of a rollout does not include this time.
+    """
 
     def prepare(self) -> None:
-        """Prepare the worker process; called before every rollout and before the question to the operator."""
+        """Prepare the worker process.
+
+        Called once for a simulator. For a machine it is called before every rollout, and before the question to the
+        operator.
+        """
         ...
 
 

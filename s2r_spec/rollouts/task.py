@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from functools import cache, partial
 from socket import gethostname
 from time import perf_counter
+from typing import Any
 
 from s2r_spec.backend import (
     Backend,
@@ -104,6 +105,8 @@ def run_task(task: Task) -> tuple[Trace, float]:
     limit(task.timeout + OPENING)
     with _naming(task, NotBegunError):
         backend = _open(task)
+        if isinstance(backend, Prepares) and not is_exclusive(backend):  # a machine is prepared before the operator
+            _prepare_once(backend)
         declared = tuple(backend.parameters)
     refuse_unknown(task.backend, declared, task.params)
     with _naming(task):
@@ -134,6 +137,16 @@ def run_task(task: Task) -> tuple[Trace, float]:
                 f"{suggest(name, trace.channels)} it recorded {one_of(trace.channels)}"
             )
     return trace.only(task.channels), seconds
+
+
+_prepared: list[Backend] = []
+
+
+def _prepare_once(backend: Any) -> None:
+    """Prepare a simulator once in this process: its first rollout may compile for longer than a rollout may take."""
+    if not any(backend is one for one in _prepared):
+        backend.prepare()
+        _prepared.append(backend)
 
 
 def prepare(task: Task) -> None:

@@ -76,3 +76,13 @@ def test_a_seed_depends_on_its_place_and_on_nothing_else():
     seeds = {rollout_seed(s, q, r) for s in range(3) for q in range(5) for r in range(5)}
     assert len(seeds) == 75
     assert rollout_seed(1, 2, 3) == rollout_seed(1, 2, 3)
+
+
+def test_a_simulator_is_prepared_once_in_a_process_before_the_clock_of_its_rollouts(toy, monkeypatch):
+    calls = []
+    kind = type(open_backend("toy", None))
+    monkeypatch.setattr(kind, "prepare", lambda self: calls.append(self.name), raising=False)
+    monkeypatch.setattr("s2r_spec.rollouts.task._prepared", [])
+    for seed in range(3):
+        run_task(Task(0, seed, "toy", {"vd": 0.1}, seed))
+    assert calls == ["toy"]
