@@ -1,0 +1,182 @@
+"""Likelihood of the sizes of all effects: a hierarchical model in which every group of observables has a law error.
+
+Data: for every group g of observables (one quantity and one statistic in one experiment) the mean y_g (n_g,) over
+real runs. Unknown: θ (K,), the parameters of the catalogue in typical sizes; φ (V,), amounts of the simulator's
+variants. Model:
+
+    y_g = F_g(θ + b_g, φ + c_g) + ε_g          F_g: the simulator's mean, linear around the present θ
+    b_g ~ N(0, τ_g² I_K),  c_g ~ N(0, 4 τ_g² I_V)   law error: the machine's laws are not the simulator's, so that
+                                                 each group sees the size of an effect with an error of its own
+    ε_g ~ N(0, s_g² diag(u_g²) n_g/N_g)          scatter and form error, of N_g independent numbers
+    φ ~ N(0, I_V),   τ_g² ~ Inv-χ²(ν, τ0²),   s_g² ~ Inv-χ²(ν, 1)
+
+u_g (n_g,) is the known shape of the error (:func:`unit`). Errors of a law stay in the groups that the law moves: a
+group that the model cannot follow gets a large τ_g or s_g, and counts little. So no channel needs a tolerance of its
+own. Groups are combined as studies are in a random-effects meta-analysis.
+
+Estimator: s_g² and τ_g² are at the mode of their marginal posterior (MacKay's fixed point), given θ. Then group g
+says about (θ, φ), with its information I_g = N_g/(n_g s_g²) M_gᵀ M_g and score h_g,
+
+    information (I_g⁻¹ + T_g)⁻¹,   score (1 + I_g T_g)⁻¹ h_g,   T_g = diag(τ_g² I_K, 4 τ_g² I_V)
+
+and the likelihood of θ is the sum of these over g. The error that all groups share is σ_c² I (:data:`SHARED`).
+
+Units: θ, τ in typical sizes; s dimensionless. Shapes: G groups, D = K + V columns.
+Source: Gelman et al., *Bayesian Data Analysis*, 3rd ed., §5.4 and §5.5; MacKay, *Neural Computation* 4 (1992), §4.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+LAW_ERROR = 0.02
+"""Prior: scale τ0 of the law error of a group, in typical sizes. With twice as much, many groups of a channel that
+follows every law count for more, and the few precise ones for less; `benchmarks/protocol_fit.py` prints the errors."""
+DEGREES = 4.0
+"""Prior: degrees of freedom ν of both variances of a group. With twice as many, a group that does not fit keeps more
+of its weight."""
+EFFECTIVE = 60.0
+"""Prior: most independent numbers N_g of a group, however many it has, for its errors are correlated."""
+LARGEST = 60.0
+"""Tolerance: a residual beyond so many units counts as that many; a diverged run then stays finite."""
+SHARED = 0.03
+"""Prior: standard deviation σ_c of the error that all groups share, in typical sizes. An effect's size in the laws of
+another author is defined to a few percent of typical. Twice as much makes every interval at least twice as wide."""
+VARIANT = 2.0
+"""Prior: error of a variant's amount in a group, in units of τ_g; a variant is known less well than an effect."""
+FORM = 0.1
+"""Prior: form error of a response, as a part of its rms over all effects. It is the shape of u_g, not its size."""
+
+
+@dataclass(frozen=True)
+class Groups:
+    """Groups of one experiment at one θ, reduced to what the likelihood needs.
+
+    Attributes:
+        gram: (G, D, D) M_gᵀ M_g / n_g, of columns in units of u_g.
+        moment: (G, D) M_gᵀ r_g / n_g, with the residual r_g in units of u_g.
+        energy: (G,) r_gᵀ r_g / n_g.
+        size: (G,) N_g.
+    """
+
+    gram: FloatArray
+    moment: FloatArray
+    energy: FloatArray
+    size: FloatArray
+
+    @classmethod
+    def of(cls, residual: FloatArray, columns: FloatArray, parts: Sequence[NDArray[np.int64]]) -> Groups:
+        """Reduce a residual (m,) and columns (D, m) in units of u; ``parts`` are the places of each group."""
+        gram, moment, energy, size = [], [], [], []
+        for part in parts:
+            r, m = np.clip(residual[part], -LARGEST, LARGEST), columns[:, part]
+            gram.append(m @ m.T / len(part))
+            moment.append(m @ r / len(part))
+            energy.append(float(r @ r) / len(part))
+            size.append(min(len(part), EFFECTIVE))
+        return cls(np.array(gram), np.array(moment), np.array(energy), np.array(size))
+
+
+@dataclass(frozen=True)
+class Variances:
+    """Variances of every group: s_g² and τ_g², each (G,)."""
+
+    noise: FloatArray
+    law: FloatArray
+
+    @classmethod
+    def prior(cls, groups: int) -> Variances:
+        """Return their prior scales."""
+        return cls(np.ones(groups), np.full(groups, LAW_ERROR**2))
+
+
+@dataclass(frozen=True)
+class Likelihood:
+    """A Gaussian likelihood of (θ, φ) around a point: information (D, D) and score (D,)."""
+
+    information: FloatArray
+    score: FloatArray
+
+    def __add__(self, other: Likelihood) -> Likelihood:
+        """Return the likelihood of both data."""
+        return Likelihood(self.information + other.information, self.score + other.score)
+
+
+def unit(scatter: FloatArray, runs: int, signature: FloatArray, variants: FloatArray) -> FloatArray:
+    """Return (m,) the shape u of the error of a group's observables.
+
+    Args:
+        scatter: (m,) standard deviation of one run.
+        runs: number of real runs in the mean.
+        signature: (m,) rms of the responses to all effects.
+        variants: (v, m) responses to the simulator's variants.
+    """
+    level = float(np.mean(signature**2)) if signature.size else 0.0
+    form = 0.5 * FORM**2 * (signature**2 + level)
+    return np.asarray(np.sqrt(scatter**2 / runs + form + (variants**2).sum(axis=0)))
+
+
+def law_prior(variance: FloatArray, effects: int, columns: int) -> FloatArray:
+    """Return (G, D) the diagonal of T_g for (G,) τ_g²."""
+    scale = np.where(np.arange(columns) < effects, 1.0, VARIANT**2)
+    return variance[:, None] * scale
+
+
+def variances(groups: Groups, effects: int, start: Variances, rounds: int = 3) -> Variances:
+    """Return s_g² and τ_g² at the mode of their marginal posterior, after so many rounds of the fixed point."""
+    noise, law = start.noise, start.law
+    columns = groups.gram.shape[1]
+    relative = law_prior(np.ones(1), effects, columns)[0]
+    for _ in range(rounds):
+        prior = law_prior(law, effects, columns)
+        weight = (groups.size / noise)[:, None, None]
+        precision = weight * groups.gram
+        precision[:, range(columns), range(columns)] += 1.0 / prior
+        covariance = np.linalg.inv(precision)
+        mean = np.einsum("gij,gj->gi", covariance, weight[..., 0] * groups.moment)
+        determined = (1.0 - np.einsum("gii->gi", covariance) / prior).sum(axis=1)
+        left = (
+            groups.energy
+            - 2.0 * np.einsum("gi,gi->g", mean, groups.moment)
+            + np.einsum("gi,gij,gj->g", mean, groups.gram, mean)
+            + np.einsum("gij,gji->g", covariance, groups.gram)
+        )
+        noise = (DEGREES + groups.size * left) / (DEGREES + groups.size)
+        law = (DEGREES * LAW_ERROR**2 + (mean**2 / relative).sum(axis=1)) / (DEGREES + determined)
+    return Variances(noise, law)
+
+
+def likelihood(groups: Groups, effects: int, found: Variances) -> Likelihood:
+    """Return the likelihood of (θ, φ) from all groups, without the shared error."""
+    columns = groups.gram.shape[1]
+    weight = groups.size / found.noise
+    information = weight[:, None, None] * groups.gram
+    score = weight[:, None] * groups.moment
+    prior = law_prior(found.law, effects, columns)
+    damping = np.eye(columns) + information * prior[:, None, :]
+    solved = np.linalg.solve(damping, np.concatenate([information, score[..., None]], axis=2))
+    total = solved[..., :-1].sum(axis=0)
+    return Likelihood((total + total.T) / 2.0, np.asarray(solved[..., -1].sum(axis=0)))
+
+
+def marginal(found: Likelihood, effects: int, shared: float = SHARED) -> Likelihood:
+    """Return the likelihood of θ alone: φ is integrated out, and the shared error is added to the covariance."""
+    information, score = found.information, found.score
+    a, b, c = (
+        information[:effects, :effects],
+        information[:effects, effects:],
+        information[effects:, effects:],
+    )
+    if c.size:
+        solved = np.linalg.solve(c + np.eye(len(c)), np.column_stack([b.T, score[effects:]]))
+        a, score = a - b @ solved[:, :-1], score[:effects] - b @ solved[:, -1]
+    # (A⁻¹ + σ² I)⁻¹ without an inverse of A, which need not exist.
+    damping = np.eye(effects) + shared**2 * a
+    solved = np.linalg.solve(damping, np.column_stack([a, score]))
+    return Likelihood(np.asarray((solved[:, :-1] + solved[:, :-1].T) / 2.0), np.asarray(solved[:, -1]))

@@ -1,0 +1,58 @@
+"""Every prior number of a diagnosis that is not of one group: how large effects are, and how many there are.
+
+    θ_k ~ (1 − π_k) N(0, σ_bg²) + π_k N(0, σ_slab²),   half-normal where the range has one side
+
+Units: typical sizes. An effect with several parameters shares its π among them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+BACKGROUND = 0.05
+"""Prior: σ_bg, standard deviation of an effect that nobody added, in typical sizes. A real robot differs a little from
+its model in everything. Twice as much makes small effects harder to name."""
+SLAB = 0.6
+"""Prior: σ_slab, standard deviation of an effect that is a cause. Twice as much costs every named effect 0.7 in log
+evidence."""
+ACTIVE = 0.05
+"""Prior: probability π that one effect of the catalogue is a cause. Twice as much adds 0.7 to the log odds of each."""
+NAMED = 0.25
+"""Definition: an effect at least this large, in typical sizes, is to be named."""
+SURE = 0.95
+"""Level: posterior probability from which an effect is named. Raising it makes more of them *possible*."""
+POSSIBLE = 0.05
+"""Level: posterior probability from which an effect is possible; below it, it is ruled out."""
+
+
+@dataclass(frozen=True)
+class SizePrior:
+    """Prior of all parameters.
+
+    Attributes:
+        effect: (K,) number of the effect of each parameter.
+        low, high: (K,) ends of the ranges in typical sizes.
+        probability: (K,) π_k.
+    """
+
+    effect: NDArray[np.int64]
+    low: FloatArray
+    high: FloatArray
+    probability: FloatArray
+
+    @classmethod
+    def of(cls, effects: list[str], low: FloatArray, high: FloatArray, active: float = ACTIVE) -> SizePrior:
+        """Return the prior for parameters of these effects, by name."""
+        names = list(dict.fromkeys(effects))
+        number = np.array([names.index(name) for name in effects], dtype=np.int64)
+        return cls(number, low, high, active / np.bincount(number)[number])
+
+    @property
+    def one_sided(self) -> NDArray[np.bool_]:
+        """(K,) whether the range begins or ends at nominal."""
+        return np.asarray((self.low > -1e-9) | (self.high < 1e-9))

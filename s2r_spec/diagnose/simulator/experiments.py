@@ -1,0 +1,76 @@
+"""An experiment: a test of the specification or a protocol, with its parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from s2r_spec.backend import Backend, HasResiduals
+from s2r_spec.errors import TraceError, UsageError
+from s2r_spec.protocols import PROTOCOL, HasProtocols
+from s2r_spec.trace import Trace
+
+RESIDUAL = "residual."
+"""Definition: prefix of the channels that :func:`with_residuals` adds."""
+
+
+@dataclass(frozen=True, order=True)
+class Experiment:
+    """One way to run the machine.
+
+    Attributes:
+        protocol: name of the protocol; "" for a test of the specification.
+        params: (name, value) of its parameters in the backend's units, sorted by name.
+    """
+
+    protocol: str
+    params: tuple[tuple[str, float], ...] = ()
+
+    @classmethod
+    def test(cls, params: Mapping[str, float]) -> Experiment:
+        """Return a test of the specification."""
+        return cls("", tuple(sorted(params.items())))
+
+    @classmethod
+    def of(cls, trace: Trace, params: Mapping[str, float]) -> Experiment:
+        """Return the experiment of a recorded trace."""
+        return cls(str(trace.meta.get(PROTOCOL, "")), tuple(sorted(params.items())))
+
+    def __str__(self) -> str:
+        """Return its name in words, such as ``air_sine`` or ``vd = 0.2``."""
+        params = ", ".join(f"{name} = {value:.4g}" for name, value in self.params)
+        return " ".join(filter(None, (self.protocol, params))) or "the test"
+
+    def run(self, backend: Backend, seed: int) -> Trace:
+        """Run it once.
+
+        Raises:
+            UsageError: the backend has no such protocol or parameter.
+        """
+        if not self.protocol:
+            return backend.rollout(dict(self.params), seed)
+        if not isinstance(backend, HasProtocols):
+            raise UsageError(
+                f"the backend {backend.name!r} has no protocols, so it cannot run {self.protocol!r}"
+            )
+        return backend.run(self.protocol, dict(self.params), seed)
+
+    def with_residuals(self, trace: Trace, backend: Backend) -> Trace:
+        """Return the trace with the residuals of a nominal simulator beside its channels.
+
+        A residual has no value at the ends of a trace, where its filter lacks samples: it takes the nearest one there.
+        A trace without the channels of any residual is returned as it is.
+        """
+        if not isinstance(backend, HasResiduals):
+            return trace
+        params = {} if self.protocol else dict(self.params)
+        try:
+            found = backend.residuals(trace, params)
+        except TraceError:
+            return trace
+        nearest = np.clip(np.searchsorted(found.times, trace.times - 1e-9), 0, len(found) - 1)
+        channels = {RESIDUAL + name: values[nearest] for name, values in found.channels.items()}
+        units = {RESIDUAL + name: unit for name, unit in found.units.items()}
+        return Trace(trace.times, dict(trace.channels) | channels, dict(trace.units) | units, trace.meta)

@@ -1,0 +1,269 @@
+"""From a trace to numbers that two machines can be compared by: the observables of an experiment.
+
+Channels alone decide the observables, so they are the same for every robot. A *quantity* is a channel, a residual,
+or the difference of two channels that measure the same (``tau - tau_cmd``). Statistics of a quantity x (n,), with a
+flag f (a channel of 0 and 1, such as stance) or another quantity s of the same width:
+
+    bin          means over 50 equal parts of the trace        a motion under references that are functions of time
+    mean         means over six windows                        a motion whose own clock begins anywhere
+    ripple       log of the scatter within short blocks, for either half;  and log of the scatter of all samples
+    flag         means of x where f = 1, and where f = 0       phases of a gait
+    product      means of x s, x sign(s) and x ds/dt, of a residual x: what its force law looks like
+
+Every observable of one quantity and one kind of statistic is in one *group*. A trace that ended early, or that lacks
+a channel, has NaN for what it cannot show.
+
+Units: quantities are in units of their scale, which is their rms over the nominal traces. Of a residual, and of a
+difference, which nearly vanish in a nominal trace, it is at least 5 % of the scatter of a channel of the same unit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import combinations, pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec.diagnose.simulator.experiments import RESIDUAL
+from s2r_spec.trace import Trace
+
+FloatArray = NDArray[np.float64]
+
+BINS = 50
+"""Definition: parts of a trace whose means are observables. With twice as many, motions up to twice as fast count."""
+WINDOWS = (0.0, 0.1, 0.2, 0.35, 0.55, 0.775, 1.0)
+"""Definition: edges of the windows, as parts of the trace; narrow where a command has just changed."""
+BLOCKS = 60
+"""Definition: the ripple is the scatter within this part of a trace."""
+NEGLIGIBLE = 0.05
+"""Tolerance: a residual below this part of a channel's scatter counts as nothing. Twice it halves small residuals."""
+SAME = 0.2
+"""Tolerance: two channels measure the same if their nominal difference is below this part of their rms. Twice it adds
+differences; it takes no observable away."""
+FLOOR = 0.1
+"""Tolerance: scatter below this part of the scale does not change the logarithm of the ripple."""
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A channel, or the difference of two.
+
+    Attributes:
+        name: such as "tau", "residual.joint_torque" or "tau - tau_cmd".
+        channel, minus: names of the channels; ``minus`` is "" for a channel alone.
+        scale: (columns,) unit of the observables.
+    """
+
+    name: str
+    channel: str
+    minus: str
+    scale: FloatArray
+
+    @property
+    def residual(self) -> bool:
+        """Whether the nominal model says that it is (nearly) nothing."""
+        return bool(self.minus) or self.channel.startswith(RESIDUAL)
+
+    def of(self, trace: Trace) -> FloatArray:
+        """Return (n, columns) samples in units of the scale; NaN if the trace lacks a channel."""
+        width = self.scale.size
+        names = [self.channel, *filter(None, (self.minus,))]
+        if any(name not in trace.channels or _columns(trace, name).shape[1] != width for name in names):
+            return np.full((len(trace), width), np.nan)
+        values = _columns(trace, self.channel)
+        return (values - _columns(trace, self.minus) if self.minus else values) / self.scale
+
+
+@dataclass(frozen=True)
+class Group:
+    """Observables of one quantity and one kind of statistic: the places ``start`` to ``stop`` of a vector."""
+
+    quantity: str
+    statistic: str
+    start: int
+    stop: int
+
+
+@dataclass(frozen=True)
+class Observables:
+    """The observables of an experiment, fixed once from nominal traces.
+
+    Attributes:
+        duration: of a whole trace [s].
+        quantities: channels and differences.
+        flags: (name, width) of the channels of 0 and 1.
+    """
+
+    duration: float
+    quantities: tuple[Quantity, ...]
+    flags: tuple[tuple[str, int], ...]
+
+    @classmethod
+    def of_nominal(cls, traces: Sequence[Trace]) -> Observables:
+        """Choose the quantities from whole traces with residuals; at least one trace."""
+        names = [name for name in traces[0].channels if all(name in trace.channels for trace in traces)]
+        samples = {name: np.concatenate([_columns(trace, name) for trace in traces]) for name in names}
+        flags = tuple(
+            (name, x.shape[1])
+            for name, x in samples.items()
+            if np.isin(x, (0.0, 1.0)).all() and np.ptp(x) > 0
+        )
+        plain = {
+            name: x
+            for name, x in samples.items()
+            if np.isfinite(x).all() and name not in dict(flags) and (np.any(x) or name.startswith(RESIDUAL))
+        }
+        units = traces[0].units
+        return cls(
+            max(trace.duration for trace in traces),
+            tuple(_quantities(plain, {name: units.get(name, "") for name in plain})),
+            flags,
+        )
+
+    @property
+    def groups(self) -> tuple[Group, ...]:
+        """The groups of a vector, in its order."""
+        found, start = [], 0
+        for quantity, statistic, size in self._layout():
+            found.append(Group(quantity.name, statistic, start, start + size))
+            start += size
+        return tuple(found)
+
+    def vector(self, trace: Trace) -> FloatArray:
+        """Return (m,) the observables of a trace with residuals."""
+        values = {quantity.name: quantity.of(trace) for quantity in self.quantities}
+        times = trace.times - trace.times[0]
+        parts = [
+            _statistic(statistic, values[quantity.name], times, self, trace, values)
+            for quantity, statistic, _ in self._layout()
+        ]
+        return np.concatenate(parts) if parts else np.zeros(0)
+
+    def partners(self, quantity: Quantity) -> list[str]:
+        """Return the names of the channels with which a residual is multiplied."""
+        if not quantity.residual:
+            return []
+        return [q.name for q in self.quantities if not q.residual and q.scale.size == quantity.scale.size]
+
+    def flags_of(self, quantity: Quantity) -> list[tuple[str, int]]:
+        """Return the flags whose phases a quantity has."""
+        width = quantity.scale.size
+        return [(name, k) for name, k in self.flags if width % k == 0 and (k > 1 or width == 1)]
+
+    def _layout(self) -> Iterator[tuple[Quantity, str, int]]:
+        for quantity in self.quantities:
+            width = quantity.scale.size
+            yield quantity, "bin", BINS * width
+            yield quantity, "mean", (len(WINDOWS) - 1) * width
+            yield quantity, "ripple", 3 * width
+            if flags := self.flags_of(quantity):
+                yield quantity, "flag", 2 * len(flags) * width
+            if partners := self.partners(quantity):
+                yield quantity, "product", 3 * len(partners) * width
+
+
+def _quantities(samples: dict[str, FloatArray], units: dict[str, str]) -> Iterator[Quantity]:
+    """Yield every channel and residual, and the difference of two channels that measure the same."""
+    scatter = {
+        name: float(np.min(x.std(axis=0)))
+        for name, x in samples.items()
+        if not name.startswith(RESIDUAL) and np.min(x.std(axis=0)) > 0.0
+    }
+    for name, x in samples.items():
+        alike = [
+            scatter[other] for other in scatter if name.startswith(RESIDUAL) and units[other] == units[name]
+        ]
+        yield Quantity(name, name, "", _scale(x, NEGLIGIBLE * min(alike, default=0.0)))
+    for a, b in combinations(scatter, 2):
+        if units[a] == units[b] != "" and samples[a].shape == samples[b].shape:
+            difference = samples[a] - samples[b]
+            if _rms(difference) < SAME * min(_rms(samples[a]), _rms(samples[b])):
+                yield Quantity(
+                    f"{a} - {b}", a, b, _scale(difference, NEGLIGIBLE * min(scatter[a], scatter[b]))
+                )
+
+
+def _scale(x: FloatArray, least: float) -> FloatArray:
+    """Return (columns,) the rms of each column, at least ``least``; the channel's rms for a column of nothing."""
+    rms = np.sqrt((x**2).mean(axis=0))
+    rms = np.maximum(np.where(rms > 1e-9 * _rms(x), rms, _rms(x)), least)
+    return np.where(rms > 0.0, rms, 1.0)
+
+
+def _statistic(
+    statistic: str,
+    x: FloatArray,
+    times: FloatArray,
+    observables: Observables,
+    trace: Trace,
+    values: dict[str, FloatArray],
+) -> FloatArray:
+    """Return the observables of one group."""
+    duration = observables.duration
+    if statistic == "bin":
+        return _means(x, times, np.linspace(0.0, duration, BINS + 1))
+    if statistic == "mean":
+        return _means(x, times, duration * np.array(WINDOWS))
+    if statistic == "ripple":
+        return _ripple(x, times, duration)
+    name = next(name for name, samples in values.items() if samples is x)
+    quantity = next(q for q in observables.quantities if q.name == name)
+    if statistic == "flag":
+        return np.concatenate(
+            [_in_phases(x, trace, flag, width) for flag, width in observables.flags_of(quantity)]
+        )
+    rows = []
+    for partner in observables.partners(quantity):
+        s = values[partner]
+        rate = np.gradient(s, times, axis=0) * duration if len(times) > 1 else np.zeros_like(s)
+        rows += [(x * s).mean(axis=0), (x * np.sign(s)).mean(axis=0), (x * rate).mean(axis=0)]
+    return np.concatenate(rows)
+
+
+def _means(x: FloatArray, times: FloatArray, edges: FloatArray) -> FloatArray:
+    """Return the means between edges [s], flat; NaN for a part of which less than half was recorded."""
+    rows = []
+    period = times[-1] / max(len(times) - 1, 1)
+    for low, high in pairwise(edges):
+        inside = slice(*np.searchsorted(times, (low - 1e-9, high - 1e-9)))
+        whole = times[-1] + period > (low + high) / 2 and x[inside].size
+        rows.append(x[inside].mean(axis=0) if whole else np.full(x.shape[1], np.nan))
+    return np.concatenate(rows)
+
+
+def _ripple(x: FloatArray, times: FloatArray, duration: float) -> FloatArray:
+    """Return the logarithm of the scatter within blocks in the first and second half, and of all samples."""
+    block = np.minimum((times / (duration / BLOCKS) + 1e-9).astype(int), BLOCKS - 1)
+    starts = np.flatnonzero(np.diff(block, prepend=-1))
+    counts = np.diff(np.append(starts, len(times)))[:, None]
+    means = np.add.reduceat(x, starts) / counts
+    squares = np.maximum(np.add.reduceat(x**2, starts) / counts - means**2, 0.0)
+    late = block[starts] >= BLOCKS // 2
+    halves = [
+        np.sqrt(squares[part].mean(axis=0)) if part.any() else np.full(x.shape[1], np.nan)
+        for part in (~late, late)
+    ]
+    return np.log(np.concatenate([*halves, x.std(axis=0)]) + FLOOR)
+
+
+def _in_phases(x: FloatArray, trace: Trace, flag: str, width: int) -> FloatArray:
+    """Return the means where a flag is 1 and where it is 0, flat; NaN for a phase that did not occur."""
+    if flag not in trace.channels:
+        return np.full(2 * x.shape[1], np.nan)
+    on = np.repeat(_columns(trace, flag), x.shape[1] // width, axis=1)
+    means = []
+    for weight in (on, 1.0 - on):
+        total = weight.sum(axis=0)
+        means.append(np.where(total > 0, (weight * x).sum(axis=0) / np.where(total > 0, total, 1.0), np.nan))
+    return np.concatenate(means)
+
+
+def _columns(trace: Trace, name: str) -> FloatArray:
+    values = trace.channels[name]
+    return values[:, None] if values.ndim == 1 else values
+
+
+def _rms(x: FloatArray) -> float:
+    return float(np.sqrt((x**2).mean()))
