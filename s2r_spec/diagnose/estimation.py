@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from s2r_spec.backend import Backend
 from s2r_spec.diagnose.inference.gauss_newton import Fit, Observation, Problem, fit
+from s2r_spec.diagnose.inference.hierarchical import Likelihood
 from s2r_spec.diagnose.inference.model_search import ModelPosterior, posterior
-from s2r_spec.diagnose.inference.prior import SizePrior
+from s2r_spec.diagnose.inference.prior import BACKGROUND, SLAB, SizePrior
 from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.diagnose.simulator.library import Response, ResponseLibrary, simulated
 from s2r_spec.trace import Trace
@@ -20,6 +21,9 @@ FloatArray = NDArray[np.float64]
 
 CORRECTIONS = 1
 """Budget: times that the simulator runs at the estimate. Each costs one run of every experiment."""
+
+RIVALS = 3
+"""Budget: sets whose fit is compared with that of the most probable one by runs of the simulator."""
 
 
 @dataclass(frozen=True)
@@ -58,14 +62,53 @@ def estimate(
         response = library.response(experiment)
         vectors = [response.observables.vector(experiment.with_residuals(run, backend)) for run in runs]
         observations.append(Observation.of(response, vectors))
-    problem = Problem(tuple(observations), size_prior(library))
-    found = fit(problem)
-    for _ in range(corrections):
-        problem = problem.corrected(
-            [correction(backend, library, one.response, found.theta) for one in observations]
-        )
-        found = fit(problem, found.theta)
-    return Estimate(library, found, posterior(found.likelihood, found.theta, problem.prior))
+    prior = size_prior(library)
+    plain = Problem(tuple(observations), prior)
+    joint = fit(plain)
+    first = posterior(joint.likelihood, joint.theta, prior)
+    starts = [(first.mean[0], first.sets[0]), *rivals(joint.likelihood, first)]
+    modes = [_around(backend, library, plain, theta, active, corrections) for theta, active in starts]
+    best = max(modes, key=lambda mode: mode.posterior.log_evidence)
+    return best
+
+
+def _around(
+    backend: Backend,
+    library: ResponseLibrary,
+    problem: Problem,
+    theta: FloatArray,
+    active: tuple[int, ...],
+    corrections: int,
+) -> Estimate:
+    """Return the estimate around a set: its own effects are causes, and all others are background."""
+    prior = problem.prior
+    for number in range(corrections + 1):
+        deviation = np.where(np.isin(np.arange(theta.size), active), SLAB, BACKGROUND)
+        found = fit(problem, np.clip(theta, prior.low, prior.high), deviation)
+        sets = posterior(found.likelihood, found.theta, prior)
+        theta, active = np.clip(sets.mean[0], prior.low, prior.high), sets.sets[0]
+        if number < corrections:
+            responses = [one.response for one in problem.observations]
+            problem = problem.corrected([correction(backend, library, each, theta) for each in responses])
+    return Estimate(library, found, sets)
+
+
+def rivals(found: Likelihood, sets: ModelPosterior) -> list[tuple[FloatArray, tuple[int, ...]]]:
+    """Return a start and a set for each rival: one effect of the most probable set, exchanged for a similar one.
+
+    Effects are similar if the cosine of their signatures is large in the metric of the likelihood.
+    """
+    active, information = sets.sets[0], found.information
+    scale = np.sqrt(np.maximum(np.diag(information), 1e-12))
+    cosine = np.abs(information / np.outer(scale, scale))
+    pairs = [(float(cosine[j, k]), j, k) for j in active for k in range(len(scale)) if k not in active]
+    starts = []
+    for _, lost, gained in sorted(pairs, reverse=True)[:RIVALS]:
+        theta = sets.mean[0].copy()
+        theta[gained] = theta[lost] * information[lost, gained] / information[gained, gained]
+        theta[lost] = 0.0
+        starts.append((theta, tuple(sorted({*active, gained} - {lost}))))
+    return starts
 
 
 def correction(

@@ -32,6 +32,7 @@ from s2r_spec.diagnose.inference.hierarchical import (
     Variances,
     likelihood,
     marginal,
+    shared_error,
     unit,
     variances,
 )
@@ -182,11 +183,18 @@ class Fit:
     variances: tuple[Variances, ...]
 
 
-def fit(problem: Problem, start: FloatArray | None = None) -> Fit:
-    """Return the joint estimate, from a start or from the search."""
+def fit(problem: Problem, start: FloatArray | None = None, deviation: FloatArray | None = None) -> Fit:
+    """Return the joint estimate.
+
+    Args:
+        problem: data and prior.
+        start: (K,) first estimate; the search finds one without it.
+        deviation: (K,) prior standard deviation of every size in the fit; without it, that of a cause.
+    """
     prepared = [_Prepared(one) for one in problem.observations]
     prior = problem.prior
     effects = prior.low.size
+    deviation = np.full(effects, SLAB) if deviation is None else deviation
     theta = search(prepared, prior) if start is None else start
     found = [Variances.prior(len(one.parts)) for one in prepared]
     total, misfit = Likelihood(np.zeros((effects, effects)), np.zeros(effects)), [np.zeros(0)] * len(prepared)
@@ -194,29 +202,29 @@ def fit(problem: Problem, start: FloatArray | None = None) -> Fit:
         likelihoods, found, misfit = [], list(found), []
         for number, one in enumerate(prepared):
             groups = Groups.of(one.residual(theta), one.jacobian(theta), one.parts)
-            found[number] = variances(groups, effects, found[number])
-            likelihoods.append(likelihood(groups, effects, found[number]))
+            found[number] = variances(groups, theta, found[number])
+            likelihoods.append(likelihood(groups, theta, found[number]))
             misfit.append(groups.energy)
         total = sum(likelihoods[1:], likelihoods[0])
         if step == STEPS:
             break
-        moved = _step(total, theta, prior) * (FIRST if step < 2 else 1.0)
+        moved = _step(total, theta, deviation) * (FIRST if step < 2 else 1.0)
         new = np.clip(theta + moved, prior.low, prior.high)
         close = np.abs(new - theta).max(initial=0.0) < CLOSE
         theta = new
         if close:
             break
     names = tuple(one.names for one in prepared)
-    return Fit(theta, marginal(total, effects), tuple(misfit), names, tuple(found))
+    return Fit(theta, marginal(total, shared_error(theta)), tuple(misfit), names, tuple(found))
 
 
-def _step(total: Likelihood, theta: FloatArray, prior: SizePrior) -> FloatArray:
+def _step(total: Likelihood, theta: FloatArray, deviation: FloatArray) -> FloatArray:
     """Return (K,) the Gauss–Newton step of θ; the variants' amounts start from 0 at every step."""
     effects = theta.size
     precision = np.ones(len(total.score))
-    precision[:effects] = 1.0 / SLAB**2
+    precision[:effects] = 1.0 / deviation**2
     gradient = total.score.copy()
-    gradient[:effects] -= theta / SLAB**2
+    gradient[:effects] -= theta / deviation**2
     return np.asarray(np.linalg.solve(total.information + np.diag(precision), gradient)[:effects])
 
 

@@ -5,8 +5,8 @@ real runs. Unknown: θ (K,), the parameters of the catalogue in typical sizes; �
 variants. Model:
 
     y_g = F_g(θ + b_g, φ + c_g) + ε_g          F_g: the simulator's mean, linear around the present θ
-    b_g ~ N(0, τ_g² I_K),  c_g ~ N(0, 4 τ_g² I_V)   law error: the machine's laws are not the simulator's, so that
-                                                 each group sees the size of an effect with an error of its own
+    b_g ~ N(0, τ_g² I_K + ρ² diag(θ²))           law error: the machine's laws are not the simulator's, so that
+    c_g ~ N(0, 4 τ_g² I_V)                       each group sees the size of an effect with an error of its own
     ε_g ~ N(0, s_g² diag(u_g²) n_g/N_g)          scatter and form error, of N_g independent numbers
     φ ~ N(0, I_V),   τ_g² ~ Inv-χ²(ν, τ0²),   s_g² ~ Inv-χ²(ν, 1)
 
@@ -17,9 +17,10 @@ own. Groups are combined as studies are in a random-effects meta-analysis.
 Estimator: s_g² and τ_g² are at the mode of their marginal posterior (MacKay's fixed point), given θ. Then group g
 says about (θ, φ), with its information I_g = N_g/(n_g s_g²) M_gᵀ M_g and score h_g,
 
-    information (I_g⁻¹ + T_g)⁻¹,   score (1 + I_g T_g)⁻¹ h_g,   T_g = diag(τ_g² I_K, 4 τ_g² I_V)
+    information (I_g⁻¹ + T_g)⁻¹,   score (1 + I_g T_g)⁻¹ h_g,   T_g = diag(τ_g² I_K + ρ² diag(θ²), 4 τ_g² I_V)
 
-and the likelihood of θ is the sum of these over g. The error that all groups share is σ_c² I (:data:`SHARED`).
+and the likelihood of θ is the sum of these over g. The error that all groups share has the variance
+σ_c² + ρ² θ_k² (:func:`shared_error`): an effect's size in the laws of another author is not defined any better.
 
 Units: θ, τ in typical sizes; s dimensionless. Shapes: G groups, D = K + V columns.
 Source: Gelman et al., *Bayesian Data Analysis*, 3rd ed., §5.4 and §5.5; MacKay, *Neural Computation* 4 (1992), §4.
@@ -38,6 +39,9 @@ FloatArray = NDArray[np.float64]
 LAW_ERROR = 0.02
 """Prior: scale τ0 of the law error of a group, in typical sizes. With twice as much, many groups of a channel that
 follows every law count for more, and the few precise ones for less; `benchmarks/protocol_fit.py` prints the errors."""
+LAW_SHARE = 0.1
+"""Prior: part ρ of an effect's size by which its law is wrong, in each group and again in all of them. Twice as much
+makes intervals of large effects twice as wide, and weakens every group that shows one."""
 DEGREES = 4.0
 """Prior: degrees of freedom ν of both variances of a group. With twice as many, a group that does not fit keeps more
 of its weight."""
@@ -46,8 +50,8 @@ EFFECTIVE = 60.0
 LARGEST = 60.0
 """Tolerance: a residual beyond so many units counts as that many; a diverged run then stays finite."""
 SHARED = 0.03
-"""Prior: standard deviation σ_c of the error that all groups share, in typical sizes. An effect's size in the laws of
-another author is defined to a few percent of typical. Twice as much makes every interval at least twice as wide."""
+"""Prior: standard deviation σ_c of the error that all groups share at nominal, in typical sizes: two healthy machines
+of different authors differ by so much. Twice as much makes intervals of small effects twice as wide."""
 VARIANT = 2.0
 """Prior: error of a variant's amount in a group, in units of τ_g; a variant is known less well than an effect."""
 FORM = 0.1
@@ -98,14 +102,23 @@ class Variances:
 
 @dataclass(frozen=True)
 class Likelihood:
-    """A Gaussian likelihood of (θ, φ) around a point: information (D, D) and score (D,)."""
+    """A Gaussian likelihood of (θ, φ) around a point.
+
+    Attributes:
+        information: (D, D).
+        score: (D,).
+        value: its logarithm at the point, up to a constant of the data.
+    """
 
     information: FloatArray
     score: FloatArray
+    value: float = 0.0
 
     def __add__(self, other: Likelihood) -> Likelihood:
         """Return the likelihood of both data."""
-        return Likelihood(self.information + other.information, self.score + other.score)
+        return Likelihood(
+            self.information + other.information, self.score + other.score, self.value + other.value
+        )
 
 
 def unit(scatter: FloatArray, runs: int, signature: FloatArray, variants: FloatArray) -> FloatArray:
@@ -122,25 +135,26 @@ def unit(scatter: FloatArray, runs: int, signature: FloatArray, variants: FloatA
     return np.asarray(np.sqrt(scatter**2 / runs + form + (variants**2).sum(axis=0)))
 
 
-def law_prior(variance: FloatArray, effects: int, columns: int) -> FloatArray:
-    """Return (G, D) the diagonal of T_g for (G,) τ_g²."""
-    scale = np.where(np.arange(columns) < effects, 1.0, VARIANT**2)
-    return variance[:, None] * scale
+def law_prior(variance: FloatArray, theta: FloatArray, columns: int) -> FloatArray:
+    """Return (G, D) the diagonal of T_g for (G,) τ_g² and (K,) θ."""
+    scale = np.where(np.arange(columns) < theta.size, 1.0, VARIANT**2)
+    share = np.concatenate([(LAW_SHARE * theta) ** 2, np.zeros(columns - theta.size)])
+    return np.asarray(variance[:, None] * scale + share)
 
 
-def variances(groups: Groups, effects: int, start: Variances, rounds: int = 3) -> Variances:
+def variances(groups: Groups, theta: FloatArray, start: Variances, rounds: int = 3) -> Variances:
     """Return s_g² and τ_g² at the mode of their marginal posterior, after so many rounds of the fixed point."""
     noise, law = start.noise, start.law
     columns = groups.gram.shape[1]
-    relative = law_prior(np.ones(1), effects, columns)[0]
+    scale = np.where(np.arange(columns) < theta.size, 1.0, VARIANT**2)
     for _ in range(rounds):
-        prior = law_prior(law, effects, columns)
+        prior = law_prior(law, theta, columns)
         weight = (groups.size / noise)[:, None, None]
         precision = weight * groups.gram
         precision[:, range(columns), range(columns)] += 1.0 / prior
         covariance = np.linalg.inv(precision)
         mean = np.einsum("gij,gj->gi", covariance, weight[..., 0] * groups.moment)
-        determined = (1.0 - np.einsum("gii->gi", covariance) / prior).sum(axis=1)
+        determined = 1.0 - np.einsum("gii->gi", covariance) / prior
         left = (
             groups.energy
             - 2.0 * np.einsum("gi,gi->g", mean, groups.moment)
@@ -148,35 +162,52 @@ def variances(groups: Groups, effects: int, start: Variances, rounds: int = 3) -
             + np.einsum("gij,gji->g", covariance, groups.gram)
         )
         noise = (DEGREES + groups.size * left) / (DEGREES + groups.size)
-        law = (DEGREES * LAW_ERROR**2 + (mean**2 / relative).sum(axis=1)) / (DEGREES + determined)
+        own = law[:, None] * scale / prior  # the part of a law error that does not grow with the size
+        energy = ((own * mean) ** 2 / scale).sum(axis=1)
+        law = (DEGREES * LAW_ERROR**2 + energy) / (DEGREES + (own * determined).sum(axis=1))
     return Variances(noise, law)
 
 
-def likelihood(groups: Groups, effects: int, found: Variances) -> Likelihood:
-    """Return the likelihood of (θ, φ) from all groups, without the shared error."""
+def likelihood(groups: Groups, theta: FloatArray, found: Variances) -> Likelihood:
+    """Return the likelihood of (θ, φ) around θ from all groups, without the shared error."""
     columns = groups.gram.shape[1]
     weight = groups.size / found.noise
     information = weight[:, None, None] * groups.gram
     score = weight[:, None] * groups.moment
-    prior = law_prior(found.law, effects, columns)
+    prior = law_prior(found.law, theta, columns)
     damping = np.eye(columns) + information * prior[:, None, :]
     solved = np.linalg.solve(damping, np.concatenate([information, score[..., None]], axis=2))
     total = solved[..., :-1].sum(axis=0)
-    return Likelihood((total + total.T) / 2.0, np.asarray(solved[..., -1].sum(axis=0)))
+    # log N(r_g; 0, S_g + M_g T_g M_gᵀ), of N_g numbers; then the priors of both variances.
+    explained = np.einsum("gi,gi->g", score, prior * solved[..., -1])
+    fitted = -0.5 * (groups.size * np.log(found.noise) + np.linalg.slogdet(damping)[1])
+    fitted -= 0.5 * (groups.size * groups.energy / found.noise - explained)
+    for variance, scale in ((found.noise, 1.0), (found.law, LAW_ERROR**2)):
+        fitted -= 0.5 * DEGREES * (np.log(variance / scale) + scale / variance)
+    return Likelihood((total + total.T) / 2.0, np.asarray(solved[..., -1].sum(axis=0)), float(fitted.sum()))
 
 
-def marginal(found: Likelihood, effects: int, shared: float = SHARED) -> Likelihood:
-    """Return the likelihood of θ alone: φ is integrated out, and the shared error is added to the covariance."""
-    information, score = found.information, found.score
+def shared_error(theta: FloatArray) -> FloatArray:
+    """Return (K,) the variance of the error that all groups share: σ_c² + ρ² θ²."""
+    return np.asarray(SHARED**2 + (LAW_SHARE * theta) ** 2)
+
+
+def marginal(found: Likelihood, shared: FloatArray) -> Likelihood:
+    """Return the likelihood of θ alone: φ is integrated out, and (K,) the shared error is added to the covariance."""
+    effects = shared.size
+    information, score, value = found.information, found.score, found.value
     a, b, c = (
         information[:effects, :effects],
         information[:effects, effects:],
         information[effects:, effects:],
     )
     if c.size:
-        solved = np.linalg.solve(c + np.eye(len(c)), np.column_stack([b.T, score[effects:]]))
+        precision = c + np.eye(len(c))
+        solved = np.linalg.solve(precision, np.column_stack([b.T, score[effects:]]))
+        value += 0.5 * float(score[effects:] @ solved[:, -1]) - 0.5 * float(np.linalg.slogdet(precision)[1])
         a, score = a - b @ solved[:, :-1], score[:effects] - b @ solved[:, -1]
-    # (A⁻¹ + σ² I)⁻¹ without an inverse of A, which need not exist.
-    damping = np.eye(effects) + shared**2 * a
+    # (A⁻¹ + diag(shared))⁻¹ without an inverse of A, which need not exist.
+    damping = np.eye(effects) + a * shared
     solved = np.linalg.solve(damping, np.column_stack([a, score]))
-    return Likelihood(np.asarray((solved[:, :-1] + solved[:, :-1].T) / 2.0), np.asarray(solved[:, -1]))
+    value += 0.5 * float(score @ (shared * solved[:, -1])) - 0.5 * float(np.linalg.slogdet(damping)[1])
+    return Likelihood(np.asarray((solved[:, :-1] + solved[:, :-1].T) / 2.0), np.asarray(solved[:, -1]), value)

@@ -47,6 +47,7 @@ class ModelPosterior:
         probability: (S,) of each; they sum to 1.
         mean, deviation: (S, K) of the normal posterior of every size given the set, before it is truncated.
         prior: of the sizes.
+        log_evidence: of the most probable set, up to a constant of the data.
     """
 
     sets: tuple[Set, ...]
@@ -54,6 +55,7 @@ class ModelPosterior:
     mean: FloatArray
     deviation: FloatArray
     prior: SizePrior
+    log_evidence: float
 
     def beyond(self, size: float = NAMED) -> FloatArray:
         """Return (E,) the probability that each effect has a parameter of at least this size."""
@@ -113,12 +115,16 @@ def posterior(found: Likelihood, theta: FloatArray, prior: SizePrior) -> ModelPo
     keep = weight >= KEPT
     sets, weight = [s for s, kept in zip(sets, keep, strict=True) if kept], weight[keep]
     moments = [base.sizes(s) for s in sets]
+    constant = (
+        found.value - float(found.score @ theta) - 0.5 * float(theta @ precision @ theta) + base.constant
+    )
     return ModelPosterior(
         tuple(sets),
         weight / weight.sum(),
         np.array([mean for mean, _ in moments]),
         np.array([np.sqrt(np.diag(covariance)) for _, covariance in moments]),
         prior,
+        constant + scored[sets[0]],
     )
 
 
@@ -134,6 +140,8 @@ class _Base:
         self.prior = prior
         self.covariance = np.asarray(np.linalg.inv(precision + np.eye(len(moment)) / BACKGROUND**2))
         self.mean = self.covariance @ moment
+        self.constant = 0.5 * float(moment @ self.mean) + 0.5 * float(np.linalg.slogdet(self.covariance)[1])
+        self.constant -= len(moment) * float(np.log(BACKGROUND))
         self.change = 1.0 / SLAB**2 - 1.0 / BACKGROUND**2
         self.odds = np.log(prior.probability) - np.log1p(-prior.probability)
         self.sign = np.where(prior.low > -1e-9, 1.0, -1.0)

@@ -1,0 +1,118 @@
+"""The hierarchical likelihood: groups of observables, each with a law error of its own."""
+
+import numpy as np
+import pytest
+
+from s2r_spec.diagnose.inference.hierarchical import (
+    Groups,
+    Likelihood,
+    Variances,
+    likelihood,
+    marginal,
+    unit,
+    variances,
+)
+
+EFFECTS, OBSERVABLES = 4, 40
+
+
+def columns(rng, groups):
+    return rng.normal(size=(EFFECTS, groups * OBSERVABLES))
+
+
+def parts(groups):
+    return [np.arange(g * OBSERVABLES, (g + 1) * OBSERVABLES) for g in range(groups)]
+
+
+def estimated(residual, design, where, rounds=12):
+    """Return estimate and deviation of θ, whose prior is so wide that it does not count."""
+    groups = Groups.of(residual, design, where)
+    found = variances(groups, np.zeros(EFFECTS), Variances.prior(len(where)), rounds)
+    total = marginal(likelihood(groups, np.zeros(EFFECTS), found), np.zeros(EFFECTS))
+    covariance = np.linalg.inv(total.information)
+    return covariance @ total.score, np.sqrt(np.diag(covariance))
+
+
+def test_a_machine_of_the_same_laws_is_estimated_to_the_noise():
+    rng = np.random.default_rng(1)
+    design, truth = columns(rng, 12), np.array([0.5, -0.3, 0.0, 1.0])
+    residual = truth @ design + 0.1 * rng.normal(size=design.shape[1])
+    estimate, _ = estimated(residual, design, parts(12))
+    assert estimate == pytest.approx(truth, abs=0.02)
+
+
+def test_intervals_cover_sizes_that_every_group_sees_with_its_own_law_error():
+    """900 sizes at law errors of 0.1 typical and 12 groups; the prior's scale of that error is 0.02."""
+    rng, inside = np.random.default_rng(2), []
+    for _ in range(225):
+        design, truth = columns(rng, 12), 0.4 * rng.normal(size=EFFECTS)
+        residual = np.concatenate(
+            [(truth + 0.1 * rng.normal(size=EFFECTS)) @ design[:, part] for part in parts(12)]
+        )
+        residual += 0.3 * rng.normal(size=residual.size)
+        estimate, deviation = estimated(residual, design, parts(12))
+        inside.append(np.abs(estimate - truth) < 1.645 * deviation)
+    assert 0.8 <= np.mean(inside) <= 0.97
+
+
+def test_a_group_that_follows_another_law_counts_little():
+    rng = np.random.default_rng(3)
+    design, truth = columns(rng, 12), np.array([0.5, -0.3, 0.0, 1.0])
+    residual = truth @ design + 0.1 * rng.normal(size=design.shape[1])
+    residual[parts(12)[4]] += 3.0 * design[0, parts(12)[4]]
+    estimate, _ = estimated(residual, design, parts(12))
+    assert estimate == pytest.approx(truth, abs=0.06)
+    plain = np.linalg.lstsq(design.T, residual, rcond=None)[0]
+    assert abs(plain[0] - truth[0]) > 0.15
+
+
+def test_the_order_of_groups_and_of_effects_changes_nothing():
+    rng = np.random.default_rng(4)
+    design, where = columns(rng, 6), parts(6)
+    residual = np.array([0.5, -0.3, 0.0, 1.0]) @ design + rng.normal(size=design.shape[1])
+    estimate, deviation = estimated(residual, design, where)
+    again, _ = estimated(residual, design, [where[g] for g in (3, 1, 5, 0, 2, 4)])
+    assert again == pytest.approx(estimate, abs=1e-9)
+    order = [2, 0, 3, 1]
+    turned, turned_deviation = estimated(residual, design[order], where)
+    assert turned == pytest.approx(estimate[order], abs=1e-9)
+    assert turned_deviation == pytest.approx(deviation[order], abs=1e-9)
+
+
+def test_an_effect_without_a_response_keeps_its_prior():
+    rng = np.random.default_rng(5)
+    design = columns(rng, 6)
+    design[2] = 0.0
+    groups = Groups.of(rng.normal(size=design.shape[1]), design, parts(6))
+    found = likelihood(groups, np.zeros(EFFECTS), variances(groups, np.zeros(EFFECTS), Variances.prior(6)))
+    assert found.information[2] == pytest.approx(np.zeros(EFFECTS))
+    assert found.score[2] == 0.0
+
+
+def test_the_shared_error_is_added_to_the_covariance():
+    information = np.diag([400.0, 100.0])
+    found = marginal(Likelihood(information, np.array([1.0, 2.0])), np.full(2, 0.01))
+    assert np.diag(np.linalg.inv(found.information)) == pytest.approx([0.0025 + 0.01, 0.01 + 0.01])
+    mean = np.linalg.solve(found.information, found.score)
+    assert mean == pytest.approx([1.0 / 400.0, 2.0 / 100.0])
+
+
+def test_a_variant_takes_the_part_of_the_residual_that_it_explains():
+    """A difference that another contact model makes is not the size of an effect."""
+    rng = np.random.default_rng(6)
+    design = columns(rng, 8)
+    variant = design[0] + 0.3 * rng.normal(size=design.shape[1])
+    residual = 1.0 * variant
+    groups = Groups.of(residual, np.vstack([design, variant]), parts(8))
+    found = marginal(
+        likelihood(groups, np.zeros(EFFECTS), variances(groups, np.zeros(EFFECTS), Variances.prior(8), 12)),
+        np.full(EFFECTS, 9e-4),
+    )
+    estimate = np.linalg.solve(found.information + np.eye(EFFECTS) / 0.36, found.score)
+    assert abs(estimate[0]) < 0.3
+
+
+def test_more_runs_make_the_error_smaller_down_to_the_form_error():
+    scatter, signature, variants = np.full(5, 0.2), np.full(5, 1.0), np.zeros((0, 5))
+    errors = [unit(scatter, runs, signature, variants)[0] for runs in (1, 4, 10**6)]
+    assert errors[0] > errors[1] > errors[2] == pytest.approx(0.1, rel=1e-3)
