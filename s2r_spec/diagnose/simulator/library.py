@@ -15,6 +15,7 @@ import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, as_completed
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -174,18 +175,18 @@ def library(
     """
     parameters = lines(catalogue_of(backend))
     cache = Cache.usual() if cache is None else cache
-    missing = []
+    places = {e: f"responses/{_key(backend, e, parameters)}.npz" for e in experiments}
+    missing = [e for e, place in places.items() if not (cache.folder / place).is_file()]
+    # All missing experiments share one pool; a damaged file is made again alone.
+    made = _make(backend, missing, parameters, executor, progress)
 
-    def of(experiment: Experiment) -> Response:
-        place = f"responses/{_key(backend, experiment, parameters)}.npz"
-        return cache.kept(place, _load, lambda: made[experiment], _save)
+    def make(experiment: Experiment) -> Response:
+        if experiment in made:
+            return made[experiment]
+        return _make(backend, [experiment], parameters, executor, progress)[experiment]
 
-    made: dict[Experiment, Response] = {}
-    for experiment in experiments:
-        if not (cache.folder / f"responses/{_key(backend, experiment, parameters)}.npz").is_file():
-            missing.append(experiment)
-    made.update(_make(backend, missing, parameters, executor, progress))
-    return ResponseLibrary(parameters, tuple(of(experiment) for experiment in experiments))
+    responses = [cache.kept(place, _load, partial(make, e), _save) for e, place in places.items()]
+    return ResponseLibrary(parameters, tuple(responses))
 
 
 def _make(
@@ -341,7 +342,7 @@ def _save(response: Response, path: Path) -> None:
 
 
 def _load(path: Path) -> Response:
-    with np.load(path, allow_pickle=False) as arrays:
+    with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
         header = json.loads(str(arrays["header"]))
         edges = np.cumsum(arrays["sizes"])[:-1]
         observables = Observables(

@@ -1,0 +1,68 @@
+"""The estimate of a cart by another author: sizes of all effects, from traces alone."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import s2r_cart
+from s2r_cart import EFFECTS, Cart, real
+
+from s2r_spec.diagnose.cache import Cache
+from s2r_spec.diagnose.estimation import estimate
+from s2r_spec.diagnose.simulator.experiments import Experiment
+from s2r_spec.diagnose.simulator.library import library
+from s2r_spec.trace import Trace
+
+TESTS = [Experiment.test({"vd": vd, "acc": acc}) for vd, acc in ((0.3, 3.5), (0.9, 1.5), (0.9, 3.5))]
+
+
+@pytest.fixture(scope="module")
+def responses(tmp_path_factory):
+    return library(Cart(), TESTS, cache=Cache(tmp_path_factory.mktemp("cache")))
+
+
+def traces(seed, effects):
+    return {test: [real(dict(test.params), seed + k, effects) for k in range(2)] for test in TESTS}
+
+
+def named(responses, found):
+    effects = list(dict.fromkeys(line.effect for line in responses.parameters))
+    return {name for name, p in zip(effects, found.posterior.beyond(), strict=True) if p >= 0.95}
+
+
+@pytest.mark.parametrize(
+    "effects",
+    [{}, {"coulomb": 1.2}, {"tilt": -1.6}, {"viscous": 1.6}, {"coulomb": 1.0, "speed_scale": 1.15}],
+    ids=lambda effects: " and ".join(effects) or "nothing",
+)
+def test_causes_of_another_author_are_named(responses, effects):
+    found = estimate(Cart(), responses, traces(5000, effects))
+    assert named(responses, found) == set(effects)
+    low, high = found.posterior.quantile(0.05), found.posterior.quantile(0.95)
+    for k, line in enumerate(responses.parameters):
+        if line.effect in effects:
+            assert low[k] - 0.05 <= line.coordinate(effects[line.effect]) <= high[k] + 0.05
+
+
+def test_the_order_of_channels_and_of_the_catalogue_changes_nothing(responses, monkeypatch, tmp_path):
+    data = traces(6000, {"coulomb": 1.2})
+    first = estimate(Cart(), responses, data)
+    monkeypatch.setattr(s2r_cart, "EFFECTS", tuple(reversed(EFFECTS)))
+    turned = library(replace(Cart(), cost=10.0), TESTS, cache=Cache(tmp_path))
+    reordered = {
+        test: [Trace(t.times, dict(reversed(t.channels.items())), t.units, t.meta) for t in runs]
+        for test, runs in data.items()
+    }
+    again = estimate(Cart(), turned, reordered)
+    assert [line.name for line in turned.parameters] == [line.name for line in reversed(responses.parameters)]
+    assert again.posterior.quantile(0.5)[::-1] == pytest.approx(first.posterior.quantile(0.5), abs=1e-3)
+    assert again.posterior.beyond()[::-1] == pytest.approx(first.posterior.beyond(), abs=1e-3)
+
+
+def test_a_trace_that_ends_early_is_used_as_far_as_it_goes(responses):
+    data = traces(7000, {"coulomb": 1.2})
+    test = TESTS[0]
+    cut = [Trace(t.times[:80], {n: x[:80] for n, x in t.channels.items()}, t.units) for t in data[test]]
+    found = estimate(Cart(), responses, {**data, test: cut})
+    assert "coulomb" in named(responses, found)
+    assert np.isfinite(found.fit.theta).all()
