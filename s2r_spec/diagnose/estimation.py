@@ -23,7 +23,9 @@ CORRECTIONS = 1
 """Budget: times that the simulator runs at the estimate. Each costs one run of every experiment."""
 
 RIVALS = 3
-"""Budget: sets whose fit is compared with that of the most probable one by runs of the simulator."""
+"""Budget: sets that are fitted beside the most probable one."""
+SIMULATED = 2
+"""Budget: of these fits, the best ones whose set the simulator runs."""
 
 
 @dataclass(frozen=True)
@@ -67,30 +69,34 @@ def estimate(
     joint = fit(plain)
     first = posterior(joint.likelihood, joint.theta, prior)
     starts = [(first.mean[0], first.sets[0]), *rivals(joint.likelihood, first)]
-    modes = [_around(backend, library, plain, theta, active, corrections) for theta, active in starts]
-    best = max(modes, key=lambda mode: mode.posterior.log_evidence)
-    return best
+    modes = [around(library, plain, theta, active) for theta, active in starts]
+    modes.sort(key=lambda mode: -mode.posterior.log_evidence)
+    best = [exact(backend, mode, plain, corrections) for mode in modes[:SIMULATED]]
+    return max(best, key=lambda mode: mode.posterior.log_evidence)
 
 
-def _around(
-    backend: Backend,
-    library: ResponseLibrary,
-    problem: Problem,
-    theta: FloatArray,
-    active: tuple[int, ...],
-    corrections: int,
+def around(
+    library: ResponseLibrary, problem: Problem, theta: FloatArray, active: tuple[int, ...]
 ) -> Estimate:
     """Return the estimate around a set: its own effects are causes, and all others are background."""
     prior = problem.prior
-    for number in range(corrections + 1):
-        deviation = np.where(np.isin(np.arange(theta.size), active), SLAB, BACKGROUND)
-        found = fit(problem, np.clip(theta, prior.low, prior.high), deviation)
-        sets = posterior(found.likelihood, found.theta, prior)
-        theta, active = np.clip(sets.mean[0], prior.low, prior.high), sets.sets[0]
-        if number < corrections:
-            responses = [one.response for one in problem.observations]
-            problem = problem.corrected([correction(backend, library, each, theta) for each in responses])
-    return Estimate(library, found, sets)
+    deviation = np.where(np.isin(np.arange(theta.size), active), SLAB, BACKGROUND)
+    found = fit(problem, np.clip(theta, prior.low, prior.high), deviation)
+    return Estimate(library, found, posterior(found.likelihood, found.theta, prior))
+
+
+def exact(backend: Backend, mode: Estimate, problem: Problem, corrections: int) -> Estimate:
+    """Return the estimate with runs of the simulator at the most probable set in place of sums of responses."""
+    for _ in range(corrections):
+        active = mode.posterior.sets[0]
+        if not active:
+            break
+        theta = np.clip(mode.posterior.mean[0], problem.prior.low, problem.prior.high)
+        causes = np.where(np.isin(np.arange(theta.size), active), theta, 0.0)
+        responses = [one.response for one in problem.observations]
+        new = problem.corrected([correction(backend, mode.library, each, causes) for each in responses])
+        mode = around(mode.library, new, theta, active)
+    return mode
 
 
 def rivals(found: Likelihood, sets: ModelPosterior) -> list[tuple[FloatArray, tuple[int, ...]]]:

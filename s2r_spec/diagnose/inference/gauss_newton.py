@@ -202,7 +202,7 @@ def fit(problem: Problem, start: FloatArray | None = None, deviation: FloatArray
         likelihoods, found, misfit = [], list(found), []
         for number, one in enumerate(prepared):
             groups = Groups.of(one.residual(theta), one.jacobian(theta), one.parts)
-            found[number] = variances(groups, theta, found[number])
+            found[number] = variances(groups, theta, found[number], 2 if step == 0 else 1)
             likelihoods.append(likelihood(groups, theta, found[number]))
             misfit.append(groups.energy)
         total = sum(likelihoods[1:], likelihoods[0])

@@ -17,7 +17,6 @@ Source: Mitchell & Beauchamp, *JASA* 83 (1988) 1023; Rasmussen & Williams, *Gaus
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -99,17 +98,20 @@ def posterior(found: Likelihood, theta: FloatArray, prior: SizePrior) -> ModelPo
     """
     precision, moment = found.information, found.score + found.information @ theta
     base = _Base(precision, moment, prior)
-    scored = {s: base.log_evidence(s) for s in _all_sets(len(moment))}
+    scored: dict[Set, float] = {(): 0.0}
+    for size in range(1, min(ALL, len(moment)) + 1):
+        every = list(combinations(range(len(moment)), size))
+        scored |= dict(zip(every, base.log_evidence(np.array(every)).tolist(), strict=True))
     best = sorted(scored, key=lambda s: -scored[s])[:GROWN]
     while best:
         gained = set()
         for members in best:
-            for longer in (tuple(sorted((*members, k))) for k in range(len(moment)) if k not in members):
-                if longer not in scored:
-                    scored[longer] = base.log_evidence(longer)
-                    if scored[longer] > scored[members]:
-                        gained.add(longer)
-        best = sorted(gained, key=lambda s: -scored[s])[:GROWN]
+            longer = [tuple(sorted((*members, k))) for k in range(len(moment)) if k not in members]
+            for new, value in zip(longer, base.log_evidence(np.array(longer)).tolist(), strict=True):
+                if new not in scored and value > scored[members]:
+                    gained.add(new)
+                scored[new] = value
+        best = sorted(gained, key=lambda s: -scored[s])[:GROWN] if len(best[0]) + 1 < len(moment) else []
     sets = sorted(scored, key=lambda s: -scored[s])
     weight = np.exp(np.array([scored[s] for s in sets]) - scored[sets[0]])
     keep = weight >= KEPT
@@ -128,11 +130,6 @@ def posterior(found: Likelihood, theta: FloatArray, prior: SizePrior) -> ModelPo
     )
 
 
-def _all_sets(parameters: int) -> Iterator[Set]:
-    for size in range(ALL + 1):
-        yield from combinations(range(parameters), size)
-
-
 class _Base:
     """The posterior of the empty set, from which every other one is a low-rank update."""
 
@@ -146,28 +143,23 @@ class _Base:
         self.odds = np.log(prior.probability) - np.log1p(-prior.probability)
         self.sign = np.where(prior.low > -1e-9, 1.0, -1.0)
 
-    def log_evidence(self, members: Set) -> float:
-        """Return log p(y | A) + log P(A), up to a constant that all sets share."""
-        if not members:
-            return 0.0
-        index = list(members)
-        inner = np.eye(len(index)) + self.change * self.covariance[np.ix_(index, index)]
-        mean = self.mean[index]
-        solved = np.linalg.solve(inner, mean)
-        gain = -0.5 * self.change * float(mean @ solved) - 0.5 * float(np.linalg.slogdet(inner)[1])
-        gain += len(index) * float(np.log(BACKGROUND / SLAB)) + float(self.odds[index].sum())
-        sided = [i for i in index if self.prior.one_sided[i]]
-        return gain + self._half_normal(members, sided) if sided else gain
-
-    def _half_normal(self, members: Set, sided: Sequence[int]) -> float:
-        """Return Σ log 2 Φ(mean/deviation) over active parameters of one sign, less the same in the empty set."""
+    def log_evidence(self, sets: NDArray[np.int64]) -> FloatArray:
+        """Return (S,) log p(y | A) + log P(A) of (S, n) sets of n parameters, less that of the empty set."""
         from scipy.special import log_ndtr
 
-        mean, covariance = self.sizes(members)
-        with_set = mean[list(sided)] / np.sqrt(np.diag(covariance)[list(sided)])
-        without = self.mean[list(sided)] / np.sqrt(np.diag(self.covariance)[list(sided)])
-        sign = self.sign[list(sided)]
-        return float(np.sum(log_ndtr(sign * with_set) - log_ndtr(sign * without)))
+        size = sets.shape[1]
+        covariance = self.covariance[sets[:, :, None], sets[:, None, :]]
+        inner = np.eye(size) + self.change * covariance
+        mean = self.mean[sets]
+        solved = np.linalg.solve(inner, np.concatenate([mean[..., None], covariance], axis=2))
+        gain = -0.5 * self.change * np.einsum("si,si->s", mean, solved[..., 0])
+        gain -= 0.5 * np.linalg.slogdet(inner)[1]
+        gain += size * np.log(BACKGROUND / SLAB) + self.odds[sets].sum(axis=1)
+        # Given the set, mean and covariance of its own parameters are (1 + ΔΣ)⁻¹ times those of the empty set.
+        deviation = np.sqrt(np.einsum("sii->si", solved[..., 1:]))
+        before = self.mean / np.sqrt(np.diag(self.covariance))
+        half = log_ndtr(self.sign[sets] * solved[..., 0] / deviation) - log_ndtr((self.sign * before)[sets])
+        return np.asarray(gain + np.where(self.prior.one_sided[sets], half, 0.0).sum(axis=1))
 
     def sizes(self, members: Set) -> tuple[FloatArray, FloatArray]:
         """Return mean (K,) and covariance (K, K) of the sizes given a set."""
