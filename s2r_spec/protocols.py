@@ -22,6 +22,10 @@ PROTOCOL = "protocol"
 """Definition: the key of a trace's ``meta`` with the name of its protocol. A trace of a test has no such key."""
 
 
+PLAYED = "play"
+"""Definition: ``meta["protocol"]`` of a trace of :meth:`HasInputs.play`, which no controller closed the loop of."""
+
+
 @dataclass(frozen=True)
 class Protocol:
     """A motion for identification.
@@ -68,6 +72,29 @@ class HasProtocols(typing.Protocol):
 
         Raises:
             UsageError: the backend has no such protocol, or a parameter is unknown or out of range.
+        """
+        ...
+
+
+@runtime_checkable
+class HasInputs(typing.Protocol):
+    """A backend without protocols of its own that can play a recorded input instead of its controller's."""
+
+    def play(self, inputs: Trace, params: Mapping[str, float], seed: int) -> Trace:
+        """Play a recorded input without feedback; ``meta["protocol"]`` of the trace is "play".
+
+        Args:
+            inputs: trace with the channels of the controller's output; other channels may say where the motion begins.
+            params: parameters of the test in which the machine stands; a missing one takes its default.
+            seed: seed of the run's random numbers.
+
+        Returns:
+            The channels of a rollout over the times of ``inputs``. A fall or a crash ends it and sets
+            ``meta["failure"]``.
+
+        Raises:
+            TraceError: a channel of the input is missing, or its samples are not those of the controller.
+            UsageError: a parameter is unknown or out of range.
         """
         ...
 
