@@ -1,0 +1,92 @@
+"""Excitation protocols of the quadrotor: what its loops are asked for, and what is added to the rotors' commands."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec.backend import Parameter
+from s2r_spec.protocols import Protocol
+
+Array = NDArray[np.float64]
+
+TC = 0.005
+"""[s] period of the control, and of a protocol's samples."""
+AMPLITUDE = Parameter("amplitude", "", 0.25, 1.0, 1.0, "amplitude, as a share of the full one")
+GAIN = Parameter(
+    "gain", "", 0.5, 1.5, 1.0, "factor on the stiffness of the pitch loop; damping follows its square root"
+)
+
+HOVERS = "It hovers at {} m."
+SWEEP = (
+    "Its frequency rises evenly from {} to {} Hz in 4 s; its amplitude grows smoothly over the first 0.5 s."
+)
+
+
+def _protocol(name: str, words: str, duration: float, risk: str = "") -> Protocol:
+    return Protocol(name, words, "space", duration, 1.5e-3, risk, (AMPLITUDE, GAIN))
+
+
+PROTOCOLS = (
+    _protocol(
+        "pitch_chirp",
+        f"{HOVERS.format(1)} From 1 s on the rear rotor gets a sine of 1 N more, and the front rotor its opposite. "
+        + SWEEP.format(2, 25),
+        5.0,
+    ),
+    _protocol(
+        "heave_chirp",
+        f"{HOVERS.format(0.5)} From 1 s on both rotors get a sine of 1 N more. {SWEEP.format(1, 10)}",
+        5.0,
+        "it flies near the ground",
+    ),
+    _protocol(
+        "rotor_steps",
+        f"{HOVERS.format(1)} One rotor gets 1.5 N more for 0.1 s and then 1.5 N less for 0.1 s. The front one "
+        "does so at 1 and 3 s, the rear one at 2 and 4 s.",
+        5.0,
+    ),
+    _protocol(
+        "coast",
+        f"{HOVERS.format(1)} From 0.5 s to 1.5 s its speed rises to 1.5 m/s as a minimum-jerk step. Then it "
+        "holds its height and a pitch of 0, without position control.",
+        3.0,
+        "it flies without position control for 1.5 s",
+    ),
+)  # fmt: skip
+
+
+def plan(name: str, amplitude: float) -> Array:
+    """Return (ticks, 9): position, speed and acceleration asked for, along x and along z; level; added thrusts.
+
+    Where ``level`` is 1 the position loop is off and a pitch of 0 is asked for. The added thrusts [N] are the front
+    rotor's and the rear one's.
+    """
+    duration = next(protocol.duration for protocol in PROTOCOLS if protocol.name == name)
+    t = TC * np.arange(round(duration / TC) + 1)
+    out = np.zeros((t.size, 9))
+    out[:, 3] = 0.5 if name == "heave_chirp" else 1.0
+    since = np.maximum(t - 1.0, 0.0)
+    if name == "pitch_chirp":
+        out[:, 8] = amplitude * _sweep(since, 2.0, 25.0)
+        out[:, 7] = -out[:, 8]
+    elif name == "heave_chirp":
+        out[:, 7] = out[:, 8] = amplitude * _sweep(since, 1.0, 10.0)
+    elif name == "rotor_steps":
+        number = np.floor(t + 1e-9).astype(int)
+        into = t - number
+        size = np.where(into < 0.1 - 1e-9, 1.5, np.where(into < 0.2 - 1e-9, -1.5, 0.0)) * amplitude
+        out[:, 7] = np.where((number == 1) | (number == 3), size, 0.0)
+        out[:, 8] = np.where((number == 2) | (number == 4), size, 0.0)
+    else:
+        s, top = np.clip(t - 0.5, 0.0, 1.0), 1.5 * amplitude
+        out[:, 0] = top * (2.5 * s**4 - 3 * s**5 + s**6 + np.maximum(t - 1.5, 0.0))
+        out[:, 1] = top * s**3 * (10 - 15 * s + 6 * s * s)
+        out[:, 2] = top * 30 * s * s * (1 - s) ** 2
+        out[:, 6] = t > 1.5 - 1e-9
+    return out
+
+
+def _sweep(t: Array, low: float, high: float) -> Array:
+    s = np.minimum(t / 0.5, 1.0)
+    return s * s * (3 - 2 * s) * np.sin(2 * np.pi * (low * t + (high - low) * t * t / 8.0))
