@@ -23,7 +23,7 @@ PROTOCOL = "protocol"
 
 
 PLAYED = "play"
-"""Definition: ``meta["protocol"]`` of a trace of :meth:`HasInputs.play`, which no controller closed the loop of."""
+"""Definition: ``meta["protocol"]`` of a trace of :meth:`HasInputs.play`, whose input came without feedback."""
 
 
 @dataclass(frozen=True)
@@ -58,25 +58,6 @@ class Protocol:
 
 
 @runtime_checkable
-class HasProtocols(typing.Protocol):
-    """A backend that can run protocols."""
-
-    def protocols(self) -> tuple[Protocol, ...]:
-        """Return the protocols that this backend can run."""
-        ...
-
-    def run(self, protocol: str, params: Mapping[str, float], seed: int) -> Trace:
-        """Run a protocol; ``meta["protocol"]`` of the trace is its name.
-
-        A fall or a crash sets ``meta["failure"]`` and raises nothing.
-
-        Raises:
-            UsageError: the backend has no such protocol, or a parameter is unknown or out of range.
-        """
-        ...
-
-
-@runtime_checkable
 class HasInputs(typing.Protocol):
     """A backend without protocols of its own that can play a recorded input instead of its controller's."""
 
@@ -95,6 +76,25 @@ class HasInputs(typing.Protocol):
         Raises:
             TraceError: a channel of the input is missing, or its samples are not those of the controller.
             UsageError: a parameter is unknown or out of range.
+        """
+        ...
+
+
+@runtime_checkable
+class HasProtocols(typing.Protocol):
+    """A backend that can run protocols."""
+
+    def protocols(self) -> tuple[Protocol, ...]:
+        """Return the protocols that this backend can run."""
+        ...
+
+    def run(self, protocol: str, params: Mapping[str, float], seed: int) -> Trace:
+        """Run a protocol; ``meta["protocol"]`` of the trace is its name.
+
+        A fall or a crash sets ``meta["failure"]`` and raises nothing.
+
+        Raises:
+            UsageError: the backend has no such protocol, or a parameter is unknown or out of range.
         """
         ...
 

@@ -137,8 +137,7 @@ def simulate(
         np.ascontiguousarray(command.reference, dtype=np.float64),
         np.ascontiguousarray(command.closed, dtype=np.bool_),
         np.ascontiguousarray(command.voltage, dtype=np.float64),
-        float(start[0]),
-        float(start[1]),
+        (float(start[0]), float(start[1])),
         np.ascontiguousarray(draws.encoder[:n]),
         np.ascontiguousarray(draws.disturbance[:n]),
         figures,
@@ -151,8 +150,7 @@ def _ticks(
     reference: FloatArray,
     closed: BoolArray,
     voltage: FloatArray,
-    seen: float,
-    v: float,
+    start: tuple[float, float],
     errors: FloatArray,
     pushes: FloatArray,
     p: _Figures,
@@ -161,6 +159,7 @@ def _ticks(
     h, carriage, teeth, n = STEP, p.mass - p.motor, RIPPLES * TURN, reference.size
     dry = p.coulomb != 0.0 or p.stribeck != 0.0 or p.screw != 0.0
     late = p.whole > 0 or p.part > 0.0
+    seen, v = start
     positions, speeds, sent = np.empty(n), np.empty(n), np.empty(n)
 
     # Position of the motor, on whose shaft the encoder sits. An elastic joint is in equilibrium at every tick.

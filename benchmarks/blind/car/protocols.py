@@ -44,11 +44,12 @@ def asked(name: str, amplitude: float = 1.0, speed: float = 22.0) -> Array:
         for begin, change in ((25, 3000.0), (100, -6000.0), (175, 4500.0), (250, -3000.0)):
             rows[6, begin:] += amplitude * change
     elif name == "steer_reversal":
+        corners = [0.5, *(0.75 + 0.5 * np.arange(12))]
         rows[3] = 18.0
-        rows[4] = 0.02 * amplitude * np.interp(clock, [0.5, 1, 2, 3, 4, 5, 6], [0, 1, -1, 1, -1, 1, -1])
+        rows[4] = 0.04 * amplitude * np.interp(clock, corners, [0.0, *(1.0, -1.0) * 6])
     else:
         grow = np.where(late < 0.5, late * late * (12.0 - 16.0 * late), 1.0)
         middle = 0.3 + (6.0 - 0.3) * late / 5.5 / 2.0
         rows[3] = 18.0
-        rows[4] = 0.015 * amplitude * grow * np.sin(2.0 * pi * middle * late)
+        rows[4] = 0.04 * amplitude * grow * np.sin(2.0 * pi * middle * late)
     return np.ascontiguousarray(rows.T)

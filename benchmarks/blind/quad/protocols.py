@@ -20,7 +20,7 @@ SHARE = Parameter("amplitude", "", 0.25, 1.0, 1.0, "share of the full amplitude"
 STIFF = Parameter("gain", "", 0.5, 1.5, 1.0, "factor on the stiffness of the pitch loop")
 PROTOCOLS = tuple(
     declared(name, "space", length, SHARE, STIFF)
-    for name, length in (("pitch_chirp", 5.0), ("heave_chirp", 5.0), ("rotor_steps", 5.0), ("coast", 3.0))
+    for name, length in (("pitch_chirp", 5.0), ("heave_chirp", 6.0), ("rotor_steps", 5.0), ("coast", 3.0))
 )
 
 
@@ -36,25 +36,28 @@ def asked(name: str, amplitude: float) -> Array:
     """Return (ticks, 9): x, its speed and acceleration, z, its two, whether level, thrusts added front and rear."""
     length = {protocol.name: protocol.duration for protocol in PROTOCOLS}[name]
     clock = np.linspace(0.0, length, round(length / TC) + 1)
-    nothing, one = np.zeros_like(clock), np.ones_like(clock)
-    x, vx, ax, level, front, rear = nothing, nothing, nothing, nothing, nothing, nothing
+    x, vx, ax, level, front, rear = (np.zeros_like(clock) for _ in range(6))
+    z, vz, az = np.ones_like(clock), np.zeros_like(clock), np.zeros_like(clock)
+    step = np.polynomial.Polynomial([0, 0, 0, 10, -15, 6])
+    part = np.interp(clock, [0.5, 2.0], [0.0, 1.0])
     if name == "rotor_steps":
-        pair = 1.5 * amplitude * np.concatenate([np.ones(20), -np.ones(20)])
-        front, rear = nothing.copy(), nothing.copy()
-        for rotor, begin in ((front, 200), (rear, 400), (front, 600), (rear, 800)):
-            rotor[begin : begin + 40] = pair
+        pair = 3.0 * amplitude * np.concatenate([np.ones(20), -np.ones(20)])
+        for begin in range(200, 1000, 200):
+            front[begin : begin + 40] = rear[begin + 100 : begin + 140] = pair
     elif name == "coast":
-        part = np.interp(clock, [0.5, 1.5], [0.0, 1.0])
-        rise, slope = (np.polynomial.Polynomial([0, 0, 0, 10, -15, 6]).integ(m) for m in (1, 0))
-        x = 1.5 * amplitude * (rise(part) + np.where(clock > 1.5, clock - 1.5, 0.0))
-        vx, ax = 1.5 * amplitude * slope(part), 1.5 * amplitude * slope.deriv()(part)
-        level = (np.arange(clock.size) >= 300).astype(float)
+        fast = 3.0 * amplitude
+        x = fast * (1.5 * step.integ()(part) + np.where(clock > 2.0, clock - 2.0, 0.0))
+        vx, ax = fast * step(part), fast * step.deriv()(part) / 1.5
+        level = (np.arange(clock.size) >= 400).astype(float)
     else:
-        low, high = (2.0, 25.0) if name == "pitch_chirp" else (1.0, 10.0)
-        late = np.where(clock > 1.0, clock - 1.0, 0.0)
+        begin, low, high = (1.0, 2.0, 25.0) if name == "pitch_chirp" else (2.0, 1.0, 10.0)
+        late = np.where(clock > begin, clock - begin, 0.0)
         mean = low + (high - low) / 4.0 * late / 2.0
         grow = np.where(late < 0.5, 12.0 * late**2 - 16.0 * late**3, 1.0)
         rear = amplitude * grow * np.sin(2.0 * pi * mean * late)
-        front = -rear if name == "pitch_chirp" else rear
-    height = 0.5 if name == "heave_chirp" else 1.0
-    return np.stack([x, vx, ax, height * one, nothing, nothing, level, front, rear], axis=1)
+        front = -rear
+        if name == "heave_chirp":
+            front = rear
+            z, vz = 1.0 - 0.65 * step(part), -0.65 * step.deriv()(part) / 1.5
+            az = -0.65 * step.deriv(2)(part) / 1.5**2
+    return np.stack([x, vx, ax, z, vz, az, level, front, rear], axis=1)

@@ -46,7 +46,7 @@ def asked(name: str, amplitude: float) -> Array:
             torque[begin : begin + 10] += amplitude * size
             torque[begin + 10 : begin + 20] -= amplitude * size
     elif name == "held_steps":
-        for step, size in enumerate((0.2, 0.5, 1.0, 2.0)):
+        for step, size in enumerate((0.2, 0.5, 1.5, 4.0)):
             torque[40 + 80 * step : 80 + 80 * step] = amplitude * size
             torque[80 + 80 * step : 120 + 80 * step] = -amplitude * size
     return np.stack([nothing, nothing, nothing, torque], axis=1)

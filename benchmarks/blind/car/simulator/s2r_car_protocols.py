@@ -22,14 +22,14 @@ def _protocol(name, words, *parameters):
 PROTOCOLS = (
     _protocol(
         "steer_chirp",
-        f"{LANE.format('18 m/s')} From 0.5 s to the end a sine of 0.015 rad is added to the steering. Its frequency "
+        f"{LANE.format('18 m/s')} From 0.5 s to the end a sine of 0.04 rad is added to the steering. Its frequency "
         "rises evenly from 0.3 to 6 Hz; its amplitude grows smoothly over the first 0.5 s.",
         AMPLITUDE,
         GAIN,
     ),
     _protocol(
         "steer_reversal",
-        f"{LANE.format('18 m/s')} From 0.5 s on a triangle of 0.02 rad and 2 s is added to the steering, to the "
+        f"{LANE.format('18 m/s')} From 0.5 s on a triangle of 0.04 rad and 1 s is added to the steering, to the "
         "left first.",
         AMPLITUDE,
         GAIN,
@@ -54,10 +54,10 @@ def plan(name, amplitude=1.0, speed=SPEED.default):
     if name == "steer_chirp":
         s = np.minimum(since / 0.5, 1.0)
         phase = 2 * np.pi * (0.3 * since + 5.7 * since**2 / 11.0)
-        out[:, 4] = 0.015 * amplitude * s * s * (3 - 2 * s) * np.sin(phase)
+        out[:, 4] = 0.04 * amplitude * s * s * (3 - 2 * s) * np.sin(phase)
     elif name == "steer_reversal":
-        part = (since / 2.0 + 0.25) % 1.0  # 0.25 is the triangle's zero on the way up
-        out[:, 4] = 0.02 * amplitude * (1.0 - 4.0 * np.abs(part - 0.5))
+        part = (since + 0.25) % 1.0  # 0.25 is the triangle's zero on the way up
+        out[:, 4] = 0.04 * amplitude * (1.0 - 4.0 * np.abs(part - 0.5))
     else:
         out[:, 5] = t > 0.5 - 1e-9
     if name == "force_steps":

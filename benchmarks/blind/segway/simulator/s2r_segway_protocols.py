@@ -33,7 +33,7 @@ PROTOCOLS = (
     ),
     _protocol(
         "held_steps",
-        f"{HELD} From 0.4 s on the motors make 0.2, -0.2, 0.5, -0.5, 1, -1, 2 and -2 N*m, for 0.4 s each, and "
+        f"{HELD} From 0.4 s on the motors make 0.2, -0.2, 0.5, -0.5, 1.5, -1.5, 4 and -4 N*m, for 0.4 s each, and "
         "then none.",
         4.0,
     ),
@@ -58,7 +58,7 @@ def plan(name, amplitude):
             shape = np.where(since < 0.1, 1.0, -1.0) * ((since >= 0.0) & (since < 0.2))
             out[:, 3] += size * amplitude * shape
     elif name == "held_steps":
-        torques = np.array([0.0, 0.2, -0.2, 0.5, -0.5, 1.0, -1.0, 2.0, -2.0, 0.0])
+        torques = np.array([0.0, 0.2, -0.2, 0.5, -0.5, 1.5, -1.5, 4.0, -4.0, 0.0])
         number = np.clip(np.floor(t / 0.4 + 1e-9), 0, 9).astype(int)
         out[:, 3] = amplitude * torques[number]
     return out
