@@ -2,16 +2,17 @@
 
 python -m benchmarks.protocol_signatures [--write]        # minutes on one core
 
-Data: Y (R, T, C), R = 24 runs of one protocol, or of one test of the spec, of the nominal machine, T samples of C
+Data: Y (2R, T, C), 2R = 48 runs of one protocol, or of one test of the spec, of the nominal machine, T samples of C
 channels; and D (T, C), the mean change by one effect over four of the same seeds.
-Model: y = ȳ + D + ε of one run, ε_t = A ε_{t−1} + e_t, e_t ~ N(0, S). A and S (C, C) are the least-squares estimates
-from the R runs (Ljung, System Identification, 1999, §10.3).
-Estimator: the filter w = S^{-1/2} (D_t − A D_{t−1}) on the whitened samples z. One run shows the effect by
-wᵀw / sd(wᵀz) standard deviations, and sd(wᵀz) is that of the R runs, which need not obey the model. Its relative error
-is 15 %, from R. A better model of the noise would give a better filter, so the figure is a lower bound.
+Model: y = ȳ + D + ε of one run, ε_t = A ε_{t−1} + e_t, e_t ~ N(0, S), and beside it what differs from run to run as a
+whole, such as a start or a gain. A and S (C, C) are the least-squares estimates from the first R runs (Ljung, System
+Identification, 1999, §10.3). The whitened samples z of these runs, Z (R, n), give the covariance I + ZᵀZ / R.
+Estimator: d is the whitened D, and the filter is w = (I + ZᵀZ / R)⁻¹ d. One run shows the effect by wᵀd / sd(wᵀz)
+standard deviations. sd(wᵀz) is that of the other R runs, which need not obey the model, so its relative error is 15 %.
+A better model of the noise would give a better filter, so the figure is a lower bound.
 
 Two effects: D is the difference of both changes. *Any size* subtracts the multiple of the second change that comes
-nearest to the first, so what is left is told by one run whatever the second effect's size is.
+nearest to the first, so the rest separates them whatever the second effect's size is.
 
 Units: σ of one run. Typical is twice the standard deviation of the prior, and at most the range.
 """
@@ -44,11 +45,11 @@ from s2r_spec.trace import Trace  # noqa: E402
 RESULT = ROOT / "benchmarks" / "results" / "protocol_signatures.txt"
 OUTSIDERS = ("quad", "car", "arm", "segway")
 RUNS, SAME, TESTS, QUARTER = 24, 4, 6, 0.25
-"""Budgets: nominal runs, seeds of a change, tests of the spec. Definition: the size of an effect, of typical."""
+"""Budgets: R, seeds of a change, tests of the spec. Definition: the size of an effect, of typical."""
 FLOOR = 1e-3
 """Tolerance: share of the mean variance that every direction of the innovations has at least. Without it a channel that
 follows from others would count as known exactly. With twice as much, figures of effects that break such a relation
-(speed_filter, damping_gain) halve, and 641 of the 664 figures above 1 change by less than a tenth."""
+(speed_filter, damping_gain) halve, and few others change by more than a tenth."""
 PAIRS = (
     ("quad", "rotor_lag", {"time": 0.008}, "command_delay", {"time": 0.008}),
     ("quad", "rotor_lag", {"time": 0.016}, "command_delay", {"time": 0.016}),
@@ -92,8 +93,9 @@ class Bench:
         signal = whitening(change).ravel()
         if not np.any(signal):
             return 0.0
-        scatter = whitening(errors[:, : len(change)]).reshape(len(errors), -1) @ signal
-        return float(signal @ signal / scatter.std(ddof=1))
+        first, second = np.split(whitening(errors[:, : len(change)]).reshape(2 * RUNS, -1), 2)
+        weights = signal - first.T @ np.linalg.solve(RUNS * np.eye(RUNS) + first @ first.T, first @ signal)
+        return float(weights @ signal / (second @ weights).std(ddof=1))
 
     def apart(self, experiment: str, one: Any, other: Any) -> tuple[float, float]:
         """Return by how many σ two effects differ, and by how many if the second may have any size."""
@@ -143,10 +145,10 @@ class Whitening:
 
 @cache
 def noise(bench: Bench, experiment: str) -> tuple[Array, Whitening]:
-    """Return (R, T, C) of nominal runs without their mean, and the whitening of their noise."""
-    runs = np.stack([rows(bench.play(experiment, bench.nothing, seed)) for seed in range(RUNS)])
-    errors = runs - runs.mean(axis=0)
-    return errors, Whitening.of(errors)
+    """Return (2R, T, C) of nominal runs without their mean, and the whitening of the first half's noise."""
+    runs = np.stack([rows(bench.play(experiment, bench.nothing, seed)) for seed in range(2 * RUNS)])
+    halves = [half - half.mean(axis=0) for half in np.split(runs, 2)]
+    return np.concatenate(halves), Whitening.of(halves[0])
 
 
 def rows(trace: Trace) -> Array:

@@ -59,7 +59,7 @@ class Protocol:
 
 @runtime_checkable
 class HasInputs(typing.Protocol):
-    """A backend without protocols of its own that can play a recorded input instead of its controller's."""
+    """A backend that can play a recorded input instead of its controller's, which excites one without protocols."""
 
     def play(self, inputs: Trace, params: Mapping[str, float], seed: int) -> Trace:
         """Play a recorded input without feedback; ``meta["protocol"]`` of the trace is "play".

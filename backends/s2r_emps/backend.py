@@ -193,19 +193,19 @@ class EmpsBackend:
         physics = world(self.physics, self.added)
         physics = replace(physics, mass=physics.mass + values.get("payload", 0.0) + draws.payload)
         begin = float(inputs["q"][0]) if "q" in inputs.channels else MIDDLE
-        asked = inputs["q_ref"] if "q_ref" in inputs.channels else np.full(voltage.size, begin)
-        command = Command(asked, np.zeros(voltage.size, dtype=np.bool_), voltage)
+        reference_position = inputs["q_ref"] if "q_ref" in inputs.channels else np.full(voltage.size, begin)
+        command = Command(reference_position, np.zeros(voltage.size, dtype=np.bool_), voltage)
         record = simulate(command, (begin, 0.0), physics, draws)
-        return self._trace(asked, record, {PROTOCOL: PLAYED, "params": values, "seed": seed})
+        return self._trace(reference_position, record, {PROTOCOL: PLAYED, "params": values, "seed": seed})
 
-    def _trace(self, asked: FloatArray, record: Record, facts: dict[str, Any]) -> Trace:
+    def _trace(self, reference_position: FloatArray, record: Record, facts: dict[str, Any]) -> Trace:
         """Return a record as a trace from t = 0, with these facts in its meta."""
-        columns = (asked, record.q, record.v, record.u, record.force)
+        columns = (reference_position, record.q, record.v, record.u, record.force)
         meta: dict[str, Any] = {"backend": self.name, "model_hash": self.model_hash, **facts}
         if self.added:
             meta["effects"] = as_values(self.added)
         return Trace(
-            STEP * np.arange(asked.size, dtype=np.float64),
+            STEP * np.arange(reference_position.size, dtype=np.float64),
             {channel.name: column for channel, column in zip(_CHANNELS, columns, strict=True)},
             {channel.name: channel.unit for channel in _CHANNELS},
             meta,

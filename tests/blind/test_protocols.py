@@ -50,8 +50,8 @@ def test_both_offer_the_same_protocols_and_ask_for_the_same(name, pairs):
     plan = sys.modules[f"s2r_{name}_protocols"].plan
     for protocol in pairs[name][0].protocols():
         for amplitude in (1.0, 0.3):
-            asked = plan(protocol.name, amplitude), module(name).asked(protocol.name, amplitude)
-            for one, other in zip(*asked, strict=True) if isinstance(asked[0], tuple) else [asked]:
+            planned = plan(protocol.name, amplitude), module(name).reference(protocol.name, amplitude)
+            for one, other in zip(*planned, strict=True) if isinstance(planned[0], tuple) else [planned]:
                 np.testing.assert_allclose(one, other, rtol=0.0, atol=1e-9)
 
 
@@ -77,7 +77,7 @@ def test_every_protocol_runs_on_both_and_follows_from_its_seed(name, pairs):
 
 
 @pytest.mark.parametrize(
-    # benchmarks/protocol_signatures.py prints 40 and 17 σ of one run in the chirp, at most 4 in six tests of the spec.
+    # benchmarks/protocol_signatures.py prints 42 and 21 σ of one run in the chirp, at most 5 in six tests of the spec.
     # The independent machine's lag is of second order, and so nearer to a delay; it needs twice the time.
     ("which", "time"),
     [(signatures.simulator, 0.008), (signatures.independent, 0.016)],

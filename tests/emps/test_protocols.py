@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from benchmarks.blind.emps import protocols
 from benchmarks.blind.emps.machine import Machine
-from benchmarks.blind.emps.protocols import LENGTHS, RUNS, Lab, asked
+from benchmarks.blind.emps.protocols import LENGTHS, RUNS, Lab
 from s2r_emps import EmpsBackend
 from s2r_emps.noise import Noise
 from s2r_emps.protocols import reference
@@ -32,7 +33,7 @@ def test_the_axis_and_its_independent_machine_have_the_same_protocols():
 @each
 @pytest.mark.parametrize("amplitude", [1.0, 0.3])
 def test_both_codes_ask_for_the_same(name, amplitude):
-    ours, theirs = reference(name, amplitude), asked(name, amplitude)
+    ours, theirs = reference(name, amplitude), protocols.reference(name, amplitude)
     np.testing.assert_allclose(ours[0], theirs[0], rtol=0.0, atol=1e-9)
     np.testing.assert_array_equal(ours[1], theirs[1])
     assert 0.0 < ours[0].min() < ours[0].max() < 0.25

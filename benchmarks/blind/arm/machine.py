@@ -93,14 +93,14 @@ def drive(values: Mapping[str, float], test: Mapping[str, float], nuisance: Nuis
 
 
 def conduct(
-    ref: Array, on: Array, told: float, values: Mapping[str, float], nuisance: Nuisance, stiff: float
+    ref: Array, on: Array, declared: float, values: Mapping[str, float], nuisance: Nuisance, stiff: float
 ) -> Trace:
-    """Run what is asked for.
+    """Run a command.
 
     Args:
         ref: (samples, 6) as :func:`reference` returns it.
         on: (samples,) 1 where the drives are on, else 0.
-        told: the payload that the controller is told [kg].
+        declared: declared payload [kg].
         values: the effects.
         nuisance: of as many samples.
         stiff: factor on the joints' stiffness.
@@ -117,8 +117,8 @@ def conduct(
     )
     rec, ran = machine(
         ref,
-        told,
-        max(0.0, told + nuisance.payload),
+        declared,
+        max(0.0, declared + nuisance.payload),
         nuisance.start,
         nuisance.push,
         nuisance.encoder,

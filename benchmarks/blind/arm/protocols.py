@@ -25,12 +25,12 @@ PROTOCOLS = tuple(declared(name, "space", length, SHARE, STIFF, LOAD) for name, 
 
 def drill(name: str, values: Mapping[str, float], params: Mapping[str, float], rng: Generator) -> Trace:
     """Run a protocol on an arm with these effects."""
-    ref, on = asked(name, params["amplitude"])
+    ref, on = reference(name, params["amplitude"])
     return conduct(ref, on, params["payload"], values, drawn_nuisance(rng, len(ref)), params["gain"])
 
 
-def asked(name: str, amplitude: float) -> tuple[Array, Array]:
-    """Return (samples, 6): two angles, speeds and accelerations asked for; and (samples,) whether the drives are on."""
+def reference(name: str, amplitude: float) -> tuple[Array, Array]:
+    """Return (samples, 6): two reference angles, speeds and accelerations; and (samples,) whether the drives are on."""
     n = round(LENGTHS[name] / TS) + 1
     ticks, on = np.arange(n), np.ones(n)
     ref = np.zeros((n, 6))

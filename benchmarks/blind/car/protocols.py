@@ -27,11 +27,11 @@ PROTOCOLS = tuple(
 
 def drill(name: str, values: Mapping[str, float], params: Mapping[str, float], rng: Generator) -> Trace:
     """Run a protocol on a car with these effects."""
-    told = {key: value for key, value in params.items() if key != "gain"}
-    return conduct(asked(name, **told), values, drawn_nuisance(rng), params["gain"])
+    sizes = {key: value for key, value in params.items() if key != "gain"}
+    return conduct(reference(name, **sizes), values, drawn_nuisance(rng), params["gain"])
 
 
-def asked(name: str, amplitude: float = 1.0, speed: float = 22.0) -> Array:
+def reference(name: str, amplitude: float = 1.0, speed: float = 22.0) -> Array:
     """Return (samples, 7): y and two derivatives, speed, steering added, whether the force is given, the force."""
     clock = np.linspace(0.0, TICK * (N - 1), N)
     rows = np.zeros((7, N))

@@ -31,8 +31,8 @@ RUNS = tuple(
 UNITS = {"q_ref": "m", "q": "m", "v": "m/s", "u": "V", "force": "N"}
 
 
-def asked(name: str, amplitude: float) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Return the position asked for [m] in every tick, and whether the drive is on."""
+def reference(name: str, amplitude: float) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Return the reference position [m] in every tick, and whether the drive is on."""
     clock = TICK * np.arange(round(LENGTHS[name] / TICK) + 1)
     on = clock < 9.0
     if name == "coast_down":
@@ -61,7 +61,7 @@ class Lab:
 
     def run(self, protocol: str, params: Mapping[str, float], seed: int) -> Trace:
         values = named(RUNS, protocol, "axis").values(params)
-        position, on = asked(protocol, values["amplitude"])
+        position, on = reference(protocol, values["amplitude"])
         logs = run(
             [self.machine],
             [values.get("payload", 0.0)],

@@ -99,12 +99,12 @@ def drive(values: Mapping[str, float], test: Mapping[str, float], nuisance: Nuis
 
 
 def conduct(
-    asked: Array, values: Mapping[str, float], nuisance: Nuisance, fan: float, gain: float, every: int
+    commanded: Array, values: Mapping[str, float], nuisance: Nuisance, fan: float, gain: float, every: int
 ) -> Trace:
-    """Fly what is asked for.
+    """Fly a command.
 
     Args:
-        asked: (periods, 9) as :func:`flight` returns it.
+        commanded: (periods, 9) as :func:`flight` returns it.
         values: the effects.
         nuisance: of as many periods.
         fan: its wind [m/s].
@@ -130,7 +130,7 @@ def conduct(
         ]
     )
     out, fell = fly(
-        asked,
+        commanded,
         plant,
         v["pitch_bias"],
         v["command_delay"],
@@ -205,23 +205,23 @@ def mj(s):
 @njit(cache=True)
 def flight(dx, height):
     """Return (periods, 9) of a test: x, z with two derivatives each, whether level, thrusts added front and rear."""
-    asked = np.zeros((N, 9))
+    commanded = np.zeros((N, 9))
     for k in range(N):
         t = k * TC
         a, a1, a2 = mj((t - 0.2) / 1.6)
         b, b1, b2 = mj(t - 2.4)
-        asked[k, 0], asked[k, 1], asked[k, 2] = dx * a, dx * a1 / 1.6, dx * a2 / 2.56
-        asked[k, 3], asked[k, 4], asked[k, 5] = height + 0.3 * b, 0.3 * b1, 0.3 * b2
-    return asked
+        commanded[k, 0], commanded[k, 1], commanded[k, 2] = dx * a, dx * a1 / 1.6, dx * a2 / 2.56
+        commanded[k, 3], commanded[k, 4], commanded[k, 5] = height + 0.3 * b, 0.3 * b1, 0.3 * b2
+    return commanded
 
 
 @njit(cache=True)
-def fly(asked, P, bias, delay, gps, gyro, nz, gu, once, jit, gain, every):
+def fly(commanded, P, bias, delay, gps, gyro, nz, gu, once, jit, gain, every):
     """Return (samples, 11) as logged, and whether it crashed."""
-    n = asked.shape[0]
+    n = commanded.shape[0]
     stiff, damp = gain, np.sqrt(gain)
     s = np.zeros(12)
-    s[0], s[1] = 0.02 * once[0], asked[0, 3] + 0.02 * once[1]
+    s[0], s[1] = 0.02 * once[0], commanded[0, 3] + 0.02 * once[1]
     s[6] = s[7] = s[8] = s[10] = 0.5 * MASS * G
     cf, cr = np.empty(n), np.empty(n)
     px, pv = np.empty(n), np.empty(n)
@@ -231,7 +231,7 @@ def fly(asked, P, bias, delay, gps, gyro, nz, gu, once, jit, gain, every):
     ix, iz, ia, wx, wz, qf, wa = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(n):
         t = k * TC
-        xr, vxr, axr, zr, vzr, azr, level, plus_front, plus_rear = asked[k]
+        xr, vxr, axr, zr, vzr, azr, level, plus_front, plus_rear = commanded[k]
         px[k], pv[k] = s[0], s[3]
         old = max(0, k - round(gps / TC))
         mx, mz = px[old] + 0.0055 * nz[k, 0], s[1] + 0.0055 * nz[k, 1]

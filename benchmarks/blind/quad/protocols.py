@@ -26,13 +26,13 @@ PROTOCOLS = tuple(
 
 def drill(name: str, values: Mapping[str, float], params: Mapping[str, float], rng: Generator) -> Trace:
     """Run a protocol on a machine with these effects."""
-    ticks = len(asked(name, 1.0))
+    ticks = len(reference(name, 1.0))
     return conduct(
-        asked(name, params["amplitude"]), values, drawn_nuisance(rng, ticks), 0.0, params["gain"], every=1
+        reference(name, params["amplitude"]), values, drawn_nuisance(rng, ticks), 0.0, params["gain"], every=1
     )
 
 
-def asked(name: str, amplitude: float) -> Array:
+def reference(name: str, amplitude: float) -> Array:
     """Return (ticks, 9): x, its speed and acceleration, z, its two, whether level, thrusts added front and rear."""
     length = {protocol.name: protocol.duration for protocol in PROTOCOLS}[name]
     clock = np.linspace(0.0, length, round(length / TC) + 1)

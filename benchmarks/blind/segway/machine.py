@@ -100,24 +100,24 @@ def drawn_nuisance(rng: Generator, ticks: int = N) -> Nuisance:
 
 def drive(values: Mapping[str, float], test: Mapping[str, float], nuisance: Nuisance) -> Trace:
     """Run one test on a robot with these effects, known and unknown by name; what is not named is as it should be."""
-    asked = np.zeros((N, 4))
-    asked[:, :3] = np.column_stack(profile(test["cruise"], test["accel"]))
-    return conduct(asked, test["cargo"], values, nuisance)
+    commanded = np.zeros((N, 4))
+    commanded[:, :3] = np.column_stack(profile(test["cruise"], test["accel"]))
+    return conduct(commanded, test["cargo"], values, nuisance)
 
 
 def conduct(
-    asked: Array,
-    declared: float,
+    commanded: Array,
+    load: float,
     values: Mapping[str, float],
     nuisance: Nuisance,
     held: bool = False,
     rolls: float = 0.0,
 ) -> Trace:
-    """Run what is asked for.
+    """Run a command.
 
     Args:
-        asked: (samples, 4): acceleration, speed and place asked for, and a torque beside the controller's.
-        declared: load [kg].
+        commanded: (samples, 4): reference acceleration, speed and place, and a torque beside the controller's.
+        load: load [kg].
         values: the effects.
         nuisance: of as many samples.
         held: whether the body is held upright and the torque is the motors' alone.
@@ -125,7 +125,7 @@ def conduct(
     """
     v = {cause.name: cause.nominal for cause in (*KNOWN, *UNKNOWN)} | values
     day = 1.0 + nuisance.wobble * (0.005, 0.001, 0.1, 0.1, 0.01, 0.05, 0.05)
-    body, height, cargo = 12.0 + v["extra_mass"], 0.25 + v["com_height"], declared * day[0]
+    body, height, cargo = 12.0 + v["extra_mass"], 0.25 + v["com_height"], load * day[0]
     # The extra mass sits in a box of its own, a little above the centre.
     moment = body * height + cargo * 0.4 + 0.02 * v["extra_mass"]
     inertia = 0.3 + body * height**2 + cargo * 0.16 + 0.05**2 * 12 + 0.005 * cargo
@@ -151,7 +151,7 @@ def conduct(
     )
     late = np.abs(v["latency"] * (1 + 0.2 * nuisance.jitter))
     tilt = 0.0 if held else nuisance.tilt
-    rows, fallen = ride(p, gains(), asked, held, rolls, tilt, nuisance.noise, nuisance.sway, late)
+    rows, fallen = ride(p, gains(), commanded, held, rolls, tilt, nuisance.noise, nuisance.sway, late)
     channels = dict(zip(UNITS, rows.T, strict=True))
     return Trace(TS * np.arange(len(rows)), channels, UNITS, {"failure": "fall"} if fallen else {})
 
@@ -206,7 +206,7 @@ def rates(v, th, om, x, tau, p, push, upright):
 
 
 @njit(cache=True)
-def ride(p, k, asked_for, held, rolls, tilt, noise, sway, late):
+def ride(p, k, commanded, held, rolls, tilt, noise, sway, late):
     """Return (samples, 9) as logged, and whether it fell."""
     gain, sag, dead, slope, bias, off, r = p[2], p[3], p[4], p[8], p[9], p[10], p[11]
     n = noise.shape[0]
@@ -214,7 +214,7 @@ def ride(p, k, asked_for, held, rolls, tilt, noise, sway, late):
     x, v, th, om, place, guess = 0.0, rolls, tilt, 0.0, 0.0, tilt
     a, turn, volt = 0.0, 0.0, 1.0
     for i in range(n):
-        a_ref, v_ref, x_ref, plus = asked_for[i]
+        a_ref, v_ref, x_ref, plus = commanded[i]
         gyro = om * 1.004 + bias * (1 + 0.1 * np.sin(i * 0.005)) + noise[i, 0]
         felt = a * np.cos(th + slope) + 0.1 * turn - 9.81 * np.sin(th) + off + noise[i, 1]
         wheel = v / r - om + noise[i, 2]

@@ -24,14 +24,14 @@ PROTOCOLS = tuple(declared(name, "ground", length, SHARE, LOAD) for name, length
 
 def drill(name: str, values: Mapping[str, float], params: Mapping[str, float], rng: Generator) -> Trace:
     """Run a protocol on a robot with these effects."""
-    rows = asked(name, params["amplitude"])
+    rows = reference(name, params["amplitude"])
     rolls = params["amplitude"] if name == "held_coast" else 0.0
     nuisance = drawn_nuisance(rng, len(rows))
     return conduct(rows, params["cargo"], values, nuisance, held=name.startswith("held"), rolls=rolls)
 
 
-def asked(name: str, amplitude: float) -> Array:
-    """Return (samples, 4): acceleration, speed and place asked for, and a torque beside the controller's."""
+def reference(name: str, amplitude: float) -> Array:
+    """Return (samples, 4): reference acceleration, speed and place, and a torque beside the controller's."""
     n = round(LENGTHS[name] / TS) + 1
     clock, nothing = np.linspace(0.0, LENGTHS[name], n), np.zeros(n)
     if name == "chirp":

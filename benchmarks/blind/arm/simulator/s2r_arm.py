@@ -378,8 +378,8 @@ class Arm:
     def rollout(self, params: Mapping[str, float], seed: int) -> Trace:
         amplitude, frequency, payload = self._test(params)
         ticks = round(self.duration / TS) + 1
-        told = {"amplitude": amplitude, "frequency": frequency, "payload": payload}
-        meta = {"seed": seed, "params": told}
+        test = {"amplitude": amplitude, "frequency": frequency, "payload": payload}
+        meta = {"seed": seed, "params": test}
         return self._follow(reference(amplitude, frequency, ticks), np.ones(ticks), 1.0, payload, meta)
 
     def protocols(self) -> tuple[Protocol, ...]:
@@ -412,7 +412,7 @@ class Arm:
             raise TraceError(f"residuals need q and u; the trace lacks {sorted(lacking)}")
         if len(trace) < 4 * EDGE:
             raise TraceError("residuals need more samples")
-        ref, on, gain, payload = self._asked(trace, params or {})
+        ref, on, gain, payload = self._followed(trace, params or {})
         viscous, coulomb, kt, limit, rot, extra, out, delay, filt, off, tilt, comp = self._values
         th, w, acc = _kinematics(trace)
         n, t = len(trace), trace.times
@@ -453,7 +453,7 @@ class Arm:
             channels["controller"], units["controller"] = (u - law)[inner], "N*m"
         return Trace(t[inner], channels, units, {"parts": {k: ["shoulder", "elbow"] for k in channels}})
 
-    def _asked(self, trace: Trace, params: Mapping[str, float]) -> tuple[Array, Array, float, float]:
+    def _followed(self, trace: Trace, params: Mapping[str, float]) -> tuple[Array, Array, float, float]:
         """Return what the controller followed, when the drives were on, its gain and the payload."""
         if protocol := str(trace.meta.get(PROTOCOL, "")):
             values = named(PROTOCOLS, protocol, self.name).values(params)

@@ -16,7 +16,7 @@ AMPLITUDE = Parameter("amplitude", "", 0.25, 1.0, 1.0, "amplitude, as a share of
 GAIN = Parameter(
     "gain", "", 0.5, 1.5, 1.0, "factor on the joints' stiffness; damping follows its square root"
 )
-PAYLOAD = Parameter("payload", "kg", 0.0, 2.5, 1.5, "known mass at the flange; the controller is told it")
+PAYLOAD = Parameter("payload", "kg", 0.0, 2.5, 1.5, "declared mass at the flange")
 CHIRP = (
     "From (-0.6, 0.8) rad the {} follows a sine for 5 s and the other joint rests. Its frequency f grows from "
     "0.5 to 12 Hz, by the same factor every second. Its amplitude is {} rad / (1 + (f / 1.5 Hz)^2), and grows "
@@ -34,7 +34,7 @@ PROTOCOLS = (
     _protocol(
         "steps",
         "At (-0.6, 0.8) rad the shoulder jumps by 0.1 rad at 0.3 s and back at 0.8 s. The elbow jumps by 0.1 rad at "
-        "1.3 s and back at 1.8 s, both by 0.25 rad at 2.3 s and back at 2.8 s. No speed is asked for.",
+        "1.3 s and back at 1.8 s, both by 0.25 rad at 2.3 s and back at 2.8 s. The reference speed is 0.",
         3.3,
         "the drives reach their limits",
     ),
@@ -55,7 +55,7 @@ PROTOCOLS = (
 
 
 def plan(name: str, amplitude: float) -> tuple[Array, Array]:
-    """Return (ticks, 6) angles, speeds and accelerations asked for, and (ticks,) 1 where the drives are on, else 0."""
+    """Return (ticks, 6) reference angles, speeds and accelerations, and (ticks,) 1 where the drives are on, else 0."""
     duration = next(protocol.duration for protocol in PROTOCOLS if protocol.name == name)
     t = TS * np.arange(round(duration / TS) + 1)
     on, still = np.ones(t.size), np.ones(t.size)

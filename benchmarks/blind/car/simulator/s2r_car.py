@@ -71,18 +71,18 @@ def reference(t, offset):
 @numba.njit(cache=True)
 def lane_change(speed, offset):
     """What a test asks for, as `s2r_car_protocols.plan` has it of a protocol."""
-    asked = np.zeros((round(DURATION / TICK) + 1, 7))
-    for k in range(asked.shape[0]):
+    commanded = np.zeros((round(DURATION / TICK) + 1, 7))
+    for k in range(commanded.shape[0]):
         t = k * TICK
-        asked[k, 0], asked[k, 1], asked[k, 2] = reference(t, offset)
-        asked[k, 3] = speed + min(max(t - 1.0, 0.0), 2.0)
-    return asked
+        commanded[k, 0], commanded[k, 1], commanded[k, 2] = reference(t, offset)
+        commanded[k, 3] = speed + min(max(t - 1.0, 0.0), 2.0)
+    return commanded
 
 
 @numba.njit(cache=True)
-def controller(asked, gain, y_m, psi_m, v_m, r_m, integral):
+def controller(commanded, gain, y_m, psi_m, v_m, r_m, integral):
     """Steering angle, drive force, and the new integral of the speed error."""
-    y_ref, yd, ydd, v_ref, added, given, made = asked
+    y_ref, yd, ydd, v_ref, added, given, made = commanded
     v = max(v_m, 5.0)
     per_ay = 2.7 / v**2 + 0.0024
     ay = ydd + gain * 4.0 * (y_ref - y_m) + np.sqrt(gain) * 3.0 * (yd - v * psi_m)
@@ -97,15 +97,15 @@ def controller(asked, gain, y_m, psi_m, v_m, r_m, integral):
 
 
 @numba.njit(cache=True)
-def simulate(asked, gain, payload, start, noise, e, per_tick):
-    """Rows of a log, and whether the car spun; `asked` is a test's or a protocol's, `gain` that of lane keeping."""
+def simulate(commanded, gain, payload, start, noise, e, per_tick):
+    """Rows of a log, and whether the car spun; `commanded` is a test's or a protocol's, `gain` that of lane keeping."""
     front, rear, mass_extra, delay, lag, bend, drag, strength, gyro, gps, wind = e
     h = TICK / per_tick
     ticks = noise.shape[0]
     m = 1500.0 + payload + mass_extra
     iz = 2500.0 * (1 + 0.5 * (payload + mass_extra) / 1500.0)
     lf, lr, cf, cr = 1.2, 1.5, 90e3 * front, 110e3 * rear
-    y, psi, vx, vy, r = start[0], start[1], asked[0, 3] + start[2], 0.0, 0.0
+    y, psi, vx, vy, r = start[0], start[1], commanded[0, 3] + start[2], 0.0, 0.0
     delta, ay, integral = 0.0, 0.0, 0.0
     sent = np.zeros(ticks * per_tick)
     keep = 1.0 if lag < 1e-9 else 1.0 - np.exp(-h / lag)
@@ -114,7 +114,7 @@ def simulate(asked, gain, payload, start, noise, e, per_tick):
         n = noise[k]
         y_m, psi_m, v_m = y + gps + 0.02 * n[0], psi + 0.003 * n[1], vx + 0.05 * n[2]
         r_m, ay_m = r + gyro + 0.005 * n[3], ay + 0.15 * n[4]
-        steer, force, integral, y_ref, v_ref = controller(asked[k], gain, y_m, psi_m, v_m, r_m, integral)
+        steer, force, integral, y_ref, v_ref = controller(commanded[k], gain, y_m, psi_m, v_m, r_m, integral)
         row = out[k]
         row[0], row[1], row[2], row[3], row[4], row[5] = y_ref, v_ref, y + 0.002 * n[5], y_m, psi_m, v_m
         row[6], row[7], row[8], row[9], row[10] = r_m, ay_m, steer, delta + 0.001 * n[6], force
@@ -190,7 +190,7 @@ class Car:
         gain = values.pop("gain")
         return self._drive(plan(protocol, **values), gain, 0.0, seed, meta)
 
-    def _drive(self, asked, gain, payload, seed, meta):
+    def _drive(self, commanded, gain, payload, seed, meta):
         chosen = settings(CATALOGUE, self.added)
         e = tuple(
             float(chosen.get(x.name, {}).get(x.parameters[0].name, x.parameters[0].nominal))
@@ -198,8 +198,8 @@ class Car:
         )
         rng = np.random.default_rng(seed)
         start = rng.normal(size=3) * (0.02, 0.003, 0.1)
-        noise = self.loud * rng.normal(size=(len(asked), 7))
-        rows, spun = simulate(asked, gain, payload, start, noise, e, self.per_tick)
+        noise = self.loud * rng.normal(size=(len(commanded), 7))
+        rows, spun = simulate(commanded, gain, payload, start, noise, e, self.per_tick)
         return Trace(
             TICK * np.arange(len(rows)),
             dict(zip(COLUMNS, rows.T, strict=True)),

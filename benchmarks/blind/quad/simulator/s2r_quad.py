@@ -257,10 +257,10 @@ class Quad:
 
     def run(self, protocol: str, params: Mapping[str, float], seed: int) -> Trace:
         values = named(PROTOCOLS, protocol, self.name).values(params)
-        asked, rng = plan(protocol, values["amplitude"]), np.random.default_rng(seed)
-        once, gust = rng.normal(size=5), rng.normal(size=(len(asked), 2))
-        meas = rng.normal(size=(len(asked), 6))
-        found = _flight(asked, 0.0, self._effects, meas, gust, once, values["gain"], 1)
+        planned, rng = plan(protocol, values["amplitude"]), np.random.default_rng(seed)
+        once, gust = rng.normal(size=5), rng.normal(size=(len(planned), 2))
+        meas = rng.normal(size=(len(planned), 6))
+        found = _flight(planned, 0.0, self._effects, meas, gust, once, values["gain"], 1)
         return self._trace(*found, TC, {PROTOCOL: protocol, "params": values, "seed": seed})
 
     @property

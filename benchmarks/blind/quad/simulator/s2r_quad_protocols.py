@@ -1,4 +1,4 @@
-"""Excitation protocols of the quadrotor: what its loops are asked for, and what is added to the rotors' commands."""
+"""Excitation protocols of the quadrotor: references of its loops, and thrusts added to the rotors' commands."""
 
 from __future__ import annotations
 
@@ -58,9 +58,9 @@ PROTOCOLS = (
 
 
 def plan(name: str, amplitude: float) -> Array:
-    """Return (ticks, 9): position, speed and acceleration asked for, along x and along z; level; added thrusts.
+    """Return (ticks, 9): reference position, speed and acceleration, along x and along z; level; added thrusts.
 
-    Where ``level`` is 1 the position loop is off and a pitch of 0 is asked for. The added thrusts [N] are the front
+    Where ``level`` is 1 the position loop is off and the reference pitch is 0. The added thrusts [N] are the front
     rotor's and the rear one's.
     """
     duration = next(protocol.duration for protocol in PROTOCOLS if protocol.name == name)

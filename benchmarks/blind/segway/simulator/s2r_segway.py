@@ -115,18 +115,18 @@ def profile(cruise, accel):
 
 
 @njit(cache=True)
-def _run(p, k, asked, held, rolls, tilt0, noise, sway, sub):
-    """Rows of a log, and the row of a fall or -1; `asked` is (ticks + 1, 4), and `rolls` the speed at the begin."""
+def _run(p, k, commanded, held, rolls, tilt0, noise, sway, sub):
+    """Rows of a log, and the row of a fall or -1; `commanded` is (ticks + 1, 4), and `rolls` the speed at the begin."""
     force, viscous, strength, sag, delay, dead, m, ml, j, slope, bias, offset, r = p
     h = 0.01 / sub
-    ticks = asked.shape[0] - 1
+    ticks = commanded.shape[0] - 1
     total = m + 2.0
     out = np.zeros((ticks + 1, 9))
     commands = np.zeros(ticks + 1)
     x, v, th, om, xe, the, acc = 0.0, rolls, tilt0, 0.0, 0.0, tilt0, -9.81 * tilt0
     fallen = -1
     for i in range(ticks + 1):
-        a_ref, v_ref, x_ref, added = asked[i]
+        a_ref, v_ref, x_ref, added = commanded[i]
         gyro = om + bias + noise[i, 0]
         f = acc + offset + noise[i, 1]
         w = v / r - om + noise[i, 2]
@@ -219,9 +219,9 @@ class Segway:
     def rollout(self, params, seed):
         cruise = self.parameters[0].check(params.get("cruise", 0.8))
         accel = self.parameters[1].check(params.get("accel", 0.8))
-        asked = np.zeros((TICKS + 1, 4))
-        asked[:, :3] = np.column_stack(profile(cruise, accel))
-        return self._ride(asked, self._physics(params), seed, False, 0.0, {})
+        commanded = np.zeros((TICKS + 1, 4))
+        commanded[:, :3] = np.column_stack(profile(cruise, accel))
+        return self._ride(commanded, self._physics(params), seed, False, 0.0, {})
 
     def protocols(self):
         return PROTOCOLS
@@ -229,12 +229,12 @@ class Segway:
     def run(self, protocol, params, seed):
         values = named(PROTOCOLS, protocol, self.name).values(params)
         rolls = values["amplitude"] if protocol == "held_coast" else 0.0
-        asked, held = plan(protocol, values["amplitude"]), protocol.startswith("held")
+        commanded, held = plan(protocol, values["amplitude"]), protocol.startswith("held")
         meta = {PROTOCOL: protocol, "params": values, "seed": seed}
-        return self._ride(asked, self._physics(values), seed, held, rolls, meta)
+        return self._ride(commanded, self._physics(values), seed, held, rolls, meta)
 
-    def _ride(self, asked, p, seed, held, rolls, meta):
-        rng, rows = np.random.default_rng(seed), len(asked)
+    def _ride(self, commanded, p, seed, held, rolls, meta):
+        rng, rows = np.random.default_rng(seed), len(commanded)
         loud = 2.0 if self.quirk == "loud" else 1.0
         tilt0 = 0.01 * rng.normal() * (not held)
         noise = rng.normal(size=(rows, 5)) * np.array([0.01, 0.15, 0.05, 0.01, 0.002]) * loud
@@ -243,7 +243,7 @@ class Segway:
         for i in range(1, rows):
             sway[i] = 0.95 * sway[i - 1] + 0.2 * loud * white[i]
         sub = SUB * (2 if self.quirk == "fine" else 1)
-        out, fallen = _run(p, K, asked, held, rolls, tilt0, noise, sway, sub)
+        out, fallen = _run(p, K, commanded, held, rolls, tilt0, noise, sway, sub)
         n = rows if fallen < 0 else fallen + 1
         channels = {row[0]: out[:n, c] for c, row in enumerate(NAMES)}
         units = {row[0]: row[1] for row in NAMES}

@@ -19,7 +19,7 @@ def _protocol(name, words, duration, risk=""):
 PROTOCOLS = (
     _protocol(
         "chirp",
-        "It balances. The acceleration asked for is a cosine of 0.8 m/s^2. Its frequency rises evenly from 0.3 "
+        "It balances. The reference acceleration is a cosine of 0.8 m/s^2. Its frequency rises evenly from 0.3 "
         "to 4 Hz in 6 s; its amplitude grows smoothly over the first 1 s. Speed and place are its sums over the "
         "periods.",
         6.0,
@@ -42,7 +42,7 @@ PROTOCOLS = (
 
 
 def plan(name, amplitude):
-    """Return (ticks, 4): acceleration, speed and place asked for, and a torque; of a held robot, its whole torque."""
+    """Return (ticks, 4): reference acceleration, speed and place, and a torque; of a held robot, its whole torque."""
     duration = next(protocol.duration for protocol in PROTOCOLS if protocol.name == name)
     t = DT * np.arange(round(duration / DT) + 1)
     out = np.zeros((t.size, 4))
