@@ -22,6 +22,10 @@ PROTOCOL = "protocol"
 """Definition: the key of a trace's ``meta`` with the name of its protocol. A trace of a test has no such key."""
 
 
+PLAYED = "play"
+"""Definition: ``meta["protocol"]`` of a trace of :meth:`HasInputs.play`, whose input came without feedback."""
+
+
 @dataclass(frozen=True)
 class Protocol:
     """A motion for identification.
@@ -51,6 +55,29 @@ class Protocol:
             UsageError: a parameter is not declared, is not a number, or is outside its range.
         """
         return read_test(self.name, self.parameters, params)
+
+
+@runtime_checkable
+class HasInputs(typing.Protocol):
+    """A backend that can play a recorded input instead of its controller's, which excites one without protocols."""
+
+    def play(self, inputs: Trace, params: Mapping[str, float], seed: int) -> Trace:
+        """Play a recorded input without feedback; ``meta["protocol"]`` of the trace is "play".
+
+        Args:
+            inputs: trace with the channels of the controller's output; other channels may say where the motion begins.
+            params: parameters of the test in which the machine stands; a missing one takes its default.
+            seed: seed of the run's random numbers.
+
+        Returns:
+            The channels of a rollout over the times of ``inputs``. A fall or a crash ends it and sets
+            ``meta["failure"]``.
+
+        Raises:
+            TraceError: a channel of the input is missing, or its samples are not those of the controller.
+            UsageError: a parameter is unknown or out of range.
+        """
+        ...
 
 
 @runtime_checkable

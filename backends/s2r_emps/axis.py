@@ -8,7 +8,7 @@ loop is 19 Hz.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import exp, sin
+from math import exp, sin, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -23,6 +23,26 @@ BoolArray = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
+class Command:
+    """What the controller does, (ticks,) each.
+
+    Attributes:
+        reference: reference position [m].
+        closed: whether the controller closes its loop.
+        voltage: voltage [V] where it does not; 0 where the drive is off.
+    """
+
+    reference: FloatArray
+    closed: BoolArray
+    voltage: FloatArray
+
+    @classmethod
+    def following(cls, reference: FloatArray, powered: BoolArray) -> Command:
+        """Return the command that follows a reference where the drive is on."""
+        return cls(reference, powered, np.zeros(reference.size))
+
+
+@dataclass(frozen=True, eq=False)
 class Record:
     """The drive's log, (ticks,) each: position [m], speed [m/s], voltage [V], and nominal force [N]."""
 
@@ -30,6 +50,10 @@ class Record:
     v: FloatArray
     u: FloatArray
     force: FloatArray
+
+    def part(self, first: int) -> Record:
+        """Return the record from this tick on."""
+        return Record(self.q[first:], self.v[first:], self.u[first:], self.force[first:])
 
 
 class _Figures(NamedTuple):
@@ -62,21 +86,23 @@ class _Figures(NamedTuple):
     part: float
     gap: float
     yields: float
+    position_gain: float
+    speed_gain: float
 
 
 def simulate(
-    reference: FloatArray, powered: BoolArray, start: tuple[float, float], physics: Physics, draws: Draws
+    command: Command, start: tuple[float, float], physics: Physics, draws: Draws, stiffness: float = 1.0
 ) -> Record:
-    """Simulate the axis under its controller on a reference.
+    """Simulate the axis under its controller.
 
     Args:
-        reference: (ticks,) reference position [m].
-        powered: (ticks,) bool: whether the drive is on.
+        command: what the controller does in every tick.
         start: encoder position [m] and speed [m/s] at the first tick.
         physics: the axis, with the test's payload in its mass.
         draws: random numbers of at least as many ticks.
+        stiffness: factor on the controller's stiffness KP · KV; its damping KV follows the square root.
     """
-    p, h, n = physics, STEP, reference.size
+    p, h, n = physics, STEP, command.reference.size
     follow = 1 - exp(-h / p.lag) if p.lag else 1.0
     whole = int(p.delay / h + 1e-9)
     figures = _Figures(
@@ -104,12 +130,14 @@ def simulate(
         part=float(max(0.0, p.delay / h - whole)),
         gap=float(p.half_gap),
         yields=float(p.compliance),
+        position_gain=KP * sqrt(stiffness),
+        speed_gain=KV * sqrt(stiffness),
     )
     q, speed, volts = _ticks(
-        np.ascontiguousarray(reference, dtype=np.float64),
-        np.ascontiguousarray(powered, dtype=np.bool_),
-        float(start[0]),
-        float(start[1]),
+        np.ascontiguousarray(command.reference, dtype=np.float64),
+        np.ascontiguousarray(command.closed, dtype=np.bool_),
+        np.ascontiguousarray(command.voltage, dtype=np.float64),
+        (float(start[0]), float(start[1])),
         np.ascontiguousarray(draws.encoder[:n]),
         np.ascontiguousarray(draws.disturbance[:n]),
         figures,
@@ -120,9 +148,9 @@ def simulate(
 @compiled
 def _ticks(
     reference: FloatArray,
-    powered: BoolArray,
-    seen: float,
-    v: float,
+    closed: BoolArray,
+    voltage: FloatArray,
+    start: tuple[float, float],
     errors: FloatArray,
     pushes: FloatArray,
     p: _Figures,
@@ -131,6 +159,7 @@ def _ticks(
     h, carriage, teeth, n = STEP, p.mass - p.motor, RIPPLES * TURN, reference.size
     dry = p.coulomb != 0.0 or p.stribeck != 0.0 or p.screw != 0.0
     late = p.whole > 0 or p.part > 0.0
+    seen, v = start
     positions, speeds, sent = np.empty(n), np.empty(n), np.empty(n)
 
     # Position of the motor, on whose shaft the encoder sits. An elastic joint is in equilibrium at every tick.
@@ -143,7 +172,7 @@ def _ticks(
         if p.wobble != 0.0:
             seen += p.wobble * sin(TURN * q + p.turned)
         speed += p.smooth * ((seen - before) / h - speed)
-        u = KV * (KP * (reference[k] - seen) - speed) if powered[k] else 0.0
+        u = p.speed_gain * (p.position_gain * (reference[k] - seen) - speed) if closed[k] else voltage[k]
         u = p.limit if u > p.limit else -p.limit if u < -p.limit else u
         positions[k], speeds[k], sent[k] = seen, speed, u
         if late:

@@ -14,16 +14,18 @@ from typing import Any, Self
 import numpy as np
 
 from s2r_emps import residuals
-from s2r_emps.axis import simulate
+from s2r_emps.axis import Command, Record, simulate
 from s2r_emps.effects import CATALOGUE, world
 from s2r_emps.moves import PARAMETERS, Test, move, read_test
-from s2r_emps.noise import Noise, draw
+from s2r_emps.noise import FloatArray, Noise, draw
 from s2r_emps.options import read_options, write_options
-from s2r_emps.physics import RATE, STEP, Physics
+from s2r_emps.physics import MIDDLE, RATE, STEP, Physics
+from s2r_emps.protocols import PROTOCOLS, reference
 from s2r_emps.recorded import Recorded, read_recorded
 from s2r_spec.backend import Channel, Effect, Parameter
 from s2r_spec.effects import Choice, Values, as_values, choose
-from s2r_spec.errors import UsageError
+from s2r_spec.errors import TraceError, UsageError
+from s2r_spec.protocols import PLAYED, PROTOCOL, Protocol, named
 from s2r_spec.trace import Trace
 
 _CHANNELS = (
@@ -148,19 +150,63 @@ class EmpsBackend:
             draws = draw(self.noise, seed, ticks)
             start = (float(reference[0]) + draws.start, 0.0)
             physics = replace(physics, mass=physics.mass + test.payload + draws.payload)
-        record = simulate(reference, on, start, physics, draws)
-        columns = (reference, record.q, record.v, record.u, record.force)
-        meta: dict[str, Any] = {
-            "backend": self.name,
-            "model_hash": self.model_hash,
-            "params": values,
-            "seed": seed,
-        }
+        record = simulate(Command.following(reference, on), start, physics, draws)
+        return self._trace(reference[lead:], record.part(lead), {"params": values, "seed": seed})
+
+    def protocols(self) -> tuple[Protocol, ...]:
+        """Return the excitation protocols; see :class:`s2r_spec.protocols.HasProtocols`."""
+        return PROTOCOLS
+
+    def run(self, protocol: str, params: Mapping[str, float], seed: int) -> Trace:
+        """Run a protocol; samples every 1 ms from its begin to its duration inclusive.
+
+        Raises:
+            UsageError: there is no such protocol, or a parameter is unknown or out of range.
+        """
+        values = named(PROTOCOLS, protocol, self.name).values(params)
+        position, on = reference(protocol, values["amplitude"])
+        draws = draw(self.noise, seed, position.size)
+        start = (float(position[0]) + draws.start, 0.0)
+        physics = world(self.physics, self.added)
+        if "payload" in values:
+            physics = replace(physics, mass=physics.mass + values["payload"] + draws.payload)
+        record = simulate(Command.following(position, on), start, physics, draws, values["gain"])
+        return self._trace(position, record, {PROTOCOL: protocol, "params": values, "seed": seed})
+
+    def play(self, inputs: Trace, params: Mapping[str, float], seed: int) -> Trace:
+        """Play the recorded voltage ``u`` instead of the controller's; the recording begins at rest.
+
+        The carriage starts at the recording's first ``q``, or in the middle of the axis without one. Of ``params`` only
+        the payload acts. See :class:`s2r_spec.protocols.HasInputs`.
+
+        Raises:
+            TraceError: the recording has no ``u``, or its samples are not 1 ms apart.
+            UsageError: a parameter is unknown or out of range.
+        """
+        values = read_test(params, self.parameters)
+        if not np.allclose(np.diff(inputs.times), STEP, rtol=0.0, atol=0.01 * STEP):
+            raise TraceError(
+                "the axis plays a voltage with samples 1 ms apart; resample the trace to 0.001 s"
+            )
+        voltage = inputs["u"]
+        draws = draw(self.noise, seed, voltage.size)
+        physics = world(self.physics, self.added)
+        physics = replace(physics, mass=physics.mass + values.get("payload", 0.0) + draws.payload)
+        begin = float(inputs["q"][0]) if "q" in inputs.channels else MIDDLE
+        reference_position = inputs["q_ref"] if "q_ref" in inputs.channels else np.full(voltage.size, begin)
+        command = Command(reference_position, np.zeros(voltage.size, dtype=np.bool_), voltage)
+        record = simulate(command, (begin, 0.0), physics, draws)
+        return self._trace(reference_position, record, {PROTOCOL: PLAYED, "params": values, "seed": seed})
+
+    def _trace(self, reference_position: FloatArray, record: Record, facts: dict[str, Any]) -> Trace:
+        """Return a record as a trace from t = 0, with these facts in its meta."""
+        columns = (reference_position, record.q, record.v, record.u, record.force)
+        meta: dict[str, Any] = {"backend": self.name, "model_hash": self.model_hash, **facts}
         if self.added:
             meta["effects"] = as_values(self.added)
         return Trace(
-            STEP * np.arange(ticks, dtype=np.float64),
-            {channel.name: column[lead:] for channel, column in zip(_CHANNELS, columns, strict=True)},
+            STEP * np.arange(reference_position.size, dtype=np.float64),
+            {channel.name: column for channel, column in zip(_CHANNELS, columns, strict=True)},
             {channel.name: channel.unit for channel in _CHANNELS},
             meta,
         )
@@ -168,12 +214,17 @@ class EmpsBackend:
     def residuals(self, trace: Trace, params: Mapping[str, float] | None = None) -> Trace:
         """Return the force and the voltage that this model, with its effects, does not explain.
 
-        See :func:`s2r_emps.residuals.residuals`; of ``params`` only the payload is used.
+        See :func:`s2r_emps.residuals.residuals`; of ``params`` only the payload is used, and the gain of a protocol.
         """
-        values = read_test(params or {}, self.parameters)
+        protocol, known = str(trace.meta.get(PROTOCOL, "")), self.parameters
+        if protocol == PLAYED:
+            trace = trace.only(name for name in trace.channels if name != "q_ref")
+        elif protocol:
+            known = named(PROTOCOLS, protocol, self.name).parameters
+        values = read_test(params or {}, known)
         physics = world(self.physics, self.added)
         physics = replace(physics, mass=physics.mass + values.get("payload", 0.0))
-        return residuals.residuals(trace, physics)
+        return residuals.residuals(trace, physics, values.get("gain", 1.0))
 
 
 @cache

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cache, lru_cache
+from math import sqrt
 
 import numpy as np
 
@@ -18,7 +19,7 @@ EDGE = 50
 """Samples cut off at either end, where the filter is not valid: two periods of its cut-off."""
 
 
-def residuals(trace: Trace, physics: Physics) -> Trace:
+def residuals(trace: Trace, physics: Physics, stiffness: float = 1.0) -> Trace:
     """Return ``force`` [N], from inverse dynamics, and ``controller`` [V], from the control law.
 
     ``force`` is the force that the motion needs on top of the model's forces, positive if it pushes the carriage
@@ -28,6 +29,7 @@ def residuals(trace: Trace, physics: Physics) -> Trace:
     Args:
         trace: trace at 1 kHz with ``q`` and ``u`` for the first, and also ``q_ref`` for the second.
         physics: the model, with the test's payload in its mass.
+        stiffness: factor on the controller's stiffness, as in :func:`s2r_emps.axis.simulate`.
 
     Raises:
         TraceError: a channel is missing, or the samples are too few or not 1 ms apart.
@@ -42,7 +44,7 @@ def residuals(trace: Trace, physics: Physics) -> Trace:
     channels = {"force": _force(trace, physics)[inner]}
     units = {"force": "N"}
     if "q_ref" in trace.channels:
-        channels["controller"] = _controller(trace, physics)[inner]
+        channels["controller"] = _controller(trace, physics, stiffness)[inner]
         units["controller"] = "V"
     parts = {"force": ["carriage"], "controller": ["controller"]}
     return Trace(trace.times[inner], channels, units, {"parts": {name: parts[name] for name in channels}})
@@ -89,11 +91,12 @@ def _only(physics: Physics, names: frozenset[str]) -> Physics:
     return Physics(**{name: getattr(physics, name) for name in names})
 
 
-def _controller(trace: Trace, physics: Physics) -> FloatArray:
+def _controller(trace: Trace, physics: Physics, stiffness: float) -> FloatArray:
     speed = np.diff(trace["q"], prepend=2 * trace["q"][0] - trace["q"][1]) * RATE
     if physics.speed_filter:
         speed = smoothed(speed, physics.speed_filter, float(speed[0]))
-    law = KV * (KP * (trace["q_ref"] - trace["q"]) - speed)
+    root = sqrt(stiffness)
+    law = KV * root * (KP * root * (trace["q_ref"] - trace["q"]) - speed)
     u = trace["u"]
     return np.where(u == 0, 0.0, u - np.clip(law, -physics.voltage, physics.voltage))
 

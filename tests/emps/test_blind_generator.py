@@ -32,7 +32,8 @@ def imported(path):
 
 
 def test_the_generator_knows_neither_the_simulators_dynamics_nor_the_diagnosis():
-    allowed = ("s2r_spec.trace", "s2r_spec.space", "s2r_spec.spec", "s2r_spec.logs", "s2r_emps.moves")
+    known = ("backend", "logs", "protocols", "space", "spec", "trace")
+    allowed = (*(f"s2r_spec.{module}" for module in known), "s2r_emps.moves")
     for path in (ROOT / "benchmarks" / "blind" / "emps").glob("*.py"):
         ours = {name for name in imported(path) if name.split(".")[0].startswith(("s2r", "benchmarks"))}
         assert all(name.startswith((*allowed, "benchmarks.blind.emps.")) for name in ours), path

@@ -76,21 +76,36 @@ class Nuisance:
     phase: float
 
 
-def drawn_nuisance(rng: Generator) -> Nuisance:
+def drawn_nuisance(rng: Generator, ticks: int = N) -> Nuisance:
     """Draw what is not the same in any two runs."""
     payload = 0.012 * rng.normal()
     start = rng.normal(size=2) * 0.0035
     gain = 1 + 0.0025 * rng.standard_t(6) / 1.2
-    encoder = 2.2e-5 * rng.normal(size=(N, 2))
-    push = two_ou(rng.normal(size=(N, 4))) * np.array([0.05, 0.018])
+    encoder = 2.2e-5 * rng.normal(size=(ticks, 2))
+    push = two_ou(rng.normal(size=(ticks, 4))) * np.array([0.05, 0.018])
     return Nuisance(payload, start, gain, encoder, push, rng.uniform(0, 6.28))
 
 
 def drive(values: Mapping[str, float], test: Mapping[str, float], nuisance: Nuisance) -> Trace:
     """Run one test on an arm with these effects, known and unknown by name; what is not named is as it should be."""
-    v = {cause.name: cause.nominal for cause in (*KNOWN, *UNKNOWN)} | values
-    told = test["payload"]
     ref = reference(test["amplitude"], test["frequency"])
+    return conduct(ref, np.ones(N), test["payload"], values, nuisance, 1.0)
+
+
+def conduct(
+    ref: Array, on: Array, declared: float, values: Mapping[str, float], nuisance: Nuisance, stiff: float
+) -> Trace:
+    """Run a command.
+
+    Args:
+        ref: (samples, 6) as :func:`reference` returns it.
+        on: (samples,) 1 where the drives are on, else 0.
+        declared: declared payload [kg].
+        values: the effects.
+        nuisance: of as many samples.
+        stiff: factor on the joints' stiffness.
+    """
+    v = {cause.name: cause.nominal for cause in (*KNOWN, *UNKNOWN)} | values
     links = (
         v["viscous"],
         v["coulomb"],
@@ -102,8 +117,8 @@ def drive(values: Mapping[str, float], test: Mapping[str, float], nuisance: Nuis
     )
     rec, ran = machine(
         ref,
-        told,
-        max(0.0, told + nuisance.payload),
+        declared,
+        max(0.0, declared + nuisance.payload),
         nuisance.start,
         nuisance.push,
         nuisance.encoder,
@@ -119,6 +134,8 @@ def drive(values: Mapping[str, float], test: Mapping[str, float], nuisance: Nuis
         v["floor_vibration"],
         nuisance.phase,
         v["damping_gain"],
+        on,
+        stiff,
     )
     channels = {
         "q_ref": ref[:ran, :2],
@@ -126,7 +143,7 @@ def drive(values: Mapping[str, float], test: Mapping[str, float], nuisance: Nuis
         "v": rec[:ran, 2:4],
         "u": np.round(rec[:ran, 4:], 3),
     }
-    return Trace(TS * np.arange(ran), channels, UNITS, {"failure": "tripped"} if ran < N else {})
+    return Trace(TS * np.arange(ran), channels, UNITS, {"failure": "tripped"} if ran < len(ref) else {})
 
 
 @lru_cache(maxsize=64)
@@ -183,7 +200,26 @@ def rates(y, tau, push, e, mp, hose, cog):
 
 @njit(cache=True)
 def machine(
-    ref, mp_told, mp, start, push, enc, gain, kt, limit, delay, filt, off, e, hose, cog, shake, phase, kd
+    ref,
+    mp_told,
+    mp,
+    start,
+    push,
+    enc,
+    gain,
+    kt,
+    limit,
+    delay,
+    filt,
+    off,
+    e,
+    hose,
+    cog,
+    shake,
+    phase,
+    kd,
+    on,
+    stiff,
 ):
     """Return (samples, 6) of q, v, u as logged, and how many samples there are before it tripped."""
     n = ref.shape[0]
@@ -233,10 +269,10 @@ def machine(
             s1[j] = raw + keep * (s1[j] - raw)
             s2[j] = s1[j] + keep * (s2[j] - s1[j])
             before[j] = seen
-            kp = 400.0 if j == 0 else 150.0
-            kv = kd * (30.0 if j == 0 else 8.0)
+            kp = stiff * (400.0 if j == 0 else 150.0)
+            kv = np.sqrt(stiff) * kd * (30.0 if j == 0 else 8.0)
             c = ff[j] + kp * (ref[i, j] - seen) + kv * (ref[i, 2 + j] - s2[j])
-            u[j] = min(max(c, -lims[j]), lims[j])
+            u[j] = on[i] * min(max(c, -lims[j]), lims[j])
             rec[i, j], rec[i, 2 + j], rec[i, 4 + j] = seen, s2[j], u[j]
             if abs(ref[i, j] - seen) > 0.6:
                 return rec, i + 1

@@ -84,12 +84,17 @@ def drawn_nuisance(rng: Generator) -> Nuisance:
 
 def drive(values: Mapping[str, float], test: Mapping[str, float], nuisance: Nuisance) -> Trace:
     """Run one test on a car with these effects, known and unknown by name; what is not named is as it should be."""
+    return conduct(lane_change(test["speed"], test["offset"]), values, nuisance, 1.0)
+
+
+def conduct(commanded: Array, values: Mapping[str, float], nuisance: Nuisance, gain: float) -> Trace:
+    """Drive a command, (samples, 7) as :func:`lane_change` returns it, with a factor on lane keeping."""
     v = {cause.name: cause.nominal for cause in (*KNOWN, *UNKNOWN)} | values
     p = np.array([v[cause.name] for cause in KNOWN])
     p[:2] *= nuisance.grip
     p[10] += nuisance.wind
     odd = np.array([v["gust"], v["steering_play"], v["steering_rate"], v["ice"]])
-    rows, spun = ride(test["speed"], test["offset"], p, nuisance.start, nuisance.noise, odd)
+    rows, spun = ride(commanded, gain, p, nuisance.start, nuisance.noise, odd)
     channels = dict(zip(UNITS, rows.T, strict=True))
     return Trace(TICK * np.arange(len(rows)), channels, UNITS, {"failure": "spun"} if spun else {})
 
@@ -115,17 +120,28 @@ def reference(t: float, offset: float) -> tuple[float, float, float]:
 
 
 @njit(cache=True)
-def controller(t, speed, offset, y_m, psi_m, v_m, r_m, integral):
+def lane_change(speed, offset):
+    """Return (samples, 7): y and two derivatives, speed, steering added, whether the force is given, the force."""
+    commanded = np.zeros((N, 7))
+    for k in range(N):
+        commanded[k, 0], commanded[k, 1], commanded[k, 2] = reference(k * TICK, offset)
+        commanded[k, 3] = speed + min(max(k * TICK - 1.0, 0.0), 2.0)
+    return commanded
+
+
+@njit(cache=True)
+def controller(commanded, gain, y_m, psi_m, v_m, r_m, integral):
     """Return steering angle, drive force, the integral of the speed's error, and what is asked for."""
-    y_ref, yd, ydd = reference(t, offset)
-    v_ref = speed + min(max(t - 1.0, 0.0), 2.0)
+    y_ref, yd, ydd, v_ref, plus, given, made = commanded
     v = max(v_m, 5.0)
-    ay = ydd + 4.0 * (y_ref - y_m) + 3.0 * (yd - v * psi_m)
-    steer = (2.7 / v**2 + 0.0024) * ay + 0.15 * (ydd / v - r_m)
+    ay = ydd + 4.0 * gain * (y_ref - y_m) + 3.0 * np.sqrt(gain) * (yd - v * psi_m)
+    steer = (2.7 / v**2 + 0.0024) * ay + 0.15 * (ydd / v - r_m) + plus
     steer = min(max(steer, -0.35), 0.35)
-    error = v_ref - v_m
-    integral += TICK * error
-    force = min(max(3000.0 * error + 1500.0 * integral, -6000.0), 4000.0)
+    force = made
+    if not given:
+        error = v_ref - v_m
+        integral += TICK * error
+        force = min(max(3000.0 * error + 1500.0 * integral, -6000.0), 4000.0)
     return steer, force, integral, y_ref, v_ref
 
 
@@ -164,12 +180,12 @@ def rates(x, arrived, force, p, push, grip):
 
 
 @njit(cache=True)
-def ride(speed, offset, p, start, noise, odd):
+def ride(commanded, gain, p, start, noise, odd):
     """Return (samples, 11) as logged, and whether it spun."""
     gust, play, rate, ice = odd
     ticks = noise.shape[0]
     x = np.zeros(9)
-    x[0], x[1], x[2] = start[0], start[1], speed + start[2]
+    x[0], x[1], x[2] = start[0], start[1], commanded[0, 3] + start[2]
     out = np.zeros((ticks, 11))
     sent = np.zeros(ticks * STEPS)
     late = int(np.rint(p[3] / H))
@@ -177,9 +193,7 @@ def ride(speed, offset, p, start, noise, odd):
     for k in range(ticks):
         n = noise[k]
         y_m, psi_m, v_m, r_m = x[0] + p[9] + n[0], x[1] + n[1], x[2] + n[2], x[4] + p[8] + n[3]
-        steer, force, integral, y_ref, v_ref = controller(
-            k * TICK, speed, offset, y_m, psi_m, v_m, r_m, integral
-        )
+        steer, force, integral, y_ref, v_ref = controller(commanded[k], gain, y_m, psi_m, v_m, r_m, integral)
         o = out[k]
         o[0], o[1], o[2], o[3], o[4], o[5], o[6] = y_ref, v_ref, x[0] + n[5], y_m, psi_m, v_m, r_m
         o[7], o[8], o[9], o[10] = ay + n[4], steer, wheel + n[6], force

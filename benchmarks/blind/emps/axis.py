@@ -56,6 +56,7 @@ def run(
     references: FloatArray,
     powered: NDArray[np.bool_],
     nuisances: Sequence[Nuisance],
+    stiffness: float = 1.0,
 ) -> dict[str, FloatArray]:
     """Run all rollouts at once.
 
@@ -65,11 +66,13 @@ def run(
         references: (rollouts, ticks) position asked for [m].
         powered: (rollouts, ticks) whether the drive is on.
         nuisances: one a rollout.
+        stiffness: factor on the controller's stiffness; its damping follows the square root.
 
     Returns:
         What the drive logs, (rollouts, ticks) each: q, v, u.
     """
     count, ticks = references.shape
+    kp, kv = KP * stiffness**0.5, KV * stiffness**0.5
     p = {f.name: np.array([getattr(m, f.name) for m in machines], dtype=np.float64) for f in fields(Machine)}
     worn = np.array([n.friction for n in nuisances])
     for name in ("viscous", "coulomb", "stribeck", "quadratic", "load_friction"):
@@ -127,7 +130,7 @@ def run(
         raw = (seen - before) / TICK if k else np.zeros(count)
         half = filter_keep * half + (1 - filter_keep) * raw
         speed = filter_keep * speed + (1 - filter_keep) * half
-        wanted = KV * (KP * (references[:, k] - seen) - speed)
+        wanted = kv * (kp * (references[:, k] - seen) - speed)
         wanted = wanted / (1 + np.abs(wanted / p["limit"]) ** 12) ** (1 / 12)
         u = np.where(missed[:, k], u, np.where(powered[:, k], wanted, 0.0))
         sent[k] = u

@@ -83,15 +83,34 @@ class Nuisance:
     jitter: Array
 
 
-def drawn_nuisance(rng: Generator) -> Nuisance:
+def drawn_nuisance(rng: Generator, ticks: int = N) -> Nuisance:
     """Draw what is not the same in any two flights."""
     return Nuisance(
-        rng.normal(size=5), rng.normal(size=(N, 6)), rng.normal(size=(N, 2)), rng.uniform(-1, 1, size=N)
+        rng.normal(size=5),
+        rng.normal(size=(ticks, 6)),
+        rng.normal(size=(ticks, 2)),
+        rng.uniform(-1, 1, size=ticks),
     )
 
 
 def drive(values: Mapping[str, float], test: Mapping[str, float], nuisance: Nuisance) -> Trace:
     """Fly one test with these effects, known and unknown by name; what is not named is as it should be."""
+    return conduct(flight(test["dx"], test["height"]), values, nuisance, test["fan"], 1.0, EVERY)
+
+
+def conduct(
+    commanded: Array, values: Mapping[str, float], nuisance: Nuisance, fan: float, gain: float, every: int
+) -> Trace:
+    """Fly a command.
+
+    Args:
+        commanded: (periods, 9) as :func:`flight` returns it.
+        values: the effects.
+        nuisance: of as many periods.
+        fan: its wind [m/s].
+        gain: factor on the stiffness of the pitch loop.
+        every: periods from one sample of the log to the next.
+    """
     v = {cause.name: cause.nominal for cause in (*KNOWN, *UNKNOWN)} | values
     once = nuisance.once
     plant = np.array(
@@ -105,14 +124,13 @@ def drive(values: Mapping[str, float], test: Mapping[str, float], nuisance: Nuis
             v["wind"] + 0.11 * once[4],
             v["battery_sag"],
             1 + 0.006 * once[3],
-            test["fan"],
+            fan,
             v["thrust_ceiling"],
             v["weak_rear_rotor"],
         ]
     )
     out, fell = fly(
-        test["dx"],
-        test["height"],
+        commanded,
         plant,
         v["pitch_bias"],
         v["command_delay"],
@@ -122,9 +140,11 @@ def drive(values: Mapping[str, float], test: Mapping[str, float], nuisance: Nuis
         nuisance.gusts,
         once,
         nuisance.jitter,
+        gain,
+        every,
     )
     channels = dict(zip(UNITS, out.T.copy(), strict=True))
-    return Trace(TC * EVERY * np.arange(len(out)), channels, UNITS, {"failure": "crashed"} if fell else {})
+    return Trace(TC * every * np.arange(len(out)), channels, UNITS, {"failure": "crashed"} if fell else {})
 
 
 @njit(cache=True)
@@ -183,23 +203,35 @@ def mj(s):
 
 
 @njit(cache=True)
-def fly(dx, height, P, bias, delay, gps, gyro, nz, gu, once, jit):
+def flight(dx, height):
+    """Return (periods, 9) of a test: x, z with two derivatives each, whether level, thrusts added front and rear."""
+    commanded = np.zeros((N, 9))
+    for k in range(N):
+        t = k * TC
+        a, a1, a2 = mj((t - 0.2) / 1.6)
+        b, b1, b2 = mj(t - 2.4)
+        commanded[k, 0], commanded[k, 1], commanded[k, 2] = dx * a, dx * a1 / 1.6, dx * a2 / 2.56
+        commanded[k, 3], commanded[k, 4], commanded[k, 5] = height + 0.3 * b, 0.3 * b1, 0.3 * b2
+    return commanded
+
+
+@njit(cache=True)
+def fly(commanded, P, bias, delay, gps, gyro, nz, gu, once, jit, gain, every):
     """Return (samples, 11) as logged, and whether it crashed."""
-    n = N
+    n = commanded.shape[0]
+    stiff, damp = gain, np.sqrt(gain)
     s = np.zeros(12)
-    s[0], s[1] = 0.02 * once[0], height + 0.02 * once[1]
+    s[0], s[1] = 0.02 * once[0], commanded[0, 3] + 0.02 * once[1]
     s[6] = s[7] = s[8] = s[10] = 0.5 * MASS * G
     cf, cr = np.empty(n), np.empty(n)
     px, pv = np.empty(n), np.empty(n)
-    out = np.empty((251, 11))
+    samples = (n - 1) // every + 1
+    out = np.empty((samples, 11))
     rows = 0
     ix, iz, ia, wx, wz, qf, wa = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(n):
         t = k * TC
-        a, a1, a2 = mj((t - 0.2) / 1.6)
-        b, b1, b2 = mj(t - 2.4)
-        xr, vxr, axr = dx * a, dx * a1 / 1.6, dx * a2 / 2.56
-        zr, vzr, azr = height + 0.3 * b, 0.3 * b1, 0.3 * b2
+        xr, vxr, axr, zr, vzr, azr, level, plus_front, plus_rear = commanded[k]
         px[k], pv[k] = s[0], s[3]
         old = max(0, k - round(gps / TC))
         mx, mz = px[old] + 0.0055 * nz[k, 0], s[1] + 0.0055 * nz[k, 1]
@@ -212,14 +244,14 @@ def fly(dx, height, P, bias, delay, gps, gyro, nz, gu, once, jit):
         iz += TC * ez
         ax = axr + 5.0 * ex + 4.0 * (vxr - mvx) + 2.5 * ix
         az = azr + 9.0 * ez + 5.0 * (vzr - mvz) + 5.0 * iz
-        thr = min(max(np.arctan2(ax, G), -0.6), 0.6)
+        thr = min(max(np.arctan2(ax, G), -0.6), 0.6) * (1.0 - level)
         e = thr - mth
         ia = min(max(ia + TC * e, -0.3), 0.3)
         tot = MASS * (G + az) / max(np.cos(mth), 0.5)
-        tau = IY * (100 * e - 16 * mq + 80 * ia)
-        cf[k] = min(max(0.5 * tot - 0.5 * tau / ARM, 0.0), 11.0)
-        cr[k] = min(max(0.5 * tot + 0.5 * tau / ARM, 0.0), 11.0)
-        if k % 4 == 0:
+        tau = IY * (100 * stiff * e - 16 * damp * mq + 80 * stiff * ia)
+        cf[k] = min(max(0.5 * tot - 0.5 * tau / ARM + plus_front, 0.0), 11.0)
+        cr[k] = min(max(0.5 * tot + 0.5 * tau / ARM + plus_rear, 0.0), 11.0)
+        if k % every == 0:
             r = out[rows]
             r[0], r[1], r[2], r[3], r[4], r[5] = mx, mz, mvx, mvz, mth, mq
             r[6], r[7], r[8], r[9], r[10] = thr, cf[k], cr[k], xr, zr
@@ -242,4 +274,4 @@ def fly(dx, height, P, bias, delay, gps, gyro, nz, gu, once, jit):
             s = s + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
         if s[1] < 0 or abs(s[2]) > 1.3 or abs(s[0]) > 6:
             break
-    return out[:rows], rows < 251
+    return out[:rows], rows < samples

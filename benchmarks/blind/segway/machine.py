@@ -78,20 +78,20 @@ class Nuisance:
     sway: Array
 
 
-def drawn_nuisance(rng: Generator) -> Nuisance:
+def drawn_nuisance(rng: Generator, ticks: int = N) -> Nuisance:
     """Draw what is not the same in any two runs."""
-    noise = np.zeros((N, 5))
-    noise[:, 0] = 0.007 * rng.standard_t(4, N)
-    noise[:, 1] = 0.2 * rng.uniform(-1.5, 1.5, N)
-    noise[:, 2] = 0.06 * rng.uniform(-1.7, 1.7, N)
-    white, sway = rng.normal(size=(N, 3)), np.zeros(N)
-    for i in range(1, N):
+    noise = np.zeros((ticks, 5))
+    noise[:, 0] = 0.007 * rng.standard_t(4, ticks)
+    noise[:, 1] = 0.2 * rng.uniform(-1.5, 1.5, ticks)
+    noise[:, 2] = 0.06 * rng.uniform(-1.7, 1.7, ticks)
+    white, sway = rng.normal(size=(ticks, 3)), np.zeros(ticks)
+    for i in range(1, ticks):
         noise[i, 3:] = 0.6 * noise[i - 1, 3:] + 0.8 * white[i, :2] * (0.009, 0.0018)
         sway[i] = 0.9 * sway[i - 1] + 0.3 * white[i, 2]
     return Nuisance(
         rng.normal(size=7),
         rng.normal(size=2) * (0.0005, 0.01),
-        rng.uniform(-1, 1, N),
+        rng.uniform(-1, 1, ticks),
         0.012 * float(rng.normal()),
         noise,
         sway,
@@ -100,9 +100,32 @@ def drawn_nuisance(rng: Generator) -> Nuisance:
 
 def drive(values: Mapping[str, float], test: Mapping[str, float], nuisance: Nuisance) -> Trace:
     """Run one test on a robot with these effects, known and unknown by name; what is not named is as it should be."""
+    commanded = np.zeros((N, 4))
+    commanded[:, :3] = np.column_stack(profile(test["cruise"], test["accel"]))
+    return conduct(commanded, test["cargo"], values, nuisance)
+
+
+def conduct(
+    commanded: Array,
+    load: float,
+    values: Mapping[str, float],
+    nuisance: Nuisance,
+    held: bool = False,
+    rolls: float = 0.0,
+) -> Trace:
+    """Run a command.
+
+    Args:
+        commanded: (samples, 4): reference acceleration, speed and place, and a torque beside the controller's.
+        load: load [kg].
+        values: the effects.
+        nuisance: of as many samples.
+        held: whether the body is held upright and the torque is the motors' alone.
+        rolls: speed at the begin [m/s].
+    """
     v = {cause.name: cause.nominal for cause in (*KNOWN, *UNKNOWN)} | values
     day = 1.0 + nuisance.wobble * (0.005, 0.001, 0.1, 0.1, 0.01, 0.05, 0.05)
-    body, height, cargo = 12.0 + v["extra_mass"], 0.25 + v["com_height"], test["cargo"] * day[0]
+    body, height, cargo = 12.0 + v["extra_mass"], 0.25 + v["com_height"], load * day[0]
     # The extra mass sits in a box of its own, a little above the centre.
     moment = body * height + cargo * 0.4 + 0.02 * v["extra_mass"]
     inertia = 0.3 + body * height**2 + cargo * 0.16 + 0.05**2 * 12 + 0.005 * cargo
@@ -127,8 +150,8 @@ def drive(values: Mapping[str, float], test: Mapping[str, float], nuisance: Nuis
         ]
     )
     late = np.abs(v["latency"] * (1 + 0.2 * nuisance.jitter))
-    asked = profile(test["cruise"], test["accel"])
-    rows, fallen = ride(p, gains(), *asked, nuisance.tilt, nuisance.noise, nuisance.sway, late)
+    tilt = 0.0 if held else nuisance.tilt
+    rows, fallen = ride(p, gains(), commanded, held, rolls, tilt, nuisance.noise, nuisance.sway, late)
     channels = dict(zip(UNITS, rows.T, strict=True))
     return Trace(TS * np.arange(len(rows)), channels, UNITS, {"failure": "fall"} if fallen else {})
 
@@ -163,7 +186,7 @@ def profile(cruise: float, accel: float) -> tuple[Array, Array, Array]:
 
 
 @njit(cache=True)
-def rates(v, th, om, x, tau, p, push):
+def rates(v, th, om, x, tau, p, push, upright):
     """Return the accelerations of wheels and tilt."""
     force, viscous, m, ml, j, slope, r = p[0], p[1], p[5], p[6], p[7], p[8], p[11]
     ripple, tether, square, ahead = p[12], p[13], p[14], p[15]
@@ -177,38 +200,35 @@ def rates(v, th, om, x, tau, p, push):
     along = tau / r - friction - held - (m + 2.05) * 9.81 * np.sin(here) + (ml * si + ahead * co) * om * om
     about = 9.81 * (ml * np.sin(th) + ahead * np.cos(th)) - tau - 0.02 * om
     det = a * j - b * b
+    if upright:
+        return along / a + push / 16, 0.0
     return (j * along - b * about) / det + push / 16, (a * about - b * along) / det
 
 
 @njit(cache=True)
-def ride(p, k, a_ref, v_ref, x_ref, tilt, noise, sway, late):
+def ride(p, k, commanded, held, rolls, tilt, noise, sway, late):
     """Return (samples, 9) as logged, and whether it fell."""
     gain, sag, dead, slope, bias, off, r = p[2], p[3], p[4], p[8], p[9], p[10], p[11]
     n = noise.shape[0]
     out, sent = np.zeros((n, 9)), np.zeros(n)
-    x, v, th, om, place, guess = 0.0, 0.0, tilt, 0.0, 0.0, tilt
+    x, v, th, om, place, guess = 0.0, rolls, tilt, 0.0, 0.0, tilt
     a, turn, volt = 0.0, 0.0, 1.0
     for i in range(n):
+        a_ref, v_ref, x_ref, plus = commanded[i]
         gyro = om * 1.004 + bias * (1 + 0.1 * np.sin(i * 0.005)) + noise[i, 0]
         felt = a * np.cos(th + slope) + 0.1 * turn - 9.81 * np.sin(th) + off + noise[i, 1]
         wheel = v / r - om + noise[i, 2]
-        guess = guess + 0.01 * gyro + 0.005 * (-(felt - a_ref[i]) / 9.81 - guess)
+        guess = guess + 0.01 * gyro + 0.005 * (-(felt - a_ref) / 9.81 - guess)
         rolled = 0.1 * (wheel + gyro)
         place += 0.01 * rolled
-        ahead = 1.52 * a_ref[i]
-        lean = (3.0 * a_ref[i] + ahead) / 29.43
-        u = (
-            ahead
-            - k[0] * (place - x_ref[i])
-            - k[1] * (rolled - v_ref[i])
-            - k[2] * (guess - lean)
-            - k[3] * gyro
-        )
-        u = min(max(u, -8.0), 8.0)
+        ahead = 1.52 * a_ref
+        lean = (3.0 * a_ref + ahead) / 29.43
+        u = ahead - k[0] * (place - x_ref) - k[1] * (rolled - v_ref) - k[2] * (guess - lean) - k[3] * gyro
+        u = min(max(plus if held else u + plus, -8.0), 8.0)
         sent[i] = u
         o = out[i]
         o[0], o[1], o[2], o[3], o[4] = u, wheel, gyro, guess, v + noise[i, 3]
-        o[5], o[6], o[7], o[8] = th + noise[i, 4], felt, v_ref[i], place - x_ref[i]
+        o[5], o[6], o[7], o[8] = th + noise[i, 4], felt, v_ref, place - x_ref
         if abs(th) > 0.8:
             return out[: i + 1], True
         for s in range(SUB):
@@ -218,14 +238,23 @@ def ride(p, k, a_ref, v_ref, x_ref, tilt, noise, sway, late):
             size = np.sqrt(asked * asked + 0.0009)
             made = max(size - dead * np.tanh(size / (dead + 1e-6) * 1.5), 0.0)
             tau = gain * volt * asked / size * made
-            a1, t1 = rates(v, th, om, x, tau, p, sway[i])
-            a2, t2 = rates(v + H / 2 * a1, th + H / 2 * om, om + H / 2 * t1, x + H / 2 * v, tau, p, sway[i])
+            a1, t1 = rates(v, th, om, x, tau, p, sway[i], held)
+            a2, t2 = rates(
+                v + H / 2 * a1, th + H / 2 * om, om + H / 2 * t1, x + H / 2 * v, tau, p, sway[i], held
+            )
             a3, t3 = rates(
                 v + H / 2 * a2, th + H / 2 * (om + H / 2 * t1), om + H / 2 * t2, x + H / 2 * (v + H / 2 * a1), tau, p,
-                sway[i],
+                sway[i], held,
             )  # fmt: skip
             a4, t4 = rates(
-                v + H * a3, th + H * (om + H / 2 * t2), om + H * t3, x + H * (v + H / 2 * a2), tau, p, sway[i]
+                v + H * a3,
+                th + H * (om + H / 2 * t2),
+                om + H * t3,
+                x + H * (v + H / 2 * a2),
+                tau,
+                p,
+                sway[i],
+                held,
             )
             x += H * v + H * H / 6 * (a1 + a2 + a3)
             th += H * om + H * H / 6 * (t1 + t2 + t3)

@@ -16,11 +16,13 @@ from typing import Any
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from s2r_arm_protocols import PROTOCOLS, plan
 
 from s2r_spec import Trace
 from s2r_spec.backend import Channel, Effect, EffectParameter, Parameter
 from s2r_spec.effects import Choice, Values, as_values, choose, read_word, settings, words
 from s2r_spec.errors import TraceError, UsageError
+from s2r_spec.protocols import PROTOCOL, Protocol, named
 
 Array = NDArray[np.float64]
 
@@ -150,9 +152,18 @@ def terms(q1, q2, v1, v2, extra, mp, lp, tilt):
     return m11, m12, a2, -h * (2 * v1 * v2 + v2 * v2) + g1, h * v1 * v1 + g2
 
 
-@njit(cache=True)
 def simulate(ref, payload, start, push, enc, gain, e, substeps):
-    """Return (ticks, 6) of q, v, u, and how many ticks ran; ``e`` are the effects' values in the order of NAMES."""
+    """Return (ticks, 6) of q, v, u of a test, and how many ticks ran; see :func:`follow`."""
+    return follow(ref, np.ones(len(ref)), 1.0, payload, start, push, enc, gain, e, substeps)
+
+
+@njit(cache=True)
+def follow(ref, on, stiffness, payload, start, push, enc, gain, e, substeps):
+    """Return (ticks, 6) of q, v, u, and how many ticks ran.
+
+    ``on`` is (ticks,) 1 where the drives are on, else 0; ``stiffness`` is a factor on that of the joints; ``e`` are the
+    effects' values in the order of NAMES.
+    """
     viscous, coulomb, kt, limit, rot, extra, out, delay, filt, off, tilt, comp = e
     n = ref.shape[0]
     h = TS / substeps
@@ -175,6 +186,7 @@ def simulate(ref, payload, start, push, enc, gain, e, substeps):
     tau = np.zeros(2)
     fr = np.zeros(2)
     lp = L2 + out
+    damping = np.sqrt(stiffness)
     keep = np.exp(-TS / filt) if filt > 0 else 0.0
     if comp > 0:  # wound up by gravity at the start
         _, _, _, g1, g2 = terms(x[0], x[1], 0.0, 0.0, extra, payload + start[2], lp, tilt)
@@ -193,8 +205,9 @@ def simulate(ref, payload, start, push, enc, gain, e, substeps):
             raw = (seen - seen_before[j]) / TS if i else 0.0
             speed[j] = raw + keep * (speed[j] - raw) if filt > 0 else raw
             seen_before[j] = seen
-            c = (ff0 if j == 0 else ff1) + KP[j] * (ref[i, j] - seen) + KD[j] * (ref[i, 2 + j] - speed[j])
-            u[j] = min(max(c, -LIMIT[j]), LIMIT[j])
+            kp, kd = stiffness * KP[j], damping * KD[j]
+            c = (ff0 if j == 0 else ff1) + kp * (ref[i, j] - seen) + kd * (ref[i, 2 + j] - speed[j])
+            u[j] = on[i] * min(max(c, -LIMIT[j]), LIMIT[j])
             rec[i, j] = seen
             rec[i, 2 + j] = speed[j]
             rec[i, 4 + j] = u[j]
@@ -329,7 +342,8 @@ class Arm:
     @property
     def model_hash(self) -> str:
         text = f"{self.added} {self.substeps} {self.loud} {np.__version__}".encode()
-        return hashlib.sha256(text + Path(__file__).read_bytes()).hexdigest()
+        source = b"".join(path.read_bytes() for path in sorted(Path(__file__).parent.glob("s2r_arm*.py")))
+        return hashlib.sha256(text + source).hexdigest()
 
     def effects(self) -> tuple[Effect, ...]:
         return CATALOGUE
@@ -364,21 +378,32 @@ class Arm:
     def rollout(self, params: Mapping[str, float], seed: int) -> Trace:
         amplitude, frequency, payload = self._test(params)
         ticks = round(self.duration / TS) + 1
-        ref = reference(amplitude, frequency, ticks)
-        rng = np.random.default_rng(seed)
+        test = {"amplitude": amplitude, "frequency": frequency, "payload": payload}
+        meta = {"seed": seed, "params": test}
+        return self._follow(reference(amplitude, frequency, ticks), np.ones(ticks), 1.0, payload, meta)
+
+    def protocols(self) -> tuple[Protocol, ...]:
+        return PROTOCOLS
+
+    def run(self, protocol: str, params: Mapping[str, float], seed: int) -> Trace:
+        values = named(PROTOCOLS, protocol, self.name).values(params)
+        meta = {PROTOCOL: protocol, "seed": seed, "params": values}
+        return self._follow(*plan(protocol, values["amplitude"]), values["gain"], values["payload"], meta)
+
+    def _follow(self, ref: Array, on: Array, gain: float, payload: float, meta: Mapping[str, Any]) -> Trace:
+        """Return a run with the random numbers of the seed in ``meta``."""
+        ticks, rng = len(ref), np.random.default_rng(meta["seed"])
         start = rng.normal(size=3) * (0.003, 0.003, 0.01)
-        gain = 1.0 + 0.002 * rng.normal()
+        drives = 1.0 + 0.002 * rng.normal()
         enc = self.loud * 2e-5 * rng.normal(size=(ticks, 2))
         keep = np.exp(-TS / 0.1)
         kicks = rng.normal(size=(ticks, 2)) * np.sqrt(1 - keep**2) * self.loud * np.array([0.06, 0.02])
         push = _ou(kicks, keep)
-        rec, ran = simulate(ref, payload, start, push, enc, gain, self._values, self.substeps)
-        asked = {"amplitude": amplitude, "frequency": frequency, "payload": payload}
-        meta: dict[str, Any] = {"backend": self.name, "seed": seed, "params": asked}
-        if ran < ticks:
-            meta["failure"] = "tripped"
+        rec, ran = follow(ref, on, gain, payload, start, push, enc, drives, self._values, self.substeps)
+        failure = {"failure": "tripped"} if ran < ticks else {}
         channels = {"q_ref": ref[:ran, :2], "q": rec[:ran, :2], "v": rec[:ran, 2:4], "u": rec[:ran, 4:]}
-        return Trace(TS * np.arange(ran), channels, {c.name: c.unit for c in CHANNELS}, meta)
+        units = {c.name: c.unit for c in CHANNELS}
+        return Trace(TS * np.arange(ran), channels, units, {"backend": self.name, **meta, **failure})
 
     def residuals(self, trace: Trace, params: Mapping[str, float] | None = None) -> Trace:
         """Return what the equations of motion leave of the torques, and the control law of the commands."""
@@ -387,7 +412,7 @@ class Arm:
             raise TraceError(f"residuals need q and u; the trace lacks {sorted(lacking)}")
         if len(trace) < 4 * EDGE:
             raise TraceError("residuals need more samples")
-        amplitude, frequency, payload = self._test(params or {})
+        ref, on, gain, payload = self._followed(trace, params or {})
         viscous, coulomb, kt, limit, rot, extra, out, delay, filt, off, tilt, comp = self._values
         th, w, acc = _kinematics(trace)
         n, t = len(trace), trace.times
@@ -409,7 +434,6 @@ class Arm:
         need = np.column_stack([m11 * a[:, 0] + m12 * a[:, 1] + n1, m12 * a[:, 0] + m22 * a[:, 1] + n2])
         inner = slice(EDGE, -EDGE)
         channels, units = {"torque": (need - motor)[inner]}, {"torque": "N*m"}
-        ref = reference(amplitude, frequency, round(self.duration / TS) + 1)
         if n <= len(ref):
             ref = ref[:n]
             f11, f12, f22, n1, n2 = terms(ref[:, 0], ref[:, 1], ref[:, 2], ref[:, 3], 0.0, payload, L2, 0.0)
@@ -423,10 +447,20 @@ class Arm:
 
                 keep = np.exp(-TS / filt)
                 raw = lfilter([1 - keep], [1, -keep], raw, axis=0)
-            law = ff + np.array(KP) * (ref[:, :2] - seen) + np.array(KD) * (ref[:, 2:4] - raw)
-            law = np.clip(law, -np.array(LIMIT), LIMIT)
+            kp, kd = gain * np.array(KP), np.sqrt(gain) * np.array(KD)
+            law = ff + kp * (ref[:, :2] - seen) + kd * (ref[:, 2:4] - raw)
+            law = on[:n, None] * np.clip(law, -np.array(LIMIT), LIMIT)
             channels["controller"], units["controller"] = (u - law)[inner], "N*m"
         return Trace(t[inner], channels, units, {"parts": {k: ["shoulder", "elbow"] for k in channels}})
+
+    def _followed(self, trace: Trace, params: Mapping[str, float]) -> tuple[Array, Array, float, float]:
+        """Return what the controller followed, when the drives were on, its gain and the payload."""
+        if protocol := str(trace.meta.get(PROTOCOL, "")):
+            values = named(PROTOCOLS, protocol, self.name).values(params)
+            return *plan(protocol, values["amplitude"]), values["gain"], values["payload"]
+        amplitude, frequency, payload = self._test(params)
+        ref = reference(amplitude, frequency, round(self.duration / TS) + 1)
+        return ref, np.ones(len(ref)), 1.0, payload
 
 
 @njit(cache=True)

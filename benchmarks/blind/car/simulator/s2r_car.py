@@ -6,10 +6,12 @@ from pathlib import Path
 
 import numba
 import numpy as np
+from s2r_car_protocols import PROTOCOLS, plan
 
 from s2r_spec import Trace
 from s2r_spec.backend import Channel, Effect, EffectParameter, Parameter
 from s2r_spec.effects import Choice, as_values, choose, settings
+from s2r_spec.protocols import PROTOCOL, named
 
 P = EffectParameter
 CATALOGUE = (
@@ -67,15 +69,27 @@ def reference(t, offset):
 
 
 @numba.njit(cache=True)
-def controller(t, speed, offset, y_m, psi_m, v_m, r_m, integral):
+def lane_change(speed, offset):
+    """What a test asks for, as `s2r_car_protocols.plan` has it of a protocol."""
+    commanded = np.zeros((round(DURATION / TICK) + 1, 7))
+    for k in range(commanded.shape[0]):
+        t = k * TICK
+        commanded[k, 0], commanded[k, 1], commanded[k, 2] = reference(t, offset)
+        commanded[k, 3] = speed + min(max(t - 1.0, 0.0), 2.0)
+    return commanded
+
+
+@numba.njit(cache=True)
+def controller(commanded, gain, y_m, psi_m, v_m, r_m, integral):
     """Steering angle, drive force, and the new integral of the speed error."""
-    y_ref, yd, ydd = reference(t, offset)
-    v_ref = speed + min(max(t - 1.0, 0.0), 2.0)
+    y_ref, yd, ydd, v_ref, added, given, made = commanded
     v = max(v_m, 5.0)
     per_ay = 2.7 / v**2 + 0.0024
-    ay = ydd + 4.0 * (y_ref - y_m) + 3.0 * (yd - v * psi_m)
-    steer = per_ay * ay + 0.15 * (ydd / v - r_m)
+    ay = ydd + gain * 4.0 * (y_ref - y_m) + np.sqrt(gain) * 3.0 * (yd - v * psi_m)
+    steer = per_ay * ay + 0.15 * (ydd / v - r_m) + added
     steer = min(max(steer, -0.35), 0.35)
+    if given:
+        return steer, made, integral, y_ref, v_ref
     error = v_ref - v_m
     integral += TICK * error
     force = min(max(3000.0 * error + 1500.0 * integral, -6000.0), 4000.0)
@@ -83,14 +97,15 @@ def controller(t, speed, offset, y_m, psi_m, v_m, r_m, integral):
 
 
 @numba.njit(cache=True)
-def simulate(speed, offset, payload, start, noise, e, per_tick):
+def simulate(commanded, gain, payload, start, noise, e, per_tick):
+    """Rows of a log, and whether the car spun; `commanded` is a test's or a protocol's, `gain` that of lane keeping."""
     front, rear, mass_extra, delay, lag, bend, drag, strength, gyro, gps, wind = e
     h = TICK / per_tick
     ticks = noise.shape[0]
     m = 1500.0 + payload + mass_extra
     iz = 2500.0 * (1 + 0.5 * (payload + mass_extra) / 1500.0)
     lf, lr, cf, cr = 1.2, 1.5, 90e3 * front, 110e3 * rear
-    y, psi, vx, vy, r = start[0], start[1], speed + start[2], 0.0, 0.0
+    y, psi, vx, vy, r = start[0], start[1], commanded[0, 3] + start[2], 0.0, 0.0
     delta, ay, integral = 0.0, 0.0, 0.0
     sent = np.zeros(ticks * per_tick)
     keep = 1.0 if lag < 1e-9 else 1.0 - np.exp(-h / lag)
@@ -99,9 +114,7 @@ def simulate(speed, offset, payload, start, noise, e, per_tick):
         n = noise[k]
         y_m, psi_m, v_m = y + gps + 0.02 * n[0], psi + 0.003 * n[1], vx + 0.05 * n[2]
         r_m, ay_m = r + gyro + 0.005 * n[3], ay + 0.15 * n[4]
-        steer, force, integral, y_ref, v_ref = controller(
-            k * TICK, speed, offset, y_m, psi_m, v_m, r_m, integral
-        )
+        steer, force, integral, y_ref, v_ref = controller(commanded[k], gain, y_m, psi_m, v_m, r_m, integral)
         row = out[k]
         row[0], row[1], row[2], row[3], row[4], row[5] = y_ref, v_ref, y + 0.002 * n[5], y_m, psi_m, v_m
         row[6], row[7], row[8], row[9], row[10] = r_m, ay_m, steer, delta + 0.001 * n[6], force
@@ -148,7 +161,8 @@ class Car:
 
     @property
     def model_hash(self):
-        text = Path(__file__).read_text() + repr((self.added, self.per_tick, self.loud))
+        text = "".join(path.read_text() for path in sorted(Path(__file__).parent.glob("s2r_car*.py")))
+        text += repr((self.added, self.per_tick, self.loud))
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
     def effects(self):
@@ -164,7 +178,19 @@ class Car:
         return {"half step": replace(self, per_tick=8), "loud sensors": replace(self, loud=2.0)}
 
     def rollout(self, params, seed):
-        test = [p.check(params.get(p.name, p.default)) for p in self.parameters]
+        speed, offset, payload = (p.check(params.get(p.name, p.default)) for p in self.parameters)
+        return self._drive(lane_change(speed, offset), 1.0, payload, seed, {})
+
+    def protocols(self):
+        return PROTOCOLS
+
+    def run(self, protocol, params, seed):
+        values = named(PROTOCOLS, protocol, self.name).values(params)
+        meta = {PROTOCOL: protocol, "params": dict(values), "seed": seed}
+        gain = values.pop("gain")
+        return self._drive(plan(protocol, **values), gain, 0.0, seed, meta)
+
+    def _drive(self, commanded, gain, payload, seed, meta):
         chosen = settings(CATALOGUE, self.added)
         e = tuple(
             float(chosen.get(x.name, {}).get(x.parameters[0].name, x.parameters[0].nominal))
@@ -172,11 +198,11 @@ class Car:
         )
         rng = np.random.default_rng(seed)
         start = rng.normal(size=3) * (0.02, 0.003, 0.1)
-        noise = self.loud * rng.normal(size=(round(DURATION / TICK) + 1, 7))
-        rows, spun = simulate(*test, start, noise, e, self.per_tick)
+        noise = self.loud * rng.normal(size=(len(commanded), 7))
+        rows, spun = simulate(commanded, gain, payload, start, noise, e, self.per_tick)
         return Trace(
             TICK * np.arange(len(rows)),
             dict(zip(COLUMNS, rows.T, strict=True)),
             dict(zip(COLUMNS, UNITS, strict=True)),
-            {"failure": "spun"} if spun else {},
+            {**meta, "failure": "spun"} if spun else meta,
         )  # fmt: skip

@@ -10,15 +10,18 @@ import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from s2r_quad_protocols import PROTOCOLS, plan
 
 from s2r_spec import Trace
 from s2r_spec.backend import Channel, Effect, EffectParameter, Parameter
 from s2r_spec.effects import Choice, Values, as_values, choose, read_word, settings, words
 from s2r_spec.errors import UsageError
+from s2r_spec.protocols import PROTOCOL, Protocol, named
 
 Array = NDArray[np.float64]
 
@@ -114,28 +117,48 @@ def _minjerk(s):
 
 
 @njit(cache=True)
+def _plan(dx, height):
+    """Return (N, 9) of a test, as :func:`s2r_quad_protocols.plan` has them of a protocol."""
+    out = np.zeros((N, 9))
+    for k in range(N):
+        t = (k - NPRE) * TC
+        a, av, aa = _minjerk((t - 0.2) / 1.6)
+        b, bv, ba = _minjerk((t - 2.4) / 1.0)
+        out[k, 0], out[k, 1], out[k, 2] = dx * a, dx * av / 1.6, dx * aa / 2.56
+        out[k, 3], out[k, 4], out[k, 5] = height + 0.3 * b, 0.3 * bv, 0.3 * ba
+    return out
+
+
 def _fly(dx, height, fan, eff, meas, gust, once):
-    """Return (samples, 11) in the order of CHANNELS, and whether it crashed; ``eff`` is in the order of ORDER."""
+    """Return (samples, 11) of a test in the order of CHANNELS, and whether it crashed; see :func:`_flight`."""
+    return _flight(_plan(dx, height), fan, eff, meas, gust, once, 1.0, EVERY)
+
+
+@njit(cache=True)
+def _flight(plan, fan, eff, meas, gust, once, gain, every):
+    """Return (samples, 11) in the order of CHANNELS, and whether it crashed.
+
+    ``eff`` is in the order of ORDER, ``gain`` a factor on the pitch loop's stiffness, ``every`` periods are a sample.
+    """
     factor, tlag, mass, ahead, drag, ground, wind, bias, delay, sag = eff
     M0, IY, ARM, G, UMAX = 1.2, 0.012, 0.12, 9.81, 11.0
     h = TC / SUB
     m = M0 + mass
     keep = np.exp(-h / (0.03 + tlag))
-    x, z, th, vx, vz, q = 0.02 * once[0], height + 0.02 * once[1], 0.0, 0.0, 0.0, 0.0
+    n = plan.shape[0]
+    kp, kd, ki = 100.0 * gain, 16.0 * np.sqrt(gain), 80.0 * gain
+    x, z, th, vx, vz, q = 0.02 * once[0], plan[0, 3] + 0.02 * once[1], 0.0, 0.0, 0.0, 0.0
     hover = 0.5 * M0 * G
     tf = tr = hover
     ix = iz = ia = 0.0
     wx = wz = 0.0
-    front, rear = np.empty(N), np.empty(N)
-    out = np.empty((NLOG // EVERY + 1, 11))
+    front, rear = np.empty(n), np.empty(n)
+    out = np.empty(((n - 1) // every + 1, 11))
     rows = 0
     fell = 0
-    for k in range(N):
+    for k in range(n):
         t = (k - NPRE) * TC
-        a, av, aa = _minjerk((t - 0.2) / 1.6)
-        b, bv, ba = _minjerk((t - 2.4) / 1.0)
-        xr, vxr, axr = dx * a, dx * av / 1.6, dx * aa / 2.56
-        zr, vzr, azr = height + 0.3 * b, 0.3 * bv, 0.3 * ba
+        xr, vxr, axr, zr, vzr, azr, level, more_front, more_rear = plan[k]
         # what is measured
         mx, mz = x + 0.005 * meas[k, 0], z + 0.005 * meas[k, 1]
         mvx, mvz = vx + 0.02 * meas[k, 2], vz + 0.02 * meas[k, 3]
@@ -146,15 +169,15 @@ def _fly(dx, height, fan, eff, meas, gust, once):
         iz += TC * ez
         ax = axr + 5.0 * ex + 4.0 * (vxr - mvx) + 2.5 * ix
         az = azr + 9.0 * ez + 5.0 * (vzr - mvz) + 5.0 * iz
-        thr = min(max(np.arctan2(ax, G), -0.6), 0.6)
+        thr = 0.0 if level else min(max(np.arctan2(ax, G), -0.6), 0.6)
         ea = thr - mth
         ia = min(max(ia + TC * ea, -0.3), 0.3)
         total = M0 * (G + az) / max(np.cos(mth), 0.5)
-        tau = IY * (100.0 * ea - 16.0 * mq + 80.0 * ia)
-        uf = min(max(0.5 * total - 0.5 * tau / ARM, 0.0), UMAX)
-        ur = min(max(0.5 * total + 0.5 * tau / ARM, 0.0), UMAX)
+        tau = IY * (kp * ea - kd * mq + ki * ia)
+        uf = min(max(0.5 * total - 0.5 * tau / ARM + more_front, 0.0), UMAX)
+        ur = min(max(0.5 * total + 0.5 * tau / ARM + more_rear, 0.0), UMAX)
         front[k], rear[k] = uf, ur
-        if k >= NPRE and (k - NPRE) % EVERY == 0:
+        if k >= NPRE and (k - NPRE) % every == 0:
             r = out[rows]
             r[0], r[1], r[2], r[3], r[4], r[5] = mx, mz, mvx, mvz, mth, mq
             r[6], r[7], r[8], r[9], r[10] = thr, uf, ur, xr, zr
@@ -211,7 +234,8 @@ class Quad:
 
     @property
     def model_hash(self) -> str:
-        return hashlib.sha256(repr(self.added).encode() + Path(__file__).read_bytes()).hexdigest()
+        source = b"".join(path.read_bytes() for path in sorted(Path(__file__).parent.glob("s2r_quad*.py")))
+        return hashlib.sha256(repr(self.added).encode() + source).hexdigest()
 
     def effects(self) -> tuple[Effect, ...]:
         return CATALOGUE
@@ -224,15 +248,31 @@ class Quad:
 
     def rollout(self, params: Mapping[str, float], seed: int) -> Trace:
         dx, height, fan = (p.check(params.get(p.name, p.default)) for p in PARAMETERS)
-        chosen = settings(CATALOGUE, self.added)
-        eff = tuple(float(chosen.get(e, {p: v})[p]) for e, p, v in ORDER)
         rng = np.random.default_rng(seed)
         once, gust, meas = rng.normal(size=5), rng.normal(size=(N, 2)), rng.normal(size=(N, 6))
-        out, fell = _fly(dx, height, fan, eff, meas, gust, once)
+        return self._trace(*_fly(dx, height, fan, self._effects, meas, gust, once), TC * EVERY)
+
+    def protocols(self) -> tuple[Protocol, ...]:
+        return PROTOCOLS
+
+    def run(self, protocol: str, params: Mapping[str, float], seed: int) -> Trace:
+        values = named(PROTOCOLS, protocol, self.name).values(params)
+        planned, rng = plan(protocol, values["amplitude"]), np.random.default_rng(seed)
+        once, gust = rng.normal(size=5), rng.normal(size=(len(planned), 2))
+        meas = rng.normal(size=(len(planned), 6))
+        found = _flight(planned, 0.0, self._effects, meas, gust, once, values["gain"], 1)
+        return self._trace(*found, TC, {PROTOCOL: protocol, "params": values, "seed": seed})
+
+    @property
+    def _effects(self) -> tuple[float, ...]:
+        chosen = settings(CATALOGUE, self.added)
+        return tuple(float(chosen.get(e, {p: v})[p]) for e, p, v in ORDER)
+
+    def _trace(self, out: Array, fell: int, period: float, meta: Mapping[str, Any] | None = None) -> Trace:
         units = {c.name: c.unit for c in CHANNELS}
-        times = TC * EVERY * np.arange(len(out))
         channels = dict(zip(units, out.T.copy(), strict=True))
-        return Trace(times, channels, units, {"failure": "crashed"} if fell else {})
+        failure = {"failure": "crashed"} if fell else {}
+        return Trace(period * np.arange(len(out)), channels, units, {**(meta or {}), **failure})
 
 
 def quad(options: str = "") -> Quad:

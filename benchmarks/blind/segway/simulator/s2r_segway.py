@@ -5,12 +5,14 @@ from functools import lru_cache
 
 import numpy as np
 from numba import njit
+from s2r_segway_protocols import PROTOCOLS, plan
 from scipy.linalg import expm, solve_discrete_are
 
 from s2r_spec import Trace
 from s2r_spec.backend import Channel, Effect, EffectParameter, Parameter
 from s2r_spec.effects import Choice, as_values, choose, settings
 from s2r_spec.errors import TraceError
+from s2r_spec.protocols import PROTOCOL, named
 
 G, DT, SUB, DURATION = 9.81, 0.01, 10, 8.0
 M_BODY, HEIGHT, J_BODY = 12.0, 0.25, 0.30  # kg, m, kg*m^2 about its centre
@@ -113,29 +115,33 @@ def profile(cruise, accel):
 
 
 @njit(cache=True)
-def _run(p, k, a_ref, v_ref, x_ref, tilt0, noise, sway, ticks, sub):
+def _run(p, k, commanded, held, rolls, tilt0, noise, sway, sub):
+    """Rows of a log, and the row of a fall or -1; `commanded` is (ticks + 1, 4), and `rolls` the speed at the begin."""
     force, viscous, strength, sag, delay, dead, m, ml, j, slope, bias, offset, r = p
     h = 0.01 / sub
+    ticks = commanded.shape[0] - 1
     total = m + 2.0
     out = np.zeros((ticks + 1, 9))
     commands = np.zeros(ticks + 1)
-    x, v, th, om, xe, the, acc = 0.0, 0.0, tilt0, 0.0, 0.0, tilt0, -9.81 * tilt0
+    x, v, th, om, xe, the, acc = 0.0, rolls, tilt0, 0.0, 0.0, tilt0, -9.81 * tilt0
     fallen = -1
     for i in range(ticks + 1):
+        a_ref, v_ref, x_ref, added = commanded[i]
         gyro = om + bias + noise[i, 0]
         f = acc + offset + noise[i, 1]
         w = v / r - om + noise[i, 2]
-        the = the + 0.01 * gyro + 0.01 / 2.0 * (-(f - a_ref[i]) / 9.81 - the)
+        the = the + 0.01 * gyro + 0.01 / 2.0 * (-(f - a_ref) / 9.81 - the)
         ve = 0.10 * (w + gyro)
         xe += 0.01 * ve
-        tau0 = 15.2 * a_ref[i] * 0.10
-        th_ref = (3.0 * a_ref[i] + tau0) / (3.0 * 9.81)
-        u = tau0 - k[0] * (xe - x_ref[i]) - k[1] * (ve - v_ref[i]) - k[2] * (the - th_ref) - k[3] * gyro
+        tau0 = 15.2 * a_ref * 0.10
+        th_ref = (3.0 * a_ref + tau0) / (3.0 * 9.81)
+        u = tau0 - k[0] * (xe - x_ref) - k[1] * (ve - v_ref) - k[2] * (the - th_ref) - k[3] * gyro
+        u = added if held else u + added
         u = min(max(u, -8.0), 8.0)
         commands[i] = u
         out[i, 0], out[i, 1], out[i, 2], out[i, 3] = u, w, gyro, the
         out[i, 4], out[i, 5], out[i, 6] = v + noise[i, 3], th + noise[i, 4], f
-        out[i, 7], out[i, 8] = v_ref[i], xe - x_ref[i]
+        out[i, 7], out[i, 8] = v_ref, xe - x_ref
         if abs(th) > 0.8:
             fallen = i
             break
@@ -157,6 +163,8 @@ def _run(p, k, a_ref, v_ref, x_ref, tilt0, noise, sway, ticks, sub):
             det = a11 * j - (ml * co) ** 2
             xa = (j * b1 - ml * co * b2) / det
             ta = (a11 * b2 - ml * co * b1) / det
+            if held:  # what holds the body upright takes the motors' torque
+                xa, ta = b1 / a11, 0.0
             v += h * xa
             om += h * ta
             x += h * v
@@ -211,24 +219,35 @@ class Segway:
     def rollout(self, params, seed):
         cruise = self.parameters[0].check(params.get("cruise", 0.8))
         accel = self.parameters[1].check(params.get("accel", 0.8))
-        p = self._physics(params)
-        rng = np.random.default_rng(seed)
+        commanded = np.zeros((TICKS + 1, 4))
+        commanded[:, :3] = np.column_stack(profile(cruise, accel))
+        return self._ride(commanded, self._physics(params), seed, False, 0.0, {})
+
+    def protocols(self):
+        return PROTOCOLS
+
+    def run(self, protocol, params, seed):
+        values = named(PROTOCOLS, protocol, self.name).values(params)
+        rolls = values["amplitude"] if protocol == "held_coast" else 0.0
+        commanded, held = plan(protocol, values["amplitude"]), protocol.startswith("held")
+        meta = {PROTOCOL: protocol, "params": values, "seed": seed}
+        return self._ride(commanded, self._physics(values), seed, held, rolls, meta)
+
+    def _ride(self, commanded, p, seed, held, rolls, meta):
+        rng, rows = np.random.default_rng(seed), len(commanded)
         loud = 2.0 if self.quirk == "loud" else 1.0
-        tilt0 = 0.01 * rng.normal()
-        noise = rng.normal(size=(TICKS + 1, 5)) * np.array([0.01, 0.15, 0.05, 0.01, 0.002]) * loud
-        white = rng.normal(size=TICKS + 1)
-        sway = np.zeros(TICKS + 1)  # N, unevenness of the floor, 0.2 s
-        for i in range(1, TICKS + 1):
+        tilt0 = 0.01 * rng.normal() * (not held)
+        noise = rng.normal(size=(rows, 5)) * np.array([0.01, 0.15, 0.05, 0.01, 0.002]) * loud
+        white = rng.normal(size=rows)
+        sway = np.zeros(rows)  # N, unevenness of the floor, 0.2 s
+        for i in range(1, rows):
             sway[i] = 0.95 * sway[i - 1] + 0.2 * loud * white[i]
-        out, fallen = _run(
-            p, K, *profile(cruise, accel), tilt0, noise, sway, TICKS, SUB * (2 if self.quirk == "fine" else 1)
-        )
-        n = TICKS + 1 if fallen < 0 else fallen + 1
-        times = DT * np.arange(n)
+        sub = SUB * (2 if self.quirk == "fine" else 1)
+        out, fallen = _run(p, K, commanded, held, rolls, tilt0, noise, sway, sub)
+        n = rows if fallen < 0 else fallen + 1
         channels = {row[0]: out[:n, c] for c, row in enumerate(NAMES)}
-        return Trace(
-            times, channels, {row[0]: row[1] for row in NAMES}, {"failure": "fall"} if fallen >= 0 else {}
-        )
+        units = {row[0]: row[1] for row in NAMES}
+        return Trace(DT * np.arange(n), channels, units, {**meta, "failure": "fall"} if fallen >= 0 else meta)
 
     def residuals(self, trace, params=None):
         need = {"u", "speed", "tilt", "tilt_rate", "wheel_speed", "acc"}
@@ -279,7 +298,8 @@ class Segway:
                 - total * G * np.sin(slope)
             )
             put("force", "N", "wheels", drive - given)
-            put("torque", "N*m", "body", j * acc_th + ml * co * vdot - ml * G * np.sin(th) + tau)
+            if not str(trace.meta.get(PROTOCOL, "")).startswith("held"):
+                put("torque", "N*m", "body", j * acc_th + ml * co * vdot - ml * G * np.sin(th) + tau)
         if "tilt_rate" in have:
             put("gyro", "rad/s", "IMU", smooth(trace["tilt_rate"]) - om - bias)
         if "acc" in have:
