@@ -1,7 +1,7 @@
 """How often is a gap called material where there is none, and how large must a gap be to be found?
 
 Random rollouts at 20 tests, six of them simulated at each. Lengths are in standard deviations of a simulated ρ at a
-typical test; standard deviations of single tests differ by a factor of e^0.5. With ``--a1``, an A1 of other code
+typical test; standard deviations of single tests differ by a factor of e^0.5. With ``--a1``, a twin of the A1 in other code
 (benchmarks/blind/a1) walks as it should, and with motors of 0.78 of their strength. ::
 
     OMP_NUM_THREADS=1 python benchmarks/materiality.py          # about two minutes on one core
@@ -95,7 +95,7 @@ def power() -> dict[str, float]:
 
 
 def a1() -> dict[str, object]:
-    """Return the answers for the A1 of other code at 20 tests, and its scatter compared with the simulator's."""
+    """Return the answers for a twin of the A1 in other code at 20 tests, and its scatter compared with the simulator's."""
     from benchmarks.blind.a1.cases import Runner, stratified, twin_of
     from benchmarks.blind.a1.effects import KNOWN
 
@@ -125,7 +125,7 @@ def a1() -> dict[str, object]:
         changes = sum(at.changes_sign for at in answer.places)
         negative = sum(own < 0.0 for own in real)
         print(
-            f"A1 of other code, {name}: real ρ < 0 at {negative} of {TESTS} tests; the gap matters at "
+            f"twin of the A1 in other code, {name}: real ρ < 0 at {negative} of {TESTS} tests; the gap matters at "
             f"{len(answer.places)}, the sign changes at {changes}",
             flush=True,
         )
@@ -152,7 +152,7 @@ def a1() -> dict[str, object]:
 def main() -> None:
     """Run what was asked for, and keep it beside what was run before."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--a1", action="store_true", help="compare the A1 of other code instead")
+    parser.add_argument("--a1", action="store_true", help="compare a twin of the A1 in other code instead")
     record = json.loads(RESULTS.read_text()) if RESULTS.exists() else {}
     if parser.parse_args().a1:
         record["a1"] = a1()

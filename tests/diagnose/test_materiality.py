@@ -62,7 +62,7 @@ def test_a_machine_that_scatters_twice_as_much_has_no_gap_either():
 
 
 def test_changes_of_sign_at_4_of_20_tests_are_found():
-    """ρ of an A1 of other code with weak motors, in m/s: lower the faster it walks."""
+    """ρ like that of a twin of the A1 with weak motors, in m/s: lower the faster it walks."""
     rng = np.random.default_rng(0)
     margin = np.linspace(0.035, 0.017, TESTS)
     lost = np.linspace(0.0, 0.027, TESTS)
