@@ -1,8 +1,8 @@
 """How often is a gap called material where there is none, and how large must a gap be to be found?
 
 Random rollouts at 20 tests, six of them simulated at each. Lengths are in standard deviations of a simulated ρ at a
-typical test; standard deviations of single tests differ by a factor of e^0.5. With ``--a1``, a twin of the A1 in other code
-(benchmarks/blind/a1) walks as it should, and with motors of 0.78 of their strength. ::
+typical test; standard deviations of single tests differ by a factor of e^0.5. With ``--a1``, a twin of the A1 in other
+code (benchmarks/blind/a1) walks as it should, and with motors of 0.78 of their strength. ::
 
     OMP_NUM_THREADS=1 python benchmarks/materiality.py          # about two minutes on one core
     OMP_NUM_THREADS=1 python benchmarks/materiality.py --a1     # about three minutes
@@ -95,7 +95,7 @@ def power() -> dict[str, float]:
 
 
 def a1() -> dict[str, object]:
-    """Return the answers for a twin of the A1 in other code at 20 tests, and its scatter compared with the simulator's."""
+    """Return the answers for a twin of the A1 in other code, and its scatter compared with the simulator's."""
     from benchmarks.blind.a1.cases import Runner, stratified, twin_of
     from benchmarks.blind.a1.effects import KNOWN
 

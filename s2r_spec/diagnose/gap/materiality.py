@@ -9,17 +9,17 @@ is the *margin*, d_t = μ_t − ν_t the *gap*. Model:
     log r ~ |N(0, RATIO²)|                                  the machine scatters at least as the simulator does
 
 Log-concave densities include the normal, the logistic, the exponential and Gumbel's, so ρ may be skewed. Estimators:
-d₀ and s₀² by moments of log s_t² (Smyth 2004), r by its posterior given replicated real tests, d_t by the difference d̂_t
-of both sample means. With σ̃_t² the posterior mean of σ_t², W ~ χ²_d/d its error, and z the gap in standard errors, each
-gap has the two-sided p-value
+d₀ and s₀² by moments of log s_t² (Smyth 2004), r by its posterior given replicated real tests, d_t by the difference
+d̂_t of both sample means. With σ̃_t² the posterior mean of σ_t², W ~ χ²_d/d its error, and z the gap in standard errors,
+each gap has the two-sided p-value
 
     p_t = E_{r, W} tail(z),   z = |d̂_t| √W / (σ̃_t √(r²/n_t + 1/m_t)),   P(|ε| ≥ z) ≤ tail(z)
 
 and an interval d̂_t ± h_t, where h_t is the gap of p-value LEVEL/T. All T intervals hold at once with probability
 1 − LEVEL (Bonferroni). The gap *matters* at a test if its interval excludes 0, and does not lie within ±HALF of the
 margin. A change of sign is the special case |d_t| ≥ |ν_t|. So a machine without a gap is called material with a
-probability of at most LEVEL, also at a margin of 0, on average over the prior of r. And *no material gap* is not said of
-a difference that the data show, unless they also show that it takes at most half of the margin.
+probability of at most LEVEL, also at a margin of 0, on average over the prior of r. And *no material gap* is not said
+of a difference that the data show, unless they also show that it takes at most half of the margin.
 
 A rollout that ended early failed the requirement, and has no ρ of its own: the value in the spec is a convention. So it
 enters by a count. Without a gap, real and simulated rollouts of a test are exchangeable, so the real ones among the
