@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from s2r_spec.diagnose.estimate import Estimate
+from s2r_spec.diagnose.gap.materiality import Materiality
 from s2r_spec.diagnose.how_far import HowFar
 from s2r_spec.diagnose.isolability import Isolability
 from s2r_spec.diagnose.quality.finding import Finding
@@ -181,6 +182,7 @@ class Diagnosis(Result):
         by_falls: whether what is named rests on falls alone: no other rollout shows it.
         findings: mistakes that the recordings seem to have; what is said of causes is worth little until these are seen
             to. Their sentences are the first of the notes.
+        materiality: whether the gap matters at any test; None for a diagnosis that was put together by hand.
         spec: the specification; None for a diagnosis that was put together by hand.
         real: name of the real machine; "" for rollouts without a name.
     """
@@ -198,6 +200,7 @@ class Diagnosis(Result):
     left: tuple[Remainder, ...] = ()
     by_falls: bool = False
     findings: tuple[Finding, ...] = ()
+    materiality: Materiality | None = None
     spec: Spec | None = field(default=None, compare=False)
     real: str = ""
 
@@ -227,6 +230,7 @@ class Diagnosis(Result):
             "which": self.which.to_json(),
             "where": None if self.where is None else self.where.to_json(),
             "how_far": None if self.how_far is None else self.how_far.to_json(),
+            "materiality": None if self.materiality is None else self.materiality.to_json(),
             "left": [each.to_json() for each in self.left],
             "patch": {name: dict(values) for name, values in self.patch.items()},
             "tuned": {name: dict(values) for name, values in self.tuned.items()},

@@ -85,6 +85,7 @@ class HowFar:
         oracle_share: part of what the oracle closes that the named effects close.
         seen: gap of the nominal simulator at the tests that were not held out; None where that is not asked.
         moved: whether one of these had been held out first, and alone showed a material gap.
+        matters: whether the gap matters at any test, held out or not; see :mod:`s2r_spec.diagnose.gap.materiality`.
         beyond: at most this part of all tests has a larger gap than any held-out one, with 95 % confidence.
         tests: the held-out ones, signed.
     """
@@ -104,6 +105,7 @@ class HowFar:
     tests: tuple[HeldOut, ...] = ()
     seen: Gap | None = None
     moved: bool = False
+    matters: bool = False
 
     @property
     def material(self) -> bool:
@@ -115,10 +117,9 @@ class HowFar:
 
     @property
     def elsewhere(self) -> bool:
-        """Whether the gap is material where the diagnosis looked, but not at the few tests that were held out."""
-        return not self.material and (
-            self.moved or (self.seen is not None and self.seen.mean > self._at_most)
-        )
+        """Whether the gap is material at some test, but not on average over the few tests that were held out."""
+        seen = self.seen is not None and self.seen.mean > self._at_most
+        return not self.material and (self.matters or self.moved or seen)
 
     @property
     def shows(self) -> bool:

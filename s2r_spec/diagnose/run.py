@@ -20,6 +20,7 @@ from s2r_spec.diagnose.cache import Cache
 from s2r_spec.diagnose.diagnosis import Diagnosis, Verdict, Which
 from s2r_spec.diagnose.estimate import Fit, by_linear, fit
 from s2r_spec.diagnose.falls import always_early, falls, falls_alone
+from s2r_spec.diagnose.gap.by_test import compared_at_all_tests
 from s2r_spec.diagnose.held_out import measured, mostly_of_one
 from s2r_spec.diagnose.how_far import HowFar
 from s2r_spec.diagnose.idle import active
@@ -42,6 +43,7 @@ from s2r_spec.diagnose.verdict import (
     clear,
     confounded,
     decided,
+    early_ends,
     large,
     likeliest,
     reason,
@@ -123,6 +125,10 @@ def diagnose(
     told = Used(rollouts, len(parts.used), begun, len(parts.held), *_recorded(bench, real))
     held_first = parts.held
     with kept_open(executor) as pool, tell.watching():
+        gap = compared_at_all_tests(
+            bench, rollouts, seed, pool, lambda done, of: tell("simulating all tests", done, of)
+        )
+        matters = bool(gap.places)
         tell("where the simulator falls", 0, 0)
         why = falls(bench, bank.lines, rollouts, seed, pool)
         odd = findings(
@@ -131,12 +137,12 @@ def diagnose(
         alone = falls_alone(bench, rollouts, seed, pool)
         lacking = notes(bench, told, ENOUGH, idle, why, odd, alone)
         state = prepare(bench, bank, parts.compared, seed, kept, pool, tell)
-        found = _answer(bench, state, parts, seed, pool, tell, where)
+        found = _answer(bench, state, parts, seed, pool, tell, where, matters=matters)
         if (far := found.how_far) is not None and far.overlooked:
             parts, moved = parts.looked_at([dict(test.params) for test in far.odd])
             if moved:
                 state = prepare(bench, bank, parts.compared, seed, kept, pool, tell)
-                found = _answer(bench, state, parts, seed, pool, tell, where, moved=True)
+                found = _answer(bench, state, parts, seed, pool, tell, where, moved=True, matters=matters)
                 lacking = (*lacking, looked_again(moved))
         lacking = (*lacking, *_hidden(bench, state, found))
         left_out = len(rollouts) - len(parts.used)
@@ -152,13 +158,14 @@ def diagnose(
                 why,
                 lambda patch: measured(bench, state, asked, patch, found.tuned, seed, pool, tell),
             )
+        found = early_ends(found, gap)
         if left_out and found.verdict is Verdict.NONE:
             # That a machine falls where its simulator does not is a gap, whatever the other rollouts say.
             found = replace(
                 found,
                 reason=f"{found.reason} This leaves out {left_out} of {len(rollouts)} rollouts, which ended early.",
             )
-        found = replace(found, notes=(*lacking, *dict.fromkeys(kept.said)), findings=odd)
+        found = replace(found, notes=(*lacking, *dict.fromkeys(kept.said)), findings=odd, materiality=gap)
         return replace(doubted(found), spec=spec, real=called)
 
 
@@ -194,6 +201,7 @@ def _answer(
     tell: Progress,
     want_where: bool,
     moved: bool = False,
+    matters: bool = False,
 ) -> Diagnosis:
     effects = state.judge.effects
     weighed = together(state, lambda done, of: tell("simulating sets of effects", done, of))
@@ -231,7 +239,7 @@ def _answer(
     def answered(fitted: Fit, plain: bool) -> tuple[HowFar | None, Verdict, float]:
         values = {} if first_none else fitted.values
         far = measured(bench, state, parts, values, tuned, seed, executor, tell)
-        far = far and replace(far, moved=moved)
+        far = far and replace(far, moved=moved, matters=matters)
         return far, *decided(
             far,
             state.unknown,
@@ -241,6 +249,7 @@ def _answer(
             plain=plain,
             at_end=any(e.at_end for e in fitted.estimates),
             strange=any(each.material for each in left),
+            matters=matters,
         )
 
     far, verdict, unknown = answered(fitted, clear(state.sets, *ranked[0]))

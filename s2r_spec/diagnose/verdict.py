@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,8 +11,9 @@ from numpy.typing import NDArray
 
 from s2r_spec.diagnose.axes import BACKGROUND
 from s2r_spec.diagnose.catalogue import Catalogue
-from s2r_spec.diagnose.diagnosis import RULED_OUT, Verdict, Which
+from s2r_spec.diagnose.diagnosis import RULED_OUT, Diagnosis, Verdict, Which
 from s2r_spec.diagnose.evidence import Set
+from s2r_spec.diagnose.gap.materiality import Materiality
 from s2r_spec.diagnose.how_far import HowFar
 from s2r_spec.diagnose.judge import Sets
 from s2r_spec.diagnose.remainder import Remainder
@@ -41,6 +43,7 @@ def decided(
     plain: bool,
     at_end: bool,
     strange: bool,
+    matters: bool = False,
 ) -> tuple[Verdict, float]:
     """Return what is answered of the likeliest set, and how probable a cause outside of the catalogue is in the end.
 
@@ -53,12 +56,13 @@ def decided(
         plain: whether the traces name its effects, although ρ does not need them; see :func:`clear`.
         at_end: whether a named value stands at the end of its range.
         strange: whether something is left of the motion that no effect leaves.
+        matters: whether the gap matters at any test; *no material gap* is not answered then.
     """
     alarm = unknown > threshold and not nothing
     if far is None:
         if alarm:
             return Verdict.UNKNOWN, unknown
-        return (Verdict.NONE if nothing else Verdict.NAMED), unknown
+        return (Verdict.NAMED if not nothing else Verdict.SPREAD if matters else Verdict.NONE), unknown
     # What closes too little to vouch for a name is not named against the odds.
     against = far.unclosed and unknown > (1.0 - unknown) * likeliest
     # As much of a cause as the catalogue has is not enough.
@@ -110,10 +114,7 @@ def reason(
     if not far.shows:
         return " ".join([f"The gap in ρ is not material: {LITTLE} would make one as large.", cause, *ends])
     if far.elsewhere:
-        material, closes = (
-            ["The gap is material, but at no held-out test."],
-            ["So its reduction was not measured."],
-        )
+        material, closes = [_elsewhere(far)], ["So its reduction was not measured."]
     else:
         material, closes = ["The gap is material."], _closes(far, named)
     if far.leaves_more:
@@ -131,15 +132,38 @@ def _closes(far: HowFar | None, named: Sequence[str]) -> list[str]:
 
 def _no_cause(verdict: Verdict, far: HowFar | None) -> str:
     """Return that there is no material gap, or no single cause."""
+    if far is None and verdict is Verdict.SPREAD:
+        return (
+            "The gap is material, but no cause stands out. No rollout was held out to measure its reduction."
+        )
     if far is None:
         return f"The traces differ by no more than {LITTLE} would make. No gap was held out to compare."
     if verdict is Verdict.NONE:
         return f"The gap is not material: {LITTLE} would make one as large."
     if far.elsewhere:
-        return "The gap is material, but at no held-out test. No cause stands out."
+        return f"{_elsewhere(far)} No cause stands out."
     part = "the" if far.tuned_share is None else f"{100 * far.tuned_share[0]:.0f} % of the"
     little = f"{LITTLE[0].upper()}{LITTLE[1:]}"
     return f"The gap is material, but no cause stands out. {little} close {part} held-out gap above scatter."
+
+
+def _elsewhere(far: HowFar) -> str:
+    """Return at which tests the gap is material, if it is not on average over the held-out ones."""
+    if far.matters:
+        return "The gap is material at some tests, but not on average over the held-out tests."
+    return "The gap is material, but at no held-out test."
+
+
+def early_ends(found: Diagnosis, compared: Materiality) -> Diagnosis:
+    """Return the diagnosis; not *no material gap* where real and simulated rollouts differ in how many ended early."""
+    ended = compared.failures
+    if found.verdict is not Verdict.NONE or ended is None or not ended.matters:
+        return found
+    words = (
+        f"The gap is material: {ended.real} of {ended.real_rollouts} real rollouts ended early, and "
+        f"{ended.simulated} of {ended.simulated_rollouts} simulated ones. No cause stands out."
+    )
+    return replace(found, verdict=Verdict.SPREAD, reason=words)
 
 
 def _traces_differ(which: Which, left: Sequence[Remainder]) -> list[str]:

@@ -332,7 +332,7 @@ class HowFarObject(TypedDict):
         background: the largest gap that small amounts of all effects make in 19 of 20 machines.
         material: whether the gap exceeds scatter and background.
         seen: the gap of the nominal simulator at the rollouts that were not held out.
-        elsewhere: whether the gap is material at those rollouts, but not at the held-out tests.
+        elsewhere: whether the gap is material at some test, but not on average over the held-out tests.
         share: part of the gap above the floor that the named effects close.
         tuned_share: the same share for the tuned simulator.
         oracle_gap: the gap after, as predicted for the best of all single effects.
@@ -357,6 +357,74 @@ class HowFarObject(TypedDict):
     oracle_share: float | None
     tests_with_a_larger_gap_at_most: Probability
     tests: list[HeldOut]
+
+
+class GapAtTestObject(TypedDict):
+    """The gap at one test, in the unit of ρ.
+
+    Attributes:
+        params: the test.
+        rollouts: number of real rollouts that ran to their end.
+        real: mean ρ of these.
+        simulated: mean ρ of the simulated rollouts; its size is the margin.
+        gap: mean real ρ minus mean simulated ρ.
+        low: the lower end of the gap's interval; the intervals of all tests hold at once with probability 95 %.
+        high: the upper end.
+        p: p-value of no gap, at this test alone.
+        changes_sign: whether the gap is more than scatter, and one of both means is negative.
+    """
+
+    params: Point
+    rollouts: Count
+    real: float
+    simulated: float
+    gap: float
+    low: float
+    high: float
+    p: Probability
+    changes_sign: bool
+
+
+class FailuresObject(TypedDict):
+    """Rollouts that ended early, over all tests.
+
+    Attributes:
+        real: number of real rollouts that ended early.
+        real_rollouts: number of real rollouts.
+        simulated: number of simulated rollouts that ended early.
+        simulated_rollouts: number of simulated rollouts.
+        p: p-value of both ending early alike, times two, because ρ has the other half of the level.
+    """
+
+    real: Count
+    real_rollouts: Count
+    simulated: Count
+    simulated_rollouts: Count
+    p: Probability
+
+
+class MaterialityObject(TypedDict):
+    """Whether the gap matters, over all real rollouts.
+
+    Attributes:
+        matters: whether it matters at any test, or rollouts end early more often on one side.
+        level: the probability of a material gap where there is none.
+        tests: number of tests with whole rollouts of both kinds.
+        unit: the unit of ρ.
+        tolerance: the smallest constant that the requirement compares a signal with, in the unit; null without one.
+        largest: the largest gap of those that matter, or of all where none does; null without tests.
+        places: the tests at which the gap matters, largest gap first.
+        failures: rollouts that ended early; null without any.
+    """
+
+    matters: bool
+    level: Probability
+    tests: Count
+    unit: str
+    tolerance: float | None
+    largest: GapAtTestObject | None
+    places: list[GapAtTestObject]
+    failures: FailuresObject | None
 
 
 class RemainderObject(TypedDict):
@@ -410,6 +478,7 @@ class DiagnosisObject(Open):
         which: the effects, with probabilities.
         where: where the gap lies; null if it was not asked for.
         how_far: the gap on held-out real rollouts; null if there are too few.
+        materiality: whether the gap matters; null for a diagnosis that was put together by hand.
         left: motion that no effect explains, largest surplus first; empty with fewer than five complete rollouts.
         patch: effect → parameter → value to add to the simulator.
         tuned: the same with fitted small amounts of all other effects.
@@ -436,6 +505,7 @@ class DiagnosisObject(Open):
     which: WhichObject
     where: WhereObject | None
     how_far: HowFarObject | None
+    materiality: MaterialityObject | None
     left: list[RemainderObject]
     patch: Values
     tuned: Values

@@ -20,6 +20,7 @@ from s2r_spec.json_objects.diagnosis import DiagnosisObject
 from s2r_spec.printable import one_line
 from s2r_spec.report.checked import test_words
 from s2r_spec.report.figures.robot import said
+from s2r_spec.report.materiality import matters_words
 from s2r_spec.report.nextstep import next_step
 from s2r_spec.report.quantity import Scale, interval, measured, quantity
 from s2r_spec.report.text import STYLES
@@ -39,6 +40,7 @@ class Description:
     Attributes:
         mistakes: sentences on suspected mistakes of the recordings.
         notes: other sentences on the recordings.
+        matters: sentences on whether the gap matters; none for a diagnosis without that test.
         where: sentences on the worst test; none if the place of the gap was not asked for.
         parts: sentences on the parts of the machine, and on motion that no effect explains.
         causes: (cause, probability), most probable first.
@@ -52,6 +54,7 @@ class Description:
 
     mistakes: tuple[str, ...]
     notes: tuple[str, ...]
+    matters: tuple[str, ...]
     where: tuple[str, ...]
     parts: tuple[str, ...]
     causes: tuple[tuple[str, float], ...]
@@ -70,6 +73,7 @@ def describe(found: Diagnosis, spec: Spec) -> Description:
     return Description(
         mistakes=mistakes,
         notes=tuple(note for note in found.notes if note not in mistakes),
+        matters=() if found.materiality is None else matters_words(found.materiality, spec.space.units),
         where=() if where is None else where_words(where, spec),
         parts=() if where is None else (*body_words(where), *left_words(found)),
         causes=tuple((WORDS.get(names[0], " + ".join(names)), p) for names, p in which.ranked),
@@ -115,7 +119,7 @@ def markup(found: Diagnosis, spec: Spec) -> str:
 def body(found: Diagnosis, spec: Spec) -> str:
     """Return where the gap lies, which effects cause it, how far it shrinks, and what to do next, as plain text."""
     words = describe(found, spec)
-    lines = [f"  note: {line}" for line in words.notes]
+    lines = [f"  {line}" for line in words.matters] + [f"  note: {line}" for line in words.notes]
     if words.where:
         first, *rest = words.where + words.parts
         lines += ["", f"  where: {first}", *(f"    {line}" for line in rest)]

@@ -12,7 +12,10 @@ def markdown(found: Diagnosis, spec: Spec) -> str:
     """Return the answer, then where, which and how far, the next step, and the assumptions."""
     words = describe(found, spec)
     lines = ["### s2r diagnose", "", *_notes(words.mistakes)]
-    lines += [f"**{found.verdict.value.upper()}**: {cell(found.reason)}", "", *_notes(words.notes)]
+    lines += [f"**{found.verdict.value.upper()}**: {cell(found.reason)}", ""]
+    if words.matters:
+        lines += [*(f"- {cell(line)}" for line in words.matters), ""]
+    lines += _notes(words.notes)
     if words.where:
         lines += ["Where:", "", *(f"- {cell(line)}" for line in words.where + words.parts), ""]
     lines += ["| cause | probability |", "| --- | ---: |"]

@@ -89,6 +89,7 @@ def _diagnosed(result: Diagnosis) -> list[tuple[str, str]]:
         return [("note", note) for note in result.notes]
     words = diagnosed.describe(result, result.spec)
     rows = [("note", note) for note in (*words.mistakes, *words.notes)]
+    rows += [("matters", "; ".join(words.matters))] if words.matters else []
     rows += [("where", "; ".join(words.where))] if words.where else []
     rows += [("cause", f"{cause}: {p:.3f}") for cause, p in words.causes[: diagnosed.SHOWN]]
     rows += [(name, value) for name, value, *_ in words.estimates]

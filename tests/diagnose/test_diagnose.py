@@ -235,7 +235,7 @@ def test_where_the_bank_explains_a_dear_machine_only_what_is_named_is_simulated(
 
 def test_a_machine_with_a_little_of_everything_has_no_material_gap(cache):
     """Of a rollout that ended early, and was left out, the answer says that it was."""
-    some = rollouts({}, case=13)
+    some = rollouts({}, case=14)
     some[4] = (some[4][0], replace(some[4][1], meta={"failure": "emergency stop"}))
     found = s2r.diagnose(s2r.parse_spec(SPEC), Cart(), some, cache=cache, where=False)
     assert found.verdict is Verdict.NONE, found.which.ranked[:4]

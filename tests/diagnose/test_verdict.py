@@ -130,6 +130,18 @@ def test_a_gap_that_the_held_out_tests_do_not_show_is_not_said_to_be_none():
     assert words.startswith("The gap is material, but at no held-out test.")
 
 
+def test_no_material_gap_is_not_answered_where_the_gap_matters_at_a_test():
+    none = np.full(9, 1e-4)
+    far = how_far(none, np.zeros(9), None, none, [{"v": k / 9} for k in range(9)], 1e-3, 0.0, 3, "m")
+    rest = {"nothing": True, "plain": False, "at_end": False, "strange": False}
+    for own in (None, far):
+        assert decided(own, 0.1, 0.9, 0.8, **rest)[0] is Verdict.NONE
+        there = own and replace(own, matters=True)
+        assert decided(there, 0.1, 0.9, 0.8, **rest, matters=True)[0] is Verdict.SPREAD
+        assert decided(there, 0.1, 0.9, 0.8, **(rest | {"nothing": False}), matters=True)[0] is Verdict.NAMED
+        assert reason(Verdict.SPREAD, WHICH, there, A).startswith("The gap is material")
+
+
 def test_an_effect_without_which_the_others_are_nearly_as_likely_may_not_be_there():
     assert spare(("a", "b"), by_size(ab=0.5, a=0.3)) == ("b",)
     assert spare(("a", "b"), by_size(ab=0.5, a=0.3, b=0.2)) == ("a", "b")

@@ -11,6 +11,7 @@ import pytest
 import s2r_spec as s2r
 from s2r_spec.diagnose.diagnosis import Diagnosis, NextTest, Verdict, Which
 from s2r_spec.diagnose.estimate import Estimate
+from s2r_spec.diagnose.gap.materiality import RolloutsAtTest, materiality
 from s2r_spec.diagnose.how_far import how_far
 from s2r_spec.diagnose.isolability import Isolability, Least
 from s2r_spec.diagnose.quality import Finding
@@ -108,6 +109,18 @@ def far_of(dim):
     return how_far(real, np.zeros(len(tests)), patched, tuned, tests, 0.01, 0.02, 3, "m")
 
 
+@functools.cache
+def materiality_of(dim):
+    """Return a gap of 12 µm of a margin of 0.4 mm at the last test, and one rollout that ended early."""
+    tests, _ = where_of(dim)
+    rho = 4e-4 + 1e-8 * np.random.default_rng(3).normal(size=(len(tests), 6))
+    runs = [
+        RolloutsAtTest(test, own[:1], own, int(n == 0))
+        for n, (test, own) in enumerate(zip(tests, rho, strict=True))
+    ]
+    return materiality([*runs[:-1], replace(runs[-1], real=rho[-1, :1] - 12e-6)], "m", 0.002)
+
+
 def page_of(found, spec):
     """Return a page whose pictures are painted, but not written down."""
     with undrawn():
@@ -139,6 +152,7 @@ def diagnosis(dim, verdict=Verdict.NAMED, body=None, near=8.0, **changes):
         where=found,
         which=which,
         how_far=far_of(dim),
+        materiality=materiality_of(dim),
         patch={"friction": {"force": 1.5}} if answer else {},
         tuned={"friction": {"force": 1.5}, "delay": {"time": 0.0001}},
         provenance={
@@ -148,6 +162,18 @@ def diagnosis(dim, verdict=Verdict.NAMED, body=None, near=8.0, **changes):
         assumptions=("the real rollouts were run as their tests say",),
     )  # fmt: skip
     return replace(one, **changes), spec
+
+
+def test_gap_margin_and_tolerance_are_in_units_that_a_person_reads_in_every_form():
+    found, spec = diagnosis(1)
+    facts = "12 µm", "3 %", "400 µm", "0.6 %", "2 mm", "10 tests", "1 of 11", "0 of 60"
+    assert states(diagnosed.text(found, spec), *facts)
+    assert states(markdown(found, spec), *facts)
+    assert states(str(replace(found, spec=spec)._repr_html_()), *facts)
+    assert states(page_of(found, spec).text, *facts)
+    shown = diagnosed.record(found, spec)["materiality"]
+    assert (shown["matters"], shown["places"], shown["tolerance"]) == (False, [], 0.002)
+    assert shown["largest"]["gap"] == pytest.approx(-12e-6, rel=0.01)
 
 
 LEGS = [f"{leg} {joint}" for leg in ("FR", "FL", "RR", "RL") for joint in ("hip", "thigh", "calf")]

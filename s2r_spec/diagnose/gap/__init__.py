@@ -1,0 +1,1 @@
+"""The gap over the test space: its size, and whether it matters."""

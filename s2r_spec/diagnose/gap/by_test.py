@@ -1,0 +1,71 @@
+"""Compare all real rollouts with the simulator, test by test."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec.diagnose.gap.materiality import Materiality, RolloutsAtTest, materiality
+from s2r_spec.diagnose.gap.tolerance import smallest_tolerance
+from s2r_spec.diagnose.simulate import Bench, Job, Test, run_jobs
+from s2r_spec.rollouts.seeds import Stream, rollout_seed
+from s2r_spec.space import key_of
+from s2r_spec.trace import Trace
+
+FloatArray = NDArray[np.float64]
+
+SIMULATED = 6
+"""Budget: simulated rollouts of each test. With six, it is more than chance if single real rollouts fail at two tests
+and no simulated one does. Doubled, intervals of single real rollouts get 2 % shorter."""
+
+
+def compared_at_all_tests(
+    bench: Bench,
+    rollouts: Sequence[tuple[Test, Trace]],
+    seed: int,
+    executor: Callable[[], Executor] | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Materiality:
+    """Return whether the gap matters at any test of the real rollouts.
+
+    Args:
+        bench: the simulator without effects, and the spec.
+        rollouts: (test, trace) of every real rollout, also of those that ended early.
+        seed: of the simulations.
+        executor: makes a pool for them; None runs them here.
+        progress: called with the numbers of done and of all tests.
+
+    Raises:
+        UsageError: a ρ is infinite or not a number.
+        BackendError: a simulation raised an error.
+    """
+    real: dict[tuple[tuple[str, float], ...], list[tuple[float, float]]] = {}
+    for test, trace in rollouts:
+        real.setdefault(key_of(test), []).append(tuple(_rho_and_failure(bench, trace, test).tolist()))
+    jobs = [
+        Job({}, tuple((dict(key), rollout_seed(seed, n, k, Stream.MATERIALITY)) for k in range(SIMULATED)))
+        for n, key in enumerate(real)
+    ]
+    rows = run_jobs(replace(bench, features=None), jobs, executor, progress, read=_rho_and_failure)
+    tests = [
+        _test(dict(key), np.array(own), simulated)
+        for (key, own), simulated in zip(real.items(), rows, strict=True)
+    ]
+    formula = bench.spec.formulas[bench.requirement]
+    return materiality(tests, bench.spec.unit(bench.requirement), smallest_tolerance(formula))
+
+
+def _rho_and_failure(bench: Bench, trace: Trace, test: Test) -> FloatArray:
+    return np.array([bench.rho(trace, test), float(trace.failure is not None)])
+
+
+def _test(params: Test, real: FloatArray, simulated: FloatArray) -> RolloutsAtTest:
+    """Return the rollouts of a test, from rows (ρ, whether it ended early)."""
+    (whole, failed), (own, fell) = (
+        (rows[rows[:, 1] == 0.0, 0], int(rows[:, 1].sum())) for rows in (real, simulated)
+    )
+    return RolloutsAtTest(params, whole, own, failed, fell)

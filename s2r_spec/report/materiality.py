@@ -1,0 +1,76 @@
+"""Whether a gap matters, in sentences: gap, margin and tolerance with their ratios, and the tests."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from s2r_spec.diagnose.gap.materiality import LEVEL, Failures, GapAtTest, Materiality
+from s2r_spec.report.checked import test_words
+from s2r_spec.report.quantity import quantity
+
+PLACES = 3
+"""Definition: tests that are printed, largest gap first; doubled, twice as many are printed."""
+MOST_PERCENT = 10.0
+"""Definition: ratio from which on a part is written as a multiple; doubled, 1500 % stays a percentage."""
+
+
+def matters_words(found: Materiality, units: Mapping[str, str]) -> tuple[str, ...]:
+    """Return sentences on the largest gap, on the tests at which the gap matters, and on early ends.
+
+    Args:
+        found: the answer.
+        units: parameter → unit, in the spec's order.
+    """
+    lines = []
+    if found.largest is not None:
+        lines += [_largest(found.largest, found, units), _tests(found, units)]
+    if found.failures is not None:
+        lines.append(_failures(found.failures))
+    return tuple(lines)
+
+
+def part_of(part: float, whole: float) -> str:
+    """Return a ratio as people write it: ``0.6 %``, ``45 %``, ``12 times``."""
+    ratio = abs(part / whole)
+    if ratio >= MOST_PERCENT:
+        return f"{ratio:.0f} times"
+    percent = 100.0 * ratio
+    return f"{percent:.0f} %" if percent >= 9.5 else f"{percent:.1g} %"
+
+
+def _largest(at: GapAtTest, found: Materiality, units: Mapping[str, str]) -> str:
+    """Return the largest gap, with its parts of the margin and of the tolerance."""
+    test = test_words(at.params, units)
+    own = quantity(abs(at.gap), found.unit)
+    worse = "worse" if at.gap < 0.0 else "better"
+    parts = [
+        f"{part_of(at.gap, whole)} of the {name} of {quantity(whole, found.unit)}"
+        for name, whole in (("simulated margin", abs(at.simulated)), ("tolerance", found.tolerance))
+        if whole
+    ]
+    words = f"largest gap{f' at {test}' if test else ''}: the machine is {own} {worse} than the simulator"
+    return ", ".join([words, *parts])
+
+
+def _tests(found: Materiality, units: Mapping[str, str]) -> str:
+    """Return the number of tests at which the gap matters, and the first of them."""
+    places = found.places
+    if not places:
+        false = f"at most {100 * LEVEL:.0f} % false alarms"
+        return f"it matters at none of {len(found.tests)} tests, each compared by itself ({false})"
+    changed = sum(at.changes_sign for at in places)
+    words = f"it matters at {len(places)} of {len(found.tests)} tests"
+    names = [name for name in (test_words(at.params, units) for at in places[:PLACES]) if name]
+    if names:
+        more = f", and {len(places) - PLACES} more" if len(places) > PLACES else ""
+        words += f": {'; '.join(names)}{more}"
+    return words + (f". The sign of ρ changes at {changed} of them" if changed else "")
+
+
+def _failures(found: Failures) -> str:
+    """Return how many rollouts ended early."""
+    than = "more than chance" if found.matters else "no more than chance; repeat these tests to decide"
+    return (
+        f"{found.real} of {found.real_rollouts} real rollouts ended early, and {found.simulated} of "
+        f"{found.simulated_rollouts} simulated ones: {than} (p = {found.p:.2g})"
+    )
