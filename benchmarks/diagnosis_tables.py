@@ -16,7 +16,7 @@ from typing import Any
 
 from benchmarks.blind.table import LATEST, PAGE, first, markdown, put
 from s2r_spec.blind.score import truth
-from s2r_spec.report.quantity import measured, quantity
+from s2r_spec.quantity import measured, quantity
 
 FOLDER = Path(__file__).parent
 SURE = 0.9

@@ -112,7 +112,7 @@ def reason(
     if far.elsewhere:
         material, closes = (
             ["The gap is material, but at no held-out test."],
-            ["So its reduction was not measured."],
+            _closes(far, named) or ["So its reduction was not measured."],
         )
     else:
         material, closes = ["The gap is material."], _closes(far, named)

@@ -105,7 +105,7 @@ def test_where_no_cause_is_named_those_nearly_as_likely_and_what_is_left_are_tol
     left = Remainder("x", 0, "", "", 0.5, 0.6, 0.1, "m", "s", 1.4, recorded=True)
     words = reason(Verdict.NONE, which, None, A, (left,))
     assert "a or b" in words
-    assert "a difference of +0.1 m in x between 0.5 and 0.6 s" in words
+    assert "a difference of +0.1 m in x from 0.5 to 0.6 s" in words
     assert "0.1 m" not in reason(Verdict.NONE, which, None, A, (replace(left, surplus=0.9),))
 
 

@@ -1,0 +1,1 @@
+"""The gap at the tests that were run, over the test space, and in the parts of the machine."""
