@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.attribution.place import Place, Range
 from s2r_spec.diagnose.quality.pairs import called
 from s2r_spec.diagnose.simulate import Bench, Test, blamed
 from s2r_spec.trace import Trace
@@ -44,8 +43,8 @@ def stopped(bench: Bench, name: str, having: Sequence[tuple[int, Test, Trace]]) 
         return ""
     begin = float(trace.times[0])
     return (
-        f"{name} of {called(number, test)} keeps one value {Place(Range(begin + since, begin + until))}, while the "
-        f"simulator's changes. Was it recorded all the time? If not, leave the rollout out"
+        f"{name} of {called(number, test)} keeps one value from {begin + since:.4g} to {begin + until:.4g} s, while "
+        f"the simulator's changes. Was it recorded all the time? If not, leave the rollout out"
     )
 
 
