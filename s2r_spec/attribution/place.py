@@ -120,10 +120,12 @@ class Place:
     phase: tuple[float, float] | None = None
     values: tuple[Range, ...] = ()
 
-    @property
-    def onset(self) -> float:
-        """When the place begins, from the start of a rollout [s]; inf if no time bounds it."""
-        return math.inf if self.time is None else self.time.low
+    def precedes(self, other: Place) -> bool:
+        """Whether this place surely begins before another: windows show an onset to half of their length."""
+        if self.time is None or other.time is None:
+            return False
+        middle = (self.time.low + self.time.high) / 2
+        return self.time.low < other.time.low and middle <= other.time.low
 
     def __str__(self) -> str:
         """Return the place in words, time first: "from 0.5 to 0.6 s at FR calf, where q is between 0.1 and 0.12 m"."""
@@ -152,8 +154,8 @@ def cause_first(found: Sequence[T], place: Callable[[T], Place], strength: Calla
     """Return what was found, with the place where a difference begins before the places that react to it.
 
     In a closed loop a difference goes on after its cause, and the controller's reaction may be larger than the cause.
-    So all that have at least :data:`EXPLAINS` of the largest strength come first, the earliest of them at the head.
-    The others follow by strength, and a place without a time keeps its rank by strength.
+    So all that have at least :data:`EXPLAINS` of the largest strength come first, and none of them before one that
+    surely begins earlier. Otherwise strength decides.
 
     Args:
         found: places with a difference.
@@ -163,10 +165,15 @@ def cause_first(found: Sequence[T], place: Callable[[T], Place], strength: Calla
     by_strength = sorted(found, key=lambda one: -strength(one))
     least = EXPLAINS * max(map(strength, found), default=0.0)
     count = sum(strength(one) >= least > 0.0 for one in by_strength)
-    timed = [one for one in by_strength[:count] if place(one).time is not None]
-    earliest = iter(sorted(timed, key=lambda one: place(one).onset))
-    first = [one if place(one).time is None else next(earliest) for one in by_strength[:count]]
-    return first + by_strength[count:]
+    large, ordered = by_strength[:count], []
+    while large:
+        places = [place(one) for one in large]
+        ordered.append(
+            large.pop(
+                next(k for k, late in enumerate(places) if not any(early.precedes(late) for early in places))
+            )
+        )
+    return ordered + by_strength[count:]
 
 
 def visited(
