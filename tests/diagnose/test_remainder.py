@@ -15,7 +15,7 @@ from s2r_spec.diagnose.features import Features
 from s2r_spec.diagnose.prepare import bench_of
 from s2r_spec.diagnose.remainder import Remainder, channels, motion
 from s2r_spec.diagnose.remainder.cells import FEWEST_ROLLOUTS
-from s2r_spec.diagnose.remainder.find import columns, parts, remainders
+from s2r_spec.diagnose.remainder.find import columns, ordered, parts, remainders
 from s2r_spec.trace import Trace, thinned
 from tests.errors import states
 
@@ -98,6 +98,17 @@ def test_a_push_for_some_time_is_left_then(bench):
     assert first.material
     assert 0.65 < first.low < first.high < 0.95
     assert " from 0." in str(first)
+
+
+def test_the_cause_is_told_before_the_reaction_to_it():
+    voltage = Remainder("u", 0, "", "", 0.55, 0.62, 1.6, "V", "s", 2.1, recorded=True)
+    speed = Remainder("v", 0, "", "", 0.62, 0.7, 0.1, "m/s", "s", 3.0, recorded=True)
+    force = Remainder("force", 0, "", "", 0.62, 0.7, -36.6, "N", "s", 3.4)
+    assert ordered([speed, voltage]) == (voltage, speed)
+    # The equations of motion say where it acts, whenever the controller answers.
+    assert ordered([force, speed, voltage]) == (force, speed, voltage)
+    hidden = replace(force, surplus=0.9)
+    assert ordered([speed, voltage, hidden]) == (voltage, speed, hidden)
 
 
 def test_of_too_few_rollouts_nothing_is_told(bench):

@@ -128,6 +128,11 @@ def test_a_gap_that_the_held_out_tests_do_not_show_is_not_said_to_be_none():
     far = how_far(quiet, np.zeros(9), None, quiet, tests, 1e-3, 0.0, 3, "m", seen=seen)
     words = reason(Verdict.SPREAD, WHICH, far, A)
     assert words.startswith("The gap is material, but at no held-out test.")
+    assert "not measured" in reason(Verdict.NAMED, WHICH, far, A)
+    small = how_far(50 * quiet, np.zeros(9), 25 * quiet, quiet, tests, 1e-3, 0.01, 3, "m", seen=seen)
+    words = reason(Verdict.NAMED, WHICH, small, A)
+    assert f"closes {100 * small.share[0]:.0f} %" in words
+    assert "not measured" not in words
 
 
 def test_an_effect_without_which_the_others_are_nearly_as_likely_may_not_be_there():

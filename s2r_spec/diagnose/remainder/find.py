@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.attribution.place import cause_first, visited
+from s2r_spec.attribution.place import Place, cause_first, visited
 from s2r_spec.backend import Channel, HasVariants
 from s2r_spec.diagnose.axes import Line, Values
 from s2r_spec.diagnose.gap.body import named
@@ -90,8 +90,23 @@ def remainders(
         if read.motion is not None:
             out += _of_motion(bench, read.motion, ran.columns(slice(k, None)), whole)
     largest = sorted(out, key=lambda each: -each.surplus)[:TOLD]
-    placed = [_with_times(each, traces) for each in largest]
-    return tuple(cause_first(placed, lambda one: one.place, lambda one: one.surplus * one.material))
+    return ordered([_with_times(each, traces) for each in largest])
+
+
+def ordered(found: Sequence[Remainder]) -> tuple[Remainder, ...]:
+    """Return remainders with the cause's place first.
+
+    A residual of the equations of motion shows where a cause acts. A recorded channel also shows the controller's
+    reaction. So beside a material residual the time of a recorded channel does not count.
+    """
+    acts = any(each.material and not each.recorded for each in found)
+    return tuple(
+        cause_first(
+            found,
+            lambda one: Place() if acts and one.recorded else one.place,
+            lambda one: one.surplus if one.material else 0.0,
+        )
+    )
 
 
 def _with_times(one: Remainder, traces: Sequence[Trace]) -> Remainder:
