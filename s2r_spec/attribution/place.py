@@ -69,24 +69,23 @@ class Range:
         if self.everything:
             return "throughout"
         if self.low == self.high:
-            scale = Scale.of(self.low, self.unit)
-            error = min(DIGITS * abs(self.low), INSTANT) / scale.factor
-            return f"at {_number(self.low / scale.factor, error)} {scale.unit}"
-        low, high, unit = self._texts()
+            return f"at {_quantity(self.low, self.unit, min(DIGITS * abs(self.low), INSTANT))}"
+        low, high, unit = self._ends()
         return f"from {low} to {high} {unit}"
 
     def in_values(self) -> str:
         """Return "q is between 0.1 and 0.12 m", "v is about 0 m/s" or "v is above 3 m/s"; "" for any value."""
         if self.everything:
             return ""
-        low, high, unit = self._texts()
         if self.low == self.high:
-            words = low
-        elif self.high - self.low < POINT * self.extent < math.inf:
+            return f"{self.name} is {_quantity(self.low, self.unit, DIGITS * abs(self.low))}"
+        if self._width < POINT * self.extent < math.inf:
             scale = Scale.of(self.extent, self.unit)
-            middle = _number((self.low + self.high) / 2 / scale.factor, POINT * self.extent / scale.factor)
-            words, unit = f"about {middle}", scale.unit
-        elif self.low <= self.lowest:
+            middle = max(self.low, self.lowest) + self._width / 2
+            about = _number(middle / scale.factor, POINT * self.extent / scale.factor)
+            return f"{self.name} is about {about} {scale.unit}".rstrip()
+        low, high, unit = self._ends()
+        if self.low <= self.lowest:
             words = f"below {high}"
         elif self.high >= self.highest:
             words = f"above {low}"
@@ -94,14 +93,23 @@ class Range:
             words = f"between {low} and {high}"
         return f"{self.name} is {words} {unit}".rstrip()
 
-    def _texts(self) -> tuple[str, str, str]:
+    @property
+    def _width(self) -> float:
+        """Width of the part of the range that occurs."""
+        return min(self.high, self.highest) - max(self.low, self.lowest)
+
+    def _ends(self) -> tuple[str, str, str]:
         """Return both ends, rounded to the width of the range, and their unit."""
         low, high = max(self.low, self.lowest), min(self.high, self.highest)
         scale = Scale.of(max(abs(end) for end in (low, high) if math.isfinite(end)), self.unit)
-        width = (high - low) / scale.factor
-        error = ROUNDING * width if 0.0 < width < math.inf else None
-        low, high = low / scale.factor, high / scale.factor
-        return _number(low, error), _number(high, error), scale.unit
+        texts = [
+            _number(
+                end / scale.factor,
+                (ROUNDING * self._width if math.isfinite(self._width) else DIGITS * abs(end)) / scale.factor,
+            )
+            for end in (low, high)
+        ]
+        return texts[0], texts[1], scale.unit
 
 
 @dataclass(frozen=True)
@@ -201,10 +209,16 @@ def visited(
     return Range(min(begins), max(ends), lowest=0.0, highest=longest), within
 
 
-def _number(value: float, error: float | None = None) -> str:
-    """Return a number without trailing zeros, rounded by less than ``error``; three digits without one."""
+def _quantity(value: float, unit: str, error: float) -> str:
+    """Return a value with its unit, rounded by less than ``error`` [unit]."""
+    scale = Scale.of(value, unit)
+    return f"{_number(value / scale.factor, error / scale.factor)} {scale.unit}".rstrip()
+
+
+def _number(value: float, error: float) -> str:
+    """Return a number without trailing zeros, rounded by less than ``error``."""
     if value == 0.0 or not math.isfinite(value):
         return f"{value:.0f}"
-    decimals = math.floor(-math.log10(2.0 * (DIGITS * abs(value) if error is None else error))) + 1
+    decimals = math.floor(-math.log10(2.0 * error)) + 1
     digits = f"{round(value, decimals) + 0.0:.{max(decimals, 0)}f}"
     return (digits.rstrip("0").rstrip(".") if "." in digits else digits).replace("-", "−")

@@ -63,6 +63,7 @@ def test_time_comes_first_then_the_joint_then_values_or_a_phase():
         (-0.5, -0.2, "q is below −0.2 m"),  # nothing lies below
         (0.3, 1.0, "q is above 0.3 m"),
         (0.112, 0.114, "q is about 0.11 m"),
+        (-math.inf, -0.4999, "q is about −0.5 m"),
         (0.3, 0.3, "q is 0.3 m"),
         (-1.0, 1.0, ""),
     ],
